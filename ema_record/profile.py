@@ -1,0 +1,148 @@
+"""Test profiles: the position command of the surface as data (DESIGN, section 3).
+
+A profile is a list of points ``(time, position)``. The position is interpolated
+linearly in time; two points at one time are a step. The inverter stays off for the
+first `inverter_off` seconds.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from ema_record.errors import UsageError, unknown_name
+from ema_record.resources import share_path
+from ema_record.yaml_file import load_yaml
+
+MAX_DURATION = 60.0
+"""Longest profile (s)."""
+MAX_POINTS = 1000
+MAX_POSITION = 0.6
+"""End stops of the surface (rad)."""
+
+Seconds = Annotated[float, Field(ge=0.0, le=MAX_DURATION, allow_inf_nan=False)]
+Radians = Annotated[float, Field(ge=-MAX_POSITION, le=MAX_POSITION, allow_inf_nan=False)]
+
+
+class Profile(BaseModel):
+    """A position command of the surface, and the part of it that is analysed."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str = Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")
+    points: tuple[tuple[Seconds, Radians], ...] = Field(min_length=1, max_length=MAX_POINTS)
+    """(time from the acceptance of the command (s), surface position (rad))."""
+    inverter_off: Seconds = 0.020
+    """Length of the interval without current at the beginning (s)."""
+    window: tuple[Seconds, Seconds] | None = None
+    """Analysis window of the paper's features (s), or None for the default."""
+    description: str = ""
+
+    @field_validator("points")
+    @classmethod
+    def _time_does_not_run_back(
+        cls, points: tuple[tuple[float, float], ...]
+    ) -> tuple[tuple[float, float], ...]:
+        times = [t for t, _ in points]
+        if any(b < a for a, b in zip(times, times[1:])):
+            raise ValueError("the times of the points must not decrease")
+        if times[-1] <= 0.0:
+            raise ValueError("the last point must be later than 0 s")
+        return points
+
+    @property
+    def duration(self) -> float:
+        """Time of the last point (s)."""
+        return self.points[-1][0]
+
+    @property
+    def start(self) -> float:
+        """Position of the surface before the test (rad)."""
+        return self.points[0][1]
+
+    @property
+    def command_time(self) -> float:
+        """Time of the first change of the command (s)."""
+        for (t0, p0), (_, p1) in zip(self.points, self.points[1:]):
+            if p1 != p0:
+                return t0
+        return self.inverter_off
+
+    def command(self, time: np.ndarray) -> np.ndarray:
+        """Return the commanded surface position at `time`.
+
+        Parameters
+        ----------
+        time : ndarray, shape (n,) (s).
+
+        Returns
+        -------
+        ndarray, shape (n,) (rad). At a step the later value holds; outside the
+        points the first or last position holds.
+        """
+        t = np.asarray([p[0] for p in self.points])
+        x = np.asarray([p[1] for p in self.points])
+        if len(t) == 1:
+            return np.full(np.shape(time), x[0])
+        k = np.clip(np.searchsorted(t, time, side="right") - 1, 0, len(t) - 2)
+        span = t[k + 1] - t[k]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            part = np.where(span > 0.0, (time - t[k]) / span, 1.0)
+        return x[k] + (x[k + 1] - x[k]) * np.clip(part, 0.0, 1.0)
+
+
+def step_profile(amplitude: float, *, start: float = -0.4, duration: float = 0.45) -> Profile:
+    """Return a step of any size: from `start` by `amplitude` (rad), `duration` (s) long."""
+    if not -MAX_POSITION <= start + amplitude <= MAX_POSITION:
+        raise UsageError(
+            f"step amplitude {amplitude:g} rad from {start:g} rad ends at {start + amplitude:g} "
+            f"rad: outside the end stops of +-{MAX_POSITION:g} rad; choose a smaller step"
+        )
+    return load_profile_dict(
+        {
+            "name": f"step_{amplitude:g}",
+            "points": [
+                [0.0, start], [0.022, start], [0.022, start + amplitude],
+                [duration, start + amplitude],
+            ],
+            "window": [0.082, 0.382] if duration >= 0.382 else None,
+            "description": f"step of {amplitude:g} rad",
+        },
+        "step",
+    )
+
+
+def load_profile_dict(data: object, where: str) -> Profile:
+    """Validate `data` (as read from YAML or JSON); `where` names its origin in errors."""
+    try:
+        return Profile.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(p) for p in first["loc"]) or "profile"
+        raise UsageError(
+            f"{where}: {place}: {first['msg']} (value {str(first['input'])[:60]}): "
+            "see config/profiles/step.yaml for the form"
+        ) from None
+
+
+def profile_names() -> list[str]:
+    """Return the names of the profiles that are shipped."""
+    return sorted(p.stem for p in share_path("config/profiles").glob("*.yaml"))
+
+
+def load_profile(name_or_path: str | Path) -> Profile:
+    """Return the shipped profile of that name, or the one in that YAML file."""
+    text = str(name_or_path)
+    if text in profile_names():
+        path = share_path(f"config/profiles/{text}.yaml")
+    elif text.endswith((".yaml", ".yml")):
+        path = Path(text)
+    else:
+        raise unknown_name(
+            "profile", text, profile_names(),
+            f"the shipped ones are {', '.join(profile_names())}; a file must end in .yaml",
+        )
+    return load_profile_dict(load_yaml(path), str(name_or_path))

@@ -1,0 +1,87 @@
+"""`Record`: one built-in test as arrays, with its profile and its provenance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ema_record.channels import CHANNEL_NAMES, N_CHANNELS
+from ema_record.errors import UsageError
+from ema_record.profile import Profile
+
+Status = Literal["complete", "aborted", "interrupted"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Provenance:
+    """Where a record comes from. Never tells which effect was injected."""
+
+    serial_number: str = "unknown"
+    """Serial number of the actuator."""
+    software_version: str = "unknown"
+    """Version of the software that recorded."""
+    start_time: int = 0
+    """Acceptance of the command (ns since the epoch), 0 if not known."""
+    status: Status = "complete"
+    """How the test ended."""
+    source: str = ""
+    """File or bag that it was read from."""
+
+
+def _empty(columns: int) -> np.ndarray:
+    return np.empty((0, columns))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Record:
+    """One built-in test.
+
+    Attributes
+    ----------
+    samples : ndarray, shape (n, 10). One row a sample, columns as in `channels.CHANNELS`.
+    profile : the position command.
+    provenance : serial number, versions, status.
+    dc_bus : ndarray, shape (m, 3). Time (s), bus voltage (V), bus current (A).
+    winding_temperature : ndarray, shape (m, 2). Time (s), temperature (degC).
+    """
+
+    samples: np.ndarray
+    profile: Profile
+    provenance: Provenance = field(default_factory=Provenance)
+    dc_bus: np.ndarray = field(default_factory=lambda: _empty(3))
+    winding_temperature: np.ndarray = field(default_factory=lambda: _empty(2))
+
+    def __post_init__(self) -> None:
+        """Check the shapes."""
+        if self.samples.ndim != 2 or self.samples.shape[1] != N_CHANNELS:
+            raise UsageError(
+                f"samples have shape {self.samples.shape}, expected (n, {N_CHANNELS}): "
+                "give one row a sample"
+            )
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.samples)
+
+    def channel(self, name: str) -> np.ndarray:
+        """Return one channel, shape (n,), in the unit of `channels.CHANNELS`."""
+        return self.samples[:, CHANNEL_NAMES.index(name)]
+
+    @property
+    def time(self) -> np.ndarray:
+        """Time since the acceptance of the command, shape (n,) (s)."""
+        return self.samples[:, 0]
+
+    @property
+    def rate(self) -> float:
+        """Samples a second (1/s), from the median interval; NaN for fewer than 2 samples."""
+        if len(self) < 2:
+            return float("nan")
+        return float(1.0 / np.median(np.diff(self.time)))
+
+    @property
+    def duration(self) -> float:
+        """Length of the record (s)."""
+        return float(len(self) / self.rate) if len(self) > 1 else 0.0

