@@ -1,0 +1,171 @@
+"""Blocks of samples: round trips, what rclpy and rosbags make of them, damaged messages."""
+
+import struct
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from rosbags.typesys import Stores, get_typestore
+
+from ema_record.channels import CHANNEL_LABEL, N_CHANNELS
+from ema_record.errors import InvalidRecordError, UsageError
+from ema_record.samples_codec import MAX_BLOCK_SIZE, decode_block, encode_block
+
+TYPE = "std_msgs/msg/Float64MultiArray"
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+def foreign_message(block, label=CHANNEL_LABEL, sample_label="sample"):
+    """The same block as a message object of rosbags."""
+    types = STORE.types
+    dimension = types["std_msgs/msg/MultiArrayDimension"]
+    layout = types["std_msgs/msg/MultiArrayLayout"](
+        dim=[
+            dimension(label=sample_label, size=len(block), stride=block.size),
+            dimension(label=label, size=block.shape[1], stride=block.shape[1]),
+        ],
+        data_offset=0,
+    )
+    return types[TYPE](layout=layout, data=np.ascontiguousarray(block, dtype=float).ravel())
+
+
+BLOCKS = st.integers(1, 40).flatmap(
+    lambda n: arrays(np.float64, (n, N_CHANNELS), elements=st.floats(width=64))
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(BLOCKS)
+def test_round_trip_is_exact(block):
+    assert decode_block(encode_block(block)).tobytes() == block.tobytes()
+
+
+@settings(max_examples=50, deadline=None)
+@given(BLOCKS)
+def test_bytes_equal_those_of_rosbags(block):
+    assert encode_block(block) == bytes(STORE.serialize_cdr(foreign_message(block), TYPE))
+
+
+@pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # an old lark of rclpy's
+@pytest.mark.parametrize("rows", [1, 3, 200, 500])
+def test_equals_rclpy(rows):
+    """The same message as rclpy's, its padding excepted (Fast CDR leaves it uninitialised)."""
+    import array
+
+    from rclpy.serialization import deserialize_message, serialize_message
+    from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+
+    block = np.random.default_rng(rows).normal(size=(rows, N_CHANNELS))
+    message = Float64MultiArray()
+    message.layout.dim = [
+        MultiArrayDimension(label="sample", size=rows, stride=block.size),
+        MultiArrayDimension(label=CHANNEL_LABEL, size=N_CHANNELS, stride=N_CHANNELS),
+    ]
+    message.data = array.array("d", block.tobytes())
+    theirs, ours = serialize_message(message), encode_block(block)
+    assert len(theirs) == len(ours)
+    text = ours[: len(ours) - block.nbytes]
+    padding = set()
+    at = 8  # encapsulation, number of dimensions
+    for _ in range(2):
+        (length,) = struct.unpack_from("<I", text, at)
+        at += 4 + length
+        padding |= set(range(at, at + -(at - 4) % 4))
+        at += -(at - 4) % 4 + 8
+    padding |= set(range(at + 8, len(text)))
+    assert len(padding) <= 10
+    assert all(ours[k] == theirs[k] for k in range(len(ours)) if k not in padding)
+    assert deserialize_message(ours, Float64MultiArray) == message
+    np.testing.assert_array_equal(decode_block(theirs), block)
+
+
+def test_big_endian_is_read():
+    block = np.random.default_rng(1).normal(size=(7, N_CHANNELS))
+    data = bytes(STORE.serialize_cdr(foreign_message(block), TYPE, little_endian=False))
+    assert data[:2] == b"\x00\x00"
+    np.testing.assert_array_equal(decode_block(data), block)
+
+
+def test_any_memory_layout_is_encoded():
+    block = np.asfortranarray(np.arange(200.0).reshape(20, N_CHANNELS))
+    np.testing.assert_array_equal(decode_block(encode_block(block[::2])), block[::2])
+
+
+@pytest.mark.parametrize("shape", [(0, N_CHANNELS), (5, 9), (N_CHANNELS,),
+                                   (MAX_BLOCK_SIZE + 1, N_CHANNELS)])
+def test_wrong_shape_is_refused(shape):
+    with pytest.raises(UsageError, match="shape"):
+        encode_block(np.broadcast_to(0.0, shape))
+
+
+def test_every_cut_is_refused():
+    data = encode_block(np.ones((2, N_CHANNELS)))
+    for length in range(len(data)):
+        with pytest.raises(InvalidRecordError):
+            decode_block(data[:length])
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.integers(0, 239), st.binary(min_size=1, max_size=8))
+def test_damage_is_an_error_or_the_same_shape(at, damage):
+    """Any overwritten bytes: a clear error, or a block of the size that the message holds."""
+    data = bytearray(encode_block(np.ones((3, N_CHANNELS))))
+    data[at:at + len(damage)] = damage[: len(data) - at]
+    try:
+        block = decode_block(bytes(data))
+    except InvalidRecordError as error:
+        assert "\n" not in str(error)
+    else:
+        assert block.shape == (3, N_CHANNELS)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.binary(max_size=400))
+def test_noise_is_refused(noise):
+    with pytest.raises(InvalidRecordError):
+        decode_block(b"\x00\x01\x00\x00" + noise)
+
+
+@pytest.mark.parametrize("kind", [b"\x00\x03", b"\x00\x07", b"\x01\x00"])
+def test_other_encapsulation_is_refused(kind):
+    with pytest.raises(InvalidRecordError, match="plain CDR"):
+        decode_block(kind + encode_block(np.ones((1, N_CHANNELS)))[2:])
+
+
+@pytest.mark.parametrize(
+    ("label", "sample_label", "match"),
+    [
+        (CHANNEL_LABEL.replace("motor_speed[rad/s]", "motor_speed[rpm]"), "sample", "channel 1"),
+        (CHANNEL_LABEL.rsplit(",", 1)[0], "sample", "channel 9 is 'nothing'"),
+        (CHANNEL_LABEL + ",extra[V]", "sample", "not known"),
+        (CHANNEL_LABEL, "channel", "first dimension"),
+    ],
+)
+def test_wrong_channels_are_named(label, sample_label, match):
+    message = foreign_message(np.ones((2, N_CHANNELS)), label, sample_label)
+    with pytest.raises(InvalidRecordError, match=match):
+        decode_block(bytes(STORE.serialize_cdr(message, TYPE)))
+
+
+def test_too_large_a_message_is_refused():
+    with pytest.raises(InvalidRecordError, match="at most"):
+        decode_block(memoryview(np.zeros((16 << 20) + 1, dtype=np.uint8)))
+
+
+def test_a_block_costs_microseconds():
+    block = np.random.default_rng(0).normal(size=(500, N_CHANNELS))
+    data = encode_block(block)
+
+    def best(function, argument):
+        times = []
+        for _ in range(200):
+            start = time.perf_counter()
+            function(argument)
+            times.append(time.perf_counter() - start)
+        return min(times)
+
+    assert best(encode_block, block) < 200e-6
+    assert best(decode_block, data) < 200e-6
