@@ -1,3 +1,3 @@
-"""Version of the software, as it stands in package.xml and setup.py (a test compares)."""
+"""Version of this software, as it stands in records."""
 
 VERSION = "0.1.0"

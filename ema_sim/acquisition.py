@@ -1,0 +1,67 @@
+"""What the acquisition makes of the kernel's means: sensor noise and converters."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ema_record.channels import (
+    DEFAULT_RATE,
+    MOTOR_SPEED,
+    PHASE_CURRENTS,
+    REFERENCE_CURRENTS,
+    ROTOR_ANGLE,
+    SURFACE_POSITION,
+)
+from ema_sim.parameters import Actuator
+
+
+class SensorNoise:
+    """Seeded white noise, drawn in order: the same seed gives the same bytes in any blocks.
+
+    `level` scales all deviations of `actuator.noise` (rms a sample at 20 kHz).
+    """
+
+    def __init__(self, actuator: Actuator, seed: int, level: float, rate: float) -> None:
+        """Start the generators."""
+        inside, record = np.random.SeedSequence(seed).spawn(2)
+        self._inside = np.random.Generator(np.random.PCG64(inside))
+        self._record = np.random.Generator(np.random.PCG64(record))
+        period_scale = np.sqrt(1.0 / (actuator.control.period * DEFAULT_RATE))
+        self._inside_sigma = level * period_scale * np.array(
+            [actuator.noise.speed, actuator.noise.position]
+        )
+        self._current_sigma = level * actuator.noise.current * np.sqrt(rate / DEFAULT_RATE)
+
+    def inside(self, n: int) -> np.ndarray:
+        """Return noise of speed (rad/s) and position (rad), shape (n, 2), a control period each."""
+        return self._inside.standard_normal((n, 2)) * self._inside_sigma
+
+    def currents(self, n: int) -> np.ndarray:
+        """Return noise of the phase currents, shape (n, 3) (A), a sample each."""
+        return self._record.standard_normal((n, 3)) * self._current_sigma
+
+
+def convert(actuator: Actuator, means: np.ndarray, current_noise: np.ndarray) -> np.ndarray:
+    """Return the samples as recorded: noise added, every channel through its converter.
+
+    Parameters
+    ----------
+    means : ndarray, shape (n, 10), from the kernel; rotor angle not wrapped.
+    current_noise : ndarray, shape (n, 3) (A).
+    """
+    c = actuator.converters
+    samples = means.copy()
+    samples[:, PHASE_CURRENTS] += current_noise
+    samples[:, ROTOR_ANGLE] = np.mod(samples[:, ROTOR_ANGLE], 2.0 * np.pi)
+    for columns, span, bits in (
+        (MOTOR_SPEED, c.speed_range, c.speed_bits),
+        (PHASE_CURRENTS, c.current_range, c.current_bits),
+        (REFERENCE_CURRENTS, c.current_range, c.current_bits),
+        (SURFACE_POSITION, c.position_range, c.position_bits),
+    ):
+        step = span / 2.0**bits
+        half = 0.5 * span
+        samples[:, columns] = np.clip(np.round(samples[:, columns] / step) * step, -half, half)
+    step = c.angle_range / 2.0**c.angle_bits
+    samples[:, ROTOR_ANGLE] = np.floor(samples[:, ROTOR_ANGLE] / step) * step
+    return samples + 0.0

@@ -1,0 +1,26 @@
+"""How the physics is compiled: numba options, and a cache that is never stale.
+
+numba's disk cache looks at the file of a function, not at the files that it calls. The kernel
+therefore closes over `source_hash`, a hash of all sources of this package, which numba takes
+into its cache key: an edit anywhere in the package compiles anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from numba import njit
+
+law = njit(forceinline=True, error_model="numpy")
+"""Decorator of every law and equation: compiled into its caller."""
+
+
+def source_hash() -> str:
+    """Return a hash of all Python sources of this package."""
+    digest = hashlib.sha256()
+    root = Path(__file__).parent
+    for path in sorted(root.rglob("*.py")):
+        digest.update(str(path.relative_to(root)).encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,107 @@
+"""Effects as users write them: dotted names, checked against the catalogue."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from ema_record.errors import UsageError, unknown_name
+from ema_sim.effects import EFFECTS, Choice, Effects
+
+LISTED = "'ema effects' lists them"
+
+
+def parse_effects(settings: Iterable[str], base: Effects | None = None) -> Effects:
+    """Return the effects named by settings such as ``turn_short.fraction=0.1``.
+
+    Parameters
+    ----------
+    settings : ``name.parameter=value``; a later one overrides an earlier one.
+    base : effects to start from, default neutral.
+    """
+    values: dict[str, str] = {}
+    for setting in settings:
+        name, separator, value = setting.partition("=")
+        if not separator or not value.strip():
+            raise UsageError(
+                f"effect {setting!r}: expected NAME.PARAMETER=VALUE, "
+                "for example turn_short.fraction=0.1"
+            )
+        values[name.strip()] = value.strip()
+    return effects_from_mapping(values, base)
+
+
+def effects_from_mapping(values: Mapping[str, Any], base: Effects | None = None) -> Effects:
+    """Return the effects of a mapping of dotted names to values (text, numbers).
+
+    Nested mappings (as in YAML) serve too: ``{"turn_short": {"fraction": 0.1}}``.
+    """
+    effects = base if base is not None else Effects()
+    for dotted, value in _flatten(values):
+        name, _, parameter = dotted.partition(".")
+        if name not in EFFECTS:
+            raise unknown_name("effect", name, EFFECTS, LISTED)
+        fields = {f.name: f for f in EFFECTS[name].fields}
+        if not parameter:
+            raise UsageError(f"effect {name!r}: name a parameter too: {', '.join(fields)}")
+        if parameter not in fields:
+            raise unknown_name(f"parameter of effect {name}", parameter, fields, LISTED)
+        kind = fields[parameter].kind
+        if isinstance(kind, Choice):
+            checked: float | int = _option(dotted, value, kind)
+        else:
+            checked = _number(dotted, value, kind.lower, kind.upper, kind.unit)
+        effects = effects._replace(
+            **{name: getattr(effects, name)._replace(**{parameter: checked})}
+        )
+    return effects
+
+
+def active_settings(effects: Effects) -> dict[str, str]:
+    """Return the dotted names and values that differ from neutral."""
+    found = {}
+    for name, effect in EFFECTS.items():
+        values = getattr(effects, name)
+        if effect.is_neutral(values):
+            continue
+        for field in effect.fields:
+            value = getattr(values, field.name)
+            if value != field.default or field.name in effect.severity:
+                found[f"{name}.{field.name}"] = (
+                    field.kind.options[value]
+                    if isinstance(field.kind, Choice)
+                    else f"{value!r}"
+                )
+    return found
+
+
+def _flatten(values: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            for parameter, inner in value.items():
+                yield f"{name}.{parameter}", inner
+        else:
+            yield str(name), value
+
+
+def _number(name: str, value: Any, lower: float, upper: float, unit: str) -> float:
+    unit = "" if unit == "1" else f" {unit}"
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise UsageError(
+            f"{name}: {str(value)[:60]!r} is not a number: give {lower:g} to {upper:g}{unit}"
+        ) from None
+    if not (math.isfinite(number) and lower <= number <= upper):
+        raise UsageError(
+            f"{name}: {number:g} is out of bounds: give {lower:g} to {upper:g}{unit}"
+        )
+    return number
+
+
+def _option(name: str, value: Any, kind: Choice) -> int:
+    text = str(value)
+    if text in kind.options:
+        return kind.options.index(text)
+    raise unknown_name(name, text, kind.options, f"choose one of {', '.join(kind.options)}")

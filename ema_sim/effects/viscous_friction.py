@@ -1,0 +1,35 @@
+"""Viscous friction: lubricant ageing or cold."""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+from ema_sim.compile import law
+
+from ema_sim.effects.base import Effect, Quantity
+
+
+class ViscousFriction(NamedTuple):
+    """Torque in proportion to speed, on the motor side, beyond the nominal one."""
+
+    coefficient: Annotated[
+        float, Quantity("N m s/rad", -1e-4, 5e-3, "added to the motor's coefficient")
+    ] = 0.0
+
+
+EFFECT = Effect(
+    name="viscous_friction",
+    parameters=ViscousFriction,
+    port="friction",
+    severity=("coefficient",),
+    equation="T_viscous,M = (B_M + coefficient) ω",
+    reference="DESIGN, section 3",
+)
+
+
+@law
+def torque(p: ViscousFriction, omega: float) -> float:
+    """Return the added friction torque (N m) at motor speed `omega` (rad/s)."""
+    if p.coefficient == 0.0:
+        return 0.0
+    return p.coefficient * omega

@@ -1,0 +1,333 @@
+"""The event-driven kernel: second-order steps from event to event.
+
+Events are relay crossings, commutation edges, control periods and sample edges; between
+them a step is at most `MAX_STEP` long. A step is the trapezoidal rule with the end
+derivative taken at a second-order prediction and kept for the next step, so every law is
+evaluated once a step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+from numba import njit
+
+from ema_sim import ports
+from ema_sim import state as st
+from ema_sim.compile import source_hash
+from ema_sim.control import clip, quantise, speed_control
+from ema_sim.effects import Effects
+from ema_sim.electrical import FIRST_EDGE, SECTOR, TURN, reference_signs, sector_of
+from ema_sim.mechanics import net_torque, shaft_torque
+from ema_sim.parameters import Actuator
+
+MAX_STEP = 10e-6
+OK, NOT_FINITE, TOO_MANY_STEPS = 0, 1, 2
+MAX_STEPS_A_SAMPLE = 20_000
+TRACE_NAMES = ("motor_torque[N m]", "shaft_torque[N m]", "surface_speed[rad/s]")
+SIMULTANEOUS = 1e-12
+BEYOND_EDGE = 1e-9
+
+
+@cache
+def kernel() -> Callable[..., int]:
+    """Return the compiled kernel of the present sources (see `compile`)."""
+    return _build(source_hash())
+
+
+def _build(sources: str) -> Callable[..., int]:
+    @njit(cache=True, error_model="numpy")
+    def advance(
+        a: Actuator,
+        e: Effects,
+        state: np.ndarray,
+        command: np.ndarray,
+        noise: np.ndarray,
+        inverter_on: float,
+        rate: float,
+        max_step: float,
+        out: np.ndarray,
+        trace: np.ndarray,
+    ) -> int:
+        """Advance `state` by ``len(out)`` samples.
+
+        Parameters
+        ----------
+        a, e : parameters of the actuator and of the effects.
+        state : ndarray, shape (N_STATE,), in and out.
+        command : ndarray, shape (m,), surface position commanded at each control period (rad),
+            the first one at the present period.
+        noise : ndarray, shape (m, 2), added to measured speed (rad/s) and position (rad).
+        inverter_on : time from which the inverter drives (s).
+        rate : samples a second. max_step : longest step (s).
+        out : ndarray, shape (n, 10), filled: means over each sample, without converters and
+            without the current noise.
+        trace : ndarray, shape (n, 3) or (0, 3), filled: means of `TRACE_NAMES`.
+        """
+        _ = sources
+        motor, shaft, gear, control = a.motor, a.shaft, a.gear, a.control
+        pairs, ratio = float(motor.pole_pairs), gear.ratio
+        v_bus, band = a.inverter.bus_voltage, a.inverter.hysteresis
+        stop = a.surface.end_stop
+        keep_trace = len(trace) > 0
+
+        r_a = ports.phase_resistance(e, motor, 0)
+        r_b = ports.phase_resistance(e, motor, 1)
+        r_c = ports.phase_resistance(e, motor, 2)
+        g_a = 1.0 / ports.phase_inductance(e, motor, 0)
+        g_b = 1.0 / ports.phase_inductance(e, motor, 1)
+        g_c = 1.0 / ports.phase_inductance(e, motor, 2)
+        g_n = 1.0 / (g_a + g_b + g_c)
+        curvature = 0.5 * motor.phase_resistance / motor.phase_inductance
+        backlash = ports.lost_motion(e, a)
+
+        t = state[st.TIME]
+        i_a, i_b, i_c = state[st.I_A], state[st.I_B], state[st.I_C]
+        w_m, q_m = state[st.OMEGA_M], state[st.THETA_M]
+        w_s, q_s = state[st.OMEGA_S], state[st.THETA_S]
+        q_e, q_0 = state[st.THETA_E], state[st.THETA_0]
+        s_a, s_b, s_c = state[st.LEG_A], state[st.LEG_B], state[st.LEG_C]
+        al_m, al_s = state[st.ALPHA_M], state[st.ALPHA_S]
+        i_ref, integral = state[st.I_REF], state[st.INTEGRAL]
+        n_w, n_q = state[st.SPEED_NOISE], state[st.POSITION_NOISE]
+        tick, sample = int(state[st.TICK]), int(state[st.SAMPLE])
+        first_tick, steps = tick, 0
+        e_supply, e_copper, e_motor = 0.0, 0.0, 0.0
+        e_friction_m, e_friction_s, e_shaft, e_load = 0.0, 0.0, 0.0, 0.0
+
+        k_a = ports.back_emf_constant(e, motor, 0, q_e, q_m + q_0)
+        k_b = ports.back_emf_constant(e, motor, 1, q_e, q_m + q_0)
+        k_c = ports.back_emf_constant(e, motor, 2, q_e, q_m + q_0)
+        t_m = clip(k_a * i_a + k_b * i_b + k_c * i_c, motor.torque_limit)
+        t_sh = shaft_torque(
+            q_m / ratio - q_s, w_m / ratio - w_s, shaft.stiffness, shaft.damping, backlash
+        )
+
+        for row in range(len(out)):
+            t_edge = (sample + 1) / rate
+            m_w = m_a = m_b = m_c = m_ra = m_rb = m_rc = m_e = m_s = m_t = m_sh = m_ws = 0.0
+            steps_here = 0
+            while True:
+                # Events that are due: control period, commutation, relays.
+                if t >= tick * control.period - SIMULTANEOUS:
+                    index = min(tick - first_tick, len(command) - 1)
+                    n_w, n_q = noise[index, 0], noise[index, 1]
+                    speed = quantise(w_m + n_w, a.converters.speed_range, a.converters.speed_bits)
+                    position = quantise(
+                        q_s + n_q, a.converters.position_range, a.converters.position_bits
+                    )
+                    tick += 1
+                    if t >= inverter_on - SIMULTANEOUS:
+                        w_ref = clip(
+                            control.position_gain * (command[index] - position),
+                            control.speed_limit,
+                        )
+                        i_ref, integral = speed_control(
+                            w_ref - speed, integral, control.proportional_gain,
+                            control.integral_gain, control.period, a.inverter.current_limit,
+                        )
+                    else:
+                        i_ref, integral = 0.0, 0.0
+                on = t >= inverter_on - SIMULTANEOUS
+                q_c = q_e
+                toward = 1.0 if w_m >= 0.0 else -1.0
+                sector = sector_of(q_c + toward * BEYOND_EDGE)
+                sign_a, sign_b, sign_c = reference_signs(sector)
+                ref_a, ref_b, ref_c = sign_a * i_ref, sign_b * i_ref, sign_c * i_ref
+                if i_a - ref_a >= band:
+                    s_a = -1.0
+                elif i_a - ref_a <= -band:
+                    s_a = 1.0
+                if i_b - ref_b >= band:
+                    s_b = -1.0
+                elif i_b - ref_b <= -band:
+                    s_b = 1.0
+                if i_c - ref_c >= band:
+                    s_c = -1.0
+                elif i_c - ref_c <= -band:
+                    s_c = 1.0
+
+                # Derivatives of the currents now.
+                if on:
+                    v_a, v_b, v_c = v_bus * s_a, v_bus * s_b, v_bus * s_c
+                    x_a = v_a - r_a * i_a - k_a * w_m
+                    x_b = v_b - r_b * i_b - k_b * w_m
+                    x_c = v_c - r_c * i_c - k_c * w_m
+                    v_n = (x_a * g_a + x_b * g_b + x_c * g_c) * g_n
+                    d_a, d_b, d_c = (x_a - v_n) * g_a, (x_b - v_n) * g_b, (x_c - v_n) * g_c
+                else:
+                    v_a = v_b = v_c = d_a = d_b = d_c = 0.0
+
+                # Length of the step: to the next event.
+                h = min(max_step, t_edge - t, tick * control.period - t)
+                if not on:
+                    h = min(h, inverter_on - t)
+                if w_m != 0.0:
+                    place = (q_c - FIRST_EDGE) / SECTOR
+                    if w_m > 0.0:
+                        gap = math.floor(place + BEYOND_EDGE) + 1.0 - place
+                    else:
+                        gap = place - math.ceil(place - BEYOND_EDGE) + 1.0
+                    h = min(h, gap * SECTOR / (pairs * abs(w_m)) + BEYOND_EDGE / abs(w_m))
+                flip = 0
+                if on:
+                    if s_a * d_a > 0.0:
+                        reach = (s_a * (ref_a - i_a) + band) / abs(d_a)
+                        reach *= 1.0 + curvature * reach
+                        if reach < h:
+                            h, flip = reach, 1
+                    if s_b * d_b > 0.0:
+                        reach = (s_b * (ref_b - i_b) + band) / abs(d_b)
+                        reach *= 1.0 + curvature * reach
+                        if reach < h:
+                            h, flip = reach, 2
+                    if s_c * d_c > 0.0:
+                        reach = (s_c * (ref_c - i_c) + band) / abs(d_c)
+                        reach *= 1.0 + curvature * reach
+                        if reach < h:
+                            h, flip = reach, 3
+                if h < SIMULTANEOUS:
+                    h = SIMULTANEOUS
+
+                # Prediction of the mechanics, then the laws at the end of the step.
+                w_p, ws_p = w_m + al_m * h, w_s + al_s * h
+                if w_p * w_m < 0.0:
+                    w_p = 0.0
+                if ws_p * w_s < 0.0:
+                    ws_p = 0.0
+                dq = 0.5 * h * (w_m + w_p)
+                q_m1, q_s1 = q_m + dq, q_s + 0.5 * h * (w_s + ws_p)
+                q_e1 = q_e + pairs * dq
+                if q_e1 >= TURN:
+                    q_e1 -= TURN
+                elif q_e1 < 0.0:
+                    q_e1 += TURN
+                k_a1 = ports.back_emf_constant(e, motor, 0, q_e1, q_m1 + q_0)
+                k_b1 = ports.back_emf_constant(e, motor, 1, q_e1, q_m1 + q_0)
+                k_c1 = ports.back_emf_constant(e, motor, 2, q_e1, q_m1 + q_0)
+                if on:
+                    x_a = v_a - r_a * (i_a + h * d_a) - k_a1 * w_p
+                    x_b = v_b - r_b * (i_b + h * d_b) - k_b1 * w_p
+                    x_c = v_c - r_c * (i_c + h * d_c) - k_c1 * w_p
+                    v_n = (x_a * g_a + x_b * g_b + x_c * g_c) * g_n
+                    i_a1 = i_a + 0.5 * h * (d_a + (x_a - v_n) * g_a)
+                    i_b1 = i_b + 0.5 * h * (d_b + (x_b - v_n) * g_b)
+                    i_c1 = i_c + 0.5 * h * (d_c + (x_c - v_n) * g_c)
+                else:
+                    i_a1, i_b1, i_c1 = i_a, i_b, i_c
+                t_m1 = clip(k_a1 * i_a1 + k_b1 * i_b1 + k_c1 * i_c1, motor.torque_limit)
+                t_m1 += ports.added_motor_torque(e, motor, k_a1, k_b1, k_c1, w_p)
+                t_sh1 = shaft_torque(
+                    q_m1 / ratio - q_s1, w_p / ratio - ws_p,
+                    shaft.stiffness, shaft.damping, backlash,
+                )
+                driving = gear.efficiency if t_sh1 * w_p < 0.0 else 1.0 / gear.efficiency
+                load_m = t_sh1 * driving / ratio
+                dyn_m, sta_m = ports.motor_dry_friction(e, motor)
+                dyn_s, sta_s = ports.surface_dry_friction(e, a)
+                visc_m = ports.motor_viscous_friction(e, motor, w_p)
+                visc_s = a.surface.viscous_friction * ws_p
+                al_m1 = net_torque(w_p, t_m1 - load_m - visc_m, dyn_m, sta_m) / motor.inertia
+                al_s1 = net_torque(ws_p, t_sh1 - visc_s, dyn_s, sta_s) / a.surface.inertia
+                w_m1, w_s1 = w_m + 0.5 * h * (al_m + al_m1), w_s + 0.5 * h * (al_s + al_s1)
+                if w_m1 * w_m < 0.0:
+                    w_m1 = 0.0
+                    al_m1 = net_torque(0.0, t_m1 - load_m, dyn_m, sta_m) / motor.inertia
+                if w_s1 * w_s < 0.0:
+                    w_s1 = 0.0
+                    al_s1 = net_torque(0.0, t_sh1, dyn_s, sta_s) / a.surface.inertia
+                if abs(q_s1) >= stop and q_s1 * w_s1 > 0.0:
+                    q_s1 = math.copysign(stop, q_s1)
+                    w_s1 = al_s1 = 0.0
+
+                # Means over the sample, energies.
+                m_w += 0.5 * h * (w_m + w_m1) + h * n_w
+                m_a += 0.5 * h * (i_a + i_a1)
+                m_b += 0.5 * h * (i_b + i_b1)
+                m_c += 0.5 * h * (i_c + i_c1)
+                m_ra += h * ref_a
+                m_rb += h * ref_b
+                m_rc += h * ref_c
+                m_e += 0.5 * h * (q_m + q_m1)
+                m_s += 0.5 * h * (q_s + q_s1) + h * n_q
+                p_in = v_a * (i_a + i_a1) + v_b * (i_b + i_b1) + v_c * (i_c + i_c1)
+                e_supply += 0.5 * h * p_in
+                if keep_trace:
+                    m_t += 0.5 * h * (t_m + t_m1)
+                    m_sh += 0.5 * h * (t_sh + t_sh1)
+                    m_ws += 0.5 * h * (w_s + w_s1)
+                    mid_a, mid_b, mid_c = i_a + i_a1, i_b + i_b1, i_c + i_c1
+                    e_copper += 0.25 * h * (
+                        r_a * mid_a * mid_a + r_b * mid_b * mid_b + r_c * mid_c * mid_c
+                    )
+                    e_motor += 0.25 * h * (t_m + t_m1) * (w_m + w_m1)
+                    moving_m, moving_s = 0.5 * (w_m + w_m1), 0.5 * (w_s + w_s1)
+                    e_friction_m += h * (
+                        dyn_m * abs(moving_m)
+                        + ports.motor_viscous_friction(e, motor, moving_m) * moving_m
+                    )
+                    e_friction_s += h * (
+                        dyn_s * abs(moving_s) + a.surface.viscous_friction * moving_s**2
+                    )
+                    e_shaft += 0.5 * h * (t_sh + t_sh1) * (moving_m / ratio - moving_s)
+
+                t += h
+                i_a, i_b, i_c = i_a1, i_b1, i_c1
+                w_m, q_m, w_s, q_s, q_e = w_m1, q_m1, w_s1, q_s1, q_e1
+                k_a, k_b, k_c, al_m, al_s = k_a1, k_b1, k_c1, al_m1, al_s1
+                t_m, t_sh = t_m1, t_sh1
+                if flip == 1:
+                    s_a = -s_a
+                elif flip == 2:
+                    s_b = -s_b
+                elif flip == 3:
+                    s_c = -s_c
+                steps_here += 1
+                if t >= t_edge - SIMULTANEOUS:
+                    break
+                if steps_here > MAX_STEPS_A_SAMPLE:
+                    return TOO_MANY_STEPS
+
+            sample += 1
+            steps += steps_here
+            out[row, 0] = (sample - 0.5) / rate
+            out[row, 1] = m_w * rate
+            out[row, 2] = m_a * rate
+            out[row, 3] = m_b * rate
+            out[row, 4] = m_c * rate
+            out[row, 5] = m_ra * rate
+            out[row, 6] = m_rb * rate
+            out[row, 7] = m_rc * rate
+            out[row, 8] = (m_e * rate + q_0) * pairs
+            out[row, 9] = m_s * rate
+            if keep_trace:
+                trace[row, 0] = m_t * rate
+                trace[row, 1] = m_sh * rate
+                trace[row, 2] = m_ws * rate
+            if not math.isfinite(m_w + m_a + m_s):
+                return NOT_FINITE
+
+        state[st.TIME] = t
+        state[st.I_A], state[st.I_B], state[st.I_C] = i_a, i_b, i_c
+        state[st.OMEGA_M], state[st.THETA_M] = w_m, q_m
+        state[st.OMEGA_S], state[st.THETA_S] = w_s, q_s
+        state[st.THETA_E] = q_e
+        state[st.LEG_A], state[st.LEG_B], state[st.LEG_C] = s_a, s_b, s_c
+        state[st.ALPHA_M], state[st.ALPHA_S] = al_m, al_s
+        state[st.I_REF], state[st.INTEGRAL] = i_ref, integral
+        state[st.SPEED_NOISE], state[st.POSITION_NOISE] = n_w, n_q
+        state[st.TICK], state[st.SAMPLE] = tick, sample
+        state[st.STEPS] += steps
+        state[st.E_SUPPLY] += e_supply
+        state[st.E_COPPER] += e_copper
+        state[st.E_MOTOR] += e_motor
+        state[st.E_FRICTION_M] += e_friction_m
+        state[st.E_FRICTION_S] += e_friction_s
+        state[st.E_SHAFT] += e_shaft
+        state[st.E_LOAD] += e_load
+        return OK
+
+    return advance

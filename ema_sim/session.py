@@ -1,0 +1,188 @@
+"""`ActuatorSession`: the emulated actuator, run block by block (what the node holds)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ema_record.channels import DEFAULT_RATE, N_CHANNELS, TIME
+from ema_record.errors import SimulationError, UsageError
+from ema_record.profile import Profile
+from ema_sim import kernel as k
+from ema_sim import state as st
+from ema_sim.acquisition import SensorNoise, convert
+from ema_sim.effects import Effects
+from ema_sim.parameters import Actuator
+
+RATES = (1_000.0, 1_000_000.0)
+"""Bounds of the acquisition rate (1/s)."""
+NOISE_LEVELS = (0.0, 100.0)
+SETTLE_TIME = 1.0
+AMBIENT = 20.0
+"""Winding temperature at nominal parameters (degC)."""
+
+
+class ActuatorSession:
+    """An actuator that answers commands; time stands still while it is idle.
+
+    Parameters
+    ----------
+    actuator, effects : parameters.
+    seed : of the sensor noise and, if `start_angle` is None, of the start angle.
+    noise : factor on the sensor noise.
+    rate : samples a second.
+    start_angle : electrical rotor angle at the start (rad).
+    position : surface position at the start (rad).
+    trace : keep torques and surface speed, see `take_trace`.
+    """
+
+    def __init__(
+        self,
+        actuator: Actuator,
+        effects: Effects | None = None,
+        *,
+        seed: int = 0,
+        noise: float = 1.0,
+        rate: float = DEFAULT_RATE,
+        start_angle: float | None = None,
+        position: float = -0.4,
+        trace: bool = False,
+        max_step: float = k.MAX_STEP,
+    ) -> None:
+        """Set the actuator at rest at `position`."""
+        check_bounds("noise", noise, *NOISE_LEVELS, "times nominal")
+        check_bounds("rate", rate, *RATES, "samples a second")
+        check_bounds("initial position", position, -actuator.surface.end_stop,
+                     actuator.surface.end_stop, "rad")
+        if seed < 0:
+            raise UsageError(f"seed {seed}: must be 0 or more")
+        self.actuator = actuator
+        self.effects = effects if effects is not None else Effects()
+        self.rate = rate
+        self._noise = SensorNoise(actuator, seed, noise, rate)
+        if start_angle is None:
+            start_angle = float(np.random.default_rng([seed, 1]).uniform(0.0, 2.0 * math.pi))
+        self._state = st.initial_state(actuator, position, start_angle)
+        self._profile: Profile | None = None
+        self._begin = 0.0
+        self._inverter_on = math.inf
+        self._keep_trace = trace
+        self._max_step = max_step
+        self._traces: list[np.ndarray] = []
+        self.last_bus = (2.0 * actuator.inverter.bus_voltage, 0.0)
+        """Bus voltage (V) and mean current (A) of the last block."""
+        self.final_state = self._state.copy()
+        """State with the last sample of the last run."""
+
+    @property
+    def active(self) -> bool:
+        """Whether a command is being executed."""
+        return self._profile is not None
+
+    @property
+    def surface_position(self) -> float:
+        """True surface position (rad)."""
+        return float(self._state[st.THETA_S])
+
+    @property
+    def time(self) -> float:
+        """Time since the command that started the run was accepted (s)."""
+        return float(self._state[st.TIME])
+
+    @property
+    def dc_bus(self) -> tuple[float, float]:
+        """Voltage between the rails (V) and current (A): the last block's mean, 0 when idle."""
+        return self.last_bus[0], self.last_bus[1] if self.active else 0.0
+
+    @property
+    def winding_temperature(self) -> float:
+        """Temperature of the winding (degC)."""
+        return AMBIENT
+
+    @property
+    def state(self) -> np.ndarray:
+        """A copy of the state, indices in `ema_sim.state`."""
+        return self._state.copy()
+
+    def command(self, profile: Profile) -> None:
+        """Execute `profile`: from time 0 when idle; at once, in place of the old one, if active."""
+        if self.active:
+            self._begin = self.time
+        else:
+            self._state = st.restart(self._state, self.actuator)
+            self._begin = 0.0
+            self._inverter_on = profile.inverter_off
+        self._profile = profile
+
+    def advance(self, n_samples: int) -> np.ndarray:
+        """Return the next samples, shape (k, 10), k <= n_samples; k = 0 when idle.
+
+        The run ends, and the session is idle again, with the last sample of the profile.
+        """
+        if self._profile is None:
+            return np.empty((0, N_CHANNELS))
+        total = round((self._begin + self._profile.duration) * self.rate)
+        n = min(n_samples, total - int(self._state[st.SAMPLE]))
+        if n <= 0:
+            self._finish()
+            return np.empty((0, N_CHANNELS))
+        energy = self._state[st.E_SUPPLY]
+        means = self._run(n)
+        voltage = 2.0 * self.actuator.inverter.bus_voltage
+        supplied = float(self._state[st.E_SUPPLY] - energy)
+        self.last_bus = (voltage, supplied * self.rate / n / voltage)
+        samples = convert(self.actuator, means, self._noise.currents(n))
+        if int(self._state[st.SAMPLE]) >= total:
+            self._finish()
+        return samples
+
+    def take_trace(self) -> np.ndarray:
+        """Return and forget the trace, shape (n, 3), columns `kernel.TRACE_NAMES`."""
+        found = np.concatenate(self._traces) if self._traces else np.empty((0, 3))
+        self._traces = []
+        return found
+
+    def _run(self, n: int) -> np.ndarray:
+        assert self._profile is not None
+        control = self.actuator.control
+        first = int(self._state[st.TICK])
+        last = math.floor((self._state[st.SAMPLE] + n) / self.rate / control.period + 1e-6)
+        periods = max(0, last - first) + 1
+        if abs(last * control.period - (self._state[st.SAMPLE] + n) / self.rate) < 1e-9:
+            periods -= 1  # the period that begins with the next block belongs to that block
+        times = (first + np.arange(max(1, periods))) * control.period
+        command = self._profile.command(times - self._begin + 1e-9)
+        noise = self._noise.inside(periods) if periods else np.zeros((1, 2))
+        out = np.empty((n, N_CHANNELS))
+        trace = np.empty((n if self._keep_trace else 0, len(k.TRACE_NAMES)))
+        status = k.kernel()(
+            self.actuator, self.effects, self._state, command, noise, self._inverter_on,
+            self.rate, self._max_step, out, trace,
+        )
+        if status != k.OK:
+            raise SimulationError(
+                f"simulation at {out[0, TIME]:.4f} s: "
+                + ("values are not finite" if status == k.NOT_FINITE else "too many events")
+                + ": the parameters are outside what the model holds for"
+            )
+        if self._keep_trace:
+            self._traces.append(trace)
+        return out
+
+    def _finish(self) -> None:
+        """Let the drive reach its last command, unrecorded, and switch it off."""
+        assert self._profile is not None
+        keep, self._keep_trace = self._keep_trace, False
+        target = self._profile.points[-1][1]
+        self._profile = Profile(name="settle", points=((0.0, target), (SETTLE_TIME, target)))
+        self._begin = self.time
+        self.final_state = self._state.copy()
+        self._run(round(SETTLE_TIME * self.rate))
+        self._profile, self._keep_trace = None, keep
+
+
+def check_bounds(name: str, value: float, lower: float, upper: float, unit: str) -> None:
+    """Raise UsageError unless ``lower <= value <= upper``."""
+    if not (math.isfinite(value) and lower <= value <= upper):
+        raise UsageError(f"{name} {value:g} is out of bounds: give {lower:g} to {upper:g} {unit}")

@@ -1,0 +1,108 @@
+"""`simulate`: one test on the emulated actuator, as a `Record`."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ema_record.channels import DEFAULT_RATE
+from ema_record.profile import Profile
+from ema_record.record import Provenance, Record
+from ema_record.version import VERSION
+from ema_sim.actuator import load_actuator
+from ema_sim.effects import Effects
+from ema_sim.kernel import MAX_STEP
+from ema_sim.parameters import Actuator
+from ema_sim.session import ActuatorSession
+
+AUXILIARY_PERIOD = 0.1
+"""Interval of bus and temperature readings (s)."""
+
+
+class Simulation(NamedTuple):
+    """A record together with what no sensor sees."""
+
+    record: Record
+    trace: np.ndarray
+    """Shape (n, 3): motor torque (N m), shaft torque (N m), surface speed (rad/s)."""
+    state: np.ndarray
+    """State at the end of the record, indices in `ema_sim.state`."""
+
+
+def simulate(
+    profile: Profile,
+    *,
+    actuator: Actuator | None = None,
+    effects: Effects | None = None,
+    seed: int = 0,
+    noise: float = 1.0,
+    rate: float = DEFAULT_RATE,
+    start_angle: float | None = None,
+    serial_number: str = "SIM-0000",
+    start_time: int = 0,
+) -> Record:
+    """Run one test and return its record.
+
+    Parameters
+    ----------
+    profile : the position command.
+    actuator : parameters, default the nominal ones.
+    effects : what is hidden in the actuator, default nothing.
+    seed : of noise and start angle; the same seed gives the same bytes.
+    noise : factor on the sensor noise, 0 for none.
+    rate : samples a second.
+    start_angle : electrical rotor angle at the start (rad), default drawn from the seed.
+    serial_number : of the actuator, for the record.
+    start_time : acceptance of the command (ns since the epoch), for the record.
+
+    Raises
+    ------
+    UsageError, SimulationError.
+    """
+    return simulate_traced(
+        profile, actuator=actuator, effects=effects, seed=seed, noise=noise, rate=rate,
+        start_angle=start_angle, serial_number=serial_number, start_time=start_time, trace=False,
+    ).record
+
+
+def simulate_traced(
+    profile: Profile,
+    *,
+    actuator: Actuator | None = None,
+    effects: Effects | None = None,
+    seed: int = 0,
+    noise: float = 1.0,
+    rate: float = DEFAULT_RATE,
+    start_angle: float | None = None,
+    serial_number: str = "SIM-0000",
+    start_time: int = 0,
+    trace: bool = True,
+    max_step: float = MAX_STEP,
+) -> Simulation:
+    """Run one test and return its record with torques, surface speed and final state."""
+    session = ActuatorSession(
+        actuator if actuator is not None else load_actuator(), effects, seed=seed, noise=noise,
+        rate=rate, start_angle=start_angle, position=profile.start, trace=trace,
+        max_step=max_step,
+    )
+    session.command(profile)
+    blocks, bus, temperature = [], [], []
+    block = max(1, math.ceil(AUXILIARY_PERIOD * rate))
+    while session.active:
+        samples = session.advance(block)
+        if len(samples):
+            blocks.append(samples)
+            bus.append((float(samples[-1, 0]), *session.last_bus))
+            temperature.append((float(samples[-1, 0]), session.winding_temperature))
+    record = Record(
+        samples=np.concatenate(blocks),
+        profile=profile,
+        provenance=Provenance(
+            serial_number=serial_number, software_version=VERSION, start_time=start_time
+        ),
+        dc_bus=np.array(bus),
+        winding_temperature=np.array(temperature),
+    )
+    return Simulation(record, session.take_trace(), session.final_state)
