@@ -67,10 +67,15 @@ def unknown_name(kind: str, name: str, known: Iterable[str], remedy: str) -> Usa
 
     Parameters
     ----------
-    kind : what the name stands for, e.g. ``"effect"``.
-    name : the name as given.
-    known : all valid names.
-    remedy : where the valid names are listed, e.g. ``"ema effects lists them"``.
+    kind : str
+        What the name stands for, e.g. ``"effect"``.
+    name : str
+        The name as given.
+    known : iterable of str
+        All valid names.
+    remedy : str
+        Where the valid names are listed, e.g. ``"ema effects lists them"``.
+
     """
     near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}? " if near else ""

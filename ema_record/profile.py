@@ -76,12 +76,15 @@ class Profile(BaseModel):
 
         Parameters
         ----------
-        time : ndarray, shape (n,) (s).
+        time : ndarray, shape (n,)
+            Since the acceptance of the command (s).
 
         Returns
         -------
-        ndarray, shape (n,) (rad). At a step the later value holds; outside the
-        points the first or last position holds.
+        ndarray, shape (n,)
+            Position (rad). At a step the later value holds; outside the points the first
+            or last position holds.
+
         """
         t = np.asarray([p[0] for p in self.points])
         x = np.asarray([p[1] for p in self.points])

@@ -40,11 +40,17 @@ class Record:
 
     Attributes
     ----------
-    samples : ndarray, shape (n, 10). One row a sample, columns as in `channels.CHANNELS`.
-    profile : the position command.
-    provenance : serial number, versions, status.
-    dc_bus : ndarray, shape (m, 3). Time (s), bus voltage (V), bus current (A).
-    winding_temperature : ndarray, shape (m, 2). Time (s), temperature (degC).
+    samples : ndarray, shape (n, 10)
+        One row a sample, columns as in `channels.CHANNELS`.
+    profile : Profile
+        The position command.
+    provenance : Provenance
+        Serial number, versions, status.
+    dc_bus : ndarray, shape (m, 3)
+        Time (s), bus voltage (V), bus current (A).
+    winding_temperature : ndarray, shape (m, 2)
+        Time (s), temperature (degC).
+
     """
 
     samples: np.ndarray
@@ -76,7 +82,7 @@ class Record:
 
     @property
     def rate(self) -> float:
-        """Samples a second (1/s), from the median interval; NaN for fewer than 2 samples."""
+        """Return the sampling rate from the median interval, in 1/s; NaN below 2 samples."""
         if len(self) < 2:
             return float("nan")
         return float(1.0 / np.median(np.diff(self.time)))

@@ -1,0 +1,86 @@
+"""Unpacking of compressed data with a bound: what is larger than it says is refused."""
+
+from __future__ import annotations
+
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
+
+from ema_record.errors import InvalidRecordError
+
+
+def unpack(data: bytes, method: str, size: int, where: str) -> bytes:
+    """Return compressed data unpacked.
+
+    Parameters
+    ----------
+    data : bytes
+        One frame.
+    method : str
+        ``""`` (none), ``zstd`` or ``lz4``.
+    size : int
+        Its size when unpacked, as its container says; already checked to be acceptable.
+    where : str
+        Named in errors.
+
+    Raises
+    ------
+    InvalidRecordError
+        Damaged, of another size, or a method that is not known.
+
+    """
+    try:
+        if method == "":
+            result = data
+        elif method == "zstd":
+            result = _unpack_zstd(data, size, where)
+        elif method == "lz4":
+            result = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
+        else:
+            raise InvalidRecordError(
+                f"{where}: compression {method[:20]!r} is not known (none, lz4, zstd): "
+                "convert the bag with 'mcap compress --compression zstd'"
+            )
+    except (zstandard.ZstdError, RuntimeError, MemoryError, EOFError) as error:
+        raise InvalidRecordError(
+            f"{where}: {method} data are damaged ({str(error).splitlines()[0][:80]}): "
+            "copy the file again from where it was recorded"
+        ) from None
+    if len(result) != size:
+        raise InvalidRecordError(
+            f"{where}: unpacks to {_at_least(len(result), size)} bytes, announced are {size}: "
+            "damaged, or made to exhaust the memory"
+        )
+    return result
+
+
+def _at_least(found: int, size: int) -> str:
+    return f"more than {size}" if found > size else str(found)
+
+
+def _unpack_zstd(data: bytes, size: int, where: str) -> bytes:
+    """Unpack one frame; its own announcement is compared before memory is taken for it."""
+    announced = zstandard.frame_content_size(data)
+    if announced not in (-1, size):
+        raise InvalidRecordError(
+            f"{where}: its zstd frame announces {announced} bytes, its record {size}: damaged, "
+            "or made to exhaust the memory"
+        )
+    unpacker = zstandard.ZstdDecompressor()
+    if size == 0:
+        return b""
+    return unpacker.decompress(data, max_output_size=size)
+
+
+def unpack_zstd_stream(data: bytes, bound: int, where: str) -> bytes:
+    """Return a zstd stream unpacked, refusing more than `bound` bytes."""
+    try:
+        with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as reader:
+            result = reader.read(bound + 1)
+    except (zstandard.ZstdError, MemoryError) as error:
+        raise InvalidRecordError(
+            f"{where}: zstd data are damaged ({str(error).splitlines()[0][:80]}): "
+            "copy the file again from where it was recorded"
+        ) from None
+    if len(result) > bound:
+        raise InvalidRecordError(f"{where}: unpacks to more than {bound} bytes: split the bag")
+    return result

@@ -1,0 +1,66 @@
+"""Standard ROS 2 messages to and from CDR without ROS, through the `rosbags` type store."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
+
+from ema_record.errors import InvalidRecordError
+from ema_record.limits import MAX_SMALL_MESSAGE_BYTES
+
+NANOSECONDS = 1_000_000_000
+
+
+@cache
+def typestore() -> Typestore:
+    """Return the types of ROS 2 Jazzy."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def message_class(message_type: str) -> Any:
+    """Return the class of a message type such as ``std_msgs/msg/Bool``."""
+    return typestore().types[message_type]
+
+
+def header(stamp: int, frame_id: str = "") -> Any:
+    """Return a std_msgs/Header with `stamp` (ns since the epoch)."""
+    seconds, nanoseconds = divmod(stamp, NANOSECONDS)
+    time = message_class("builtin_interfaces/msg/Time")(sec=seconds, nanosec=nanoseconds)
+    return message_class("std_msgs/msg/Header")(stamp=time, frame_id=frame_id)
+
+
+def stamp_of(message: Any) -> int:
+    """Return the stamp of a message's header (ns since the epoch)."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+def serialize(message: Any, message_type: str) -> bytes:
+    """Return a message as CDR with its encapsulation."""
+    return bytes(typestore().serialize_cdr(message, message_type))
+
+
+def deserialize(data: bytes | memoryview, message_type: str, topic: str) -> Any:
+    """Return the message that CDR holds; `topic` is named in errors.
+
+    Raises
+    ------
+    InvalidRecordError
+        The message is damaged, or larger than `limits.MAX_SMALL_MESSAGE_BYTES`.
+
+    """
+    if len(data) > MAX_SMALL_MESSAGE_BYTES:
+        raise InvalidRecordError(
+            f"{topic}: message of {len(data)} bytes, at most {MAX_SMALL_MESSAGE_BYTES}: "
+            f"it is no {message_type} of an actuator test"
+        )
+    try:
+        return typestore().deserialize_cdr(bytes(data), message_type)
+    except Exception as error:  # the generated decoders raise whatever numpy and struct raise
+        detail = (str(error).splitlines() or [""])[0][:80] or type(error).__name__
+        raise InvalidRecordError(
+            f"{topic}: {len(data)} bytes are no {message_type} ({detail}): the message is damaged"
+        ) from None
