@@ -24,5 +24,5 @@ MAX_DURATION = 60.0
 """Longest record (s)."""
 MAX_SAMPLES = int(MAX_RATE * MAX_DURATION)
 """Most samples of a record."""
-MAX_SLOW_MESSAGES = 1_000_000
-"""Most messages of one of the slow topics (bus, temperature, command)."""
+MAX_MESSAGES = 1_000_000
+"""Most messages of one topic."""

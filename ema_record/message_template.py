@@ -72,9 +72,10 @@ class MessageTemplate:
 
         """
         size = len(self._bytes)
-        rows = np.frombuffer(self._bytes * len(stamps), dtype=self._dtype).copy()
+        buffer = bytearray(self._bytes * len(stamps))
+        rows = np.frombuffer(buffer, dtype=self._dtype)  # a copy would lose what is no field
         rows["sec"], rows["nanosec"] = np.divmod(stamps, NANOSECONDS)
         for name, values in columns.items():
             rows[name] = values
-        data = rows.tobytes()
+        data = bytes(buffer)
         return [data[k * size:(k + 1) * size] for k in range(len(stamps))]

@@ -15,14 +15,13 @@ from ema_record.errors import IncompleteRecordError, InvalidRecordError, UsageEr
 from ema_record.limits import (
     MAX_FILES,
     MAX_MESSAGE_BYTES,
-    MAX_SAMPLES,
-    MAX_SLOW_MESSAGES,
+    MAX_MESSAGES,
     MAX_UNPACKED_FILE_BYTES,
 )
 from ema_record.mcap_stream import McapMetadata, McapStream
 from ema_record.metadata import METADATA_FILE
 from ema_record.schemas import MESSAGE_ENCODING
-from ema_record.topics import SAMPLES, TOPICS
+from ema_record.topics import TOPICS
 from ema_record.yaml_file import load_yaml
 
 _MCAP_SUFFIXES = (".mcap", ".mcap.zstd")
@@ -147,8 +146,11 @@ def read_content(path: Path, topics: frozenset[str], *, validate_crcs: bool = Tr
                     messages = content.messages.get(topic)
                     if messages is None:
                         messages = content.messages.setdefault(topic, [])
-                    if len(messages) >= (MAX_SAMPLES if topic == SAMPLES else MAX_SLOW_MESSAGES):
-                        raise InvalidRecordError(f"{file}: too many messages of {topic}")
+                    if len(messages) >= MAX_MESSAGES:
+                        raise InvalidRecordError(
+                            f"{file}: more than {MAX_MESSAGES} messages of {topic}: publish "
+                            "larger blocks"
+                        )
                     messages.append(StoredMessage(item.log_time, item.publish_time, item.data))
                 _check_types(mcap, topics)
                 content.topics.update(channel.topic for channel in mcap.channels)

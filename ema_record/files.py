@@ -1,0 +1,74 @@
+"""Files that appear whole or not at all, and never over another one."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ema_record.errors import OutputError
+
+
+def make_new_directory(path: Path) -> None:
+    """Make a directory, and those above it; one that exists is never touched.
+
+    Raises
+    ------
+    OutputError
+        It exists, or cannot be made.
+
+    """
+    try:
+        path.mkdir(parents=True)
+    except FileExistsError:
+        raise exists(path) from None
+    except OSError as error:
+        raise cannot_write(path, error) from None
+
+
+def exists(path: Path) -> OutputError:
+    """Return the error for an output that is there already."""
+    return OutputError(f"{path}: exists and is never overwritten: choose another name")
+
+
+def cannot_write(path: Path, error: OSError) -> OutputError:
+    """Return the error for an output that cannot be written."""
+    return OutputError(
+        f"{path}: cannot be written ({error.strerror or error}): choose a folder with write "
+        "permission and free space"
+    )
+
+
+def sync_directory(path: Path) -> None:
+    """Make the names in a directory durable."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[Path]:
+    """Give a temporary path beside `path` to write to; it is renamed on success.
+
+    Raises
+    ------
+    OutputError
+        `path` exists, or cannot be written.
+
+    """
+    if path.exists():
+        raise exists(path)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        yield temporary
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+        sync_directory(path.parent)
+    except OSError as error:
+        raise cannot_write(path, error) from None
+    finally:
+        temporary.unlink(missing_ok=True)
