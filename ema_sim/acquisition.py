@@ -12,7 +12,8 @@ from ema_record.channels import (
     ROTOR_ANGLE,
     SURFACE_POSITION,
 )
-from ema_sim.parameters import Actuator
+from ema_sim.effects import Effects
+from ema_sim.parameters import Actuator, Converters
 
 
 class SensorNoise:
@@ -41,15 +42,24 @@ class SensorNoise:
         return self._record.standard_normal((n, 3)) * self._current_sigma
 
 
-def convert(actuator: Actuator, means: np.ndarray, current_noise: np.ndarray) -> np.ndarray:
+def effective_converters(nominal: Converters, effects: Effects) -> Converters:
+    """Return the converters with the bits that `quantisation` took away."""
+    q = effects.quantisation
+    return nominal._replace(
+        position_range=nominal.position_range * 2.0**q.position_bits_lost,
+        speed_range=nominal.speed_range * 2.0**q.speed_bits_lost,
+    )
+
+
+def convert(c: Converters, means: np.ndarray, current_noise: np.ndarray) -> np.ndarray:
     """Return the samples as recorded: noise added, every channel through its converter.
 
     Parameters
     ----------
+    c : the converters.
     means : ndarray, shape (n, 10), from the kernel; rotor angle not wrapped.
     current_noise : ndarray, shape (n, 3) (A).
     """
-    c = actuator.converters
     samples = means.copy()
     samples[:, PHASE_CURRENTS] += current_noise
     samples[:, ROTOR_ANGLE] = np.mod(samples[:, ROTOR_ANGLE], 2.0 * np.pi)

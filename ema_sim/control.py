@@ -18,9 +18,8 @@ def clip(value: float, limit: float) -> float:
 
 
 @law
-def quantise(value: float, span: float, bits: int) -> float:
-    """Return what a converter of `bits` over ±`span`/2 reads, saturated at its ends."""
-    step = span / 2.0**bits
+def quantise(value: float, step: float, span: float) -> float:
+    """Return what a converter with this `step` over ±`span`/2 reads, saturated at its ends."""
     return clip(step * math.floor(value / step + 0.5), 0.5 * span)
 
 

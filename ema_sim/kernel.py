@@ -69,20 +69,32 @@ def _build(sources: str) -> Callable[..., int]:
         """
         _ = sources
         motor, shaft, gear, control = a.motor, a.shaft, a.gear, a.control
-        pairs, ratio = float(motor.pole_pairs), gear.ratio
-        v_bus, band = a.inverter.bus_voltage, a.inverter.hysteresis
+        pairs = float(motor.pole_pairs)
+        v_leg, band = ports.leg_voltage(e, a.inverter.bus_voltage), a.inverter.hysteresis
         stop = a.surface.end_stop
         keep_trace = len(trace) > 0
 
         r_a = ports.phase_resistance(e, motor, 0)
         r_b = ports.phase_resistance(e, motor, 1)
         r_c = ports.phase_resistance(e, motor, 2)
-        g_a = 1.0 / ports.phase_inductance(e, motor, 0)
-        g_b = 1.0 / ports.phase_inductance(e, motor, 1)
-        g_c = 1.0 / ports.phase_inductance(e, motor, 2)
+        g_a = 1.0 / ports.phase_inductance(e, motor, 0, 0.0)
+        g_b = 1.0 / ports.phase_inductance(e, motor, 1, 0.0)
+        g_c = 1.0 / ports.phase_inductance(e, motor, 2, 0.0)
         g_n = 1.0 / (g_a + g_b + g_c)
+        varies = ports.inductance_varies(e)
         curvature = 0.5 * motor.phase_resistance / motor.phase_inductance
-        backlash = ports.lost_motion(e, a)
+        top = ports.flat_top(e, motor)
+        stiffness, backlash = ports.shaft_stiffness(e, shaft), ports.lost_motion(e, shaft)
+        j_m, j_s = ports.motor_inertia(e, motor), ports.surface_inertia(e, a.surface)
+        dyn_s, sta_s = ports.surface_dry_friction(e, a.surface)
+        gain_a, off_a = ports.current_gain(e, 0), ports.current_offset(e, 0)
+        gain_b, off_b = ports.current_gain(e, 1), ports.current_offset(e, 1)
+        gain_c, off_c = ports.current_gain(e, 2), ports.current_offset(e, 2)
+        band_a, band_b, band_c = band / gain_a, band / gain_b, band / gain_c
+        off_q, off_e = ports.position_offset(e), ports.commutation_angle(e)
+        step_q, step_w = ports.position_step(e, a.converters), ports.speed_step(e, a.converters)
+        delay = ports.delay_periods(e, a)
+        late, part = int(delay), delay - int(delay)
 
         t = state[st.TIME]
         i_a, i_b, i_c = state[st.I_A], state[st.I_B], state[st.I_C]
@@ -91,33 +103,41 @@ def _build(sources: str) -> Callable[..., int]:
         q_e, q_0 = state[st.THETA_E], state[st.THETA_0]
         s_a, s_b, s_c = state[st.LEG_A], state[st.LEG_B], state[st.LEG_C]
         al_m, al_s = state[st.ALPHA_M], state[st.ALPHA_S]
-        i_ref, integral = state[st.I_REF], state[st.INTEGRAL]
+        i_ref, i_set = state[st.I_REF], state[st.I_SET]
+        integral = state[st.INTEGRAL]
+        history = state[st.HISTORY :]
         n_w, n_q = state[st.SPEED_NOISE], state[st.POSITION_NOISE]
         tick, sample = int(state[st.TICK]), int(state[st.SAMPLE])
         first_tick, steps = tick, 0
-        e_supply, e_copper, e_motor = 0.0, 0.0, 0.0
+        charge, e_terminal, e_copper, e_motor = 0.0, 0.0, 0.0, 0.0
         e_friction_m, e_friction_s, e_shaft, e_load = 0.0, 0.0, 0.0, 0.0
 
-        k_a = ports.back_emf_constant(e, motor, 0, q_e, q_m + q_0)
-        k_b = ports.back_emf_constant(e, motor, 1, q_e, q_m + q_0)
-        k_c = ports.back_emf_constant(e, motor, 2, q_e, q_m + q_0)
+        k_a = ports.back_emf_constant(e, motor, top, 0, q_e, q_m + q_0, i_a)
+        k_b = ports.back_emf_constant(e, motor, top, 1, q_e, q_m + q_0, i_b)
+        k_c = ports.back_emf_constant(e, motor, top, 2, q_e, q_m + q_0, i_c)
         t_m = clip(k_a * i_a + k_b * i_b + k_c * i_c, motor.torque_limit)
+        t_m += ports.added_motor_torque(e, motor, k_a, k_b, k_c, w_m, q_m + q_0)
+        slope = ports.gear_slope(e, gear, q_m + q_0)
         t_sh = shaft_torque(
-            q_m / ratio - q_s, w_m / ratio - w_s, shaft.stiffness, shaft.damping, backlash
+            ports.gear_output(e, gear, q_m, q_m + q_0) - q_s, w_m * slope - w_s,
+            stiffness, shaft.damping, backlash,
         )
 
         for row in range(len(out)):
             t_edge = (sample + 1) / rate
-            m_w = m_a = m_b = m_c = m_ra = m_rb = m_rc = m_e = m_s = m_t = m_sh = m_ws = 0.0
+            m_w = m_n = m_a = m_b = m_c = m_ra = m_rb = m_rc = m_e = m_s = m_t = m_sh = m_ws = 0.0
             steps_here = 0
             while True:
                 # Events that are due: control period, commutation, relays.
                 if t >= tick * control.period - SIMULTANEOUS:
                     index = min(tick - first_tick, len(command) - 1)
                     n_w, n_q = noise[index, 0], noise[index, 1]
-                    speed = quantise(w_m + n_w, a.converters.speed_range, a.converters.speed_bits)
+                    speed = quantise(
+                        w_m * ports.speed_factor(e, q_m + q_0) + n_w, step_w,
+                        a.converters.speed_range,
+                    )
                     position = quantise(
-                        q_s + n_q, a.converters.position_range, a.converters.position_bits
+                        q_s + off_q + n_q, step_q, a.converters.position_range
                     )
                     tick += 1
                     if t >= inverter_on - SIMULTANEOUS:
@@ -131,28 +151,47 @@ def _build(sources: str) -> Callable[..., int]:
                         )
                     else:
                         i_ref, integral = 0.0, 0.0
+                    if delay > 0.0:
+                        history[tick % st.N_HISTORY] = i_ref
+                        newer = history[(tick - late) % st.N_HISTORY]
+                        older = history[(tick - late - 1) % st.N_HISTORY]
+                        i_set = (1.0 - part) * newer + part * older
+                    else:
+                        i_set = i_ref
                 on = t >= inverter_on - SIMULTANEOUS
-                q_c = q_e
+                q_c = q_e + off_e
                 toward = 1.0 if w_m >= 0.0 else -1.0
                 sector = sector_of(q_c + toward * BEYOND_EDGE)
                 sign_a, sign_b, sign_c = reference_signs(sector)
-                ref_a, ref_b, ref_c = sign_a * i_ref, sign_b * i_ref, sign_c * i_ref
-                if i_a - ref_a >= band:
+                ref_a, ref_b, ref_c = sign_a * i_set, sign_b * i_set, sign_c * i_set
+                # The relays compare what the sensors read: i gain + offset, against ref ± band.
+                aim_a, aim_b, aim_c = (
+                    (ref_a - off_a) / gain_a, (ref_b - off_b) / gain_b, (ref_c - off_c) / gain_c
+                )
+                if i_a - aim_a >= band_a:
                     s_a = -1.0
-                elif i_a - ref_a <= -band:
+                elif i_a - aim_a <= -band_a:
                     s_a = 1.0
-                if i_b - ref_b >= band:
+                if i_b - aim_b >= band_b:
                     s_b = -1.0
-                elif i_b - ref_b <= -band:
+                elif i_b - aim_b <= -band_b:
                     s_b = 1.0
-                if i_c - ref_c >= band:
+                if i_c - aim_c >= band_c:
                     s_c = -1.0
-                elif i_c - ref_c <= -band:
+                elif i_c - aim_c <= -band_c:
                     s_c = 1.0
 
                 # Derivatives of the currents now.
                 if on:
-                    v_a, v_b, v_c = v_bus * s_a, v_bus * s_b, v_bus * s_c
+                    if varies:
+                        g_a = 1.0 / ports.phase_inductance(e, motor, 0, i_a)
+                        g_b = 1.0 / ports.phase_inductance(e, motor, 1, i_b)
+                        g_c = 1.0 / ports.phase_inductance(e, motor, 2, i_c)
+                        g_n = 1.0 / (g_a + g_b + g_c)
+                    v = v_leg - ports.rail_drop(e, 0.5 * (s_a * i_a + s_b * i_b + s_c * i_c))
+                    v_a = v * s_a - ports.switch_drop(e, i_a)
+                    v_b = v * s_b - ports.switch_drop(e, i_b)
+                    v_c = v * s_c - ports.switch_drop(e, i_c)
                     x_a = v_a - r_a * i_a - k_a * w_m
                     x_b = v_b - r_b * i_b - k_b * w_m
                     x_c = v_c - r_c * i_c - k_c * w_m
@@ -175,22 +214,21 @@ def _build(sources: str) -> Callable[..., int]:
                 flip = 0
                 if on:
                     if s_a * d_a > 0.0:
-                        reach = (s_a * (ref_a - i_a) + band) / abs(d_a)
+                        reach = (s_a * (aim_a - i_a) + band_a) / abs(d_a)
                         reach *= 1.0 + curvature * reach
                         if reach < h:
                             h, flip = reach, 1
                     if s_b * d_b > 0.0:
-                        reach = (s_b * (ref_b - i_b) + band) / abs(d_b)
+                        reach = (s_b * (aim_b - i_b) + band_b) / abs(d_b)
                         reach *= 1.0 + curvature * reach
                         if reach < h:
                             h, flip = reach, 2
                     if s_c * d_c > 0.0:
-                        reach = (s_c * (ref_c - i_c) + band) / abs(d_c)
+                        reach = (s_c * (aim_c - i_c) + band_c) / abs(d_c)
                         reach *= 1.0 + curvature * reach
                         if reach < h:
                             h, flip = reach, 3
-                if h < SIMULTANEOUS:
-                    h = SIMULTANEOUS
+                h = max(h, SIMULTANEOUS)
 
                 # Prediction of the mechanics, then the laws at the end of the step.
                 w_p, ws_p = w_m + al_m * h, w_s + al_s * h
@@ -200,14 +238,21 @@ def _build(sources: str) -> Callable[..., int]:
                     ws_p = 0.0
                 dq = 0.5 * h * (w_m + w_p)
                 q_m1, q_s1 = q_m + dq, q_s + 0.5 * h * (w_s + ws_p)
+                q_r1 = q_m1 + q_0
                 q_e1 = q_e + pairs * dq
                 if q_e1 >= TURN:
                     q_e1 -= TURN
                 elif q_e1 < 0.0:
                     q_e1 += TURN
-                k_a1 = ports.back_emf_constant(e, motor, 0, q_e1, q_m1 + q_0)
-                k_b1 = ports.back_emf_constant(e, motor, 1, q_e1, q_m1 + q_0)
-                k_c1 = ports.back_emf_constant(e, motor, 2, q_e1, q_m1 + q_0)
+                k_a1 = ports.back_emf_constant(
+                    e, motor, top, 0, q_e1, q_r1, i_a + h * d_a
+                )
+                k_b1 = ports.back_emf_constant(
+                    e, motor, top, 1, q_e1, q_r1, i_b + h * d_b
+                )
+                k_c1 = ports.back_emf_constant(
+                    e, motor, top, 2, q_e1, q_r1, i_c + h * d_c
+                )
                 if on:
                     x_a = v_a - r_a * (i_a + h * d_a) - k_a1 * w_p
                     x_b = v_b - r_b * (i_b + h * d_b) - k_b1 * w_p
@@ -219,32 +264,34 @@ def _build(sources: str) -> Callable[..., int]:
                 else:
                     i_a1, i_b1, i_c1 = i_a, i_b, i_c
                 t_m1 = clip(k_a1 * i_a1 + k_b1 * i_b1 + k_c1 * i_c1, motor.torque_limit)
-                t_m1 += ports.added_motor_torque(e, motor, k_a1, k_b1, k_c1, w_p)
+                t_m1 += ports.added_motor_torque(e, motor, k_a1, k_b1, k_c1, w_p, q_r1)
+                slope = ports.gear_slope(e, gear, q_r1)
                 t_sh1 = shaft_torque(
-                    q_m1 / ratio - q_s1, w_p / ratio - ws_p,
-                    shaft.stiffness, shaft.damping, backlash,
+                    ports.gear_output(e, gear, q_m1, q_r1) - q_s1, w_p * slope - ws_p,
+                    stiffness, shaft.damping, backlash,
                 )
                 driving = gear.efficiency if t_sh1 * w_p < 0.0 else 1.0 / gear.efficiency
-                load_m = t_sh1 * driving / ratio
-                dyn_m, sta_m = ports.motor_dry_friction(e, motor)
-                dyn_s, sta_s = ports.surface_dry_friction(e, a)
+                load_m = t_sh1 * driving * slope
+                load_s = ports.load_torque(e, q_s1)
+                dyn_m, sta_m = ports.motor_dry_friction(e, motor, w_p, load_m)
                 visc_m = ports.motor_viscous_friction(e, motor, w_p)
                 visc_s = a.surface.viscous_friction * ws_p
-                al_m1 = net_torque(w_p, t_m1 - load_m - visc_m, dyn_m, sta_m) / motor.inertia
-                al_s1 = net_torque(ws_p, t_sh1 - visc_s, dyn_s, sta_s) / a.surface.inertia
+                al_m1 = net_torque(w_p, t_m1 - load_m - visc_m, dyn_m, sta_m) / j_m
+                al_s1 = net_torque(ws_p, t_sh1 - load_s - visc_s, dyn_s, sta_s) / j_s
                 w_m1, w_s1 = w_m + 0.5 * h * (al_m + al_m1), w_s + 0.5 * h * (al_s + al_s1)
                 if w_m1 * w_m < 0.0:
                     w_m1 = 0.0
-                    al_m1 = net_torque(0.0, t_m1 - load_m, dyn_m, sta_m) / motor.inertia
+                    al_m1 = net_torque(0.0, t_m1 - load_m, dyn_m, sta_m) / j_m
                 if w_s1 * w_s < 0.0:
                     w_s1 = 0.0
-                    al_s1 = net_torque(0.0, t_sh1, dyn_s, sta_s) / a.surface.inertia
+                    al_s1 = net_torque(0.0, t_sh1 - load_s, dyn_s, sta_s) / j_s
                 if abs(q_s1) >= stop and q_s1 * w_s1 > 0.0:
                     q_s1 = math.copysign(stop, q_s1)
                     w_s1 = al_s1 = 0.0
 
                 # Means over the sample, energies.
-                m_w += 0.5 * h * (w_m + w_m1) + h * n_w
+                m_w += 0.5 * h * (w_m + w_m1)
+                m_n += h * n_w
                 m_a += 0.5 * h * (i_a + i_a1)
                 m_b += 0.5 * h * (i_b + i_b1)
                 m_c += 0.5 * h * (i_c + i_c1)
@@ -253,13 +300,13 @@ def _build(sources: str) -> Callable[..., int]:
                 m_rc += h * ref_c
                 m_e += 0.5 * h * (q_m + q_m1)
                 m_s += 0.5 * h * (q_s + q_s1) + h * n_q
-                p_in = v_a * (i_a + i_a1) + v_b * (i_b + i_b1) + v_c * (i_c + i_c1)
-                e_supply += 0.5 * h * p_in
+                mid_a, mid_b, mid_c = i_a + i_a1, i_b + i_b1, i_c + i_c1
+                charge += 0.25 * h * (s_a * mid_a + s_b * mid_b + s_c * mid_c)
                 if keep_trace:
                     m_t += 0.5 * h * (t_m + t_m1)
                     m_sh += 0.5 * h * (t_sh + t_sh1)
                     m_ws += 0.5 * h * (w_s + w_s1)
-                    mid_a, mid_b, mid_c = i_a + i_a1, i_b + i_b1, i_c + i_c1
+                    e_terminal += 0.5 * h * (v_a * mid_a + v_b * mid_b + v_c * mid_c)
                     e_copper += 0.25 * h * (
                         r_a * mid_a * mid_a + r_b * mid_b * mid_b + r_c * mid_c * mid_c
                     )
@@ -272,7 +319,8 @@ def _build(sources: str) -> Callable[..., int]:
                     e_friction_s += h * (
                         dyn_s * abs(moving_s) + a.surface.viscous_friction * moving_s**2
                     )
-                    e_shaft += 0.5 * h * (t_sh + t_sh1) * (moving_m / ratio - moving_s)
+                    e_shaft += 0.5 * h * (t_sh + t_sh1) * (moving_m * slope - moving_s)
+                    e_load += h * load_s * moving_s
 
                 t += h
                 i_a, i_b, i_c = i_a1, i_b1, i_c1
@@ -294,15 +342,16 @@ def _build(sources: str) -> Callable[..., int]:
             sample += 1
             steps += steps_here
             out[row, 0] = (sample - 0.5) / rate
-            out[row, 1] = m_w * rate
-            out[row, 2] = m_a * rate
-            out[row, 3] = m_b * rate
-            out[row, 4] = m_c * rate
+            theta_r = m_e * rate + q_0
+            out[row, 1] = m_w * rate * ports.speed_factor(e, theta_r) + m_n * rate
+            out[row, 2] = m_a * rate * gain_a + off_a
+            out[row, 3] = m_b * rate * gain_b + off_b
+            out[row, 4] = m_c * rate * gain_c + off_c
             out[row, 5] = m_ra * rate
             out[row, 6] = m_rb * rate
             out[row, 7] = m_rc * rate
-            out[row, 8] = (m_e * rate + q_0) * pairs
-            out[row, 9] = m_s * rate
+            out[row, 8] = theta_r * pairs + off_e
+            out[row, 9] = m_s * rate + off_q
             if keep_trace:
                 trace[row, 0] = m_t * rate
                 trace[row, 1] = m_sh * rate
@@ -317,11 +366,12 @@ def _build(sources: str) -> Callable[..., int]:
         state[st.THETA_E] = q_e
         state[st.LEG_A], state[st.LEG_B], state[st.LEG_C] = s_a, s_b, s_c
         state[st.ALPHA_M], state[st.ALPHA_S] = al_m, al_s
-        state[st.I_REF], state[st.INTEGRAL] = i_ref, integral
+        state[st.I_REF], state[st.I_SET], state[st.INTEGRAL] = i_ref, i_set, integral
         state[st.SPEED_NOISE], state[st.POSITION_NOISE] = n_w, n_q
         state[st.TICK], state[st.SAMPLE] = tick, sample
         state[st.STEPS] += steps
-        state[st.E_SUPPLY] += e_supply
+        state[st.CHARGE] += charge
+        state[st.E_TERMINAL] += e_terminal
         state[st.E_COPPER] += e_copper
         state[st.E_MOTOR] += e_motor
         state[st.E_FRICTION_M] += e_friction_m

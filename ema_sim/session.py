@@ -11,7 +11,7 @@ from ema_record.errors import SimulationError, UsageError
 from ema_record.profile import Profile
 from ema_sim import kernel as k
 from ema_sim import state as st
-from ema_sim.acquisition import SensorNoise, convert
+from ema_sim.acquisition import SensorNoise, convert, effective_converters
 from ema_sim.effects import Effects
 from ema_sim.parameters import Actuator
 
@@ -19,8 +19,6 @@ RATES = (1_000.0, 1_000_000.0)
 """Bounds of the acquisition rate (1/s)."""
 NOISE_LEVELS = (0.0, 100.0)
 SETTLE_TIME = 1.0
-AMBIENT = 20.0
-"""Winding temperature at nominal parameters (degC)."""
 
 
 class ActuatorSession:
@@ -60,6 +58,7 @@ class ActuatorSession:
         self.actuator = actuator
         self.effects = effects if effects is not None else Effects()
         self.rate = rate
+        self._converters = effective_converters(actuator.converters, self.effects)
         self._noise = SensorNoise(actuator, seed, noise, rate)
         if start_angle is None:
             start_angle = float(np.random.default_rng([seed, 1]).uniform(0.0, 2.0 * math.pi))
@@ -70,7 +69,7 @@ class ActuatorSession:
         self._keep_trace = trace
         self._max_step = max_step
         self._traces: list[np.ndarray] = []
-        self.last_bus = (2.0 * actuator.inverter.bus_voltage, 0.0)
+        self.last_bus = (self._bus_voltage(0.0), 0.0)
         """Bus voltage (V) and mean current (A) of the last block."""
         self.final_state = self._state.copy()
         """State with the last sample of the last run."""
@@ -93,12 +92,12 @@ class ActuatorSession:
     @property
     def dc_bus(self) -> tuple[float, float]:
         """Voltage between the rails (V) and current (A): the last block's mean, 0 when idle."""
-        return self.last_bus[0], self.last_bus[1] if self.active else 0.0
+        return self.last_bus if self.active else (self._bus_voltage(0.0), 0.0)
 
     @property
     def winding_temperature(self) -> float:
         """Temperature of the winding (degC)."""
-        return AMBIENT
+        return float(self.effects.winding_temperature.temperature)
 
     @property
     def state(self) -> np.ndarray:
@@ -106,7 +105,7 @@ class ActuatorSession:
         return self._state.copy()
 
     def command(self, profile: Profile) -> None:
-        """Execute `profile`: from time 0 when idle; at once, in place of the old one, if active."""
+        """Execute `profile`: from time 0 when idle; in place of the running one when active."""
         if self.active:
             self._begin = self.time
         else:
@@ -127,12 +126,11 @@ class ActuatorSession:
         if n <= 0:
             self._finish()
             return np.empty((0, N_CHANNELS))
-        energy = self._state[st.E_SUPPLY]
+        charge = self._state[st.CHARGE]
         means = self._run(n)
-        voltage = 2.0 * self.actuator.inverter.bus_voltage
-        supplied = float(self._state[st.E_SUPPLY] - energy)
-        self.last_bus = (voltage, supplied * self.rate / n / voltage)
-        samples = convert(self.actuator, means, self._noise.currents(n))
+        current = float(self._state[st.CHARGE] - charge) * self.rate / n
+        self.last_bus = (self._bus_voltage(current), current)
+        samples = convert(self._converters, means, self._noise.currents(n))
         if int(self._state[st.SAMPLE]) >= total:
             self._finish()
         return samples
@@ -142,6 +140,12 @@ class ActuatorSession:
         found = np.concatenate(self._traces) if self._traces else np.empty((0, 3))
         self._traces = []
         return found
+
+    def _bus_voltage(self, current: float) -> float:
+        """Return the voltage between the rails (V) at the mean bus current (A)."""
+        e = self.effects
+        open_circuit = 2.0 * self.actuator.inverter.bus_voltage * (1.0 + e.bus_voltage_change.change)
+        return open_circuit - e.bus_voltage_sag.resistance * current
 
     def _run(self, n: int) -> np.ndarray:
         assert self._profile is not None

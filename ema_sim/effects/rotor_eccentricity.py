@@ -6,7 +6,6 @@ import math
 from typing import Annotated, NamedTuple
 
 from ema_sim.compile import law
-
 from ema_sim.effects.base import Choice, Effect, Quantity
 
 PAPER, COMMON, SHIFTED, STATIC = 0, 1, 2, 3

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 from ema_sim.compile import law
-
 from ema_sim.effects.base import Effect, Quantity
 
 
