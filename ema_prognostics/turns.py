@@ -1,0 +1,136 @@
+"""Whole turns of the rotor in a part of a record: angle, angle weights, electrical frequency.
+
+Everything that is periodic in the rotor angle is averaged over a whole number of turns.
+A sample counts with the angle that it covers; the samples at both ends count in part, so
+neither the sample rate nor a partial turn biases a line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ema_record.channels import ROTOR_ANGLE, TIME
+from ema_record.errors import IncompleteRecordError, InvalidRecordError
+from ema_record.profile import Profile
+from ema_record.record import Record
+
+TURN = 2.0 * np.pi
+MIN_SAMPLES_A_TURN = 24
+"""Fewest samples a turn at which the sixth line and a trimmed portion are resolved."""
+WINDOW_AFTER_COMMAND = (0.06, 0.36)
+"""The paper's window, "immediately after the transient", after the command (s)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Turns:
+    """A whole number of turns of the rotor.
+
+    Attributes
+    ----------
+    samples : ndarray, shape (n, 10). Rows of the record that the turns touch.
+    theta : ndarray, shape (n,). Electrical angle, unwrapped (rad).
+    weight : ndarray, shape (n,). Part of the turns that each sample covers; sums to 1.
+    count : number of turns.
+    frequency : electrical frequency f_e, of that window (Hz).
+    direction : +1 or -1, the sense of rotation.
+    """
+
+    samples: np.ndarray
+    theta: np.ndarray
+    weight: np.ndarray
+    count: int
+    frequency: float
+    direction: int
+
+
+def paper_window(profile: Profile) -> tuple[float, float]:
+    """Return the analysis window of the paper's features (s)."""
+    if profile.window is not None:
+        return profile.window
+    start = profile.command_time
+    return start + WINDOW_AFTER_COMMAND[0], start + WINDOW_AFTER_COMMAND[1]
+
+
+def check_finite(record: Record) -> None:
+    """Raise InvalidRecordError if the record holds NaN or infinities or time runs back."""
+    bad = ~np.isfinite(record.samples).all(axis=1)
+    if bad.any():
+        raise InvalidRecordError(
+            f"sample {int(np.argmax(bad))}: a value is not finite ({int(bad.sum())} samples): "
+            "repeat the test"
+        )
+    if len(record) > 1 and float(np.diff(record.time).min()) <= 0.0:
+        index = int(np.argmin(np.diff(record.time)))
+        raise InvalidRecordError(
+            f"sample {index + 1}: time runs back by "
+            f"{float(record.time[index] - record.time[index + 1]):g} s: repeat the test"
+        )
+
+
+def cut(record: Record, window: tuple[float, float]) -> np.ndarray:
+    """Return the samples inside `window` (s), shape (n, 10); IncompleteRecordError if short."""
+    time = record.time
+    if len(time) < 2:
+        raise IncompleteRecordError(f"{len(time)} samples: repeat the test")
+    margin = 2.0 / record.rate
+    if time[0] > window[0] + margin or time[-1] < window[1] - margin:
+        raise IncompleteRecordError(
+            f"the record covers {time[0]:.3f} to {time[-1]:.3f} s, the analysis needs "
+            f"{window[0]:.3f} to {window[1]:.3f} s: repeat the test"
+        )
+    first, last = np.searchsorted(time, window)
+    return record.samples[first:last]
+
+
+def whole_turns(record: Record, window: tuple[float, float], *, min_turns: int = 4) -> Turns:
+    """Return the largest whole number of turns inside `window`.
+
+    Parameters
+    ----------
+    record : the record.
+    window : begin and end (s).
+    min_turns : fewest turns that are accepted.
+
+    Raises
+    ------
+    IncompleteRecordError
+        The window is not covered, or holds fewer turns.
+    InvalidRecordError
+        Too few samples a turn, or the angle does not advance.
+    """
+    samples = cut(record, window)
+    if len(samples) < MIN_SAMPLES_A_TURN:
+        raise IncompleteRecordError(
+            f"{len(samples)} samples in the analysis window, at least {MIN_SAMPLES_A_TURN}: "
+            "record at a higher rate"
+        )
+    theta = np.unwrap(samples[:, ROTOR_ANGLE])
+    travel = theta[-1] - theta[0]
+    direction = 1 if travel >= 0.0 else -1
+    count = int(abs(travel) / TURN)
+    if count < min_turns:
+        raise IncompleteRecordError(
+            f"{abs(travel) / TURN:.1f} turns of the rotor in the analysis window "
+            f"{window[0]:.3f} to {window[1]:.3f} s, at least {min_turns}: "
+            "the surface did not move as commanded, repeat the test"
+        )
+    if len(samples) < MIN_SAMPLES_A_TURN * count:
+        raise InvalidRecordError(
+            f"{len(samples) / count:.1f} samples a turn, at least {MIN_SAMPLES_A_TURN}: "
+            "record at a higher rate"
+        )
+    # Cell edges half way between samples; clipped to the whole turns.
+    edges = np.empty(len(theta) + 1)
+    edges[1:-1] = 0.5 * (theta[1:] + theta[:-1])
+    edges[0], edges[-1] = theta[0], theta[-1]
+    progress = np.clip(direction * (edges - theta[0]), 0.0, TURN * count)
+    weight = np.diff(progress) / (TURN * count)
+    keep = slice(0, int(np.max(np.nonzero(weight)[0])) + 1)
+    end = np.interp(TURN * count, np.maximum.accumulate(direction * (theta - theta[0])),
+                    samples[:, TIME])
+    return Turns(
+        samples=samples[keep], theta=theta[keep], weight=weight[keep], count=count,
+        frequency=count / float(end - samples[0, TIME]), direction=direction,
+    )
