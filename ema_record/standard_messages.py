@@ -46,6 +46,9 @@ def serialize(message: Any, message_type: str) -> bytes:
 def deserialize(data: bytes | memoryview, message_type: str, topic: str) -> Any:
     """Return the message that CDR holds; `topic` is named in errors.
 
+    Bytes after the message are ignored: rclpy's ``serialize_message`` leaves some behind
+    wherever a sequence of doubles is empty.
+
     Raises
     ------
     InvalidRecordError
@@ -58,7 +61,15 @@ def deserialize(data: bytes | memoryview, message_type: str, topic: str) -> Any:
             f"it is no {message_type} of an actuator test"
         )
     try:
-        return typestore().deserialize_cdr(bytes(data), message_type)
+        head, body = bytes(data[:4]), bytes(data[4:])
+        if head[:2] not in (b"\x00\x00", b"\x00\x01") or len(head) < 4:
+            raise ValueError(f"encapsulation {head.hex()!r} is not plain CDR")
+        definition = typestore().get_msgdef(message_type)
+        decode = definition.deserialize_cdr_le if head[1] else definition.deserialize_cdr_be
+        message, end = decode(body, 0, definition.cls, typestore())
+        if end > len(body):
+            raise ValueError(f"{end - len(body)} bytes are missing")
+        return message
     except Exception as error:  # the generated decoders raise whatever numpy and struct raise
         detail = (str(error).splitlines() or [""])[0][:80] or type(error).__name__
         raise InvalidRecordError(

@@ -1,0 +1,122 @@
+"""The profile as JointTrajectory and back."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ema_record.errors import InvalidRecordError, UsageError
+from ema_record.profile import MAX_POSITION, Profile, load_profile, profile_names, step_profile
+from ema_record.standard_messages import deserialize, message_class, serialize
+from ema_record.trajectory import (
+    JOINT_TRAJECTORY,
+    command_points,
+    decode_command,
+    encode_command,
+    profile_from_points,
+)
+
+POSITIONS = st.floats(-MAX_POSITION, MAX_POSITION)
+TIMES = st.integers(0, 60_000_000_000)
+
+
+@st.composite
+def profiles(draw):
+    times = sorted(draw(st.lists(TIMES, min_size=2, max_size=30)))
+    if times[-1] == 0:
+        times[-1] = 1
+    points = [(t / 1e9, draw(POSITIONS)) for t in times]
+    return Profile(name="command", points=points)
+
+
+@settings(max_examples=200, deadline=None)
+@given(profiles(), st.integers(0, 2**31 * 10**9 - 1))
+def test_round_trip(profile, stamp):
+    """Times to the nanosecond and positions come back exactly."""
+    assert decode_command(encode_command(profile, stamp)).points == profile.points
+
+
+@pytest.mark.parametrize("name", profile_names())
+def test_shipped_profiles_are_recognised(name):
+    assert decode_command(encode_command(load_profile(name))) == load_profile(name)
+
+
+def test_other_profiles_are_not_taken_for_shipped_ones():
+    profile = decode_command(encode_command(step_profile(0.7)))
+    assert profile.name == "command"
+    assert profile.points == step_profile(0.7).points
+
+
+def test_one_point_is_a_step():
+    assert profile_from_points([(0.022, 0.4)], start=-0.4001) == load_profile("step")
+    other = profile_from_points([(0.03, 0.1)], start=-0.2, duration=0.5)
+    assert other.command(np.array([0.0, 0.0299, 0.031, 0.5])).tolist() == [-0.2, -0.2, 0.1, 0.1]
+    assert other.duration == 0.5
+
+
+@pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # an old lark of rclpy's
+def test_what_rclpy_makes_of_it():
+    """A node reads the points, and its own message gives the profile back."""
+    from rclpy.serialization import deserialize_message, serialize_message
+    from trajectory_msgs.msg import JointTrajectory
+
+    profile = load_profile("extended")
+    message = deserialize_message(encode_command(profile, 5_000_000_007), JointTrajectory)
+    assert message.header.stamp.sec == 5 and message.header.stamp.nanosec == 7
+    assert profile_from_points(command_points(message)) == profile
+    assert decode_command(serialize_message(message)) == profile
+
+
+def test_another_joint_beside_the_surface():
+    message = deserialize(encode_command(load_profile("step")), JOINT_TRAJECTORY, "x")
+    message.joint_names = ["elevator", "surface"]
+    for point in message.points:
+        point.positions = np.array([9.0, point.positions[0]])
+    assert decode_command(serialize(message, JOINT_TRAJECTORY)) == load_profile("step")
+
+
+def changed(**changes):
+    message = deserialize(encode_command(load_profile("step")), JOINT_TRAJECTORY, "x")
+    for name, value in changes.items():
+        setattr(message, name, value)
+    return message
+
+
+def point(seconds, *positions):
+    none = np.empty(0)
+    duration = message_class("builtin_interfaces/msg/Duration")
+    return message_class("trajectory_msgs/msg/JointTrajectoryPoint")(
+        positions=np.array(positions, dtype=float), velocities=none, accelerations=none,
+        effort=none, time_from_start=duration(sec=seconds, nanosec=0),
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"joint_names": ["elevator"]}, "elevator.*expected 'surface'"),
+        ({"joint_names": []}, r"\(none\)"),
+        ({"points": []}, "0 points"),
+        ({"points": [point(k, 0.0) for k in range(1001)]}, "1001 points"),
+        ({"points": [point(0, 0.0), point(1)]}, "point 1 has 0 positions"),
+        ({"points": [point(2, 0.0), point(1, 0.1)]}, "must not decrease"),
+        ({"points": [point(0, 0.0), point(1, 0.7)]}, "less than or equal to 0.6"),
+        ({"points": [point(0, 0.0), point(1, np.nan)]}, "finite"),
+        ({"points": [point(0, 0.0), point(61, 0.1)]}, "less than or equal to 60"),
+        ({"points": [point(-1, 0.0), point(1, 0.1)]}, "greater than or equal to 0"),
+    ],
+)
+def test_bad_commands(changes, match):
+    message = changed(**changes)
+    with pytest.raises(UsageError, match=match):
+        profile_from_points(command_points(message))
+    with pytest.raises(InvalidRecordError, match=match):
+        decode_command(serialize(message, JOINT_TRAJECTORY))
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.binary(max_size=200))
+def test_noise_is_an_error_of_one_line(noise):
+    with pytest.raises(InvalidRecordError) as caught:
+        decode_command(noise)
+    assert "\n" not in str(caught.value)
