@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.limits import MAX_DURATION, MAX_RATE, MAX_SAMPLES
 from ema_record.mcap_writer import DEFAULT_LEVEL
 from ema_record.metadata import read_test_metadata
-from ema_record.profile import Profile
 from ema_record.reader import BagContent, StoredMessage, read_content
 from ema_record.record import Record
 from ema_record.samples_codec import BLOCK_SIZE, decode_block, encode_block
@@ -58,8 +58,9 @@ def read_bag(
     Returns
     -------
     Record
-        A bag without our own metadata has the profile of its `/ema/command`. The status of
-        an aborted test is ``aborted`` in its provenance; it reads like any other.
+        A bag without our own metadata has the profile and the start time of its
+        `/ema/command`. The status of an aborted test is ``aborted`` in its provenance; it
+        reads like any other.
 
     Raises
     ------
@@ -74,12 +75,20 @@ def read_bag(
     samples = _samples(content, source)
     check_samples(samples, source, values=validate_values)
     found = read_test_metadata(content.metadata, source)
-    start_time = found.provenance.start_time
-    profile = found.profile or _profile(content, samples, source)
+    profile, provenance = found.profile, found.provenance
+    if profile is None:
+        command = _command(content, source)
+        profile = decode_command(
+            command.data,
+            start=float(samples[0, SURFACE_POSITION]),
+            duration=float(samples[-1, TIME]),
+        )
+        provenance = replace(provenance, start_time=command.log_time)
+    start_time = provenance.start_time
     return Record(
         samples=samples,
         profile=profile,
-        provenance=found.provenance,
+        provenance=provenance,
         dc_bus=_slow(content, DC_BUS, BATTERY_STATE, ("voltage", "current"), start_time),
         winding_temperature=_slow(
             content, WINDING_TEMPERATURE, TEMPERATURE, ("temperature",), start_time
@@ -146,8 +155,8 @@ def check_samples(samples: np.ndarray, source: str, *, values: bool = True) -> N
             )
 
 
-def _profile(content: BagContent, samples: np.ndarray, source: str) -> Profile:
-    """Return the profile of the command that was given last before the first samples."""
+def _command(content: BagContent, source: str) -> StoredMessage:
+    """Return the command that was given last before the first samples."""
     commands = content.messages.get(COMMAND, [])
     if not commands:
         raise InvalidRecordError(
@@ -156,11 +165,7 @@ def _profile(content: BagContent, samples: np.ndarray, source: str) -> Profile:
         )
     first = content.messages[SAMPLES][0].log_time
     before = [message for message in commands if message.log_time <= first]
-    return decode_command(
-        (before or commands[:1])[-1].data,
-        start=float(samples[0, SURFACE_POSITION]),
-        duration=float(samples[-1, TIME]),
-    )
+    return (before or commands[:1])[-1]
 
 
 def _slow(
