@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from ema_record.channels import SURFACE_POSITION, TIME
-from ema_record.errors import InvalidRecordError, UsageError
+from ema_record.errors import IncompleteRecordError, InvalidRecordError, UsageError
 from ema_record.limits import MAX_DURATION, MAX_RATE, MAX_SAMPLES
 from ema_record.mcap_writer import DEFAULT_LEVEL
-from ema_record.metadata import read_test_metadata
+from ema_record.metadata import TestMetadata, read_test_metadata
 from ema_record.reader import BagContent, StoredMessage, read_content
 from ema_record.record import Record
 from ema_record.samples_codec import BLOCK_SIZE, decode_block, encode_block
@@ -67,17 +67,30 @@ def read_bag(
     InvalidRecordError
         No bag, damaged, or not a record of the actuator's test.
     IncompleteRecordError
-        The recording was cut.
+        The recording was cut, or the test ended before a sample was recorded.
 
     """
     source = str(path)
     content = read_content(Path(path), _READ_TOPICS, validate_crcs=validate_crcs)
+    found = read_test_metadata(content.metadata, source)
+    if found.provenance.status != "complete" and not content.messages.get(SAMPLES):
+        raise IncompleteRecordError(
+            f"{source}: the test was {found.provenance.status} before a sample was recorded: "
+            "record the test again"
+        )
     samples = _samples(content, source)
     check_samples(samples, source, values=validate_values)
-    found = read_test_metadata(content.metadata, source)
+    try:
+        return _record(content, found, samples)
+    except InvalidRecordError as error:
+        raise InvalidRecordError(f"{source}: {error}") from None
+
+
+def _record(content: BagContent, found: TestMetadata, samples: np.ndarray) -> Record:
+    """Join what was read; errors name the topic, not the bag."""
     profile, provenance = found.profile, found.provenance
     if profile is None:
-        command = _command(content, source)
+        command = _command(content)
         profile = decode_command(
             command.data,
             start=float(samples[0, SURFACE_POSITION]),
@@ -101,7 +114,10 @@ def _samples(content: BagContent, source: str) -> np.ndarray:
     blocks = []
     count = 0
     for message in content.messages.get(SAMPLES, []):
-        block = decode_block(message.data)
+        try:
+            block = decode_block(message.data)
+        except InvalidRecordError as error:
+            raise InvalidRecordError(f"{source}: {error}") from None
         count += len(block)
         if count > MAX_SAMPLES:
             raise InvalidRecordError(f"{source}: more than {MAX_SAMPLES} samples: split the bag")
@@ -155,13 +171,13 @@ def check_samples(samples: np.ndarray, source: str, *, values: bool = True) -> N
             )
 
 
-def _command(content: BagContent, source: str) -> StoredMessage:
+def _command(content: BagContent) -> StoredMessage:
     """Return the command that was given last before the first samples."""
     commands = content.messages.get(COMMAND, [])
     if not commands:
         raise InvalidRecordError(
-            f"{source}: neither test metadata nor a message on {COMMAND}: the test profile is "
-            f"not known; record {COMMAND} too"
+            f"neither test metadata nor a message on {COMMAND}: the test profile is not known; "
+            f"record {COMMAND} too"
         )
     first = content.messages[SAMPLES][0].log_time
     before = [message for message in commands if message.log_time <= first]

@@ -107,9 +107,9 @@ def _write_parquet(record: Record, path: Path) -> None:
         },
     )
     columns = [np.ascontiguousarray(column) for column in record.samples.T]
-    with new_file(path) as temporary:
+    with new_file(path) as temporary, temporary.open("xb") as file:
         try:
-            pq.write_table(pa.Table.from_arrays(columns, schema=schema), temporary)
+            pq.write_table(pa.Table.from_arrays(columns, schema=schema), file)
         except pa.ArrowException as error:
             raise OutputError(f"{path}: cannot be written ({str(error)[:80]})") from None
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from ema_record.errors import OutputError
@@ -49,7 +49,7 @@ def sync_directory(path: Path) -> None:
         os.close(descriptor)
 
 
-@contextmanager
+@contextlib.contextmanager
 def new_file(path: Path) -> Iterator[Path]:
     """Give a temporary path beside `path` to write to; it is renamed on success.
 
@@ -71,4 +71,5 @@ def new_file(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise cannot_write(path, error) from None
     finally:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # there is none where it could not be made
+            temporary.unlink(missing_ok=True)
