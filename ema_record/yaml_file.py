@@ -8,6 +8,11 @@ import yaml
 
 from ema_record.errors import UsageError
 
+MAX_DEPTH = 50
+"""Deepest nesting of lists and mappings."""
+
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
 
 def load_yaml(path: Path, *, max_bytes: int = 1 << 20) -> object:
     """Return what the YAML file holds (safe loader, no aliases, bounded size)."""
@@ -20,7 +25,8 @@ def load_yaml(path: Path, *, max_bytes: int = 1 << 20) -> object:
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror or error}: check the file name") from None
     try:
-        return yaml.load(text, Loader=_StrictLoader)  # noqa: S506  (a safe loader)
+        _check_structure(text)
+        return yaml.load(text, Loader=_LOADER)  # noqa: S506  (a safe loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         line = f" line {mark.line + 1}:" if mark is not None else ""
@@ -28,11 +34,22 @@ def load_yaml(path: Path, *, max_bytes: int = 1 << 20) -> object:
         raise UsageError(f"{path}:{line} malformed YAML: {what}") from None
 
 
-class _StrictLoader(yaml.SafeLoader):
-    """Safe loader without aliases (no exponential expansion)."""
+def _check_structure(text: str) -> None:
+    """Refuse aliases (exponential expansion) and deep nesting before anything is built."""
+    depth = 0
+    for event in yaml.parse(text, Loader=_LOADER):
+        if isinstance(event, yaml.AliasEvent):
+            raise _refused("aliases are not allowed", event)
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        if depth > MAX_DEPTH:
+            raise _refused(f"nested deeper than {MAX_DEPTH} levels", event)
 
-    def compose_node(self, parent, index):
-        if self.check_event(yaml.AliasEvent):
-            mark = self.peek_event().start_mark
-            raise yaml.composer.ComposerError(None, None, "aliases are not allowed", mark)
-        return super().compose_node(parent, index)
+
+def _refused(problem: str, event: yaml.Event) -> yaml.MarkedYAMLError:
+    """Return the error for something that YAML allows and we do not."""
+    error = yaml.MarkedYAMLError(problem=problem)
+    error.problem_mark = event.start_mark  # type: ignore[assignment]
+    return error

@@ -1,0 +1,46 @@
+"""YAML that people write: bounded, one clear line with the place of the error."""
+
+import pytest
+
+from ema_record.errors import UsageError
+from ema_record.yaml_file import load_yaml
+
+
+def written(tmp_path, text):
+    path = tmp_path / "a.yaml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def test_what_is_written_is_read(tmp_path):
+    path = written(tmp_path, "name: step\npoints: [[0.0, -0.4], [1e-3, 0.4]]\nwindow: null\n")
+    assert load_yaml(path) == {
+        "name": "step", "points": [[0.0, -0.4], ["1e-3", 0.4]], "window": None,
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("a: [1, 2\nb: 3", "line 2: malformed YAML"),
+        ("a: 1\n  b: 2", "line 2: malformed YAML: mapping values are not allowed"),
+        ("a: &x [1]\nb: *x\n", "line 2: malformed YAML: aliases are not allowed"),
+        ("a: !!python/object/apply:os.system [ls]", "could not determine a constructor"),
+        ("[" * 5000, "malformed YAML"),
+        ("[" * 60 + "]" * 60, "nested deeper than 50 levels"),
+        ("a: 1\n---\nb: 2\n", "but found another document"),
+        ("a: 2026-13-45", "malformed YAML"),
+        (b"\xff\xfe\xfa", "not UTF-8"),
+        ("a: \x00", "malformed YAML"),
+        ("x" * (2 << 20), "at most 1048576"),
+    ],
+)
+def test_errors_are_one_line(tmp_path, text, match):
+    with pytest.raises(UsageError, match=match) as caught:
+        load_yaml(written(tmp_path, text))
+    assert "\n" not in str(caught.value) and str(tmp_path / "a.yaml") in str(caught.value)
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(UsageError, match="No such file"):
+        load_yaml(tmp_path / "nothing.yaml")
