@@ -1,6 +1,6 @@
 """Cost of reading and writing bags, a sample, all channels; and that of other readers.
 
-Run: ``python benchmarks/reading.py`` (from the checkout, or with the package installed).
+Run from the checkout: ``python -m benchmarks.reading``.
 
 Every reader must return exactly the samples that were written, or the benchmark fails. The
 bags are those of `ema simulate` (both test profiles, 2 kHz views included).
@@ -15,8 +15,6 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 from mcap.reader import make_reader
