@@ -1,16 +1,27 @@
 """Build of the ROS 2 package `ema_phm` (ament_python); also installs with pip."""
 
-from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
 NAME = "ema_phm"
 
+
+def shared_files(folder: str) -> list[tuple[str, list[str]]]:
+    """Return `data_files` that put every file below `folder` into the package's share folder."""
+    folders = [path for path in [Path(folder), *sorted(Path(folder).rglob("*"))] if path.is_dir()]
+    return [
+        (f"share/{NAME}/{path}", sorted(str(file) for file in path.iterdir() if file.is_file()))
+        for path in folders
+    ]
+
+
+
 setup(
     name=NAME,
     version="0.1.0",
     description="Pre/post-flight built-in test of electromechanical actuators on ROS 2",
-    long_description=open("README.md", encoding="utf-8").read(),
+    long_description=Path("README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",
     author="The ema_phm developers",
     maintainer="The ema_phm developers",
@@ -21,9 +32,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/ema_phm"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/config", sorted(f for f in glob("config/*.*"))),
-        (f"share/{NAME}/config/profiles", sorted(glob("config/profiles/*.yaml"))),
-        (f"share/{NAME}/config/models", sorted(glob("config/models/*.json"))),
+        *shared_files("config"),
     ],
     python_requires=">=3.10",
     install_requires=[
@@ -31,6 +40,7 @@ setup(
         "numpy",
         "scipy",
         "scikit-learn",
+        "threadpoolctl",
         "numba",
         "mcap",
         "zstandard",
@@ -55,6 +65,8 @@ setup(
             "mcap-ros2-support",
             "ruff",
             "mypy",
+            "flake8",
+            "pydocstyle",
             "types-PyYAML",
             "scipy-stubs",
             "ros-jazzy-ament-flake8",

@@ -1,0 +1,65 @@
+# Set-up and the two jobs: `make bit` runs the built-in test, `make test` runs all tests.
+# Needs only Python 3.10 to 3.13 (with venv), make and a C compiler. Safe to run again, in any order.
+
+PYTHON  ?= python3
+VENV    ?= .venv
+PROFILE ?= extended
+EFFECT  ?= turn_short.fraction=0.1 turn_short.phase=b
+BIT_OPTIONS ?=
+TESTS   ?= test
+PYTEST_OPTIONS ?=
+
+RUN_EXTRAS  := ros,export
+TEST_EXTRAS := ros,export,dask,test
+
+# A stamp is written last: an installation that was interrupted leaves none.
+RUN_STAMP  := $(VENV)/.installed-run
+TEST_STAMP := $(VENV)/.installed-test
+UNFINISHED := $(VENV)/.installing
+
+PIP := $(VENV)/bin/python -m pip install -qq -c constraints.txt
+EFFECT_OPTIONS := $(foreach effect,$(filter-out none,$(EFFECT)),--effect '$(effect)')
+
+.PHONY: help bit test
+.DELETE_ON_ERROR:
+
+help:
+	@echo 'make bit    run the built-in test: actuator, monitor and prognostics as three processes'
+	@echo '            EFFECT="$(EFFECT)" is hidden in the actuator (EFFECT=none: nothing)'
+	@echo '            PROFILE=$(PROFILE) (or step); BIT_OPTIONS= further options of `ema bit`'
+	@echo 'make test   run all tests; TESTS=test/unit for some, PYTEST_OPTIONS= options of pytest'
+	@echo 'The environment is $(VENV), made by $(PYTHON) (PYTHON= another); delete it to begin anew.'
+
+bit: $(RUN_STAMP)
+	@$(VENV)/bin/ema bit --profile '$(PROFILE)' $(EFFECT_OPTIONS) $(BIT_OPTIONS); \
+	status=$$?; \
+	case $$status in \
+		0) echo 'make bit: done, the actuator is healthy (ema bit: 0)' ;; \
+		1) echo 'make bit: done, a fault was found (ema bit: 1)' ;; \
+		3) echo 'make bit: done, no certain verdict (ema bit: 3)' ;; \
+		*) echo "make bit: failed (ema bit: $$status)" >&2; exit $$status ;; \
+	esac
+
+test: $(TEST_STAMP)
+	@$(VENV)/bin/python -m pytest $(PYTEST_OPTIONS) $(TESTS)
+
+# $(call install,EXTRAS): an environment whose last installation was cut short is made anew.
+define install
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' \
+		|| { echo 'make: $(PYTHON) is not Python 3.10 to 3.13; use make PYTHON=python3.11' >&2; exit 2; }
+	@if [ -e $(UNFINISHED) ] || ! $(VENV)/bin/python -m pip --version >/dev/null 2>&1; then \
+		$(PYTHON) -m venv --clear $(VENV); \
+	fi
+	@touch $(UNFINISHED)
+	@echo 'make: installing ema_phm[$(1)] into $(VENV), about a minute the first time'
+	@$(PIP) pip setuptools wheel
+	@$(PIP) --no-build-isolation --config-settings editable_mode=compat -e '.[$(1)]'
+	@rm $(UNFINISHED)
+	@touch $@
+endef
+
+$(RUN_STAMP): constraints.txt setup.py
+	$(call install,$(RUN_EXTRAS))
+
+$(TEST_STAMP): $(RUN_STAMP)
+	$(call install,$(TEST_EXTRAS))
