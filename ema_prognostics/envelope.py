@@ -34,20 +34,17 @@ def envelopes(turns: Turns) -> tuple[np.ndarray, np.ndarray]:
     return fold(turns, current.max(axis=1)), fold(turns, current.min(axis=1))
 
 
-def maximum_and_mean(turns: Turns) -> tuple[float, float]:
-    """Return maximum and mean of the upper envelope over a turn (A)."""
-    upper, _ = envelopes(turns)
-    return float(upper.max()), float(upper.mean())
-
-
-def symmetry(turns: Turns) -> float:
+def symmetry(upper: np.ndarray, lower: np.ndarray) -> float:
     """Return how the negative portions relate to the positive ones, -1 to 1.
 
     The correlation of the upper envelope with the lower envelope half a turn later: the
     negative portion of the same phase. -1: symmetric to the horizontal axis; +1: shifted.
+
+    Parameters
+    ----------
+    upper, lower : ndarray, shape (bins,). From `envelopes` (A).
     """
-    upper, lower = envelopes(turns)
-    later = np.roll(lower, -BINS // 2)
+    later = np.roll(lower, -len(lower) // 2)
     a, b = upper - upper.mean(), later - later.mean()
     norm = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / norm if norm > 0.0 else 0.0
