@@ -1,0 +1,112 @@
+"""The life of a node's process: environment, signals, one-line errors, exit status.
+
+The client library is handed in by the node, so that nothing here needs ROS.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from types import FrameType
+from typing import Any
+
+from ema_record.errors import EmaError
+
+PARENT = "EMA_PHM_PARENT"
+"""Environment variable: id of the process with which this one is to end."""
+SPIN_PERIOD = 0.1
+"""Longest wait of the executor before it looks at signals again (s)."""
+_PR_SET_PDEATHSIG = 1
+
+
+def prepare_environment() -> None:
+    """Let the client library find its interfaces where wheels installed it."""
+    os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
+
+
+class StopSignal:
+    """Set by SIGINT or SIGTERM.
+
+    While `gentle` the handlers do nothing else, so that no work is torn apart; before that,
+    while the node is being made, they interrupt it.
+    """
+
+    def __init__(self) -> None:
+        """Not set yet."""
+        self.number = 0
+        self.gentle = False
+
+    def __bool__(self) -> bool:
+        """Whether the process was asked to stop."""
+        return self.number != 0
+
+    def install(self) -> None:
+        """Take over SIGINT and SIGTERM."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._handle)
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        self.number = number
+        if not self.gentle:
+            raise KeyboardInterrupt
+
+
+def end_with_parent() -> None:
+    """End this process when the one named by `PARENT` ends, however that happens (Linux)."""
+    parent = os.environ.get(PARENT, "")
+    if not parent.isdigit():
+        return
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != int(parent):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+def run_node(
+    ros: Any,
+    make_executor: Callable[[], Any],
+    make_node: Callable[[StopSignal], Any],
+    args: Sequence[str] | None = None,
+) -> int:
+    """Run one node until it is told to stop; return the exit status of the process.
+
+    Parameters
+    ----------
+    ros : the client library, the module ``rclpy``.
+    make_executor : returns the executor.
+    make_node : takes the stop signal, returns the node. Its ``shut_down()`` is called before
+        the middleware ends, its ``exit_status`` is returned.
+    args : command line, default that of the process.
+    """
+    prepare_environment()
+    stop = StopSignal()
+    try:
+        stop.install()
+        end_with_parent()
+        ros.init(args=args, signal_handler_options=ros.signals.SignalHandlerOptions.NO)
+    except (RuntimeError, ValueError) as error:  # the arguments of the client library
+        print(f"error: {(str(error).splitlines() or [''])[0]}", file=sys.stderr, flush=True)
+        return 2
+    except KeyboardInterrupt:
+        return 0
+    node = None
+    try:
+        node = make_node(stop)
+        stop.gentle = True
+        executor = make_executor()
+        executor.add_node(node)
+        while not stop and node.exit_status is None:
+            executor.spin_once(timeout_sec=SPIN_PERIOD)
+        node.shut_down()
+        return node.exit_status or 0
+    except (KeyboardInterrupt, ros.executors.ExternalShutdownException):
+        return 0
+    except EmaError as error:
+        print(f"error: {error}", file=sys.stderr, flush=True)
+        return error.exit_status
+    finally:
+        if node is not None:
+            node.destroy_node()
+        ros.try_shutdown()

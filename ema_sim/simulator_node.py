@@ -1,0 +1,165 @@
+"""The node `ema_sim`: an emulated actuator on the topics of the graph."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+
+import rclpy
+import rclpy.executors
+from rclpy.node import Node
+from trajectory_msgs.msg import JointTrajectory
+
+from ema_record.errors import EmaError, UsageError
+from ema_record.node_parameters import Value, check_values
+from ema_record.node_process import StopSignal, run_node
+from ema_record.standard_messages import stamp_of
+from ema_record.topics import (
+    COMMAND,
+    DC_BUS,
+    JOINT_STATES,
+    PHASE_CURRENTS,
+    SAMPLES,
+    WINDING_TEMPERATURE,
+)
+from ema_record.trajectory import command_points
+from ema_sim.messages import (
+    OK,
+    WARN,
+    DiagnosticsPublisher,
+    declare_parameters,
+    diagnostic_status,
+    given_parameters,
+    make_publisher,
+    make_subscription,
+    on_parameters,
+)
+from ema_sim.node_settings import MODEL_FILE, load_model, parameter_specs, settings_from
+from ema_sim.server import ActuatorServer
+
+NODE_NAME = "ema_sim"
+TICK = 0.005
+"""Interval at which due blocks are looked for (s)."""
+DIAGNOSTICS_PERIOD = 1.0
+MATCH_TIMEOUT = 1.0
+"""Longest wait, after a command, for all readers of the samples to be matched (s)."""
+
+
+class SimulatorNode(Node):
+    """Executes commands on `/ema/command`, publishes what the transducers measure."""
+
+    def __init__(self, stop: StopSignal) -> None:
+        """Read the parameters, compile, then appear on the graph."""
+        super().__init__(NODE_NAME)
+        self.exit_status: int | None = None
+        self._stop = stop
+        (model_file,) = declare_parameters(self, [MODEL_FILE]).values()
+        self._model = load_model(str(model_file))
+        specs = parameter_specs(self._model.effects)
+        check_values(specs, given_parameters(self))
+        self._values: dict[str, Value] = declare_parameters(
+            self, [spec for spec in specs if spec is not MODEL_FILE]
+        )
+        settings = settings_from(self._values, self._model)
+        self._server = ActuatorServer(settings)
+        on_parameters(self, specs, self._reconfigure)
+        self._outputs = {
+            topic: make_publisher(self, topic)
+            for topic in (SAMPLES, JOINT_STATES, PHASE_CURRENTS, DC_BUS, WINDING_TEMPERATURE)
+        }
+        self._diagnostics = DiagnosticsPublisher(self)
+        self._message = "ready"
+        self._level = OK
+        self._pending: tuple[float, list[tuple[float, float]], int] | None = None
+        make_subscription(self, COMMAND, self._on_command)
+        self.create_timer(TICK, self._tick)
+        self.create_timer(DIAGNOSTICS_PERIOD, self._publish_status)
+        self.get_logger().info("ready")
+
+    def _on_command(self, message: JointTrajectory) -> None:
+        try:
+            points = command_points(message)
+        except EmaError as error:
+            self._refuse(error)
+            return
+        self._pending = (time.monotonic() + MATCH_TIMEOUT, points, stamp_of(message))
+        self._begin_pending()
+
+    def _begin_pending(self) -> None:
+        """Begin the command that waits once every reader will get its first sample."""
+        if self._pending is None:
+            return
+        deadline, points, stamp = self._pending
+        matched = self._outputs[SAMPLES].get_subscription_count()
+        if matched < self.count_subscribers(SAMPLES) and time.monotonic() < deadline:
+            return
+        self._pending = None
+        try:
+            self._server.command(points, stamp)
+        except EmaError as error:
+            self._refuse(error)
+            return
+        self._level, self._message = OK, "command accepted"
+        self._publish_status()
+
+    def _refuse(self, error: EmaError) -> None:
+        self.get_logger().warning(f"command refused: {error}")
+        self._level, self._message = WARN, f"command refused: {error}"
+        self._publish_status()
+
+    def _tick(self) -> None:
+        self._begin_pending()
+        was_active = self._server.active
+        try:
+            for topic, data in self._server.poll():
+                self._publish(topic, data)
+        except EmaError as error:
+            self.get_logger().fatal(str(error))
+            print(f"error: {error}", file=sys.stderr, flush=True)
+            self.exit_status = error.exit_status
+            return
+        if was_active and not self._server.active:
+            self._message = "command executed"
+            self._publish_status()
+
+    def _publish(self, topic: str, data: bytes) -> None:
+        """Publish; a full history of slow readers is waited for, so that nothing is lost."""
+        while not self._stop:
+            try:
+                self._outputs[topic].publish(data)
+                return
+            except RuntimeError:  # RCLError: the middleware gave up after 100 ms
+                self.get_logger().warning(f"{topic}: a reader is slow, waiting for it")
+
+    def _publish_status(self) -> None:
+        values = self._server.status()
+        values["sample_readers"] = str(self._outputs[SAMPLES].get_subscription_count())
+        self._diagnostics.publish(diagnostic_status(
+            "ema_sim: actuator", self._level, self._message, values,
+            self._server.settings.serial_number,
+        ))
+
+    def _reconfigure(self, changed: dict[str, Value]) -> None:
+        if not changed:
+            return
+        if self._server.active:
+            raise UsageError(
+                f"parameter {next(iter(changed))}: the actuator executes a command: "
+                "set it when it is idle"
+            )
+        values = {**self._values, **changed}
+        self._server.reconfigure(settings_from(values, self._model))
+        self._values = values
+
+    def shut_down(self) -> None:
+        """Nothing is left to do: the samples of a run that is cut are simply not made."""
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run_node(rclpy, rclpy.executors.SingleThreadedExecutor, SimulatorNode, args))
+
+
+if __name__ == "__main__":
+    main()
