@@ -34,7 +34,7 @@ class SensorNoise:
         self._current_sigma = level * actuator.noise.current * np.sqrt(rate / DEFAULT_RATE)
 
     def inside(self, n: int) -> np.ndarray:
-        """Return noise of speed (rad/s) and position (rad), shape (n, 2), a control period each."""
+        """Return noise of speed (rad/s) and position (rad), shape (n, 2), one a period."""
         return self._inside.standard_normal((n, 2)) * self._inside_sigma
 
     def currents(self, n: int) -> np.ndarray:

@@ -18,6 +18,7 @@ TURN = 2.0 * math.pi
 THIRD = TURN / 3.0
 SECTOR = math.pi / 3.0
 FIRST_EDGE = math.pi / 6.0
+BEYOND_EDGE = 1e-9
 
 
 @law
@@ -48,7 +49,22 @@ def trapezoid(theta: float, flat_top: float) -> float:
 @law
 def sector_of(theta: float) -> int:
     """Return the commutation sector 0..5 of the paper's Table 1; sector 0 is 30° to 90°."""
-    return int(math.floor((theta - FIRST_EDGE) / SECTOR)) % 6
+    return math.floor((theta - FIRST_EDGE) / SECTOR) % 6
+
+
+@law
+def sector_ahead(theta: float, direction: float) -> tuple[int, float]:
+    """Return the commutation sector and the angle to its end (rad).
+
+    Parameters
+    ----------
+    theta : angle of the commutation sensor (rad).
+    direction : +1 or -1, of the rotation; on an edge (to 1e-9) the sector that it enters.
+    """
+    place = (theta - FIRST_EDGE) * (1.0 / SECTOR)
+    floor = math.floor(place + direction * BEYOND_EDGE)
+    gap = floor + 1.0 - place if direction > 0.0 else place - floor
+    return int(floor) % 6, (gap + BEYOND_EDGE) * SECTOR
 
 
 @law

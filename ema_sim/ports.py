@@ -179,6 +179,19 @@ def gear_slope(e: Effects, gear: Gear, theta_r: float) -> float:
     return 1.0 / gear.ratio + gear_mesh_ripple.error_slope(e.gear_mesh_ripple, theta_r)
 
 
+@law
+def ripple_periods(e: Effects, motor: Motor) -> float:
+    """Periods a mechanical turn of the finest active ripple; the back-EMF's ramps count as 1."""
+    finest = 1.0
+    if e.back_emf_shape.fifth_harmonic != 0.0:
+        finest = 5.0 * motor.pole_pairs
+    if e.cogging_torque.amplitude != 0.0:
+        finest = max(finest, e.cogging_torque.periods)
+    if e.gear_mesh_ripple.amplitude != 0.0:
+        finest = max(finest, e.gear_mesh_ripple.periods)
+    return finest
+
+
 # --- load ----------------------------------------------------------------------------------
 
 

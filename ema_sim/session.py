@@ -144,8 +144,9 @@ class ActuatorSession:
     def _bus_voltage(self, current: float) -> float:
         """Return the voltage between the rails (V) at the mean bus current (A)."""
         e = self.effects
-        open_circuit = 2.0 * self.actuator.inverter.bus_voltage * (1.0 + e.bus_voltage_change.change)
-        return open_circuit - e.bus_voltage_sag.resistance * current
+        nominal = 2.0 * self.actuator.inverter.bus_voltage
+        sag = e.bus_voltage_sag.resistance * current
+        return nominal * (1.0 + e.bus_voltage_change.change) - sag
 
     def _run(self, n: int) -> np.ndarray:
         assert self._profile is not None

@@ -29,7 +29,7 @@ EFFECT = Effect(
     port="winding",
     severity=("flat_top_change", "fifth_harmonic", "sine_share"),
     equation="shape = (1-s) trapezoid(θ, top + change) + s sin θ + c5 sin 5θ",
-    reference="Pillay and Krishnan 1989, IEEE Trans. Ind. Appl. 25(2) (BLDC with non-ideal back-EMF)",
+    reference="Pillay and Krishnan 1989, IEEE Trans. Ind. Appl. 25(2) (back-EMF of BLDC drives)",
 )
 
 

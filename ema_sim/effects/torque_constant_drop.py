@@ -20,7 +20,7 @@ EFFECT = Effect(
     port="winding",
     severity=("drop",),
     equation="k -> k (1 - drop)",
-    reference="Hendershot and Miller, Design of Brushless Permanent-Magnet Machines (demagnetisation)",
+    reference="Hendershot and Miller, Design of Brushless Permanent-Magnet Machines",
 )
 
 
