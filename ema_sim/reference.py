@@ -1,0 +1,264 @@
+"""The reference: a plain fixed-step loop that anyone can check by reading it once.
+
+Semi-implicit Euler at 0.1 µs: currents, then speeds, then angles, everything looked at in
+every step, nothing predicted, nothing located, nothing kept from the step before. It shares the laws
+and the ports with `kernel` and none of its logic; it is some fifty times slower.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+from numba import njit
+
+from ema_record.channels import DEFAULT_RATE, N_CHANNELS
+from ema_record.errors import SimulationError, UsageError
+from ema_record.profile import Profile
+from ema_record.record import Provenance, Record
+from ema_record.version import VERSION
+from ema_sim import ports
+from ema_sim import state as st
+from ema_sim.acquisition import SensorNoise, convert, effective_converters
+from ema_sim.actuator import load_actuator
+from ema_sim.compile import source_hash
+from ema_sim.control import clip, quantise, speed_control
+from ema_sim.effects import Effects
+from ema_sim.electrical import reference_signs, sector_of, wrap
+from ema_sim.mechanics import net_torque, shaft_torque
+from ema_sim.parameters import Actuator
+
+STEP = 1e-7
+"""Default step (s)."""
+BUS_CURRENT = N_CHANNELS
+"""Column of the loop's output that no channel has: mean bus current (A)."""
+AUXILIARY_PERIOD = 0.1
+
+
+@cache
+def loop() -> Callable[..., None]:
+    """Return the compiled loop of the present sources (see `compile`)."""
+    return _build(source_hash())
+
+
+def _build(sources: str) -> Callable[..., None]:
+    @njit(cache=True, error_model="numpy")
+    def run(
+        a: Actuator,
+        e: Effects,
+        state: np.ndarray,
+        command: np.ndarray,
+        noise: np.ndarray,
+        inverter_on: int,
+        steps_a_period: int,
+        steps_a_sample: int,
+        dt: float,
+        out: np.ndarray,
+    ) -> None:
+        """Fill `out`, shape (n, 11), with means over each sample of `steps_a_sample` steps.
+
+        `command` (rad) and `noise` (rad/s, rad) have a row for each control period of
+        `steps_a_period` steps; the inverter drives from step `inverter_on` on.
+        """
+        _ = sources
+        motor, shaft, gear, control = a.motor, a.shaft, a.gear, a.control
+        legs, signs = np.ones(3), np.zeros(3)
+        i, x, k, sensed = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+        v, g = np.zeros(3), np.zeros(3)
+        omega_m, omega_s = state[st.OMEGA_M], state[st.OMEGA_S]
+        theta_m, theta_s = state[st.THETA_M], state[st.THETA_S]
+        theta_0 = state[st.THETA_0]
+        top = ports.flat_top(e, motor)
+        delay = ports.delay_periods(e, a)
+        asked = np.zeros(len(command))
+        integral, i_set, noise_w, noise_q = 0.0, 0.0, 0.0, 0.0
+
+        for n in range(len(out) * steps_a_sample):
+            theta_r = theta_m + theta_0
+            theta_e = wrap(motor.pole_pairs * theta_r)
+
+            # Position and speed control, once a period; its reference may be late.
+            if n % steps_a_period == 0:
+                p = n // steps_a_period
+                noise_w, noise_q = noise[p]
+                if n >= inverter_on:
+                    position = quantise(
+                        theta_s + ports.position_offset(e) + noise_q,
+                        ports.position_step(e, a.converters), a.converters.position_range,
+                    )
+                    speed = quantise(
+                        omega_m * ports.speed_factor(e, theta_r) + noise_w,
+                        ports.speed_step(e, a.converters), a.converters.speed_range,
+                    )
+                    omega_ref = clip(
+                        control.position_gain * (command[p] - position), control.speed_limit
+                    )
+                    asked[p], integral = speed_control(
+                        omega_ref - speed, integral, control.proportional_gain,
+                        control.integral_gain, control.period, a.inverter.current_limit,
+                    )
+                whole = int(delay)
+                newer = asked[p - whole] if p >= whole else 0.0
+                older = asked[p - whole - 1] if p >= whole + 1 else 0.0
+                i_set = newer + (delay - whole) * (older - newer)
+
+            # Commutation and relays.
+            sector = sector_of(theta_e + ports.commutation_angle(e))
+            signs[0], signs[1], signs[2] = reference_signs(sector)
+            for j in range(3):
+                sensed[j] = i[j] * ports.current_gain(e, j) + ports.current_offset(e, j)
+                if sensed[j] >= signs[j] * i_set + a.inverter.hysteresis:
+                    legs[j] = -1.0
+                elif sensed[j] <= signs[j] * i_set - a.inverter.hysteresis:
+                    legs[j] = 1.0
+
+            # Electrical: L di/dt = v - v_n - R i - k ω, star point floating.
+            bus_current = 0.0
+            for j in range(3):
+                k[j] = ports.back_emf_constant(e, motor, top, j, theta_e, theta_r, i[j])
+            if n >= inverter_on:
+                bus_current = 0.5 * (legs[0] * i[0] + legs[1] * i[1] + legs[2] * i[2])
+                rail = ports.leg_voltage(e, a.inverter.bus_voltage)
+                rail -= ports.rail_drop(e, bus_current)
+                above, below = 0.0, 0.0
+                for j in range(3):
+                    v[j] = rail * legs[j] - ports.switch_drop(e, i[j])
+                    x[j] = v[j] - ports.phase_resistance(e, motor, j) * i[j] - k[j] * omega_m
+                    g[j] = 1.0 / ports.phase_inductance(e, motor, j, i[j])
+                    above += x[j] * g[j]
+                    below += g[j]
+                for j in range(3):
+                    i[j] += dt * (x[j] - above / below) * g[j]
+
+            # Mechanical: motor, shaft, surface.
+            torque = clip(k[0] * i[0] + k[1] * i[1] + k[2] * i[2], motor.torque_limit)
+            torque += ports.added_motor_torque(e, motor, k[0], k[1], k[2], omega_m, theta_r)
+            slope = ports.gear_slope(e, gear, theta_r)
+            on_shaft = shaft_torque(
+                ports.gear_output(e, gear, theta_m, theta_r) - theta_s,
+                omega_m * slope - omega_s,
+                ports.shaft_stiffness(e, shaft), shaft.damping, ports.lost_motion(e, shaft),
+            )
+            back_driven = on_shaft * omega_m < 0.0
+            loss = gear.efficiency if back_driven else 1.0 / gear.efficiency
+            on_motor = on_shaft * slope * loss
+            dynamic, static = ports.motor_dry_friction(e, motor, omega_m, on_motor)
+            active = torque - on_motor - ports.motor_viscous_friction(e, motor, omega_m)
+            before = omega_m
+            omega_m += dt * net_torque(omega_m, active, dynamic, static) / ports.motor_inertia(
+                e, motor
+            )
+            if before * omega_m < 0.0:
+                omega_m = 0.0
+            dynamic, static = ports.surface_dry_friction(e, a.surface)
+            active = on_shaft - ports.load_torque(e, theta_s)
+            active -= a.surface.viscous_friction * omega_s
+            before = omega_s
+            omega_s += dt * net_torque(omega_s, active, dynamic, static) / ports.surface_inertia(
+                e, a.surface
+            )
+            if before * omega_s < 0.0:
+                omega_s = 0.0
+            theta_m += dt * omega_m
+            theta_s += dt * omega_s
+            if abs(theta_s) > a.surface.end_stop:
+                theta_s = math.copysign(a.surface.end_stop, theta_s)
+                omega_s = 0.0
+
+            # Acquisition: sums over the sample.
+            row = n // steps_a_sample
+            theta_r = theta_m + theta_0
+            out[row, 1] += omega_m * ports.speed_factor(e, theta_r) + noise_w
+            for j in range(3):
+                out[row, 2 + j] += i[j] * ports.current_gain(e, j) + ports.current_offset(e, j)
+                out[row, 5 + j] += signs[j] * i_set
+            out[row, 8] += motor.pole_pairs * theta_r + ports.commutation_angle(e)
+            out[row, 9] += theta_s + ports.position_offset(e) + noise_q
+            out[row, 10] += bus_current
+
+        out /= steps_a_sample
+        for row in range(len(out)):
+            out[row, 0] = (row + 0.5) * steps_a_sample * dt
+        state[st.OMEGA_M], state[st.OMEGA_S] = omega_m, omega_s
+        state[st.THETA_M], state[st.THETA_S] = theta_m, theta_s
+        state[st.I_A], state[st.I_B], state[st.I_C] = i
+
+    return run
+
+
+def simulate_reference(
+    profile: Profile,
+    *,
+    actuator: Actuator | None = None,
+    effects: Effects | None = None,
+    seed: int = 0,
+    noise: float = 1.0,
+    rate: float = DEFAULT_RATE,
+    start_angle: float | None = None,
+    step: float = STEP,
+) -> Record:
+    """Run one test with the fixed-step loop; arguments, noise and record as `simulate`.
+
+    Parameters
+    ----------
+    profile, actuator, effects, seed, noise, rate, start_angle : see `simulate.simulate`.
+    step : length of a step (s); control period and sample must be multiples of it.
+
+    Raises
+    ------
+    UsageError
+        The step does not divide the control period or the sample.
+    SimulationError
+        A value is not finite.
+    """
+    a = actuator if actuator is not None else load_actuator()
+    e = effects if effects is not None else Effects()
+    steps_a_period = _steps("control period", a.control.period, step)
+    steps_a_sample = _steps("sample", 1.0 / rate, step)
+    if start_angle is None:
+        start_angle = float(np.random.default_rng([seed, 1]).uniform(0.0, 2.0 * math.pi))
+    n = round(profile.duration * rate)
+    periods = -(-n * steps_a_sample // steps_a_period)
+    sensor_noise = SensorNoise(a, seed, noise, rate)
+    out = np.zeros((n, N_CHANNELS + 1))
+    loop()(
+        a, e, st.initial_state(a, profile.start, start_angle),
+        profile.command(np.arange(periods) * a.control.period + 1e-9),
+        sensor_noise.inside(periods), round(profile.inverter_off / step),
+        steps_a_period, steps_a_sample, step, out,
+    )
+    if not np.isfinite(out).all():
+        raise SimulationError(
+            "fixed-step simulation: values are not finite: the parameters are outside what "
+            f"the model holds for, or the step of {step:g} s is too long"
+        )
+    block = max(1, math.ceil(AUXILIARY_PERIOD * rate))
+    ends = np.append(np.arange(block, n, block), n)
+    times = out[ends - 1, 0]
+    current = np.array([c.mean() for c in np.split(out[:, BUS_CURRENT], ends[:-1])])
+    open_circuit = 2.0 * a.inverter.bus_voltage * (1.0 + e.bus_voltage_change.change)
+    voltage = open_circuit - e.bus_voltage_sag.resistance * current
+    temperature = np.full(len(ends), e.winding_temperature.temperature)
+    return Record(
+        samples=convert(
+            effective_converters(a.converters, e), out[:, :N_CHANNELS], sensor_noise.currents(n)
+        ),
+        profile=profile,
+        provenance=Provenance(serial_number="SIM-REFERENCE", software_version=VERSION),
+        dc_bus=np.column_stack([times, voltage, current]),
+        winding_temperature=np.column_stack([times, temperature]),
+    )
+
+
+def _steps(what: str, length: float, step: float) -> int:
+    """Return how many steps make `length` (s)."""
+    if not 0.0 < step <= length:
+        raise UsageError(f"step {step:g} s: must be above 0 and at most the {what}, {length:g} s")
+    count = round(length / step)
+    if abs(count * step - length) > 1e-6 * length:
+        raise UsageError(
+            f"step {step:g} s does not divide the {what} of {length:g} s: choose one that does"
+        )
+    return count
