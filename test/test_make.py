@@ -1,0 +1,63 @@
+"""The Makefile's jobs, run as a person runs them, in the environment that the tests have."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+
+@pytest.fixture
+def make(repository):
+    """Return a function that runs make without touching the environment's installation."""
+
+    def run(*arguments, venv=sys.prefix, keep=True):
+        old = ["-o", f"{venv}/.installed-run", "-o", f"{venv}/.installed-test"] if keep else []
+        env = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}
+        return subprocess.run(
+            ["make", *old, f"VENV={venv}", *arguments], cwd=repository, env=env, text=True,
+            stdin=subprocess.DEVNULL, capture_output=True, timeout=100, check=False,
+        )
+
+    return run
+
+
+def test_help_names_both_jobs(make):
+    done = make()
+    assert done.returncode == 0, done.stderr
+    assert "make bit" in done.stdout
+    assert "make test" in done.stdout
+
+
+@pytest.mark.parametrize(("effect", "options"), [
+    ("none", 0), ("backlash.width=1e-3", 1), ("turn_short.fraction=0.1 turn_short.phase=b", 2),
+])
+def test_every_effect_becomes_an_option(make, effect, options):
+    assert make("-n", "bit", f"EFFECT={effect}").stdout.count("--effect") == options
+
+
+@pytest.mark.ros
+def test_bit_with_hidden_effects_is_done_whatever_the_verdict(make, ros_domain, tmp_path):
+    done = make(
+        "bit", "PROFILE=step", "EFFECT=turn_short.fraction=0.1 turn_short.phase=b",
+        f"BIT_OPTIONS=--out '{tmp_path / 'record'}'",
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "make bit: done" in done.stdout
+    assert (tmp_path / "record" / "metadata.yaml").is_file()
+
+
+def test_bit_with_an_unknown_effect_fails_in_one_line(make):
+    done = make("bit", "PROFILE=step", "EFFECT=turn_shrt.fraction=0.1")
+    assert done.returncode == 2
+    assert "turn_shrt" in done.stderr
+    assert "make bit: failed (ema bit: 2)" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("python", ["false", "no-such-python"])
+def test_an_unsuitable_interpreter_is_said_in_a_line(make, tmp_path, python):
+    done = make("bit", f"PYTHON={python}", venv=tmp_path / "venv", keep=False)
+    assert done.returncode == 2
+    assert f"{python} is not Python 3.10 to 3.13" in done.stderr
+    assert not (tmp_path / "venv").exists()
