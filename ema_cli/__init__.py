@@ -1,0 +1,1 @@
+"""The `ema` command: thin, calls the other packages."""

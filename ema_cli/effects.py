@@ -1,0 +1,133 @@
+"""`ema effects`: the catalogue of physical effects as a table, or one explained."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ema_cli.console import print_json, stdout
+from ema_record.errors import unknown_name
+
+if TYPE_CHECKING:
+    from ema_sim.effects import Effect, Field
+
+
+def effects(
+    name: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="Effect to explain.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object an effect.")
+    ] = False,
+) -> int:
+    """List the catalogue of physical effects, or explain one.
+
+    An effect is set with NAME.PARAMETER=VALUE, on the command line, in a model file and as a
+    ROS parameter. With its defaults it is exactly absent.
+    """
+    from ema_sim.effects import EFFECTS
+
+    if name is not None and name not in EFFECTS:
+        raise unknown_name("effect", name, EFFECTS, "'ema effects' lists them")
+    chosen = list(EFFECTS.values()) if name is None else [EFFECTS[name]]
+    if as_json:
+        for effect in chosen:
+            print_json(describe(effect))
+    elif name is None:
+        _print_table(chosen)
+    else:
+        _explain(chosen[0])
+    return 0
+
+
+def describe(effect: Effect) -> dict[str, Any]:
+    """Return the description of an effect in plain types."""
+    return {
+        "name": effect.name, "port": effect.port, "summary": effect.summary,
+        "equation": effect.equation, "reference": effect.reference,
+        "fault_class": effect.fault_class, "severity": list(effect.severity),
+        "parameters": [_describe_field(effect, field) for field in effect.fields],
+    }
+
+
+def _describe_field(effect: Effect, field: Field) -> dict[str, Any]:
+    from ema_sim.effects import Choice
+
+    common = {"name": f"{effect.name}.{field.name}", "text": field.kind.text}
+    if isinstance(field.kind, Choice):
+        return {**common, "options": list(field.kind.options), "default": field.default_text}
+    return {
+        **common, "unit": field.kind.unit, "lower": field.kind.lower, "upper": field.kind.upper,
+        "default": field.default,
+    }
+
+
+def bounds_text(field: Field) -> str:
+    """Return the bounds of a parameter in words, e.g. ``0 to 0.9`` or ``a|b|c``."""
+    from ema_sim.effects import Choice
+
+    if isinstance(field.kind, Choice):
+        return "|".join(field.kind.options)
+    return f"{field.kind.lower:g} to {field.kind.upper:g}"
+
+
+def unit_text(field: Field) -> str:
+    """Return the unit of a parameter, empty for pure numbers and choices."""
+    unit = getattr(field.kind, "unit", "")
+    return "" if unit == "1" else unit
+
+
+def _print_table(chosen: list[Effect]) -> None:
+    """Print a line an effect (name, port, reference) and one a parameter below it."""
+    from rich.markup import escape
+
+    console = stdout()
+    rows = [
+        (f".{field.name}", bounds_text(field), unit_text(field), field.default_text)
+        for effect in chosen for field in effect.fields
+    ]
+    header = ("parameter", "bounds", "unit", "default")
+    widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
+
+    def line(cells: tuple[str, ...]) -> str:
+        return "  " + "  ".join(c.ljust(w) for c, w in zip(cells, widths)).rstrip()
+
+    width = max(len(effect.name) for effect in chosen)
+    port = max(len(effect.port) for effect in chosen)
+    console.print(f"[bold]{'effect'.ljust(width)}  {'port'.ljust(port)}  reference[/bold]",
+                  soft_wrap=True)
+    console.print(f"[bold]{line(header)}[/bold]", soft_wrap=True)
+    index = 0
+    for effect in chosen:
+        console.print(
+            f"\n[bold]{effect.name.ljust(width)}[/bold]  {effect.port.ljust(port)}  "
+            + escape(effect.reference), soft_wrap=True,
+        )
+        for _ in effect.fields:
+            console.print(escape(line(rows[index])), soft_wrap=True)
+            index += 1
+
+
+def _explain(effect: Effect) -> None:
+    from rich.markup import escape
+    from rich.table import Table
+
+    console = stdout()
+    console.print(f"[bold]{effect.name}[/bold]  ({effect.port} port)")
+    console.print(escape(effect.summary) + "\n")
+    console.print("  " + escape(effect.equation) + "\n")
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for title in ("parameter", "bounds", "unit", "default", "meaning"):
+        table.add_column(title, overflow="fold")
+    for field in effect.fields:
+        table.add_row(
+            f"{effect.name}.{field.name}", bounds_text(field), unit_text(field),
+            field.default_text, escape(field.kind.text),
+        )
+    console.print(table)
+    switches = ", ".join(f"{effect.name}.{name}" for name in effect.severity)
+    console.print(f"\nAbsent while {switches} is at its default.")
+    if effect.fault_class is not None:
+        console.print(f"A fault of class {effect.fault_class}.")
+    console.print(f"Reference: {escape(effect.reference)}")
