@@ -60,13 +60,17 @@ class ParameterSpec:
                 f"value of parameter {self.name}", str(value), self.options,
                 f"choose one of {', '.join(self.options)}",
             )
-        if isinstance(value, float | int) and self.lower is not None and self.upper is not None:
-            if not (math.isfinite(value) and self.lower <= value <= self.upper):
-                unit = f" {self.unit}" if self.unit not in ("", "1") else ""
-                raise UsageError(
-                    f"parameter {self.name}: {value:g}{unit} is out of bounds: "
-                    f"give {self.lower:g} to {self.upper:g}{unit}"
-                )
+        if (
+            isinstance(value, float | int)
+            and self.lower is not None
+            and self.upper is not None
+            and not (math.isfinite(value) and self.lower <= value <= self.upper)
+        ):
+            unit = f" {self.unit}" if self.unit not in ("", "1") else ""
+            raise UsageError(
+                f"parameter {self.name}: {value:g}{unit} is out of bounds: "
+                f"give {self.lower:g} to {self.upper:g}{unit}"
+            )
         checked: Value = value
         return checked
 

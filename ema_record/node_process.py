@@ -19,7 +19,15 @@ PARENT = "EMA_PHM_PARENT"
 """Environment variable: id of the process with which this one is to end."""
 SPIN_PERIOD = 0.1
 """Longest wait of the executor before it looks at signals again (s)."""
+SHUT_DOWN = 2.0
+"""Longest wait for callbacks that run when the process is to end (s)."""
 _PR_SET_PDEATHSIG = 1
+
+
+def report(line: str) -> None:
+    """Write one line to stderr."""
+    sys.stderr.write(line + "\n")
+    sys.stderr.flush()
 
 
 def prepare_environment() -> None:
@@ -48,7 +56,7 @@ class StopSignal:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._handle)
 
-    def _handle(self, number: int, frame: FrameType | None) -> None:
+    def _handle(self, number: int, _: FrameType | None) -> None:
         self.number = number
         if not self.gentle:
             raise KeyboardInterrupt
@@ -87,7 +95,7 @@ def run_node(
         end_with_parent()
         ros.init(args=args, signal_handler_options=ros.signals.SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:  # the arguments of the client library
-        print(f"error: {(str(error).splitlines() or [''])[0]}", file=sys.stderr, flush=True)
+        report(f"error: {(str(error).splitlines() or [''])[0]}")
         return 2
     except KeyboardInterrupt:
         return 0
@@ -100,11 +108,12 @@ def run_node(
         while not stop and node.exit_status is None:
             executor.spin_once(timeout_sec=SPIN_PERIOD)
         node.shut_down()
+        executor.shutdown(timeout_sec=SHUT_DOWN)
         return node.exit_status or 0
     except (KeyboardInterrupt, ros.executors.ExternalShutdownException):
         return 0
     except EmaError as error:
-        print(f"error: {error}", file=sys.stderr, flush=True)
+        report(f"error: {error}")
         return error.exit_status
     finally:
         if node is not None:

@@ -71,7 +71,7 @@ def make_subscription(
 
 def drain(subscription: Subscription) -> list[bytes]:
     """Return all serialised messages that wait, faster than a callback each."""
-    found = []
+    found: list[bytes] = []
     with subscription.handle:
         while True:
             taken = subscription.handle.take_message(subscription.msg_type, True)
@@ -100,7 +100,8 @@ def declare_parameters(node: Node, specs: Iterable[ParameterSpec]) -> dict[str, 
 
 def given_parameters(node: Node) -> dict[str, Any]:
     """Return the parameters that the command line or a parameter file gave, declared or not."""
-    return {name: parameter.value for name, parameter in node._parameter_overrides.items()}
+    overrides = node._parameter_overrides  # noqa: SLF001  (the only way to see unknown names)
+    return {name: parameter.value for name, parameter in overrides.items()}
 
 
 def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:

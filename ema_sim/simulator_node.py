@@ -13,7 +13,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ema_record.errors import EmaError, UsageError
 from ema_record.node_parameters import Value, check_values
-from ema_record.node_process import StopSignal, run_node
+from ema_record.node_process import StopSignal, report, run_node
 from ema_record.standard_messages import stamp_of
 from ema_record.topics import (
     COMMAND,
@@ -116,7 +116,7 @@ class SimulatorNode(Node):
                 self._publish(topic, data)
         except EmaError as error:
             self.get_logger().fatal(str(error))
-            print(f"error: {error}", file=sys.stderr, flush=True)
+            report(f"error: {error}")
             self.exit_status = error.exit_status
             return
         if was_active and not self._server.active:

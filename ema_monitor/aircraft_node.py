@@ -1,0 +1,104 @@
+"""The node `aircraft`: weight on wheels, and the crew that asks for the built-in test."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.srv import SelfTest
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from rclpy.task import Future
+from std_msgs.msg import Bool
+
+from ema_monitor.messages import (
+    PolledGroup,
+    make_polled_subscription,
+    make_publisher,
+    take_all,
+)
+from ema_record.topics import (
+    DIAGNOSTICS,
+    SAMPLES,
+    SELF_TEST_SERVICE,
+    VERDICT,
+    WEIGHT_ON_WHEELS,
+)
+
+NODE_NAME = "aircraft"
+PERIOD = 0.1
+"""Interval of weight on wheels (s)."""
+
+
+class AircraftNode(Node):
+    """Sends weight on wheels, calls the self-test, listens for the verdict."""
+
+    def __init__(self) -> None:
+        """Appear on the graph, on the ground."""
+        super().__init__(NODE_NAME)
+        self.weight_on_wheels = True
+        self.stage = "idle"
+        """Stage of the test, as the monitor reports it."""
+        self.verdict: dict[str, Any] | None = None
+        """The last verdict, as `ema check --json` prints it."""
+        group = PolledGroup()
+        self._verdict = make_polled_subscription(self, VERDICT, group)
+        self._diagnostics = make_polled_subscription(self, DIAGNOSTICS, group)
+        self._wheels = make_publisher(self, WEIGHT_ON_WHEELS)
+        self._test = self.create_client(SelfTest, SELF_TEST_SERVICE)
+        self.create_timer(PERIOD, self.send_weight_on_wheels)
+
+    def send_weight_on_wheels(self) -> None:
+        """Publish whether the aircraft stands on its wheels."""
+        self._wheels.publish(Bool(data=self.weight_on_wheels))
+
+    def missing(self) -> str:
+        """Return what the test still waits for; empty: nothing."""
+        if not self._test.service_is_ready():
+            return "the monitor"
+        if self._wheels.get_subscription_count() < 1:
+            return "the monitor's interlock"
+        if self.count_publishers(SAMPLES) < 1:
+            return "the actuator"
+        if self._verdict.get_publisher_count() < 1:
+            return "the prognostics"
+        return ""
+
+    def call_self_test(self) -> Future:
+        """Ask for the built-in test; the future holds the answer."""
+        return self._test.call_async(SelfTest.Request())
+
+    def poll(self) -> None:
+        """Take diagnostics and verdicts that have arrived."""
+        for taken in take_all(self._diagnostics):
+            for status in deserialize_message(taken.data, DiagnosticArray).status:
+                if status.name == "ema_monitor: test":
+                    values = {pair.key: pair.value for pair in status.values}
+                    self.stage = values.get("stage", self.stage)
+        for taken in take_all(self._verdict):
+            self.verdict = verdict_of(deserialize_message(taken.data, DiagnosticStatus))
+
+
+def verdict_of(status: DiagnosticStatus) -> dict[str, Any]:
+    """Return the verdict that a message of `/ema/verdict` carries."""
+    text = next((pair.value for pair in status.values if pair.key == "json"), "{}")
+    found: dict[str, Any] = json.loads(text)
+    return found
+
+
+def answer_of(response: SelfTest.Response) -> dict[str, Any]:
+    """Return the answer of the self-test as plain data."""
+    return {
+        "serial_number": response.id,
+        "passed": response.passed != b"\x00",
+        "checks": [
+            {
+                "name": status.name.partition(": ")[2] or status.name,
+                "level": int.from_bytes(status.level, "little"),
+                "message": status.message,
+                "values": {pair.key: pair.value for pair in status.values},
+            }
+            for status in response.status
+        ],
+    }

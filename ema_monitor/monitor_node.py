@@ -1,0 +1,305 @@
+"""The node `ema_monitor`: the service that runs and records the built-in test."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import rclpy
+import rclpy.executors
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.srv import SelfTest
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import Bool, String
+from trajectory_msgs.msg import JointTrajectory
+
+from ema_monitor.checks import CheckResult, Level, check_counters, check_record, worst
+from ema_monitor.interlock import Interlock
+from ema_monitor.messages import (
+    PolledGroup,
+    check_status,
+    declare_parameters,
+    diagnostic_status,
+    fill_response,
+    find_actuator,
+    make_polled_subscription,
+    make_publisher,
+    take_all,
+)
+from ema_monitor.recorder import BitRecorder, new_bag_path
+from ema_monitor.sequence import (
+    Action,
+    ActuatorStatus,
+    CloseRecord,
+    Finish,
+    Observation,
+    OpenRecord,
+    SendCommand,
+    Stage,
+    TestSequence,
+)
+from ema_monitor.settings import SPECS
+from ema_record.errors import EmaError, UsageError
+from ema_record.node_process import StopSignal, run_node
+from ema_record.profile import load_profile
+from ema_record.standard_messages import stamp_of
+from ema_record.topics import (
+    BAG_TOPICS,
+    BIT_RECORD,
+    COMMAND,
+    DIAGNOSTICS,
+    SAMPLES,
+    SELF_TEST_SERVICE,
+    WEIGHT_ON_WHEELS,
+)
+from ema_record.trajectory import encode_command
+
+NODE_NAME = "ema_monitor"
+POLL_PERIOD = 0.02
+DIAGNOSTICS_PERIOD = 1.0
+LOOK_FOR_OTHERS = 0.6
+"""How long the node looks for another monitor before it offers its service (s)."""
+THREADS = 4
+
+
+class Request:
+    """A caller of the service, waiting for the end of its test."""
+
+    def __init__(self) -> None:
+        """Begin to wait."""
+        self.done = threading.Event()
+        self.reason = ""
+        self.statuses: list[DiagnosticStatus] = []
+        self.passed = False
+
+
+class MonitorNode(Node):
+    """Runs the built-in test on request; all of it happens in one timer, the poll."""
+
+    def __init__(self, stop: StopSignal) -> None:
+        """Read the parameters, look for another monitor, then offer the service."""
+        super().__init__(NODE_NAME)
+        self.exit_status: int | None = None
+        self._stop = stop
+        values = declare_parameters(self, SPECS)
+        self._directory = Path(str(values["output_directory"]))
+        self._serial = str(values["serial_number"])
+        self._interlock = Interlock(float(values["weight_on_wheels_timeout"]))
+        self._sequence = TestSequence(
+            load_profile(str(values["profile"])),
+            stream_timeout=float(values["stream_timeout"]),
+            test_timeout=float(values["test_timeout"]),
+        )
+        self._refuse_second_monitor()
+        self._recorder = BitRecorder()
+        self._actuator: ActuatorStatus | None = None
+        self._request: Request | None = None
+        self._waiting: list[Request] = []
+        self._sent: set[int] = set()
+        self._foreign = False
+        self._last_block = -1.0
+        self._last_reason = "no test yet"
+        group = PolledGroup()
+        self._polled = {
+            topic: make_polled_subscription(self, topic, group)
+            for topic in (*(entry.name for entry in BAG_TOPICS), DIAGNOSTICS)
+        }
+        self._command = make_publisher(self, COMMAND)
+        self._record = make_publisher(self, BIT_RECORD)
+        self._diagnostics = make_publisher(self, DIAGNOSTICS)
+        self.create_timer(POLL_PERIOD, self._poll)
+        self.create_timer(DIAGNOSTICS_PERIOD, self._publish_status)
+        self.create_service(
+            SelfTest, "~/self_test", self._self_test, callback_group=ReentrantCallbackGroup()
+        )
+        self.get_logger().info("ready")
+
+    def _refuse_second_monitor(self) -> None:
+        end = time.monotonic() + LOOK_FOR_OTHERS
+        while time.monotonic() < end and not self._stop:
+            if self.count_services(SELF_TEST_SERVICE):
+                raise UsageError(
+                    f"another monitor offers {SELF_TEST_SERVICE} on this domain: stop it, or "
+                    "set another ROS_DOMAIN_ID"
+                )
+            time.sleep(0.02)
+
+    def _self_test(
+        self, _: SelfTest.Request, response: SelfTest.Response
+    ) -> SelfTest.Response:
+        request = Request()
+        self._waiting.append(request)
+        request.done.wait()
+        outcome = diagnostic_status(
+            "ema_monitor: test",
+            Level.OK if request.passed else Level.ERROR,
+            request.reason or ("passed" if request.passed else "record checks failed"), {},
+        )
+        return fill_response(
+            response, self._serial, request.passed, [outcome, *request.statuses]
+        )
+
+    def _poll(self) -> None:
+        """Take what has arrived, then let the sequence go on."""
+        try:
+            self._drain()
+            problem = ""
+        except EmaError as error:
+            problem = str(error)
+        seen = self._observe()
+        if problem:
+            self._perform(self._sequence.fail(problem, seen))
+        self._perform(self._sequence.step(seen))
+        while self._waiting:
+            request = self._waiting.pop(0)
+            if self._sequence.stage is Stage.IDLE and self._request is None:
+                self._request, self._foreign = request, False
+                self._perform(self._sequence.start(self._observe()))
+            else:
+                request.reason = "refused: a test is running already"
+                request.done.set()
+
+    def _drain(self) -> None:
+        for topic, subscription in self._polled.items():
+            for data, received, sent in take_all(subscription):
+                if topic == SAMPLES:
+                    self._last_block = time.monotonic()
+                elif topic == DIAGNOSTICS:
+                    self._take_diagnostics(data)
+                    continue
+                elif topic == WEIGHT_ON_WHEELS:
+                    message = deserialize_message(data, Bool)
+                    transit = (time.time_ns() - sent) / 1e9
+                    self._interlock.update(message.data, time.monotonic(), transit)
+                elif topic == COMMAND:
+                    stamp = stamp_of(deserialize_message(data, JointTrajectory))
+                    self._foreign = self._foreign or stamp not in self._sent
+                self._recorder.take(topic, data, received, sent)
+
+    def _take_diagnostics(self, data: bytes) -> None:
+        found = find_actuator(deserialize_message(data, DiagnosticArray))
+        if found is not None:
+            self._actuator, serial = found
+            self._serial = self._serial or serial
+
+    def _observe(self) -> Observation:
+        now = time.monotonic()
+        finding = self._sequence.stage is Stage.FINDING
+        return Observation(
+            now=now, stamp=time.time_ns(), interlock=self._interlock.reason(now),
+            missing=self._missing() if finding else "", actuator=self._actuator,
+            samples_received=self._recorder.samples_received,
+            last_sample=self._recorder.last_sample, last_block=self._last_block,
+            foreign_command=self._foreign, stop=bool(self._stop),
+        )
+
+    def _missing(self) -> str:
+        """Return what of the graph is missing or in the way."""
+        publishers = self._polled[SAMPLES].get_publisher_count()
+        if publishers != 1:
+            return f"{publishers} nodes publish {SAMPLES}, expected one actuator"
+        if self._command.get_subscription_count() < 1:
+            return f"no actuator listens to {COMMAND}"
+        if self.count_services(SELF_TEST_SERVICE) > 1:
+            return f"another monitor offers {SELF_TEST_SERVICE} on this domain"
+        return ""
+
+    def _perform(self, actions: Sequence[Action]) -> None:
+        for action in actions:
+            try:
+                self._do(action)
+            except EmaError as error:
+                self._perform(self._sequence.fail(str(error), self._observe()))
+                return
+        if actions:
+            self._publish_status()
+
+    def _do(self, action: Action) -> None:
+        if isinstance(action, SendCommand):
+            self._recorder.reset_count()
+            self._sent.add(action.stamp)
+            self._command.publish(encode_command(action.profile, action.stamp))
+        elif isinstance(action, OpenRecord):
+            path = new_bag_path(
+                self._directory, self._serial, action.stamp, action.profile.name
+            )
+            self._recorder.open(path, action.profile, self._serial or "unknown", action.stamp)
+        elif isinstance(action, CloseRecord):
+            self._close(action)
+        elif isinstance(action, Finish):
+            self._finish(action.reason)
+
+    def _close(self, action: CloseRecord) -> None:
+        """Check the record, close it, announce it if it is complete."""
+        results: list[CheckResult] = []
+        if action.status == "complete":
+            results = [
+                check_counters(action.samples_published, self._recorder.samples_recorded),
+                *check_record(self._recorder.record(self._sequence.profile)),
+            ]
+        path = self._recorder.close(action.status, action.start_time)
+        if path is None:
+            return
+        closed = time.time_ns()
+        if self._request is not None:
+            self._request.passed = bool(results) and worst(results) < Level.ERROR
+            self._request.statuses = [
+                diagnostic_status(
+                    "ema_monitor: record", Level.OK if results else Level.ERROR, action.status,
+                    {"path": str(path.resolve()), "status": action.status,
+                     "closed": str(closed)},
+                ),
+                *(check_status(result) for result in results),
+            ]
+        if action.status == "complete":
+            self._record.publish(String(data=str(path.resolve())))
+        self.get_logger().info(f"{path}: {action.status}")
+
+    def _finish(self, reason: str) -> None:
+        self._last_reason = reason or "the last test ran to its end"
+        request, self._request = self._request, None
+        if request is not None:
+            request.reason = reason
+            request.passed = request.passed and not reason
+            request.done.set()
+
+    def _publish_status(self) -> None:
+        stage = self._sequence.stage
+        array = DiagnosticArray(status=[diagnostic_status(
+            "ema_monitor: test", Level.OK,
+            stage.value if stage is not Stage.IDLE else f"idle; {self._last_reason}",
+            {"stage": stage.name.lower(),
+             "interlock": self._interlock.reason(time.monotonic()) or "closed",
+             "samples_recorded": str(self._recorder.samples_recorded)},
+            self._serial,
+        )])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def shut_down(self) -> None:
+        """End a test that runs: its record is closed, the surface sent back."""
+        was_running = self._sequence.stage is not Stage.IDLE
+        while self._sequence.stage is not Stage.IDLE:
+            self._perform(self._sequence.step(self._observe()))
+        for request in self._waiting:
+            request.reason = "refused: the monitor ends"
+            request.done.set()
+        if was_running:
+            self._command.wait_for_all_acked(Duration(seconds=1))
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run_node(
+        rclpy, lambda: rclpy.executors.MultiThreadedExecutor(THREADS), MonitorNode, args
+    ))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+"""The recorder of the built-in test: one bag, and the samples for the record checks."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+
+from ema_record.channels import N_CHANNELS, TIME
+from ema_record.profile import Profile
+from ema_record.record import Provenance, Record, Status
+from ema_record.samples_codec import decode_block
+from ema_record.topics import BAG_TOPICS, SAMPLES
+from ema_record.version import VERSION
+from ema_record.writer import BagWriter
+
+_IN_BAG = frozenset(topic.name for topic in BAG_TOPICS)
+
+
+def new_bag_path(directory: Path, serial_number: str, stamp: int, profile: str) -> Path:
+    """Return a name that is not taken: ``<serial>_<UTC time>_<profile>``."""
+    time = datetime.fromtimestamp(stamp / 1e9, tz=timezone.utc).strftime("%Y%m%dT%H%M%SZ")
+    serial = re.sub(r"[^A-Za-z0-9.-]+", "-", serial_number).strip("-.")[:40] or "unknown"
+    stem = f"{serial}_{time}_{profile}"
+    for number in itertools.count(1):
+        path = directory / (stem if number == 1 else f"{stem}_{number}")
+        if not path.exists():
+            return path
+    raise AssertionError
+
+
+class BitRecorder:
+    """Counts what arrives; while a bag is open, writes it and keeps its samples."""
+
+    def __init__(self) -> None:
+        """Begin without a bag."""
+        self._writer: BagWriter | None = None
+        self._blocks: list[np.ndarray] = []
+        self.samples_received = 0
+        """Since `reset_count`."""
+        self.last_sample = -1.0
+        """Time of the last sample since `reset_count` (s)."""
+        self.samples_recorded = 0
+        """In the bag."""
+
+    @property
+    def recording(self) -> bool:
+        """Whether a bag is open."""
+        return self._writer is not None
+
+    def reset_count(self) -> None:
+        """Count samples from here on: a command was sent."""
+        self.samples_received, self.last_sample = 0, -1.0
+
+    def open(self, path: Path, profile: Profile, serial_number: str, stamp: int) -> None:
+        """Make the bag (OutputError: it cannot be made)."""
+        self._writer = BagWriter(
+            path, profile=profile,
+            provenance=Provenance(
+                serial_number=serial_number, software_version=VERSION, start_time=stamp
+            ),
+        )
+        self._blocks = []
+        self.samples_recorded = 0
+
+    def take(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
+        """Take one serialised message.
+
+        Raises
+        ------
+        InvalidRecordError
+            A block of samples is damaged; it was written all the same.
+        OutputError
+            The bag cannot be written.
+        """
+        if self._writer is not None and topic in _IN_BAG:
+            self._writer.write_raw(topic, data, log_time, publish_time)
+        if topic != SAMPLES:
+            return
+        block = decode_block(data)
+        if len(block) == 0:
+            return
+        self.samples_received += len(block)
+        self.last_sample = float(block[-1, TIME])
+        if self._writer is not None:
+            self.samples_recorded += len(block)
+            self._blocks.append(block)
+
+    def close(self, status: Status, start_time: int | None) -> Path | None:
+        """Finish the bag and return its path, None if none was open."""
+        writer, self._writer = self._writer, None
+        return writer.close(status, start_time=start_time) if writer is not None else None
+
+    def record(self, profile: Profile) -> Record:
+        """Return what was recorded, for the record checks."""
+        samples = np.concatenate(self._blocks) if self._blocks else np.empty((0, N_CHANNELS))
+        return Record(samples=samples, profile=profile)

@@ -1,0 +1,295 @@
+"""The sequence of the built-in test as a state machine: observations in, actions out.
+
+Stages::
+
+    IDLE -> FINDING -> POSITIONING -> TESTING -> COUNTING -> IDLE      the test
+               |            |            |
+               v            v            v
+             IDLE       RETURNING <------+                            refused, aborted
+
+The record is open in TESTING and COUNTING.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from ema_record.profile import Profile, load_profile_dict
+from ema_record.record import Status
+
+AT_START = 3e-3
+"""Distance from the profile's start at which no move is needed (rad)."""
+FIND_TIMEOUT = 5.0
+"""Longest search for an idle actuator (s)."""
+COUNT_TIMEOUT = 2.0
+"""Longest wait for the counters after the last sample (s)."""
+RETURN_TIMEOUT = 5.0
+"""Longest wait for the surface to be back after an abort (s)."""
+
+
+class Stage(enum.Enum):
+    """Where the test is."""
+
+    IDLE = "idle"
+    FINDING = "looking for the actuator"
+    POSITIONING = "moving to the start"
+    TESTING = "recording"
+    COUNTING = "counting samples"
+    RETURNING = "bringing the surface back"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ActuatorStatus:
+    """What the actuator says of itself on `/diagnostics`."""
+
+    active: bool
+    surface_position: float
+    """(rad)"""
+    command_stamp: int
+    """Of the current or last command (ns since the epoch)."""
+    start_time: int
+    """Acceptance of that command (ns since the epoch)."""
+    samples_published: int
+    """For that command."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observation:
+    """What the test sees at one moment."""
+
+    now: float
+    """Monotonic clock (s)."""
+    stamp: int
+    """Ns since the epoch."""
+    interlock: str = ""
+    """Why the actuator must not move; empty: it may."""
+    missing: str = ""
+    """What of the graph is missing or in the way; empty: nothing."""
+    actuator: ActuatorStatus | None = None
+    samples_received: int = 0
+    """Since the last command of this test."""
+    last_sample: float = -1.0
+    """Time of the last sample since that command (s)."""
+    last_block: float = -1.0
+    """Monotonic clock at the last block (s)."""
+    foreign_command: bool = False
+    """Somebody else commanded the actuator."""
+    stop: bool = False
+    """The process was asked to end."""
+
+
+@dataclass(frozen=True, slots=True)
+class SendCommand:
+    """Publish a command."""
+
+    profile: Profile
+    stamp: int
+
+
+@dataclass(frozen=True, slots=True)
+class OpenRecord:
+    """Begin the record."""
+
+    profile: Profile
+    stamp: int
+
+
+@dataclass(frozen=True, slots=True)
+class CloseRecord:
+    """End the record."""
+
+    status: Status
+    start_time: int | None
+    samples_published: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Finish:
+    """Answer who asked for the test; empty reason: it ran to its end."""
+
+    reason: str
+
+
+Action = SendCommand | OpenRecord | CloseRecord | Finish
+
+
+class TestSequence:
+    """One built-in test after the other.
+
+    Parameters
+    ----------
+    profile : the test.
+    stream_timeout : longest silence of the acquisition while it should send (s).
+    test_timeout : longest test, positioning included (s).
+    """
+
+    __test__ = False
+
+    def __init__(
+        self, profile: Profile, *, stream_timeout: float = 2.0, test_timeout: float = 120.0
+    ) -> None:
+        """Begin idle."""
+        self.profile = profile
+        self.stage = Stage.IDLE
+        self._stream_timeout, self._test_timeout = stream_timeout, test_timeout
+        self._begun = self._entered = 0.0
+        self._origin = 0.0
+        self._stamp = 0
+        self._reason = ""
+
+    def start(self, seen: Observation) -> list[Action]:
+        """Begin a test, or refuse it."""
+        if self.stage is not Stage.IDLE:
+            return [Finish("a test is running already: wait for its end")]
+        if seen.interlock:
+            return [Finish(f"refused: {seen.interlock}")]
+        self._begun = seen.now
+        self._enter(Stage.FINDING, seen)
+        return self.step(seen)
+
+    def step(self, seen: Observation) -> list[Action]:
+        """Return what is to be done at this moment."""
+        if self.stage is Stage.IDLE:
+            return []
+        if self.stage is Stage.RETURNING:
+            return self._returning(seen)
+        problem = self._problem(seen)
+        if problem:
+            return self._abort(problem, seen)
+        if self.stage is Stage.FINDING:
+            return self._finding(seen)
+        if self.stage is Stage.POSITIONING:
+            return self._positioning(seen)
+        if self.stage is Stage.TESTING:
+            return self._testing(seen)
+        return self._counting(seen)
+
+    def fail(self, reason: str, seen: Observation) -> list[Action]:
+        """Abort because an action could not be done."""
+        return self._abort(reason, seen) if self.stage is not Stage.IDLE else []
+
+    def _enter(self, stage: Stage, seen: Observation) -> None:
+        self.stage, self._entered = stage, seen.now
+
+    def _problem(self, seen: Observation) -> str:
+        """Return why the test cannot go on; empty: it can."""
+        if seen.stop:
+            return "interrupted"
+        if seen.interlock:
+            return seen.interlock
+        if self.stage is Stage.FINDING:
+            return ""
+        if seen.foreign_command:
+            return "pre-empted: another node commands the actuator"
+        silent = seen.now - max(seen.last_block, self._entered)
+        if self.stage is not Stage.COUNTING and silent > self._stream_timeout:
+            return f"no samples for {silent:.1f} s: the acquisition has stopped"
+        if seen.now - self._begun > self._test_timeout:
+            return f"not finished after {self._test_timeout:g} s"
+        return ""
+
+    def _finding(self, seen: Observation) -> list[Action]:
+        actuator = seen.actuator
+        waiting = seen.missing or (
+            "the actuator does not report on /diagnostics" if actuator is None
+            else "the actuator executes another command" if actuator.active else ""
+        )
+        if waiting or actuator is None:
+            if seen.now - self._entered <= FIND_TIMEOUT:
+                return []
+            self.stage = Stage.IDLE
+            return [Finish(f"refused: {waiting}")]
+        self._origin = actuator.surface_position
+        if abs(self._origin - self.profile.start) <= AT_START:
+            return self._begin_test(seen)
+        self._enter(Stage.POSITIONING, seen)
+        return [self._send(step_to(self.profile.start), seen)]
+
+    def _positioning(self, seen: Observation) -> list[Action]:
+        if not self._done(seen):
+            return []
+        assert seen.actuator is not None
+        away = seen.actuator.surface_position - self.profile.start
+        if abs(away) > AT_START:
+            return self._abort(
+                f"the surface stays {1e3 * away:+.1f} mrad from the start of the test", seen
+            )
+        return self._begin_test(seen)
+
+    def _begin_test(self, seen: Observation) -> list[Action]:
+        self._enter(Stage.TESTING, seen)
+        send = self._send(self.profile, seen)
+        return [OpenRecord(self.profile, send.stamp), send]
+
+    def _testing(self, seen: Observation) -> list[Action]:
+        ended = self._accepted(seen) and seen.actuator is not None and not seen.actuator.active
+        if seen.last_sample >= self.profile.duration or ended:
+            self._enter(Stage.COUNTING, seen)
+            return self._counting(seen)
+        return []
+
+    def _counting(self, seen: Observation) -> list[Action]:
+        if not self._done(seen) and seen.now - self._entered <= COUNT_TIMEOUT:
+            return []
+        self.stage = Stage.IDLE
+        actuator = seen.actuator if self._accepted(seen) else None
+        return [
+            CloseRecord(
+                "complete", actuator.start_time if actuator else None,
+                actuator.samples_published if actuator else None,
+            ),
+            Finish(""),
+        ]
+
+    def _returning(self, seen: Observation) -> list[Action]:
+        if not self._done(seen):
+            if seen.now - self._entered <= RETURN_TIMEOUT and not seen.stop:
+                return []
+            self._reason += "; the surface is not confirmed to be back"
+        self.stage = Stage.IDLE
+        return [Finish(self._reason)]
+
+    def _abort(self, reason: str, seen: Observation) -> list[Action]:
+        stage = self.stage
+        self._reason = ("" if seen.stop else "aborted: ") + reason
+        actions: list[Action] = []
+        if stage in (Stage.TESTING, Stage.COUNTING):
+            actuator = seen.actuator if self._accepted(seen) else None
+            actions.append(CloseRecord(
+                "interrupted" if seen.stop else "aborted",
+                actuator.start_time if actuator else None, None,
+            ))
+        if stage is Stage.FINDING or seen.foreign_command:
+            self.stage = Stage.IDLE
+            return [*actions, Finish(self._reason)]
+        self._enter(Stage.RETURNING, seen)
+        actions.append(self._send(step_to(self._origin), seen))
+        return actions
+
+    def _send(self, profile: Profile, seen: Observation) -> SendCommand:
+        self._stamp = max(seen.stamp, self._stamp + 1)
+        return SendCommand(profile, self._stamp)
+
+    def _accepted(self, seen: Observation) -> bool:
+        """Whether the actuator reports on the last command sent."""
+        return seen.actuator is not None and seen.actuator.command_stamp == self._stamp
+
+    def _done(self, seen: Observation) -> bool:
+        """Whether the last command was executed and all of its samples have arrived."""
+        return (
+            self._accepted(seen)
+            and seen.actuator is not None
+            and not seen.actuator.active
+            and (
+                self.stage is Stage.RETURNING
+                or seen.samples_received >= seen.actuator.samples_published
+            )
+        )
+
+
+def step_to(position: float) -> Profile:
+    """Return the command of one point: a step to `position` (rad), at once."""
+    return load_profile_dict(
+        {"name": "move", "points": [[1e-3, position]], "description": "move"}, "move"
+    )
