@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from ema_sim.compile import law
+from ema_sim.parameters import Control
 
 
 @law
@@ -38,3 +41,42 @@ def speed_control(
         grown = integral
         current = kp * error + grown
     return clip(current, limit), grown
+
+
+@law
+def reference_current(
+    c: Control, limit: float, command: float, position: float, speed: float, integral: float
+) -> tuple[float, float]:
+    """Return reference current (A) and new integral (A) of one control period.
+
+    Parameters
+    ----------
+    c : gains and limits.
+    limit : of the current (A).
+    command, position : of the surface (rad), commanded and measured.
+    speed : of the motor, measured (rad/s).
+    integral : of the speed control (A).
+    """
+    wanted = clip(c.position_gain * (command - position), c.speed_limit)
+    return speed_control(
+        wanted - speed, integral, c.proportional_gain, c.integral_gain, c.period, limit
+    )
+
+
+@law
+def delayed(history: np.ndarray, tick: int, newest: float, periods: float) -> float:
+    """Return the value of `periods` control periods ago, linear between two.
+
+    Parameters
+    ----------
+    history : ring of past values, shape (n,), ``n > periods + 1``; `newest` is put in.
+    tick : number of this period.
+    newest : value of this period.
+    periods : delay.
+    """
+    if periods == 0.0:
+        return newest
+    n, late = len(history), int(periods)
+    history[tick % n] = newest
+    newer, older = history[(tick - late) % n], history[(tick - late - 1) % n]
+    return newer + (periods - late) * (older - newer)

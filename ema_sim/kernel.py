@@ -18,9 +18,16 @@ from numba import njit
 from ema_sim import ports
 from ema_sim import state as st
 from ema_sim.compile import source_hash
-from ema_sim.control import clip, quantise, speed_control
+from ema_sim.control import clip, delayed, quantise, reference_current
 from ema_sim.effects import Effects
-from ema_sim.electrical import TURN, reference_signs, sector_ahead
+from ema_sim.electrical import (
+    TURN,
+    current_slopes,
+    reference_signs,
+    relay,
+    sector_ahead,
+    time_to_switch,
+)
 from ema_sim.mechanics import net_torque, shaft_torque
 from ema_sim.parameters import Actuator
 
@@ -97,7 +104,6 @@ def _build(sources: str) -> Callable[..., int]:
         off_q, off_e = ports.position_offset(e), ports.commutation_angle(e)
         step_q, step_w = ports.position_step(e, a.converters), ports.speed_step(e, a.converters)
         delay = ports.delay_periods(e, a)
-        late, part = int(delay), delay - int(delay)
         max_angle = PERIODS_A_STEP * TURN / ports.ripple_periods(e, motor)
 
         t = state[st.TIME]
@@ -107,8 +113,7 @@ def _build(sources: str) -> Callable[..., int]:
         q_e, q_0 = state[st.THETA_E], state[st.THETA_0]
         s_a, s_b, s_c = state[st.LEG_A], state[st.LEG_B], state[st.LEG_C]
         al_m, al_s = state[st.ALPHA_M], state[st.ALPHA_S]
-        i_ref, i_set = state[st.I_REF], state[st.I_SET]
-        integral = state[st.INTEGRAL]
+        i_set = state[st.I_SET]
         history = state[st.HISTORY :]
         n_w, n_q = state[st.SPEED_NOISE], state[st.POSITION_NOISE]
         tick, sample = int(state[st.TICK]), int(state[st.SAMPLE])
@@ -140,50 +145,26 @@ def _build(sources: str) -> Callable[..., int]:
                         w_m * ports.speed_factor(e, q_m + q_0) + n_w, step_w,
                         a.converters.speed_range,
                     )
-                    position = quantise(
-                        q_s + off_q + n_q, step_q, a.converters.position_range
-                    )
+                    position = quantise(q_s + off_q + n_q, step_q, a.converters.position_range)
                     tick += 1
+                    i_ref, integral = 0.0, 0.0
                     if t >= inverter_on - SIMULTANEOUS:
-                        w_ref = clip(
-                            control.position_gain * (command[index] - position),
-                            control.speed_limit,
+                        i_ref, integral = reference_current(
+                            control, a.inverter.current_limit, command[index], position, speed,
+                            state[st.INTEGRAL],
                         )
-                        i_ref, integral = speed_control(
-                            w_ref - speed, integral, control.proportional_gain,
-                            control.integral_gain, control.period, a.inverter.current_limit,
-                        )
-                    else:
-                        i_ref, integral = 0.0, 0.0
-                    if delay > 0.0:
-                        history[tick % st.N_HISTORY] = i_ref
-                        newer = history[(tick - late) % st.N_HISTORY]
-                        older = history[(tick - late - 1) % st.N_HISTORY]
-                        i_set = (1.0 - part) * newer + part * older
-                    else:
-                        i_set = i_ref
+                    state[st.INTEGRAL] = integral
+                    i_set = delayed(history, tick, i_ref, delay)
                 on = t >= inverter_on - SIMULTANEOUS
-                q_c = q_e + off_e
-                toward = 1.0 if w_m >= 0.0 else -1.0
-                sector, gap = sector_ahead(q_c, toward)
+                sector, gap = sector_ahead(q_e + off_e, 1.0 if w_m >= 0.0 else -1.0)
                 sign_a, sign_b, sign_c = reference_signs(sector)
                 ref_a, ref_b, ref_c = sign_a * i_set, sign_b * i_set, sign_c * i_set
                 # The relays compare what the sensors read: i gain + offset, against ref ± band.
-                aim_a, aim_b, aim_c = (
-                    (ref_a - off_a) * inv_a, (ref_b - off_b) * inv_b, (ref_c - off_c) * inv_c
-                )
-                if i_a - aim_a >= band_a:
-                    s_a = -1.0
-                elif i_a - aim_a <= -band_a:
-                    s_a = 1.0
-                if i_b - aim_b >= band_b:
-                    s_b = -1.0
-                elif i_b - aim_b <= -band_b:
-                    s_b = 1.0
-                if i_c - aim_c >= band_c:
-                    s_c = -1.0
-                elif i_c - aim_c <= -band_c:
-                    s_c = 1.0
+                aim_a, aim_b = (ref_a - off_a) * inv_a, (ref_b - off_b) * inv_b
+                aim_c = (ref_c - off_c) * inv_c
+                s_a = relay(s_a, i_a - aim_a, band_a)
+                s_b = relay(s_b, i_b - aim_b, band_b)
+                s_c = relay(s_c, i_c - aim_c, band_c)
 
                 # Derivatives of the currents now.
                 if on:
@@ -196,11 +177,10 @@ def _build(sources: str) -> Callable[..., int]:
                     v_a = v * s_a - ports.switch_drop(e, i_a)
                     v_b = v * s_b - ports.switch_drop(e, i_b)
                     v_c = v * s_c - ports.switch_drop(e, i_c)
-                    x_a = v_a - r_a * i_a - k_a * w_m
-                    x_b = v_b - r_b * i_b - k_b * w_m
-                    x_c = v_c - r_c * i_c - k_c * w_m
-                    v_n = (x_a * g_a + x_b * g_b + x_c * g_c) * g_n
-                    d_a, d_b, d_c = (x_a - v_n) * g_a, (x_b - v_n) * g_b, (x_c - v_n) * g_c
+                    d_a, d_b, d_c = current_slopes(
+                        v_a, v_b, v_c, r_a, r_b, r_c, i_a, i_b, i_c,
+                        k_a * w_m, k_b * w_m, k_c * w_m, g_a, g_b, g_c, g_n,
+                    )
                 else:
                     v_a = v_b = v_c = d_a = d_b = d_c = 0.0
 
@@ -212,29 +192,21 @@ def _build(sources: str) -> Callable[..., int]:
                     h = min(h, gap / (pairs * abs(w_m)), max_angle / abs(w_m))
                 flip = 0
                 if on:
-                    if s_a * d_a > 0.0:
-                        reach = (s_a * (aim_a - i_a) + band_a) / abs(d_a)
-                        reach *= 1.0 + curvature * reach
-                        if reach < h:
-                            h, flip = reach, 1
-                    if s_b * d_b > 0.0:
-                        reach = (s_b * (aim_b - i_b) + band_b) / abs(d_b)
-                        reach *= 1.0 + curvature * reach
-                        if reach < h:
-                            h, flip = reach, 2
-                    if s_c * d_c > 0.0:
-                        reach = (s_c * (aim_c - i_c) + band_c) / abs(d_c)
-                        reach *= 1.0 + curvature * reach
-                        if reach < h:
-                            h, flip = reach, 3
+                    reach = time_to_switch(s_a, i_a - aim_a, d_a, band_a, curvature)
+                    if reach < h:
+                        h, flip = reach, 1
+                    reach = time_to_switch(s_b, i_b - aim_b, d_b, band_b, curvature)
+                    if reach < h:
+                        h, flip = reach, 2
+                    reach = time_to_switch(s_c, i_c - aim_c, d_c, band_c, curvature)
+                    if reach < h:
+                        h, flip = reach, 3
                 h = max(h, SIMULTANEOUS)
 
                 # Prediction of the mechanics, then the laws at the end of the step.
                 w_p, ws_p = w_m + al_m * h, w_s + al_s * h
-                if w_p * w_m < 0.0:
-                    w_p = 0.0
-                if ws_p * w_s < 0.0:
-                    ws_p = 0.0
+                w_p = 0.0 if w_p * w_m < 0.0 else w_p
+                ws_p = 0.0 if ws_p * w_s < 0.0 else ws_p
                 dq = 0.5 * h * (w_m + w_p)
                 q_m1, q_s1 = q_m + dq, q_s + 0.5 * h * (w_s + ws_p)
                 q_r1 = q_m1 + q_0
@@ -253,13 +225,14 @@ def _build(sources: str) -> Callable[..., int]:
                     e, motor, top, 2, q_e1, q_r1, i_c + h * d_c
                 )
                 if on:
-                    x_a = v_a - r_a * (i_a + h * d_a) - k_a1 * w_p
-                    x_b = v_b - r_b * (i_b + h * d_b) - k_b1 * w_p
-                    x_c = v_c - r_c * (i_c + h * d_c) - k_c1 * w_p
-                    v_n = (x_a * g_a + x_b * g_b + x_c * g_c) * g_n
-                    i_a1 = i_a + 0.5 * h * (d_a + (x_a - v_n) * g_a)
-                    i_b1 = i_b + 0.5 * h * (d_b + (x_b - v_n) * g_b)
-                    i_c1 = i_c + 0.5 * h * (d_c + (x_c - v_n) * g_c)
+                    d_a1, d_b1, d_c1 = current_slopes(
+                        v_a, v_b, v_c, r_a, r_b, r_c,
+                        i_a + h * d_a, i_b + h * d_b, i_c + h * d_c,
+                        k_a1 * w_p, k_b1 * w_p, k_c1 * w_p, g_a, g_b, g_c, g_n,
+                    )
+                    i_a1 = i_a + 0.5 * h * (d_a + d_a1)
+                    i_b1 = i_b + 0.5 * h * (d_b + d_b1)
+                    i_c1 = i_c + 0.5 * h * (d_c + d_c1)
                 else:
                     i_a1, i_b1, i_c1 = i_a, i_b, i_c
                 t_m1 = clip(k_a1 * i_a1 + k_b1 * i_b1 + k_c1 * i_c1, motor.torque_limit)
@@ -294,9 +267,7 @@ def _build(sources: str) -> Callable[..., int]:
                 m_a += 0.5 * h * (i_a + i_a1)
                 m_b += 0.5 * h * (i_b + i_b1)
                 m_c += 0.5 * h * (i_c + i_c1)
-                m_ra += h * ref_a
-                m_rb += h * ref_b
-                m_rc += h * ref_c
+                m_ra, m_rb, m_rc = m_ra + h * ref_a, m_rb + h * ref_b, m_rc + h * ref_c
                 m_e += 0.5 * h * (q_m + q_m1)
                 m_s += 0.5 * h * (q_s + q_s1) + h * n_q
                 mid_a, mid_b, mid_c = i_a + i_a1, i_b + i_b1, i_c + i_c1
@@ -326,12 +297,9 @@ def _build(sources: str) -> Callable[..., int]:
                 w_m, q_m, w_s, q_s, q_e = w_m1, q_m1, w_s1, q_s1, q_e1
                 k_a, k_b, k_c, al_m, al_s = k_a1, k_b1, k_c1, al_m1, al_s1
                 t_m, t_sh = t_m1, t_sh1
-                if flip == 1:
-                    s_a = -s_a
-                elif flip == 2:
-                    s_b = -s_b
-                elif flip == 3:
-                    s_c = -s_c
+                s_a = -s_a if flip == 1 else s_a
+                s_b = -s_b if flip == 2 else s_b
+                s_c = -s_c if flip == 3 else s_c
                 steps_here += 1
                 if t >= t_edge - SIMULTANEOUS:
                     break
@@ -360,12 +328,11 @@ def _build(sources: str) -> Callable[..., int]:
 
         state[st.TIME] = t
         state[st.I_A], state[st.I_B], state[st.I_C] = i_a, i_b, i_c
-        state[st.OMEGA_M], state[st.THETA_M] = w_m, q_m
+        state[st.OMEGA_M], state[st.THETA_M], state[st.THETA_E] = w_m, q_m, q_e
         state[st.OMEGA_S], state[st.THETA_S] = w_s, q_s
-        state[st.THETA_E] = q_e
         state[st.LEG_A], state[st.LEG_B], state[st.LEG_C] = s_a, s_b, s_c
         state[st.ALPHA_M], state[st.ALPHA_S] = al_m, al_s
-        state[st.I_REF], state[st.I_SET], state[st.INTEGRAL] = i_ref, i_set, integral
+        state[st.I_SET] = i_set
         state[st.SPEED_NOISE], state[st.POSITION_NOISE] = n_w, n_q
         state[st.TICK], state[st.SAMPLE] = tick, sample
         state[st.STEPS] += steps

@@ -8,10 +8,10 @@ from ema_sim.parameters import Actuator
 
 (
     TIME, I_A, I_B, I_C, OMEGA_M, THETA_M, OMEGA_S, THETA_S, THETA_E, LEG_A, LEG_B, LEG_C,
-    ALPHA_M, ALPHA_S, I_REF, I_SET, INTEGRAL, SPEED_NOISE, POSITION_NOISE, TICK, SAMPLE, THETA_0,
+    ALPHA_M, ALPHA_S, I_SET, INTEGRAL, SPEED_NOISE, POSITION_NOISE, TICK, SAMPLE, THETA_0,
     STEPS, CHARGE, E_TERMINAL, E_COPPER, E_MOTOR, E_FRICTION_M, E_FRICTION_S, E_SHAFT, E_LOAD,
     HISTORY,
-) = range(32)  # fmt: skip
+) = range(31)  # fmt: skip
 
 N_HISTORY = 256
 """Reference currents kept for `control_delay`, one a control period."""
