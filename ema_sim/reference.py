@@ -1,8 +1,8 @@
 """The reference: a plain fixed-step loop that anyone can check by reading it once.
 
-Semi-implicit Euler at 0.1 µs: currents, then speeds, then angles, everything looked at in
-every step, nothing predicted, nothing located, nothing kept from the step before. It shares the laws
-and the ports with `kernel` and none of its logic; it is some fifty times slower.
+Semi-implicit Euler at 0.1 µs: currents, then speeds, then angles; everything is looked at in
+every step, nothing is predicted, located or kept from the step before. It shares the laws and
+the ports with `kernel` and none of its logic; it is some twenty times slower.
 """
 
 from __future__ import annotations

@@ -1,0 +1,130 @@
+"""Mechanical closed forms: friction, sticking, two-mass resonance, lost motion."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from kernel_run import changed, run, state_of
+from scipy.optimize import least_squares
+
+from ema_record.profile import Profile
+from ema_sim import state as st
+from ema_sim.effects import parse_effects
+from ema_sim.simulate import simulate
+
+FREE = {"backlash": 0.1}  # motor and surface do not touch
+SMOOTH = {"static_friction": 0.0, "dynamic_friction": 0.0, "viscous_friction": 0.0}
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+@pytest.mark.parametrize("viscous", [0.0, 1e-3])
+def test_free_deceleration_of_the_motor(direction, viscous):
+    """J dw/dt = -T - B w, and then it stands for good."""
+    a = changed(shaft=FREE, motor={"viscous_friction": viscous})
+    j, dry, w_0 = a.motor.inertia, a.motor.dynamic_friction, 100.0
+    start = state_of(
+        a, omega_m=direction * w_0, alpha_m=-direction * (dry + viscous * w_0) / j
+    )
+    found = run(a, start, 0.012, rate=100_000.0)
+    t = found.out[:, 0]
+    if viscous:
+        tau = j / viscous
+        stop = tau * math.log1p(viscous * w_0 / dry)
+        speed = (w_0 + dry / viscous) * np.exp(-t / tau) - dry / viscous
+        travel = tau * w_0 - dry / viscous * stop
+    else:
+        stop = j * w_0 / dry
+        speed = w_0 - dry / j * t
+        travel = 0.5 * w_0 * stop
+    speed = np.where(t < stop, speed, 0.0)
+    assert direction * found.out[:, 1] == pytest.approx(speed, abs=w_0 * 2e-3)
+    assert np.all(found.out[t > stop + 3e-5, 1] == 0.0)
+    assert direction * found.state[st.THETA_M] == pytest.approx(travel, rel=1e-4)
+    assert found.state[st.THETA_S] == 0.0
+
+
+def test_free_deceleration_of_the_surface():
+    a = changed(shaft=FREE)
+    s, w_0 = a.surface, 1.0
+    torque = s.dynamic_friction + s.viscous_friction * w_0
+    start = state_of(a, omega_s=w_0, alpha_s=-torque / s.inertia)
+    found = run(a, start, 0.01, rate=100_000.0)
+    tau = s.inertia / s.viscous_friction
+    ratio = s.dynamic_friction / s.viscous_friction
+    stop = tau * math.log1p(w_0 / ratio)
+    assert found.state[st.OMEGA_S] == 0.0
+    assert found.state[st.THETA_S] == pytest.approx(tau * w_0 - ratio * stop, rel=1e-4)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_surface_sticks_below_its_static_torque_and_slides_above(sign):
+    a = changed(shaft=FREE)
+    s = a.surface
+    below = parse_effects([f"surface_load.constant={sign * 0.99 * s.static_friction}"])
+    assert run(a, state_of(a), 0.02, effects=below).state[st.THETA_S] == 0.0
+    above = parse_effects([f"surface_load.constant={sign * 1.01 * s.static_friction}"])
+    found = run(a, state_of(a), 0.01, effects=above)
+    tau = s.inertia / s.viscous_friction
+    final = (1.01 * s.static_friction - s.dynamic_friction) / s.viscous_friction
+    expected = final * (0.01 - tau * (1.0 - math.exp(-0.01 / tau)))
+    assert -sign * found.state[st.THETA_S] == pytest.approx(expected, rel=5e-3)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_motor_sticks_below_its_static_torque_and_starts_above(sign):
+    a = changed(shaft=FREE)
+    phase = ["cogging_torque.periods=1", f"cogging_torque.phase={sign * math.pi / 2}"]
+    for share, moves in ((0.99, False), (1.01, True)):
+        amplitude = share * a.motor.static_friction
+        e = parse_effects([f"cogging_torque.amplitude={amplitude}", *phase])
+        found = run(a, state_of(a, angle=0.0), 0.001, effects=e)
+        assert (sign * found.state[st.THETA_M] > 0.0) == moves
+        assert (found.state[st.OMEGA_M] != 0.0) == moves
+
+
+@pytest.mark.parametrize("damping", [5.0, 30.0])
+def test_two_mass_resonance(damping):
+    """Frequency sqrt(K / J) and damping of the twist, under a load that keeps contact."""
+    a = changed(motor=SMOOTH, surface=SMOOTH, shaft={"backlash": 0.0, "damping": damping})
+    j_m, j_s = a.motor.inertia * a.gear.ratio**2, a.surface.inertia
+    stiffness, reduced = a.shaft.stiffness, j_m * j_s / (j_m + j_s)
+    load = 400.0
+    rest = load * j_m / (j_m + j_s)
+    start = state_of(a, theta_m=1.5 * rest / stiffness * a.gear.ratio)
+    e = parse_effects([f"surface_load.constant={load}"])
+    found = run(a, start, 0.06, effects=e)
+    t, torque = found.out[:, 0], found.trace[:, 1]
+
+    def misfit(p):
+        omega, decay, cos, sin, mean = p
+        swing = cos * np.cos(omega * t) + sin * np.sin(omega * t)
+        return mean + np.exp(-decay * t) * swing - torque
+
+    omega_0, decay = math.sqrt(stiffness / reduced), damping / (2.0 * reduced)
+    fit = least_squares(misfit, [omega_0, decay, 0.5 * rest, 0.0, rest],
+                        x_scale=[100.0, 10.0, rest, rest, rest])
+    assert fit.x[0] == pytest.approx(math.sqrt(omega_0**2 - decay**2), rel=1e-3)
+    assert fit.x[1] == pytest.approx(decay, rel=0.01)
+    assert fit.x[4] == pytest.approx(rest, rel=1e-3)
+    assert np.max(np.abs(fit.fun)) < 0.01 * rest
+
+
+def lost_motion(increase: float) -> float:
+    """Return how far the motor runs ahead of the surface more on the way up than down (rad)."""
+    profile = Profile(name="reversal", points=((0.0, 0.0), (0.05, 0.0), (0.55, 0.04), (1.05, 0.0)))
+    e = parse_effects([f"backlash.increase={increase}"])
+    record = simulate(profile, effects=e, noise=0.0, start_angle=1.0)
+    ahead = np.unwrap(record.channel("rotor_angle")) / 500.0 - record.channel("surface_position")
+    up, down = (record.time > 0.3) & (record.time < 0.5), record.time > 0.85
+    return float(ahead[up].mean() - ahead[down].mean())
+
+
+def test_lost_motion_follows_the_backlash_with_slope_one():
+    increase = np.array([0.0, 2e-4, 1e-3, 4e-3])
+    measured = np.array([lost_motion(x) for x in increase])
+    slope, offset = np.polyfit(increase, measured, 1)
+    assert slope == pytest.approx(1.0, abs=0.01)
+    # What is left: the nominal backlash and the twist under the surface's friction.
+    assert 1e-4 < offset < 1e-4 + 2.0 * 90.0 / 1e5 + 1e-4
