@@ -237,13 +237,13 @@ def _build(sources: str) -> Callable[..., int]:
                     i_a1, i_b1, i_c1 = i_a, i_b, i_c
                 t_m1 = clip(k_a1 * i_a1 + k_b1 * i_b1 + k_c1 * i_c1, motor.torque_limit)
                 t_m1 += ports.added_motor_torque(e, motor, k_a1, k_b1, k_c1, w_p, q_r1)
-                slope = ports.gear_slope(e, gear, q_r1)
+                slope1 = ports.gear_slope(e, gear, q_r1)
                 t_sh1 = shaft_torque(
-                    ports.gear_output(e, gear, q_m1, q_r1) - q_s1, w_p * slope - ws_p,
+                    ports.gear_output(e, gear, q_m1, q_r1) - q_s1, w_p * slope1 - ws_p,
                     stiffness, shaft.damping, backlash,
                 )
                 driving = gear.efficiency if t_sh1 * w_p < 0.0 else 1.0 / gear.efficiency
-                load_m = t_sh1 * driving * slope
+                load_m = t_sh1 * driving * slope1
                 load_s = ports.load_torque(e, q_s1)
                 dyn_m, sta_m = ports.motor_dry_friction(e, motor, w_p, load_m)
                 visc_m = ports.motor_viscous_friction(e, motor, w_p)
@@ -289,14 +289,15 @@ def _build(sources: str) -> Callable[..., int]:
                     e_friction_s += h * (
                         dyn_s * abs(moving_s) + a.surface.viscous_friction * moving_s**2
                     )
-                    e_shaft += 0.5 * h * (t_sh + t_sh1) * (moving_m * slope - moving_s)
+                    e_shaft += 0.5 * h * (t_sh * slope + t_sh1 * slope1) * moving_m
+                    e_shaft -= 0.5 * h * (t_sh + t_sh1) * moving_s
                     e_load += h * load_s * moving_s
 
                 t += h
                 i_a, i_b, i_c = i_a1, i_b1, i_c1
                 w_m, q_m, w_s, q_s, q_e = w_m1, q_m1, w_s1, q_s1, q_e1
                 k_a, k_b, k_c, al_m, al_s = k_a1, k_b1, k_c1, al_m1, al_s1
-                t_m, t_sh = t_m1, t_sh1
+                t_m, t_sh, slope = t_m1, t_sh1, slope1
                 s_a = -s_a if flip == 1 else s_a
                 s_b = -s_b if flip == 2 else s_b
                 s_c = -s_c if flip == 3 else s_c
