@@ -41,11 +41,11 @@ COMMANDS: dict[str, Command] = {
         Command("simulate", "Run a test on the emulated actuator, without ROS, into a bag.",
                 "ema simulate --profile step --effect turn_short.fraction=0.1 --out short"),
         Command("check", "Say what is wrong with the actuator that a bag was recorded from.",
-                "ema check bags/turn_short_extended"),
+                "ema check bags/sim_0001_extended"),
         Command("replay", "Put a bag back onto the topics.",
-                "ema replay bags/turn_short_extended"),
+                "ema replay bags/sim_0001_extended"),
         Command("export", "Convert a bag to CSV, Parquet or messages for plotters; plot it.",
-                "ema export bags/healthy_step --format csv --out healthy.csv"),
+                "ema export bags/sim_0000_step --format csv --out healthy.csv"),
         Command("effects", "List the catalogue of physical effects, or explain one.",
                 "ema effects turn_short"),
         Command("train", "Train the cascade of networks and write its model file.",
@@ -103,9 +103,11 @@ def _run_command(command: Command, arguments: list[str]) -> int:
     )
     parser = get_command(build_app(command))
     try:
-        status = parser.main(
-            args=arguments, prog_name=f"{PROGRAM} {command.name}", standalone_mode=False
-        )
+        # Not parser.main: it has its own opinion of closed pipes and of Ctrl-C.
+        with parser.make_context(f"{PROGRAM} {command.name}", arguments) as context:
+            status = parser.invoke(context)
+    except typer.Exit as leaving:
+        return leaving.exit_code
     except typer.Abort:
         raise KeyboardInterrupt from None
     except click_exception as error:

@@ -7,6 +7,7 @@ same apart in black and white. Angles are in degrees, all else in SI units.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -27,11 +28,11 @@ from ema_record.errors import OutputError
 from ema_record.files import cannot_write
 from ema_record.record import Record
 
-BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+BLACK, ORANGE, GREEN = "#000000", "#E69F00", "#009E73"
 BLUE, VERMILION, GREY = "#0072B2", "#D55E00", "#7F7F7F"
 PHASE_COLOURS = {"a": BLUE, "b": VERMILION, "c": GREEN}
 
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.size": 10.0, "axes.labelsize": 10.0, "axes.titlesize": 11.0, "legend.fontsize": 9.0,
     "axes.grid": True, "grid.color": "#DDDDDD", "grid.linewidth": 0.6, "lines.linewidth": 1.2,
     "axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False,
@@ -124,7 +125,7 @@ def _currents(record: Record, turns: Turns) -> Figure:
         _fold_panel(axes, fold)
     panels[0].set_title(
         f"{_title(record, 'Phase currents')}\nfolded over {turns.count} turns, "
-        f"f_e = {turns.frequency:.1f} Hz"
+        f"$f_e$ = {turns.frequency:.1f} Hz"
     )
     panels[-1].set(xlabel="electrical rotor angle (°)", xlim=(0.0, 360.0))
     panels[-1].set_xticks(np.arange(0, 361, 30))
@@ -137,7 +138,8 @@ def _fold_panel(axes: Axes, fold: Fold) -> None:
     colour = PHASE_COLOURS[fold.phase]
     axes.plot(fold.angle, fold.current, ".", ms=1.2, color=GREY, alpha=0.35, rasterized=True,
               label="samples")
-    axes.plot(fold.bins, fold.mean_current, color=colour, lw=1.8, label="mean of the current")
+    axes.plot(fold.bins, fold.mean_current, color=colour, lw=1.8,
+              label="mean of the current (solid, coloured)")
     axes.plot(fold.bins, fold.mean_reference, color=BLACK, lw=1.2, ls="--",
               label="mean of the reference")
     axes.set_ylabel(f"phase {fold.phase} (A)")
@@ -159,10 +161,10 @@ def _spectrum(turns: Turns) -> Figure:
     top = float(amplitude[order > 0.5].max())
     bottom = float(np.median(amplitude[order > 0.5]))
     axes.set_ylim(0.3 * bottom, 3.0 * top)
-    axes.set_xlim(0.0, order[-1])
+    axes.set_xlim(0.0, order[-1] + 0.3)
     axes.set_xticks(np.arange(0, int(order[-1]) + 1))
     axes.set(
-        xlabel=f"multiple of the electrical frequency f_e = {turns.frequency:.2f} Hz",
+        xlabel=f"multiple of the electrical frequency $f_e$ = {turns.frequency:.2f} Hz",
         ylabel="amplitude of motor speed (rad/s)",
         title=f"Speed against rotor angle: lines over {turns.count} turns",
     )

@@ -1,0 +1,182 @@
+"""The `ema` command: help, dispatch, errors as one line with their status."""
+
+import errno
+import importlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from ema_cli import console, main
+from ema_record.errors import IncompleteRecordError, UsageError
+from ema_record.version import VERSION
+
+
+def ema(*arguments, **options):
+    return subprocess.run(
+        [sys.executable, "-m", "ema_cli", *arguments], capture_output=True, text=True,
+        timeout=120, check=False, **options,
+    )
+
+
+def test_help_names_every_command_with_its_example(capsys):
+    assert main.run(["--help"]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    for command in main.COMMANDS.values():
+        assert command.example in printed
+        assert command.example.startswith(f"ema {command.name}")
+
+
+@pytest.mark.parametrize("name", list(main.COMMANDS))
+def test_every_command_is_there_and_its_help_has_options_and_example(name, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    assert main.run([name, "--help"]) == 0
+    printed = capsys.readouterr().out
+    assert main.COMMANDS[name].example in printed
+    assert main.COMMANDS[name].summary in printed
+    assert printed.count("--") >= 2
+    assert "----" not in printed
+
+
+def test_help_costs_a_quarter_of_a_second_at_most():
+    times = []
+    for _ in range(3):
+        begin = time.perf_counter()
+        assert ema("--help").returncode == 0
+        bare = time.perf_counter()
+        subprocess.run([sys.executable, "-c", "pass"], check=True)
+        times.append((bare - begin) - (time.perf_counter() - bare))
+    assert min(times) < 0.25
+
+
+def test_main_imports_no_heavy_module():
+    code = (
+        "import sys, ema_cli.main as m; m.run(['--version']);"
+        "print([n for n in ('numpy', 'numba', 'rclpy', 'scipy', 'matplotlib', 'mcap')"
+        " if n in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split("\n")[:2] == [f"ema {VERSION}", "[]"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["simulat"], "did you mean 'simulate'?"),
+        (["--hlep"], "did you mean '--help'?"),
+        (["simulate", "--effct", "a"], "did you mean '--effect'"),
+        (["simulate"], "--out"),
+        (["simulate", "--seed", "x", "--out", "nowhere"], "--seed"),
+        (["simulate", "--seed"], "--seed"),
+        (["effects", "one", "two"], "two"),
+    ],
+)
+def test_wrong_use_is_one_line_and_status_2(arguments, expected, capsys):
+    assert main.run(arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert expected in captured.err
+
+
+def test_no_arguments_prints_help_and_is_wrong_use(capsys):
+    assert main.run([]) == 2
+    assert "simulate" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "expected"),
+    [
+        (UsageError("wrong\n  name"), 2, "ema: wrong name"),
+        (IncompleteRecordError("cut"), 3, "ema: cut"),
+        (KeyboardInterrupt(), 130, "ema: interrupted"),
+        (PermissionError(errno.EACCES, "Permission denied", "a.txt"), 2, "a.txt: Permission"),
+        (OSError(errno.ENOSPC, "No space left on device"), 2, "free some disk space"),
+        (MemoryError(), 2, "not enough memory"),
+        (ModuleNotFoundError("no", name="rclpy.node"), 2, "ema_phm[ros]"),
+        (ModuleNotFoundError("no", name="pyarrow"), 2, "'pyarrow' is not installed"),
+        (ZeroDivisionError("x"), 70, "internal error (ZeroDivisionError: x)"),
+    ],
+)
+def test_errors_are_one_line_with_their_status(error, status, expected, capsys):
+    def command():
+        raise error
+
+    assert console.guarded(command) == status
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1
+    assert expected in captured.err
+    assert "Traceback" not in captured.err
+
+
+def test_closed_pipe_is_quiet():
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ema_cli", "effects", "--json"], stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    process.stdout.close()
+    complaint = process.stderr.read()
+    process.stderr.close()
+    assert process.wait(timeout=60) == 141
+    assert complaint == b""
+
+
+def test_full_disk_is_one_line():
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "ema_cli", "effects", "--json"], stdout=full,
+            stderr=subprocess.PIPE, text=True, check=False,
+        )
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "free some disk space" in done.stderr
+
+
+def test_ctrl_c_in_the_middle_is_one_line(tmp_path):
+    """A long simulation is stopped; no bag and no half bag stays."""
+    profile = tmp_path / "long.yaml"
+    points = [[0.0, -0.1]] + [[0.5 * k, 0.1 * (-1) ** k] for k in range(1, 119)]
+    profile.write_text(f"name: long\npoints: {points}\n", encoding="utf-8")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ema_cli", "simulate", "--profile", str(profile), "--rate",
+         "100000", "--out", str(tmp_path / "bag")],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )
+    try:
+        _wait_for_library(process.pid, "llvmlite")
+        os.kill(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert out == ""
+    assert err == "ema: interrupted\n"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["long.yaml"]
+
+
+def _wait_for_library(pid, name):
+    """Wait until the process has mapped a library: it is at work."""
+    deadline = time.monotonic() + 60.0
+    while time.monotonic() < deadline:
+        if name in Path(f"/proc/{pid}/maps").read_text(encoding="utf-8"):
+            return
+        time.sleep(0.02)
+    raise AssertionError(f"process {pid} never loaded {name}")
+
+
+def test_a_command_that_is_not_there_is_one_line(capsys, monkeypatch):
+    missing = main.Command("nowhere", "Nothing.", "ema nowhere")
+    monkeypatch.setitem(main.COMMANDS, "nowhere", missing)
+    with pytest.raises(ModuleNotFoundError):
+        importlib.import_module("ema_cli.nowhere")
+    assert main.run(["nowhere"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_json_numbers_that_are_not_finite_become_null(capsys):
+    console.print_json({"a": float("nan"), "b": [1, float("inf")], "c": (None, True, "é")})
+    assert capsys.readouterr().out == '{"a": null, "b": [1, null], "c": [null, true, "é"]}\n'
