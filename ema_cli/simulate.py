@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -24,6 +25,25 @@ def simulate(
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="BAG", help="Directory to make.")
     ],
+    campaign: Annotated[
+        Path | None,
+        typer.Option(
+            "--campaign", metavar="FILE.yaml",
+            help="Make all runs of a campaign; --out is the folder of its results.",
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option("--jobs", help="Campaign: worker processes, default one a core."),
+    ] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option("--dask", metavar="ADDRESS", help="Campaign: scheduler of a dask cluster."),
+    ] = None,
+    run: Annotated[
+        int | None,
+        typer.Option("--run", metavar="NUMBER", help="Campaign: this run alone, into a bag."),
+    ] = None,
     profile: Annotated[
         str | None,
         typer.Option(
@@ -93,6 +113,10 @@ def simulate(
     from ema_sim.effects import parse_effects
     from ema_sim.simulate import simulate_traced
 
+    if campaign is not None:
+        return _campaign(campaign, out, locals())
+    if jobs is not None or dask is not None or run is not None:
+        raise UsageError("--jobs, --dask and --run belong to a campaign: give --campaign FILE")
     check_new(out, trace)
     chosen = choose_profile(profile, step)
     loaded = load_model_file(model)
@@ -131,6 +155,24 @@ def simulate(
         print(path)
     note(f"simulated {chosen.duration:g} s in {wall:.2f} s; next: ema check {written}")
     return 0
+
+
+def _campaign(file: Path, out: Path, options: dict[str, Any]) -> int:
+    """Run a campaign; the options of a single run are refused, the file gives them."""
+    from ema_cli.campaign import simulate_campaign
+
+    own = inspect.signature(simulate).parameters
+    for name in ("profile", "effect", "model", "seed", "noise", "rate", "step", "start_angle",
+                 "serial_number", "trace", "plot"):
+        if options[name] != own[name].default:
+            raise UsageError(
+                f"--{name.replace('_', '-')} and --campaign exclude each other: write it into "
+                f"{file}"
+            )
+    return simulate_campaign(
+        file, out, jobs=options["jobs"], dask=options["dask"], run=options["run"],
+        as_json=options["as_json"],
+    )
 
 
 def choose_profile(name: str | None, step: float | None) -> Profile:

@@ -33,6 +33,7 @@ class ActuatorSession:
     start_angle : electrical rotor angle at the start (rad).
     position : surface position at the start (rad).
     trace : keep torques and surface speed, see `take_trace`.
+    settle : reach the last command after a run, unrecorded; left out, no run may follow.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class ActuatorSession:
         position: float = -0.4,
         trace: bool = False,
         max_step: float = k.MAX_STEP,
+        settle: bool = True,
     ) -> None:
         """Set the actuator at rest at `position`."""
         check_bounds("noise", noise, *NOISE_LEVELS, "times nominal")
@@ -68,6 +70,7 @@ class ActuatorSession:
         self._inverter_on = math.inf
         self._keep_trace = trace
         self._max_step = max_step
+        self._settle = settle
         self._traces: list[np.ndarray] = []
         self.last_bus = (self._bus_voltage(0.0), 0.0)
         """Bus voltage (V) and mean current (A) of the last block."""
@@ -183,7 +186,8 @@ class ActuatorSession:
         self._profile = Profile(name="settle", points=((0.0, target), (SETTLE_TIME, target)))
         self._begin = self.time
         self.final_state = self._state.copy()
-        self._run(round(SETTLE_TIME * self.rate))
+        if self._settle:
+            self._run(round(SETTLE_TIME * self.rate))
         self._profile, self._keep_trace = None, keep
 
 

@@ -85,7 +85,7 @@ def simulate_traced(
     session = ActuatorSession(
         actuator if actuator is not None else load_actuator(), effects, seed=seed, noise=noise,
         rate=rate, start_angle=start_angle, position=profile.start, trace=trace,
-        max_step=max_step,
+        max_step=max_step, settle=False,
     )
     session.command(profile)
     blocks, bus, temperature = [], [], []

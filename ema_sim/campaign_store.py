@@ -1,0 +1,226 @@
+"""The folder of a campaign: manifest, chunks of results that appear whole, final table."""
+
+from __future__ import annotations
+
+import csv
+import fcntl
+import hashlib
+import importlib.util
+import json
+import os
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from ema_record.errors import OutputError, UsageError
+from ema_record.files import cannot_write, exists, new_file
+from ema_record.version import VERSION
+
+MANIFEST = "campaign.json"
+TABLE = "table.csv"
+CHUNKS = "chunks"
+BAGS = "bags"
+FORMAT = 1
+MAX_MANIFEST = 1 << 20
+PARAMETERS, RESULTS = "parameters.", "results."
+"""Prefixes of the columns that were drawn and that were found."""
+
+Columns = dict[str, np.ndarray]
+
+
+@cache
+def sources_hash(packages: Sequence[str] = ("ema_record", "ema_sim")) -> str:
+    """Return a hash of the Python sources of these packages (a tuple)."""
+    digest = hashlib.sha256()
+    for package in packages:
+        found = importlib.util.find_spec(package)
+        assert found is not None and found.origin is not None
+        root = Path(found.origin).parent
+        for path in sorted(root.rglob("*.py")):
+            digest.update(f"{package}/{path.relative_to(root)}".encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def manifest_of(digest: str, plan: object, keep: str, sources: str, runs: int, chunk: int) -> dict:
+    """Return what identifies the results of a campaign; equal manifests, equal bytes."""
+    return {
+        "format": FORMAT, "digest": digest, "keep": keep, "runs": runs, "runs_a_chunk": chunk,
+        "software": VERSION, "sources": sources, "numpy": np.__version__, "plan": plan,
+    }
+
+
+class CampaignFolder:
+    """Results of one campaign on disk.
+
+    Parameters
+    ----------
+    path : folder, made if it is not there; it must be of the same campaign if it is.
+    manifest : see `manifest_of`.
+
+    Raises
+    ------
+    OutputError
+        The folder holds something else, or is of another plan or software.
+
+    """
+
+    def __init__(self, path: str | Path, manifest: Mapping[str, object]) -> None:
+        """Make the folder, or take up the one that is there."""
+        self.path = Path(path)
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            names = {p.name for p in self.path.iterdir()} - {".lock"}
+            names -= {n for n in names if n.startswith(f".{MANIFEST}.")}
+        except FileExistsError:
+            raise exists(self.path) from None
+        except OSError as error:
+            raise cannot_write(self.path, error) from None
+        if MANIFEST in names:
+            self._compare(manifest)
+        elif names:
+            raise OutputError(
+                f"{self.path}: holds files of something else ({min(names)}): choose a new folder"
+            )
+        else:
+            text = json.dumps(manifest, indent=1, ensure_ascii=False) + "\n"
+            with new_file(self.path / MANIFEST) as temporary:
+                temporary.write_text(text, encoding="utf-8")
+        (self.path / CHUNKS).mkdir(exist_ok=True)
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other processes from running the same campaign into this folder."""
+        with (self.path / ".lock").open("w") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise OutputError(
+                    f"{self.path}: another process is running this campaign: wait for it"
+                ) from None
+            yield
+
+    def done(self) -> set[int]:
+        """Return the numbers of the chunks that are there."""
+        return {int(p.stem) for p in (self.path / CHUNKS).glob("*.npz") if p.stem.isdigit()}
+
+    def save(self, chunk: int, columns: Columns) -> None:
+        """Write one chunk: whole or not at all."""
+        with new_file(self._chunk(chunk)) as temporary, temporary.open("wb") as file:
+            np.savez(file, **columns)  # type: ignore[arg-type]
+
+    def load(self, chunk: int) -> Columns:
+        """Return the columns of one chunk."""
+        path = self._chunk(chunk)
+        try:
+            with np.load(path, allow_pickle=False) as found:
+                return {name: found[name] for name in found.files}
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            raise UsageError(
+                f"{path}: is damaged: delete it and repeat the command, which makes it anew"
+            ) from None
+
+    def finish(self, columns: Columns) -> None:
+        """Write the table of all columns that hold one value a run."""
+        if (self.path / TABLE).exists():
+            return
+        with new_file(self.path / TABLE) as temporary:
+            write_table(temporary, columns)
+
+    def _chunk(self, chunk: int) -> Path:
+        return self.path / CHUNKS / f"{chunk:06d}.npz"
+
+    def _compare(self, manifest: Mapping[str, object]) -> None:
+        there = read_manifest(self.path)
+        for name, what in (
+            ("digest", "another plan"), ("keep", "another reduction"),
+            ("runs_a_chunk", "another plan"), ("software", "another version of the software"),
+            ("sources", "other sources of the software"), ("numpy", "another version of numpy"),
+            ("format", "another version of the software"),
+        ):
+            if there.get(name) != manifest[name]:
+                raise OutputError(
+                    f"{self.path}: holds the results of {what} and is never overwritten: "
+                    "choose another folder"
+                )
+
+
+def read_manifest(path: Path) -> dict:
+    """Return the manifest of a campaign's folder."""
+    file = path / MANIFEST
+    try:
+        if file.stat().st_size > MAX_MANIFEST:
+            raise UsageError(f"{file}: larger than {MAX_MANIFEST} bytes: not a manifest of ours")
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(
+            f"{file}: {error.strerror or error}: give the folder of a campaign"
+        ) from None
+    except (ValueError, RecursionError):
+        found = None
+    if not isinstance(found, dict):
+        raise UsageError(f"{file}: is damaged: choose another folder")
+    return found
+
+
+def merge(chunks: Sequence[Columns]) -> Columns:
+    """Return chunks end to end; a column that is missing where all runs failed becomes NaN."""
+    names = list(dict.fromkeys(name for chunk in chunks for name in chunk))
+    shapes = {name: next(c[name] for c in chunks if name in c) for name in names}
+    merged = {}
+    for name in names:
+        pieces = []
+        for chunk in chunks:
+            if name in chunk:
+                pieces.append(chunk[name])
+            else:
+                pieces.append(np.full((len(chunk["run"]), *shapes[name].shape[1:]), np.nan))
+        if any(p.shape[1:] != pieces[0].shape[1:] for p in pieces):
+            raise UsageError(f"{name}: its shape differs between runs: let the reduction pad it")
+        merged[name] = np.concatenate(pieces)
+    return merged
+
+
+def write_table(path: Path, columns: Columns) -> None:
+    """Write columns of one value a run as CSV; floats with all their digits."""
+    scalar = {name: c for name, c in columns.items() if c.ndim == 1}
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow([n.removeprefix(PARAMETERS).removeprefix(RESULTS) for n in scalar])
+        writer.writerows(zip(*(c.tolist() for c in scalar.values()), strict=True))
+
+
+def load_campaign(path: str | Path) -> Columns:
+    """Return the columns of a campaign that was run into a folder, run by run.
+
+    Parameters
+    ----------
+    path : the folder; a campaign that was interrupted gives what is done.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (runs, ...)
+        ``run``, ``seed``, ``failed``, ``profile``, ``parameters.<name>``, ``results.<name>``.
+
+    """
+    folder = CampaignFolder.__new__(CampaignFolder)
+    folder.path = Path(path)
+    read_manifest(folder.path)
+    done = sorted(folder.done())
+    if not done:
+        raise UsageError(f"{path}: no run is finished yet: run the campaign")
+    return merge([folder.load(chunk) for chunk in done])
+
+
+def place_of_bag(folder: str, index: int) -> Path:
+    """Return where the bag of a run goes."""
+    return Path(folder) / BAGS / f"run_{index:06d}"
+
+
+def unfinished(path: Path) -> Path:
+    """Return the name under which a folder is made before it is renamed."""
+    return path.with_name(f".{path.name}.{os.getpid()}.tmp")
