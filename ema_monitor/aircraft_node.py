@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
+import rclpy
+import rclpy.executors
+import rclpy.signals
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
 from rclpy.node import Node
@@ -18,6 +23,7 @@ from ema_monitor.messages import (
     make_publisher,
     take_all,
 )
+from ema_record.node_process import prepare_environment
 from ema_record.topics import (
     DIAGNOSTICS,
     SAMPLES,
@@ -31,12 +37,34 @@ PERIOD = 0.1
 """Interval of weight on wheels (s)."""
 
 
+@contextmanager
+def aircraft() -> Iterator[AircraftNode]:
+    """Yield the node, in a context of its own that leaves the signals to the caller."""
+    prepare_environment()
+    context = rclpy.Context()
+    rclpy.init(
+        context=context, args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO
+    )
+    node = AircraftNode(context)
+    executor = rclpy.executors.SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    node.spin = lambda seconds: executor.spin_once(timeout_sec=seconds)
+    try:
+        yield node
+    finally:
+        executor.shutdown(timeout_sec=1.0)
+        node.destroy_node()
+        rclpy.try_shutdown(context=context)
+
+
 class AircraftNode(Node):
     """Sends weight on wheels, calls the self-test, listens for the verdict."""
 
-    def __init__(self) -> None:
+    def __init__(self, context: rclpy.Context) -> None:
         """Appear on the graph, on the ground."""
-        super().__init__(NODE_NAME)
+        super().__init__(NODE_NAME, context=context)
+        self.spin: Callable[[float], None] = _not_spun
+        """Do what is due, waiting at most so long for it (s)."""
         self.weight_on_wheels = True
         self.stage = "idle"
         """Stage of the test, as the monitor reports it."""
@@ -78,6 +106,10 @@ class AircraftNode(Node):
                     self.stage = values.get("stage", self.stage)
         for taken in take_all(self._verdict):
             self.verdict = verdict_of(deserialize_message(taken.data, DiagnosticStatus))
+
+
+def _not_spun(_: float) -> None:
+    raise RuntimeError("the node belongs to no executor")
 
 
 def verdict_of(status: DiagnosticStatus) -> dict[str, Any]:

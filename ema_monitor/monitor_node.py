@@ -99,6 +99,7 @@ class MonitorNode(Node):
         self._refuse_second_monitor()
         self._recorder = BitRecorder()
         self._actuator: ActuatorStatus | None = None
+        self._one_at_a_time = threading.Lock()
         self._request: Request | None = None
         self._waiting: list[Request] = []
         self._sent: set[int] = set()
@@ -147,6 +148,10 @@ class MonitorNode(Node):
 
     def _poll(self) -> None:
         """Take what has arrived, then let the sequence go on."""
+        with self._one_at_a_time:
+            self._turn()
+
+    def _turn(self) -> None:
         try:
             self._drain()
             problem = ""
@@ -284,9 +289,10 @@ class MonitorNode(Node):
 
     def shut_down(self) -> None:
         """End a test that runs: its record is closed, the surface sent back."""
-        was_running = self._sequence.stage is not Stage.IDLE
-        while self._sequence.stage is not Stage.IDLE:
-            self._perform(self._sequence.step(self._observe()))
+        with self._one_at_a_time:
+            was_running = self._sequence.stage is not Stage.IDLE
+            while self._sequence.stage is not Stage.IDLE:
+                self._perform(self._sequence.step(self._observe()))
         for request in self._waiting:
             request.reason = "refused: the monitor ends"
             request.done.set()

@@ -72,6 +72,12 @@ def end_with_parent() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
+def _let_finish(executor: Any) -> None:
+    """Let callbacks that run in other threads come to their end."""
+    for _ in range(2):
+        executor.spin_once(timeout_sec=0.5 * SPIN_PERIOD)
+
+
 def run_node(
     ros: Any,
     make_executor: Callable[[], Any],
@@ -107,7 +113,11 @@ def run_node(
         executor.add_node(node)
         while not stop and node.exit_status is None:
             executor.spin_once(timeout_sec=SPIN_PERIOD)
+        for timer in node.timers:
+            timer.cancel()
+        _let_finish(executor)
         node.shut_down()
+        _let_finish(executor)
         executor.shutdown(timeout_sec=SHUT_DOWN)
         return node.exit_status or 0
     except (KeyboardInterrupt, ros.executors.ExternalShutdownException):

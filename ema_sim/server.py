@@ -143,7 +143,8 @@ class ActuatorServer:
         now = self._clock()
         if now < self._next_idle:
             return
-        self._next_idle = max(self._next_idle + IDLE_PERIOD, now)
+        late = now - self._next_idle > IDLE_PERIOD
+        self._next_idle = (now if late else self._next_idle) + IDLE_PERIOD
         stamp = self._wall_clock()
         angle, position = float(self.session.state[THETA_E]), self.session.surface_position
         yield Message(JOINT_STATES, encode_joint_states(

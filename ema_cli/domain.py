@@ -1,0 +1,73 @@
+"""A ROS domain of one's own, and the environment of processes in it."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import random
+import socket
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ema_record.errors import UsageError
+from ema_record.resources import share_path
+
+DOMAINS = range(1, 102)
+"""Domains whose ports are below those that the kernel hands out."""
+_PORT_BASE, _PORT_GAIN, _UNICAST = 7400, 250, 10
+
+
+@contextmanager
+def private_domain(wanted: int | None) -> Iterator[int]:
+    """Yield a domain number that no other test on this machine uses.
+
+    Parameters
+    ----------
+    wanted : the user's choice, taken as it is; None: a free one, held by a lock file.
+    """
+    if wanted is not None:
+        yield wanted
+        return
+    for domain in random.sample(DOMAINS, len(DOMAINS)):
+        if not _ports_free(domain):
+            continue
+        lock = Path(tempfile.gettempdir()) / f"ema_phm_domain_{domain}_{os.getuid()}.lock"
+        try:
+            stream = lock.open("a")
+        except OSError:
+            continue
+        with stream:
+            try:
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                continue
+            yield domain
+            return
+    raise UsageError(
+        f"no free ROS domain in {DOMAINS[0]} to {DOMAINS[-1]}: end other tests or give --domain"
+    )
+
+
+def _ports_free(domain: int) -> bool:
+    """Whether nobody listens where the first participant of the domain would."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("", _PORT_BASE + _PORT_GAIN * domain + _UNICAST))
+        except OSError:
+            return False
+    return True
+
+
+def enter_domain(domain: int) -> None:
+    """Set the environment of this process, and of those it starts, for a local test."""
+    use_fast_discovery(domain)
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+
+
+def use_fast_discovery(domain: int | None) -> None:
+    """Let this process find others in 0.2 s; enter `domain` unless it is None."""
+    if domain is not None:
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(share_path("config/fastdds.xml")))

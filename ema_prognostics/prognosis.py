@@ -1,0 +1,58 @@
+"""From a bag or a record to the verdict as plain data, whatever state the record is in."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ema_prognostics.diagnosis import diagnose
+from ema_prognostics.model_file import load_model
+from ema_record.bag import read_bag
+from ema_record.errors import EmaError, IncompleteRecordError
+from ema_record.record import Record
+
+
+class Prognosis:
+    """The cascade, loaded once.
+
+    Parameters
+    ----------
+    model_file : model of the cascade, None for the shipped one.
+    """
+
+    def __init__(self, model_file: str | Path | None = None) -> None:
+        """Load the model (ModelError: it is damaged or foreign)."""
+        self._model = load_model(model_file)
+
+    def of_bag(self, path: str | Path) -> tuple[dict[str, Any], str]:
+        """Return the verdict on a bag, as `ema check --json` prints it, and the serial number.
+
+        A bag that cannot be read has a verdict too: ``incomplete`` or ``invalid``.
+        """
+        try:
+            record = read_bag(path)
+        except EmaError as error:
+            return failed(str(path), error), ""
+        return self.of_record(record, str(path))
+
+    def of_record(self, record: Record, source: str) -> tuple[dict[str, Any], str]:
+        """Return the verdict on a record, and the serial number; `source` names its bag."""
+        serial_number = record.provenance.serial_number
+        record = replace(record, provenance=replace(record.provenance, source=source))
+        try:
+            return diagnose(record, self._model).to_dict(), serial_number
+        except EmaError as error:
+            return failed(source, error), serial_number
+
+
+def failed(source: str, error: EmaError) -> dict[str, Any]:
+    """Return the verdict on a record that cannot be diagnosed."""
+    incomplete = isinstance(error, IncompleteRecordError)
+    return {
+        "bag": source,
+        "verdict": "incomplete" if incomplete else "invalid",
+        "fault_class": None, "phase": None, "severity": None, "severity_unit": None,
+        "severity_interval": None, "level": None, "faults": [], "alternatives": [],
+        "probabilities": {}, "reasons": [str(error)],
+    }

@@ -1,0 +1,135 @@
+"""The node `ema_prognostics`: a verdict for every record that is announced or seen."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import rclpy
+import rclpy.executors
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from std_msgs.msg import String
+
+from ema_prognostics.assembler import TOPICS, RecordAssembler
+from ema_prognostics.messages import severity_message, verdict_status
+from ema_prognostics.prognosis import Prognosis
+from ema_record.errors import EmaError
+from ema_record.node_parameters import ParameterSpec, check_values
+from ema_record.node_process import StopSignal, run_node
+from ema_record.topics import BIT_RECORD, SEVERITY, VERDICT
+from ema_sim.messages import (
+    OK,
+    DiagnosticsPublisher,
+    declare_parameters,
+    diagnostic_status,
+    drain,
+    given_parameters,
+    make_publisher,
+    make_subscription,
+)
+
+NODE_NAME = "ema_prognostics"
+POLL_PERIOD = 0.05
+DIAGNOSTICS_PERIOD = 1.0
+LIVE = "live"
+"""What stands for the bag of a record that was seen on the topics."""
+SPECS = (
+    ParameterSpec(
+        name="record", default="", read_only=True,
+        text="bag to diagnose at the start; empty: wait for /ema/bit/record",
+    ),
+    ParameterSpec(
+        name="model_file", default="", read_only=True,
+        text="model of the cascade; empty: the shipped one",
+    ),
+)
+
+
+class PrognosticsNode(Node):
+    """Diagnoses each announced record once, and what is replayed onto the topics."""
+
+    def __init__(self, stop: StopSignal) -> None:
+        """Load the model, then listen."""
+        super().__init__(NODE_NAME)
+        self.exit_status: int | None = None
+        self._stop = stop
+        check_values(SPECS, given_parameters(self))
+        values = declare_parameters(self, SPECS)
+        self._prognosis = Prognosis(str(values["model_file"]) or None)
+        self._assembler = RecordAssembler()
+        self._done: set[str] = set()
+        self._state = "waiting for a record"
+        self._status: Any = None
+        self._verdict = make_publisher(self, VERDICT)
+        self._severity = make_publisher(self, SEVERITY)
+        self._diagnostics = DiagnosticsPublisher(self)
+        self._live: dict[str, Subscription] = {}
+        for topic in TOPICS:
+            self._listen(topic)
+        make_subscription(self, BIT_RECORD, self._on_record)
+        self.create_timer(POLL_PERIOD, self._poll)
+        self.create_timer(DIAGNOSTICS_PERIOD, self._publish_status)
+        self.get_logger().info("ready")
+        if values["record"]:
+            self._on_record(String(data=str(Path(str(values["record"])).resolve())))
+
+    def _listen(self, topic: str) -> None:
+        """Hand the serialised messages of a topic to the assembler, all that wait at once."""
+
+        def callback(data: bytes) -> None:
+            for message in (data, *drain(self._live[topic])):
+                try:
+                    self._assembler.take(topic, message, time.monotonic())
+                except EmaError as error:
+                    self.get_logger().warning(str(error))
+
+        self._live[topic] = make_subscription(self, topic, callback, raw=True)
+
+    def _on_record(self, message: String) -> None:
+        """Diagnose a bag, once."""
+        if message.data in self._done:
+            return
+        self._done.add(message.data)
+        self._publish(*self._prognosis.of_bag(message.data))
+
+    def _poll(self) -> None:
+        """Diagnose what was seen on the topics, unless a recorder announces its records."""
+        try:
+            record = self._assembler.finished(time.monotonic())
+        except EmaError as error:
+            self.get_logger().warning(str(error))
+            return
+        if record is not None and self.count_publishers(BIT_RECORD) == 0:
+            self._publish(*self._prognosis.of_record(record, LIVE))
+
+    def _publish(self, verdict: dict[str, Any], serial_number: str) -> None:
+        self._status = verdict_status(verdict, serial_number)
+        self._verdict.publish(self._status)
+        self._severity.publish(severity_message(verdict))
+        self._state = f"diagnosed {verdict['bag']}"
+        self._publish_status()
+        self.get_logger().info(f"{verdict['bag']}: {self._status.message}")
+
+    def _publish_status(self) -> None:
+        statuses = [diagnostic_status(
+            "ema_prognostics: node", OK, self._state, {"records": str(len(self._done))}
+        )]
+        if self._status is not None:
+            statuses.append(self._status)
+        self._diagnostics.publish(*statuses)
+
+    def shut_down(self) -> None:
+        """Nothing is left to do."""
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    sys.exit(run_node(rclpy, rclpy.executors.SingleThreadedExecutor, PrognosticsNode, args))
+
+
+if __name__ == "__main__":
+    main()
