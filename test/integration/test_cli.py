@@ -1,0 +1,264 @@
+"""`ema simulate` and `ema export` as a user calls them, good and bad input."""
+
+import csv
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from ema_cli.main import run
+from ema_record.bag import read_bag, write_bag
+from ema_record.channels import CHANNEL_LABEL, CHANNEL_NAMES
+from ema_record.errors import InvalidRecordError
+from ema_record.profile import load_profile
+from ema_sim.effects import parse_effects
+from ema_sim.simulate import simulate
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    """Return a bag of the step profile with a turn short, made by the command."""
+    path = tmp_path_factory.mktemp("cli") / "bag"
+    assert run(["simulate", "--profile", "step", "--seed", "7", "--effect",
+                "turn_short.fraction=0.1", "--effect", "turn_short.phase=c", "--serial-number",
+                "EMA-17", "--out", str(path)]) == 0
+    return path
+
+
+def refused(capsys, *arguments, status=2):
+    """Run `ema`, expect one line on standard error and `status`; return the line."""
+    assert run([str(a) for a in arguments]) == status
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert "Traceback" not in captured.err
+    return captured.err
+
+
+def test_simulate_writes_what_the_call_gives(bag):
+    record = read_bag(bag)
+    expected = simulate(
+        load_profile("step"), seed=7,
+        effects=parse_effects(["turn_short.fraction=0.1", "turn_short.phase=c"]),
+    )
+    assert np.array_equal(record.samples, expected.samples)
+    assert record.provenance.serial_number == "EMA-17"
+    assert record.provenance.start_time > 1_700_000_000 * 10**9
+
+
+def test_no_bag_tells_what_was_hidden(bag):
+    for file in bag.iterdir():
+        data = file.read_bytes()
+        assert b"turn_short" not in data
+        assert b"fraction" not in data
+
+
+def test_simulate_json_negative_numbers_and_trace(tmp_path, capsys):
+    out, trace = tmp_path / "bag", tmp_path / "trace.csv"
+    assert run(["simulate", "--step", "-0.15", "--start-angle", "-1.5", "--noise", "0", "--rate",
+                "10000", "--out", str(out), "--trace", str(trace), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    record = read_bag(out)
+    assert told["bag"] == str(out)
+    assert told["samples"] == len(record) == 4500
+    assert record.profile.points[-1][1] == pytest.approx(-0.55)
+    assert record.channel("rotor_angle")[0] == pytest.approx(2.0 * np.pi - 1.5, abs=1e-3)
+    with trace.open(encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    assert rows[0] == ["time[s]", "motor_torque[N m]", "shaft_torque[N m]", "surface_speed[rad/s]"]
+    values = np.array(rows[1:], dtype=float)
+    assert values[:, 0] == pytest.approx(record.time)
+    slew = (record.time > 0.05) & (record.time < 0.1)
+    assert values[slew, 3].mean() == pytest.approx(-790.6 / 500.0, rel=0.02)
+
+
+def test_model_file_and_profile_file(tmp_path):
+    model = tmp_path / "model.yaml"
+    model.write_text("control:\n  speed_limit: 400.0\n", encoding="utf-8")
+    profile = tmp_path / "mine.yaml"
+    profile.write_text(
+        "name: mine\npoints: [[0.0, 0.0], [0.03, 0.0], [0.03, 0.2], [0.2, 0.2]]\n",
+        encoding="utf-8",
+    )
+    assert run(["simulate", "--profile", str(profile), "--model", str(model), "--out",
+                str(tmp_path / "bag")]) == 0
+    record = read_bag(tmp_path / "bag")
+    assert record.profile.name == "mine"
+    late = record.time > 0.15
+    assert record.channel("motor_speed")[late].mean() == pytest.approx(400.0, rel=0.01)
+
+
+def test_simulate_and_export_plots(tmp_path, bag, capsys):
+    made = tmp_path / "made"
+    assert run(["simulate", "--profile", "step", "--out", str(tmp_path / "b"), "--plot",
+                str(made)]) == 0
+    capsys.readouterr()
+    assert run(["export", str(bag), "--plot", str(tmp_path / "from_bag"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    names = ["speed.png", "currents.png", "spectrum.png", "surface.png", "torque.png"]
+    assert sorted(p.name for p in made.iterdir()) == sorted(names)
+    assert told["written"] == [str(tmp_path / "from_bag" / name) for name in names]
+    assert not list(bag.parent.glob("*.csv"))
+
+
+def test_export_csv_and_parquet_hold_the_samples(tmp_path, bag):
+    samples = read_bag(bag).samples
+    assert run(["export", str(bag), "--format", "csv", "--out", str(tmp_path / "a.csv")]) == 0
+    with (tmp_path / "a.csv").open(encoding="utf-8") as file:
+        assert file.readline().strip() == CHANNEL_LABEL
+        assert np.array_equal(np.loadtxt(file, delimiter=","), samples)
+    assert run(["export", str(bag), "--format", "parquet", "--out", str(tmp_path / "a.pq")]) == 0
+    table = pq.read_table(tmp_path / "a.pq")
+    assert tuple(table.column_names) == CHANNEL_NAMES
+    assert np.array_equal(np.column_stack([c.to_numpy() for c in table.columns]), samples)
+
+
+def test_export_mcap_is_a_bag_of_messages_a_sample(tmp_path, bag):
+    from mcap.reader import make_reader
+
+    out = tmp_path / "messages"
+    assert run(["export", str(bag), "--format", "mcap", "--out", str(out)]) == 0
+    (file,) = out.glob("*.mcap")
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    topics = {channel.topic: summary.statistics.channel_message_counts[number]
+              for number, channel in summary.channels.items()}
+    assert topics["/ema/joint_states"] == len(read_bag(bag))
+
+
+def test_parquet_without_pyarrow_is_one_line(tmp_path, bag, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    line = refused(capsys, "export", bag, "--format", "parquet", "--out", tmp_path / "a.parquet")
+    assert "pyarrow" in line
+    assert not (tmp_path / "a.parquet").exists()
+
+
+BAD_SETTINGS = [
+    (["--effect", "turn_shrt.fraction=0.1"], "did you mean 'turn_short'?"),
+    (["--effect", "turn_short.fractoin=0.1"], "did you mean 'fraction'?"),
+    (["--effect", "turn_short.fraction=1.5"], "give 0 to 0.9"),
+    (["--effect", "turn_short.fraction=nan"], "out of bounds"),
+    (["--effect", "turn_short.phase=d"], "a, b, c"),
+    (["--effect", "turn_short"], "NAME.PARAMETER=VALUE"),
+    (["--profile", "stepp"], "did you mean 'step'?"),
+    (["--profile", "absent.yaml"], "absent.yaml"),
+    (["--model", "absent.yaml"], "absent.yaml"),
+    (["--profile", "step", "--step", "0.1"], "exclude each other"),
+    (["--step", "1.5"], "end stops"),
+    (["--step", "nan"], "end stops"),
+    (["--seed", "-1"], "seed"),
+    (["--noise", "-1"], "noise"),
+    (["--noise", "inf"], "noise"),
+    (["--rate", "1"], "rate"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "expected"), BAD_SETTINGS)
+def test_bad_settings(arguments, expected, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert expected in refused(capsys, "simulate", "--out", "bag", *arguments)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("name: [", "malformed YAML"),
+        ("name: x\npoints: [[0, 0], [1, 9]]\n", "points"),
+        ("name: x\npoints: [[1, 0], [0.5, 0]]\n", "must not decrease"),
+        ("&a [*a]", "YAML"),
+        ("- 1\n", "profile"),
+        ("", "profile"),
+    ],
+)
+def test_bad_profile_files(text, expected, tmp_path, capsys):
+    path = tmp_path / "bad.yaml"
+    path.write_text(text, encoding="utf-8")
+    line = refused(capsys, "simulate", "--profile", path, "--out", tmp_path / "bag")
+    assert str(path) in line
+    assert expected in line
+
+
+def test_existing_outputs_are_kept(tmp_path, bag, capsys):
+    kept = tmp_path / "kept"
+    kept.write_text("mine", encoding="utf-8")
+    trace = ["--trace", kept]
+    for arguments in (
+        ["simulate", "--profile", "step", "--out", kept],
+        ["simulate", "--profile", "step", "--out", bag],
+        ["simulate", "--profile", "step", "--out", tmp_path / "new", *trace],
+        ["export", bag, "--format", "csv", "--out", kept],
+    ):
+        assert "never overwritten" in refused(capsys, *arguments)
+    assert kept.read_text(encoding="utf-8") == "mine"
+    assert [p.name for p in tmp_path.iterdir()] == ["kept"]
+
+
+def test_unwritable_place_is_one_line(bag, capsys):
+    """/proc takes no new files from anybody, root included."""
+    for arguments in (
+        ["simulate", "--profile", "step", "--out", "/proc/bag"],
+        ["export", bag, "--format", "csv", "--out", "/proc/a.csv"],
+        ["export", bag, "--plot", "/proc/plots"],
+    ):
+        line = refused(capsys, *arguments)
+        assert "/proc/" in line
+
+
+def test_no_permission_is_one_line(tmp_path, bag):
+    """As a user without rights: root is not stopped by permissions, so rights are dropped."""
+    closed = tmp_path / "closed"
+    closed.mkdir(mode=0o555)
+    command = [sys.executable, "-m", "ema_cli", "export", str(bag), "--format", "csv",
+               "--out", str(closed / "a.csv")]
+    if os.geteuid() == 0:
+        drop = (
+            "import os,sys,ctypes;"
+            "c=ctypes.CDLL(None);[c.prctl(24,n,0,0,0) for n in range(41)];"  # PR_CAPBSET_DROP
+            "os.execv(sys.argv[1],sys.argv[1:])"
+        )
+        command = [sys.executable, "-c", drop, *command]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert str(closed) in done.stderr
+    assert "ermission" in done.stderr
+    assert not list(closed.iterdir())
+
+
+def test_export_of_what_is_no_bag(tmp_path, bag, capsys):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "text.mcap").write_text("no mcap", encoding="utf-8")
+    (tmp_path / "empty.mcap").touch()
+    out = ["--format", "csv", "--out", tmp_path / "a.csv"]
+    for name in ("absent", "folder", "text.mcap", "empty.mcap"):
+        line = refused(capsys, "export", tmp_path / name, *out)
+        assert str(tmp_path / name) in line
+    assert "did you mean 'parquet'?" in refused(
+        capsys, "export", bag, "--format", "parqet", "--out", tmp_path / "a.pq"
+    )
+    assert not (tmp_path / "a.csv").exists()
+
+
+def test_export_of_a_cut_bag_is_refused(tmp_path, bag, capsys):
+    cut = tmp_path / "cut"
+    cut.mkdir()
+    (file,) = bag.glob("*.mcap")
+    data = file.read_bytes()
+    (cut / "cut_0.mcap").write_bytes(data[: len(data) // 2])
+    refused(capsys, "export", cut, "--format", "csv", "--out", tmp_path / "a.csv", status=3)
+    assert not (tmp_path / "a.csv").exists()
+
+
+def test_export_of_nan_is_refused(tmp_path, bag, capsys):
+    record = read_bag(bag)
+    record.samples[1234, 3] = np.nan
+    path = write_bag(record, tmp_path / "nan", views=False)
+    with pytest.raises(InvalidRecordError):
+        read_bag(path)
+    line = refused(capsys, "export", path, "--format", "csv", "--out", tmp_path / "a.csv")
+    assert "1234" in line

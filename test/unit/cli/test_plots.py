@@ -1,0 +1,108 @@
+"""What the plots show: closed forms on made-up records, and files that are really drawn."""
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from ema_cli import plot_data, plots
+from ema_cli.main import run
+from ema_record.channels import N_CHANNELS
+from ema_record.errors import OutputError
+from ema_record.profile import load_profile
+from ema_record.record import Record
+
+OMEGA = 790.6
+RATE = 20_000.0
+
+
+def rotating(lines=(), drift=0.0):
+    """Return a record of the step profile, the rotor at constant speed but for `lines`."""
+    time = (np.arange(9000) + 0.5) / RATE
+    samples = np.zeros((len(time), N_CHANNELS))
+    theta = OMEGA * time + 0.3
+    samples[:, 0] = time
+    samples[:, 1] = OMEGA + drift * time
+    for order, amplitude, phase in lines:
+        samples[:, 1] += amplitude * np.cos(order * theta + phase)
+    for k in range(3):
+        angle = np.mod(theta - k * 2.0 * np.pi / 3.0, 2.0 * np.pi)
+        on = np.where((angle > np.pi / 6) & (angle < 5 * np.pi / 6), 7.0, 0.0)
+        off = np.where((angle > 7 * np.pi / 6) & (angle < 11 * np.pi / 6), -7.0, 0.0)
+        samples[:, 2 + k] = on + off
+        samples[:, 5 + k] = 1.1 * (on + off)
+    samples[:, 8] = np.mod(theta, 2.0 * np.pi)
+    samples[:, 9] = -0.4 + OMEGA / 500.0 * time
+    return Record(samples=samples, profile=load_profile("step"))
+
+
+def test_spectrum_finds_lines_at_multiples_of_the_rotor_angle():
+    record = rotating([(1, 0.2, 0.4), (2, 0.5, -1.0), (6, 0.05, 2.0)], drift=30.0)
+    turns = plot_data.analysis_turns(record)
+    order, amplitude = plot_data.speed_spectrum(turns)
+    assert turns.frequency == pytest.approx(OMEGA / (2.0 * np.pi), rel=1e-4)
+    at = {n: amplitude[n * turns.count] for n in range(1, 13)}
+    assert order[turns.count] == 1.0
+    assert at[1] == pytest.approx(0.2, rel=0.03)
+    assert at[2] == pytest.approx(0.5, rel=0.02)
+    assert at[6] == pytest.approx(0.05, rel=0.1)
+    assert max(at[n] for n in (3, 4, 5, 7, 8, 9, 10, 11, 12)) < 0.01
+
+
+def test_folded_currents_are_those_of_the_sectors():
+    folds = plot_data.fold_currents(plot_data.analysis_turns(rotating()))
+    assert [fold.phase for fold in folds] == ["a", "b", "c"]
+    first = folds[0]
+    inside = (first.bins > 35.0) & (first.bins < 145.0)
+    outside = (first.bins > 155.0) & (first.bins < 205.0)
+    assert first.mean_current[inside] == pytest.approx(7.0)
+    assert first.mean_reference[inside] == pytest.approx(7.7)
+    assert first.mean_current[outside] == pytest.approx(0.0, abs=1e-12)
+    assert len(first.angle) == len(first.current)
+
+
+def test_torque_estimate_of_two_phases_on_is_twice_k_times_the_current():
+    estimate = plot_data.torque_estimate(rotating())
+    assert np.median(estimate) == pytest.approx(2.0 * 0.0376 * 7.0, rel=1e-6)
+
+
+def test_plots_are_drawn_legibly_and_never_overwritten(tmp_path):
+    record = rotating([(2, 0.5, 0.0)])
+    files = plots.plot_record(record, tmp_path / "new" / "plots")
+    assert [file.stem for file in files] == list(plots.NAMES)
+    for file in files:
+        image = imread(file)
+        assert image.shape[1] == 1080
+        assert image.shape[0] >= 600
+        ink = (image[:, :, :3].min(axis=2) < 0.5).mean()
+        assert 0.002 < ink < 0.3
+    with pytest.raises(OutputError, match="never overwritten"):
+        plots.plot_record(record, tmp_path / "new" / "plots")
+
+
+def test_a_record_without_turns_gives_the_plots_that_it_can(tmp_path):
+    record = rotating()
+    still = np.array(record.samples)
+    still[:, 8] = 1.0
+    still[:, 1] = 0.0
+    files = plots.plot_record(Record(samples=still, profile=record.profile), tmp_path / "p")
+    assert [file.stem for file in files] == ["speed", "surface", "torque"]
+
+
+def test_the_torque_of_a_bag_is_labelled_as_an_estimate():
+    record = rotating()
+    (axes,) = plots._torque(record, None).axes
+    assert "estimate" in axes.get_ylabel()
+    traced = plots._torque(record, np.zeros((len(record), 3))).axes
+    assert [("estimate" in a.get_ylabel(), "N m" in a.get_ylabel()) for a in traced] == [
+        (False, True), (False, True)
+    ]
+
+
+def test_a_file_in_the_place_of_the_folder_is_refused_before_the_work(tmp_path, capsys):
+    blocked = tmp_path / "file"
+    blocked.write_text("kept", encoding="utf-8")
+    out = tmp_path / "bag"
+    assert run(["simulate", "--profile", "step", "--out", str(out), "--plot", str(blocked)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert blocked.read_text(encoding="utf-8") == "kept"
+    assert not out.exists()
