@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ema_prognostics.turns import TURN, Turns
 from ema_record.channels import REFERENCE_CURRENTS
 from ema_record.errors import InvalidRecordError
-
-from ema_prognostics.turns import TURN, Turns
 
 TRIM = np.deg2rad(8.0)
 """Left out at both ends of a portion (rad)."""

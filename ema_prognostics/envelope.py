@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ema_record.channels import REFERENCE_CURRENTS
-
 from ema_prognostics.turns import TURN, Turns
+from ema_record.channels import REFERENCE_CURRENTS
 
 BINS = 72
 """Bins of a folded turn, 5° each."""

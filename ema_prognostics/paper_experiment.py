@@ -12,10 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ema_record.profile import load_profile
-from ema_sim.effects import parse_effects
-from ema_sim.simulate import simulate
-
 from ema_prognostics.levenberg_marquardt import LevenbergMarquardtClassifier
 from ema_prognostics.paper_cascade import (
     ANN_B_INPUTS,
@@ -33,6 +29,9 @@ from ema_prognostics.paper_features import (
 )
 from ema_prognostics.paper_noise import NOISE_LEVELS, add_noise
 from ema_prognostics.turns import Turns
+from ema_record.profile import load_profile
+from ema_sim.effects import parse_effects
+from ema_sim.simulate import simulate
 
 Progress = Callable[[str], None]
 """Called once for each step that is done, with its name."""

@@ -12,13 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ema_record.channels import MOTOR_SPEED, REFERENCE_CURRENTS
-from ema_record.record import Record
-
 from ema_prognostics.concavity import concavity
 from ema_prognostics.envelope import envelopes, fold, symmetry
 from ema_prognostics.spectrum import rotor_lines
 from ema_prognostics.turns import Turns, check_finite, paper_window, whole_turns
+from ema_record.channels import MOTOR_SPEED, REFERENCE_CURRENTS
+from ema_record.record import Record
 
 HARMONICS = 6
 CARRIERS = slice(1, 6)

@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ema_record.channels import DEFAULT_RATE, MOTOR_SPEED, PHASE_CURRENTS, REFERENCE_CURRENTS
-
 from ema_prognostics.turns import Turns
+from ema_record.channels import DEFAULT_RATE, MOTOR_SPEED, PHASE_CURRENTS, REFERENCE_CURRENTS
 
 NOISE_LEVELS = (0.0, 0.025, 0.05)
 """Deviation as a part of the maximum of the signal in the window."""

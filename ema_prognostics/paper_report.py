@@ -7,9 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ema_record.resources import share_path
-from ema_record.yaml_file import load_yaml
-
 from ema_prognostics.paper_cascade import (
     ANN_B_INPUTS,
     FAULTS,
@@ -25,6 +22,8 @@ from ema_prognostics.paper_experiment import (
 from ema_prognostics.paper_features import ANN_A_INPUTS
 from ema_prognostics.paper_noise import NOISE_LEVELS, REFERENCE_RATE
 from ema_prognostics.paper_statements import check_statements
+from ema_record.resources import share_path
+from ema_record.yaml_file import load_yaml
 
 TABLES: dict[str, tuple[Fault, int]] = {
     "table_2": ("turn_short", 0), "table_3": ("rotor_eccentricity", 0),

@@ -1,0 +1,63 @@
+"""`ema check`: the verdict on recorded bags, without ROS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ema_cli.console import print_json, stdout
+from ema_cli.verdict_view import print_verdict
+
+
+def check(
+    bags: Annotated[list[Path], typer.Argument(
+        metavar="BAG...", help="Bags: rosbag2 directories or single MCAP files.")],
+    profile: Annotated[str | None, typer.Option(
+        help="The test that was commanded (name or YAML file), in place of the bag's own."
+    )] = None,
+    model: Annotated[Path | None, typer.Option(
+        help="Model file of 'ema train', in place of the shipped one.")] = None,
+    mode: Annotated[str, typer.Option(
+        help="robust: healthy class and guard; paper: the paper's two networks, which know "
+        "no healthy actuator.")] = "robust",
+    json: Annotated[bool, typer.Option("--json", help="One JSON object a bag and line.")] = False,
+) -> int:
+    """Say what is wrong with the actuator that a bag was recorded from.
+
+    Exit status: 0 all healthy, 1 a fault, 3 unknown or incomplete, 2 wrong use or a bag that
+    cannot be read. Of several bags the worst counts: 2 before 1 before 3 before 0.
+
+    Example: ema check bags/healthy_step bags/turn_short_extended --json
+    """
+    from dataclasses import replace
+
+    from ema_prognostics.diagnosis import MODES, diagnose, verdict_of_error
+    from ema_prognostics.model_file import load_model
+    from ema_prognostics.verdict import worst_status
+    from ema_record.bag import read_bag
+    from ema_record.errors import RecordError, UsageError, unknown_name
+    from ema_record.profile import load_profile
+
+    if mode not in MODES:
+        raise unknown_name("mode", mode, MODES, f"give one of {', '.join(MODES)}")
+    commanded = None if profile is None else load_profile(profile)
+    loaded = load_model(model)
+    statuses = []
+    for bag in bags:
+        try:
+            record = read_bag(bag)
+            if commanded is not None:
+                record = replace(record, profile=commanded)
+            verdict = replace(
+                diagnose(record, loaded, mode=mode), bag=str(bag)
+            )
+        except (RecordError, UsageError) as error:
+            verdict = verdict_of_error(error, str(bag))
+        statuses.append(verdict.exit_status)
+        if json:
+            print_json(verdict.to_dict())
+        else:
+            print_verdict(verdict.to_dict(), stdout())
+    return worst_status(statuses)

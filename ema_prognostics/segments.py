@@ -1,0 +1,74 @@
+"""Segments of the test profiles: at which speed, in which direction, in which seconds.
+
+A profile is known by its points and not by its name: a bag recorded elsewhere has only the
+command.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+from ema_record.profile import Profile, load_profile
+
+ProfileKind = Literal["step", "extended"]
+PROFILE_KINDS: tuple[ProfileKind, ...] = ("step", "extended")
+TOLERANCE = 2e-3
+"""Largest difference of a point in time (s) and in position (rad)."""
+SLEW_SPEED = 1.55
+"""Speed of the surface that a full slew reaches at least (rad/s)."""
+
+
+class Segment(NamedTuple):
+    """A part of a test at constant commanded speed."""
+
+    name: str
+    begin: float
+    """After the first command (s)."""
+    end: float
+    min_turns: int
+
+
+FULL = Segment("full", 0.06, 0.36, 20)
+SEGMENTS: dict[ProfileKind, tuple[Segment, ...]] = {
+    "step": (FULL,),
+    "extended": (
+        FULL,
+        Segment("full_back", 0.628, 0.878, 16),
+        Segment("quarter", 1.008, 1.458, 8),
+        Segment("quarter_back", 1.528, 1.978, 8),
+    ),
+}
+"""Segments of each kind; times count from the first command of the profile."""
+
+
+def _same(a: Profile, b: Profile) -> bool:
+    """Whether both command the same after the first command."""
+    begin_a, begin_b = a.command_time, b.command_time
+    first = [(t - begin_a, x) for t, x in a.points if t >= begin_a]
+    second = [(t - begin_b, x) for t, x in b.points if t >= begin_b]
+    return len(first) == len(second) and all(
+        abs(t - u) <= TOLERANCE and abs(x - y) <= TOLERANCE
+        for (t, x), (u, y) in zip(first, second)
+    )
+
+
+def profile_kind(profile: Profile) -> ProfileKind | None:
+    """Return which trained test `profile` is, or None.
+
+    Every profile whose first step keeps the actuator slewing at full speed through the
+    analysis window counts as a step, of either sign.
+    """
+    if _same(profile, load_profile("extended")):
+        return "extended"
+    begin = profile.command_time
+    steps = [
+        x1 - x0
+        for (t0, x0), (t1, x1) in zip(profile.points, profile.points[1:])
+        if t0 == t1 == begin
+    ]
+    later = [t for t, _ in profile.points if t > begin]
+    if not steps or not later or abs(sum(steps)) < SLEW_SPEED * FULL.end + 0.02:
+        return None
+    after = [x for t, x in profile.points if begin < t < begin + FULL.end]
+    held = all(abs(x - profile.points[-1][1]) < TOLERANCE for x in after)
+    return "step" if held and later[-1] >= begin + FULL.end else None

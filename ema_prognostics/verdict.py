@@ -1,0 +1,92 @@
+"""`Verdict`: what the diagnosis says of one record (DESIGN, section 2, ``ema check --json``)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+Outcome = Literal["healthy", "fault", "unknown", "incomplete", "invalid"]
+DIGITS = 6
+"""Significant digits of a number in the JSON object."""
+EXIT_STATUS: dict[Outcome, int] = {
+    "healthy": 0, "fault": 1, "unknown": 3, "incomplete": 3, "invalid": 2,
+}
+_WORST_FIRST = (2, 1, 3, 0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fault:
+    """One fault that is present."""
+
+    fault_class: str
+    """turn_short, rotor_eccentricity, friction or backlash."""
+    phase: str | None = None
+    """a, b or c, where the fault has one."""
+    severity: float | None = None
+    """In `severity_unit`; None where the record does not tell."""
+    severity_unit: str | None = None
+    severity_interval: tuple[float, float] | None = None
+    """95 % interval."""
+    level: str | None = None
+    """small, medium or large."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields as JSON values."""
+        interval = self.severity_interval
+        return {
+            "fault_class": self.fault_class,
+            "phase": self.phase,
+            "severity": _rounded(self.severity),
+            "severity_unit": self.severity_unit,
+            "severity_interval": None if interval is None else [_rounded(v) for v in interval],
+            "level": self.level,
+        }
+
+
+_NO_FAULT = {
+    "fault_class": None, "phase": None, "severity": None, "severity_unit": None,
+    "severity_interval": None, "level": None,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """What one record says of the actuator."""
+
+    outcome: Outcome
+    faults: tuple[Fault, ...] = ()
+    """Largest first; empty unless `outcome` is ``fault``."""
+    alternatives: tuple[str, ...] = ()
+    """Classes that the record cannot tell from what is named."""
+    probabilities: dict[str, float] = field(default_factory=dict)
+    reasons: tuple[str, ...] = ()
+    """In words."""
+    bag: str = ""
+
+    @property
+    def exit_status(self) -> int:
+        """Exit status of a program that reports this verdict."""
+        return EXIT_STATUS[self.outcome]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``ema check --json``; every key is always there."""
+        return {
+            "bag": self.bag,
+            "verdict": self.outcome,
+            **(self.faults[0].to_dict() if self.faults else _NO_FAULT),
+            "faults": [f.to_dict() for f in self.faults] if len(self.faults) > 1 else [],
+            "alternatives": list(self.alternatives),
+            "probabilities": {
+                name: round(float(p), DIGITS) for name, p in self.probabilities.items()
+            },
+            "reasons": list(self.reasons),
+        }
+
+
+def worst_status(statuses: list[int]) -> int:
+    """Return the exit status of several bags: 2 before 1 before 3 before 0."""
+    return next((status for status in _WORST_FIRST if status in statuses), 0)
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else float(f"{value:.{DIGITS}g}")
