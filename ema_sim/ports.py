@@ -136,7 +136,8 @@ def motor_dry_friction(
 @law
 def motor_viscous_friction(e: Effects, motor: Motor, omega: float) -> float:
     """Viscous torque of the motor side (N m)."""
-    return motor.viscous_friction * omega + viscous_friction.torque(e.viscous_friction, omega)
+    torque = motor.viscous_friction * omega + viscous_friction.torque(e.viscous_friction, omega)
+    return torque if torque * omega > 0.0 else 0.0
 
 
 @law

@@ -1,0 +1,93 @@
+"""All ports evaluated along a set of states, in one compiled function."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numba import njit
+
+from ema_sim import ports
+from ema_sim.compile import source_hash
+from ema_sim.effects import Effects
+from ema_sim.parameters import Actuator
+
+# Rows of `evaluate`: port and what is read there.
+ROWS = [
+    *(("winding", f"{name} {phase}") for phase in "abc" for name in ("R", "L", "k")),
+    ("motor torque", "added torque"),
+    ("friction", "dry dynamic, motor"), ("friction", "dry static, motor"),
+    ("friction", "viscous, motor"),
+    ("friction", "dry dynamic, surface"), ("friction", "dry static, surface"),
+    ("transmission", "lost motion"), ("transmission", "stiffness"),
+    ("transmission", "gear output"), ("transmission", "gear slope"),
+    ("load", "inertia, motor"), ("load", "inertia, surface"), ("load", "torque"),
+    ("supply", "leg"), ("supply", "rail drop"), ("supply", "switch drop"),
+    *(("sensor", f"current {name} {p}") for p in "abc" for name in ("gain", "offset")),
+    ("sensor", "speed factor"), ("sensor", "position offset"), ("sensor", "position step"),
+    ("sensor", "speed step"),
+    ("commutation", "angle"), ("controller", "delay"),
+]
+
+
+@cache
+def evaluate():
+    return _build(source_hash())
+
+
+def _build(sources: str):
+    @njit(cache=True, error_model="numpy")
+    def values(a: Actuator, e: Effects, points: np.ndarray, out: np.ndarray) -> None:
+        """Fill `out`, shape (rows, n), at `points`, shape (n, 4): angle, speed, current, twist."""
+        _ = sources
+        top = ports.flat_top(e, a.motor)
+        for n in range(len(points)):
+            angle, omega, current, position = points[n]
+            row = 0
+            for p in range(3):
+                out[row, n] = ports.phase_resistance(e, a.motor, p)
+                out[row + 1, n] = ports.phase_inductance(e, a.motor, p, current)
+                out[row + 2, n] = ports.back_emf_constant(
+                    e, a.motor, top, p, angle, angle, current
+                )
+                row += 3
+            out[row, n] = ports.added_motor_torque(e, a.motor, 0.03, -0.01, -0.02, omega, angle)
+            moving = ports.motor_dry_friction(e, a.motor, omega, 0.05 * current)
+            out[row + 1, n], out[row + 2, n] = moving
+            out[row + 3, n] = ports.motor_viscous_friction(e, a.motor, omega)
+            out[row + 4, n], out[row + 5, n] = ports.surface_dry_friction(e, a.surface)
+            out[row + 6, n] = ports.lost_motion(e, a.shaft)
+            out[row + 7, n] = ports.shaft_stiffness(e, a.shaft)
+            out[row + 8, n] = ports.gear_output(e, a.gear, angle, angle)
+            out[row + 9, n] = ports.gear_slope(e, a.gear, angle)
+            out[row + 10, n] = ports.motor_inertia(e, a.motor)
+            out[row + 11, n] = ports.surface_inertia(e, a.surface)
+            out[row + 12, n] = ports.load_torque(e, position)
+            out[row + 13, n] = ports.leg_voltage(e, a.inverter.bus_voltage)
+            out[row + 14, n] = ports.rail_drop(e, current)
+            out[row + 15, n] = ports.switch_drop(e, current)
+            row += 16
+            for p in range(3):
+                out[row, n] = ports.current_gain(e, p)
+                out[row + 1, n] = ports.current_offset(e, p)
+                row += 2
+            out[row, n] = ports.speed_factor(e, angle)
+            out[row + 1, n] = ports.position_offset(e)
+            out[row + 2, n] = ports.position_step(e, a.converters)
+            out[row + 3, n] = ports.speed_step(e, a.converters)
+            out[row + 4, n] = ports.commutation_angle(e)
+            out[row + 5, n] = ports.delay_periods(e, a)
+
+    return values
+
+
+def port_values(effects: Effects, actuator: Actuator | None = None) -> np.ndarray:
+    """Return all ports' values, shape (len(ROWS), 60), at states drawn once for all."""
+    rng = np.random.default_rng(5)
+    points = np.column_stack([
+        rng.uniform(0.0, 2.0 * np.pi, 60), rng.uniform(-800.0, 800.0, 60),
+        rng.uniform(-20.0, 20.0, 60), rng.uniform(-0.5, 0.5, 60),
+    ])
+    out = np.full((len(ROWS), 60), np.nan)
+    evaluate()(actuator if actuator is not None else Actuator(), effects, points, out)
+    return out
