@@ -113,8 +113,7 @@ def run_node(
         executor.add_node(node)
         while not stop and node.exit_status is None:
             executor.spin_once(timeout_sec=SPIN_PERIOD)
-        for timer in node.timers:
-            timer.cancel()
+        executor.remove_node(node)
         _let_finish(executor)
         node.shut_down()
         _let_finish(executor)
