@@ -37,14 +37,14 @@ def test_every_effect_becomes_an_option(make, effect, options):
 
 
 @pytest.mark.ros
-def test_bit_with_hidden_effects_is_done_whatever_the_verdict(make, ros_domain, tmp_path):
+def test_bit_with_hidden_effects_is_done_whatever_the_verdict(make, tmp_path):
     done = make(
         "bit", "PROFILE=step", "EFFECT=turn_short.fraction=0.1 turn_short.phase=b",
-        f"BIT_OPTIONS=--out '{tmp_path / 'record'}'",
+        f"BIT_OPTIONS=--out '{tmp_path / 'records'}'",
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "make bit: done" in done.stdout
-    assert (tmp_path / "record" / "metadata.yaml").is_file()
+    assert len(list((tmp_path / "records").glob("*/metadata.yaml"))) == 1
 
 
 def test_bit_with_an_unknown_effect_fails_in_one_line(make):
