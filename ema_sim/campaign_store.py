@@ -117,7 +117,7 @@ class CampaignFolder:
         """Return the columns of one chunk."""
         path = self._chunk(chunk)
         try:
-            with np.load(path, allow_pickle=False) as found:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as found:
                 return {name: found[name] for name in found.files}
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             raise UsageError(

@@ -1,0 +1,71 @@
+import numpy as np
+import pytest
+
+from ema_record.errors import OutputError, UsageError
+from ema_sim.campaign_store import CampaignFolder, load_campaign, manifest_of, merge
+
+MANIFEST = manifest_of("abc", {}, "summary", "def", 4, 2)
+
+
+def chunk(first):
+    return {"run": np.arange(first, first + 2), "results.x": np.array([0.1, np.nan])}
+
+
+def test_chunks_come_back(tmp_path):
+    folder = CampaignFolder(tmp_path / "out", MANIFEST)
+    folder.save(1, chunk(2))
+    folder.save(0, chunk(0))
+    assert folder.done() == {0, 1}
+    columns = load_campaign(tmp_path / "out")
+    assert columns["run"].tolist() == [0, 1, 2, 3]
+    folder.finish(columns)
+    assert (tmp_path / "out/table.csv").read_text().splitlines()[1] == "0,0.1"
+
+
+def test_the_same_campaign_is_taken_up_and_another_refused(tmp_path):
+    CampaignFolder(tmp_path, MANIFEST).save(0, chunk(0))
+    assert CampaignFolder(tmp_path, MANIFEST).done() == {0}
+    for name in ("digest", "sources", "keep", "numpy"):
+        with pytest.raises(OutputError, match="never overwritten") as error:
+            CampaignFolder(tmp_path, {**MANIFEST, name: "other"})
+        assert "\n" not in str(error.value)
+
+
+def test_a_chunk_is_never_written_twice(tmp_path):
+    folder = CampaignFolder(tmp_path, MANIFEST)
+    folder.save(0, chunk(0))
+    with pytest.raises(OutputError):
+        folder.save(0, chunk(2))
+    assert folder.load(0)["run"].tolist() == [0, 1]
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path):
+    (tmp_path / "thesis.tex").write_text("x")
+    with pytest.raises(OutputError, match=r"thesis\.tex"):
+        CampaignFolder(tmp_path, MANIFEST)
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_only_one_process_runs_it(tmp_path):
+    one, other = CampaignFolder(tmp_path, MANIFEST), CampaignFolder(tmp_path, MANIFEST)
+    with one.locked(), pytest.raises(OutputError, match="another process"), other.locked():
+        pass
+    with other.locked():
+        pass
+
+
+@pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 not a zip", b"\x80\x04."])
+def test_damaged_chunks_are_named(tmp_path, damage):
+    folder = CampaignFolder(tmp_path, MANIFEST)
+    folder.save(0, chunk(0))
+    (tmp_path / "chunks/000000.npz").write_bytes(damage)
+    with pytest.raises(UsageError, match=r"000000\.npz: is damaged"):
+        folder.load(0)
+
+
+def test_merge_fills_what_failed_and_refuses_other_shapes():
+    failed = {"run": np.array([4])}
+    merged = merge([chunk(0), failed])
+    assert np.isnan(merged["results.x"][2])
+    with pytest.raises(UsageError, match="shape"):
+        merge([chunk(0), {"run": np.array([1]), "results.x": np.zeros((1, 2))}])
