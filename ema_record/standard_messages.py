@@ -70,7 +70,7 @@ def deserialize(data: bytes | memoryview, message_type: str, topic: str) -> Any:
         if end > len(body):
             raise ValueError(f"{end - len(body)} bytes are missing")
         return message
-    except Exception as error:  # the generated decoders raise whatever numpy and struct raise
+    except Exception as error:  # noqa: BLE001  (decoders raise what numpy and struct raise)
         detail = (str(error).splitlines() or [""])[0][:80] or type(error).__name__
         raise InvalidRecordError(
             f"{topic}: {len(data)} bytes are no {message_type} ({detail}): the message is damaged"
