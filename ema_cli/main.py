@@ -46,6 +46,10 @@ COMMANDS: dict[str, Command] = {
                 "ema replay bags/sim_0001_extended"),
         Command("export", "Convert a bag to CSV, Parquet or messages for plotters; plot it.",
                 "ema export bags/sim_0000_step --format csv --out healthy.csv"),
+        Command("lint", "Look for defects of a recording: gaps, swapped phases, wrong units.",
+                "ema lint bags/sim_0001_extended --json"),
+        Command("recover", "Rebuild a readable bag from a recording that was cut or damaged.",
+                "ema recover SN-1_20260101T120000Z_extended --out recovered"),
         Command("effects", "List the catalogue of physical effects, or explain one.",
                 "ema effects turn_short"),
         Command("train", "Train the cascade of networks and write its model file.",
@@ -146,7 +150,8 @@ def _help_text(command: Command, function: Callable[..., object]) -> str:
     """Return the documentation of a command without the sections for programmers."""
     text = SECTION.split(function.__doc__ or "")[0].strip()
     paragraphs = [" ".join(part.split()) for part in re.split(r"\n\s*\n", text)[1:]]
-    return "\n\n".join([command.summary, *(part for part in paragraphs if part)])
+    kept = (part for part in paragraphs if part and not part.startswith("Example:"))
+    return "\n\n".join([command.summary, *kept])
 
 
 def _print_help() -> None:
