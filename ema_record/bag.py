@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -78,12 +79,24 @@ def read_bag(
             f"{source}: the test was {found.provenance.status} before a sample was recorded: "
             "record the test again"
         )
+    _check_counts(content, found.counts, source)
     samples = _samples(content, source)
     check_samples(samples, source, values=validate_values)
     try:
         return _record(content, found, samples)
     except InvalidRecordError as error:
         raise InvalidRecordError(f"{source}: {error}") from None
+
+
+def _check_counts(content: BagContent, counts: Mapping[str, int], source: str) -> None:
+    """Compare the messages that were read with those that were written."""
+    for topic in sorted(_READ_TOPICS & counts.keys()):
+        read = len(content.messages.get(topic, []))
+        if read != counts[topic]:
+            raise InvalidRecordError(
+                f"{source}: {read} messages on {topic}, its recorder wrote {counts[topic]}: the "
+                "bag was edited or damaged; copy it again from where it was recorded"
+            )
 
 
 def _record(content: BagContent, found: TestMetadata, samples: np.ndarray) -> Record:
@@ -238,7 +251,7 @@ def write_bag(
     messages = _messages(record, views=views)
     with BagWriter(
         path, profile=record.profile, provenance=record.provenance,
-        compression_level=compression_level, chunk_size=chunk_size,
+        compression_level=compression_level, chunk_size=chunk_size, flush_interval=None,
     ) as writer:
         for time, topic, data in messages:
             writer.write_raw(topic, data, time)

@@ -7,6 +7,7 @@ last one. Neither has a place for what was injected into the actuator.
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, get_args
@@ -27,6 +28,10 @@ ROSBAG2 = "rosbag2"
 """Name of rosbag2's own MCAP metadata record."""
 START = "ema_phm.start"
 END = "ema_phm.end"
+RECOVERY = "ema_phm.recovery"
+"""In a bag that 'ema recover' made: what was lost."""
+CHECKSUM = "crc32"
+"""Key of the checksum over the other values of our own records (a cut file has no other)."""
 
 STATUSES: tuple[Status, ...] = get_args(Status)
 
@@ -107,23 +112,38 @@ def _dump(data: object) -> str:
 
 def start_record(profile: Profile, provenance: Provenance) -> dict[str, str]:
     """Return the values of the record `START`."""
-    return {
+    return _sealed({
         "serial_number": provenance.serial_number,
         "software_version": provenance.software_version,
         "start_time": str(provenance.start_time),
         "profile": profile.model_dump_json(),
-    }
+    })
 
 
 def end_record(
     status: Status, start_time: int, counts: Sequence[tuple[Topic, int]]
 ) -> dict[str, str]:
     """Return the values of the record `END`."""
-    return {
+    return _sealed({
         "status": status,
         "start_time": str(start_time),
         "messages": json.dumps({topic.name: count for topic, count in counts}),
-    }
+    })
+
+
+def _checksum(values: Mapping[str, str]) -> str:
+    text = json.dumps({k: v for k, v in values.items() if k != CHECKSUM}, sort_keys=True)
+    return f"{zlib.crc32(text.encode()):08x}"
+
+
+def _sealed(values: dict[str, str]) -> dict[str, str]:
+    """Return values with their checksum."""
+    return {**values, CHECKSUM: _checksum(values)}
+
+
+def is_intact(values: Mapping[str, str]) -> bool:
+    """Return whether the checksum of one of our records is right, or absent."""
+    return values.get(CHECKSUM) in (None, _checksum(values))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,6 +154,8 @@ class TestMetadata:
 
     profile: Profile | None
     provenance: Provenance
+    counts: Mapping[str, int]
+    """Messages by topic as the recorder counted them; empty where it did not."""
 
 
 def read_test_metadata(records: Mapping[str, Mapping[str, str]], source: str) -> TestMetadata:
@@ -149,6 +171,9 @@ def read_test_metadata(records: Mapping[str, Mapping[str, str]], source: str) ->
 
     """
     start, end = records.get(START), records.get(END)
+    for name, values in ((START, start), (END, end)):
+        if values is not None and not is_intact(values):
+            raise _wrong(source, CHECKSUM + " of " + name, values[CHECKSUM], _checksum(values))
     status: Status = "complete" if start is None else "interrupted"
     if end is not None:
         found = end.get("status", "")
@@ -166,7 +191,22 @@ def read_test_metadata(records: Mapping[str, Mapping[str, str]], source: str) ->
         status=status,
         source=source,
     )
-    return TestMetadata(profile=_profile(start.get("profile"), source), provenance=provenance)
+    return TestMetadata(
+        profile=_profile(start.get("profile"), source), provenance=provenance,
+        counts=_counts((end or {}).get("messages"), source),
+    )
+
+
+def _counts(text: str | None, source: str) -> dict[str, int]:
+    if text is None:
+        return {}
+    try:
+        counts = json.loads(text)
+    except (ValueError, RecursionError):
+        counts = None
+    if not isinstance(counts, dict) or not all(type(n) is int for n in counts.values()):
+        raise _wrong(source, "messages", text, "JSON of numbers of messages")
+    return counts
 
 
 def _profile(text: str | None, source: str) -> Profile | None:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import contextlib
 import os
+import time
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import IO
@@ -22,6 +24,7 @@ from ema_record.mcap_writer import DEFAULT_LEVEL, HIGHEST_LEVEL, LevelWriter
 from ema_record.metadata import (
     END,
     METADATA_FILE,
+    RECOVERY,
     ROSBAG2,
     START,
     STATUSES,
@@ -41,6 +44,8 @@ from ema_record.version import VERSION
 
 CHUNK_SIZE = 512 << 10
 """Size of a chunk before compression (bytes)."""
+FLUSH_INTERVAL = 0.04
+"""Time after which messages are handed to the operating system while recording (s)."""
 MIN_CHUNK_SIZE = 256 << 10
 MAX_CHUNK_SIZE = 1 << 20
 MCAP_PROFILE = "ros2"
@@ -65,6 +70,10 @@ class BagWriter:
         zstd level, 1 to 19; 19 takes 25 us a sample and saves a fifth.
     chunk_size : int
         256 KiB to 1 MiB.
+    flush_interval : float or None
+        Longest time that a message waits for a chunk to fill (s): so much of the recording
+        and the block in progress are lost where the process is killed. None: until the chunk
+        is full; the bytes then do not depend on the clock.
     topics : sequence of Topic
         The topics of the bag.
 
@@ -83,6 +92,7 @@ class BagWriter:
         provenance: Provenance,
         compression_level: int = DEFAULT_LEVEL,
         chunk_size: int = CHUNK_SIZE,
+        flush_interval: float | None = FLUSH_INTERVAL,
         topics: tuple[Topic, ...] = BAG_TOPICS,
     ) -> None:
         """Make the directory, and begin the file in it."""
@@ -98,6 +108,8 @@ class BagWriter:
         self.profile = profile
         self.provenance = provenance
         self.closed = False
+        self._flush_interval = flush_interval
+        self._waiting_since: float | None = None
         self._topics = {topic.name: topic for topic in topics}
         self._counts = dict.fromkeys(self._topics, 0)
         self._first, self._last = (1 << 63) - 1, 0
@@ -182,6 +194,12 @@ class BagWriter:
             )
         except OSError as error:
             raise self._failed(error) from None
+        if self._flush_interval is not None:
+            now = time.monotonic()
+            if self._waiting_since is None:
+                self._waiting_since = now
+            if now - self._waiting_since >= self._flush_interval:
+                self.flush()
 
     def flush(self) -> None:
         """End the chunk in progress and hand all bytes to the operating system.
@@ -189,12 +207,19 @@ class BagWriter:
         What was written before survives the death of this process; without it up to
         `chunk_size` bytes of messages are lost.
         """
+        self._waiting_since = None
         try:
             self._mcap.flush()
         except OSError as error:
             raise self._failed(error) from None
 
-    def close(self, status: Status = "complete", *, start_time: int | None = None) -> Path:
+    def close(
+        self,
+        status: Status = "complete",
+        *,
+        start_time: int | None = None,
+        recovery: Mapping[str, str] | None = None,
+    ) -> Path:
         """Finish the bag; a second call does nothing.
 
         Parameters
@@ -204,6 +229,8 @@ class BagWriter:
         start_time : int, optional
             Acceptance of the command (ns since the epoch), where it is known better than at
             the beginning.
+        recovery : mapping of str, optional
+            What was lost of the bag that this one was recovered from.
 
         Returns
         -------
@@ -226,10 +253,13 @@ class BagWriter:
                 "software_version": self.provenance.software_version,
                 "test_profile": self.profile.name,
                 "status": status,
+                **({"recovered": "true"} if recovery is not None else {}),
             },
         ))
         try:
             self._mcap.flush()
+            if recovery is not None:
+                self._mcap.add_metadata(RECOVERY, dict(recovery))
             self._mcap.add_metadata(END, end_record(status, begin, counts))
             self._mcap.add_metadata(ROSBAG2, rosbag2_record(information))
             self._mcap.finish()

@@ -113,8 +113,10 @@ def metadata_of(bag):
 def test_own_metadata_say_what_was_tested_and_nothing_else(bag, record):
     """There is no key in which an injected effect could stand."""
     found = metadata_of(bag)
-    assert set(found[START]) == {"serial_number", "software_version", "start_time", "profile"}
-    assert set(found[END]) == {"status", "start_time", "messages"}
+    assert set(found[START]) == {
+        "serial_number", "software_version", "start_time", "profile", "crc32"
+    }
+    assert set(found[END]) == {"status", "start_time", "messages", "crc32"}
     assert Profile.model_validate_json(found[START]["profile"]) == record.profile
     assert json.loads(found[END]["messages"])[SAMPLES] == 18
     assert found[END]["status"] == "complete"

@@ -1,0 +1,162 @@
+"""`ema recover`: a recorder killed with SIGKILL, cuts anywhere, damage in the middle."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from ema_cli.main import run
+from ema_record.bag import read_bag, write_bag
+from ema_record.errors import IncompleteRecordError, OutputError, RecordError, UsageError
+from ema_record.profile import load_profile
+from ema_record.recover import recover_bag
+from ema_sim.simulate import simulate
+
+RECORDER = """
+import sys, time
+from ema_record.bag import read_bag
+from ema_record.samples_codec import encode_block
+from ema_record.topics import SAMPLES
+from ema_record.writer import BagWriter
+record = read_bag(sys.argv[1])
+writer = BagWriter(sys.argv[2], profile=record.profile, provenance=record.provenance)
+begin = time.monotonic()
+for first in range(0, len(record), 200):
+    block = record.samples[first:first + 200]
+    time.sleep(max(0.0, begin + block[-1, 0] - time.monotonic()))
+    print(first + len(block), flush=True)
+    writer.write_raw(SAMPLES, encode_block(block), int(block[-1, 0] * 1e9))
+time.sleep(60)
+"""
+
+
+@pytest.fixture(scope="module")
+def record():
+    return simulate(load_profile("step"), seed=3)
+
+
+@pytest.fixture(scope="module")
+def good(record, tmp_path_factory):
+    return write_bag(record, tmp_path_factory.mktemp("good") / "good", chunk_size=256 << 10)
+
+
+def content(folder):
+    return {p.name: p.read_bytes() for p in folder.iterdir()}
+
+
+def cut(good, folder, size):
+    folder.mkdir()
+    (folder / "cut_0.mcap").write_bytes((good / "good_0.mcap").read_bytes()[:size])
+    return folder
+
+
+def test_killed_recorder_loses_less_than_100_ms(good, record, tmp_path):
+    bag = tmp_path / "killed"
+    child = subprocess.Popen(
+        [sys.executable, "-c", RECORDER, str(good), str(bag)], stdout=subprocess.PIPE
+    )
+    given = 0
+    while given < 6000:
+        given = int(child.stdout.readline())
+    os.kill(child.pid, signal.SIGKILL)
+    rest = child.stdout.read().split()
+    child.wait()
+    child.stdout.close()
+    given = int(rest[-1]) if rest else given
+    with pytest.raises(IncompleteRecordError, match="cut"):
+        read_bag(bag)
+    before = content(bag)
+    report = recover_bag(bag)
+    assert content(bag) == before
+    back = read_bag(report.bag)
+    assert back.provenance.status == "interrupted" and len(back) == report.samples
+    assert np.array_equal(back.samples, record.samples[: len(back)])
+    assert given - len(back) <= 0.1 * record.rate
+    assert report.missing_samples == len(record) - len(back)
+
+
+@pytest.mark.parametrize("part", [0.03, 0.2, 0.5, 0.77, 0.95, 0.9999])
+def test_cut_bags_give_the_samples_before_the_cut(good, record, tmp_path, part):
+    size = (good / "good_0.mcap").stat().st_size
+    bag = cut(good, tmp_path / "cut", int(part * size))
+    report = recover_bag(bag)
+    assert report.status == "interrupted"
+    assert report.samples + report.missing_samples == len(record)
+    assert report.samples >= (part - 0.2) * len(record)  # zstd works in blocks of 128 KiB
+    if report.samples:
+        back = read_bag(report.bag)
+        assert back.provenance.status == "interrupted"
+        assert back.provenance.serial_number == record.provenance.serial_number
+        assert back.profile == record.profile
+        assert np.array_equal(back.samples, record.samples[: len(back)])
+
+
+def test_damaged_chunk_is_left_out_and_told(good, record, tmp_path):
+    bag = shutil.copytree(good, tmp_path / "damaged")
+    file = bag / "good_0.mcap"
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 0x10
+    file.write_bytes(data)
+    report = recover_bag(bag)
+    (gap,) = report.gaps
+    assert gap.samples == report.missing_samples > 0
+    assert any("left out" in damage for damage in report.damages)
+    back = read_bag(report.bag)
+    assert back.provenance.status == "interrupted"
+    kept = np.isin(record.time, back.time)
+    assert np.array_equal(back.samples, record.samples[kept])
+
+
+def test_damaged_start_record_gives_way_to_the_command(good, record, tmp_path):
+    """In a cut file no checksum of the file covers it; its own does."""
+    bag = cut(good, tmp_path / "cut", 300_000)
+    file = bag / "cut_0.mcap"
+    data = file.read_bytes()
+    assert data.count(b"[0.022,0.4]") == 1
+    file.write_bytes(data.replace(b"[0.022,0.4]", b"[0.022,0.5]"))
+    report = recover_bag(bag)
+    assert any("ema_phm.start" in damage for damage in report.damages)
+    assert read_bag(report.bag).profile == record.profile
+
+
+def test_only_the_metadata_file_is_missing(good, record, tmp_path):
+    bag = shutil.copytree(good, tmp_path / "bag")
+    (bag / "metadata.yaml").unlink()
+    report = recover_bag(bag)
+    assert (report.missing_samples, report.status) == (0, "interrupted")
+    back = read_bag(report.bag)
+    assert np.array_equal(back.samples, record.samples)
+    assert back.provenance.status == "interrupted"
+
+
+def test_whole_bags_existing_output_and_rubbish_are_refused(good, tmp_path):
+    with pytest.raises(UsageError, match="whole"):
+        recover_bag(good, tmp_path / "out")
+    bag = cut(good, tmp_path / "cut", 200_000)
+    with pytest.raises(OutputError, match="never overwritten"):
+        recover_bag(bag, good)
+    for size in (0, 5, 20):
+        with pytest.raises(RecordError):
+            recover_bag(cut(good, tmp_path / f"cut{size}", size))
+    (tmp_path / "rubbish.mcap").write_bytes(b"no bag at all")
+    with pytest.raises(RecordError, match="not an MCAP file"):
+        recover_bag(tmp_path / "rubbish.mcap")
+    assert not (tmp_path / "out").exists()
+
+
+def test_command(good, tmp_path, capsys):
+    bag = cut(good, tmp_path / "cut", 250_000)
+    begin = time.monotonic()
+    assert run(["recover", str(bag), "--out", str(tmp_path / "new"), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["status"] == "interrupted" and report["missing_ms"] > 0
+    assert len(read_bag(tmp_path / "new")) == report["samples"]
+    assert run(["recover", str(bag), "--out", str(tmp_path / "new")]) == 2
+    assert "never overwritten" in capsys.readouterr().err
+    assert time.monotonic() - begin < 20
