@@ -1,0 +1,52 @@
+"""Fixtures of the tests with real nodes."""
+
+import warnings
+
+import pytest
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)  # of a parser that rclpy loads
+    import rosidl_generator_py  # noqa: F401
+
+import rclpy
+import rclpy.executors
+from rclpy.signals import SignalHandlerOptions
+from ros_processes import Nodes, Watcher
+
+from ema_monitor.aircraft_node import AircraftNode
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if "ros" in item.path.parts:
+            item.add_marker("ros")
+
+
+@pytest.fixture
+def nodes(ros_domain, tmp_path):
+    """Start nodes in a domain of their own; all must end without a traceback."""
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    found = Nodes(folder)
+    try:
+        yield found
+    finally:
+        found.stop()
+    for log in folder.glob("*.log"):
+        text = log.read_text()
+        assert "Traceback" not in text, text
+        assert "never retrieved" not in text, text
+
+
+@pytest.fixture
+def watcher(ros_domain):
+    """Return the aircraft of this test, on the ground."""
+    context = rclpy.Context()
+    rclpy.init(context=context, args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = AircraftNode(context)
+    executor = rclpy.executors.SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    yield Watcher(node, executor)
+    executor.shutdown(timeout_sec=1.0)
+    node.destroy_node()
+    rclpy.try_shutdown(context=context)

@@ -1,0 +1,128 @@
+"""Real nodes as processes, and a node in the test's own process to watch them."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import rclpy
+import rclpy.serialization
+from diagnostic_msgs.msg import DiagnosticArray
+
+from ema_monitor.aircraft_node import answer_of
+from ema_monitor.messages import PolledGroup, make_polled_subscription, make_publisher, take_all
+from ema_record.samples_codec import decode_block
+from ema_record.topics import COMMAND, DIAGNOSTICS, SAMPLES
+from ema_record.trajectory import encode_command
+
+SIMULATOR = "ema_sim.simulator_node"
+MONITOR = "ema_monitor.monitor_node"
+PROGNOSTICS = "ema_prognostics.prognostics_node"
+START_TIMEOUT = 180.0
+"""The first simulator of a test run may have to compile (s)."""
+
+
+class Nodes:
+    """Node processes of one test."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.processes = []
+
+    def start(self, module, **parameters):
+        """Start a node; dots in names of parameters are written ``__``."""
+        arguments = []
+        for name, value in parameters.items():
+            arguments += ["-p", f"{name.replace('__', '.')}:={value}"]
+        path = self.folder / f"{len(self.processes)}_{module}.log"
+        with path.open("wb") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", module, "--ros-args", *arguments],
+                stdout=subprocess.DEVNULL, stderr=log, start_new_session=True,
+            )
+        self.processes.append(process)
+        return process
+
+    def log(self, process):
+        """Return what a node wrote to stderr."""
+        index = self.processes.index(process)
+        (path,) = self.folder.glob(f"{index}_*.log")
+        return path.read_text()
+
+    def stop(self):
+        """Ask all nodes to end, and require that they do, cleanly."""
+        for process in self.processes:
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        for process in self.processes:
+            try:
+                process.wait(10.0)
+            finally:
+                if process.poll() is None:
+                    os.killpg(process.pid, signal.SIGKILL)
+                    process.wait()
+
+
+class Watcher:
+    """The aircraft, with eyes on diagnostics and samples."""
+
+    def __init__(self, node, executor):
+        self.node = node
+        self.executor = executor
+        group = PolledGroup()
+        self._diagnostics = make_polled_subscription(node, DIAGNOSTICS, group)
+        self._samples = make_polled_subscription(node, SAMPLES, group)
+        self._command = make_publisher(node, COMMAND)
+        self.actuator = {}
+        self.actuator_history = []
+        self.blocks = []
+        self.send_wheels = True
+
+    def spin(self, seconds=0.02):
+        self.executor.spin_once(timeout_sec=seconds)
+        self.node.poll()
+        for taken in take_all(self._diagnostics):
+            message = rclpy.serialization.deserialize_message(taken.data, DiagnosticArray)
+            for status in message.status:
+                if status.name == "ema_sim: actuator":
+                    self.actuator = {p.key: p.value for p in status.values}
+                    self.actuator["message"] = status.message
+                    self.actuator_history.append(self.actuator)
+        self.blocks += [decode_block(taken.data) for taken in take_all(self._samples)]
+
+    def wait(self, condition, timeout=10.0, what="condition"):
+        end = time.monotonic() + timeout
+        while not condition():
+            assert time.monotonic() < end, f"{what}: not within {timeout} s"
+            self.spin()
+
+    def wait_for_simulator(self):
+        self.wait(
+            lambda: self._command.get_subscription_count() > 0 and self.actuator,
+            START_TIMEOUT, "simulator",
+        )
+
+    def wait_for_monitor(self):
+        self.wait(
+            lambda: self.node.missing() in ("", "the prognostics", "the actuator"),
+            START_TIMEOUT, "monitor",
+        )
+
+    def command(self, profile):
+        stamp = time.time_ns()
+        self._command.publish(encode_command(profile, stamp))
+        return str(stamp)
+
+    def self_test(self, timeout=30.0, during=None):
+        """Run the built-in test; `during` is called all the time while it runs."""
+        future = self.node.call_self_test()
+        end = time.monotonic() + timeout
+        while not future.done():
+            assert time.monotonic() < end, f"self_test: no answer within {timeout} s"
+            self.spin()
+            if during is not None:
+                during()
+        answer = answer_of(future.result())
+        answer["by_name"] = {check["name"]: check for check in answer["checks"]}
+        return answer

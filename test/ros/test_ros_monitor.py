@@ -1,0 +1,204 @@
+"""The monitor node: interlock, abort, counters, and what is in its way."""
+
+import signal
+import time
+
+import pytest
+from ros_processes import MONITOR, SIMULATOR
+
+from ema_monitor.sequence import step_to
+from ema_record.bag import read_bag
+
+
+@pytest.fixture
+def chain(nodes, watcher, tmp_path):
+    """Start simulator and monitor; return a function that does."""
+
+    def start(profile="step", position=-0.4, **parameters):
+        simulator = nodes.start(SIMULATOR, initial_position=position)
+        monitor = nodes.start(
+            MONITOR, profile=profile, output_directory=str(tmp_path / "records"), **parameters
+        )
+        watcher.wait_for_simulator()
+        watcher.wait_for_monitor()
+        return simulator, monitor
+
+    return start
+
+
+def records(tmp_path):
+    return sorted((tmp_path / "records").glob("*"))
+
+
+def test_a_test_moves_to_its_start_and_loses_no_sample(chain, watcher, tmp_path):
+    chain(position=0.1)
+    answer = watcher.self_test()
+    assert answer["passed"], answer
+    assert answer["serial_number"] == "SIM-0000"
+    counters = answer["by_name"]["counters"]["values"]
+    assert counters == {"samples_published": "9000", "samples_recorded": "9000"}
+    for name in ("count", "time order", "finite", "range", "saturation", "current sum",
+                 "speed against position", "command reached"):
+        assert answer["by_name"][name]["level"] == 0, name
+    (path,) = records(tmp_path)
+    assert answer["by_name"]["record"]["values"]["path"] == str(path)
+    record = read_bag(path)
+    assert len(record) == 9000
+    assert record.profile.name == "step"
+    assert record.provenance.status == "complete"
+    assert record.samples[0, 9] == pytest.approx(-0.4, abs=2e-3)
+
+
+def test_refused_without_weight_on_wheels(chain, watcher, tmp_path):
+    chain()
+    watcher.node.weight_on_wheels = False
+    watcher.node.send_weight_on_wheels()
+    end = time.monotonic() + 0.5
+    while time.monotonic() < end:
+        watcher.spin()
+    answer = watcher.self_test()
+    assert not answer["passed"]
+    assert answer["by_name"]["test"]["message"] == (
+        "refused: no weight on wheels: the aircraft is not on the ground"
+    )
+    assert records(tmp_path) == []
+    assert watcher.blocks == [], "the actuator moved"
+
+
+def test_refused_when_weight_on_wheels_is_stale(chain, watcher, tmp_path):
+    chain()
+    watcher.wait(lambda: watcher.node.stage == "idle")
+    time.sleep(1.3)  # the aircraft says nothing: this is what is tested
+    future = watcher.node.call_self_test()
+    for timer in watcher.node.timers:
+        timer.cancel()
+    watcher.wait(future.done)
+    assert b"\x00" == future.result().passed
+    assert "old, at most 1 s" in future.result().status[0].message
+    assert records(tmp_path) == []
+
+
+def test_aborts_when_the_aircraft_takes_off_and_brings_the_surface_back(
+    chain, watcher, tmp_path
+):
+    chain("extended")
+
+    def take_off():
+        if sum(map(len, watcher.blocks)) > 10_000:
+            watcher.node.weight_on_wheels = False
+
+    answer = watcher.self_test(during=take_off)
+    assert not answer["passed"]
+    assert answer["by_name"]["test"]["message"] == (
+        "aborted: no weight on wheels: the aircraft is not on the ground"
+    )
+    (path,) = records(tmp_path)
+    assert (path / "metadata.yaml").is_file()
+    record = read_bag(path)
+    assert record.provenance.status == "aborted"
+    assert 10_000 < len(record) < 25_000
+    watcher.wait(lambda: watcher.actuator["state"] == "idle", what="surface at rest")
+    assert float(watcher.actuator["surface_position"]) == pytest.approx(-0.4, abs=2e-3)
+
+    watcher.node.weight_on_wheels = True
+    watcher.node.send_weight_on_wheels()
+    end = time.monotonic() + 0.3
+    while time.monotonic() < end:
+        watcher.spin()
+    answer = watcher.self_test()
+    assert answer["passed"], "the monitor does not run another test after an abort"
+    assert len(records(tmp_path)) == 2
+
+
+def test_a_foreign_command_aborts_the_test(chain, watcher, tmp_path):
+    chain("extended")
+    sent = []
+
+    def interfere():
+        if not sent and sum(map(len, watcher.blocks)) > 4000:
+            sent.append(watcher.command(step_to(-0.2)))
+
+    answer = watcher.self_test(during=interfere)
+    assert not answer["passed"]
+    assert "another node commands" in answer["by_name"]["test"]["message"]
+    assert read_bag(records(tmp_path)[0]).provenance.status == "aborted"
+    watcher.wait(lambda: watcher.actuator["state"] == "idle")
+    assert float(watcher.actuator["surface_position"]) == pytest.approx(-0.2, abs=2e-3)
+
+
+def test_a_killed_acquisition_aborts_the_test(chain, watcher, tmp_path):
+    simulator, _ = chain("extended", stream_timeout=0.5)
+
+    def kill():
+        if simulator.poll() is None and sum(map(len, watcher.blocks)) > 4000:
+            simulator.send_signal(signal.SIGKILL)
+
+    answer = watcher.self_test(during=kill)
+    assert "the acquisition has stopped" in answer["by_name"]["test"]["message"]
+    assert read_bag(records(tmp_path)[0]).provenance.status == "aborted"
+
+
+def test_ctrl_c_closes_the_record_as_interrupted(chain, watcher, tmp_path):
+    _, monitor = chain("extended")
+    sent = []
+
+    def interrupt():
+        if not sent and sum(map(len, watcher.blocks)) > 4000:
+            monitor.send_signal(signal.SIGINT)
+            sent.append(True)
+
+    answer = watcher.self_test(during=interrupt)
+    assert not answer["passed"]
+    assert monitor.wait(5.0) == 0
+    record = read_bag(records(tmp_path)[0])
+    assert record.provenance.status == "interrupted"
+    assert len(record) >= 4000
+    watcher.wait(lambda: watcher.actuator["state"] == "idle", what="surface at rest")
+    assert float(watcher.actuator["surface_position"]) == pytest.approx(-0.4, abs=2e-3)
+
+
+def test_a_second_request_during_a_test_is_refused(chain, watcher):
+    chain()
+    second = []
+
+    def ask_again():
+        if not second and watcher.blocks:
+            second.append(watcher.node.call_self_test())
+
+    first = watcher.self_test(during=ask_again)
+    watcher.wait(second[0].done, what="second answer")
+    assert first["passed"]
+    assert second[0].result().passed == b"\x00"
+    assert "running already" in second[0].result().status[0].message
+
+
+def test_a_second_monitor_on_the_domain_is_refused(chain, nodes, watcher):
+    chain()
+    second = nodes.start(MONITOR)
+    assert second.wait(30.0) == 2
+    assert "another monitor" in nodes.log(second)
+    assert watcher.self_test()["passed"], "the first monitor was disturbed"
+
+
+def test_a_record_that_cannot_be_written_refuses_the_test(nodes, watcher, tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("here is no folder")
+    nodes.start(SIMULATOR)
+    nodes.start(MONITOR, profile="step", output_directory=str(blocked))
+    watcher.wait_for_simulator()
+    watcher.wait_for_monitor()
+    answer = watcher.self_test()
+    assert not answer["passed"]
+    assert "cannot be written" in answer["by_name"]["test"]["message"]
+    assert blocked.read_text() == "here is no folder"
+
+
+@pytest.mark.parametrize(("parameter", "hint"), [
+    ({"profile": "stepp"}, "did you mean 'step'"),
+    ({"weight_on_wheels_timeout": 1000.0}, "0.1 to 60"),
+    ({"outptu_directory": "x"}, "did you mean 'output_directory'"),
+])
+def test_wrong_parameters_are_one_line_and_status_2(nodes, parameter, hint):
+    process = nodes.start(MONITOR, **parameter)
+    assert process.wait(30.0) == 2
+    assert hint in nodes.log(process)
