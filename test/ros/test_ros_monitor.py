@@ -73,7 +73,7 @@ def test_refused_when_weight_on_wheels_is_stale(chain, watcher, tmp_path):
     for timer in watcher.node.timers:
         timer.cancel()
     watcher.wait(future.done)
-    assert b"\x00" == future.result().passed
+    assert future.result().passed == b"\x00"
     assert "old, at most 1 s" in future.result().status[0].message
     assert records(tmp_path) == []
 

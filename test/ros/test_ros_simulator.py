@@ -2,16 +2,17 @@
 
 import numpy as np
 import pytest
-from ros_processes import MONITOR, PROGNOSTICS, SIMULATOR
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
+from ros_processes import MONITOR, PROGNOSTICS, SIMULATOR
 
 from ema_monitor.sequence import step_to
 from ema_record.profile import load_profile
-from ema_record.topics import BIT_RECORD, TOPICS
+from ema_record.topics import BIT_RECORD, SAMPLES, TOPICS
 from ema_sim.effects import EFFECTS
+from ema_sim.messages import qos_profile
 
 
 def call(watcher, kind, name, request):
@@ -37,9 +38,8 @@ def test_every_topic_of_the_table_with_its_type_and_qos(nodes, watcher, tmp_path
             qos = info.qos_profile
             assert qos.reliability == ReliabilityPolicy.get_from_short_key(topic.qos.reliability)
             assert qos.durability == DurabilityPolicy.get_from_short_key(topic.qos.durability)
-    # The history is not sent over the wire; the publisher of the samples says it of itself.
-    history = watcher._samples.qos_profile.history
-    assert history == HistoryPolicy.KEEP_ALL
+    # The history is not sent over the wire: what the nodes build their publishers from.
+    assert qos_profile(TOPICS[SAMPLES].qos).history == HistoryPolicy.KEEP_ALL
     services = dict(watcher.node.get_service_names_and_types())
     assert services["/ema_monitor/self_test"] == ["diagnostic_msgs/srv/SelfTest"]
 

@@ -1,0 +1,178 @@
+"""`ema bit` and `ema replay` as a user calls them: the whole chain, and every way out."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+from ros_processes import PROGNOSTICS, SIMULATOR
+
+from ema_record.bag import read_bag
+
+HIDDEN = ("--effect", "turn_short.fraction=0.1", "--effect", "turn_short.phase=b")
+NODES = ("simulator_node", "monitor_node", "prognostics_node")
+
+
+def ema(*arguments, timeout=240.0):
+    """Run `ema` in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "ema_cli", *map(str, arguments)],
+        capture_output=True, text=True, timeout=timeout, check=False,
+    )
+
+
+def without_bag(verdict):
+    return {key: value for key, value in verdict.items() if key != "bag"}
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """Return the result of the extended test of an actuator with a hidden turn short."""
+    out = tmp_path_factory.mktemp("bit") / "records"
+    run = ema("bit", *HIDDEN, "--out", out, "--serial-number", "EMA-9", "--json")
+    assert run.returncode == 1, run.stderr
+    assert "Traceback" not in run.stderr
+    return json.loads(run.stdout)
+
+
+def test_the_chain_finds_the_hidden_fault(short):
+    verdict = short["verdict"]
+    assert verdict["verdict"] == "fault"
+    assert verdict["fault_class"] == "turn_short"
+    assert verdict["phase"] == "b"
+    assert verdict["severity"] == pytest.approx(0.1, abs=0.02)
+    assert short["passed"]
+    assert short["serial_number"] == "EMA-9"
+    counters = next(check for check in short["checks"] if check["name"] == "counters")
+    assert counters["values"] == {"samples_published": "62600", "samples_recorded": "62600"}
+    assert read_bag(short["record"]).provenance.serial_number == "EMA-9"
+    assert short["times"]["after_record_closed"] < 5.0
+    assert Path(short["log"]).parent == Path(short["record"]).parent
+
+
+def test_nothing_in_the_record_tells_what_was_hidden(short):
+    for file in Path(short["record"]).iterdir():
+        assert b"turn_short" not in file.read_bytes()
+    assert "turn_short.fraction" not in Path(short["log"]).read_text()
+
+
+def test_check_gives_the_same_verdict_without_ros(short):
+    run = ema("check", short["record"], "--json")
+    assert run.returncode == 1, run.stderr
+    assert json.loads(run.stdout) == short["verdict"]
+
+
+def test_replay_gives_the_same_verdict(short, nodes, watcher):
+    nodes.start(PROGNOSTICS)
+    run = ema("replay", short["record"], "--wait", 60, "--json")
+    assert run.returncode == 0, run.stderr
+    counts = json.loads(run.stdout)["messages"]
+    assert counts["/ema/samples"] == 157
+    assert counts["/ema/command"] == 1
+    watcher.wait(lambda: watcher.node.verdict is not None, 30.0, "verdict")
+    assert without_bag(watcher.node.verdict) == without_bag(short["verdict"])
+
+
+def test_replay_refuses_a_domain_with_an_actuator(short, nodes, watcher):
+    nodes.start(SIMULATOR)
+    watcher.wait_for_simulator()
+    run = ema("replay", short["record"])
+    assert run.returncode == 3
+    assert run.stderr.count("\n") == 1
+    assert "another node publishes /ema/samples" in run.stderr
+
+
+def test_replay_without_a_listener_says_so(short, ros_domain):
+    run = ema("replay", short["record"], "--wait", 0.5)
+    assert run.returncode == 3
+    assert "nobody listens" in run.stderr
+
+
+def test_a_healthy_actuator_is_called_healthy(tmp_path):
+    run = ema("bit", "--profile", "step", "--out", tmp_path / "records")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "healthy" in run.stdout
+    assert "all 9000 published samples are recorded" in run.stdout
+
+
+@pytest.mark.parametrize(("arguments", "hint"), [
+    (("--effect", "turn_shrt.fraction=0.1"), "did you mean 'turn_short.fraction'"),
+    (("--effect", "turn_short.fraction=5"), "0 to 0.9"),
+    (("--effect", "turn_short"), "NAME.PARAMETER=VALUE"),
+    (("--profile", "exteded"), "did you mean 'extended'"),
+    (("--model", "/nonexistent.yaml"), "/nonexistent.yaml"),
+    (("--out", "/proc/nowhere"), "cannot be written"),
+])
+def test_wrong_use_is_one_line_and_status_2(tmp_path, arguments, hint):
+    out = () if "--out" in arguments else ("--out", tmp_path / "records")
+    run = ema("bit", *arguments, *out)
+    assert run.returncode == 2, run.stderr
+    assert run.stderr.count("\n") == 1
+    assert hint in run.stderr
+    assert not any(path.is_dir() for path in (tmp_path / "records").glob("*"))
+
+
+def malformed_model(tmp_path):
+    path = tmp_path / "model.yaml"
+    path.write_text("motor: [unclosed\n")
+    return path
+
+
+def test_a_malformed_model_is_one_line_and_status_2(tmp_path):
+    run = ema("bit", "--model", malformed_model(tmp_path), "--out", tmp_path / "records")
+    assert run.returncode == 2
+    assert run.stderr.count("\n") == 1
+    assert "line" in run.stderr
+
+
+def wait_for(condition, timeout, what):
+    end = time.monotonic() + timeout
+    while not (found := condition()):
+        assert time.monotonic() < end, f"{what}: not within {timeout} s"
+        time.sleep(0.02)
+    return found
+
+
+def start_and_wait_for_samples(out):
+    """Start `ema bit`; return it and its children once samples are on the disk."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ema_cli", "bit", "--out", str(out)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )
+    wait_for(lambda: any(f.stat().st_size > 20_000 for f in out.glob("*/*.mcap")), 200.0,
+             "a record under way")
+    children = psutil.Process(process.pid).children(recursive=True)
+    assert {name for name in NODES for c in children if name in " ".join(c.cmdline())} == set(
+        NODES)
+    return process, children
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_test_leaves_a_marked_record_and_no_process(tmp_path, number):
+    out = tmp_path / "records"
+    process, children = start_and_wait_for_samples(out)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=15.0)
+    assert process.returncode == 130
+    assert "Traceback" not in errors
+    (path,) = [p for p in out.iterdir() if p.is_dir()]
+    record = read_bag(path)
+    assert record.provenance.status == "interrupted"
+    assert len(record) > 0
+    assert str(path) in errors
+    assert [c for c in children if c.is_running() and c.status() != psutil.STATUS_ZOMBIE] == []
+
+
+def test_no_node_survives_a_killed_supervisor(tmp_path):
+    out = tmp_path / "records"
+    process, children = start_and_wait_for_samples(out)
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate(timeout=5.0)
+    wait_for(lambda: not [c for c in children if c.is_running()], 10.0, "the end of the nodes")
+    (path,) = [p for p in out.iterdir() if p.is_dir()]
+    assert read_bag(path).provenance.status == "interrupted"

@@ -1,0 +1,112 @@
+"""The prognostics node: records announced before and after its start, and by parameter."""
+
+import json
+import time
+
+import pytest
+import rclpy.serialization
+from diagnostic_msgs.msg import DiagnosticStatus
+from ros_processes import PROGNOSTICS
+from std_msgs.msg import Float64, String
+
+from ema_monitor.messages import PolledGroup, make_polled_subscription, make_publisher, take_all
+from ema_prognostics.prognosis import Prognosis
+from ema_record.bag import write_bag
+from ema_record.profile import load_profile
+from ema_record.topics import BIT_RECORD, SEVERITY, VERDICT
+from ema_sim.effects import parse_effects
+from ema_sim.simulate import simulate
+
+FAULT = ["rotor_eccentricity.zeta=0.1"]
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory):
+    """Return a healthy bag and one with a fault."""
+    folder = tmp_path_factory.mktemp("bags")
+    profile = load_profile("step")
+    return [
+        write_bag(simulate(profile, seed=5, serial_number="EMA-5"), folder / "first"),
+        write_bag(simulate(profile, seed=6, effects=parse_effects(
+            ["turn_short.fraction=0.1", "turn_short.phase=b"])), folder / "second"),
+    ]
+
+
+class Listener:
+    """All verdicts and severities since the start of the test."""
+
+    def __init__(self, watcher):
+        group = PolledGroup()
+        self._watcher = watcher
+        self._verdict = make_polled_subscription(watcher.node, VERDICT, group)
+        self._severity = make_polled_subscription(watcher.node, SEVERITY, group)
+        self.verdicts, self.severities = [], []
+
+    def collect(self):
+        for taken in take_all(self._verdict):
+            status = rclpy.serialization.deserialize_message(taken.data, DiagnosticStatus)
+            self.verdicts.append({p.key: p.value for p in status.values})
+        for taken in take_all(self._severity):
+            self.severities.append(
+                rclpy.serialization.deserialize_message(taken.data, Float64).data)
+        return len(self.verdicts)
+
+    def wait(self, count):
+        self._watcher.wait(lambda: self.collect() >= count, 60.0, f"{count} verdicts")
+
+    def stay(self, seconds):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._watcher.spin()
+            self.collect()
+
+
+@pytest.fixture
+def listener(watcher):
+    """Return a listener to verdicts."""
+    return Listener(watcher)
+
+
+def test_records_before_and_after_the_start_are_diagnosed_once(nodes, watcher, listener, bags):
+    announce = make_publisher(watcher.node, BIT_RECORD)
+    announce.publish(String(data=str(bags[0])))
+    nodes.start(PROGNOSTICS)
+    listener.wait(1)
+    announce.publish(String(data=str(bags[1])))
+    listener.wait(2)
+    announce.publish(String(data=str(bags[0])))
+    listener.stay(1.0)
+    expected = [Prognosis().of_bag(bag)[0] for bag in bags]
+    assert [json.loads(v["json"]) for v in listener.verdicts] == json.loads(json.dumps(expected))
+    assert listener.verdicts[1]["verdict"] == "fault"
+    assert listener.verdicts[1]["fault_class"] == "turn_short"
+    assert listener.verdicts[1]["phase"] == "b"
+    assert float(listener.verdicts[1]["severity"]) == pytest.approx(
+        listener.severities[1], rel=1e-4)
+    assert any(key.startswith("probability.") for key in listener.verdicts[1])
+
+
+def test_a_record_by_parameter(nodes, listener, bags):
+    nodes.start(PROGNOSTICS, record=bags[1])
+    listener.wait(1)
+    assert listener.verdicts[0]["fault_class"] == "turn_short"
+
+
+def test_a_bad_record_has_a_verdict_too_and_the_node_lives_on(
+    nodes, watcher, listener, bags, tmp_path
+):
+    announce = make_publisher(watcher.node, BIT_RECORD)
+    nodes.start(PROGNOSTICS)
+    announce.publish(String(data=str(tmp_path / "nowhere")))
+    listener.wait(1)
+    assert listener.verdicts[0]["verdict"] == "invalid"
+    assert "no such file" in listener.verdicts[0]["reasons"]
+    announce.publish(String(data=str(bags[1])))
+    listener.wait(2)
+    assert listener.verdicts[1]["verdict"] == "fault"
+
+
+def test_a_wrong_model_is_one_line_and_status_2(nodes):
+    process = nodes.start(PROGNOSTICS, model_file="/nonexistent/model.json")
+    assert process.wait(60.0) == 2
+    assert "error: /nonexistent/model.json" in nodes.log(process)
