@@ -29,7 +29,6 @@ TEST_MARGIN = 60.0
 """Longest test beyond the duration of its profile (s)."""
 VERDICT_TIMEOUT = 60.0
 SPIN = 0.02
-EXIT_STATUS = {"healthy": 0, "fault": 1, "unknown": 3, "incomplete": 3, "invalid": 2}
 
 
 def bit(
@@ -117,10 +116,9 @@ def bit(
 
 def exit_status(result: dict[str, Any]) -> int:
     """Return 0 healthy, 1 fault, 3 unknown or a record that failed its checks, 2 unreadable."""
-    verdict = result["verdict"]
-    if verdict is None:
-        return TestRefusedError.exit_status
-    status = EXIT_STATUS.get(verdict["verdict"], 3)
+    from ema_prognostics.verdict import EXIT_STATUS
+
+    status = EXIT_STATUS[result["verdict"]["verdict"]]
     return TestRefusedError.exit_status if status == 0 and not result["passed"] else status
 
 

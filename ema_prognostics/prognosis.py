@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ema_prognostics.diagnosis import diagnose
+from ema_prognostics.diagnosis import diagnose, verdict_of_error
 from ema_prognostics.model_file import load_model
 from ema_record.bag import read_bag
-from ema_record.errors import EmaError, IncompleteRecordError
+from ema_record.errors import RecordError, UsageError
 from ema_record.record import Record
 
 
@@ -32,27 +32,12 @@ class Prognosis:
         """
         try:
             record = read_bag(path)
-        except EmaError as error:
-            return failed(str(path), error), ""
+        except (RecordError, UsageError) as error:
+            return verdict_of_error(error, str(path)).to_dict(), ""
         return self.of_record(record, str(path))
 
     def of_record(self, record: Record, source: str) -> tuple[dict[str, Any], str]:
         """Return the verdict on a record, and the serial number; `source` names its bag."""
         serial_number = record.provenance.serial_number
         record = replace(record, provenance=replace(record.provenance, source=source))
-        try:
-            return diagnose(record, self._model).to_dict(), serial_number
-        except EmaError as error:
-            return failed(source, error), serial_number
-
-
-def failed(source: str, error: EmaError) -> dict[str, Any]:
-    """Return the verdict on a record that cannot be diagnosed."""
-    incomplete = isinstance(error, IncompleteRecordError)
-    return {
-        "bag": source,
-        "verdict": "incomplete" if incomplete else "invalid",
-        "fault_class": None, "phase": None, "severity": None, "severity_unit": None,
-        "severity_interval": None, "level": None, "faults": [], "alternatives": [],
-        "probabilities": {}, "reasons": [str(error)],
-    }
+        return diagnose(record, self._model).to_dict(), serial_number

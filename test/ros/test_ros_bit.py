@@ -15,6 +15,7 @@ from ros_processes import PROGNOSTICS, SIMULATOR
 from ema_record.bag import read_bag
 
 HIDDEN = ("--effect", "turn_short.fraction=0.1", "--effect", "turn_short.phase=b")
+EXAMPLE = "bags/sim_0000_step"
 NODES = ("simulator_node", "monitor_node", "prognostics_node")
 
 
@@ -78,17 +79,18 @@ def test_replay_gives_the_same_verdict(short, nodes, watcher):
     assert without_bag(watcher.node.verdict) == without_bag(short["verdict"])
 
 
-def test_replay_refuses_a_domain_with_an_actuator(short, nodes, watcher):
+def test_replay_refuses_a_domain_with_an_actuator(repository, nodes, watcher):
     nodes.start(SIMULATOR)
     watcher.wait_for_simulator()
-    run = ema("replay", short["record"])
+    run = ema("replay", repository / EXAMPLE)
     assert run.returncode == 3
     assert run.stderr.count("\n") == 1
     assert "another node publishes /ema/samples" in run.stderr
 
 
-def test_replay_without_a_listener_says_so(short, ros_domain):
-    run = ema("replay", short["record"], "--wait", 0.5)
+@pytest.mark.usefixtures("ros_domain")
+def test_replay_without_a_listener_says_so(repository):
+    run = ema("replay", repository / EXAMPLE, "--wait", 0.5)
     assert run.returncode == 3
     assert "nobody listens" in run.stderr
 

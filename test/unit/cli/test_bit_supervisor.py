@@ -1,0 +1,106 @@
+"""Starting, watching and ending processes; domains of one's own; what the options mean."""
+
+import os
+import time
+
+import psutil
+import pytest
+
+from ema_cli.bit import effect_parameters, exit_status, summarise
+from ema_cli.domain import private_domain
+from ema_cli.supervisor import NodeDiedError, Supervisor
+from ema_record.errors import UsageError
+
+
+@pytest.fixture
+def modules(tmp_path, monkeypatch):
+    """Write modules that stand for nodes that misbehave."""
+    folder = tmp_path / "modules"
+    folder.mkdir()
+    (folder / "stubborn.py").write_text(
+        "import signal, time, sys\n"
+        "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        "print('up', file=sys.stderr, flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    (folder / "wrong.py").write_text(
+        "import sys\nprint('error: no such thing: try another', file=sys.stderr)\nsys.exit(2)\n"
+    )
+    (folder / "broken.py").write_text("raise RuntimeError('boom')\n")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(
+        filter(None, [str(folder), os.environ.get("PYTHONPATH")])))
+    return folder
+
+
+def wait_for(condition, timeout=20.0):
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def failure(supervisor):
+    """Return the error of the first check that fails."""
+    with pytest.raises(Exception) as caught:
+        wait_for(supervisor.check)
+    return caught.value
+
+
+def test_a_process_that_ignores_the_request_is_killed(modules, tmp_path, monkeypatch):
+    monkeypatch.setattr("ema_cli.supervisor.GENTLE_STOP", 0.3)
+    with Supervisor(tmp_path / "log") as supervisor:
+        supervisor.start("stubborn", {})
+        wait_for(lambda: "up" in (tmp_path / "log").read_text())
+        (child,) = psutil.Process().children()
+    assert not child.is_running()
+
+
+def test_wrong_use_of_a_node_is_wrong_use(modules, tmp_path):
+    with Supervisor(tmp_path / "log") as supervisor:
+        supervisor.start("wrong", {})
+        error = failure(supervisor)
+    assert isinstance(error, UsageError)
+    assert str(error) == "no such thing: try another"
+
+
+def test_a_node_that_dies_is_named_with_its_last_line(modules, tmp_path):
+    with Supervisor(tmp_path / "log") as supervisor:
+        supervisor.start("broken", {})
+        error = failure(supervisor)
+    assert isinstance(error, NodeDiedError)
+    assert "broken ended with status 1: RuntimeError: boom" in str(error)
+
+
+def test_domains_differ_and_a_choice_is_taken():
+    with private_domain(None) as first, private_domain(None) as second:
+        assert first != second
+        assert 1 <= first <= 101
+    with private_domain(7) as chosen:
+        assert chosen == 7
+
+
+def test_effects_become_parameters():
+    assert effect_parameters(["turn_short.fraction=1", "turn_short.phase = b"]) == {
+        "turn_short.fraction": 1.0, "turn_short.phase": "b"}
+    for wrong in ("turn_short", "turn_short=1", "turn_short.fraction=", "a b.c=1", ".x=1"):
+        with pytest.raises(UsageError, match=r"NAME\.PARAMETER=VALUE"):
+            effect_parameters([wrong])
+
+
+@pytest.mark.parametrize(("verdict", "passed", "status"), [
+    ("healthy", True, 0), ("healthy", False, 3), ("fault", True, 1), ("fault", False, 1),
+    ("unknown", True, 3), ("incomplete", True, 3), ("invalid", True, 2),
+])
+def test_exit_status(verdict, passed, status):
+    assert exit_status({"verdict": {"verdict": verdict}, "passed": passed}) == status
+
+
+def test_the_answer_of_a_refused_test():
+    result = summarise({
+        "serial_number": "EMA-1", "passed": False,
+        "checks": [{"name": "test", "level": 2, "message": "refused: no wheels", "values": {}}],
+    })
+    assert result["status"] == "refused"
+    assert result["record"] == ""
+    assert result["message"] == "refused: no wheels"
+    assert result["checks"] == []

@@ -1,0 +1,34 @@
+"""The interlock: present, fresh and true."""
+
+from ema_monitor.interlock import Interlock
+
+
+def test_refuses_without_any_message():
+    assert "no weight-on-wheels signal" in Interlock().reason(0.0)
+
+
+def test_true_and_fresh_is_allowed_until_it_is_stale():
+    interlock = Interlock(1.0)
+    interlock.update(True, 10.0)
+    assert interlock.reason(10.0) == ""
+    assert interlock.reason(11.0) == ""
+    assert interlock.reason(11.01) == "weight-on-wheels signal is 1.0 s old, at most 1 s"
+
+
+def test_false_is_refused_at_once():
+    interlock = Interlock(1.0)
+    interlock.update(True, 10.0)
+    interlock.update(False, 10.1)
+    assert "not on the ground" in interlock.reason(10.1)
+
+
+def test_a_latched_message_counts_from_when_it_was_sent():
+    interlock = Interlock(1.0)
+    interlock.update(True, 10.0, transit=30.0)
+    assert "30.0 s old" in interlock.reason(10.0)
+
+
+def test_a_source_clock_that_is_ahead_makes_nothing_fresher():
+    interlock = Interlock(1.0)
+    interlock.update(True, 10.0, transit=-3600.0)
+    assert interlock.reason(11.5) != ""

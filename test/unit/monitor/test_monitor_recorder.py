@@ -1,0 +1,54 @@
+"""The recorder: names that are never taken twice, counts, and bags that read back."""
+
+import numpy as np
+import pytest
+
+from ema_monitor.recorder import BitRecorder, new_bag_path
+from ema_record.bag import read_bag
+from ema_record.errors import InvalidRecordError
+from ema_record.profile import load_profile
+from ema_record.samples_codec import encode_block
+from ema_record.topics import DIAGNOSTICS, SAMPLES
+from ema_sim.simulate import simulate
+
+STAMP = 1_700_000_000_000_000_000
+
+
+def test_names_tell_serial_time_and_profile_and_are_unique(tmp_path):
+    first = new_bag_path(tmp_path, "EMA 1/7", STAMP, "step")
+    assert first.name == "EMA-1-7_20231114T221320Z_step"
+    first.mkdir()
+    assert new_bag_path(tmp_path, "EMA 1/7", STAMP, "step").name == first.name + "_2"
+    assert new_bag_path(tmp_path, "../..", STAMP, "step").parent == tmp_path
+
+
+def test_counts_always_and_keeps_only_what_belongs_to_the_bag(tmp_path):
+    record = simulate(load_profile("step"), seed=1)
+    recorder = BitRecorder()
+    recorder.take(SAMPLES, encode_block(record.samples[:400]), STAMP, STAMP)
+    assert (recorder.samples_received, recorder.samples_recorded) == (400, 0)
+    recorder.reset_count()
+    recorder.open(tmp_path / "bag", record.profile, "EMA-1", STAMP)
+    recorder.take(DIAGNOSTICS, b"ignored", STAMP, STAMP)
+    for first in range(0, len(record), 400):
+        block = record.samples[first:first + 400]
+        time = STAMP + round(block[-1, 0] * 1e9)
+        recorder.take(SAMPLES, encode_block(block), time, time)
+    assert recorder.samples_received == recorder.samples_recorded == len(record)
+    assert recorder.last_sample == record.samples[-1, 0]
+    assert np.array_equal(recorder.record(record.profile).samples, record.samples)
+    path = recorder.close("aborted", STAMP + 5)
+    found = read_bag(path)
+    assert np.array_equal(found.samples, record.samples)
+    assert found.provenance.status == "aborted"
+    assert found.provenance.start_time == STAMP + 5
+    assert recorder.close("complete", None) is None
+
+
+def test_a_damaged_block_is_an_error(tmp_path):
+    recorder = BitRecorder()
+    recorder.open(tmp_path / "bag", load_profile("step"), "EMA-1", STAMP)
+    with pytest.raises(InvalidRecordError):
+        recorder.take(SAMPLES, b"\x00\x01\x00\x00garbage", STAMP, STAMP)
+    path = recorder.close("aborted", None)
+    assert (path / "metadata.yaml").is_file()

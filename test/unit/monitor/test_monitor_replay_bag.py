@@ -1,0 +1,39 @@
+"""What is replayed of a bag, in which order and when."""
+
+import numpy as np
+import pytest
+
+from ema_monitor.replay_bag import load_messages
+from ema_record.bag import write_bag
+from ema_record.errors import IncompleteRecordError, InvalidRecordError
+from ema_record.profile import load_profile
+from ema_record.samples_codec import decode_block
+from ema_record.topics import COMMAND, SAMPLES, WEIGHT_ON_WHEELS
+from ema_record.trajectory import decode_command
+from ema_sim.simulate import simulate
+
+
+def test_all_samples_in_order_after_the_command_and_no_wheels(tmp_path):
+    record = simulate(load_profile("step"), seed=2, start_time=10**18)
+    messages = load_messages(write_bag(record, tmp_path / "bag"))
+    topics = [message.topic for message in messages]
+    assert WEIGHT_ON_WHEELS not in topics
+    assert topics.count(COMMAND) == 1
+    assert topics.index(COMMAND) < topics.index(SAMPLES)
+    times = [message.time for message in messages]
+    assert times == sorted(times)
+    assert times[0] == 0.0
+    assert times[-1] == pytest.approx(0.45, abs=1e-3)
+    blocks = [decode_block(m.data) for m in messages if m.topic == SAMPLES]
+    assert np.array_equal(np.concatenate(blocks), record.samples)
+    command = next(m.data for m in messages if m.topic == COMMAND)
+    assert decode_command(command).points == record.profile.points
+
+
+def test_a_cut_bag_is_refused(tmp_path):
+    bag = write_bag(simulate(load_profile("step")), tmp_path / "bag")
+    (bag / "metadata.yaml").unlink()
+    with pytest.raises(IncompleteRecordError):
+        load_messages(bag)
+    with pytest.raises(InvalidRecordError):
+        load_messages(tmp_path / "nothing")

@@ -1,0 +1,202 @@
+"""The sequence of the built-in test, against a simulated actuator that obeys or does not."""
+
+from dataclasses import replace
+
+import pytest
+
+from ema_monitor.sequence import (
+    ActuatorStatus,
+    CloseRecord,
+    Finish,
+    Observation,
+    OpenRecord,
+    SendCommand,
+    Stage,
+    TestSequence,
+)
+from ema_record.profile import load_profile
+
+STEP = load_profile("step")
+REST = ActuatorStatus(
+    active=False, surface_position=0.1, command_stamp=0, start_time=0, samples_published=0
+)
+START = Observation(now=100.0, stamp=5_000, actuator=REST)
+
+
+def kinds(actions):
+    return [type(action) for action in actions]
+
+
+class Bench:
+    """An actuator that executes each command when told to."""
+
+    def __init__(self, seen=START):
+        self.sequence = TestSequence(STEP)
+        self.seen = seen
+
+    def start(self):
+        return self.sequence.start(self.seen)
+
+    def after(self, seconds, **changes):
+        self.seen = replace(
+            self.seen, now=self.seen.now + seconds, stamp=self.seen.stamp + round(seconds * 1e9),
+            last_block=self.seen.now + seconds, **changes,
+        )
+        return self.sequence.step(self.seen)
+
+    def executed(self, command, position, samples):
+        """The actuator reports the end of a command, all of its samples have arrived."""
+        return self.after(
+            0.4, samples_received=samples, last_sample=samples / 20_000.0,
+            actuator=ActuatorStatus(
+                active=False, surface_position=position, command_stamp=command.stamp,
+                start_time=command.stamp + 7, samples_published=samples,
+            ),
+        )
+
+    def to_testing(self):
+        (move,) = self.start()
+        opened, test = self.executed(move, STEP.start, 3000)
+        assert isinstance(opened, OpenRecord)
+        self.seen = replace(self.seen, samples_received=0, last_sample=-1.0)
+        return test
+
+
+def test_moves_records_counts_and_finishes():
+    bench = Bench()
+    (move,) = bench.start()
+    assert isinstance(move, SendCommand)
+    assert move.profile.points[-1][1] == STEP.start
+    assert bench.sequence.stage is Stage.POSITIONING
+    assert bench.after(0.02) == []
+    opened, test = bench.executed(move, STEP.start, 3000)
+    assert (opened.profile, test.profile) == (STEP, STEP)
+    assert opened.stamp == test.stamp > move.stamp
+    bench.seen = replace(bench.seen, samples_received=0, last_sample=-1.0)
+    assert bench.after(0.2, samples_received=4000, last_sample=0.2) == []
+    closed, finished = bench.executed(test, 0.27, 9000)
+    assert closed == CloseRecord("complete", test.stamp + 7, 9000)
+    assert finished == Finish("")
+    assert bench.sequence.stage is Stage.IDLE
+
+
+def test_no_move_where_the_surface_is_at_the_start():
+    bench = Bench(replace(START, actuator=replace(REST, surface_position=STEP.start)))
+    assert kinds(bench.start()) == [OpenRecord, SendCommand]
+
+
+def test_waits_for_samples_that_are_under_way():
+    bench = Bench()
+    test = bench.to_testing()
+    end = ActuatorStatus(active=False, surface_position=0.2, command_stamp=test.stamp,
+                         start_time=1, samples_published=9000)
+    assert bench.after(0.4, samples_received=8600, last_sample=0.43, actuator=end) == []
+    assert bench.sequence.stage is Stage.COUNTING
+    assert kinds(bench.after(0.1, samples_received=9000)) == [CloseRecord, Finish]
+
+
+def test_samples_that_never_arrive_are_reported_not_waited_for():
+    bench = Bench()
+    test = bench.to_testing()
+    end = ActuatorStatus(active=False, surface_position=0.2, command_stamp=test.stamp,
+                         start_time=1, samples_published=9000)
+    bench.after(0.4, samples_received=8600, last_sample=0.43, actuator=end)
+    closed, _ = bench.after(2.1)
+    assert closed == CloseRecord("complete", 1, 9000)
+
+
+def test_refused_without_interlock_or_while_running():
+    bench = Bench(replace(START, interlock="no weight on wheels"))
+    assert bench.start() == [Finish("refused: no weight on wheels")]
+    bench = Bench()
+    bench.start()
+    assert bench.start() == [Finish("a test is running already: wait for its end")]
+
+
+@pytest.mark.parametrize("change", [
+    {"actuator": None}, {"missing": "0 nodes publish"},
+    {"actuator": replace(REST, active=True)},
+])
+def test_refused_when_no_idle_actuator_appears(change):
+    bench = Bench(replace(START, **change))
+    assert bench.start() == []
+    assert bench.after(4.9) == []
+    (finish,) = bench.after(0.2)
+    assert finish.reason.startswith("refused: ")
+    assert bench.sequence.stage is Stage.IDLE
+
+
+def test_interlock_lost_closes_the_record_and_brings_the_surface_back():
+    bench = Bench()
+    bench.to_testing()
+    closed, back = bench.after(0.2, interlock="took off", samples_received=100)
+    assert closed.status == "aborted"
+    assert back.profile.points[-1][1] == REST.surface_position
+    assert bench.after(0.1) == [], "it must wait for the surface"
+    (finish,) = bench.executed(back, REST.surface_position, 9000)
+    assert finish == Finish("aborted: took off")
+
+
+def test_interlock_lost_while_moving_has_no_record_to_close():
+    bench = Bench()
+    bench.start()
+    assert kinds(bench.after(0.1, interlock="took off")) == [SendCommand]
+
+
+def test_a_surface_that_does_not_come_back_is_said():
+    bench = Bench()
+    bench.to_testing()
+    bench.after(0.2, interlock="took off")
+    (finish,) = bench.after(5.1)
+    assert "not confirmed to be back" in finish.reason
+
+
+def test_a_foreign_command_ends_the_test_without_a_fight():
+    bench = Bench()
+    bench.to_testing()
+    assert kinds(bench.after(0.1, foreign_command=True)) == [CloseRecord, Finish]
+
+
+def test_silence_aborts():
+    bench = Bench()
+    bench.to_testing()
+    bench.seen = replace(bench.seen, now=bench.seen.now + 2.1)
+    actions = bench.sequence.step(bench.seen)
+    assert kinds(actions) == [CloseRecord, SendCommand]
+    assert actions[0].status == "aborted"
+
+
+def test_stop_marks_the_record_interrupted_and_ends_at_once():
+    bench = Bench()
+    bench.to_testing()
+    closed, back = bench.after(0.1, stop=True)
+    assert closed.status == "interrupted"
+    assert isinstance(back, SendCommand)
+    assert kinds(bench.after(0.0)) == [Finish]
+
+
+def test_a_surface_that_does_not_reach_the_start_aborts():
+    bench = Bench()
+    (move,) = bench.start()
+    (back,) = bench.executed(move, 0.0, 3000)
+    assert isinstance(back, SendCommand)
+    assert bench.sequence.stage is Stage.RETURNING
+
+
+def test_an_endless_test_is_ended():
+    bench = Bench()
+    bench.to_testing()
+    for _ in range(130):
+        actions = bench.after(1.0, last_sample=0.1)
+        if actions:
+            break
+    assert actions[0].status == "aborted"
+
+
+def test_a_failed_action_aborts():
+    bench = Bench()
+    bench.to_testing()
+    actions = bench.sequence.fail("disk full", bench.seen)
+    assert kinds(actions) == [CloseRecord, SendCommand]
+    (finish,) = bench.executed(actions[1], 0.1, 1)
+    assert finish.reason == "aborted: disk full"

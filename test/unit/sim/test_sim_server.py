@@ -1,0 +1,182 @@
+"""The simulator without the middleware: what is published, when, for which command."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from ema_record.errors import UsageError
+from ema_record.profile import load_profile
+from ema_record.samples_codec import decode_block
+from ema_record.standard_messages import deserialize, stamp_of
+from ema_record.topics import (
+    DC_BUS,
+    JOINT_STATES,
+    PHASE_CURRENTS,
+    SAMPLES,
+    TOPICS,
+    WINDING_TEMPERATURE,
+)
+from ema_sim.actuator import load_model_file
+from ema_sim.command import INVERTER_OFF, profile_of_command
+from ema_sim.node_settings import parameter_specs, settings_from
+from ema_sim.parameters import Actuator
+from ema_sim.server import ActuatorServer
+from ema_sim.simulate import simulate
+
+EPOCH = 1_700_000_000_000_000_000
+STEP = load_profile("step")
+
+
+class Clock:
+    """A clock that the test turns."""
+
+    def __init__(self):
+        self.now = 50.0
+
+    def __call__(self):
+        return self.now
+
+    def wall(self):
+        return EPOCH + round((self.now - 50.0) * 1e9)
+
+
+def settings(**changes):
+    model = load_model_file()
+    values = {spec.name: spec.default for spec in parameter_specs(model.effects)}
+    return settings_from({**values, **changes}, model)
+
+
+def make(**changes):
+    clock = Clock()
+    return ActuatorServer(settings(**changes), clock, clock.wall), clock
+
+
+def run(server, clock, step=0.005):
+    """Turn the clock until the server is idle; return messages with their times."""
+    found = []
+    while server.active:
+        clock.now += step
+        found += [(clock.now, message) for message in server.poll()]
+    return found
+
+
+def samples_of(messages):
+    return np.concatenate([decode_block(m.data) for _, m in messages if m.topic == SAMPLES])
+
+
+def test_a_command_gives_what_simulate_gives():
+    server, clock = make(seed=4)
+    server.command(STEP.points, 77)
+    samples = samples_of(run(server, clock))
+    assert np.array_equal(samples, simulate(STEP, seed=4).samples)
+    status = server.status()
+    assert status["samples_published"] == str(len(samples))
+    assert status["command_stamp"] == "77"
+    assert status["start_time"] == str(EPOCH)
+    assert status["state"] == "idle"
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 4.0])
+def test_pacing_by_deadlines(factor):
+    server, clock = make(real_time_factor=factor)
+    server.command(STEP.points, 1)
+    for now, message in run(server, clock, 0.003):
+        if message.topic == SAMPLES:
+            end = decode_block(message.data)[-1, 0] + 2.5e-5
+            late = (now - 50.0) - end / factor
+            assert -1e-9 <= late < 0.021 / factor + 0.004
+
+
+def test_without_pacing_the_clock_does_not_matter():
+    server, clock = make(real_time_factor=0.0)
+    server.command(STEP.points, 1)
+    messages = list(itertools.chain.from_iterable(
+        [(clock.now, m) for m in server.poll()] for _ in range(3)
+    ))
+    assert len(samples_of(messages)) == 9000
+
+
+def test_views_bus_and_temperature_and_their_rates():
+    server, clock = make()
+    server.command(load_profile("extended").points, 1)
+    messages = [m for _, m in run(server, clock)]
+    count = {topic: sum(m.topic == topic for m in messages) for topic in TOPICS}
+    assert count[JOINT_STATES] == count[PHASE_CURRENTS] == 6260
+    assert count[DC_BUS] == 157
+    assert 29 <= count[WINDING_TEMPERATURE] <= 33
+    stamps = [
+        stamp_of(deserialize(m.data, TOPICS[m.topic].type, m.topic)) - EPOCH
+        for m in messages if m.topic == JOINT_STATES
+    ]
+    assert np.allclose(np.diff(stamps), 5e5)
+    last = deserialize(messages[-1].data, TOPICS[messages[-1].topic].type, "")
+    assert stamp_of(last) - EPOCH <= 3.13e9
+
+
+def test_ten_readings_a_second_while_idle():
+    server, clock = make()
+    found = []
+    for _ in range(1000):
+        clock.now += 0.002
+        found += list(server.poll())
+    joints = [m for m in found if m.topic == JOINT_STATES]
+    assert 19 <= len(joints) <= 21
+    joint = deserialize(joints[0].data, TOPICS[JOINT_STATES].type, JOINT_STATES)
+    assert joint.position[1] == pytest.approx(-0.4)
+    assert not any(m.topic == SAMPLES for m in found)
+
+
+def test_a_command_out_of_bounds_leaves_the_active_one_alone():
+    server, clock = make()
+    server.command(STEP.points, 1)
+    clock.now += 0.1
+    before = list(server.poll())
+    with pytest.raises(UsageError, match="/ema/command"):
+        server.command([(0.0, 7.0)], 2)
+    rest = run(server, clock)
+    assert server.status()["command_stamp"] == "1"
+    assert len(samples_of([(0.0, m) for m in before] + rest)) == 9000
+
+
+def test_a_new_command_goes_on_in_time_and_position():
+    server, clock = make()
+    server.command(STEP.points, 1)
+    clock.now += 0.2
+    first = samples_of([(0.0, m) for m in server.poll()])
+    server.command([(0.0, -0.4)], 2)
+    second = samples_of(run(server, clock))
+    assert second[0, 0] == pytest.approx(first[-1, 0] + 5e-5)
+    assert server.session.surface_position == pytest.approx(-0.4, abs=2e-3)
+    assert server.samples_published == len(first) + len(second)
+
+
+def test_another_actuator_takes_the_place_where_the_surface_stands():
+    server, clock = make()
+    server.command([(0.0, 0.2)], 1)
+    run(server, clock)
+    server.reconfigure(settings(**{"turn_short.fraction": 0.2}))
+    assert server.session.surface_position == pytest.approx(0.2, abs=2e-3)
+    assert server.session.effects.turn_short.fraction == 0.2
+
+
+def test_one_point_is_a_step_after_the_inverter_is_on():
+    profile = profile_of_command([(0.0, 0.4)], -0.4, Actuator())
+    assert profile.points[1:3] == ((INVERTER_OFF, -0.4), (INVERTER_OFF, 0.4))
+    assert profile.duration > INVERTER_OFF + 0.8 / 1.5812
+    assert profile_of_command([(2.0, 0.4)], -0.4, Actuator()).duration == 2.0
+
+
+def test_several_points_are_the_profile():
+    assert profile_of_command(STEP.points, 0.0, Actuator()) == STEP
+
+
+def test_defaults_of_effects_are_those_of_the_model_file(tmp_path):
+    path = tmp_path / "model.yaml"
+    path.write_text("effects: {turn_short: {fraction: 0.05, phase: c}}\n")
+    model = load_model_file(path)
+    specs = {spec.name: spec for spec in parameter_specs(model.effects)}
+    assert specs["turn_short.fraction"].default == 0.05
+    assert specs["turn_short.phase"].default == "c"
+    values = {name: spec.default for name, spec in specs.items()}
+    assert settings_from(values, model).effects == model.effects
