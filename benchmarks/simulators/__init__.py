@@ -1,0 +1,1 @@
+"""Work against error: our kernel beside other simulators of motor drives."""
