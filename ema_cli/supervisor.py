@@ -40,7 +40,7 @@ class Supervisor:
         self.log = log
         self._nodes: dict[str, subprocess.Popen[bytes]] = {}
 
-    def __enter__(self) -> Supervisor:  # noqa: PYI034  (Self is not in Python 3.10)
+    def __enter__(self) -> Supervisor:
         """Return the supervisor itself."""
         return self
 
