@@ -15,7 +15,7 @@ ANN_A_NAMES = (
 )
 SHORT_NAMES = ("log_matched", "log_line_2", "log_line_4")
 ECCENTRICITY_NAMES = (
-    "log_line_1", "log_line_2", "log_line_3", "log_line_4", "direction_1", "direction_3",
+    "log_total", "share_1", "share_2", "share_3", "share_4", "direction_1_3", "direction_3",
 )
 PHASES = ("a", "b", "c")
 
@@ -101,12 +101,16 @@ def short_inputs(combined: np.ndarray, statistics: LineStatistics) -> np.ndarray
 
 
 def eccentricity_inputs(combined: np.ndarray, statistics: LineStatistics) -> np.ndarray:
-    """Return the inputs of the eccentricity's ANN_B, shape (n, 6)."""
+    """Return the inputs of the eccentricity's ANN_B, shape (n, 7).
+
+    The size of lines 1 to 4 together, their shares, and two angles that neither the phase nor
+    the sign of ζ turns: with the angle of the eccentricity the lines grow and shrink.
+    """
     sizes = np.abs(combined[:, :4])
-    # Signs of ζ turn line 1 and 3 by 180°: only products of both, free of the sign, are used.
-    relative = combined[:, 0] * np.conj(combined[:, 2])
-    turned = combined[:, 0] ** 3 * np.conj(combined[:, 2])
+    total = np.sqrt(np.sum(sizes**2, axis=1))
+    clear = np.tanh(sizes[:, [0, 2]] / (4.0 * statistics.deviation[[0, 2]]))
+    turned = np.cos(3.0 * np.angle(combined[:, 0]) - np.angle(combined[:, 2]))
     return np.column_stack([
-        np.log(sizes + statistics.deviation[:4]), np.cos(np.angle(relative)),
-        np.cos(np.angle(turned)),
+        np.log(total + statistics.deviation[:4].mean()), sizes / total[:, None],
+        clear.min(axis=1) * turned, clear[:, 1] * np.cos(2.0 * np.angle(combined[:, 2])),
     ])
