@@ -122,8 +122,16 @@ def _files_of_metadata(path: Path) -> BagFiles:
     return BagFiles(paths, "zstd" if mode == "message" else "")
 
 
-def read_content(path: Path, topics: frozenset[str], *, validate_crcs: bool = True) -> BagContent:
+def read_content(
+    path: Path,
+    topics: frozenset[str],
+    *,
+    validate_crcs: bool = True,
+    file_order: bool = False,
+) -> BagContent:
     """Return the messages of `topics`, sorted by log time, and all metadata.
+
+    With `file_order` they are left in the order of the file.
 
     Raises
     ------
@@ -157,7 +165,8 @@ def read_content(path: Path, topics: frozenset[str], *, validate_crcs: bool = Tr
         except OSError as error:
             raise _unreadable(file, error) from None
     for topic, messages in content.messages.items():
-        messages.sort(key=lambda message: message.log_time)
+        if not file_order:
+            messages.sort(key=lambda message: message.log_time)
         if files.message_compression:
             content.messages[topic] = [
                 message._replace(
