@@ -14,7 +14,7 @@ from pathlib import Path
 from types import TracebackType
 
 from ema_record.errors import EmaError, UsageError
-from ema_record.node_process import PARENT
+from ema_record.node_process import PARENT, QUIET
 
 ParameterValue = float | int | str
 
@@ -59,8 +59,7 @@ class Supervisor:
                     for item in ("-p", f"{name}:={_yaml(value)}")]
         with self.log.open("ab") as log:
             self._nodes[module] = subprocess.Popen(  # noqa: S603  (our own modules)
-                [sys.executable, "-m", module, "--ros-args", "--disable-external-lib-logs",
-                 *settings],
+                [sys.executable, "-m", module, *QUIET, *settings],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
                 env={**os.environ, PARENT: str(os.getpid())},
             )

@@ -23,7 +23,7 @@ from ema_monitor.messages import (
     make_publisher,
     take_all,
 )
-from ema_record.node_process import prepare_environment
+from ema_record.node_process import QUIET, prepare_environment
 from ema_record.topics import (
     DIAGNOSTICS,
     SAMPLES,
@@ -43,7 +43,7 @@ def aircraft() -> Iterator[AircraftNode]:
     prepare_environment()
     context = rclpy.Context()
     rclpy.init(
-        context=context, args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO
+        context=context, args=QUIET, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO
     )
     node = AircraftNode(context)
     executor = rclpy.executors.SingleThreadedExecutor(context=context)

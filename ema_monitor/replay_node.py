@@ -13,12 +13,14 @@ from rclpy.node import Node
 from ema_monitor.messages import make_publisher
 from ema_monitor.replay_bag import ReplayMessage
 from ema_record.errors import TestRefusedError
-from ema_record.node_process import prepare_environment
+from ema_record.node_process import QUIET, prepare_environment
 from ema_record.topics import COMMAND, SAMPLES
 
 NODE_NAME = "ema_replay"
 STEP = 0.01
 ACKNOWLEDGE_TIMEOUT = 10.0
+LOOK_FOR_OTHERS = 0.6
+"""How long the node looks for an actuator before it publishes (s)."""
 
 
 class ReplayNode(Node):
@@ -81,13 +83,13 @@ def play(
     prepare_environment()
     context = rclpy.Context()
     rclpy.init(
-        context=context, args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO
+        context=context, args=QUIET, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO
     )
     node = ReplayNode(list(dict.fromkeys(message.topic for message in messages)), context)
     try:
-        deadline = time.monotonic() + wait
-        while not node.matched():
-            if time.monotonic() > deadline:
+        begin = time.monotonic()
+        while not node.matched() or time.monotonic() - begin < LOOK_FOR_OTHERS:
+            if time.monotonic() - begin > max(wait, LOOK_FOR_OTHERS):
                 raise TestRefusedError(
                     f"nobody listens to {SAMPLES} after {wait:g} s: start a subscriber in this "
                     "ROS_DOMAIN_ID"

@@ -19,6 +19,8 @@ PARENT = "EMA_PHM_PARENT"
 """Environment variable: id of the process with which this one is to end."""
 SPIN_PERIOD = 0.1
 """Longest wait of the executor before it looks at signals again (s)."""
+QUIET = ["--ros-args", "--disable-external-lib-logs"]
+"""Arguments of a node that leaves no log files in the home directory."""
 SHUT_DOWN = 2.0
 """Longest wait for callbacks that run when the process is to end (s)."""
 _PR_SET_PDEATHSIG = 1
