@@ -33,6 +33,8 @@ class BagFiles(NamedTuple):
     paths: list[Path]
     message_compression: str
     """``""`` or ``zstd``: of each message, inside its file."""
+    counts: dict[str, int]
+    """Messages by topic as ``metadata.yaml`` says; empty where it does not."""
 
 
 class StoredMessage(NamedTuple):
@@ -67,7 +69,7 @@ def find_files(path: Path) -> BagFiles:
         if path.is_dir():
             return _files_of_directory(path)
         if path.is_file():
-            return BagFiles([path], "")
+            return BagFiles([path], "", {})
         exists = path.exists()
     except OSError as error:
         raise _unreadable(path, error) from None
@@ -119,7 +121,18 @@ def _files_of_metadata(path: Path) -> BagFiles:
     for file in paths:
         if not file.is_file():
             raise InvalidRecordError(f"{file}: named by {METADATA_FILE} and missing: copy it too")
-    return BagFiles(paths, "zstd" if mode == "message" else "")
+    return BagFiles(paths, "zstd" if mode == "message" else "", _counts(information))
+
+
+def _counts(information: dict[str, Any]) -> dict[str, int]:
+    """Return the numbers of messages by topic, as far as they are there."""
+    counts: dict[str, int] = {}
+    rows = information.get("topics_with_message_count")
+    for row in rows if isinstance(rows, list) else []:
+        topic = row.get("topic_metadata") if isinstance(row, dict) else None
+        if isinstance(topic, dict) and type(row.get("message_count")) is int:
+            counts[str(topic.get("name"))] = row["message_count"]
+    return counts
 
 
 def read_content(
@@ -164,6 +177,13 @@ def read_content(
                 content.topics.update(channel.topic for channel in mcap.channels)
         except OSError as error:
             raise _unreadable(file, error) from None
+    for topic in topics & files.counts.keys():
+        read = len(content.messages.get(topic, []))
+        if read < files.counts[topic]:
+            raise InvalidRecordError(
+                f"{path}: {read} messages on {topic}, {METADATA_FILE} counts "
+                f"{files.counts[topic]}: a file of the bag is missing in its list; copy it again"
+            )
     for topic, messages in content.messages.items():
         if not file_order:
             messages.sort(key=lambda message: message.log_time)
