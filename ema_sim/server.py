@@ -77,6 +77,12 @@ class ActuatorServer:
         """Whether a command is being executed."""
         return self.session.active
 
+    @property
+    def measured_position(self) -> float:
+        """Surface position as its transducer gives it, without noise (rad)."""
+        offset = self.settings.effects.position_sensor_offset.offset
+        return self.session.surface_position + offset
+
     def command(self, points: Sequence[tuple[float, float]], stamp: int) -> None:
         """Accept a command; an active one is pre-empted.
 
@@ -90,9 +96,7 @@ class ActuatorServer:
         UsageError
             The command is out of bounds; what was executed goes on.
         """
-        profile = profile_of_command(
-            points, self.session.surface_position, self.settings.actuator
-        )
+        profile = profile_of_command(points, self.measured_position, self.settings.actuator)
         if not self.active:
             self._pacer = Pacer(self._clock(), self.settings.real_time_factor)
             self._views = ViewDecimator(self.settings.rate)
@@ -146,7 +150,7 @@ class ActuatorServer:
         late = now - self._next_idle > IDLE_PERIOD
         self._next_idle = (now if late else self._next_idle) + IDLE_PERIOD
         stamp = self._wall_clock()
-        angle, position = float(self.session.state[THETA_E]), self.session.surface_position
+        angle, position = float(self.session.state[THETA_E]), self.measured_position
         yield Message(JOINT_STATES, encode_joint_states(
             np.array([stamp]), np.array([[angle, position]]), np.zeros((1, 2))
         )[0])
@@ -167,7 +171,7 @@ class ActuatorServer:
         """Return what `/diagnostics` says of the actuator."""
         return {
             "state": "active" if self.active else "idle",
-            "surface_position": f"{self.session.surface_position:.6f}",
+            "surface_position": f"{self.measured_position:.6f}",
             "command_stamp": str(self.command_stamp),
             "start_time": str(self.start_time),
             "samples_published": str(self.samples_published),

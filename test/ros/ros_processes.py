@@ -91,7 +91,7 @@ class Watcher:
                     self.actuator_history.append(self.actuator)
         self.blocks += [decode_block(taken.data) for taken in take_all(self._samples)]
 
-    def wait(self, condition, timeout=10.0, what="condition"):
+    def wait(self, condition, timeout=20.0, what="condition"):
         end = time.monotonic() + timeout
         while not condition():
             assert time.monotonic() < end, f"{what}: not within {timeout} s"

@@ -160,6 +160,15 @@ def test_another_actuator_takes_the_place_where_the_surface_stands():
     assert server.session.effects.turn_short.fraction == 0.2
 
 
+def test_the_actuator_knows_its_position_from_the_transducer_alone():
+    server, clock = make(**{"position_sensor_offset.offset": 0.05})
+    assert float(server.status()["surface_position"]) == pytest.approx(-0.35)
+    server.command([(0.0, -0.4)], 1)
+    run(server, clock)
+    assert float(server.status()["surface_position"]) == pytest.approx(-0.4, abs=2e-3)
+    assert server.session.surface_position == pytest.approx(-0.45, abs=2e-3)
+
+
 def test_one_point_is_a_step_after_the_inverter_is_on():
     profile = profile_of_command([(0.0, 0.4)], -0.4, Actuator())
     assert profile.points[1:3] == ((INVERTER_OFF, -0.4), (INVERTER_OFF, 0.4))
