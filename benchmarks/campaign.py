@@ -74,9 +74,12 @@ def main() -> int:
         times = []
         for number in range(options.repeat):
             times.append(wall_time(options.runs, options.jobs, place / f"timed{number}"))
-        # Another number of workers, in new processes, byte by byte.
-        for jobs in (1, options.jobs):
-            wall_time(min(EQUAL_RUNS, options.runs), jobs, place / f"equal{jobs}")
+        # Other numbers of workers, byte by byte; one of them is this process.
+        equal_runs = min(EQUAL_RUNS, options.runs)
+        cpu = time.process_time()
+        wall_time(equal_runs, 1, place / "equal1")
+        cpu = (time.process_time() - cpu) / equal_runs
+        wall_time(equal_runs, options.jobs, place / f"equal{options.jobs}")
         equal = same_files(place / "equal1", place / f"equal{options.jobs}")
     seconds = statistics.median(times)
     rows = [
@@ -84,6 +87,7 @@ def main() -> int:
          f"<= {LIMIT * scale:.1f} s (aim {AIM * scale:.1f})", seconds <= LIMIT * scale),
         ("  the same a run and worker",
          f"{1e3 * seconds * options.jobs / options.runs:.2f} ms", "", True),
+        ("CPU time a run, in one process", f"{1e3 * cpu:.2f} ms", "", True),
         ("  simulated time a wall second", f"{0.45 * options.runs / seconds:.0f} s", "", True),
         (f"1 and {options.jobs} workers, all files", "equal" if equal else "DIFFERENT", "equal",
          equal),

@@ -202,8 +202,9 @@ def _actuator_bounds(name: str) -> Bounds:
         raise unknown_name(f"parameter of actuator.{part}", parameter, hints,
                            "see config/actuator.yaml")
     kind, field = get_args(hints[parameter])[:2]
-    lower = next(float(m.ge) for m in field.metadata if isinstance(m, Ge))  # type: ignore[arg-type]
-    upper = next(float(m.le) for m in field.metadata if isinstance(m, Le))  # type: ignore[arg-type]
+    marks = field.metadata
+    lower = next(float(m.ge) for m in marks if isinstance(m, Ge))  # type: ignore[arg-type]
+    upper = next(float(m.le) for m in marks if isinstance(m, Le))  # type: ignore[arg-type]
     return Bounds(lower, upper, field.json_schema_extra["unit"], whole=kind is int)
 
 

@@ -8,21 +8,15 @@ to its time.
 from __future__ import annotations
 
 import math
-import sys
-import warnings
-from pathlib import Path
 
+import gym_electric_motor as gem
 import numpy as np
+from gym_electric_motor.physical_systems.mechanical_loads import PolynomialStaticLoad
+from gym_electric_motor.physical_systems.solvers import EulerSolver
+from gym_electric_motor.physical_systems.voltage_supplies import IdealVoltageSupply
 
-warnings.simplefilter("ignore")
-import gym_electric_motor as gem  # noqa: E402
-from gym_electric_motor.physical_systems.mechanical_loads import PolynomialStaticLoad  # noqa: E402
-from gym_electric_motor.physical_systems.solvers import EulerSolver  # noqa: E402
-from gym_electric_motor.physical_systems.voltage_supplies import IdealVoltageSupply  # noqa: E402
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
-from benchmarks.simulators import drive as d  # noqa: E402
-from benchmarks.simulators.python_loop import control, references  # noqa: E402
+from benchmarks.simulators import drive as d
+from benchmarks.simulators.python_loop import control, references
 
 LIMITS = {"omega": 2000.0, "torque": 10.0, "i": 100.0, "epsilon": math.pi, "u": 2.0 * d.V_LEG}
 

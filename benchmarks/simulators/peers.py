@@ -16,9 +16,9 @@ PYTHONS = ("python3.13", "python3.12")
 """motulator needs 3.12 or later."""
 INSTALL_TIME, RUN_TIME = 600.0, 300.0
 PEERS = (
-    ("gym-electric-motor", "relay", ("peer_gem.py",)),
-    ("motulator", "carrier", ("peer_motulator.py", "motulator")),
-    ("motulator-export", "carrier", ("peer_motulator.py", "motulator-export")),
+    ("gym-electric-motor", "relay", ("peer_gem",)),
+    ("motulator", "carrier", ("peer_motulator", "motulator")),
+    ("motulator-export", "carrier", ("peer_motulator", "motulator-export")),
 )
 
 
@@ -66,8 +66,9 @@ def run(python: Path, script: tuple[str, ...]) -> list[dict]:
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
     try:
         done = subprocess.run(
-            [str(python), str(Path(__file__).with_name(script[0])), *script[1:]], check=True,
-            capture_output=True, text=True, timeout=RUN_TIME, env=environment,
+            [str(python), "-W", "ignore", "-m", f"{__package__}.{script[0]}", *script[1:]],
+            check=True, capture_output=True, text=True, timeout=RUN_TIME, env=environment,
+            cwd=ROOT,
         )
     except subprocess.CalledProcessError as error:
         raise PeerError(f"failed: {last_line(error.stderr)}") from None
