@@ -16,7 +16,6 @@ def shared_files(folder: str) -> list[tuple[str, list[str]]]:
     ]
 
 
-
 setup(
     name=NAME,
     version="0.1.0",

@@ -190,7 +190,7 @@ def fleet_features(
     """Return the features of all runs, on `jobs` processes, in order."""
     from joblib import Parallel, delayed
 
-    parts = [runs[i : i + chunk] for i in range(0, len(runs), chunk)]
+    parts = [runs[i:i + chunk] for i in range(0, len(runs), chunk)]
     found: list[CascadeFeatures | None] = []
     work = Parallel(n_jobs=jobs, return_as="generator")(
         delayed(run_features)(part, kind) for part in parts

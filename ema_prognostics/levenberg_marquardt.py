@@ -65,7 +65,7 @@ def residuals(
         y = logsig(y)
     out = np.empty(n * k + len(w))
     out[: n * k] = (y - t).ravel()
-    out[n * k :] = np.sqrt(alpha) * w
+    out[n * k:] = np.sqrt(alpha) * w
     return out
 
 
@@ -89,7 +89,7 @@ def jacobian(
     jac[:, :, :a] = (x[:, None, :, None] * back[:, :, None, :]).reshape(n, k, a)
     jac[:, :, a:b] = back
     for output in range(k):
-        jac[:, output, b + output : c : k] = slope[:, output, None] * z
+        jac[:, output, b + output:c:k] = slope[:, output, None] * z
         jac[:, output, c + output] = slope[:, output]
     full[n * k + np.arange(p), np.arange(p)] = np.sqrt(alpha)
     return full
@@ -124,7 +124,7 @@ class _LevenbergMarquardt(BaseEstimator):
             for _ in range(self.n_restarts):
                 start = rng.normal(size=n_weights(d, h, k))
                 start[: d * h] /= np.sqrt(d)
-                start[d * h + h : -k] /= np.sqrt(h)
+                start[d * h + h:-k] /= np.sqrt(h)
                 found = least_squares(
                     residuals, start, jac=jacobian, method="lm", ftol=self.tol, xtol=self.tol,
                     gtol=self.tol, max_nfev=self.max_nfev,

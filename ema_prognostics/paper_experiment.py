@@ -156,14 +156,14 @@ def run_experiment(
         test[fault] = draw(seen, rows, settings.test_draws, rng)
         progress(f"test set, {fault}")
         unseen[fault] = draw(
-            windows[fault][settings.train_angles :], rows, settings.unseen_draws, rng
+            windows[fault][settings.train_angles:], rows, settings.unseen_draws, rng
         )
         progress(f"unseen start angles, {fault}")
     ann_a, ann_b = _train(settings, train, progress)
     return PaperExperiment(
         settings=settings,
         angles=tuple(angles[: settings.train_angles]),
-        unseen=tuple(angles[settings.train_angles :]),
+        unseen=tuple(angles[settings.train_angles:]),
         clean={f: [[paper_features(t) for t in a] for a in windows[f]] for f in FAULTS},
         test=test, test_unseen=unseen, ann_a=ann_a, ann_b=ann_b,
     )

@@ -50,6 +50,6 @@ def rise_time(record: Record, begin: float, speed: float, part: float = 0.9) -> 
     k = int(below[-1])
     if k + 1 >= len(omega):
         return START_LENGTH
-    time = record.time[first + k : first + k + 2]
+    time = record.time[first + k:first + k + 2]
     share = (part * speed - omega[k]) / (omega[k + 1] - omega[k])
     return float(time[0] + share * (time[1] - time[0]) - begin)

@@ -114,7 +114,7 @@ def _build(sources: str) -> Callable[..., int]:
         s_a, s_b, s_c = state[st.LEG_A], state[st.LEG_B], state[st.LEG_C]
         al_m, al_s = state[st.ALPHA_M], state[st.ALPHA_S]
         i_set = state[st.I_SET]
-        history = state[st.HISTORY :]
+        history = state[st.HISTORY:]
         n_w, n_q = state[st.SPEED_NOISE], state[st.POSITION_NOISE]
         tick, sample = int(state[st.TICK]), int(state[st.SAMPLE])
         first_tick, steps = tick, 0

@@ -1,23 +1,18 @@
 """Each kind of defect is found with time, size and remedy; good bags are clean."""
 
 import json
-import sys
-from pathlib import Path
 from random import Random
 
 import numpy as np
 import pytest
 
+from benchmarks.reliability.defects import DEFECTS, Recording
 from ema_cli.main import run
 from ema_record.bag import write_bag
 from ema_record.lint import RULES, lint_bag
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
-
-from benchmarks.reliability.defects import DEFECTS, Recording
 
 
 @pytest.fixture(scope="module")

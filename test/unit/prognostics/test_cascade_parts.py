@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from records import TURN, slewing_record
 
 from ema_prognostics.current_sensors import current_sensors
 from ema_prognostics.line_inputs import LineStatistics, matched_short
@@ -10,6 +9,7 @@ from ema_prognostics.segments import profile_kind
 from ema_prognostics.torque_lines import Plant, torque_current, torque_lines, trapezoid
 from ema_prognostics.turns import whole_turns
 from ema_record.profile import load_profile, load_profile_dict, step_profile
+from records import TURN, slewing_record
 
 PLANT = Plant(
     back_emf_constant=0.0376, flat_top=TURN / 3, torque_limit=1.6, motor_inertia=1.5e-5,

@@ -54,7 +54,7 @@ def test_an_existing_file_is_not_touched(shipped, tmp_path):
 def test_one_changed_digit_is_noticed(shipped):
     text = model_text(shipped)
     at = re.search(r'"hidden_bias":\[-?\d', text).end() - 1
-    changed = text[:at] + ("1" if text[at] != "1" else "2") + text[at + 1 :]
+    changed = text[:at] + ("1" if text[at] != "1" else "2") + text[at + 1:]
     with pytest.raises(ModelError, match="hash"):
         parse_model(changed, "model.json")
 
@@ -62,7 +62,8 @@ def test_one_changed_digit_is_noticed(shipped):
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("", "not JSON"), ("{", "not JSON"), ("[]", "not a model file"), ("{}", "not a model file"),
+        ("", "not JSON"), ("{", "not JSON"),
+        ("[]", "not a model file"), ("{}", "not a model file"),
         ('{"format": "ema_phm model", "version": 99}', "version 99"),
         ('{"format": "ema_phm model", "version": 1, "body": {}, "sha256": "0"}', "hash"),
         ('{"format": "ema_phm model", "version": 1, "body": NaN}', "not JSON"),
