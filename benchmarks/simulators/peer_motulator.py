@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 import sys
 
-import drive as d  # beside this script
 import numpy as np
 from motulator.common.model import SolverCfg
 from motulator.drive import model
 from motulator.drive.control import sm
+
+from benchmarks.simulators import drive as d
 
 SPEED_BANDWIDTH, CURRENT_BANDWIDTH = 2.0 * math.pi * 40.0, 2.0 * math.pi * 1000.0
 LENGTH = 0.2
