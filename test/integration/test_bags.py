@@ -117,7 +117,8 @@ def test_each_is_diagnosed(name, verdicts):
     if expected == "turn_short":
         assert found["phase"] == "b"
         lower, upper = found["severity_interval"]
-        assert lower <= 0.1 <= upper
+        assert lower <= found["severity"] <= upper
+        assert found["severity"] == pytest.approx(0.1, abs=0.01)
 
 
 def test_statuses_of_single_bags(verdicts, capsys):
