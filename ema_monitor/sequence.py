@@ -20,9 +20,9 @@ from ema_record.record import Status
 
 AT_START = 3e-3
 """Distance from the profile's start at which no move is needed (rad)."""
-FIND_TIMEOUT = 5.0
+FIND_TIMEOUT = 10.0
 """Longest search for an idle actuator (s)."""
-COUNT_TIMEOUT = 2.0
+COUNT_TIMEOUT = 5.0
 """Longest wait for the counters after the last sample (s)."""
 RETURN_TIMEOUT = 5.0
 """Longest wait for the surface to be back after an abort (s)."""
@@ -127,7 +127,7 @@ class TestSequence:
     __test__ = False
 
     def __init__(
-        self, profile: Profile, *, stream_timeout: float = 2.0, test_timeout: float = 120.0
+        self, profile: Profile, *, stream_timeout: float = 5.0, test_timeout: float = 120.0
     ) -> None:
         """Begin idle."""
         self.profile = profile

@@ -22,7 +22,7 @@ SPECS = (
         unit="s", text="age at which weight on wheels is no longer fresh",
     ),
     ParameterSpec(
-        name="stream_timeout", default=2.0, lower=0.1, upper=60.0, unit="s",
+        name="stream_timeout", default=5.0, lower=0.1, upper=60.0, unit="s",
         text="longest silence of the acquisition during the test",
     ),
     ParameterSpec(

@@ -101,7 +101,7 @@ def test_samples_that_never_arrive_are_reported_not_waited_for():
     end = ActuatorStatus(active=False, surface_position=0.2, command_stamp=test.stamp,
                          start_time=1, samples_published=9000)
     bench.after(0.4, samples_received=8600, last_sample=0.43, actuator=end)
-    closed, _ = bench.after(2.1)
+    closed, _ = bench.after(5.1)
     assert closed == CloseRecord("complete", 1, 9000)
 
 
@@ -120,7 +120,7 @@ def test_refused_without_interlock_or_while_running():
 def test_refused_when_no_idle_actuator_appears(change):
     bench = Bench(replace(START, **change))
     assert bench.start() == []
-    assert bench.after(4.9) == []
+    assert bench.after(9.9) == []
     (finish,) = bench.after(0.2)
     assert finish.reason.startswith("refused: ")
     assert bench.sequence.stage is Stage.IDLE
@@ -160,7 +160,7 @@ def test_a_foreign_command_ends_the_test_without_a_fight():
 def test_silence_aborts():
     bench = Bench()
     bench.to_testing()
-    bench.seen = replace(bench.seen, now=bench.seen.now + 2.1)
+    bench.seen = replace(bench.seen, now=bench.seen.now + 5.1)
     actions = bench.sequence.step(bench.seen)
     assert kinds(actions) == [CloseRecord, SendCommand]
     assert actions[0].status == "aborted"
