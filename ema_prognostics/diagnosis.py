@@ -154,7 +154,9 @@ def verdict_of_assessment(cascade: Cascade, found: Assessment) -> Verdict:
     """Return the verdict that the outputs of a cascade amount to."""
     mechanics = max(found.band_ratio, found.wear_ratio)
     healthy = found.named == "healthy"
-    ratio = max(found.line_ratio, mechanics) if healthy else found.line_ratio
+    # Heavy friction makes odd lines as an eccentricity does; a short's lines it does not make.
+    short = found.named == "turn_short"
+    ratio = found.line_ratio if short else max(found.line_ratio, mechanics)
     answer = float(found.outputs.max())
     unknown = 1.0 / (1.0 + float(np.exp(np.clip(-SHARPNESS * (ratio - 1.0), -60.0, 60.0))))
     known = (1.0 - unknown) * found.outputs / max(float(found.outputs.sum()), 1e-12)
@@ -163,7 +165,7 @@ def verdict_of_assessment(cascade: Cascade, found: Assessment) -> Verdict:
     if ratio > 1.0 or answer < 0.5:
         return Verdict(
             outcome="unknown", probabilities=probabilities,
-            alternatives=(found.wear,) if mechanics > 1.0 else (),
+            alternatives=_possible(found, mechanics),
             reasons=(*_line_reasons(found, answer), *worn),
         )
     if healthy:
@@ -196,6 +198,12 @@ def verdict_of_assessment(cascade: Cascade, found: Assessment) -> Verdict:
         outcome="fault", faults=(fault,), alternatives=alternatives,
         probabilities=probabilities, reasons=tuple(reasons),
     )
+
+
+def _possible(found: Assessment, mechanics: float) -> tuple[str, ...]:
+    """Return the classes that an unknown record may be."""
+    wear = (found.wear,) if mechanics > 1.0 else ()
+    return wear if found.named == "healthy" or found.line_ratio > 1.0 else (*wear, found.named)
 
 
 def _gap_not_seen(cascade: Cascade, found: Assessment) -> bool:

@@ -11,7 +11,11 @@ from ema_prognostics.turns import TURN
 SHORT_LINES = {2: 0.278, 4: 0.132}
 """|m_h| of a turn short per shorted part of the turns (DESIGN, section 4)."""
 ANN_A_NAMES = (
-    "line_1", "line_2", "line_3", "line_4", "line_5", "short_direction_2", "short_direction_4",
+    "odd_lines", "even_lines", "line_5", "short_direction_2", "short_direction_4",
+)
+GUARD_NAMES = (
+    "line_1", "line_2", "line_3", "line_4", "line_5", "line_6", "short_direction_2",
+    "short_direction_4",
 )
 SHORT_NAMES = ("log_matched", "log_line_2", "log_line_4")
 ECCENTRICITY_NAMES = (
@@ -57,19 +61,28 @@ def _direction(line: np.ndarray, deviation: float) -> np.ndarray:
     return np.tanh(np.abs(line) / (4.0 * deviation)) * np.cos(3.0 * np.angle(line))
 
 
-def ann_a_inputs(combined: np.ndarray, statistics: LineStatistics) -> np.ndarray:
-    """Return the inputs of ANN_A, shape (n, 7), for combined lines, shape (n, 6)."""
-    sizes = np.arcsinh(np.abs(combined) / statistics.deviation)
+def _directions(combined: np.ndarray, statistics: LineStatistics) -> np.ndarray:
+    """Return how lines 2 and 4 point, shape (n, 2)."""
     return np.column_stack([
-        sizes[:, :5], _direction(combined[:, 1], statistics.deviation[1]),
-        _direction(combined[:, 3], statistics.deviation[3]),
+        _direction(combined[:, h - 1], statistics.deviation[h - 1]) for h in (2, 4)
     ])
 
 
+def ann_a_inputs(combined: np.ndarray, statistics: LineStatistics) -> np.ndarray:
+    """Return the inputs of ANN_A, shape (n, 5), for combined lines, shape (n, 6).
+
+    The size of the odd lines 1 and 3 together, of the even lines 2 and 4 together, of line 5,
+    all relative to healthy units, and how lines 2 and 4 point.
+    """
+    size = np.abs(combined) / statistics.deviation
+    sizes = [np.hypot(size[:, 0], size[:, 2]), np.hypot(size[:, 1], size[:, 3]), size[:, 4]]
+    return np.column_stack([*np.arcsinh(sizes), _directions(combined, statistics)])
+
+
 def guard_inputs(combined: np.ndarray, statistics: LineStatistics) -> np.ndarray:
-    """Return what the guard compares, shape (n, 8): the inputs of ANN_A and line 6."""
-    last = np.arcsinh(np.abs(combined[:, 5]) / statistics.deviation[5])
-    return np.column_stack([ann_a_inputs(combined, statistics), last])
+    """Return what the guard compares, shape (n, 8): every line, and how 2 and 4 point."""
+    sizes = np.arcsinh(np.abs(combined) / statistics.deviation)
+    return np.column_stack([sizes, _directions(combined, statistics)])
 
 
 def matched_short(

@@ -13,6 +13,7 @@ from ema_prognostics.guard import LineGuard, MechanicsGuard
 from ema_prognostics.line_inputs import (
     ANN_A_NAMES,
     ECCENTRICITY_NAMES,
+    GUARD_NAMES,
     SHORT_NAMES,
     LineStatistics,
 )
@@ -212,7 +213,7 @@ def cascade_of(part: CascadePart, where: str) -> Cascade:
     s, m = part.statistics, part.mechanics_guard
     shape = (segments, HARMONICS)
     inputs = {"turn_short": len(SHORT_NAMES), "rotor_eccentricity": len(ECCENTRICITY_NAMES)}
-    n_guard = len(ANN_A_NAMES) + 1
+    n_guard = len(GUARD_NAMES)
     return Cascade(
         statistics=LineStatistics(
             baseline=_array(s.baseline_real, shape, f"{where}: baseline")

@@ -70,7 +70,7 @@ class TrainingSettings:
     train: FleetSize = FleetSize(healthy=900, fault=600, wear=250)
     calibrate: FleetSize = FleetSize(healthy=900, fault=400, wear=0)
     test: FleetSize = FleetSize(healthy=500, fault=300, wear=100)
-    hidden_a: int = 8
+    hidden_a: int = 5
     hidden_b: int = 6
     hidden_wear: int = 6
     alpha: float = 1e-2
@@ -159,9 +159,10 @@ def train_cascade(
 def _train_ann_a(
     train: Fleet, statistics: LineStatistics, settings: TrainingSettings
 ) -> Network:
-    """Wear leaves the lines alone: those runs are healthy to ANN_A."""
-    target = np.array([CLASSES.index(x) if x in CLASSES else 0 for x in train.labels])
-    inputs = ann_a_inputs(statistics.combine(train.lines), statistics)
+    """Worn units are left out: heavy friction makes odd lines too, the guard sees to them."""
+    mine = np.isin(train.labels, CLASSES)
+    target = np.array([CLASSES.index(x) for x in train.labels[mine]])
+    inputs = ann_a_inputs(statistics.combine(train.lines[mine]), statistics)
     return LevenbergMarquardtClassifier(
         settings.hidden_a, alpha=settings.alpha, n_restarts=settings.n_restarts,
         random_state=settings.seed,
