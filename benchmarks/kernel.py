@@ -126,9 +126,9 @@ def child(code: str, **environment: str) -> list[float]:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--angles", type=int, default=400, help="start angles of the kernel")
-    parser.add_argument("--reference-angles", type=int, default=48, help="of the reference")
-    parser.add_argument("--repeats", type=int, default=7, help="timed runs, the median counts")
+    parser.add_argument("--angles", type=int, default=200, help="start angles of the kernel")
+    parser.add_argument("--reference-angles", type=int, default=24, help="of the reference")
+    parser.add_argument("--repeats", type=int, default=5, help="timed runs, the median counts")
     options = parser.parse_args()
     console = Console()
 
