@@ -68,8 +68,6 @@ class Assessment:
     wear_ratio: float
     wear: str
     """The likelier wear, friction or backlash."""
-    mechanics: np.ndarray
-    """Mechanical features as they are, shape (d,)."""
     excess: np.ndarray
     """Mechanical features less those of sound units, in deviations, shape (d,)."""
 
@@ -114,7 +112,6 @@ class Cascade:
             band_ratio=float(guard.band_ratio(mechanics, short)[0]),
             wear_ratio=float(guard.wear_ratio(mechanics, short)[0]),
             wear=WEAR[int(np.argmax(wear[1:]))],
-            mechanics=features.mechanics,
             excess=(guard.excess(mechanics, short) / guard.deviation)[0],
         )
 

@@ -32,11 +32,9 @@ LARGEST_GAP = 1.5
 """Longest interval between samples, in sample intervals, before one counts as lost."""
 SHARPNESS = 6.0
 """How fast the probability of "unknown" grows with the guard's ratio."""
-WOUND_LAG = -0.55
-"""Lag at rest (mrad) above which the shaft was not relaxed; relaxed it is -0.66."""
 GAP_CAVEAT = (
-    "the shaft was wound up before the step, so this record cannot show lost motion: run the "
-    "extended profile to rule backlash out"
+    "one step in one direction shows lost motion only where the motor crosses it at the start; if "
+    "the last motion left the shaft wound that way, only the extended profile rules backlash out"
 )
 FEW_DEVIATIONS = 3.0
 """Deviations from which a mechanical feature is named."""
@@ -173,7 +171,7 @@ def verdict_of_assessment(cascade: Cascade, found: Assessment) -> Verdict:
             "lines and mechanics of the record are those of healthy units "
             f"(guard at {ratio:.0%} of its limit)"
         )
-        if _gap_not_seen(cascade, found):
+        if "lag_at_rest" in cascade.mechanics_guard.names:  # a step alone
             return Verdict(
                 outcome="healthy", probabilities=probabilities, alternatives=("backlash",),
                 reasons=(reason, GAP_CAVEAT),
@@ -204,14 +202,6 @@ def _possible(found: Assessment, mechanics: float) -> tuple[str, ...]:
     """Return the classes that an unknown record may be."""
     wear = (found.wear,) if mechanics > 1.0 else ()
     return wear if found.named == "healthy" or found.line_ratio > 1.0 else (*wear, found.named)
-
-
-def _gap_not_seen(cascade: Cascade, found: Assessment) -> bool:
-    """Whether the shaft was wound towards the slew before a step, so that no gap was crossed."""
-    names = cascade.mechanics_guard.names
-    if "lag_at_rest" not in names:
-        return False
-    return bool(found.mechanics[names.index("lag_at_rest")] > WOUND_LAG)
 
 
 def _fault_reason(found: Assessment) -> str:

@@ -81,6 +81,11 @@ def test_large_wear_is_never_called_healthy(model, profile, effect, seed):
     assert verdict.reasons
 
 
+def test_a_healthy_step_says_that_it_cannot_rule_backlash_out(model):
+    assert diagnose(record_of("step"), model).alternatives == ("backlash",)
+    assert diagnose(record_of("extended"), model).alternatives == ()
+
+
 @pytest.mark.parametrize("rate", [10_000.0, 50_000.0])
 def test_another_sample_rate(model, rate):
     healthy = diagnose(record_of("step", rate=rate), model)
