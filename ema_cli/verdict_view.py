@@ -15,6 +15,7 @@ NAMES = {
     "turn_short": "turn short", "rotor_eccentricity": "rotor eccentricity",
     "friction": "friction", "backlash": "backlash",
 }
+ALTERNATIVES = {"healthy": "does not rule out", "unknown": "most like"}
 SCALES = {
     "turn_short": (100.0, "% of the turns"), "rotor_eccentricity": (100.0, "% of the air gap"),
     "friction": (100.0, "% increase"), "backlash": (1e3, "mrad"),
@@ -39,8 +40,9 @@ def print_verdict(verdict: dict[str, Any], console: Console) -> None:
     console.print(line)
     for fault in verdict["faults"] or ([verdict] if verdict["fault_class"] else []):
         console.print(Text("  " + fault_line(fault), style="bold"))
-    for name in verdict["alternatives"]:
-        console.print(Text(f"  cannot be told from: {NAMES.get(name, name)}"))
+    others = ", ".join(NAMES.get(name, name) for name in verdict["alternatives"])
+    if others:
+        console.print(Text(f"  {ALTERNATIVES.get(outcome, 'cannot be told from')}: {others}"))
     probabilities = [
         f"{NAMES.get(name, name)} {100 * p:.1f} %" for name, p in verdict["probabilities"].items()
     ]
