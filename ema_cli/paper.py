@@ -86,20 +86,31 @@ def _print_table(name: str, table: dict[str, Any]) -> None:
 
 
 def _print_accuracies(accuracies: list[dict[str, Any]]) -> None:
+    from rich.box import SIMPLE
     from rich.table import Table
 
-    view = Table(title="accuracy on fresh noise draws", title_justify="left")
-    for name in ("network", "columns", "start angles", "right / draws", "accuracy", "noise 0",
-                 "2.5 %", "5 %", "target", "met"):
-        view.add_column(name, justify="left" if name in ("network", "start angles") else "right")
+    view = Table(title="accuracy on fresh noise draws (%)", title_justify="left", box=SIMPLE)
+    for name in ("network", "angles", "draws", "all", "0 %", "2.5 %", "5 %", "target", "met"):
+        view.add_column(
+            name, justify="left" if name in ("network", "angles") else "right", no_wrap=True
+        )
     for a in accuracies:
         view.add_row(
-            a["network"], str(a["columns"] or 2), a["start_angles"], f"{a['right']}/{a['draws']}",
-            f"{100 * a['accuracy']:.2f} %",
-            *(f"{100 * v['accuracy']:.2f} %" for v in a["by_noise_level"].values()),
-            f"{100 * a['target']:.1f} %", "yes" if a["met"] else "no",
+            _network_name(a), a["start_angles"], str(a["draws"]), f"{100 * a['accuracy']:.2f}",
+            *(f"{100 * v['accuracy']:.2f}" for v in a["by_noise_level"].values()),
+            f"{100 * a['target']:.1f}", "yes" if a["met"] else "no",
         )
     stdout().print(view)
+    stdout().print(
+        "SC: turn short, RE: rotor eccentricity. angles: of the rotor at the start, the same as in "
+        "training or never seen. ANN_A must meet its target at each noise level."
+    )
+
+
+def _network_name(accuracy: dict[str, Any]) -> str:
+    fault = "SC" if "turn_short" in accuracy["network"] else "RE"
+    columns = accuracy["columns"]
+    return f"ANN_B {fault}, {columns} columns" if columns else f"ANN_A {fault}"
 
 
 def _print_statements(statements: list[dict[str, Any]]) -> None:
