@@ -89,7 +89,8 @@ def _print_accuracies(accuracies: list[dict[str, Any]]) -> None:
     from rich.box import SIMPLE
     from rich.table import Table
 
-    view = Table(title="accuracy on fresh noise draws (%)", title_justify="left", box=SIMPLE)
+    view = Table(title="accuracy on fresh noise draws (%)", title_justify="left", box=SIMPLE,
+                 pad_edge=False, padding=(0, 1, 0, 0))
     for name in ("network", "angles", "draws", "all", "0 %", "2.5 %", "5 %", "target", "met"):
         view.add_column(
             name, justify="left" if name in ("network", "angles") else "right", no_wrap=True
@@ -97,20 +98,20 @@ def _print_accuracies(accuracies: list[dict[str, Any]]) -> None:
     for a in accuracies:
         view.add_row(
             _network_name(a), a["start_angles"], str(a["draws"]), f"{100 * a['accuracy']:.2f}",
-            *(f"{100 * v['accuracy']:.2f}" for v in a["by_noise_level"].values()),
+            *(f"{100 * v['accuracy']:.1f}" for v in a["by_noise_level"].values()),
             f"{100 * a['target']:.1f}", "yes" if a["met"] else "no",
         )
     stdout().print(view)
     stdout().print(
-        "SC: turn short, RE: rotor eccentricity. angles: of the rotor at the start, the same as in "
-        "training or never seen. ANN_A must meet its target at each noise level."
+        "SC: turn short, RE: rotor eccentricity. angles: of the rotor at the start, the same as "
+        "in training or never seen. ANN_A must meet its target at each noise level."
     )
 
 
 def _network_name(accuracy: dict[str, Any]) -> str:
     fault = "SC" if "turn_short" in accuracy["network"] else "RE"
     columns = accuracy["columns"]
-    return f"ANN_B {fault}, {columns} columns" if columns else f"ANN_A {fault}"
+    return f"ANN_B {fault}, {columns} col." if columns else f"ANN_A {fault}"
 
 
 def _print_statements(statements: list[dict[str, Any]]) -> None:
