@@ -89,7 +89,7 @@ def _number(name: str, value: Any, lower: float, upper: float, unit: str) -> flo
     unit = "" if unit == "1" else f" {unit}"
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise UsageError(
             f"{name}: {str(value)[:60]!r} is not a number: give {lower:g} to {upper:g}{unit}"
         ) from None

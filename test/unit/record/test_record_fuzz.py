@@ -1,0 +1,31 @@
+"""A quick run of the fuzzing benchmark: only our own errors, no hang."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
+
+from benchmarks.reliability.fuzz import fuzz, make_targets
+from ema_record.errors import UsageError
+from ema_sim.effects import parse_effects
+
+
+@pytest.fixture(scope="module")
+def targets(tmp_path_factory):
+    return make_targets(tmp_path_factory.mktemp("fuzz"))
+
+
+def test_only_our_own_errors(targets):
+    assert len(targets) == 9
+    for target in targets:
+        result = fuzz(target, 40, 1)
+        assert result["inputs"] >= 20
+        assert result["failures"] == [] and result["uncaught"] == result["hangs"] == 0
+
+
+@pytest.mark.parametrize("value", ["9" * 4000, "1e400", "nan", "-inf"])
+def test_numbers_without_a_float(value):
+    with pytest.raises(UsageError):
+        parse_effects([f"turn_short.fraction={value}"])
