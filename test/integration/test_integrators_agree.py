@@ -14,7 +14,7 @@ from ema_record.profile import Profile
 from ema_record.record import Record
 from ema_sim.effects import EFFECTS, parse_effects
 from ema_sim.reference import simulate_reference
-from ema_sim.simulate import simulate
+from ema_sim.simulate import simulate, simulate_traced
 
 # Full slew up, a turn-round, full slew down.
 PROFILE = Profile(
@@ -143,3 +143,17 @@ def test_the_faults_show(differences, names):
     assert change("motor_friction.increase=1.5", "up rms current") > 5.0
     assert change("surface_friction.increase=1.5", "up rms current") > 2.0
     assert change("turn_short.fraction=0.4 turn_short.phase=c", "up speed cos 2") > 1.0
+
+
+def test_features_have_converged_in_the_step(names):
+    """Four times shorter steps of the kernel change no feature beyond chance."""
+    def fine(profile: Profile, **settings) -> Record:
+        return simulate_traced(profile, trace=False, max_step=5e-6, **settings).record
+
+    settings = ["turn_short.fraction=0.1"]
+    coarse = panel(simulate, settings, range(1000, 1000 + N_KERNEL))
+    finer = panel(fine, settings, range(2000, 2000 + N_KERNEL))
+    error = np.hypot(coarse.std(axis=0, ddof=1), finer.std(axis=0, ddof=1)) / np.sqrt(N_KERNEL)
+    z = (coarse.mean(axis=0) - finer.mean(axis=0)) / error
+    assert np.max(np.abs(z)) < 4.5, names[int(np.argmax(np.abs(z)))]
+    assert np.sqrt(np.mean(z**2)) < 1.6
