@@ -1,11 +1,7 @@
 """A quick run of the fuzzing benchmark: only our own errors, no hang."""
 
-import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
 from benchmarks.reliability.fuzz import fuzz, make_targets
 from ema_record.errors import UsageError
