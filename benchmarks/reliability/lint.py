@@ -16,7 +16,8 @@ from collections import Counter
 from pathlib import Path
 from random import Random
 
-from benchmarks.reliability.defects import DEFECTS, Recording
+from benchmarks.reliability.defects import DEFECTS
+from benchmarks.reliability.recording import Recording
 from ema_record.bag import write_bag
 from ema_record.lint import lint_bag
 from ema_record.profile import load_profile

@@ -6,7 +6,8 @@ from random import Random
 import numpy as np
 import pytest
 
-from benchmarks.reliability.defects import DEFECTS, Recording
+from benchmarks.reliability.defects import DEFECTS
+from benchmarks.reliability.recording import Recording
 from ema_cli.main import run
 from ema_record.bag import write_bag
 from ema_record.lint import RULES, lint_bag
