@@ -133,14 +133,14 @@ def main() -> None:
     console = Console()
 
     reference = lines(None, options.reference_angles)
-    table = Table(title="Kernel: extended profile, 20 kHz, effects neutral, warm, one core")
-    for title in ("integration", "x real time", "by CPU time", "2 f_e error", "std. error"):
+    table = Table(title="Kernel: simulated s a wall and CPU s (extended, 20 kHz); error of 2 f_e")
+    for title in ("integration", "x wall", "x CPU", "2 f_e", "± s.e."):
         table.add_column(title, justify="left" if title == "integration" else "right",
                          no_wrap=True)
     extended = load_profile("extended")
     for max_step in STEPS:
         relative, deviation = error(lines(max_step, options.angles), reference)
-        name = f"events, at most {max_step * 1e6:g} µs"
+        name = f"events, {max_step * 1e6:g} µs"
         table.add_row(
             name + (" (default)" if max_step == MAX_STEP else ""),
             *speed(
@@ -158,7 +158,7 @@ def main() -> None:
             *(("reference", "") if step == STEP else (f"{relative:+.2%}", f"{deviation:.2%}")),
         )
     (ratio,) = child(PYTHON_LOOP, NUMBA_DISABLE_JIT="1")
-    table.add_row("plain Python, fixed step, 1 µs", f"{ratio:.4f}", "", "", "")
+    table.add_row("plain Python, 1 µs", f"{ratio:.4f}", "", "", "")
     console.print(table)
     console.print(
         f"2 f_e line of the reference: {abs(reference.mean()):.4f} rad/s; "
