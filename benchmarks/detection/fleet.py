@@ -1,0 +1,197 @@
+"""The held-out fleet: units, conditions and faults, written apart from the training's.
+
+Nothing of the training's generator is imported. Spreads follow the issue's item 2.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ema_prognostics.robust.features import extract
+from ema_record.errors import RecordError
+from ema_record.profile import load_profile
+from ema_record.record import Record
+from ema_sim.actuator import load_actuator
+from ema_sim.effects.settings import effects_from_mapping
+from ema_sim.parameters import Actuator
+from ema_sim.simulate import simulate
+
+RANGES = {  # evenly in the logarithm, around the targets
+    "turn_short": (1e-3, 0.1), "rotor_eccentricity": (1e-3, 0.05), "motor_friction": (0.015, 1.0),
+    "surface_friction": (0.015, 1.0), "backlash": (2e-5, 2e-3),
+}
+PAIR = {"turn_short": (0.03, 0.2), "rotor_eccentricity": (0.02, 0.1),
+        "motor_friction": (0.4, 1.0), "surface_friction": (0.4, 1.0), "backlash": (3e-4, 2e-3)}
+STRANGERS: tuple[dict[str, float], ...] = (
+    {"cogging_torque.amplitude": 0.03}, {"gear_mesh_ripple.amplitude": 2e-5},
+    {"speed_sensor_runout.amplitude": 0.005}, {"hall_misalignment.angle": 0.05},
+    {"control_delay.delay": 3e-4}, {"stribeck_friction.increase": 0.4},
+    {"viscous_friction.coefficient": 1e-4}, {"shaft_compliance.increase": 1.0},
+    {"inertia_change.motor": 0.6}, {"magnetic_saturation.inverse_current": 0.03},
+    {"back_emf_shape.fifth_harmonic": 0.05}, {"phase_resistance_imbalance.increase": 0.5},
+    {"position_sensor_offset.offset": 5e-3}, {"quantisation.speed_bits_lost": 4.0},
+    {"quantisation.position_bits_lost": 3.0}, {"torque_constant_drop.drop": 0.15},
+    {"load_dependent_friction.coefficient": 0.1}, {"bus_voltage_sag.resistance": 1.0},
+    {"inverter_voltage_drop.drop": 4.0},
+)
+SENSOR_FAULTS = (
+    "stuck_speed", "stuck_current", "scaled_speed", "scaled_current", "offset_current",
+    "noisy_current", "noisy_speed", "dropped", "swapped_currents", "stuck_position",
+    "scaled_position",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """One test of the held-out fleet."""
+
+    group: str
+    """healthy, a key of `RANGES`, pair, stranger or sensor."""
+    truth: dict[str, float]
+    """Severity by class (friction by its side)."""
+    detail: str
+    """Phase, mode, or the name of the stranger."""
+    effects: dict[str, float | str]
+    seed: int
+    noise: float
+
+
+def _unit(rng: np.random.Generator) -> tuple[Actuator, dict[str, float | str], np.ndarray]:
+    """Return a unit: its parameters, its effects, and the deviations of k by phase."""
+    a = load_actuator()
+    low, high = 0.9, 1.1
+    f = {n: rng.uniform(low, high) for n in ("R", "L", "motor", "surface", "K", "J")}
+    k = rng.uniform(0.97, 1.03)
+    m, s = a.motor, a.surface
+    actuator = a._replace(
+        motor=m._replace(
+            phase_resistance=m.phase_resistance * f["R"],
+            phase_inductance=m.phase_inductance * f["L"],
+            back_emf_constant=m.back_emf_constant * k,
+            dynamic_friction=m.dynamic_friction * f["motor"],
+            static_friction=m.static_friction * f["motor"], inertia=m.inertia * f["J"],
+        ),
+        surface=s._replace(dynamic_friction=s.dynamic_friction * f["surface"],
+                           static_friction=s.static_friction * f["surface"]),
+        shaft=a.shaft._replace(stiffness=a.shaft.stiffness * f["K"]),
+    )
+    return actuator, {}, rng.uniform(-0.005, 0.005, 3)
+
+
+def _conditions(rng: np.random.Generator) -> dict[str, float | str]:
+    found: dict[str, float | str] = {
+        "winding_temperature.temperature": float(rng.uniform(-40, 70)),
+        "bus_voltage_change.change": float(rng.uniform(-0.1, 0.1)),
+        "surface_load.constant": float(rng.uniform(-19, 19)),
+    }
+    for phase in "abc":
+        found[f"current_sensor_gain.phase_{phase}"] = float(rng.uniform(-0.01, 0.01))
+        found[f"current_sensor_offset.phase_{phase}"] = float(rng.uniform(-0.05, 0.05))
+    return found
+
+
+def _fault(rng: np.random.Generator, name: str, span: tuple[float, float]
+           ) -> tuple[dict[str, float | str], float, str]:
+    x = float(math.exp(rng.uniform(*np.log(span))))
+    if name == "turn_short":
+        phase = "abc"[rng.integers(3)]
+        return {"turn_short.fraction": x, "turn_short.phase": phase,
+                "turn_short.mode": ("physical", "paper")[rng.integers(2)]}, x, phase
+    if name == "rotor_eccentricity":
+        mode = ("paper", "common", "shifted")[rng.integers(3)]
+        return {"rotor_eccentricity.zeta": x if rng.uniform() < 0.5 else -x,
+                "rotor_eccentricity.mode": mode,
+                "rotor_eccentricity.angle": float(rng.uniform(-3.1, 3.1)),
+                "rotor_eccentricity.phase": "abc"[rng.integers(3)]}, x, mode
+    return {f"{name}.increase": x}, x, ""
+
+
+def _with_imbalance(effects: dict[str, float | str], k: np.ndarray) -> dict[str, float | str]:
+    """Give the phases unequal k by what effect is free: static eccentricity or a slight short."""
+    vector = 2.0 / 3.0 * sum(d * cmath.exp(2j * math.pi * n / 3) for n, d in enumerate(k))
+    if "rotor_eccentricity.zeta" not in effects:
+        return {**effects, "rotor_eccentricity.zeta": abs(vector),
+                "rotor_eccentricity.mode": "static",
+                "rotor_eccentricity.angle": cmath.phase(vector)}
+    if "turn_short.fraction" not in effects:
+        return {**effects, "turn_short.fraction": 1.5 * abs(vector), "turn_short.mode": "paper",
+                "turn_short.phase": "abc"[int(np.argmin(k))]}
+    return effects
+
+
+def draw(group: str, seed: int) -> tuple[Actuator, Case, Case]:
+    """Return a unit, its acceptance test and a later test of the group."""
+    rng = np.random.default_rng([777_001, seed])
+    actuator, _, k = _unit(rng)
+    truth: dict[str, float] = {}
+    effects: dict[str, float | str] = {}
+    detail = ""
+    if group in RANGES:
+        effects, truth[group], detail = _fault(rng, group, RANGES[group])
+    elif group == "pair":
+        names = list(PAIR)
+        while True:
+            a, b = rng.choice(5, 2, replace=False)
+            if {names[a], names[b]} != {"motor_friction", "surface_friction"}:
+                break
+        for n in (names[a], names[b]):
+            part, truth[n], which = _fault(rng, n, PAIR[n])
+            effects |= part
+            detail = which if n == "turn_short" else detail
+    elif group == "stranger":
+        picked = STRANGERS[seed % len(STRANGERS)]
+        effects, detail = dict(picked), next(iter(picked))
+    elif group == "sensor":
+        detail = SENSOR_FAULTS[seed % len(SENSOR_FAULTS)]
+    cases = []
+    for g, t, d, e in (("healthy", {}, "", {}), (group, truth, detail, effects)):
+        merged = {**_conditions(rng), **_with_imbalance(e, k)}
+        cases.append(Case(group=g, truth=t, detail=d, effects=merged,
+                          seed=int(rng.integers(1 << 31)), noise=float(2 ** rng.uniform(-1, 1))))
+    return actuator, cases[0], cases[1]
+
+
+def spoil(record: Record, fault: str, rng: np.random.Generator) -> Record:
+    """Return `record` as a faulty sensor would have given it."""
+    x = record.samples.copy()
+    column = {"speed": 1, "current": 2, "position": 9}.get(fault.rpartition("_")[2], 3)
+    middle = len(x) // 8
+    if fault.startswith("stuck"):
+        x[middle:, column] = x[middle, column]
+    elif fault.startswith("scaled"):
+        x[:, column] *= 1.1
+    elif fault == "offset_current":
+        x[middle:, column] += 1.0
+    elif fault.startswith("noisy"):
+        x[:, column] += rng.normal(size=len(x)) * (20.0 if column == 1 else 1.0)
+    elif fault == "dropped":
+        x = np.delete(x, slice(middle, middle + 400), axis=0)
+    else:
+        x[:, [2, 3]] = x[:, [3, 2]]
+    return Record(samples=x, profile=record.profile, provenance=record.provenance,
+                  dc_bus=record.dc_bus, winding_temperature=record.winding_temperature)
+
+
+def record_of(actuator: Actuator, case: Case) -> Record:
+    """Simulate a case."""
+    record = simulate(load_profile("extended"), actuator=actuator,
+                      effects=effects_from_mapping(case.effects), seed=case.seed,
+                      noise=case.noise)
+    if case.group == "sensor":
+        record = spoil(record, case.detail, np.random.default_rng(case.seed))
+    return record
+
+
+def features_of(actuator: Actuator, case: Case) -> dict[str, float] | None:
+    """Return the features of a case, None where the record gives none."""
+    try:
+        record = record_of(actuator, case)
+        if case.group == "sensor" and len(record) < 62_600:
+            return None  # a gap in time: the record checks refuse it
+        return extract(record, "extended")
+    except RecordError:
+        return None

@@ -1,0 +1,54 @@
+"""Thresholds and interval widths from records that no network was trained on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+COVERAGE = 0.9
+MIN_BIN = 20
+
+
+def tail_quantile(score: np.ndarray, rate: float, *, tail: float = 0.03) -> float:
+    """Return the value that `score` exceeds at `rate`, beyond the largest value if need be.
+
+    The upper `tail` of the values is taken as exponential above its lower end; no less than
+    the empirical quantile is returned.
+
+    Parameters
+    ----------
+    score : ndarray, shape (n,). Finite.
+    rate : probability of exceeding the result, below `tail`.
+    """
+    base = float(np.quantile(score, 1.0 - tail))
+    excess = score[score > base] - base
+    fitted = base + (float(excess.mean()) * np.log(tail / rate) if len(excess) else 0.0)
+    return max(float(fitted), float(np.quantile(score, 1.0 - rate)))
+
+
+def conformal_quantile(residual: np.ndarray, coverage: float = COVERAGE) -> float:
+    """Return the split-conformal half width: covers a new residual with `coverage`.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n,). Absolute residuals of a calibration set.
+    """
+    n = len(residual)
+    rank = min(n, int(np.ceil((n + 1) * coverage)))
+    return float(np.sort(residual)[rank - 1])
+
+
+def bin_widths(
+    predicted: np.ndarray, residual: np.ndarray, *, bins: int = 5
+) -> tuple[list[float], list[float]]:
+    """Return bounds between bins of the predicted value, and the half width of each bin.
+
+    Parameters
+    ----------
+    predicted, residual : ndarray, shape (n,). Of the calibration set.
+    bins : at most; fewer where a bin would hold less than `MIN_BIN`.
+    """
+    count = max(1, min(bins, len(predicted) // MIN_BIN))
+    edges = np.quantile(predicted, np.linspace(0, 1, count + 1)[1:-1]) if count > 1 else []
+    place = np.searchsorted(np.asarray(edges), predicted)
+    widths = [conformal_quantile(residual[place == k]) for k in range(count)]
+    return [float(e) for e in edges], widths

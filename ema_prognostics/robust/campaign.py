@@ -1,0 +1,142 @@
+"""The training campaign: units of a fleet, tested when new and again, features kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ema_prognostics.robust.conditions import (
+    HEALTHY,
+    OUTPUTS,
+    Conditions,
+    Fault,
+    Unit,
+    actuator_of,
+    draw_conditions,
+    draw_fault,
+    draw_pair,
+    draw_unit,
+    effects_of,
+)
+from ema_prognostics.robust.features import Kind, extract
+from ema_record.errors import RecordError
+from ema_record.profile import load_profile
+from ema_sim.actuator import load_actuator
+from ema_sim.simulate import simulate
+
+MIX = (("healthy", 0.16), ("turn_short", 0.20), ("static", 0.03), ("rotor_eccentricity", 0.19),
+       ("friction", 0.16), ("backlash", 0.10), ("pair", 0.16))
+"""What the tests of the training units have, with probabilities."""
+TESTS_A_UNIT = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Campaign:
+    """Features of a campaign.
+
+    Attributes
+    ----------
+    names : of the features, (d,).
+    baseline : ndarray, shape (n, d). Record of the unit when new, healthy.
+    record : ndarray, shape (n, d). A later record of the same unit.
+    severity : ndarray, shape (n, 7). Columns as `conditions.OUTPUTS`; 0: not present.
+    unit : ndarray, shape (n,). Number of the unit.
+    """
+
+    names: tuple[str, ...]
+    baseline: np.ndarray
+    record: np.ndarray
+    severity: np.ndarray
+    unit: np.ndarray
+
+    def __len__(self) -> int:
+        """Return the number of pairs of records."""
+        return len(self.record)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Plan:
+    unit: Unit
+    base: Conditions
+    tests: tuple[tuple[Conditions, Fault], ...]
+
+
+def _draw(rng: np.random.Generator, healthy: bool) -> _Plan:
+    tests = []
+    names, shares = [m[0] for m in MIX], np.array([m[1] for m in MIX])
+    for _ in range(1 if healthy else TESTS_A_UNIT):
+        kind = "healthy" if healthy else str(rng.choice(names, p=shares / shares.sum()))
+        fault = draw_pair(rng) if kind == "pair" else draw_fault(rng, kind)
+        tests.append((draw_conditions(rng), fault))
+    return _Plan(unit=draw_unit(rng), base=draw_conditions(rng), tests=tuple(tests))
+
+
+def _features(kind: Kind, unit: Unit, conditions: Conditions, fault: Fault) -> dict[str, float]:
+    nominal = load_actuator()
+    record = simulate(
+        load_profile(kind), actuator=actuator_of(nominal, unit), seed=conditions.seed,
+        effects=effects_of(unit, conditions, fault), noise=conditions.noise,
+    )
+    return extract(record, kind, nominal)
+
+
+def _run(kind: Kind, plans: list[_Plan]) -> list[tuple[dict, list[tuple[dict, Fault]]]]:
+    from threadpoolctl import threadpool_limits
+
+    found = []
+    with threadpool_limits(limits=1):
+        for plan in plans:
+            try:
+                base = _features(kind, plan.unit, plan.base, HEALTHY)
+            except RecordError:
+                continue
+            tests = []
+            for conditions, fault in plan.tests:
+                try:
+                    tests.append((_features(kind, plan.unit, conditions, fault), fault))
+                except RecordError:
+                    continue  # the diagnosis answers "unknown" to such a record
+            found.append((base, tests))
+    return found
+
+
+def run_campaign(
+    kind: Kind, units: int, seed: int, *, healthy: bool = False, jobs: int = 1,
+    progress: Callable[[int, int], None] = lambda _done, _all: None, chunk: int = 10,
+) -> Campaign:
+    """Simulate `units` units and return their features.
+
+    Parameters
+    ----------
+    kind : of the test.
+    units : number of units; each has a baseline and three tests (one if `healthy`).
+    seed : of everything; the result does not depend on `jobs`.
+    healthy : only healthy tests, for the calibration of false alarms.
+    jobs : processes.
+    progress : called with units done and all units.
+    """
+    from joblib import Parallel, delayed
+
+    streams = np.random.SeedSequence([seed, int(healthy)]).spawn(units)
+    plans = [_draw(np.random.default_rng(s), healthy) for s in streams]
+    parts = [plans[i : i + chunk] for i in range(0, units, chunk)]
+    base, record, severity, number = [], [], [], []
+    names: tuple[str, ...] = ()
+    unit = 0
+    work = Parallel(n_jobs=jobs, return_as="generator")(delayed(_run)(kind, p) for p in parts)
+    for part in work:
+        for found, tests in part:
+            names = tuple(found)
+            for values, fault in tests:
+                base.append([found[n] for n in names])
+                record.append([values[n] for n in names])
+                severity.append([fault.severity.get(o, 0.0) for o in OUTPUTS])
+                number.append(unit)
+            unit += 1
+        progress(min(unit, units), units)
+    return Campaign(
+        names=names, baseline=np.array(base), record=np.array(record),
+        severity=np.array(severity), unit=np.array(number),
+    )

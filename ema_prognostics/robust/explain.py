@@ -1,0 +1,96 @@
+"""The reasons of a verdict in words that a technician understands."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ema_prognostics.robust.cascade import Cascade, Finding
+from ema_prognostics.robust.conditions import CLASS_OF
+
+WORDS = {
+    "torque_full": "torque needed at full speed",
+    "torque_quarter": "torque needed at a quarter of the speed",
+    "torque_ramp": "torque needed on the slow ramp",
+    "gap_torque": "torque of the motor alone, with the gear free",
+    "gap_width": "lost motion where the ramp turns round",
+    "lag_ramp": "lag of the surface behind the motor on the ramps",
+    "lag_quarter": "lag of the surface behind the motor at a quarter of the speed",
+    "shaft_slope": "stiffness of the shaft", "rise_time": "time to full speed",
+    "overshoot": "overshoot of the speed", "speed_full": "full speed",
+    "start_position": "position before the test", "sum_mean": "sum of the phase currents",
+    "sum_rms": "scatter of the sum of the phase currents",
+    "gain_largest": "difference between the current sensors",
+    "offset_largest": "offset of a current sensor",
+    "noise_speed": "noise of the speed sensor", "noise_current": "noise of a current sensor",
+    "noise_current_least": "noise of the quietest current sensor",
+    "reference_rms": "current against its reference",
+    "reference_spread": "current against its reference, phase by phase",
+    "reference_sum": "sum of the reference currents",
+    "torque_full_over_quarter": "growth of the torque with speed",
+    "torque_quarter_over_ramp": "growth of the torque from ramp to slew",
+}
+"""What a feature is, for a person."""
+RELEVANT = {
+    "turn_short": ("_even_m2", "_even_m4"),
+    "rotor_eccentricity": ("_even_m1", "_even_m3"),
+    "friction": ("torque_", "gap_torque"), "backlash": ("gap_width", "lag_"),
+}
+"""Features that speak for each class."""
+MOST = 3
+
+
+def words(name: str) -> str:
+    """Return what the feature `name` is, in words."""
+    if name in WORDS:
+        return WORDS[name]
+    for speed in ("full", "quarter"):
+        at = "at full speed" if speed == "full" else "at a quarter of the speed"
+        if name.startswith(f"{speed}_") and "_m" in name:
+            h = name[name.rindex("_m") + 2 :].partition("_")[0]
+            kind = "torque ripple" if "_even_" in name else "ripple of the speed sensor"
+            return f"{kind} {h} times a turn, {at}"
+        if name.endswith(f"_{speed}"):
+            stem = name.removesuffix(f"_{speed}")
+            known = {
+                "load": "difference of the torque forward and back",
+                "high_low": "fine torque ripple (7 to 12 a turn)",
+                "high_mid": "fine torque ripple (13 to 20 a turn)",
+                "high_top": "fine torque ripple (21 to 36 a turn)",
+                "speed_over_angle": "speed sensor against rotor angle",
+                "position_over_angle": "surface position against rotor angle",
+                "position_rms": "scatter of the position", "speed_rms": "scatter of the speed",
+                "torque_rms": "scatter of the torque current",
+            }
+            if stem in known:
+                return f"{known[stem]}, {at}"
+    return name.replace("_", " ")
+
+
+def reasons_of_fault(cascade: Cascade, x: np.ndarray, output: str) -> list[str]:
+    """Return what moved, largest first, for an announced output; `x` has shape (d,)."""
+    keys = RELEVANT[CLASS_OF[output]]
+    names = cascade.view.names
+    z = cascade.deviations(x[None])[0]
+    chosen = [k for k, n in enumerate(names)
+              if any(key in n for key in keys) and not n.startswith("absolute_")]
+    chosen.sort(key=lambda k: -abs(z[k]))
+    found: list[str] = []
+    for k in chosen:
+        text = words(names[k])
+        if abs(z[k]) >= 2.0 and not any(f.startswith(text) for f in found):
+            found.append(f"{text}: {z[k]:+.1f} healthy deviations")
+        if len(found) == MOST:
+            break
+    return found
+
+
+def reasons_of_guard(cascade: Cascade, finding: Finding) -> list[str]:
+    """Return what is unlike anything trained on, worst first."""
+    guard = cascade.guard
+    if guard is None:
+        return []
+    order = np.argsort(-finding.guard)[:MOST]
+    return [
+        f"{words(cascade.view.names[guard.checked[k]])}: {finding.guard[k]:.1f} times the usual "
+        "bound" for k in order if finding.guard[k] > 1.0
+    ]

@@ -1,0 +1,54 @@
+"""From named features to the networks' inputs: differences, squashing, rotation of phases."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+ABSOLUTE = ("temperature", "bus_voltage", "noise_current", "noise_speed", "torque_quarter",
+            "gap_torque", "torque_full")
+"""Kept beside the differences to the baseline."""
+
+
+def difference_names(names: Sequence[str]) -> list[str]:
+    """Return the names of the inputs with a baseline."""
+    return [*names, *(f"absolute_{n}" for n in ABSOLUTE if n in names)]
+
+
+def differences(names: Sequence[str], record: np.ndarray, baseline: np.ndarray) -> np.ndarray:
+    """Return the inputs with a baseline, shape (n, d + absolute ones).
+
+    Parameters
+    ----------
+    names : of the features.
+    record, baseline : ndarray, shape (n, d).
+    """
+    keep = [names.index(n) for n in ABSOLUTE if n in names]
+    return np.hstack([record - baseline, record[:, keep]])
+
+
+def squash(x: np.ndarray, center: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """Return asinh((x − centre) / spread): linear near healthy, logarithmic far away."""
+    return np.arcsinh((x - center) / spread)
+
+
+def rotate(x: np.ndarray, names: Sequence[str], thirds: int) -> np.ndarray:
+    """Return the features as if the rotor angle were counted from a phase further on.
+
+    A fault of phase b, rotated by one third, looks like the same fault of phase a: line h of
+    phase b lags by h 120°.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n, d). Features.
+    names : of the features; ``..._m<h>_re`` is followed by ``..._m<h>_im``.
+    thirds : number of phases.
+    """
+    out = x.copy()
+    for k, name in enumerate(names):
+        if name.endswith("_re") and "_m" in name:
+            h = int(name[name.rindex("_m") + 2 : -3])
+            turned = (x[:, k] + 1j * x[:, k + 1]) * np.exp(2j * np.pi * h * thirds / 3.0)
+            out[:, k], out[:, k + 1] = turned.real, turned.imag
+    return out

@@ -1,0 +1,58 @@
+"""Rotation of the phases, thresholds and interval widths: closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ema_prognostics.robust.calibration import bin_widths, conformal_quantile, tail_quantile
+from ema_prognostics.robust.vector import difference_names, differences, rotate, squash
+
+NAMES = ["quarter_even_m1_re", "quarter_even_m1_im", "quarter_even_m2_re", "quarter_even_m2_im",
+         "torque_quarter"]
+
+
+def test_three_thirds_turn_back_and_keep_the_rest() -> None:
+    x = np.random.default_rng(0).normal(size=(4, 5))
+    assert np.allclose(rotate(rotate(x, NAMES, 1), NAMES, 2), x)
+    assert np.array_equal(rotate(x, NAMES, 1)[:, 4], x[:, 4])
+
+
+@pytest.mark.parametrize("phase", [0, 1, 2])
+def test_a_line_of_phase_k_turns_into_that_of_phase_a(phase: int) -> None:
+    # k_k(θ − 120° k): line h lags by h 120° k.
+    lines = np.exp(-2j * np.pi * np.array([1, 2]) * phase / 3.0) * np.array([0.3, 0.5j])
+    x = np.array([[lines[0].real, lines[0].imag, lines[1].real, lines[1].imag, 1.0]])
+    assert np.allclose(rotate(x, NAMES, phase), [[0.3, 0.0, 0.0, 0.5, 1.0]])
+
+
+def test_differences_keep_the_absolute_ones() -> None:
+    record, base = np.arange(5.0)[None], np.ones((1, 5))
+    assert np.array_equal(differences(NAMES, record, base), [[-1, 0, 1, 2, 3, 4]])
+    assert difference_names(NAMES)[-1] == "absolute_torque_quarter"
+
+
+def test_squash_is_linear_near_healthy() -> None:
+    x = np.array([[1e-3, 1e6]])
+    u = squash(x, np.zeros(2), np.ones(2))
+    assert u[0, 0] == pytest.approx(1e-3, rel=1e-5)
+    assert u[0, 1] == pytest.approx(np.log(2e6), rel=1e-5)
+
+
+def test_tail_of_an_exponential() -> None:
+    score = np.random.default_rng(1).exponential(size=40_000)
+    assert tail_quantile(score, 1e-3) == pytest.approx(-np.log(1e-3), rel=0.06)
+
+
+def test_conformal_width_covers() -> None:
+    rng = np.random.default_rng(2)
+    width = conformal_quantile(np.abs(rng.normal(size=4000)))
+    assert np.mean(np.abs(rng.normal(size=40_000)) <= width) == pytest.approx(0.9, abs=0.02)
+
+
+def test_widths_follow_the_scatter() -> None:
+    rng = np.random.default_rng(3)
+    predicted = rng.uniform(0, 1, 2000)
+    edges, widths = bin_widths(predicted, np.abs(rng.normal(size=2000)) * (predicted + 0.1))
+    assert len(widths) == len(edges) + 1
+    assert widths[-1] > 3 * widths[0]
