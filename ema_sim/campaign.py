@@ -10,8 +10,10 @@ import hashlib
 import inspect
 import os
 import shutil
+import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -213,15 +215,40 @@ def _make(tasks: list[Task], jobs: int | None, dask: str | None) -> Iterator[Don
             yield make_runs(task)
     else:
         _warm()
+        yield from _on_this_machine(tasks, jobs)
+
+
+def _on_this_machine(tasks: list[Task], jobs: int) -> Iterator[Done]:
+    """Yield what worker processes make; they end at once when this is interrupted."""
+    from joblib.externals.loky import get_reusable_executor
+
+    try:
         yield from _parallel(tasks, n_jobs=jobs, backend="loky")
+    except BaseException:
+        get_reusable_executor().shutdown(wait=True, kill_workers=True)
+        raise
 
 
 def _parallel(tasks: Iterable[Task], **options: object) -> Iterator[Done]:
     from joblib import Parallel, delayed
 
     parallel = Parallel(return_as="generator_unordered", batch_size=1, **options)
-    found: Iterator[Done] = parallel(delayed(make_runs)(task) for task in tasks)
+    with _ignored_interrupts():
+        found: Iterator[Done] = parallel(delayed(make_runs)(task) for task in tasks)
     return found
+
+
+@contextmanager
+def _ignored_interrupts() -> Iterator[None]:
+    """Let the workers that start here ignore Ctrl-C: this process hears it and ends them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _on_cluster(tasks: list[Task], address: str) -> Iterator[Done]:
