@@ -43,7 +43,7 @@ def generate(
             for n in range(max(10, round(count * part)))]
     order = np.random.default_rng(5).permutation(len(todo))
     todo = [todo[k] for k in order]
-    parts = [todo[k : k + 8] for k in range(0, len(todo), 8)]
+    parts = [todo[k:k + 8] for k in range(0, len(todo), 8)]
     found: list[Tested] = []
     for chunk in Parallel(n_jobs=jobs, return_as="generator")(delayed(_run)(p) for p in parts):
         found += chunk

@@ -121,7 +121,7 @@ def run_campaign(
 
     streams = np.random.SeedSequence([seed, int(healthy)]).spawn(units)
     plans = [_draw(np.random.default_rng(s), healthy) for s in streams]
-    parts = [plans[i : i + chunk] for i in range(0, units, chunk)]
+    parts = [plans[i:i + chunk] for i in range(0, units, chunk)]
     base, record, severity, number = [], [], [], []
     names: tuple[str, ...] = ()
     unit = 0

@@ -19,7 +19,7 @@ def _detrended(x: np.ndarray, n: int) -> np.ndarray:
     """Return `x` less its running mean over `n` samples, ends left out."""
     mean = np.convolve(x, np.ones(n) / n, mode="valid")
     begin = n // 2
-    return x[begin : begin + len(mean)] - mean
+    return x[begin:begin + len(mean)] - mean
 
 
 def consistency(signals: Signals, *, extended: bool) -> dict[str, float]:

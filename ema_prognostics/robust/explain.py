@@ -46,7 +46,7 @@ def words(name: str) -> str:
     for speed in ("full", "quarter"):
         at = "at full speed" if speed == "full" else "at a quarter of the speed"
         if name.startswith(f"{speed}_") and "_m" in name:
-            h = name[name.rindex("_m") + 2 :].partition("_")[0]
+            h = name[name.rindex("_m") + 2:].partition("_")[0]
             kind = "torque ripple" if "_even_" in name else "ripple of the speed sensor"
             return f"{kind} {h} times a turn, {at}"
         if name.endswith(f"_{speed}"):

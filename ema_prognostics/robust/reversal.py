@@ -84,7 +84,7 @@ def reversal_gap(signals: Signals, begin: float, length: float, direction: int) 
     moving = (np.arange(len(theta)) > turned) & (travel > 0.02) & (np.arange(len(theta)) > n)
     moving &= np.arange(len(theta)) < len(theta) - n
     # The curve ends where the surface moves.
-    rest = direction * signals.position[part][turned : turned + n].mean()
+    rest = direction * signals.position[part][turned:turned + n].mean()
     moved = direction * np.convolve(signals.position[part], kernel, mode="same") - rest > 1.5e-4
     after = np.flatnonzero(moved & moving)
     end = int(after[0]) - n if len(after) else len(theta) - n

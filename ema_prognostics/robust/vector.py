@@ -48,7 +48,7 @@ def rotate(x: np.ndarray, names: Sequence[str], thirds: int) -> np.ndarray:
     out = x.copy()
     for k, name in enumerate(names):
         if name.endswith("_re") and "_m" in name:
-            h = int(name[name.rindex("_m") + 2 : -3])
+            h = int(name[name.rindex("_m") + 2:-3])
             turned = (x[:, k] + 1j * x[:, k + 1]) * np.exp(2j * np.pi * h * thirds / 3.0)
             out[:, k], out[:, k + 1] = turned.real, turned.imag
     return out
