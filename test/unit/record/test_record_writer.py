@@ -103,7 +103,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 def test_chunk_sizes(tmp_path, record):
     data = encode_block(record.samples[:500])
     for size in (256 << 10, 1 << 20):
-        with new_writer(tmp_path / str(size), chunk_size=size) as writer:
+        with new_writer(tmp_path / str(size), chunk_size=size, flush_interval=None) as writer:
             for k in range(80):
                 writer.write_raw(SAMPLES, data, k)
         with (tmp_path / str(size) / f"{size}_0.mcap").open("rb") as stream:
