@@ -37,6 +37,9 @@ class Motor(NamedTuple):
     phase_resistance: Annotated[float, _unit("Ω", 1e-3, 100.0, "R of a phase")] = 1.065
     phase_inductance: Annotated[float, _unit("H", 2e-5, 0.1, "L of a phase")] = 0.72e-3
     back_emf_constant: Annotated[float, _unit("V s/rad", 1e-4, 10.0, "k of a phase")] = 0.0376
+    back_emf_deviation_a: Annotated[float, _unit("1", -0.5, 0.5, "relative, of phase a")] = 0.0
+    back_emf_deviation_b: Annotated[float, _unit("1", -0.5, 0.5, "relative, of phase b")] = 0.0
+    back_emf_deviation_c: Annotated[float, _unit("1", -0.5, 0.5, "relative, of phase c")] = 0.0
     flat_top: Annotated[float, _unit("rad", 0.0, 3.0, "width of the trapezoid's top")] = (
         2.0 * math.pi / 3.0
     )

@@ -77,6 +77,16 @@ def flat_top(e: Effects, motor: Motor) -> float:
 
 
 @law
+def unit_factor(motor: Motor, phase: int) -> float:
+    """Return the factor of the unit's own winding on k of a phase."""
+    if phase == 0:
+        return 1.0 + motor.back_emf_deviation_a
+    if phase == 1:
+        return 1.0 + motor.back_emf_deviation_b
+    return 1.0 + motor.back_emf_deviation_c
+
+
+@law
 def back_emf_constant(
     e: Effects, motor: Motor, top: float, phase: int, theta_e: float, theta_r: float,
     current: float,
@@ -87,6 +97,7 @@ def back_emf_constant(
         theta += TURN
     return (
         motor.back_emf_constant
+        * unit_factor(motor, phase)
         * back_emf_shape.shape(e.back_emf_shape, trapezoid(theta, top), theta)
         * turn_short.k_factor(e.turn_short, phase)
         * rotor_eccentricity.k_factor(e.rotor_eccentricity, phase, theta_r)

@@ -49,6 +49,18 @@ def test_two_fe_speed_line_of_a_turn_short(fraction, phase):
     assert speed[2] == pytest.approx(expected, rel=0.1)
 
 
+@pytest.mark.parametrize("phase", "abc")
+def test_weak_phase_of_a_unit_is_a_short_of_mode_paper(phase):
+    weak = changed(motor={f"back_emf_deviation_{phase}": -0.1})
+    short = changed()
+    ends = [
+        run(actuator, state_of(actuator), 0.05, effects=parse_effects(settings), command=0.4)
+        for actuator, settings in ((weak, []), (short, [
+            "turn_short.fraction=0.1", f"turn_short.phase={phase}", "turn_short.mode=paper"]))
+    ]
+    assert np.allclose(ends[0].out, ends[1].out, rtol=1e-9, atol=1e-9)
+
+
 @pytest.mark.parametrize("zeta", [0.05, 0.2, -0.2])
 @pytest.mark.parametrize("phase", "abc")
 def test_torque_lines_of_eccentricity_in_one_phase(zeta, phase):

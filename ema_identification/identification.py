@@ -1,0 +1,182 @@
+"""`Identification`: what the workflow found, the same for an actuator and for a rig."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+Outcome = Literal["no disagreement", "explained", "partly explained", "unknown effect"]
+LEVEL = 0.9
+"""Probability that the interval of a parameter is meant to hold."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """A number that was estimated, with its interval of `LEVEL`."""
+
+    name: str
+    """Dotted, as on the command line: ``cogging_torque.amplitude``."""
+    value: float
+    low: float
+    high: float
+    unit: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the object of the JSON contract."""
+        return {"name": self.name, "value": self.value, "interval": [self.low, self.high],
+                "unit": self.unit}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Where:
+    """Where a disagreement lives."""
+
+    signal: str
+    """Of the port: ``motor torque``, ``phase current a``, ``input force``."""
+    against: str
+    """``rotor angle``, ``speed``, ``load``, ``frequency``, ``position`` or ``test phase``."""
+    text: str
+    """In words, with numbers and units."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the object of the JSON contract."""
+        return {"signal": self.signal, "against": self.against, "text": self.text}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Candidate:
+    """One effect that was tried, and how well it did."""
+
+    effect: str
+    score: float
+    """Held-out gap with it, in the unit of `Identification.noise_floor`."""
+    p_value: float
+    """Of the hypothesis that it adds nothing."""
+    reason: str = ""
+    """Why it was taken or left."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the object of the JSON contract."""
+        return {"effect": self.effect, "score": self.score, "p_value": self.p_value,
+                "reason": self.reason}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """One effect that the model lacks, in the order found."""
+
+    effect: str
+    equivalent: tuple[str, ...]
+    """Other names that the data cannot tell apart; may be empty."""
+    parameters: tuple[Parameter, ...]
+    where: Where
+    p_value: float
+    gap_before: float
+    gap_after: float
+    candidates: tuple[Candidate, ...] = ()
+    """All that were compared at this step, best first."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the object of the JSON contract."""
+        return {
+            "effect": self.effect, "equivalent": list(self.equivalent),
+            "parameters": [p.to_dict() for p in self.parameters], "where": self.where.to_dict(),
+            "p_value": self.p_value, "gap_before": self.gap_before, "gap_after": self.gap_after,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Curve:
+    """One line or one cloud of points of a plot."""
+
+    label: str
+    x: np.ndarray
+    y: np.ndarray
+    role: Literal["measured", "before", "after", "floor", "other"] = "other"
+    style: Literal["line", "points", "steps"] = "line"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Panel:
+    """One plot as data; `ema_identification.report` draws it."""
+
+    name: str
+    """Of its file: short, with ``_``."""
+    title: str
+    """A whole sentence that says what one sees."""
+    x_label: str
+    """With unit."""
+    y_label: str
+    curves: tuple[Curve, ...]
+    step: str = ""
+    """The step of the workflow that it belongs to, a key of `Identification.steps`."""
+    log_x: bool = False
+    log_y: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """What one step of the workflow did, for people."""
+
+    name: str
+    """``align``, ``recalibrate``, ``where``, ``name``, ``add``, ``show``, ``prune``."""
+    text: str
+    rows: tuple[tuple[str, ...], ...] = ()
+    """A table, its first row the headings; may be empty."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shape:
+    """What is known of an effect that the catalogue does not hold."""
+
+    port: str
+    text: str
+    """``motor torque, periodic in rotor angle, 12 a turn, 0.011 N m``."""
+    panel: Panel | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Identification:
+    """Result of `identify`."""
+
+    verdict: Outcome
+    gap_before: float
+    gap_after: float
+    noise_floor: float
+    gap_unit: str
+    """What the three numbers above are, in words, with unit."""
+    findings: tuple[Finding, ...] = ()
+    rivals: tuple[Candidate, ...] = ()
+    next_test: str | None = None
+    """The excitation that would separate what is still ambiguous: a profile or a measure."""
+    model: Path | None = None
+    recalibrated: tuple[Parameter, ...] = ()
+    """Parameters moved within their tolerances before anything was named."""
+    unknown: Shape | None = None
+    reasons: tuple[str, ...] = ()
+    steps: tuple[Step, ...] = ()
+    panels: tuple[Panel, ...] = ()
+    model_text: str = ""
+    """The updated model file (YAML)."""
+
+    @property
+    def exit_status(self) -> int:
+        """0 no disagreement or explained, 3 partly explained or unknown."""
+        return 0 if self.verdict in ("no disagreement", "explained") else 3
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the object that ``ema identify --json`` prints (DESIGN, section 2)."""
+        return {
+            "verdict": self.verdict, "gap_before": self.gap_before, "gap_after": self.gap_after,
+            "noise_floor": self.noise_floor, "gap_unit": self.gap_unit,
+            "findings": [f.to_dict() for f in self.findings],
+            "rivals": [r.to_dict() for r in self.rivals], "next_test": self.next_test,
+            "model": None if self.model is None else str(self.model),
+            "recalibrated": [p.to_dict() for p in self.recalibrated],
+            "unknown": None if self.unknown is None else
+            {"port": self.unknown.port, "text": self.unknown.text},
+            "reasons": list(self.reasons),
+        }
