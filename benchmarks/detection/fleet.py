@@ -5,7 +5,6 @@ Nothing of the training's generator is imported. Spreads follow the issue's item
 
 from __future__ import annotations
 
-import cmath
 import math
 from dataclasses import dataclass
 
@@ -60,18 +59,19 @@ class Case:
     noise: float
 
 
-def _unit(rng: np.random.Generator) -> tuple[Actuator, dict[str, float | str], np.ndarray]:
-    """Return a unit: its parameters, its effects, and the deviations of k by phase."""
+def _unit(rng: np.random.Generator) -> Actuator:
+    """Return a unit of the fleet."""
     a = load_actuator()
     low, high = 0.9, 1.1
     f = {n: rng.uniform(low, high) for n in ("R", "L", "motor", "surface", "K", "J")}
     k = rng.uniform(0.97, 1.03)
     m, s = a.motor, a.surface
-    actuator = a._replace(
+    return a._replace(
         motor=m._replace(
             phase_resistance=m.phase_resistance * f["R"],
             phase_inductance=m.phase_inductance * f["L"],
             back_emf_constant=m.back_emf_constant * k,
+            **{f"back_emf_deviation_{p}": float(rng.uniform(-0.005, 0.005)) for p in "abc"},
             dynamic_friction=m.dynamic_friction * f["motor"],
             static_friction=m.static_friction * f["motor"], inertia=m.inertia * f["J"],
         ),
@@ -79,7 +79,6 @@ def _unit(rng: np.random.Generator) -> tuple[Actuator, dict[str, float | str], n
                            static_friction=s.static_friction * f["surface"]),
         shaft=a.shaft._replace(stiffness=a.shaft.stiffness * f["K"]),
     )
-    return actuator, {}, rng.uniform(-0.005, 0.005, 3)
 
 
 def _conditions(rng: np.random.Generator) -> dict[str, float | str]:
@@ -110,23 +109,10 @@ def _fault(rng: np.random.Generator, name: str, span: tuple[float, float]
     return {f"{name}.increase": x}, x, ""
 
 
-def _with_imbalance(effects: dict[str, float | str], k: np.ndarray) -> dict[str, float | str]:
-    """Give the phases unequal k by what effect is free: static eccentricity or a slight short."""
-    vector = 2.0 / 3.0 * sum(d * cmath.exp(2j * math.pi * n / 3) for n, d in enumerate(k))
-    if "rotor_eccentricity.zeta" not in effects:
-        return {**effects, "rotor_eccentricity.zeta": abs(vector),
-                "rotor_eccentricity.mode": "static",
-                "rotor_eccentricity.angle": cmath.phase(vector)}
-    if "turn_short.fraction" not in effects:
-        return {**effects, "turn_short.fraction": 1.5 * abs(vector), "turn_short.mode": "paper",
-                "turn_short.phase": "abc"[int(np.argmin(k))]}
-    return effects
-
-
 def draw(group: str, seed: int) -> tuple[Actuator, Case, Case]:
     """Return a unit, its acceptance test and a later test of the group."""
     rng = np.random.default_rng([777_001, seed])
-    actuator, _, k = _unit(rng)
+    actuator = _unit(rng)
     truth: dict[str, float] = {}
     effects: dict[str, float | str] = {}
     detail = ""
@@ -149,7 +135,7 @@ def draw(group: str, seed: int) -> tuple[Actuator, Case, Case]:
         detail = SENSOR_FAULTS[seed % len(SENSOR_FAULTS)]
     cases = []
     for g, t, d, e in (("healthy", {}, "", {}), (group, truth, detail, effects)):
-        merged = {**_conditions(rng), **_with_imbalance(e, k)}
+        merged = {**_conditions(rng), **e}
         cases.append(Case(group=g, truth=t, detail=d, effects=merged,
                           seed=int(rng.integers(1 << 31)), noise=float(2 ** rng.uniform(-1, 1))))
     return actuator, cases[0], cases[1]

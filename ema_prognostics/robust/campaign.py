@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from ema_prognostics.robust.chunks import chunk_file, load_chunk, save_chunk
 from ema_prognostics.robust.conditions import (
     HEALTHY,
     OUTPUTS,
@@ -26,8 +28,8 @@ from ema_record.profile import load_profile
 from ema_sim.actuator import load_actuator
 from ema_sim.simulate import simulate
 
-MIX = (("healthy", 0.16), ("turn_short", 0.20), ("static", 0.03), ("rotor_eccentricity", 0.19),
-       ("friction", 0.16), ("backlash", 0.10), ("pair", 0.16))
+MIX = (("healthy", 0.16), ("turn_short", 0.20), ("static", 0.06), ("rotor_eccentricity", 0.18),
+       ("friction", 0.15), ("backlash", 0.09), ("pair", 0.16))
 """What the tests of the training units have, with probabilities."""
 TESTS_A_UNIT = 3
 
@@ -41,7 +43,7 @@ class Campaign:
     names : of the features, (d,).
     baseline : ndarray, shape (n, d). Record of the unit when new, healthy.
     record : ndarray, shape (n, d). A later record of the same unit.
-    severity : ndarray, shape (n, 7). Columns as `conditions.OUTPUTS`; 0: not present.
+    severity : ndarray, shape (n, 8). Columns as `conditions.OUTPUTS`; 0: not present.
     unit : ndarray, shape (n,). Number of the unit.
     """
 
@@ -82,29 +84,42 @@ def _features(kind: Kind, unit: Unit, conditions: Conditions, fault: Fault) -> d
     return extract(record, kind, nominal)
 
 
-def _run(kind: Kind, plans: list[_Plan]) -> list[tuple[dict, list[tuple[dict, Fault]]]]:
+Found = list[tuple[dict[str, float], list[tuple[dict[str, float], Fault]]]]
+
+
+def _run(kind: Kind, plans: list[_Plan], file: Path | None) -> Found:
+    """Simulate units and return (baseline, [(test, fault)]) of each; `file` keeps the features."""
     from threadpoolctl import threadpool_limits
 
-    found = []
+    kept = load_chunk(file)
+    if kept is not None:
+        return [(base, [(values, plan.tests[k][1]) for k, values in tests])
+                for plan, base, tests in zip(plans, *kept) if base]
+    bases: list[dict[str, float]] = []
+    all_tests: list[list[tuple[int, dict[str, float]]]] = []
     with threadpool_limits(limits=1):
         for plan in plans:
             try:
                 base = _features(kind, plan.unit, plan.base, HEALTHY)
             except RecordError:
-                continue
+                base = {}
             tests = []
-            for conditions, fault in plan.tests:
+            for k, (conditions, fault) in enumerate(plan.tests if base else ()):
                 try:
-                    tests.append((_features(kind, plan.unit, conditions, fault), fault))
+                    tests.append((k, _features(kind, plan.unit, conditions, fault)))
                 except RecordError:
                     continue  # the diagnosis answers "unknown" to such a record
-            found.append((base, tests))
-    return found
+            bases.append(base)
+            all_tests.append(tests)
+    save_chunk(file, bases, all_tests)
+    return [(base, [(values, plan.tests[k][1]) for k, values in tests])
+            for plan, base, tests in zip(plans, bases, all_tests) if base]
 
 
 def run_campaign(
     kind: Kind, units: int, seed: int, *, healthy: bool = False, jobs: int = 1,
     progress: Callable[[int, int], None] = lambda _done, _all: None, chunk: int = 10,
+    folder: Path | None = None,
 ) -> Campaign:
     """Simulate `units` units and return their features.
 
@@ -116,16 +131,19 @@ def run_campaign(
     healthy : only healthy tests, for the calibration of false alarms.
     jobs : processes.
     progress : called with units done and all units.
+    chunk : units a job.
+    folder : keeps what is done, so that a campaign that was stopped goes on.
     """
     from joblib import Parallel, delayed
 
     streams = np.random.SeedSequence([seed, int(healthy)]).spawn(units)
     plans = [_draw(np.random.default_rng(s), healthy) for s in streams]
-    parts = [plans[i:i + chunk] for i in range(0, units, chunk)]
+    parts = [(plans[i:i + chunk], chunk_file(folder, (kind, seed, healthy, chunk, i)))
+             for i in range(0, units, chunk)]
     base, record, severity, number = [], [], [], []
     names: tuple[str, ...] = ()
-    unit = 0
-    work = Parallel(n_jobs=jobs, return_as="generator")(delayed(_run)(kind, p) for p in parts)
+    unit = done = 0
+    work = Parallel(n_jobs=jobs, return_as="generator")(delayed(_run)(kind, *p) for p in parts)
     for part in work:
         for found, tests in part:
             names = tuple(found)
@@ -135,7 +153,8 @@ def run_campaign(
                 severity.append([fault.severity.get(o, 0.0) for o in OUTPUTS])
                 number.append(unit)
             unit += 1
-        progress(min(unit, units), units)
+        done = min(done + chunk, units)
+        progress(done, units)
     return Campaign(
         names=names, baseline=np.array(base), record=np.array(record),
         severity=np.array(severity), unit=np.array(number),

@@ -17,10 +17,10 @@ from ema_sim.parameters import Actuator
 
 FAULTS = ("turn_short", "rotor_eccentricity", "friction", "backlash")
 """Classes that a verdict names."""
-OUTPUTS = ("short_a", "short_b", "short_c", "eccentricity", "motor_friction",
-           "surface_friction", "backlash")
+OUTPUTS = ("short_a", "short_b", "short_c", "eccentricity", "static_eccentricity",
+           "motor_friction", "surface_friction", "backlash")
 """What the first network tells apart."""
-CLASS_OF = dict(zip(OUTPUTS, ("turn_short",) * 3 + ("rotor_eccentricity",)
+CLASS_OF = dict(zip(OUTPUTS, ("turn_short",) * 3 + ("rotor_eccentricity",) * 2
                     + ("friction",) * 2 + ("backlash",)))
 SEVERITY: dict[str, tuple[float, float]] = {
     "turn_short": (1e-3, 0.4), "rotor_eccentricity": (1.5e-3, 0.2), "friction": (0.01, 2.0),
@@ -115,12 +115,11 @@ def draw_fault(rng: np.random.Generator, fault: str) -> Fault:
             f"turn_short.fraction={x!r}", f"turn_short.phase={'abc'[phase]}",
             f"turn_short.mode={mode}",
         ))
-    if fault == "static":  # along the axis of a phase it is that phase's short
-        z = 2.0 / 3.0 * _severity(rng, "turn_short")
-        angle = math.pi + phase * 2.0 * math.pi / 3.0
-        return Fault(severity={OUTPUTS[phase]: 1.5 * z}, settings=(
+    if fault == "static":
+        z = _severity(rng, "rotor_eccentricity")
+        return Fault(severity={"static_eccentricity": z}, settings=(
             f"rotor_eccentricity.zeta={z!r}", "rotor_eccentricity.mode=static",
-            f"rotor_eccentricity.angle={angle - 2.0 * math.pi!r}",
+            f"rotor_eccentricity.angle={float(rng.uniform(-math.pi, math.pi))!r}",
         ))
     if fault == "rotor_eccentricity":
         z = _severity(rng, fault)
@@ -154,6 +153,7 @@ def actuator_of(nominal: Actuator, unit: Unit) -> Actuator:
     return nominal._replace(
         motor=motor._replace(
             back_emf_constant=k,
+            **{f"back_emf_deviation_{p}": d for p, d in zip("abc", unit.back_emf_phase)},
             phase_resistance=motor.phase_resistance * (1.0 + unit.resistance),
             phase_inductance=motor.phase_inductance * (1.0 + unit.inductance),
             inertia=motor.inertia * (1.0 + unit.inertia),
@@ -168,43 +168,15 @@ def actuator_of(nominal: Actuator, unit: Unit) -> Actuator:
     )
 
 
-def imbalance(deviations: tuple[float, float, float], fault: Fault) -> tuple[str, ...]:
-    """Return the settings that give the phases of a unit unequal back-EMF constants.
-
-    Their part without mean is a static eccentricity. Where the fault itself needs that effect,
-    a slight short of the phase that comes nearest takes its place; where it needs both, the
-    short of the fault is a little larger or smaller.
-
-    Parameters
-    ----------
-    deviations : relative deviations of k of the phases.
-    fault : what else is wrong with the unit.
-    """
-    turn = 2.0j * math.pi / 3.0
-    z = 2.0 / 3.0 * complex(sum(d * np.exp(turn * k) for k, d in enumerate(deviations)))
-    names = {s.partition(".")[0] for s in fault.settings}
-    if "rotor_eccentricity" not in names:
-        return (f"rotor_eccentricity.zeta={abs(z)!r}", "rotor_eccentricity.mode=static",
-                f"rotor_eccentricity.angle={float(np.angle(z))!r}")
-    if "turn_short" not in names:
-        phase = int(np.argmin(deviations))
-        return (f"turn_short.fraction={1.5 * abs(z)!r}", f"turn_short.phase={'abc'[phase]}",
-                "turn_short.mode=paper")
-    fraction = next(float(s.partition("=")[2]) for s in fault.settings
-                    if s.startswith("turn_short.fraction"))
-    moved = max(fraction * 0.5, fraction - deviations[0] + 0.5 * (deviations[1] + deviations[2]))
-    return (f"turn_short.fraction={min(moved, 0.9)!r}",)
-
-
 def effects_of(unit: Unit, conditions: Conditions, fault: Fault) -> Effects:
-    """Return the effects of one test: conditions, imbalance of the unit, fault."""
+    """Return the effects of one test: conditions and fault."""
     c = conditions
     settings = [
         f"winding_temperature.temperature={c.temperature!r}",
         f"bus_voltage_change.change={c.bus!r}", f"surface_load.constant={c.load!r}",
         *(f"current_sensor_gain.phase_{p}={v!r}" for p, v in zip("abc", c.gain)),
         *(f"current_sensor_offset.phase_{p}={v!r}" for p, v in zip("abc", c.offset)),
-        *fault.settings, *imbalance(unit.back_emf_phase, fault),
+        *fault.settings,
     ]
     effects = parse_effects(settings)
     return effects._replace(inertia_change=effects.inertia_change._replace(motor=unit.inertia))

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from ema_prognostics.robust.balance import HARMONICS, Balance, torque_balance
+from ema_prognostics.robust.commutation import rise
 from ema_prognostics.robust.consistency import consistency
 from ema_prognostics.robust.reversal import Gap, reversal_gap
 from ema_prognostics.robust.signals import Signals, prepare
@@ -129,6 +130,8 @@ def extract(record: Record, kind: Kind, actuator: Actuator | None = None) -> dic
         for band, part in HIGH_BANDS.items():
             high = balances["full"].high[part]
             found[f"high_{band}_full"] = float(np.log(high.max() + 1e-5))
+    for name, (begin, end, _) in SEGMENTS[kind].items():
+        found[f"rise_{name}"], found[f"rise_spread_{name}"] = rise(signals, begin, end)
     found |= _start(signals, balances["full"])
     found |= consistency(signals, extended=wide)
     found["temperature"] = (signals.temperature - 20.0) / 50.0
