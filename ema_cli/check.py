@@ -8,12 +8,14 @@ from typing import Annotated
 import typer
 
 from ema_cli.console import print_json, stdout
+from ema_cli.sequence_view import check_plot, check_sequence
 from ema_cli.verdict_view import print_verdict
 
 
 def check(
     bags: Annotated[list[Path], typer.Argument(
-        metavar="BAG...", help="Bags: rosbag2 directories or single MCAP files.")],
+        metavar="BAG...", help="Bags: rosbag2 directories or single MCAP files; or a directory "
+        "of them, one a flight.")],
     profile: Annotated[str | None, typer.Option(
         help="The test that was commanded (name or YAML file), in place of the bag's own."
     )] = None,
@@ -22,9 +24,16 @@ def check(
     mode: Annotated[str, typer.Option(
         help="robust: healthy class and guard; paper: the paper's two networks, which know "
         "no healthy actuator.")] = "robust",
+    plot: Annotated[Path | None, typer.Option(
+        metavar="FILE.png", help="Of a directory of flights: plot severities and announcements."
+    )] = None,
     json: Annotated[bool, typer.Option("--json", help="One JSON object a bag and line.")] = False,
 ) -> int:
     """Say what is wrong with the actuator that a bag was recorded from.
+
+    A directory that holds bags is a sequence of flights: they are ordered by start time (equal
+    or unknown times by name) and shown one a row, with the flight at which each fault was first
+    announced and confirmed.
 
     Exit status: 0 all healthy, 1 a fault, 3 unknown or incomplete, 2 wrong use or a bag that
     cannot be read. Of several bags the worst counts: 2 before 1 before 3 before 0.
@@ -35,7 +44,8 @@ def check(
 
     from ema_prognostics.diagnosis import MODES, diagnose, verdict_of_error
     from ema_prognostics.model_file import load_model
-    from ema_prognostics.verdict import worst_status
+    from ema_prognostics.trend_flights import is_sequence
+    from ema_prognostics.verdict import Verdict, worst_status
     from ema_record.bag import read_bag
     from ema_record.errors import RecordError, UsageError, unknown_name
     from ema_record.profile import load_profile
@@ -44,8 +54,9 @@ def check(
         raise unknown_name("mode", mode, MODES, f"give one of {', '.join(MODES)}")
     commanded = None if profile is None else load_profile(profile)
     loaded = load_model(model)
-    statuses = []
-    for bag in bags:
+    check_plot(plot, [bag for bag in bags if is_sequence(bag)])
+
+    def judge(bag: Path) -> tuple[Verdict, str, int]:
         try:
             record = read_bag(bag)
             if commanded is not None:
@@ -54,7 +65,15 @@ def check(
                 diagnose(record, loaded, mode=mode), bag=str(bag)
             )
         except (RecordError, UsageError) as error:
-            verdict = verdict_of_error(error, str(bag))
+            return verdict_of_error(error, str(bag)), "", 0
+        return verdict, record.provenance.serial_number, record.provenance.start_time
+
+    statuses = []
+    for bag in bags:
+        if is_sequence(bag):
+            statuses += check_sequence(bag, judge, json=json, plot=plot)
+            continue
+        verdict, _, _ = judge(bag)
         statuses.append(verdict.exit_status)
         if json:
             print_json(verdict.to_dict())
