@@ -7,6 +7,7 @@ when the command is called, so that help and the light commands start at once.
 from __future__ import annotations
 
 import importlib
+import keyword
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Command(NamedTuple):
-    """One command: its module and function have its name unless given."""
+    """One command: its module and function have its name (``import_`` for ``import``)."""
 
     name: str
     summary: str
@@ -28,8 +29,9 @@ class Command(NamedTuple):
 
     def load(self) -> Callable[..., object]:
         """Import the function of this command."""
-        module = importlib.import_module(f"ema_cli.{self.name}")
-        function: Callable[..., object] = getattr(module, self.name)
+        name = f"{self.name}_" if keyword.iskeyword(self.name) else self.name
+        module = importlib.import_module(f"ema_cli.{name}")
+        function: Callable[..., object] = getattr(module, name)
         return function
 
 
@@ -44,6 +46,8 @@ COMMANDS: dict[str, Command] = {
                 "ema check bags/sim_0001_extended"),
         Command("replay", "Put a bag back onto the topics.",
                 "ema replay bags/sim_0001_extended"),
+        Command("import", "Convert a file of a rig (CSV, MAT, NPZ) to a bag, by a map of it.",
+                "ema import run.csv --map rig.yaml --out run"),
         Command("export", "Convert a bag to CSV, Parquet or messages for plotters; plot it.",
                 "ema export bags/sim_0000_step --format csv --out healthy.csv"),
         Command("lint", "Look for defects of a recording: gaps, swapped phases, wrong units.",
