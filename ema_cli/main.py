@@ -44,6 +44,8 @@ COMMANDS: dict[str, Command] = {
                 "ema simulate --profile step --effect turn_short.fraction=0.1 --out short"),
         Command("check", "Say what is wrong with the actuator that a bag was recorded from.",
                 "ema check bags/sim_0001_extended"),
+        Command("trend", "Say how the faults of an actuator grow from flight to flight.",
+                "ema trend flights/SN-0007 --plot growth.png"),
         Command("replay", "Put a bag back onto the topics.",
                 "ema replay bags/sim_0001_extended"),
         Command("import", "Convert a file of a rig (CSV, MAT, NPZ) to a bag, by a map of it.",
