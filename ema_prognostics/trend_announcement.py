@@ -172,22 +172,21 @@ def falls(history: History, *, width: int = 3) -> list[int]:
     """
     found = np.flatnonzero(np.isfinite(history.severity))
     steps: list[int] = []
-    begin = 0
-    at = width
+    begin, at = 0, width
     while at <= len(found) - width:
-        drop = {
-            k: _drop(history, found[max(begin, k - width):k], found[k:k + width])
-            for k in range(at, min(at + width, len(found) - width + 1))
-        }
-        if drop[at] <= 0.0:
+        before, after = found[max(begin, at - width):at], found[at:at + width]
+        if np.median(history.lower[before]) <= np.median(history.upper[after]):
             at += 1
             continue
-        at = max(drop, key=lambda k: drop[k])
+        # The medians see it up to half a width early: it is where the mean falls most.
+        near = range(at, min(at + width, len(found) - width + 1))
+        at = max(near, key=lambda k: _mean_drop(history, found, k, width))
         steps.append(int(history.number[found[at]]))
         begin, at = at, at + width
     return steps
 
 
-def _drop(history: History, before: np.ndarray, after: np.ndarray) -> float:
-    """Return how far the intervals after lie below those before, medians of the bounds."""
-    return float(np.median(history.lower[before]) - np.median(history.upper[after]))
+def _mean_drop(history: History, found: np.ndarray, at: int, width: int) -> float:
+    """Return the mean severity of `width` flights before `at` less that of those after."""
+    before, after = found[max(0, at - width):at], found[at:at + width]
+    return float(history.severity[before].mean() - history.severity[after].mean())

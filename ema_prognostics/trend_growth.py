@@ -86,13 +86,13 @@ def growth(
     span = float(x[-1] - x[0])
     # Sen's interval knows of no bursts; the other one of nothing but two ends and wander.
     error = np.sqrt(wander / span + 2.0 * noise**2 / (span**2 * max(1.0, count / 6.0)))
-    interval = (min(float(slopes.low_slope), rate - QUANTILE * error),
-                max(float(slopes.high_slope), rate + QUANTILE * error))
+    interval = (float(min(slopes.low_slope, rate - QUANTILE * error)),
+                float(max(slopes.high_slope, rate + QUANTILE * error)))
     last = slice(-min(5, count), None)
     now = float(np.median(y[last] + rate * (x[-1] - x[last])))
     return Growth(
         count=count, rate=rate, rate_interval=interval, p_value=p_value,
-        growing=p_value < SIGNIFICANCE and interval[0] > 0.0, severity=now,
+        growing=bool(p_value < SIGNIFICANCE and interval[0] > 0.0), severity=now,
         severity_error=float(noise * np.sqrt(0.5 * np.pi / min(5, count))), wander=wander,
     )
 

@@ -1,0 +1,119 @@
+"""Which bags are flights, in what order, of which unit."""
+
+import pytest
+from flights import flights_of, verdict_of
+
+from ema_prognostics.trend_flights import (
+    Flight,
+    bags_of,
+    by_unit,
+    in_order,
+    is_sequence,
+    natural,
+    read_flights,
+)
+from ema_prognostics.verdict import Verdict
+
+
+def flight(bag, time=0, unit="SN-1", outcome="healthy"):
+    return Flight(verdict=Verdict(outcome=outcome, bag=bag), serial_number=unit, start_time=time)
+
+
+def bags(flights):
+    return [f.verdict.bag for f in flights]
+
+
+def test_names_sort_by_their_numbers():
+    names = ["f10", "f9", "f_2b", "f_10a", "10", "9"]
+    assert sorted(names, key=natural) == ["9", "10", "f9", "f10", "f_2b", "f_10a"]
+
+
+def test_start_time_first_then_the_name():
+    found = in_order([flight("b", 30), flight("a10", 20), flight("a9", 20), flight("z", 10)])
+    assert bags(found) == ["z", "a9", "a10", "b"]
+    assert [f.number for f in found] == [1, 2, 3, 4]
+
+
+def test_without_a_time_a_flight_stands_after_its_neighbour_by_name():
+    found = in_order([flight("f1", 50), flight("f2"), flight("f3", 40), flight("f4"),
+                      flight("f0")])
+    assert bags(found) == ["f0", "f3", "f4", "f1", "f2"]
+
+
+def test_a_copy_is_shown_and_does_not_count():
+    found = in_order([flight("a", 7), flight("a_copy", 7), flight("b", 8), flight("c"),
+                      flight("d")])
+    assert [f.repeat_of for f in found] == [None, 1, None, None, None]
+    assert [f.answered for f in found] == [True, False, True, True, True]
+
+
+@pytest.mark.parametrize(
+    ("mark", "answers"), [(".", True), (0.1, True), ("?", False), ("x", False)]
+)
+def test_only_healthy_and_fault_are_answers(mark, answers):
+    assert Flight(verdict=verdict_of(mark)).answered is answers
+
+
+def test_units_are_never_mixed():
+    flights = [flight("a", 1, "SN-2"), flight("b", 2, "SN-10"), flight("c", 3, "SN-2"),
+               flight("d", 0, "", "invalid")]
+    found = by_unit(flights)
+    assert {unit: bags(group) for unit, group in found.items()} == {
+        "SN-2": ["a", "c"], "SN-10": ["b"], "": ["d"],
+    }
+
+
+def test_an_unreadable_flight_belongs_to_the_only_unit():
+    found = by_unit([flight("a", 1), flight("b", 0, "", "invalid"), flight("c", 2)])
+    assert {unit: bags(group) for unit, group in found.items()} == {"SN-1": ["a", "b", "c"]}
+
+
+def test_what_is_a_sequence(tmp_path):
+    def touch(name):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+
+    touch("bag/metadata.yaml")
+    touch("cut/cut_0.mcap")
+    touch("cut_split/cut_split_0.mcap")
+    touch("cut_split/cut_split_1.mcap")
+    touch("cut_renamed/rosbag2_0.mcap")
+    touch("flights/one/one_0.mcap")
+    touch("files/a.mcap")
+    touch("files/b.mcap")
+    touch("other/notes.txt")
+    (tmp_path / "empty").mkdir()
+    found = {p.name for p in tmp_path.iterdir() if is_sequence(p)}
+    assert found == {"flights", "files"}
+    assert not is_sequence(tmp_path / "none")
+
+
+def test_damaged_bags_are_flights_and_other_things_are_named(tmp_path):
+    for name in ("f2/metadata.yaml", "f10/f10_0.mcap", "notes/a.txt", ".hidden/metadata.yaml"):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).touch()
+    (tmp_path / "f3").mkdir()
+    (tmp_path / "readme.txt").touch()
+    found, others = bags_of(tmp_path)
+    assert [p.name for p in found] == ["f2", "f3", "f10"]
+    assert [p.name for p in others] == ["notes", "readme.txt"]
+
+
+def test_every_bag_is_judged_once(tmp_path):
+    seen, done = [], []
+
+    def judge(bag):
+        seen.append(bag)
+        return flight(str(bag), len(seen))
+
+    found = read_flights([tmp_path / "b", tmp_path / "a"], judge, done.append)
+    assert len(seen) == 2
+    assert done == [1, 2]
+    assert [f.number for f in found["SN-1"]] == [1, 2]
+
+
+def test_the_notation_of_these_tests():
+    flights = flights_of([".", 0.1, "?", "x", "."])
+    assert [f.number for f in flights] == [1, 2, 3, 4, 5]
+    assert bags(flights) == [f"flight_{n}" for n in range(1, 6)]
