@@ -43,6 +43,7 @@ def check(
     from dataclasses import replace
 
     from ema_prognostics.diagnosis import MODES, diagnose, verdict_of_error
+    from ema_prognostics.guarded import guarded
     from ema_prognostics.model_file import load_model
     from ema_prognostics.trend_flights import is_sequence
     from ema_prognostics.verdict import Verdict, worst_status
@@ -62,7 +63,7 @@ def check(
             if commanded is not None:
                 record = replace(record, profile=commanded)
             verdict = replace(
-                diagnose(record, loaded, mode=mode), bag=str(bag)
+                guarded(record, lambda r: diagnose(r, loaded, mode=mode)), bag=str(bag)
             )
         except (RecordError, UsageError) as error:
             return verdict_of_error(error, str(bag)), "", 0

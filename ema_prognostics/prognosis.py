@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ema_prognostics.diagnosis import diagnose, verdict_of_error
+from ema_prognostics.guarded import guarded
 from ema_prognostics.model_file import load_model
 from ema_record.bag import read_bag
 from ema_record.errors import RecordError, UsageError
@@ -40,4 +41,5 @@ class Prognosis:
         """Return the verdict on a record, and the serial number; `source` names its bag."""
         serial_number = record.provenance.serial_number
         record = replace(record, provenance=replace(record.provenance, source=source))
-        return diagnose(record, self._model).to_dict(), serial_number
+        verdict = guarded(record, lambda r: diagnose(r, self._model))
+        return verdict.to_dict(), serial_number

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from ema_record.limits import MAX_SAMPLES
 from ema_record.metadata import RECOVERY, START, TestMetadata, read_test_metadata
 from ema_record.profile import Profile
 from ema_record.reader import BagContent, read_content
+from ema_record.record import Record
 from ema_record.samples_codec import decode_block
 from ema_record.sensor_messages import BATTERY_STATE, TEMPERATURE
 from ema_record.standard_messages import deserialize
@@ -32,6 +35,7 @@ from ema_record.topics import (
 )
 from ema_record.trajectory import decode_command
 
+T = TypeVar("T")
 READ_TOPICS = frozenset({SAMPLES, COMMAND, DC_BUS, WINDING_TEMPERATURE, WEIGHT_ON_WHEELS})
 
 
@@ -86,6 +90,14 @@ class BagFacts:
     weight_on_wheels: list[bool]
     errors: list[str]
     """Messages that cannot be decoded, one line each."""
+    _derived: dict[object, Any] = field(default_factory=dict, repr=False)
+
+    def derived(self, make: Callable[[BagFacts], T]) -> T:
+        """Return what `make` makes of these facts, made once for all rules."""
+        if make not in self._derived:
+            self._derived[make] = make(self)
+        found: T = self._derived[make]
+        return found
 
     @property
     def recovered(self) -> dict[str, str] | None:
@@ -99,13 +111,30 @@ class BagFacts:
 
     @cached_property
     def samples(self) -> np.ndarray:
-        """Finite samples in order of time, each time once, shape (n, 10)."""
+        """Finite samples in order of time, each time once, shape (n, 10), column by column."""
         if not self.blocks:
             return np.empty((0, N_CHANNELS))
         samples = np.concatenate([block.samples for block in self.blocks])
-        samples = samples[np.isfinite(samples).all(axis=1)]
-        _, first = np.unique(samples[:, TIME], return_index=True)
-        return samples[first]
+        finite = np.isfinite(samples).all(axis=1)
+        if not (finite.all() and (np.diff(samples[:, TIME]) > 0.0).all()):
+            samples = samples[finite]
+            _, first = np.unique(samples[:, TIME], return_index=True)
+            samples = samples[first]
+        return np.asfortranarray(samples)
+
+    @cached_property
+    def unusable(self) -> np.ndarray:
+        """Times of the samples that are not finite, shape (k,) (s), in order.
+
+        A sample without a time has that of the last one before it.
+        """
+        if not self.blocks:
+            return np.empty(0)
+        samples = np.concatenate([block.samples for block in self.blocks])
+        finite = np.isfinite(samples)
+        bad = ~finite.all(axis=1)
+        timed = np.maximum.accumulate(np.where(finite[:, TIME], np.arange(len(samples)), 0))
+        return np.sort(samples[timed, TIME][bad])
 
     @cached_property
     def interval(self) -> float:
@@ -132,6 +161,17 @@ class BagFacts:
             time=s[1:, TIME][regular], turned=(speed * step)[regular], angle=turned[regular],
             travel=np.diff(s[:, SURFACE_POSITION])[regular],
         )
+
+
+def facts_of_record(record: Record) -> BagFacts:
+    """Return a record for those rules that need no bag."""
+    return BagFacts(
+        source=record.provenance.source, content=BagContent(),
+        blocks=[Block(log_time=0, samples=record.samples)] if len(record) else [],
+        test=TestMetadata(profile=record.profile, provenance=record.provenance, counts={}),
+        has_start=True, command=None, dc_bus=record.dc_bus[:, 1:],
+        winding_temperature=record.winding_temperature[:, 1], weight_on_wheels=[], errors=[],
+    )
 
 
 def gather_facts(path: str | Path) -> BagFacts:

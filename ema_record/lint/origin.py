@@ -28,6 +28,8 @@ AT_REST = 20.0
 """Motor speed below which it stands (rad/s)."""
 CONTENT = 11.0
 """Reference current below which the controller wants no motion: half its limit (A)."""
+STEADY_TIME = 0.01
+"""In which a motor that is braked slows down (s)."""
 _REQUIRED = (SAMPLES, COMMAND, DC_BUS, WINDING_TEMPERATURE)
 
 
@@ -89,6 +91,20 @@ def wrong_profile(facts: BagFacts) -> Iterator[Hit]:
         yield Hit(
             f"the surface rests at {s[row, SURFACE_POSITION]:.3f} rad, {profile.name!r} commands "
             f"{command[row]:.3f} rad", float(s[row, TIME]), float(away[wrong].max()), "rad",
+        )
+        return
+    lag = round(STEADY_TIME / facts.interval)
+    speed = s[:, MOTOR_SPEED]
+    flees = (away > NOT_COMMANDED) & (np.abs(speed) > AT_REST) & (
+        speed * (command - s[:, SURFACE_POSITION]) < 0.0
+    )
+    flees[lag:] &= speed[lag:] * np.sign(speed[:-lag]) > 0.95 * np.abs(speed[:-lag])
+    flees[:lag] = False
+    if flees.sum() > lag:
+        row = int(np.argmax(flees))
+        yield Hit(
+            f"the surface is driven away from the {command[row]:.3f} rad that {profile.name!r} "
+            "commands", float(s[row, TIME]), float(away[flees].max()), "rad",
         )
 
 

@@ -25,10 +25,14 @@ RPM = 30.0 / np.pi
 DEGREES = 180.0 / np.pi
 NEAR = 0.1
 """Relative distance from a ratio at which it counts as that ratio."""
+SAME_UNIT = 1.5
+"""Ratio below which two channels have the same unit, whatever their scales."""
 ANGLE_STEP = 0.02
 """Difference between turned angle and speed in one interval that no motor gives (rad)."""
 TRAVEL_STEP = 3e-3
 """The same between surface position and speed (rad)."""
+ENOUGH = 8000
+"""Samples from which the phases of currents and references are compared."""
 _PHASES = "abc"
 
 
@@ -65,11 +69,11 @@ def motion_units(facts: BagFacts) -> Iterator[Hit]:
     if facts.angle_in_degrees:
         yield Hit("rotor_angle goes beyond a turn in rad: it is in degrees",
                   None, DEGREES, "", "rotor_angle")
-    found = ratios(facts)
+    found = facts.derived(ratios)
     if found is None:
         return
     angle, travel = abs(found.angle), abs(found.travel)
-    if (_is(angle, 1.0) and _is(travel, 1.0)) or not (
+    if max(angle, travel, 1.0) < SAME_UNIT * min(angle, travel, 1.0) or not (
         1e-9 < min(angle, travel) <= max(angle, travel) < 1e9
     ):
         return
@@ -90,7 +94,7 @@ def motion_units(facts: BagFacts) -> Iterator[Hit]:
 
 def motion_signs(facts: BagFacts) -> Iterator[Hit]:
     """Find speed, angle or position of the opposite sign."""
-    found = ratios(facts)
+    found = facts.derived(ratios)
     if found is None or min(abs(found.angle), abs(found.travel)) < 1e-3:
         return
     against = (found.angle < 0.0, found.travel < 0.0)
@@ -102,7 +106,7 @@ def motion_signs(facts: BagFacts) -> Iterator[Hit]:
 
 def discontinuities(facts: BagFacts) -> Iterator[Hit]:
     """Find samples that do not continue the one before though time does."""
-    found = ratios(facts)
+    found = facts.derived(ratios)
     if found is None:
         return
     motion = facts.motion
@@ -127,8 +131,8 @@ def discontinuities(facts: BagFacts) -> Iterator[Hit]:
 
 
 def _driven(facts: BagFacts) -> np.ndarray:
-    """Return the samples under current, shape (n, 10)."""
-    s = facts.samples
+    """Return samples under current, enough of them for correlations, shape (n, 10)."""
+    s = facts.samples[::max(1, len(facts.samples) // ENOUGH)]
     reference = np.abs(s[:, REFERENCE_CURRENTS])
     if not len(s) or not reference.max() > 0.0:
         return s[:0]
@@ -148,7 +152,7 @@ class Wiring(NamedTuple):
 
 def wiring(facts: BagFacts) -> Wiring | None:
     """Return how the phase currents go with the reference currents."""
-    s = _driven(facts)
+    s = facts.derived(_driven)
     if len(s) < 200:
         return None
     currents, references = s[:, PHASE_CURRENTS], s[:, REFERENCE_CURRENTS]
@@ -171,7 +175,7 @@ def wiring(facts: BagFacts) -> Wiring | None:
 
 def swapped(facts: BagFacts) -> Iterator[Hit]:
     """Find phase currents that follow the reference of another phase."""
-    found = wiring(facts)
+    found = facts.derived(wiring)
     if found is not None and found.better > 0.3 and found.order != (0, 1, 2):
         pairs = ", ".join(
             f"phase_current_{_PHASES[k]} follows reference {_PHASES[p]}"
@@ -184,7 +188,7 @@ def swapped(facts: BagFacts) -> Iterator[Hit]:
 
 def _sequence(facts: BagFacts) -> Iterator[Hit]:
     """Find reference currents whose phases run against the rotor."""
-    s = _driven(facts)
+    s = facts.derived(_driven)
     s = s[np.abs(s[:, MOTOR_SPEED]) > MOVING]
     if len(s) < 500 or facts.angle_in_degrees:
         return
@@ -201,7 +205,7 @@ def _sequence(facts: BagFacts) -> Iterator[Hit]:
 
 def current_signs(facts: BagFacts) -> Iterator[Hit]:
     """Find phase currents of the opposite sign."""
-    found = wiring(facts)
+    found = facts.derived(wiring)
     if found is not None and found.better > 0.3:
         for k, sign in enumerate(found.signs):
             if sign < 0:
@@ -211,7 +215,7 @@ def current_signs(facts: BagFacts) -> Iterator[Hit]:
 
 def current_units(facts: BagFacts) -> Iterator[Hit]:
     """Find phase currents in another unit than their references."""
-    found = wiring(facts)
+    found = facts.derived(wiring)
     if found is None:
         return
     for k, gain in enumerate(np.abs(found.gain)):

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from ema_record.errors import RecordError
-from ema_record.lint import origin, physics, stream, values
+from ema_record.lint import origin, physics, sensors, stream, values
 from ema_record.lint.facts import gather_facts
 from ema_record.lint.finding import Finding, Rule
 
-RULES: tuple[Rule, ...] = (*stream.RULES, *origin.RULES, *values.RULES, *physics.RULES)
+RULES: tuple[Rule, ...] = (*stream.RULES, *origin.RULES, *values.RULES, *physics.RULES,
+                           *sensors.RULES)
 MAX_FINDINGS = 20
 """Most findings of one rule that are told."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -44,15 +44,16 @@ def _orders(facts: BagFacts) -> Iterator[tuple[str, Hit]]:
                 f"block {number} {what} from {latest:.4f} s to {begin:.4f} s",
                 begin, latest - begin, "s",
             )
-        steps = np.diff(block.samples[:, TIME])
+        timed = block.samples[np.isfinite(block.samples[:, TIME]), TIME]
+        steps = np.diff(timed)
         if len(steps) and not steps.min() > 0.0:
             row = int(np.argmax(~(steps > 0.0)))
             yield "clock", Hit(
-                f"time steps back within block {number}", float(block.samples[row, TIME]),
+                f"time steps back within block {number}", float(timed[row]),
                 float(abs(steps[row])), "s",
             )
         seen.setdefault(key, number)
-        latest = max(latest, float(np.nanmax(block.samples[:, TIME])))
+        latest = max(latest, float(timed.max(initial=-np.inf)))
 
 
 def _jumps(facts: BagFacts) -> Iterator[tuple[str, Hit]]:
@@ -65,7 +66,9 @@ def _jumps(facts: BagFacts) -> Iterator[tuple[str, Hit]]:
         yield "gap", Hit(
             f"the first {missing:.0f} samples are missing", 0.0, float(s[0, TIME]), "s"
         )
-    steps = np.diff(s[:, TIME])
+    steps = np.diff(s[:, TIME]) - interval * np.diff(
+        np.searchsorted(facts.unusable, s[:, TIME], side="left")
+    )
     reception = {float(b.samples[0, TIME]): k for k, b in enumerate(facts.blocks)}
     for row in np.flatnonzero(steps > 1.5 * interval).tolist():
         jump = float(steps[row]) - interval
@@ -93,24 +96,18 @@ def _jumps(facts: BagFacts) -> Iterator[tuple[str, Hit]]:
             )
 
 
-def gaps(facts: BagFacts) -> list[Hit]:
-    """Find missing samples."""
-    return [hit for kind, hit in _jumps(facts) if kind == "gap"]
+def _irregular(facts: BagFacts) -> list[tuple[str, Hit]]:
+    """Return all that is irregular in the stream: kind and place."""
+    return [*_jumps(facts), *_orders(facts)]
 
 
-def clock_jumps(facts: BagFacts) -> list[Hit]:
-    """Find steps of the samples' clock."""
-    return [h for found in (_jumps(facts), _orders(facts)) for kind, h in found if kind == "clock"]
+def _of_kind(kind: str) -> Callable[[BagFacts], list[Hit]]:
+    """Return the function that finds irregularities of one kind."""
 
+    def find(facts: BagFacts) -> list[Hit]:
+        return [hit for found, hit in facts.derived(_irregular) if found == kind]
 
-def duplicates(facts: BagFacts) -> list[Hit]:
-    """Find blocks that are there twice."""
-    return [hit for kind, hit in _orders(facts) if kind == "duplicate"]
-
-
-def reordered(facts: BagFacts) -> list[Hit]:
-    """Find blocks that come after later ones."""
-    return [hit for kind, hit in _orders(facts) if kind == "order"]
+    return find
 
 
 def reception_clock(facts: BagFacts) -> Iterator[Hit]:
@@ -165,12 +162,12 @@ def repeated(facts: BagFacts) -> Iterator[Hit]:
 
 _RECORD_AGAIN = "record the test again; look for lost messages or a loaded recorder"
 RULES = (
-    Rule(name="gap", find=gaps, remedy=_RECORD_AGAIN),
-    Rule(name="clock_jump", find=clock_jumps,
+    Rule(name="gap", find=_of_kind("gap"), remedy=_RECORD_AGAIN),
+    Rule(name="clock_jump", find=_of_kind("clock"),
          remedy="use a monotonic clock in the acquisition and record the test again"),
-    Rule(name="duplicate_block", find=duplicates,
+    Rule(name="duplicate_block", find=_of_kind("duplicate"),
          remedy="look for a second publisher or a bag merged twice; record the test again"),
-    Rule(name="reordered_block", find=reordered,
+    Rule(name="reordered_block", find=_of_kind("order"),
          remedy="use reliable, in-order transport and record the test again"),
     Rule(name="repeated_data", find=repeated,
          remedy="the acquisition sent an old buffer: update its software, record again"),

@@ -25,6 +25,8 @@ STUCK_TIME = 0.02
 """Run of one value of a noisy channel that no noise gives (s)."""
 TURNED = 4.0
 """Rotor angle beyond which no commutation interval goes (rad)."""
+LOST_MOTION = 0.055
+"""Motor travel, at the surface, that no worn transmission swallows (rad)."""
 STANDING = 0.05
 """Angle within which the motor stands (rad)."""
 SETTLED = 5e-3
@@ -89,7 +91,7 @@ def stuck(facts: BagFacts) -> Iterator[Hit]:
             moved = by_angle if column != ROTOR_ANGLE else motor
             k = int(np.argmax(moved[last] - moved[begin]))
             travel = moved[last[k]] - moved[begin[k]]
-            bound = TURNED * (4.0 if column == SURFACE_POSITION else 1.0)
+            bound = LOST_MOTION * GEAR_RATIO if column == SURFACE_POSITION else TURNED
             hit = travel > bound
         if hit:
             yield Hit(
@@ -116,7 +118,7 @@ def saturated(facts: BagFacts) -> Iterator[Hit]:
             if column == SURFACE_POSITION:
                 k = int(np.argmax(runs))
                 turned = np.abs(s[at[k]:at[k] + longest, MOTOR_SPEED]).sum() * facts.interval
-                clipped = turned / GEAR_RATIO > 0.01
+                clipped = turned / GEAR_RATIO > LOST_MOTION
             else:
                 clipped = longest >= CLIPPED and total < 0.9 * len(s)
             if clipped:

@@ -57,7 +57,8 @@ def test_size_of_a_clock_jump(recording, record, tmp_path):
     "effects",
     [[], ["turn_short.fraction=0.3", "turn_short.phase=b"], ["rotor_eccentricity.zeta=0.3"],
      ["motor_friction.increase=1.0"], ["backlash.increase=0.005"],
-     ["current_sensor_gain.phase_a=0.1"], ["winding_temperature.temperature=90"]],
+     ["current_sensor_gain.phase_a=0.01", "current_sensor_offset.phase_b=-0.05"],
+     ["winding_temperature.temperature=90"]],
 )
 def test_good_bags_and_faults_of_the_actuator_are_clean(tmp_path, effects):
     record = simulate(load_profile("step"), effects=parse_effects(effects), seed=4)

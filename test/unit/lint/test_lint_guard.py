@@ -1,0 +1,175 @@
+"""What forbids a verdict: broken sensors and broken recordings, never a broken actuator."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_prognostics.guarded import guarded
+from ema_prognostics.verdict import Verdict
+from ema_record.lint import guard_findings, outcome_of, reason_of
+from ema_record.lint.guard import OUTCOMES, SENSOR_RULES
+from ema_record.profile import load_profile, step_profile
+from ema_record.record import Provenance
+from ema_sim.effects import parse_effects
+from ema_sim.simulate import simulate
+
+SPEED, POSITION, ANGLE = 1, 9, 8
+ROW = 2000
+WORST = (
+    "surface_load.constant={load}", "winding_temperature.temperature={temperature}",
+    "current_sensor_gain.phase_a=0.01", "current_sensor_gain.phase_b=-0.01",
+    "current_sensor_offset.phase_a=0.05", "current_sensor_offset.phase_c=-0.05",
+)
+
+
+@pytest.fixture(scope="module")
+def extended():
+    return simulate(load_profile("extended"), seed=3)
+
+
+@pytest.fixture(scope="module")
+def step():
+    return simulate(load_profile("step"), seed=3)
+
+
+def spoilt(record, law):
+    samples = record.samples.copy()
+    law(samples)
+    return replace(record, samples=samples)
+
+
+def rules(record):
+    return [finding.rule for finding in guard_findings(record)]
+
+
+def noise(deviation):
+    return lambda x: np.random.default_rng(5).normal(0.0, deviation, len(x))
+
+
+SENSOR_FAULTS = {
+    "stuck": ("stuck_channel", (SPEED, 2, 3, 4, POSITION, ANGLE),
+              lambda x: np.concatenate([x[:ROW], np.full(len(x) - ROW, x[ROW])])),
+    "scaled": ("sensor_scale", (SPEED, 2, 3, 4, POSITION), lambda x: 1.1 * x),
+    "shrunk": ("sensor_scale", (SPEED, 2, 3, 4, POSITION), lambda x: 0.9 * x),
+    "offset": ("sensor_offset", (2, 3, 4), lambda x: x + (np.arange(len(x)) > ROW)),
+    "at rest": ("sensor_offset", (2, 3, 4), lambda x: x - 1.0),
+    "jumping speed": ("sensor_offset", (SPEED,), lambda x: x + 30.0 * (np.arange(len(x)) > ROW)),
+    "noisy current": ("sensor_noise", (2, 3, 4), lambda x: x + noise(1.0)(x)),
+    "noisy speed": ("sensor_noise", (SPEED,), lambda x: x + noise(20.0)(x)),
+    "noisy position": ("sensor_noise", (POSITION,), lambda x: x + noise(1e-3)(x)),
+    "held": ("held_samples", (2, 3, 4),
+             lambda x: x[np.arange(len(x)) // 2 * 2]),
+}
+
+
+@pytest.mark.parametrize(("name", "column"), [
+    (name, column) for name, (_, columns, _) in SENSOR_FAULTS.items() for column in columns
+])
+def test_sensor_faults_are_named(step, name, column):
+    rule, _, law = SENSOR_FAULTS[name]
+    found = guard_findings(
+        spoilt(step, lambda s: s.__setitem__((slice(None), column), law(s[:, column])))
+    )
+    assert rule in [f.rule for f in found]
+    assert outcome_of(found) == "unknown"
+    assert reason_of(found[0]).startswith("sensor fault, ")
+
+
+def test_all_currents_scaled_alike_are_told_by_their_references(extended):
+    def law(s):
+        s[:, 2:5] *= 1.1
+
+    (finding,) = guard_findings(spoilt(extended, law))
+    assert finding.rule == "sensor_scale" and finding.size == pytest.approx(1.1, abs=0.02)
+
+
+def test_the_broken_sensor_is_named_with_its_size(step, extended):
+    def gain(s):
+        s[:, 3] *= 1.1
+
+    def offset(s):
+        s[ROW:, 4] += 1.0
+
+    (finding,) = guard_findings(spoilt(extended, gain))
+    assert finding.channel == "phase_current_b" and finding.size == pytest.approx(0.1, abs=0.01)
+    (finding,) = guard_findings(spoilt(step, offset))
+    assert finding.size == pytest.approx(1.0, abs=0.1)
+    assert finding.time == pytest.approx(step.time[ROW], abs=0.03)
+
+
+@pytest.mark.parametrize(("law", "rule", "outcome"), [
+    (lambda r: replace(r, samples=np.delete(r.samples, slice(3000, 3400), axis=0)), "gap",
+     "incomplete"),
+    (lambda r: replace(r, samples=r.samples[:-200]), "record_length", "incomplete"),
+    (lambda r: replace(r, provenance=Provenance(status="aborted")), "test_not_complete",
+     "incomplete"),
+    (lambda r: spoilt(r, lambda s: s.__setitem__((slice(None), [2, 3]), s[:, [3, 2]])),
+     "swapped_phases", "invalid"),
+    (lambda r: spoilt(r, lambda s: s.__setitem__((slice(None), SPEED), -s[:, SPEED])),
+     "sign_flip", "invalid"),
+    (lambda r: spoilt(r, lambda s: s.__setitem__((slice(None), 2), 1e3 * s[:, 2])),
+     "wrong_unit", "invalid"),
+    (lambda r: spoilt(r, lambda s: s.__setitem__((slice(3000, None), 0), s[3000:, 0] + 0.05)),
+     "clock_jump", "invalid"),
+    (lambda r: spoilt(r, lambda s: s.__setitem__((3000, 4), np.nan)), "not_finite", "invalid"),
+    (lambda r: replace(r, samples=r.samples[::2]), "sample_rate", "unknown"),
+    (lambda r: replace(r, profile=step_profile(0.5)), "wrong_profile", "invalid"),
+])
+def test_broken_records_forbid_a_verdict(step, law, rule, outcome):
+    record = law(step)
+    found = guard_findings(record)
+    assert rule in [f.rule for f in found]
+    assert outcome_of(found) == outcome
+    verdict = guarded(record, lambda _: Verdict(outcome="healthy"))
+    assert verdict.outcome == outcome
+    assert rule.replace("_", " ") in verdict.reasons[0]
+
+
+def test_a_value_that_is_no_number_is_no_gap(step):
+    for column in (0, 4):
+        found = rules(spoilt(step, lambda s: s.__setitem__((3000, column), np.nan)))  # noqa: B023
+        assert found == ["not_finite"]
+
+
+@pytest.mark.parametrize("fault", [
+    [], ["turn_short.fraction=0.6", "turn_short.phase=c"], ["turn_short.fraction=0.02"],
+    ["rotor_eccentricity.zeta=0.4", "rotor_eccentricity.mode=shifted"],
+    ["rotor_eccentricity.zeta=-0.3", "rotor_eccentricity.mode=common"],
+    ["motor_friction.increase=1.5"], ["surface_friction.increase=3"],
+    ["backlash.increase=0.01"], ["backlash.increase=0.04"],
+    ["turn_short.fraction=0.2", "surface_friction.increase=1"],
+])
+@pytest.mark.parametrize("case", [("step", 0.5, -19, -40), ("extended", 2.0, 19, 70)])
+def test_faults_of_the_actuator_forbid_nothing(fault, case):
+    name, level, load, temperature = case
+    conditions = [text.format(load=load, temperature=temperature) for text in WORST]
+    record = simulate(load_profile(name), effects=parse_effects([*conditions, *fault]), seed=8,
+                      noise=level)
+    assert guard_findings(record) == ()
+    judged = guarded(record, lambda _: Verdict(outcome="fault"))
+    assert judged.outcome == "fault"
+
+
+def test_a_longer_record_is_no_obstacle(step):
+    more = np.concatenate([step.samples, step.samples[-400:]])
+    more[:, 0] = (np.arange(len(more)) + 0.5) / 20_000
+    assert "record_length" not in rules(replace(step, samples=more))
+
+
+def test_every_rule_that_forbids_exists_and_sensors_are_among_them():
+    from ema_record.lint import RULES
+
+    assert set(OUTCOMES) <= {rule.name for rule in RULES}
+    assert set(OUTCOMES) >= SENSOR_RULES
+
+
+def test_the_guard_is_quick(extended):
+    guard_findings(extended)
+    took = []
+    for _ in range(3):
+        begin = time.process_time()
+        guard_findings(extended)
+        took.append(time.process_time() - begin)
+    assert min(took) < 0.15
