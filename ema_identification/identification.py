@@ -8,6 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ema_record.profile import Profile
+
 Outcome = Literal["no disagreement", "explained", "partly explained", "unknown effect"]
 LEVEL = 0.9
 """Probability that the interval of a parameter is meant to hold."""
@@ -152,6 +154,8 @@ class Identification:
     rivals: tuple[Candidate, ...] = ()
     next_test: str | None = None
     """The excitation that would separate what is still ambiguous: a profile or a measure."""
+    next_profile: Profile | None = None
+    """The command of `next_test`, where it is one that the actuator can be given as it is."""
     model: Path | None = None
     recalibrated: tuple[Parameter, ...] = ()
     """Parameters moved within their tolerances before anything was named."""
