@@ -27,7 +27,7 @@ setup(
     maintainer_email="ema-phm@example.org",
     license="MIT",
     packages=find_packages(include=["ema_*"]),
-    package_data={"": ["py.typed"]},
+    package_data={"": ["py.typed"], "ema_identification.report": ["templates/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/ema_phm"]),
         (f"share/{NAME}", ["package.xml"]),

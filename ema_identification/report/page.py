@@ -1,0 +1,140 @@
+"""What the page shows, ready to be printed: sentences, tables, plots by section."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ema_identification.identification import (
+    LEVEL,
+    Candidate,
+    Finding,
+    Identification,
+    Panel,
+    Parameter,
+)
+from ema_identification.report import words
+from ema_identification.report.commands import as_list
+from ema_record.version import VERSION
+
+MAX_CANDIDATES = 12
+"""Rows of the table of candidates; the rest is in the JSON file's steps."""
+TONES = {"no disagreement": "good", "explained": "good", "partly explained": "open",
+         "unknown effect": "open"}
+
+
+def page_context(
+    identification: Identification,
+    panels: Sequence[Panel],
+    *,
+    title: str,
+    inputs: Mapping[str, str | Sequence[str]],
+) -> dict[str, Any]:
+    """Return the variables of the template."""
+    unknown = identification.unknown
+    shape = unknown.panel.name if unknown is not None and unknown.panel is not None else ""
+    by_step: dict[str, list[Panel]] = {}
+    for panel in panels:
+        if panel.name != shape:
+            by_step.setdefault(panel.step, []).append(panel)
+    steps = [
+        {"name": step.name, "text": step.text, "head": step.rows[0] if step.rows else (),
+         "rows": step.rows[1:],
+         "panels": by_step.pop(step.name, []) if step.name not in ("where", "show") else []}
+        for step in identification.steps
+    ]
+    return {
+        "title": title,
+        "inputs": {role: as_list(value) for role, value in inputs.items()},
+        "version": VERSION,
+        "verdict": identification.verdict,
+        "tone": TONES[identification.verdict],
+        "sentence": words.verdict_sentence(identification),
+        "advice": advice(identification),
+        "figures": _figures(identification),
+        "gap_unit": identification.gap_unit,
+        "findings": [_finding(finding) for finding in identification.findings],
+        "rivals": _candidates(_not_shown(identification)),
+        "next_test": identification.next_test,
+        "unknown": unknown,
+        "shape": shape,
+        "recalibrated": [_parameter(p) for p in identification.recalibrated],
+        "level": f"{LEVEL:.0%}".replace("%", " %"),
+        "reasons": identification.reasons,
+        "show_panels": by_step.pop("show", []),
+        "where_panels": by_step.pop("where", []),
+        "steps": steps,
+        "other_panels": [panel for group in by_step.values() for panel in group],
+        "titles": {panel.name: panel.title for panel in panels},
+    }
+
+
+def advice(identification: Identification) -> list[str]:
+    """Return what to do with the answer, in sentences."""
+    found = []
+    ambiguous = any(finding.equivalent for finding in identification.findings)
+    if identification.verdict == "no disagreement":
+        found.append("Keep the model. No effect needs to be added.")
+    if identification.findings:
+        found.append("Use the updated model: it carries "
+                     f"{words.listed(identification)} with the parameters below.")
+    if ambiguous:
+        found.append("More than one name fits equally well. The model file holds the first of "
+                     "them; do not order a repair on the name alone.")
+    if identification.verdict in ("partly explained", "unknown effect"):
+        found.append("Do not rely on the model where the gap is left (see below) until the "
+                     "cause is known.")
+    if identification.next_test:
+        found.append(f"Run next: {identification.next_test}")
+    return found
+
+
+def _figures(identification: Identification) -> list[tuple[str, str, str]]:
+    """Return name, value and remark of the numbers at the top."""
+    floor = identification.noise_floor
+
+    def floors(value: float) -> str:
+        return f"{words.number(value / floor, 2)} noise floors" if floor > 0.0 else ""
+
+    figures = [
+        ("gap before", words.number(identification.gap_before), floors(identification.gap_before)),
+        ("gap after", words.number(identification.gap_after), floors(identification.gap_after)),
+        ("noise floor", words.number(floor), "what noise alone gives"),
+    ]
+    closed = words.closed_share(identification)
+    if closed is not None and identification.findings:
+        figures.append(("gap closed", f"{100.0 * closed:.0f} %", "100 % is down to the floor"))
+    return figures
+
+
+def _parameter(parameter: Parameter) -> dict[str, str]:
+    return {"name": parameter.name, "value": words.quantity(parameter),
+            "interval": words.interval(parameter)}
+
+
+def _candidates(candidates: Sequence[Candidate]) -> list[dict[str, str]]:
+    return [
+        {"effect": words.pretty(c.effect), "score": words.number(c.score),
+         "p_value": words.probability(c.p_value), "reason": c.reason}
+        for c in candidates[:MAX_CANDIDATES]
+    ]
+
+
+def _not_shown(identification: Identification) -> list[Candidate]:
+    """Return the rivals that are in no finding's own table."""
+    shown = [c for finding in identification.findings
+             for c in finding.candidates[:MAX_CANDIDATES]]
+    return [rival for rival in identification.rivals if rival not in shown]
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    summary, equation, reference = words.summary_of(finding.effect)
+    return {
+        "effect": finding.effect, "name": words.pretty(finding.effect),
+        "equivalent": [words.pretty(name) for name in finding.equivalent],
+        "summary": summary, "equation": equation, "reference": reference,
+        "where": finding.where, "p_value": words.probability(finding.p_value),
+        "before": words.number(finding.gap_before), "after": words.number(finding.gap_after),
+        "parameters": [_parameter(p) for p in finding.parameters],
+        "candidates": _candidates(finding.candidates),
+    }

@@ -1,0 +1,90 @@
+"""`Panel` to PNG: one look for all plots, colours that colour-blind readers tell apart."""
+
+from __future__ import annotations
+
+import io
+import textwrap
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from ema_identification.identification import Curve, Panel
+
+SIZE = (5.8, 3.5)
+"""Inches: readable at half the width of a page and at the full width of a phone."""
+DPI = 200
+TITLE_WIDTH = 68
+INK, GRID = "#1d2530", "#d9dee5"
+MAX_POINTS = 20_000
+"""Of a curve; longer ones are thinned, a plot has no more pixels."""
+# Okabe and Ito's palette; line styles differ too, for print without colours.
+ROLES: dict[str, dict[str, Any]] = {
+    "measured": {"color": "#1d2530", "linewidth": 1.3, "linestyle": "-", "zorder": 3},
+    "before": {"color": "#d55e00", "linewidth": 1.3, "linestyle": (0, (5, 1.5)), "zorder": 4},
+    "after": {"color": "#0072b2", "linewidth": 1.5, "linestyle": (0, (1.5, 1)), "zorder": 5},
+    "floor": {"color": "#8a929c", "linewidth": 1.2, "linestyle": (0, (4, 2)), "zorder": 2},
+}
+OTHERS = ("#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+
+
+def new_figure(title: str, size: tuple[float, float] = SIZE) -> tuple[Figure, Any]:
+    """Return a figure and its axes, with the title as a sentence above them."""
+    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.set_title(textwrap.fill(title, TITLE_WIDTH), loc="left", fontsize=9.5, color=INK,
+                   parse_math=False)
+    axes.tick_params(labelsize=8.5, colors=INK, length=3)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color("#9aa3ad")
+    axes.grid(visible=True, color=GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+    return figure, axes
+
+
+def to_png(figure: Figure) -> bytes:
+    """Return the PNG, the same bytes for the same figure."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png", metadata={"Software": None})
+    return file.getvalue()
+
+
+def draw_panel(panel: Panel) -> bytes:
+    """Return the PNG of a panel."""
+    figure, axes = new_figure(panel.title)
+    others = 0
+    for curve in panel.curves:
+        style = dict(ROLES.get(curve.role, {}))
+        if not style:
+            style = {"color": OTHERS[others % len(OTHERS)], "linewidth": 1.2, "zorder": 2}
+            others += 1
+        _draw(axes, curve, style)
+    axes.set_xlabel(panel.x_label, fontsize=9, color=INK, parse_math=False)
+    axes.set_ylabel(panel.y_label, fontsize=9, color=INK, parse_math=False)
+    if panel.log_x:
+        axes.set_xscale("log")
+    if panel.log_y:
+        axes.set_yscale("log")
+    if len(panel.curves) > 1 or (panel.curves and panel.curves[0].label):
+        legend = axes.legend(fontsize=8, frameon=True, framealpha=0.85, edgecolor="none",
+                             labelcolor=INK)
+        for text in legend.get_texts():
+            text.set_parse_math(False)
+    axes.margins(x=0.01)
+    return to_png(figure)
+
+
+def _draw(axes: Any, curve: Curve, style: dict[str, Any]) -> None:
+    x, y = np.asarray(curve.x, dtype=float), np.asarray(curve.y, dtype=float)
+    every = -(-len(x) // MAX_POINTS)
+    x, y = x[::every], y[::every]
+    if curve.style == "points":
+        style = {"color": style["color"], "zorder": style.get("zorder", 2), "linestyle": "none",
+                 "marker": ".", "markersize": 6.0 if len(x) < 500 else 1.5}
+    elif curve.style == "steps":
+        style["drawstyle"] = "steps-mid"
+    axes.plot(x, y, label=curve.label or None, **style)

@@ -1,0 +1,152 @@
+"""`write_report`: the folder of an identification, whole or not at all."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import yaml
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from ema_identification.identification import Identification, Panel
+from ema_identification.report.commands import next_commands
+from ema_identification.report.gap_plot import draw_gap
+from ema_identification.report.page import page_context
+from ema_identification.report.plots import draw_panel
+from ema_record.errors import UsageError
+from ema_record.files import cannot_write, exists, make_new_directory, sync_directory
+
+HTML_FILE = "report.html"
+JSON_FILE = "identification.json"
+MODEL_FILE = "model.yaml"
+NEXT_TEST_FILE = "next_test.yaml"
+PLOTS = "plots"
+MAX_PANELS = 60
+"""More plots than anyone reads: an error of the caller."""
+
+
+def write_report(
+    identification: Identification,
+    out_dir: str | Path,
+    *,
+    title: str,
+    inputs: Mapping[str, str | Sequence[str]],
+    commands: Sequence[str] | None = None,
+) -> Path:
+    """Write the report into a new folder and return the path of its page.
+
+    The folder is made beside its place and renamed when all is in it, so a folder of this
+    name is a whole report. The same identification gives the same bytes.
+
+    Parameters
+    ----------
+    identification : Identification
+        The result of `identify`.
+    out_dir : path-like
+        The folder to make: ``report.html`` (self-contained), ``plots/*.png``,
+        ``identification.json``, ``model.yaml`` if a model came out, ``next_test.yaml`` if a
+        command is proposed.
+    title : str
+        Headline of the page, for example the serial number.
+    inputs : mapping
+        What was compared, by its role: ``{"measured": ["a", "b"], "model": "nominal"}``.
+    commands : sequence of str, optional
+        What to run next; by default the commands for the emulated actuator.
+
+    Returns
+    -------
+    Path
+        Of ``report.html``.
+
+    Raises
+    ------
+    OutputError
+        The folder exists, or cannot be written.
+    UsageError
+        Panels with one name, or too many of them.
+
+    """
+    out = Path(out_dir)
+    if out.exists():
+        raise exists(out)
+    panels = _panels(identification)
+    if identification.model_text:
+        identification = replace(identification, model=out / MODEL_FILE)
+    partial = out.with_name(f".{out.name}.{os.getpid()}.tmp")
+    make_new_directory(partial)
+    try:
+        pictures = {"gap": draw_gap(identification)}
+        pictures |= {panel.name: draw_panel(panel) for panel in panels}
+        (partial / PLOTS).mkdir()
+        for name, png in pictures.items():
+            (partial / PLOTS / f"{name}.png").write_bytes(png)
+        if commands is None:
+            commands = next_commands(identification, out, inputs, NEXT_TEST_FILE)
+        context = page_context(identification, panels, title=title, inputs=inputs)
+        page = _environment().get_template("report.html").render(
+            **context, commands=list(commands),
+            pictures={name: _data_uri(png) for name, png in pictures.items()},
+        )
+        _write_files(partial, identification, page)
+        sync_directory(partial)
+        if out.exists():  # made by someone else meanwhile
+            raise exists(out)
+        partial.rename(out)
+        sync_directory(out.parent)
+    except OSError as error:
+        raise cannot_write(out, error) from None
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return out / HTML_FILE
+
+
+def _write_files(folder: Path, identification: Identification, page: str) -> None:
+    """Write everything but the plots."""
+    texts = {
+        HTML_FILE: page,
+        JSON_FILE: json.dumps(identification.to_dict(), indent=2, ensure_ascii=False) + "\n",
+    }
+    if identification.model_text:
+        texts[MODEL_FILE] = identification.model_text
+    if identification.next_profile is not None:
+        profile = identification.next_profile.model_dump(mode="json", exclude_none=True)
+        texts[NEXT_TEST_FILE] = yaml.safe_dump(profile, sort_keys=False, allow_unicode=True)
+    for name, text in texts.items():
+        with (folder / name).open("w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+
+
+def _panels(identification: Identification) -> tuple[Panel, ...]:
+    """Return all panels, the shape of an unknown effect first."""
+    panels = identification.panels
+    shape = identification.unknown.panel if identification.unknown is not None else None
+    if shape is not None and shape.name not in {panel.name for panel in panels}:
+        panels = (shape, *panels)
+    names = [panel.name for panel in panels] + ["gap"]
+    for name in names:
+        if not name.replace("_", "").isalnum():
+            raise UsageError(f"plot {name!r}: a name has letters, digits and _ only")
+    if len(set(names)) < len(names):
+        double = next(name for name in names if names.count(name) > 1)
+        raise UsageError(f"plot {double!r}: there are two of that name: give each its own")
+    if len(panels) > MAX_PANELS:
+        raise UsageError(f"{len(panels)} plots: a report holds at most {MAX_PANELS}")
+    return panels
+
+
+def _data_uri(png: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+
+
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("ema_identification.report"), autoescape=True,
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+    )

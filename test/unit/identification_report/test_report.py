@@ -1,0 +1,152 @@
+"""The report: whole or absent, self-contained, safe, the same bytes, and says what it must."""
+
+import base64
+import html
+import json
+import re
+from dataclasses import replace
+
+import pytest
+import yaml
+
+from ema_identification.report import MODEL_FILE, NEXT_TEST_FILE, write_report
+from ema_identification.report import write as writing
+from ema_record.errors import OutputError, UsageError
+from ema_record.profile import load_profile
+from ema_sim.actuator import load_model_file
+
+INPUTS = {"measured": ["unit_extended"], "validate": "unit_step", "model": "nominal"}
+
+
+def text_of(page):
+    """Return the page as a person reads it."""
+    body = re.sub(r"<style>.*?</style>", "", page.read_text("utf-8"), flags=re.DOTALL)
+    return " ".join(html.unescape(re.sub(r"<[^>]+>", " ", body)).split())
+
+
+@pytest.fixture(scope="module")
+def page(explained, tmp_path_factory):
+    """Return the path of a page."""
+    out = tmp_path_factory.mktemp("report") / "unit"
+    return write_report(explained, out, title="UNIT-0042 <b>", inputs=INPUTS)
+
+
+def test_all_files_are_there(page, explained):
+    folder = page.parent
+    names = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+    assert names == {
+        "report.html", "identification.json", MODEL_FILE, NEXT_TEST_FILE, "plots/gap.png",
+        "plots/current_over_angle.png", "plots/lines.png",
+    }
+    assert [p.name for p in folder.parent.iterdir()] == [folder.name]
+
+
+def test_json_is_the_contract_object(page, explained):
+    found = json.loads((page.parent / "identification.json").read_text("utf-8"))
+    assert found == replace(explained, model=page.parent / MODEL_FILE).to_dict()
+    assert found["model"].endswith(MODEL_FILE)
+
+
+def test_model_and_next_test_are_files_that_the_commands_read(page):
+    effects = load_model_file(page.parent / MODEL_FILE).effects
+    assert effects.cogging_torque.amplitude == pytest.approx(0.0301)
+    assert load_profile(page.parent / NEXT_TEST_FILE).points[-1][1] == pytest.approx(-0.2)
+
+
+def test_page_loads_nothing_from_elsewhere(page):
+    source = page.read_text("utf-8")
+    assert "<script" not in source
+    assert not re.search(r"(src|href)=\"(?!data:image/png;base64,)", source)
+    assert "@import" not in source
+    assert "url(" not in source
+    pictures = re.findall(r"data:image/png;base64,([^\"]+)", source)
+    files = {p.read_bytes() for p in (page.parent / "plots").iterdir()}
+    assert {base64.b64decode(picture) for picture in pictures} == files
+
+
+@pytest.mark.parametrize("said", [
+    "The model lacked cogging torque or gear mesh ripple",
+    "gap before", "gap after", "noise floor", "gap closed",
+    "0.0301 N m", "0.0294 to 0.0308 N m", "< 0.001",
+    "Cannot be told apart with these data: gear mesh ripple",
+    "The test that would separate them: a ramp at 0.1 rad/s",
+    "motor torque against rotor angle: 12 a turn",
+    "motor.phase_resistance", "1.09 to 1.13 Ω", "gives 6 and 12 a turn",
+    "62,600 samples", "ema simulate --model", "unit_extended", "UNIT-0042 <b>",
+])
+def test_page_says(page, said):
+    assert said in text_of(page)
+
+
+def test_text_is_escaped(page):
+    assert "UNIT-0042 <b>" not in page.read_text("utf-8")
+
+
+def test_unknown_effect_shows_its_shape(unknown, tmp_path):
+    found = write_report(unknown, tmp_path / "out", title="UNIT-0043", inputs=INPUTS)
+    assert "12 a turn, 0.030 N m" in text_of(found)
+    assert "that the catalogue does not hold" in text_of(found)
+    assert (found.parent / "plots" / "shape.png").exists()
+    assert not (found.parent / MODEL_FILE).exists()
+    assert json.loads((found.parent / "identification.json").read_text())["model"] is None
+
+
+def test_no_disagreement(explained, tmp_path):
+    nothing = replace(
+        explained, verdict="no disagreement", gap_before=explained.noise_floor, findings=(),
+        rivals=(), gap_after=explained.noise_floor, next_test=None, next_profile=None,
+        model_text="", panels=(),
+    )
+    said = text_of(write_report(nothing, tmp_path / "out", title="UNIT", inputs=INPUTS))
+    assert "Model and measurement agree" in said
+    assert "Keep the model" in said
+    assert "What the model lacked" not in said
+
+
+def test_same_identification_same_bytes(page, explained, tmp_path, monkeypatch):
+    """All but the model's place, which is in the commands and in the JSON file."""
+    other = write_report(explained, tmp_path / "unit", title="UNIT-0042 <b>", inputs=INPUTS)
+    for path in sorted(page.parent.rglob("*")):
+        if path.is_file():
+            ours = path.read_bytes().replace(str(page.parent).encode(), b"OUT")
+            theirs = (other.parent / path.relative_to(page.parent)).read_bytes()
+            assert ours == theirs.replace(str(other.parent).encode(), b"OUT"), path.name
+
+
+def test_an_existing_folder_is_left_alone(explained, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "kept").write_text("mine", encoding="utf-8")
+    with pytest.raises(OutputError, match="never overwritten"):
+        write_report(explained, tmp_path / "out", title="x", inputs=INPUTS)
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["kept"]
+
+
+def test_a_report_that_fails_leaves_nothing(explained, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(writing, "_write_files", full)
+    with pytest.raises(OutputError, match="No space left on device"):
+        write_report(explained, tmp_path / "out", title="x", inputs=INPUTS)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bad_plot_names_are_refused(explained, tmp_path):
+    twice = replace(explained, panels=(*explained.panels, explained.panels[0]))
+    with pytest.raises(UsageError, match="two of that name"):
+        write_report(twice, tmp_path / "out", title="x", inputs=INPUTS)
+    outside = replace(explained, panels=(replace(explained.panels[0], name="../x"),))
+    with pytest.raises(UsageError, match="letters"):
+        write_report(outside, tmp_path / "out", title="x", inputs=INPUTS)
+
+
+def test_other_commands_can_be_given(explained, tmp_path):
+    found = write_report(explained, tmp_path / "out", title="x", inputs=INPUTS,
+                         commands=["ema identify a --model b"])
+    assert "ema identify a --model b" in text_of(found)
+    assert "ema simulate" not in text_of(found)
+
+
+def test_next_test_is_plain_yaml(page):
+    data = yaml.safe_load((page.parent / NEXT_TEST_FILE).read_text("utf-8"))
+    assert data["points"][0] == [0.0, -0.4]
