@@ -14,6 +14,7 @@ from ema_record.errors import IncompleteRecordError, InvalidRecordError, UsageEr
 from ema_record.limits import MAX_DURATION, MAX_RATE, MAX_SAMPLES
 from ema_record.mcap_writer import DEFAULT_LEVEL
 from ema_record.metadata import TestMetadata, read_test_metadata
+from ema_record.profile import Profile
 from ema_record.reader import BagContent, StoredMessage, read_content
 from ema_record.record import Record
 from ema_record.samples_codec import BLOCK_SIZE, decode_block, encode_block
@@ -34,7 +35,7 @@ from ema_record.topics import (
     WEIGHT_ON_WHEELS,
     WINDING_TEMPERATURE,
 )
-from ema_record.trajectory import decode_command, encode_command
+from ema_record.trajectory import decode_command, encode_command, trajectory_points
 from ema_record.views import views_of
 from ema_record.writer import CHUNK_SIZE, BagWriter
 
@@ -110,6 +111,8 @@ def _record(content: BagContent, found: TestMetadata, samples: np.ndarray) -> Re
             duration=float(samples[-1, TIME]),
         )
         provenance = replace(provenance, start_time=command.log_time)
+    else:
+        _check_command(content, profile, samples)
     start_time = provenance.start_time
     return Record(
         samples=samples,
@@ -195,6 +198,20 @@ def _command(content: BagContent) -> StoredMessage:
     first = content.messages[SAMPLES][0].log_time
     before = [message for message in commands if message.log_time <= first]
     return (before or commands[:1])[-1]
+
+
+def _check_command(content: BagContent, profile: Profile, samples: np.ndarray) -> None:
+    """Compare the profile of the metadata with the command, where that was recorded."""
+    if not content.messages.get(COMMAND):
+        return
+    commanded = decode_command(
+        _command(content).data, start=profile.start, duration=float(samples[-1, TIME])
+    )
+    if trajectory_points(commanded) != trajectory_points(profile):
+        raise InvalidRecordError(
+            f"the metadata say that the test was {profile.name!r}, {COMMAND} is another profile "
+            f"({commanded.name!r}): the bag was edited or mixed; record the test again"
+        )
 
 
 def _slow(

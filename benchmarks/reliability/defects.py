@@ -1,4 +1,4 @@
-"""Defects of recordings, 25 kinds, put into good bags: what `ema lint` must find.
+"""Defects of recordings, 32 kinds, put into good bags: what `ema lint` must find.
 
 A defect changes a `Recording` (the messages of a bag) and returns nothing; its place and size
 are drawn from the generator. `DEFECTS` maps each kind to the rules of which one must fire.
@@ -298,3 +298,40 @@ def slow_units(r: Recording, rng: Random) -> None:
         messages = encode_temperature(times, np.full(len(times), 298.0))
         r.others = [m for m in r.others if m[1] != WINDING_TEMPERATURE]
         r.others += [(int(t), WINDING_TEMPERATURE, m) for t, m in zip(times, messages)]
+
+
+@defect("sensor_scale")
+def sensor_gain(r: Recording, rng: Random) -> None:
+    """A transducer reads 10 to 20 % too much or too little."""
+    column = rng.choice([*CURRENTS, SPEED, POSITION])
+    gain = 1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.2)
+    r.change(lambda s: s.__setitem__((slice(None), column), gain * s[:, column]))
+
+
+@defect("sensor_offset")
+def sensor_offset(r: Recording, rng: Random) -> None:
+    """A current sensor gets an offset during the test."""
+    column, first = rng.choice(CURRENTS), rng.randrange(600, 6000)
+    offset = rng.choice([-1.0, 1.0]) * rng.uniform(1.0, 3.0)
+    r.change(lambda s: s.__setitem__((slice(first, None), column), s[first:, column] + offset))
+
+
+@defect("sensor_noise")
+def sensor_noise(r: Recording, rng: Random) -> None:
+    """A transducer picks up noise."""
+    column = rng.choice([*CURRENTS, SPEED, POSITION])
+    size = {SPEED: 20.0, POSITION: 1e-3}.get(column, 1.0) * rng.uniform(1.0, 2.0)
+    generator = np.random.default_rng(rng.randrange(1 << 30))
+
+    def law(s: np.ndarray) -> None:
+        s[:, column] += generator.normal(0.0, size, len(s))
+
+    r.change(law)
+
+
+@defect("held_samples")
+def held_samples(r: Recording, rng: Random) -> None:
+    """A current is sampled less often than it is stored."""
+    column, every = rng.choice(CURRENTS), rng.randint(2, 8)
+    r.change(lambda s: s.__setitem__(
+        (slice(None), column), s[np.arange(len(s)) // every * every, column]))

@@ -254,7 +254,7 @@ def motion_scales(facts: BagFacts) -> Iterator[Hit]:
     speed = float(np.median((found.speed / found.angle)[fast]))
     position = float(np.median((found.position / found.angle)[fast]))
     ratios = {"motor_speed": speed, "surface_position": position}
-    if abs(speed - 1.0) > SCALE and abs(position / speed - 1.0) < 0.5 * SCALE:
+    if abs(speed - 1.0) > SCALE and abs(position - speed) < 0.5 * SCALE * abs(speed):
         ratios = {"rotor_angle": 1.0 / speed}
     for name, ratio in ratios.items():
         if 0.2 < abs(ratio) < 5.0 and abs(ratio - 1.0) > SCALE:

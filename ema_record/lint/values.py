@@ -120,7 +120,7 @@ def saturated(facts: BagFacts) -> Iterator[Hit]:
                 turned = np.abs(s[at[k]:at[k] + longest, MOTOR_SPEED]).sum() * facts.interval
                 clipped = turned / GEAR_RATIO > LOST_MOTION
             else:
-                clipped = longest >= CLIPPED and total < 0.9 * len(s)
+                clipped = longest >= CLIPPED and total < 0.97 * len(s)
             if clipped:
                 yield Hit(
                     f"{CHANNELS[column].name} is cut off at {extreme:.6g} {CHANNELS[column].unit}",
