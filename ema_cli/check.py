@@ -24,6 +24,9 @@ def check(
     mode: Annotated[str, typer.Option(
         help="robust: healthy class and guard; paper: the paper's two networks, which know "
         "no healthy actuator.")] = "robust",
+    baseline: Annotated[Path | None, typer.Option(
+        metavar="BAG", help="A healthy bag of the same actuator and test, from its acceptance: "
+        "sharpens the verdict.")] = None,
     plot: Annotated[Path | None, typer.Option(
         metavar="FILE.png", help="Of a directory of flights: plot severities and announcements."
     )] = None,
@@ -38,10 +41,14 @@ def check(
     Exit status: 0 all healthy, 1 a fault, 3 unknown or incomplete, 2 wrong use or a bag that
     cannot be read. Of several bags the worst counts: 2 before 1 before 3 before 0.
 
-    Example: ema check bags/healthy_step bags/turn_short_extended --json
+    With --baseline the records are compared with the actuator's own healthy one. It must be of
+    the same serial number, and be called healthy itself.
+
+    Example: ema check bags/sim_0000_step bags/sim_0001_extended --json
     """
     from dataclasses import replace
 
+    from ema_prognostics.baseline import check_same_actuator, load_baseline
     from ema_prognostics.diagnosis import MODES, diagnose, verdict_of_error
     from ema_prognostics.guarded import guarded
     from ema_prognostics.model_file import load_model
@@ -55,6 +62,7 @@ def check(
         raise unknown_name("mode", mode, MODES, f"give one of {', '.join(MODES)}")
     commanded = None if profile is None else load_profile(profile)
     loaded = load_model(model)
+    own = None if baseline is None else load_baseline(baseline, loaded)
     check_plot(plot, [bag for bag in bags if is_sequence(bag)])
 
     def judge(bag: Path) -> tuple[Verdict, str, int]:
@@ -62,8 +70,11 @@ def check(
             record = read_bag(bag)
             if commanded is not None:
                 record = replace(record, profile=commanded)
+            if own is not None:
+                check_same_actuator(own, record)
             verdict = replace(
-                guarded(record, lambda r: diagnose(r, loaded, mode=mode)), bag=str(bag)
+                guarded(record, lambda r: diagnose(r, loaded, mode=mode, baseline=own)),
+                bag=str(bag),
             )
         except (RecordError, UsageError) as error:
             return verdict_of_error(error, str(bag)), "", 0

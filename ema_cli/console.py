@@ -98,6 +98,27 @@ def progress(description: str, total: float | None = None) -> Iterator[Callable[
         yield lambda done: bar.update(task, completed=done)
 
 
+@contextlib.contextmanager
+def progress_of(description: str) -> Iterator[Callable[[str, float], None]]:
+    """Show a progress bar that also says what goes on, as `progress` does.
+
+    Yields
+    ------
+    callable
+        Takes what goes on and how much of the whole is done, 0 to 1.
+
+    """
+    if not sys.stderr.isatty():
+        yield lambda _what, _part: None
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=stderr(), transient=True) as bar:
+        task = bar.add_task(description, total=1.0)
+        yield lambda what, part: bar.update(task, description=what, completed=part)
+
+
 def track(items: Iterable[Item], description: str, total: int) -> Iterator[Item]:
     """Yield `items`, `total` of them, with a progress bar."""
     with progress(description, total) as advance:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from ema_cli.console import check_new, note, print_json, progress, stdout
+from ema_cli.console import check_new, note, print_json, progress_of, stdout
 
 
 def train(
@@ -15,62 +15,39 @@ def train(
     seed: Annotated[int, typer.Option(
         min=0, max=2**31 - 1, help="Of units, noise and initial weights.")] = 1,
     quick: Annotated[bool, typer.Option(
-        "--quick", help="A small training in under a minute, to try the way.")] = False,
+        "--quick", help="A small training in about a minute, to try the way.")] = False,
     jobs: Annotated[int, typer.Option(
         min=-1, max=256, help="Processes that simulate, -1 for all cores.")] = -1,
-    json: Annotated[bool, typer.Option("--json", help="The held-out results as JSON.")] = False,
+    work: Annotated[Path | None, typer.Option(
+        help="Folder that keeps what was simulated: a training that was stopped goes on."
+    )] = None,
+    json: Annotated[bool, typer.Option("--json", help="The validation as JSON.")] = False,
 ) -> int:
-    """Train the cascade of networks and write its model file.
+    """Train the cascade of networks and write its model file and the report of its validation.
 
-    The same seed gives the same bytes, on any number of processes.
+    The validation stands beside the model file, as Markdown. The same seed gives the same
+    bytes, on any number of processes.
 
     Example: ema train --out model.json --seed 1
     """
     from ema_prognostics.model_file import load_model, save_model
-    from ema_prognostics.train_model import total_steps, train_model
+    from ema_prognostics.train_model import train_model
+    from ema_prognostics.validation_report import validation_report
 
+    report = out.with_suffix(".validation.md")
     check_new(out)
-    with progress("training", total_steps(seed, quick=quick)) as advance:
-        done = 0
-
-        def step(_: str) -> None:
-            nonlocal done
-            done += 1
-            advance(done)
-
-        model = train_model(seed, quick=quick, jobs=jobs or -1, progress=step)
+    check_new(report)
+    with progress_of("training") as advance:
+        model = train_model(seed, quick=quick, jobs=jobs or -1, progress=advance, folder=work)
     save_model(model, out)
     loaded = load_model(out)  # what was written is what can be read
+    text = validation_report(loaded)
+    with report.open("x", encoding="utf-8") as file:
+        file.write(text)
     if json:
-        print_json({"out": str(out), "sha256": loaded.sha256, "seed": seed, "quick": quick,
-                    "held_out": loaded.training["held_out"]})
+        print_json({"out": str(out), "report": str(report), "sha256": loaded.sha256,
+                    "seed": seed, "quick": quick, "held_out": loaded.training["held_out"]})
     else:
-        for kind, result in loaded.training["held_out"].items():
-            _print_confusion(kind, result)
-        note(f"wrote {out} (sha256 {loaded.sha256[:16]}...)")
+        stdout().print(text, markup=False)
+        note(f"wrote {out} (sha256 {loaded.sha256[:16]}...) and {report}")
     return 0
-
-
-def _print_confusion(kind: str, result: dict[str, Any]) -> None:
-    from rich.table import Table
-
-    verdicts = ["healthy", "turn_short", "rotor_eccentricity", "unknown"]
-    table = Table(title=f"held-out fleet, profile {kind}: runs by verdict", title_justify="left")
-    table.add_column("injected")
-    for verdict in verdicts:
-        table.add_column(verdict, justify="right")
-    for injected, counts in result["confusion"].items():
-        table.add_row(injected, *(str(counts.get(v, 0)) for v in verdicts))
-    console = stdout()
-    console.print(table)
-    for name, s in result["severity"].items():
-        if not s["named"]:
-            continue
-        text = (
-            f"{name}: median error {100 * s['median_relative_error']:.1f} % of the severity, "
-            f"{100 * s['interval_coverage']:.1f} % of the 95 % intervals hold the truth, largest "
-            f"called healthy {100 * s['largest_called_healthy']:.2f} %"
-        )
-        if "phase_right" in s:
-            text += f", phase right in {100 * s['phase_right']:.1f} %"
-        console.print(text, highlight=False)

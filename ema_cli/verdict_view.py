@@ -63,5 +63,5 @@ def fault_line(fault: dict[str, Any]) -> str:
         words += f": {scale * fault['severity']:.3g} {unit}"
         if fault["severity_interval"]:
             low, high = fault["severity_interval"]
-            words += f" (95 %: {scale * low:.3g} to {scale * high:.3g})"
+            words += f" (90 %: {scale * low:.3g} to {scale * high:.3g})"
     return words + (f", {fault['level']}" if fault["level"] else "")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
 from ema_record.channels import SURFACE_POSITION, TIME
@@ -19,7 +21,9 @@ TOPICS = (COMMAND, SAMPLES, DC_BUS, WINDING_TEMPERATURE)
 SILENCE = 2.0
 """Pause of the samples after which the record is taken as it is (s)."""
 MAX_SLOW = 10_000
-"""Most readings of bus and temperature that are kept."""
+"""Most readings of bus and temperature that are kept, the latest ones."""
+BEFORE = 2.0
+"""Readings of bus and temperature from so long before the command belong to it (s)."""
 
 
 class RecordAssembler:
@@ -38,8 +42,8 @@ class RecordAssembler:
         self._blocks: list[np.ndarray] = []
         self._count = 0
         self._last_block = 0.0
-        self._bus: list[tuple[int, float, float]] = []
-        self._temperature: list[tuple[int, float]] = []
+        self._bus: deque[tuple[int, float, float]] = deque(maxlen=MAX_SLOW)
+        self._temperature: deque[tuple[int, float]] = deque(maxlen=MAX_SLOW)
 
     def take(self, topic: str, data: bytes, now: float) -> None:
         """Take one serialised message at clock `now` (s).
@@ -55,10 +59,10 @@ class RecordAssembler:
             self._command = data
         elif topic == SAMPLES:
             self._take_block(decode_block(data), now)
-        elif topic == DC_BUS and len(self._bus) < MAX_SLOW:
+        elif topic == DC_BUS:
             message = deserialize(data, BATTERY_STATE, topic)
             self._bus.append((stamp_of(message), float(message.voltage), float(message.current)))
-        elif topic == WINDING_TEMPERATURE and len(self._temperature) < MAX_SLOW:
+        elif topic == WINDING_TEMPERATURE:
             message = deserialize(data, TEMPERATURE, topic)
             self._temperature.append((stamp_of(message), float(message.temperature)))
 
@@ -117,9 +121,11 @@ class RecordAssembler:
     def _record(self, profile: Profile) -> Record:
         assert self._command is not None
         start = stamp_of(deserialize(self._command, JOINT_TRAJECTORY, COMMAND))
-        bus = [((stamp - start) / NANOSECONDS, *values) for stamp, *values in self._bus]
-        temperature = [((stamp - start) / NANOSECONDS, value) for stamp, value in
-                       self._temperature]
+        since = start - round(BEFORE * NANOSECONDS)
+        bus = [((stamp - start) / NANOSECONDS, *values)
+               for stamp, *values in self._bus if stamp >= since]
+        temperature = [((stamp - start) / NANOSECONDS, value)
+                       for stamp, value in self._temperature if stamp >= since]
         return Record(
             samples=np.concatenate(self._blocks),
             profile=profile,

@@ -7,11 +7,14 @@ from typing import Literal
 
 import numpy as np
 
-from ema_prognostics.cascade import CLASSES, Assessment, Cascade, level_of
-from ema_prognostics.cascade_features import LAST_TIME, WORDS, cascade_features
 from ema_prognostics.model_file import Model, load_model
 from ema_prognostics.paper_cascade import FAULTS, LEVELS
 from ema_prognostics.paper_features import paper_features, paper_turns
+from ema_prognostics.robust.cascade import Cascade
+from ema_prognostics.robust.explain import reasons_of_guard
+from ema_prognostics.robust.features import LAST_TIME, extract
+from ema_prognostics.robust.report import unknown_verdict, verdict_of_finding
+from ema_prognostics.robust.vector import differences
 from ema_prognostics.segments import ProfileKind, profile_kind
 from ema_prognostics.turns import check_finite
 from ema_prognostics.verdict import Fault, Verdict
@@ -20,33 +23,25 @@ from ema_record.errors import (
     IncompleteRecordError,
     InvalidRecordError,
     ModelError,
+    RecordError,
     UsageError,
 )
 from ema_record.record import Record
 
 Mode = Literal["robust", "paper"]
 MODES: tuple[Mode, ...] = ("robust", "paper")
-SEVERITY_UNIT = "1"
-"""Shorted part of the turns, and eccentricity by mean air gap: both are ratios."""
 LARGEST_GAP = 1.5
 """Longest interval between samples, in sample intervals, before one counts as lost."""
-SHARPNESS = 6.0
-"""How fast the probability of "unknown" grows with the guard's ratio."""
-GAP_CAVEAT = (
-    "one step in one direction shows lost motion only where the motor crosses it at the start; if "
-    "the last motion left the shaft wound that way, only the extended profile rules backlash out"
-)
-FEW_DEVIATIONS = 3.0
-"""Deviations from which a mechanical feature is named."""
-
-
 PAPER_CAVEAT = (
     "paper mode: the two networks of the paper, which know no healthy actuator, trained on "
     "phase a and the nominal unit alone"
 )
 
 
-def diagnose(record: Record, model: Model | None = None, *, mode: Mode = "robust") -> Verdict:
+def diagnose(
+    record: Record, model: Model | None = None, *, mode: Mode = "robust",
+    baseline: Record | None = None,
+) -> Verdict:
     """Say what is wrong with the actuator that `record` comes from.
 
     Parameters
@@ -55,6 +50,8 @@ def diagnose(record: Record, model: Model | None = None, *, mode: Mode = "robust
     model : default the shipped one.
     mode : ``robust``, the cascade with a healthy class and a guard, or ``paper``, the paper's
         two networks literally: it knows no healthy actuator.
+    baseline : a healthy record of the same actuator and test, from its acceptance; sharpens
+        the verdict of mode ``robust``.
 
     Returns
     -------
@@ -66,16 +63,18 @@ def diagnose(record: Record, model: Model | None = None, *, mode: Mode = "robust
     ModelError
         No usable model.
     UsageError
-        Unknown mode.
+        Unknown mode, or a baseline that cannot serve.
     """
     if mode not in MODES:
         raise UsageError(f"mode {mode!r}: give one of {', '.join(MODES)}")
+    if baseline is not None and mode == "paper":
+        raise UsageError("mode paper takes no baseline: leave it out, or use mode robust")
     model = load_model() if model is None else model
-    verdict = _diagnose(record, model, mode)
+    verdict = _diagnose(record, model, mode, baseline)
     return replace(verdict, bag=record.provenance.source)
 
 
-def _diagnose(record: Record, model: Model, mode: Mode) -> Verdict:
+def _diagnose(record: Record, model: Model, mode: Mode, baseline: Record | None) -> Verdict:
     try:
         check_finite(record)
         kind = profile_kind(record.profile)
@@ -85,29 +84,66 @@ def _diagnose(record: Record, model: Model, mode: Mode) -> Verdict:
     except IncompleteRecordError as error:
         return Verdict(outcome="incomplete", reasons=(str(error),))
     if kind is None:
-        return _unknown(
+        return unknown_verdict(
             f"the test {record.profile.name!r} is not one that the networks know: run the "
             "profile step or extended, or a step that keeps the actuator slewing for 0.36 s"
         )
     try:
         if mode == "paper":
             return _paper_verdict(record, model)
-        cascade = model.cascades.get(kind)
-        if cascade is None:
-            raise ModelError(f"the model has no cascade for the profile {kind}: train again")
-        features = cascade_features(record, kind, model.plant)
+        return _robust_verdict(record, kind, model, baseline)
     except InvalidRecordError as error:
         return Verdict(outcome="invalid", reasons=(str(error),))
     except IncompleteRecordError as error:
         # The record covers the test, so it is the actuator that did not do it.
-        return _unknown(str(error))
-    if not (np.isfinite(features.lines).all() and np.isfinite(features.mechanics).all()):
-        return _unknown("the features of the record are not finite: a sensor does not answer")
-    return verdict_of_assessment(cascade, cascade.assess(features))
+        return unknown_verdict(str(error))
 
 
-def _unknown(reason: str) -> Verdict:
-    return Verdict(outcome="unknown", probabilities={"unknown": 1.0}, reasons=(reason,))
+def _robust_verdict(
+    record: Record, kind: ProfileKind, model: Model, baseline: Record | None
+) -> Verdict:
+    cascade = model.cascade(kind, "fleet")
+    if cascade is None:
+        raise ModelError(f"the model has no cascade for the profile {kind}: train again")
+    own = model.cascade(kind, "baseline")
+    if baseline is not None and own is None:
+        raise UsageError(f"the model has no cascade with a baseline for {kind}: leave it out")
+    base = None if baseline is None else _baseline_features(baseline, kind, cascade)
+    features = extract(record, kind)
+    if set(features) != set(cascade.view.names):
+        return unknown_verdict("the record does not hold every feature: its interval with the "
+                               "inverter off is missing")
+    names = list(cascade.view.names)
+    x = np.array([[features[n] for n in names]])
+    finding = cascade.find(x)[0]
+    unusual = reasons_of_guard(cascade, finding)
+    if unusual:
+        return unknown_verdict("the record is unlike anything the networks were trained on",
+                               *unusual)
+    if base is None or own is None:
+        return verdict_of_finding(cascade, x[0], finding, kind)
+    x = differences(x, base)
+    return verdict_of_finding(own, x[0], own.find(x)[0], kind)
+
+
+def _baseline_features(baseline: Record, kind: ProfileKind, cascade: Cascade) -> np.ndarray:
+    """Return the features of a baseline, shape (1, d); UsageError if it cannot serve."""
+    try:
+        check_finite(baseline)
+        found = profile_kind(baseline.profile)
+        if found != kind:
+            raise UsageError(
+                f"the baseline is of the test {baseline.profile.name!r}, the record of another: "
+                "give a baseline of the same test"
+            )
+        _check_complete(baseline, kind)
+        features = extract(baseline, kind)
+    except RecordError as error:
+        raise UsageError(f"the baseline cannot serve: {error}") from None
+    if set(features) != set(cascade.view.names):
+        raise UsageError("the baseline cannot serve: its interval with the inverter off is "
+                         "missing")
+    return np.array([[features[n] for n in cascade.view.names]])
 
 
 def _check_complete(record: Record, kind: ProfileKind | None) -> None:
@@ -146,100 +182,6 @@ def _paper_verdict(record: Record, model: Model) -> Verdict:
         probabilities=dict(zip(FAULTS, map(float, outputs))),
         reasons=(PAPER_CAVEAT,),
     )
-
-
-def verdict_of_assessment(cascade: Cascade, found: Assessment) -> Verdict:
-    """Return the verdict that the outputs of a cascade amount to."""
-    mechanics = max(found.band_ratio, found.wear_ratio)
-    healthy = found.named == "healthy"
-    # Heavy friction makes odd lines as an eccentricity does; a short's lines it does not make.
-    short = found.named == "turn_short"
-    ratio = found.line_ratio if short else max(found.line_ratio, mechanics)
-    answer = float(found.outputs.max())
-    unknown = 1.0 / (1.0 + float(np.exp(np.clip(-SHARPNESS * (ratio - 1.0), -60.0, 60.0))))
-    known = (1.0 - unknown) * found.outputs / max(float(found.outputs.sum()), 1e-12)
-    probabilities = {**dict(zip(CLASSES, map(float, known))), "unknown": unknown}
-    worn = _mechanical_reasons(cascade, found) if mechanics > 1.0 else ()
-    if ratio > 1.0 or answer < 0.5:
-        return Verdict(
-            outcome="unknown", probabilities=probabilities,
-            alternatives=_possible(found, mechanics),
-            reasons=(*_line_reasons(found, answer), *worn),
-        )
-    if healthy:
-        reason = (
-            "lines and mechanics of the record are those of healthy units "
-            f"(guard at {ratio:.0%} of its limit)"
-        )
-        if "lag_at_rest" in cascade.mechanics_guard.names:  # a step alone
-            return Verdict(
-                outcome="healthy", probabilities=probabilities, alternatives=("backlash",),
-                reasons=(reason, GAP_CAVEAT),
-            )
-        return Verdict(outcome="healthy", probabilities=probabilities, reasons=(reason,))
-    assert found.severity is not None
-    fault = Fault(
-        fault_class=found.named, phase=found.phase, severity=found.severity,
-        severity_unit=SEVERITY_UNIT, severity_interval=found.interval,
-        level=level_of(found.named, found.severity),
-    )
-    reasons = [_fault_reason(found), *worn]
-    alternatives: tuple[str, ...] = ()
-    if found.named == "turn_short":
-        alternatives = ("rotor_eccentricity",)
-        reasons.append(
-            "a static eccentricity in the axis of that phase gives the same torque lines"
-        )
-    if mechanics > 1.0:
-        alternatives += (found.wear,)
-    return Verdict(
-        outcome="fault", faults=(fault,), alternatives=alternatives,
-        probabilities=probabilities, reasons=tuple(reasons),
-    )
-
-
-def _possible(found: Assessment, mechanics: float) -> tuple[str, ...]:
-    """Return the classes that an unknown record may be."""
-    wear = (found.wear,) if mechanics > 1.0 else ()
-    return wear if found.named == "healthy" or found.line_ratio > 1.0 else (*wear, found.named)
-
-
-def _fault_reason(found: Assessment) -> str:
-    if found.named == "turn_short":
-        return (
-            "torque lines at 2 and 4 f_e in the direction of a short in phase "
-            f"{found.phase}, {100 * (found.severity or 0):.2g} % of its turns"
-        )
-    return (
-        "torque lines of a rotor eccentricity (1 and 3 f_e, or 2 and 4 f_e across the axes of "
-        f"the phases), {100 * (found.severity or 0):.2g} % of the air gap"
-    )
-
-
-def _line_reasons(found: Assessment, answer: float) -> tuple[str, ...]:
-    reasons = []
-    if found.line_ratio > 1.0:
-        reasons.append(
-            f"the torque lines are unlike any record trained on ({found.line_ratio:.2g} times "
-            f"the limit; nearest class {found.named})"
-        )
-    if answer < 0.5:
-        reasons.append(f"no class answers: the largest output is {answer:.2f}")
-    return tuple(reasons)
-
-
-def _mechanical_reasons(cascade: Cascade, found: Assessment) -> tuple[str, ...]:
-    names = cascade.mechanics_guard.names
-    order = np.argsort(-np.abs(found.excess), kind="stable")
-    out = [
-        f"{WORDS[names[i]]} {found.excess[i]:+.1f} deviations from healthy units"
-        for i in order if abs(found.excess[i]) > FEW_DEVIATIONS
-    ]
-    first = (
-        f"mechanics outside the healthy band ({max(found.band_ratio, found.wear_ratio):.2g} "
-        f"times the limit), most like {found.wear}"
-    )
-    return first, *out[:3]
 
 
 def verdict_of_error(error: EmaError, bag: str) -> Verdict:

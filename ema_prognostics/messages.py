@@ -10,7 +10,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import Float64
 
-from ema_sim.messages import ERROR, OK, WARN, diagnostic_status
+from ema_record.messages import ERROR, OK, WARN, diagnostic_status
 
 _LEVELS = {"healthy": OK, "fault": ERROR, "invalid": ERROR}
 _SCALARS = ("verdict", "fault_class", "phase", "severity", "severity_unit", "level")

@@ -1,116 +1,229 @@
-"""What stands in a model file: its fields, their bounds, and the way to arrays and back."""
+"""What stands in a model file: its fields, their bounds, and the way to arrays and back.
+
+Plain numbers and names only; every length is bounded before an array is made of it.
+"""
 
 from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from ema_prognostics.cascade import CLASSES, Cascade, SeverityNetwork
-from ema_prognostics.cascade_features import MECHANICS
-from ema_prognostics.guard import LineGuard, MechanicsGuard
-from ema_prognostics.line_inputs import (
-    ANN_A_NAMES,
-    ECCENTRICITY_NAMES,
-    GUARD_NAMES,
-    SHORT_NAMES,
-    LineStatistics,
-)
 from ema_prognostics.network import Network
-from ema_prognostics.paper_cascade import ANN_B_INPUTS, FAULTS, PaperCascade
-from ema_prognostics.paper_features import ANN_A_INPUTS
-from ema_prognostics.segments import SEGMENTS
-from ema_prognostics.torque_lines import HARMONICS, Plant
+from ema_prognostics.robust.inputs import input_names
+from ema_prognostics.robust.lines import HARMONICS, SHORT_LINES, SPEEDS, LineFilter
 from ema_record.errors import ModelError
 
-DIGITS = 8
-MAX_ROWS, MAX_COLUMNS, MAX_HIDDEN = 5000, 64, 128
-Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e12, le=1e12)]
-Positive = Annotated[float, Field(allow_inf_nan=False, gt=0.0, le=1e12)]
-Row = Annotated[list[Number], Field(max_length=MAX_COLUMNS * 2)]
-Matrix = Annotated[list[Row], Field(max_length=MAX_ROWS)]
+DIGITS = 7
+"""Significant digits of a number in the file."""
+MAX_FEATURES = 400
+MAX_HIDDEN = 400
+View = Literal["fleet", "baseline"]
 Kind = Literal["step", "extended"]
 
+Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e12, le=1e12)]
+Positive = Annotated[float, Field(allow_inf_nan=False, gt=0.0, le=1e12)]
+Vector = Annotated[list[Number], Field(max_length=2 * MAX_FEATURES)]
+Matrix = Annotated[list[Vector], Field(max_length=2 * MAX_FEATURES)]
+Names = Annotated[list[Annotated[str, Field(max_length=80)]], Field(max_length=MAX_FEATURES)]
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+
+def rounded(values: np.ndarray) -> Any:
+    """Return an array as nested lists of numbers with `DIGITS` digits."""
+    if values.ndim == 0:
+        return float(f"{float(values):.{DIGITS}g}") + 0.0
+    return [rounded(v) for v in values]
 
 
-class NetworkPart(_Part):
-    """One network."""
+class Part(BaseModel):
+    """A part of the body."""
 
-    input_mean: Row
-    input_scale: Row
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class NetworkPart(Part):
+    """A perceptron with one hidden layer."""
+
+    input_mean: Vector
+    input_scale: Vector
     hidden_weights: Matrix
-    hidden_bias: Row
+    hidden_bias: Vector
     output_weights: Matrix
-    output_bias: Row
+    output_bias: Vector
     output_law: Literal["logsig", "linear"]
-    output_mean: Row
-    output_scale: Row
+    output_mean: Vector
+    output_scale: Vector
+
+    @model_validator(mode="after")
+    def _shapes(self) -> NetworkPart:
+        d, h, k = len(self.hidden_weights), len(self.hidden_bias), len(self.output_bias)
+        good = (
+            d > 0 and 0 < h <= MAX_HIDDEN and k > 0
+            and all(len(row) == h for row in self.hidden_weights)
+            and len(self.output_weights) == h and all(len(r) == k for r in self.output_weights)
+            and len(self.output_mean) == k and len(self.output_scale) == k
+            and len(self.input_mean) == d and len(self.input_scale) == d
+        )
+        if not good:
+            raise ValueError("the shapes of the layers do not fit together")
+        if min(self.input_scale) <= 0.0:
+            raise ValueError("an input scale is not above 0")
+        return self
+
+    @classmethod
+    def of(cls, network: Network) -> NetworkPart:
+        """Return a network as data."""
+        values = {n: getattr(network, n) for n in cls.model_fields if n != "output_law"}
+        return cls.model_validate({
+            **{n: rounded(np.asarray(v)) for n, v in values.items()},
+            "output_law": network.output_law,
+        })
+
+    def build(self) -> Network:
+        """Return the network as arrays."""
+        values = {n: np.array(getattr(self, n)) for n in type(self).model_fields
+                  if n != "output_law"}
+        return Network(**values, output_law=self.output_law)
+
+    def check_size(self, inputs: int, outputs: int) -> None:
+        """Raise ValueError unless the network has that many inputs and outputs."""
+        found = len(self.hidden_weights), len(self.output_bias)
+        if found != (inputs, outputs):
+            raise ValueError(f"a network of {found[0]} inputs and {found[1]} outputs, expected "
+                             f"{inputs} and {outputs}")
 
 
-class StatisticsPart(_Part):
-    """Lines of healthy units."""
+class OutputPart(Part):
+    """Which: one network, what it sees, and the logit above which its fault is announced."""
 
-    baseline_real: Matrix
-    baseline_imaginary: Matrix
-    weight: Matrix
-    deviation: Row
-
-
-class SeverityPart(_Part):
-    """ANN_B of one fault."""
-
+    inputs: Names
     network: NetworkPart
-    at: Row
-    half_width: Row
+    threshold: Number
+
+    @model_validator(mode="after")
+    def _sizes(self) -> OutputPart:
+        self.network.check_size(len(self.inputs), 1)
+        return self
 
 
-class LineGuardPart(_Part):
-    """Training records of one class."""
+class SeverityPart(Part):
+    """How much: a network on asinh(severity / unit), and half widths of the 90 % interval."""
 
-    points: Matrix
-    scale: Row
-    limit: Positive
+    inputs: Names
+    network: NetworkPart
+    unit: Positive
+    edges: Vector
+    """Bounds between bins of the predicted value, ascending."""
+    half_width: Vector
+    """Of each bin, in the network's output."""
+    upper: Positive
+    """Largest severity trained on."""
 
-
-class MechanicsGuardPart(_Part):
-    """Mechanical features of sound units."""
-
-    names: Annotated[list[str], Field(max_length=MAX_COLUMNS)]
-    trend: Matrix
-    inverse_covariance: Matrix
-    deviation: Row
-    band_limit: Positive
-    wear: NetworkPart
-    wear_limit: Positive
-
-
-class CascadePart(_Part):
-    """All parts for one kind of test."""
-
-    statistics: StatisticsPart
-    ann_a: NetworkPart
-    ann_b: dict[Literal["turn_short", "rotor_eccentricity"], SeverityPart]
-    line_guards: dict[Literal["healthy", "turn_short", "rotor_eccentricity"], LineGuardPart]
-    mechanics_guard: MechanicsGuardPart
+    @model_validator(mode="after")
+    def _bins(self) -> SeverityPart:
+        if len(self.half_width) != len(self.edges) + 1:
+            raise ValueError("one half width a bin is needed")
+        self.network.check_size(len(self.inputs), 1)
+        return self
 
 
-class PaperPart(_Part):
+class LinePart(Part):
+    """Matched filters on the torque lines."""
+
+    weight: Matrix
+    deviation: Vector
+    template_re: Vector
+    template_im: Vector
+
+    @classmethod
+    def of(cls, found: LineFilter) -> LinePart:
+        """Return filters as data."""
+        return cls(weight=rounded(found.weight), deviation=rounded(found.deviation),
+                   template_re=rounded(found.template.real),
+                   template_im=rounded(found.template.imag))
+
+    def build(self) -> LineFilter:
+        """Return the filters as arrays."""
+        return LineFilter(
+            weight=np.array(self.weight), deviation=np.array(self.deviation),
+            template=np.array(self.template_re) + 1j * np.array(self.template_im),
+        )
+
+    @model_validator(mode="after")
+    def _shapes(self) -> LinePart:
+        good = (
+            1 <= len(self.weight) <= len(SPEEDS)
+            and all(len(row) == HARMONICS for row in self.weight)
+            and len(self.deviation) == HARMONICS and min(self.deviation) > 0.0
+            and len(self.template_re) == len(self.template_im) == len(SHORT_LINES)
+        )
+        if not good:
+            raise ValueError("the filters of the lines have another shape")
+        return self
+
+
+class GuardPart(Part):
+    """What the record must look like, given the features that faults move."""
+
+    drivers: Names
+    checked: Names
+    mean: NetworkPart
+    scale: NetworkPart
+    limit: Vector
+    """Largest usual |residual| / scale of each checked feature."""
+
+    @model_validator(mode="after")
+    def _sizes(self) -> GuardPart:
+        self.mean.check_size(len(self.drivers), len(self.checked))
+        self.scale.check_size(len(self.drivers), len(self.checked))
+        if len(self.limit) != len(self.checked) or min(self.limit, default=1.0) <= 0.0:
+            raise ValueError("one positive limit a checked feature is needed")
+        return self
+
+
+class ViewPart(Part):
+    """The cascade of one kind of test, with or without a baseline."""
+
+    names: Names
+    lines: LinePart
+    absolute_lines: LinePart | None
+    """With a baseline: of the features themselves, beside the differences."""
+    center: Vector
+    spread: Vector
+    """Of the healthy fleet, of each input: the features, and what `lines` derives of them."""
+    which: dict[str, OutputPart]
+    severity: dict[str, SeverityPart]
+    guard: GuardPart | None
+
+    @model_validator(mode="after")
+    def _sizes(self) -> ViewPart:
+        d = len(input_names(self.names))
+        if len(self.center) != d or len(self.spread) != d or min(self.spread, default=0.0) <= 0:
+            raise ValueError("one centre and one positive spread an input are needed")
+        speeds = [s for s in SPEEDS if f"{s}_even_m1_re" in self.names]
+        for part in (self.lines, self.absolute_lines):
+            if part is not None and len(part.weight) != len(speeds):
+                raise ValueError("the filters of the lines do not fit the features")
+        if self.guard is not None and not {*self.guard.drivers, *self.guard.checked} <= {
+                *self.names}:
+            raise ValueError("the guard names features that the view does not have")
+        return self
+
+
+class PaperPart(Part):
     """The paper's networks."""
 
     ann_a: NetworkPart
     ann_b: dict[Literal["turn_short", "rotor_eccentricity"], NetworkPart]
 
 
-class Body(_Part):
+class Body(Part):
     """The whole body."""
 
-    cascades: dict[Kind, CascadePart]
+    views: dict[Annotated[str, Field(pattern="^(step|extended)/(fleet|baseline)$")], ViewPart]
+    """By ``<kind>/<view>``, e.g. ``extended/fleet``."""
     paper: PaperPart | None
-    plant: dict[str, Positive]
     training: dict[str, Any]
 
     @classmethod
@@ -122,144 +235,3 @@ class Body(_Part):
             first = error.errors()[0]
             place = ".".join(str(p) for p in first["loc"]) or "body"
             raise ModelError(f"{where}: {place}: {first['msg']}: train again") from None
-
-
-def plain(value: Any) -> Any:
-    """Return dataclasses, tuples and arrays as JSON values, numbers rounded to `DIGITS`."""
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, float | np.floating):
-        return float(f"{float(value):.{DIGITS}g}") + 0.0
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if isinstance(value, dict):
-        return {k: plain(v) for k, v in value.items()}
-    if hasattr(value, "__dataclass_fields__"):
-        return {name: plain(getattr(value, name)) for name in value.__dataclass_fields__}
-    return value.item() if isinstance(value, np.generic) else value
-
-
-def body_of(
-    cascades: dict[str, Cascade], paper: PaperCascade | None, plant: Plant,
-    training: dict[str, Any],
-) -> dict[str, Any]:
-    """Return the body as JSON values."""
-    parts = {}
-    for kind, cascade in cascades.items():
-        part = plain(cascade)
-        statistics = cascade.statistics
-        part["statistics"] = {
-            "baseline_real": plain(statistics.baseline.real),
-            "baseline_imaginary": plain(statistics.baseline.imag),
-            "weight": plain(statistics.weight), "deviation": plain(statistics.deviation),
-        }
-        parts[kind] = part
-    return {
-        "cascades": parts, "paper": plain(paper), "plant": plain(plant._asdict()),
-        "training": plain(training),
-    }
-
-
-def _array(data: list[Any], shape: tuple[int, ...], where: str) -> np.ndarray:
-    """Return a float array of that shape; -1 stands for any length of at least 1."""
-    try:
-        array = np.array(data, dtype=float)
-    except ValueError:
-        raise ModelError(f"{where}: rows of different lengths: train again") from None
-    fits = array.ndim == len(shape) and all(
-        n == want or (want == -1 and n >= 1) for n, want in zip(array.shape, shape)
-    )
-    if not fits:
-        wanted = tuple("any" if n == -1 else n for n in shape)
-        raise ModelError(f"{where}: shape {array.shape}, expected {wanted}: train again")
-    return array
-
-
-def network_of(part: NetworkPart, n_inputs: int, n_outputs: int, where: str) -> Network:
-    """Return a network of that size; ModelError if a shape differs."""
-    d, h, k = n_inputs, len(part.hidden_bias), n_outputs
-    if not 1 <= h <= MAX_HIDDEN:
-        raise ModelError(f"{where}: {h} hidden neurons, give 1 to {MAX_HIDDEN}: train again")
-    shapes = {
-        "input_mean": (d,), "input_scale": (d,), "hidden_weights": (d, h), "hidden_bias": (h,),
-        "output_weights": (h, k), "output_bias": (k,), "output_mean": (k,), "output_scale": (k,),
-    }
-    arrays = {
-        name: _array(getattr(part, name), shape, f"{where}.{name}")
-        for name, shape in shapes.items()
-    }
-    if (arrays["input_scale"] <= 0.0).any():
-        raise ModelError(f"{where}.input_scale: not above 0: train again")
-    return Network(**arrays, output_law=part.output_law)
-
-
-def _need(found: Any, names: tuple[str, ...], where: str) -> None:
-    if set(found) != set(names):
-        raise ModelError(
-            f"{where}: {', '.join(sorted(found)) or 'nothing'}, expected "
-            f"{', '.join(sorted(names))}: train again"
-        )
-
-
-def cascade_of(part: CascadePart, where: str) -> Cascade:
-    """Return the cascade of a file; ModelError if a shape differs."""
-    names = tuple(part.mechanics_guard.names)
-    kind = next((k for k, n in MECHANICS.items() if n == names), None)
-    if kind is None:
-        raise ModelError(f"{where}: mechanical features of another version: train again")
-    segments, d = len(SEGMENTS[kind]), len(names)
-    _need(part.ann_b, CLASSES[1:], f"{where}: ann_b")
-    _need(part.line_guards, CLASSES, f"{where}: line_guards")
-    s, m = part.statistics, part.mechanics_guard
-    shape = (segments, HARMONICS)
-    inputs = {"turn_short": len(SHORT_NAMES), "rotor_eccentricity": len(ECCENTRICITY_NAMES)}
-    n_guard = len(GUARD_NAMES)
-    return Cascade(
-        statistics=LineStatistics(
-            baseline=_array(s.baseline_real, shape, f"{where}: baseline")
-            + 1j * _array(s.baseline_imaginary, shape, f"{where}: baseline"),
-            weight=_array(s.weight, shape, f"{where}: weight"),
-            deviation=_array(s.deviation, (HARMONICS,), f"{where}: deviation"),
-        ),
-        ann_a=network_of(part.ann_a, len(ANN_A_NAMES), len(CLASSES), f"{where}: ann_a"),
-        ann_b={
-            name: SeverityNetwork(
-                network=network_of(b.network, inputs[name], 1, f"{where}: ann_b {name}"),
-                at=_array(b.at, (-1,), f"{where}: ann_b {name}: at"),
-                half_width=_array(b.half_width, (len(b.at),), f"{where}: ann_b {name}"),
-            )
-            for name, b in part.ann_b.items()
-        },
-        line_guards={
-            name: LineGuard(
-                points=_array(g.points, (-1, n_guard), f"{where}: guard {name}"),
-                scale=_array(g.scale, (n_guard,), f"{where}: guard {name}"), limit=g.limit,
-            )
-            for name, g in part.line_guards.items()
-        },
-        mechanics_guard=MechanicsGuard(
-            names=names, trend=_array(m.trend, (3, d), f"{where}: trend"),
-            inverse_covariance=_array(m.inverse_covariance, (d, d), f"{where}: covariance"),
-            deviation=_array(m.deviation, (d,), f"{where}: deviation"),
-            band_limit=m.band_limit, wear=network_of(m.wear, d + 1, 3, f"{where}: wear"),
-            wear_limit=m.wear_limit,
-        ),
-    )
-
-
-def paper_of(part: PaperPart, where: str) -> PaperCascade:
-    """Return the paper's cascade of a file; ModelError if a shape differs."""
-    _need(part.ann_b, FAULTS, f"{where}: ann_b")
-    return PaperCascade(
-        ann_a=network_of(part.ann_a, len(ANN_A_INPUTS), len(FAULTS), f"{where}: ann_a"),
-        ann_b={
-            fault: network_of(part.ann_b[fault], len(ANN_B_INPUTS[fault]), 3, f"{where}: {fault}")
-            for fault in FAULTS
-        },
-    )
-
-
-def plant_from(data: dict[str, float], where: str) -> Plant:
-    """Return the constants; ModelError if one is missing or strange."""
-    _need(data, Plant._fields, f"{where}: plant")
-    return Plant(**data)

@@ -1,7 +1,7 @@
 """The model file: plain JSON with version and hash, checked before anything is used.
 
-``{"format": "ema_phm model", "version": 1, "sha256": ..., "body": {...}}``; the hash is that of
-the body as canonical JSON (sorted keys, no spaces). Arrays are nested lists, rounded to eight
+``{"format": "ema_phm model", "version": 2, "sha256": ..., "body": {...}}``; the hash is that of
+the body as canonical JSON (sorted keys, no spaces). Arrays are nested lists, rounded to seven
 digits, so the same training writes the same bytes.
 """
 
@@ -10,19 +10,19 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ema_prognostics.cascade import Cascade
-from ema_prognostics.model_body import Body, body_of, cascade_of, paper_of, plant_from
-from ema_prognostics.paper_cascade import PaperCascade
-from ema_prognostics.torque_lines import Plant
+from ema_prognostics.model_body import Body, Kind, PaperPart, View
+from ema_prognostics.paper_cascade import ANN_B_INPUTS, FAULTS, PaperCascade
+from ema_prognostics.paper_features import ANN_A_INPUTS
+from ema_prognostics.robust.cascade import Cascade
 from ema_record.errors import ModelError, OutputError
 from ema_record.resources import share_path
 
 FORMAT = "ema_phm model"
-VERSION = 1
+VERSION = 2
 SHIPPED = "config/models/cascade.json"
 MAX_BYTES = 16 << 20
 
@@ -33,18 +33,47 @@ class Model:
 
     Attributes
     ----------
-    cascades : by kind of test, ``step`` and ``extended``.
+    body : what the file holds.
+    cascades : by kind of test and view, e.g. ``extended/fleet``.
     paper : the paper's literal cascade, or None.
-    plant : constants of the actuator that the features use.
-    training : how it was trained and what the held-out fleet gave; plain values.
     sha256 : hash of the body.
     """
 
-    cascades: dict[str, Cascade]
+    body: Body
+    cascades: dict[str, Cascade] = field(repr=False)
     paper: PaperCascade | None
-    plant: Plant
-    training: dict[str, Any]
-    sha256: str = ""
+    sha256: str
+
+    @property
+    def training(self) -> dict[str, Any]:
+        """How it was trained and what the held-back units gave; plain values."""
+        return self.body.training
+
+    def cascade(self, kind: Kind, view: View) -> Cascade | None:
+        """Return the cascade for a kind of test, None where it was not trained."""
+        return self.cascades.get(f"{kind}/{view}")
+
+
+def model_of(body: Body, where: str = "model") -> Model:
+    """Return the model of a body; ModelError if the parts do not fit the software."""
+    try:
+        cascades = {name: Cascade(part) for name, part in body.views.items()}
+        paper = None if body.paper is None else _paper_of(body.paper)
+    except ValueError as error:
+        raise ModelError(f"{where}: {error}: train again") from None
+    text = _canonical(body.model_dump(mode="json"))
+    return Model(body=body, cascades=cascades, paper=paper, sha256=_hash(text))
+
+
+def _paper_of(part: PaperPart) -> PaperCascade:
+    part.ann_a.check_size(len(ANN_A_INPUTS), len(FAULTS))
+    if set(part.ann_b) != set(FAULTS):
+        raise ValueError("paper: one ann_b a fault is needed")
+    for fault in FAULTS:
+        part.ann_b[fault].check_size(len(ANN_B_INPUTS[fault]), 3)
+    return PaperCascade(
+        ann_a=part.ann_a.build(), ann_b={name: b.build() for name, b in part.ann_b.items()}
+    )
 
 
 def _canonical(body: object) -> str:
@@ -57,7 +86,7 @@ def _hash(text: str) -> str:
 
 def model_text(model: Model) -> str:
     """Return the model file as text."""
-    text = _canonical(body_of(model.cascades, model.paper, model.plant, model.training))
+    text = _canonical(model.body.model_dump(mode="json"))
     return (
         f'{{"format":"{FORMAT}","version":{VERSION},"sha256":"{_hash(text)}",\n"body":{text}}}\n'
     )
@@ -120,13 +149,7 @@ def parse_model(text: str, where: str) -> Model:
             f"{where}: the hash is {found[:12]}..., the file says "
             f"{str(data.get('sha256'))[:12]}...: it was changed or damaged, train again"
         )
-    parsed = Body.parse(body, where)
-    return Model(
-        cascades={kind: cascade_of(c, f"{where}: {kind}") for kind, c in parsed.cascades.items()},
-        paper=None if parsed.paper is None else paper_of(parsed.paper, f"{where}: paper"),
-        plant=plant_from(parsed.plant, where),
-        training=parsed.training, sha256=found,
-    )
+    return model_of(Body.parse(body, where), where)
 
 
 def _refuse_constant(name: str) -> float:

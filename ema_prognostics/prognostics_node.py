@@ -18,10 +18,7 @@ from ema_prognostics.assembler import TOPICS, RecordAssembler
 from ema_prognostics.messages import severity_message, verdict_status
 from ema_prognostics.prognosis import Prognosis
 from ema_record.errors import EmaError
-from ema_record.node_parameters import ParameterSpec, check_values
-from ema_record.node_process import StopSignal, run_node
-from ema_record.topics import BIT_RECORD, SEVERITY, VERDICT
-from ema_sim.messages import (
+from ema_record.messages import (
     OK,
     DiagnosticsPublisher,
     declare_parameters,
@@ -31,6 +28,9 @@ from ema_sim.messages import (
     make_publisher,
     make_subscription,
 )
+from ema_record.node_parameters import ParameterSpec, check_values
+from ema_record.node_process import StopSignal, run_node
+from ema_record.topics import BIT_RECORD, SEVERITY, VERDICT
 
 NODE_NAME = "ema_prognostics"
 POLL_PERIOD = 0.05

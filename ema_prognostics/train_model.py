@@ -1,63 +1,142 @@
-"""Training of a whole model: both kinds of test, the paper's networks, the held-out measure."""
+"""Training of a whole model: campaigns, both views of both tests, the paper's networks."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
 
-from ema_prognostics.cascade import Cascade
-from ema_prognostics.evaluation import evaluate
-from ema_prognostics.fleet import LARGE, SEVERITY, SPREAD, plant_of
-from ema_prognostics.model_file import Model
+from ema_prognostics.model_body import Body, NetworkPart, PaperPart, View, ViewPart
+from ema_prognostics.model_file import Model, model_of
 from ema_prognostics.paper_experiment import PaperSettings, run_experiment
-from ema_prognostics.segments import PROFILE_KINDS
-from ema_prognostics.training import QUICK, TrainingSettings, train_cascade
+from ema_prognostics.robust.campaign import Campaign, run_campaign
+from ema_prognostics.robust.cascade import Cascade
+from ema_prognostics.robust.evaluation import evaluate
+from ema_prognostics.robust.features import Kind
+from ema_prognostics.robust.training import train_view
 from ema_record.version import VERSION
-from ema_sim.actuator import load_actuator
 
+KINDS: tuple[Kind, ...] = ("step", "extended")
+VIEWS: tuple[View, ...] = ("fleet", "baseline")
+VALIDATION_SEED = 1_000_003
+"""Added to the seed for the units that validate."""
 PAPER = PaperSettings(unseen_angles=0, test_draws=0, columns=(3,))
 """The paper's networks for the model file; `ema paper` measures them."""
 QUICK_PAPER = replace(PAPER, train_angles=1, train_draws=4, n_restarts=1)
+Progress = Callable[[str, float], None]
 
 
-def settings_of(seed: int, *, quick: bool) -> tuple[TrainingSettings, PaperSettings]:
-    """Return the settings of a training."""
-    fleet, paper = (QUICK, QUICK_PAPER) if quick else (TrainingSettings(), PAPER)
-    return replace(fleet, seed=seed), replace(paper, seed=seed)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrainingSettings:
+    """Size of a training: units a test, and the networks."""
+
+    units: int = 3000
+    """Units with faults, three tests each."""
+    healthy: int = 2000
+    """Further units, healthy, for the thresholds."""
+    validation: int = 300
+    validation_healthy: int = 400
+    hidden: int = 16
+    epochs: int = 60
 
 
-def total_steps(seed: int, *, quick: bool) -> int:
-    """Return the number of calls of the progress function of `train_model`."""
-    fleet, paper = settings_of(seed, quick=quick)
-    return fleet.steps(len(PROFILE_KINDS)) + paper.steps
+QUICK = TrainingSettings(
+    units=120, healthy=120, validation=30, validation_healthy=40, hidden=12, epochs=40
+)
+
+
+def _nothing(_what: str, _part: float) -> None:
+    pass
 
 
 def train_model(
-    seed: int = 1, *, quick: bool = False, jobs: int = 1,
-    progress: Callable[[str], None] = lambda _: None,
+    seed: int = 1, *, quick: bool = False, jobs: int = 1, progress: Progress = _nothing,
+    folder: Path | None = None, settings: TrainingSettings | None = None,
+    kinds: tuple[Kind, ...] = KINDS,
 ) -> Model:
     """Return a model trained from `seed`; the same seed gives the same bytes.
 
     Parameters
     ----------
-    seed : of fleets, noise and initial weights.
+    seed : of units, conditions, noise and initial weights.
     quick : a small training, to try the way.
     jobs : processes that simulate; does not change the result.
-    progress : called once a step with its name.
+    progress : called with what goes on and how much of the whole is done, 0 to 1.
+    folder : keeps the features of the campaigns, so that a training that was stopped goes on.
+    settings : other sizes than those of `quick` or the default.
+    kinds : the tests to train for.
     """
-    fleet, paper = settings_of(seed, quick=quick)
-    cascades: dict[str, Cascade] = {}
-    held_out = {}
-    for kind in PROFILE_KINDS:
-        cascades[kind], test = train_cascade(kind, fleet, jobs, progress)
-        held_out[kind] = evaluate(cascades[kind], test)
-    experiment = run_experiment(paper, progress)
-    return Model(
-        cascades=cascades, paper=experiment.cascade(), plant=plant_of(load_actuator()),
+    size = settings or (QUICK if quick else TrainingSettings())
+    views: dict[str, ViewPart] = {}
+    held_out: dict[str, Any] = {}
+    share = 0.97 / len(kinds)
+    for n, kind in enumerate(kinds):
+        found, result = _train_kind(
+            kind, seed, size, jobs, folder,
+            lambda what, part, at=n: progress(what, share * (at + part)),  # type: ignore[misc]
+        )
+        views |= found
+        held_out[kind] = result
+    progress("the paper's networks", 0.97)
+    experiment = run_experiment(replace(QUICK_PAPER if quick else PAPER, seed=seed),
+                                lambda _: None)
+    paper = experiment.cascade()
+    body = Body(
+        views=views,
+        paper=PaperPart(
+            ann_a=NetworkPart.of(paper.ann_a),
+            ann_b={name: NetworkPart.of(b)  # type: ignore[misc]
+                   for name, b in paper.ann_b.items()},
+        ),
         training={
             "seed": seed, "quick": quick, "software_version": VERSION,
-            "fleet": asdict(fleet), "paper": asdict(paper), "spread": SPREAD,
-            "severity": {k: list(v) for k, v in SEVERITY.items()},
-            "wear": {k: list(v) for k, v in LARGE.items()}, "held_out": held_out,
+            "settings": asdict(size), "held_out": held_out,
         },
     )
+    progress("done", 1.0)
+    return model_of(body)
+
+
+def _train_kind(
+    kind: Kind, seed: int, size: TrainingSettings, jobs: int, folder: Path | None,
+    progress: Progress,
+) -> tuple[dict[str, ViewPart], dict[str, Any]]:
+    """Return the views of one test and their validation."""
+    plan = [  # name, units, seed, healthy only, records a unit
+        ("fleet with faults", size.units, seed, False, 4),
+        ("healthy fleet", size.healthy, seed, True, 2),
+        ("fleet that validates", size.validation, seed + VALIDATION_SEED, False, 4),
+        ("healthy fleet that validates", size.validation_healthy, seed + VALIDATION_SEED, True,
+         2),
+    ]
+    total = sum(units * records for _, units, _, _, records in plan)
+    done, campaigns = 0, []
+    for name, units, start, healthy, records in plan:
+        campaigns.append(_campaign(
+            kind, units, start, healthy, jobs, folder,
+            lambda k, n, at=done, r=records, what=name: progress(  # type: ignore[misc]
+                f"{kind}: {what}, {k} of {n} units", 0.75 * (at + k * r) / total),
+        ))
+        done += units * records
+    faults, healthy_units, held, held_healthy = campaigns
+    parts: dict[View, ViewPart] = {}
+    for at, view in enumerate(VIEWS):
+        parts[view] = train_view(
+            faults, healthy_units, kind, view, seed=seed, hidden=size.hidden,
+            epochs=size.epochs,
+            progress=lambda what, a=at, v=view: progress(  # type: ignore[misc]
+                f"{kind}: network {what}, {v}", 0.75 + 0.12 * a),
+        )
+    fleet, own = Cascade(parts["fleet"]), Cascade(parts["baseline"])
+    result = {"fleet": evaluate(fleet, None, held, held_healthy),
+              "baseline": evaluate(fleet, own, held, held_healthy)}
+    return {f"{kind}/{view}": part for view, part in parts.items()}, result
+
+
+def _campaign(
+    kind: Kind, units: int, seed: int, healthy: bool, jobs: int, folder: Path | None,
+    progress: Callable[[int, int], None],
+) -> Campaign:
+    return run_campaign(kind, units, seed, healthy=healthy, jobs=jobs, progress=progress,
+                        folder=folder)

@@ -26,7 +26,7 @@ class Fault:
     """In `severity_unit`; None where the record does not tell."""
     severity_unit: str | None = None
     severity_interval: tuple[float, float] | None = None
-    """95 % interval."""
+    """90 % interval."""
     level: str | None = None
     """small, medium or large."""
 

@@ -8,21 +8,28 @@ COVERAGE = 0.9
 MIN_BIN = 20
 
 
-def tail_quantile(score: np.ndarray, rate: float, *, tail: float = 0.03) -> float:
+def tail_quantile(score: np.ndarray, rate: float) -> float:
     """Return the value that `score` exceeds at `rate`, beyond the largest value if need be.
 
-    The upper `tail` of the values is taken as exponential above its lower end; no less than
-    the empirical quantile is returned.
+    The upper tail is taken as a generalised Pareto distribution (method of moments, Hosking
+    and Wallis 1987): one per cent of the values, or the largest 60 if these are more.
 
     Parameters
     ----------
     score : ndarray, shape (n,). Finite.
-    rate : probability of exceeding the result, below `tail`.
+    rate : probability of exceeding the result.
     """
+    tail = min(max(0.01, 60.0 / len(score)), 0.2)
     base = float(np.quantile(score, 1.0 - tail))
     excess = score[score > base] - base
-    fitted = base + (float(excess.mean()) * np.log(tail / rate) if len(excess) else 0.0)
-    return max(float(fitted), float(np.quantile(score, 1.0 - rate)))
+    if len(excess) < 5 or float(excess.std()) <= 0.0 or rate >= tail:
+        return max(base, float(np.quantile(score, 1.0 - rate)))
+    ratio = float(excess.mean()) ** 2 / float(excess.var())
+    shape = float(np.clip(0.5 * (1.0 - ratio), -0.5, 0.3))
+    scale = float(excess.mean()) * (1.0 - shape)
+    if abs(shape) < 1e-6:
+        return base + scale * float(np.log(tail / rate))
+    return base + scale / shape * ((rate / tail) ** -shape - 1.0)
 
 
 def conformal_quantile(residual: np.ndarray, coverage: float = COVERAGE) -> float:

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from ema_prognostics.robust.chunks import chunk_file, load_chunk, save_chunk
+from ema_prognostics.robust.classes import OUTPUTS
 from ema_prognostics.robust.conditions import (
     HEALTHY,
-    OUTPUTS,
     Conditions,
     Fault,
     Unit,

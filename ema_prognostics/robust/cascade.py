@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ema_prognostics.robust.conditions import CLASS_OF, OUTPUTS
+from ema_prognostics.model_body import OutputPart, SeverityPart, ViewPart
+from ema_prognostics.robust.classes import CLASS_OF, OUTPUTS, SEVERITY_OF, SHORTS
 from ema_prognostics.robust.guard import build_guard
-from ema_prognostics.robust.model import SeverityData, ViewData
-from ema_prognostics.robust.vector import rotate, squash
+from ema_prognostics.robust.inputs import Inputs
+from ema_prognostics.robust.vector import rotate
 
-SHORTS = OUTPUTS[:3]
 MAX_FAULTS = 2
 
 
@@ -38,8 +38,8 @@ class Finding:
     ----------
     outputs : outputs announced, most certain first, at most two, of different classes.
     severity : of each of them.
-    probability : ndarray, shape (7,), of the outputs.
-    margin : ndarray, shape (7,), logit less threshold.
+    probability : ndarray, shape (8,), of the outputs.
+    margin : ndarray, shape (8,), logit less threshold.
     guard : ndarray, shape (m,), of each feature checked; above 1: unusual. Empty: no guard.
     """
 
@@ -50,53 +50,75 @@ class Finding:
     guard: np.ndarray
 
 
-def predict_severity(data: SeverityData, u: np.ndarray) -> np.ndarray:
-    """Return value, lower and upper bound, shape (n, 3), in the effect's unit."""
-    y = data.network.build()(u)[:, 0]
-    half = np.array(data.half_width)[np.searchsorted(np.array(data.edges), y)]
-    bounds = np.stack([y, y - half, y + half], axis=1)
-    return np.clip(data.unit * np.sinh(bounds), 0.0, 2.0 * data.upper)
+class OutputNetwork:
+    """Which: one network at work."""
+
+    def __init__(self, part: OutputPart, inputs: Inputs) -> None:
+        """Build the network."""
+        self._network, self._threshold = part.network.build(), part.threshold
+        self._columns = inputs.columns(part.inputs)
+
+    def __call__(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return probability, and logit less threshold, each (n,), for all inputs `u`."""
+        p = self._network(u[:, self._columns])[:, 0]
+        return p, logit(p) - self._threshold
+
+
+class SeverityNetwork:
+    """How much, with an interval: one network at work."""
+
+    def __init__(self, part: SeverityPart, inputs: Inputs) -> None:
+        """Build the network."""
+        self._network, self._columns = part.network.build(), inputs.columns(part.inputs)
+        self._unit, self._upper = part.unit, part.upper
+        self._edges, self._half_width = np.array(part.edges), np.array(part.half_width)
+
+    def __call__(self, u: np.ndarray) -> np.ndarray:
+        """Return value, lower and upper bound, shape (n, 3), in the effect's unit."""
+        y = self._network(u[:, self._columns])[:, 0]
+        half = self._half_width[np.searchsorted(self._edges, y)]
+        bounds = np.stack([y, y - half, y + half], axis=1)
+        return np.clip(self._unit * np.sinh(bounds), 0.0, 2.0 * self._upper)
 
 
 class Cascade:
     """The networks of one view, built once."""
 
-    def __init__(self, view: ViewData) -> None:
-        """Build the networks."""
+    def __init__(self, view: ViewPart) -> None:
+        """Build the networks; ValueError if a part is missing."""
+        needed = set(SEVERITY_OF.values())
+        if set(view.severity) != needed or set(view.which) != needed:
+            raise ValueError("a network of the cascade is missing or foreign")
         self.view = view
-        self._center, self._spread = np.array(view.center), np.array(view.spread)
-        self._which = view.which.build()
-        self._threshold = np.array(view.threshold)
+        self.inputs = Inputs(
+            view.names, view.lines.build(),
+            None if view.absolute_lines is None else view.absolute_lines.build(),
+            np.array(view.center), np.array(view.spread),
+        )
+        self._which = {n: OutputNetwork(part, self.inputs) for n, part in view.which.items()}
+        self._severity = {
+            n: SeverityNetwork(part, self.inputs) for n, part in view.severity.items()
+        }
         self.guard = build_guard(view, view.guard) if view.guard is not None else None
 
-    def squash(self, x: np.ndarray) -> np.ndarray:
-        """Return the inputs of the networks for features `x`, shape (n, d)."""
-        return squash(x, self._center, self._spread)
-
-    def deviations(self, x: np.ndarray) -> np.ndarray:
-        """Return `x` in healthy standard deviations, shape (n, d)."""
-        return (x - self._center) / self._spread
-
     def find(self, x: np.ndarray) -> list[Finding]:
-        """Return what the cascade says of each row of `x`, shape (n, d)."""
-        u = self.squash(x)
-        p = self._which(u)
-        margin = logit(p) - self._threshold
+        """Return what the cascade says of each row of features `x`, shape (n, d)."""
+        turned = [self.inputs(rotate(x, self.view.names, k)) for k in range(3)]
+        u = turned[0]
+        p, margin = np.empty((len(x), len(OUTPUTS))), np.empty((len(x), len(OUTPUTS)))
+        for k, output in enumerate(OUTPUTS):
+            seen = turned[k] if output in SHORTS else u
+            p[:, k], margin[:, k] = self._which[SEVERITY_OF[output]](seen)
         guard = self.guard.scores(u) if self.guard is not None else np.empty((len(x), 0))
-        turned = [u] + [self.squash(rotate(x, self.view.names, k)) for k in (1, 2)]
         severity = {
-            name: np.stack([predict_severity(data, t) for t in turned])
-            for name, data in self.view.severity.items()
+            output: self._severity[SEVERITY_OF[output]](turned[k] if output in SHORTS else u)
+            for k, output in enumerate(OUTPUTS)
         }
         found = []
         for row in range(len(x)):
             outputs = announced(p[row], margin[row])
-            values = []
-            for output in outputs:
-                name = "short" if output in SHORTS else output
-                phase = SHORTS.index(output) if output in SHORTS else 0
-                value, lower, upper = (float(v) for v in severity[name][phase, row])
-                values.append(Severity(value=value, lower=lower, upper=upper))
+            values = [Severity(value=float(v), lower=float(low), upper=float(high))
+                      for v, low, high in (severity[o][row] for o in outputs)]
             found.append(Finding(
                 outputs=outputs, severity=tuple(values), probability=p[row], margin=margin[row],
                 guard=guard[row],

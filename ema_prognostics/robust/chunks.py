@@ -18,6 +18,7 @@ DECIDING = (
     "current_sensors.py", "segments.py", "spectrum.py", "turns.py", "robust/balance.py",
     "robust/campaign.py", "robust/commutation.py", "robust/conditions.py",
     "robust/consistency.py", "robust/features.py", "robust/reversal.py", "robust/signals.py",
+    "robust/start.py",
 )
 """Files of `ema_prognostics` that decide what a campaign gives."""
 

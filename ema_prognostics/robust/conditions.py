@@ -12,16 +12,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ema_prognostics.robust.classes import FAULTS, OUTPUTS
 from ema_sim.effects import Effects, parse_effects
 from ema_sim.parameters import Actuator
 
-FAULTS = ("turn_short", "rotor_eccentricity", "friction", "backlash")
-"""Classes that a verdict names."""
-OUTPUTS = ("short_a", "short_b", "short_c", "eccentricity", "static_eccentricity",
-           "motor_friction", "surface_friction", "backlash")
-"""What the first network tells apart."""
-CLASS_OF = dict(zip(OUTPUTS, ("turn_short",) * 3 + ("rotor_eccentricity",) * 2
-                    + ("friction",) * 2 + ("backlash",)))
 SEVERITY: dict[str, tuple[float, float]] = {
     "turn_short": (1e-3, 0.4), "rotor_eccentricity": (1.5e-3, 0.2), "friction": (0.01, 2.0),
     "backlash": (2e-5, 4e-3),
@@ -153,7 +147,9 @@ def actuator_of(nominal: Actuator, unit: Unit) -> Actuator:
     return nominal._replace(
         motor=motor._replace(
             back_emf_constant=k,
-            **{f"back_emf_deviation_{p}": d for p, d in zip("abc", unit.back_emf_phase)},
+            back_emf_deviation_a=unit.back_emf_phase[0],
+            back_emf_deviation_b=unit.back_emf_phase[1],
+            back_emf_deviation_c=unit.back_emf_phase[2],
             phase_resistance=motor.phase_resistance * (1.0 + unit.resistance),
             phase_inductance=motor.phase_inductance * (1.0 + unit.inductance),
             inertia=motor.inertia * (1.0 + unit.inertia),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ema_prognostics.robust.cascade import Cascade, Finding
-from ema_prognostics.robust.conditions import CLASS_OF
+from ema_prognostics.robust.classes import CLASS_OF
 
 WORDS = {
     "torque_full": "torque needed at full speed",
@@ -27,13 +27,17 @@ WORDS = {
     "reference_spread": "current against its reference, phase by phase",
     "reference_sum": "sum of the reference currents",
     "torque_full_over_quarter": "growth of the torque with speed",
+    "lag_at_rest": "wind-up between rest and slew",
+    "lag_peak": "peak of the wind-up at the start",
+    "start_stiffness_1": "stiffness behind the motor when it starts",
+    "start_stiffness_2": "stiffness behind the motor after its first 0.25 rad",
     "torque_quarter_over_ramp": "growth of the torque from ramp to slew",
 }
 """What a feature is, for a person."""
 RELEVANT = {
     "turn_short": ("_even_m2", "_even_m4"),
     "rotor_eccentricity": ("_even_m1", "_even_m3"),
-    "friction": ("torque_", "gap_torque"), "backlash": ("gap_width", "lag_"),
+    "friction": ("torque_", "gap_torque"), "backlash": ("gap_width", "lag_", "start_stiffness"),
 }
 """Features that speak for each class."""
 MOST = 3
@@ -49,9 +53,11 @@ def words(name: str) -> str:
             h = name[name.rindex("_m") + 2:].partition("_")[0]
             kind = "torque ripple" if "_even_" in name else "ripple of the speed sensor"
             return f"{kind} {h} times a turn, {at}"
-        if name.endswith(f"_{speed}"):
-            stem = name.removesuffix(f"_{speed}")
+        if name.endswith((f"_{speed}", f"_{speed}_back")):
+            stem = name.removesuffix("_back").removesuffix(f"_{speed}")
             known = {
+                "rise": "time in which a phase takes over the current",
+                "rise_spread": "difference between the phases in taking over the current",
                 "load": "difference of the torque forward and back",
                 "high_low": "fine torque ripple (7 to 12 a turn)",
                 "high_mid": "fine torque ripple (13 to 20 a turn)",
@@ -69,8 +75,8 @@ def words(name: str) -> str:
 def reasons_of_fault(cascade: Cascade, x: np.ndarray, output: str) -> list[str]:
     """Return what moved, largest first, for an announced output; `x` has shape (d,)."""
     keys = RELEVANT[CLASS_OF[output]]
-    names = cascade.view.names
-    z = cascade.deviations(x[None])[0]
+    names = cascade.inputs.input_names
+    z = cascade.inputs.deviations(x[None])[0]
     chosen = [k for k, n in enumerate(names)
               if any(key in n for key in keys) and not n.startswith("absolute_")]
     chosen.sort(key=lambda k: -abs(z[k]))

@@ -11,9 +11,8 @@ from ema_prognostics.robust.commutation import rise
 from ema_prognostics.robust.consistency import consistency
 from ema_prognostics.robust.reversal import Gap, reversal_gap
 from ema_prognostics.robust.signals import Signals, prepare
-from ema_prognostics.segments import profile_kind
+from ema_prognostics.robust.start import start_features
 from ema_record.errors import IncompleteRecordError
-from ema_record.profile import Profile
 from ema_record.record import Record
 from ema_sim.parameters import Actuator
 
@@ -29,6 +28,8 @@ SEGMENTS: dict[Kind, dict[str, tuple[float, float, int]]] = {
 """Begin and end after the first command (s), fewest turns; settled slews only."""
 RAMPS = {"ramp": (2.12, 2.498), "ramp_back": (2.66, 2.998)}
 """Slow ramps (s after the first command); too slow for whole turns in number."""
+LAST_TIME: dict[Kind, float] = {"step": 0.36, "extended": 3.083}
+"""What a record must cover at least (s after the first command)."""
 REVERSALS = {"gap": (2.508, -1), "gap_back": (3.008, 1)}
 REVERSAL_LENGTH = 0.075
 """Begin (s) and sense after each reversal, and the window's length (s)."""
@@ -130,6 +131,7 @@ def extract(record: Record, kind: Kind, actuator: Actuator | None = None) -> dic
         for band, part in HIGH_BANDS.items():
             high = balances["full"].high[part]
             found[f"high_{band}_full"] = float(np.log(high.max() + 1e-5))
+        found |= start_features(signals, *SEGMENTS[kind]["full"][:2])
     for name, (begin, end, _) in SEGMENTS[kind].items():
         found[f"rise_{name}"], found[f"rise_spread_{name}"] = rise(signals, begin, end)
     found |= _start(signals, balances["full"])
@@ -140,8 +142,3 @@ def extract(record: Record, kind: Kind, actuator: Actuator | None = None) -> dic
         bad = next(name for name, value in found.items() if not np.isfinite(value))
         raise IncompleteRecordError(f"feature {bad} is not finite: repeat the test")
     return found
-
-
-def kind_of(profile: Profile) -> Kind | None:
-    """Return which trained test `profile` is, or None."""
-    return profile_kind(profile)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ema_prognostics.model_body import GuardPart, ViewPart
 from ema_prognostics.network import Network
-from ema_prognostics.robust.model import GuardData, ViewData
 
 DRIVERS = ("quarter_even_", "torque_quarter", "gap_torque", "gap_width", "load_quarter",
            "temperature", "bus_voltage", "full_even_m1", "full_even_m2", "full_even_m3")
@@ -57,7 +57,7 @@ class Guard:
         return np.abs(residual) / (np.exp(self.scale(x)) + FLOOR) / self.limit
 
 
-def build_guard(view: ViewData, data: GuardData) -> Guard:
+def build_guard(view: ViewPart, data: GuardPart) -> Guard:
     """Return the guard of a view."""
     return Guard(
         drivers=np.array([view.names.index(n) for n in data.drivers]),

@@ -1,100 +1,49 @@
-"""Training of the cascade on a campaign: networks, thresholds, interval widths, guard."""
+"""Training of one view of the cascade on a campaign: networks, thresholds, interval widths."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
+from ema_prognostics.model_body import (
+    LinePart,
+    NetworkPart,
+    OutputPart,
+    SeverityPart,
+    View,
+    ViewPart,
+    rounded,
+)
 from ema_prognostics.robust.calibration import bin_widths, tail_quantile
 from ema_prognostics.robust.campaign import Campaign
 from ema_prognostics.robust.cascade import logit
-from ema_prognostics.robust.conditions import OUTPUTS
-from ema_prognostics.robust.guard import FLOOR, NOT_CHECKED, drivers_of
-from ema_prognostics.robust.model import (
-    GuardData,
-    NetworkData,
-    SeverityData,
-    View,
-    ViewData,
-)
-from ema_prognostics.robust.vector import difference_names, differences, rotate, squash
+from ema_prognostics.robust.classes import OUTPUTS, SEVERITY_OF
+from ema_prognostics.robust.guard_training import train_guard
+from ema_prognostics.robust.inputs import Inputs, derive, group_inputs
+from ema_prognostics.robust.lines import LineFilter, fit_line_filter
+from ema_prognostics.robust.networks import fit_classifier, fit_regressor
+from ema_prognostics.robust.vector import ABSOLUTE, difference_names, differences, rotate
 
-UNITS = {"short": 2e-3, "eccentricity": 2e-3, "motor_friction": 0.05, "surface_friction": 0.05,
-         "backlash": 3e-5}
+UNITS = {"short": 2e-3, "eccentricity": 2e-3, "static_eccentricity": 2e-3,
+         "motor_friction": 0.05, "surface_friction": 0.05, "backlash": 3e-5}
 """Severity below which a network's target is linear (of each class)."""
-FALSE_ALARMS = 0.0008
-"""Rate of healthy records that each of the seven outputs may announce."""
-GUARD_RATE = 0.003
-"""Rate of known records that the guard may turn away."""
+FALSE_ALARMS = 0.0005
+"""Rate of healthy records that each of the outputs may announce."""
 HELD_BACK = 5
 """One unit in this many calibrates instead of training."""
 
 
-def _mlp(estimator: Any, x: np.ndarray, y: np.ndarray) -> Any:
-    from sklearn.exceptions import ConvergenceWarning
-    from threadpoolctl import threadpool_limits
-
-    with warnings.catch_warnings(), threadpool_limits(limits=1):
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        return estimator.fit(x, y)
-
-
-def _data(fitted: Any, law: str, mean: np.ndarray, scale: np.ndarray) -> NetworkData:
-    def numbers(a: np.ndarray) -> Any:
-        return np.vectorize(lambda v: float(f"{v:.7g}"))(a).tolist()
-
-    w1, w2 = fitted.coefs_
-    b1, b2 = fitted.intercepts_
-    return NetworkData.model_validate({
-        "hidden_weights": numbers(w1), "hidden_bias": numbers(b1), "output_weights": numbers(w2),
-        "output_bias": numbers(b2), "output_law": law, "output_mean": numbers(mean),
-        "output_scale": numbers(scale),
-    })
-
-
-def _regression(
-    x: np.ndarray, y: np.ndarray, *, hidden: int, seed: int, epochs: int
-) -> NetworkData:
-    """Fit y, shape (n, k), by least squares."""
-    from sklearn.neural_network import MLPRegressor
-
-    mean, scale = y.mean(axis=0), np.maximum(y.std(axis=0), 1e-6)
-    fitted = _mlp(MLPRegressor(
-        hidden_layer_sizes=(hidden,), activation="logistic", alpha=1e-3,
-        learning_rate_init=4e-3, batch_size=min(128, len(x)),
-        max_iter=epochs, random_state=seed, tol=1e-6, n_iter_no_change=15,
-    ), x, (y - mean) / scale if y.shape[1] > 1 else ((y - mean) / scale)[:, 0])
-    return _data(fitted, "linear", mean, scale)
-
-
-def _which(
-    x: np.ndarray, y: np.ndarray, *, hidden: int, seed: int, epochs: int
-) -> NetworkData:
-    """Fit the indicators y, shape (n, 7)."""
-    from sklearn.neural_network import MLPClassifier
-
-    fitted = _mlp(MLPClassifier(
-        hidden_layer_sizes=(hidden,), activation="logistic", alpha=1e-3,
-        learning_rate_init=4e-3, batch_size=min(256, len(x)),
-        max_iter=epochs, random_state=seed, tol=1e-6, n_iter_no_change=15,
-    ), x, y)
-    k = y.shape[1]
-    return _data(fitted, "logsig", np.zeros(k), np.ones(k))
-
-
 def view_inputs(campaign: Campaign, view: View) -> tuple[list[str], np.ndarray]:
-    """Return the names and the inputs of a view, shape (n, d)."""
+    """Return the names and the features of a view, shape (n, d)."""
     names = list(campaign.names)
     if view == "fleet":
         return names, campaign.record
-    return difference_names(names), differences(names, campaign.record, campaign.baseline)
+    return difference_names(names), differences(campaign.record, campaign.baseline)
 
 
 def _turn_labels(y: np.ndarray, thirds: int) -> np.ndarray:
-    """Return severities, shape (n, 7), after `vector.rotate` by `thirds`."""
+    """Return severities, shape (n, 8), after `vector.rotate` by `thirds`."""
     out = y.copy()
     out[:, :3] = np.roll(y[:, :3], -thirds, axis=1)
     return out
@@ -102,8 +51,8 @@ def _turn_labels(y: np.ndarray, thirds: int) -> np.ndarray:
 
 def train_view(
     campaign: Campaign, healthy: Campaign, kind: str, view: View, *, seed: int,
-    hidden: int = 48, epochs: int = 80, progress: Callable[[str], None] = lambda _: None,
-) -> ViewData:
+    hidden: int = 16, epochs: int = 60, progress: Callable[[str], None] = lambda _: None,
+) -> ViewPart:
     """Return the cascade of one view.
 
     Parameters
@@ -113,100 +62,110 @@ def train_view(
     kind : of the test.
     view : with or without baseline.
     seed : of the networks' weights.
-    hidden, epochs : size of the first network; passes through the data.
+    hidden, epochs : size of a member of the networks; passes through the data.
     progress : called with what begins.
     """
     names, x = view_inputs(campaign, view)
     y = campaign.severity
     fit = campaign.unit % HELD_BACK != 0
     _, sound = view_inputs(healthy, view)
-    none = (y == 0.0).all(axis=1)
-    reference = x[fit & none]
+    reference = x[fit & (y == 0.0).all(axis=1)]
+    extra = campaign.baseline[fit] if view == "fleet" else np.empty((0, x.shape[1]))
     if view == "fleet":  # every acceptance record is a healthy one
-        reference = np.vstack([reference, campaign.baseline[fit]])
+        reference = np.vstack([reference, extra])
         sound = np.vstack([sound, healthy.baseline])
     else:  # either of two healthy records may be the baseline
-        n = list(campaign.names)
-        sound = np.vstack([sound, differences(n, healthy.baseline, healthy.record)])
-    center = np.median(reference, axis=0)
-    spread = np.maximum(reference.std(axis=0), 1e-6)
-
-    def inputs(values: np.ndarray) -> np.ndarray:
-        return squash(values, center, spread)
-
-    extra = campaign.baseline[fit] if view == "fleet" else np.empty((0, x.shape[1]))
+        sound = np.vstack([sound, differences(healthy.baseline, healthy.record)])
+    lines, absolute = _filters(names, reference, x[fit], y[fit], view)
+    raw = derive(names, reference, lines, absolute)
+    center, spread = rounded(np.median(raw, axis=0)), rounded(np.maximum(raw.std(axis=0), 1e-6))
+    inputs = Inputs(names, lines, absolute, np.array(center), np.array(spread))
     xs = np.vstack([x[fit], extra])
     ys = np.vstack([y[fit], np.zeros((len(extra), y.shape[1]))])
-    turned = [(inputs(rotate(xs, names, k)), _turn_labels(ys, k)) for k in range(3)]
-    xa = np.vstack([t[0] for t in turned])
-    ya = np.vstack([t[1] for t in turned])
-    progress("which fault")
-    which = _which(xa, (ya > 0.0).astype(int), hidden=hidden, seed=seed, epochs=epochs)
-    score = np.vstack([
-        logit(which.build()(inputs(rotate(sound, names, k)))) for k in range(3)
-    ])
-    threshold = np.array([tail_quantile(score[:, k], FALSE_ALARMS) for k in range(len(OUTPUTS))])
-    threshold[:3] = threshold[:3].max()
-    progress("how much")
-    severity = _severities(xa, ya, x, y, fit, names, inputs, seed, epochs)
+    which, severity = {}, {}
+    for group in dict.fromkeys(SEVERITY_OF.values()):
+        progress(group.replace("_", " "))
+        job = _Group(group, inputs, xs, ys, seed, hidden, epochs)
+        which[group] = job.which(sound)
+        severity[group] = job.severity(x[~fit], y[~fit])
     guard = None
     if view == "fleet":
         progress("guard")
-        known = np.vstack([inputs(x[fit]), inputs(campaign.baseline[fit])])
-        other = np.vstack([inputs(x[~fit]), inputs(sound)])
+        d = len(names)
+        known = inputs(xs)[:, :d]
+        other = np.vstack([inputs(x[~fit]), inputs(sound)])[:, :d]
         guard = train_guard(known, other, names, kind, seed=seed, epochs=epochs)
-    return ViewData(
-        names=names, center=center.tolist(), spread=spread.tolist(), which=which,
-        threshold=threshold.tolist(), severity=severity, guard=guard,
+    return ViewPart(
+        names=names, lines=LinePart.of(lines),
+        absolute_lines=None if absolute is None else LinePart.of(absolute),
+        center=center, spread=spread, which=which, severity=severity, guard=guard,
     )
 
 
-def _severities(
-    xa: np.ndarray, ya: np.ndarray, x: np.ndarray, y: np.ndarray, fit: np.ndarray,
-    names: list[str], inputs: Callable[[np.ndarray], np.ndarray], seed: int,
-    epochs: int,
-) -> dict[str, SeverityData]:
-    found = {}
-    for name, unit in UNITS.items():
-        column = 0 if name == "short" else OUTPUTS.index(name)
-        rows = ya[:, column] > 0.0
-        target = np.arcsinh(ya[rows, column] / unit)
-        network = _regression(
-            xa[rows], target[:, None], hidden=16, seed=seed + 1, epochs=2 * epochs
+class _Group:
+    """Data and training of the networks of one group of inputs."""
+
+    def __init__(
+        self, group: str, inputs: Inputs, x: np.ndarray, y: np.ndarray, seed: int, hidden: int,
+        epochs: int,
+    ) -> None:
+        self._inputs, self._names = inputs, group_inputs(group, inputs.input_names)
+        self._columns = inputs.columns(self._names)
+        self._output = next(k for k, o in enumerate(OUTPUTS) if SEVERITY_OF[o] == group)
+        self._turns = range(3) if group == "short" else range(1)
+        self._unit = UNITS[group]
+        self._settings = {"hidden": hidden, "seed": seed}
+        self._epochs = epochs
+        self._x, self._y = self._see(x), self._label(y)
+
+    def _see(self, x: np.ndarray) -> np.ndarray:
+        names = self._inputs.names
+        return np.vstack([
+            self._inputs(rotate(x, names, k))[:, self._columns] for k in self._turns
+        ])
+
+    def _label(self, y: np.ndarray) -> np.ndarray:
+        return np.concatenate([_turn_labels(y, k)[:, self._output] for k in self._turns])
+
+    def which(self, sound: np.ndarray) -> OutputPart:
+        """Return the network that says whether, its threshold set on healthy records."""
+        network = fit_classifier(self._x, self._y > 0.0, epochs=self._epochs, **self._settings)
+        part = NetworkPart.of(network)
+        score = logit(part.build()(self._see(sound))[:, 0])
+        threshold = float(f"{tail_quantile(score, FALSE_ALARMS):.6g}")
+        return OutputPart(inputs=self._names, network=part, threshold=threshold)
+
+    def severity(self, x: np.ndarray, y: np.ndarray) -> SeverityPart:
+        """Return the network that says how much, its intervals set on held-back records."""
+        rows = self._y > 0.0
+        target = np.arcsinh(self._y[rows] / self._unit)
+        network = fit_regressor(
+            self._x[rows], target[:, None], epochs=3 * self._epochs, members=3, **self._settings
         )
-        held_x, held_y = [], []
-        for k in range(3 if name == "short" else 1):
-            column_k = _turn_labels(y, k)[:, column]
-            chosen = ~fit & (column_k > 0.0)
-            held_x.append(inputs(rotate(x[chosen], names, k)))
-            held_y.append(np.arcsinh(column_k[chosen] / unit))
-        predicted = network.build()(np.vstack(held_x))[:, 0]
-        edges, widths = bin_widths(predicted, np.abs(np.concatenate(held_y) - predicted))
-        found[name] = SeverityData(
-            network=network, unit=unit, edges=edges, half_width=widths,
-            upper=float(ya[rows, column].max()),
+        part = NetworkPart.of(network)
+        truth = self._label(y)
+        there = truth > 0.0
+        predicted = part.build()(self._see(x)[there])[:, 0]
+        error = np.abs(np.arcsinh(truth[there] / self._unit) - predicted)
+        edges, widths = bin_widths(predicted, error)
+        return SeverityPart(
+            inputs=self._names, network=part, unit=self._unit, edges=rounded(np.array(edges)),
+            half_width=rounded(np.array(widths)), upper=float(f"{self._y.max():.6g}"),
         )
-    return found
 
 
-def train_guard(
-    known: np.ndarray, other: np.ndarray, names: list[str], kind: str, *, seed: int, epochs: int
-) -> GuardData:
-    """Return the guard: trained on `known`, bounded on `other` (squashed features)."""
-    drivers = drivers_of(names, kind)
-    checked = [n for n in names if n not in drivers and n not in NOT_CHECKED]
-    d = [names.index(n) for n in drivers]
-    c = [names.index(n) for n in checked]
-    mean = _regression(known[:, d], known[:, c], hidden=32, seed=seed + 2, epochs=epochs)
-    residual = np.abs(known[:, c] - mean.build()(known[:, d]))
-    scale = _regression(
-        known[:, d], np.log(residual + FLOOR), hidden=16, seed=seed + 3, epochs=epochs // 2
-    )
-    ratio = np.abs(other[:, c] - mean.build()(other[:, d])) / (
-        np.exp(scale.build()(other[:, d])) + FLOOR
-    )
-    each = np.quantile(ratio, 0.995, axis=0)
-    worst = (ratio / each).max(axis=1)
-    limit = each * tail_quantile(worst, GUARD_RATE)
-    return GuardData(drivers=drivers, checked=checked, mean=mean, scale=scale,
-                     limit=limit.tolist())
+def _filters(
+    names: list[str], healthy: np.ndarray, x: np.ndarray, y: np.ndarray, view: View
+) -> tuple[LineFilter, LineFilter | None]:
+    """Return the filters of the lines, rounded as they stand in the file."""
+    one = (y > 0.0).sum(axis=1) == 1
+    rows = [one & (y[:, k] > 0.0) for k in range(3)]
+    shorted = np.vstack([rotate(x[r], names, k) for k, r in enumerate(rows)])
+    fraction = np.concatenate([y[r, k] for k, r in enumerate(rows)])
+    lines = LinePart.of(fit_line_filter(names, healthy, shorted, fraction)).build()
+    if view == "fleet":
+        return lines, None
+    own = [k for k, n in enumerate(names) if n.startswith(ABSOLUTE)]
+    bare = [names[k].removeprefix(ABSOLUTE) for k in own]
+    found = fit_line_filter(bare, healthy[:, own], shorted[:, own], fraction)
+    return lines, LinePart.of(found).build()

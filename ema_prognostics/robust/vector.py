@@ -1,4 +1,4 @@
-"""From named features to the networks' inputs: differences, squashing, rotation of phases."""
+"""Features as vectors: differences to the baseline, squashing, rotation of the phases."""
 
 from __future__ import annotations
 
@@ -6,26 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-ABSOLUTE = ("temperature", "bus_voltage", "noise_current", "noise_speed", "torque_quarter",
-            "gap_torque", "torque_full")
-"""Kept beside the differences to the baseline."""
+ABSOLUTE = "absolute_"
+"""Marks a feature itself beside its difference to the baseline."""
 
 
 def difference_names(names: Sequence[str]) -> list[str]:
-    """Return the names of the inputs with a baseline."""
-    return [*names, *(f"absolute_{n}" for n in ABSOLUTE if n in names)]
+    """Return the names with a baseline: differences, then the features themselves."""
+    return [*names, *(f"{ABSOLUTE}{n}" for n in names)]
 
 
-def differences(names: Sequence[str], record: np.ndarray, baseline: np.ndarray) -> np.ndarray:
-    """Return the inputs with a baseline, shape (n, d + absolute ones).
-
-    Parameters
-    ----------
-    names : of the features.
-    record, baseline : ndarray, shape (n, d).
-    """
-    keep = [names.index(n) for n in ABSOLUTE if n in names]
-    return np.hstack([record - baseline, record[:, keep]])
+def differences(record: np.ndarray, baseline: np.ndarray) -> np.ndarray:
+    """Return the features with a baseline, shape (n, 2 d), of two arrays of shape (n, d)."""
+    return np.hstack([record - baseline, record])
 
 
 def squash(x: np.ndarray, center: np.ndarray, spread: np.ndarray) -> np.ndarray:

@@ -1,0 +1,46 @@
+"""The baseline: an actuator's own healthy record, from its acceptance."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ema_prognostics.diagnosis import diagnose
+from ema_prognostics.guarded import guarded
+from ema_prognostics.model_file import Model
+from ema_record.bag import read_bag
+from ema_record.errors import RecordError, UsageError
+from ema_record.record import Record
+
+UNKNOWN_SERIAL = "unknown"
+
+
+def load_baseline(path: Path, model: Model) -> Record:
+    """Return the record of a bag that serves as baseline.
+
+    Raises
+    ------
+    UsageError
+        The bag cannot be read, or its record is not healthy by the fleet model.
+    """
+    try:
+        record = read_bag(path)
+    except RecordError as error:
+        raise UsageError(f"{path}: cannot serve as baseline: {error}") from None
+    verdict = guarded(record, lambda r: diagnose(r, model))
+    if verdict.outcome != "healthy":
+        named = ", ".join(f.fault_class for f in verdict.faults) or verdict.outcome
+        raise UsageError(
+            f"{path}: cannot serve as baseline, it is not healthy itself ({named}): give a "
+            "record of the actuator's acceptance"
+        )
+    return record
+
+
+def check_same_actuator(baseline: Record, record: Record) -> None:
+    """Raise UsageError if the two records are known to be of different actuators."""
+    ours, theirs = baseline.provenance.serial_number, record.provenance.serial_number
+    if UNKNOWN_SERIAL not in (ours, theirs) and ours != theirs:
+        raise UsageError(
+            f"the baseline is of actuator {ours}, the record of {theirs}: give a baseline of the "
+            "same actuator"
+        )

@@ -1,0 +1,25 @@
+"""Classes and outputs of the robust cascade, their units and levels."""
+
+from __future__ import annotations
+
+FAULTS = ("turn_short", "rotor_eccentricity", "friction", "backlash")
+"""Classes that a verdict names."""
+OUTPUTS = ("short_a", "short_b", "short_c", "eccentricity", "static_eccentricity",
+           "motor_friction", "surface_friction", "backlash")
+"""What the first network tells apart."""
+SHORTS = OUTPUTS[:3]
+CLASS_OF = dict(zip(OUTPUTS, ("turn_short",) * 3 + ("rotor_eccentricity",) * 2
+                    + ("friction",) * 2 + ("backlash",)))
+SEVERITY_OF = dict(zip(OUTPUTS, ("short",) * 3 + OUTPUTS[3:]))
+"""Network of the severity of each output; the phases share one."""
+UNITS = {"turn_short": "1", "rotor_eccentricity": "1", "friction": "1", "backlash": "rad"}
+"""Units of the severities: parts of the turns, of the air gap, of the friction; rad."""
+LEVELS = {"turn_short": (0.0775, 0.1695), "rotor_eccentricity": (0.0100, 0.0228),
+          "friction": (0.2, 0.5), "backlash": (3e-4, 1e-3)}
+"""Bounds between small, medium and large; those of the paper for its two faults, in parts."""
+
+
+def level_of(fault_class: str, severity: float) -> str:
+    """Return small, medium or large."""
+    low, high = LEVELS[fault_class]
+    return "small" if severity < low else "medium" if severity < high else "large"

@@ -1,0 +1,102 @@
+"""From the features of a record to the inputs of each network.
+
+Each network sees what physics says its fault moves, and what may be mistaken for it, and no
+more: given all features at once, networks of the same size trained on the same records found
+shorts and eccentricities three to ten times larger only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ema_prognostics.robust.lines import DERIVED, LineFilter
+from ema_prognostics.robust.vector import ABSOLUTE, squash
+
+_SCATTER = ("noise_speed", "torque_quarter", "torque_full")
+"""What the scatter of the lines depends on."""
+_BALANCE = (
+    "torque_", "gap_torque", "gap_load", "gap_width", "load_", "temperature", "bus_voltage",
+    "rise_", "lag_", "shaft_slope", "start_stiffness", "short_like_best", "amplitude_1",
+    "amplitude_3", "noise_speed",
+)
+"""What the mean torque depends on."""
+GROUPS: dict[str, tuple[str, ...]] = {
+    "short": ("short_like_a", "short_like_b", "short_like_c", "short_unlike", "amplitude_1",
+              "amplitude_3", *_SCATTER),
+    "eccentricity": ("amplitude_", "short_unlike", "odd_amplitude", *_SCATTER),
+    "static_eccentricity": ("amplitude_1", "amplitude_2", "amplitude_3", "amplitude_4",
+                            "short_like_best", "short_unlike", *_SCATTER),
+    "motor_friction": _BALANCE,
+    "surface_friction": _BALANCE,
+    "backlash": ("gap_", "lag_", "shaft_slope", "start_stiffness", "torque_ramp", "load_ramp",
+                 "torque_full", "noise_speed"),
+}
+"""Beginnings of the names of the inputs of each network."""
+
+
+def group_inputs(group: str, input_names: Sequence[str]) -> list[str]:
+    """Return the names of the inputs of a network, the absolute ones with a baseline too."""
+    return [n for n in input_names if n.removeprefix(ABSOLUTE).startswith(GROUPS[group])]
+
+
+def input_names(names: Sequence[str]) -> list[str]:
+    """Return the names of all inputs for features `names`."""
+    own = [f"{ABSOLUTE}{n}" for n in DERIVED] if _absolute(names) else []
+    return [*names, *DERIVED, *own]
+
+
+def _absolute(names: Sequence[str]) -> bool:
+    return any(n.startswith(ABSOLUTE) for n in names)
+
+
+def derive(
+    names: Sequence[str], x: np.ndarray, lines: LineFilter, absolute: LineFilter | None
+) -> np.ndarray:
+    """Return features and filtered lines, shape (n, inputs), not squashed.
+
+    Parameters
+    ----------
+    names : of the features; with a baseline the absolute ones follow the differences.
+    x : ndarray, shape (n, d).
+    lines, absolute : filters of the lines, and with a baseline those of the absolute lines.
+    """
+    parts = [x, lines.derive(names, x)]
+    if absolute is not None:
+        own = [k for k, n in enumerate(names) if n.startswith(ABSOLUTE)]
+        bare = [names[k].removeprefix(ABSOLUTE) for k in own]
+        parts.append(absolute.derive(bare, x[:, own]))
+    return np.hstack(parts)
+
+
+class Inputs:
+    """The inputs of all networks of one view."""
+
+    def __init__(
+        self, names: Sequence[str], lines: LineFilter, absolute: LineFilter | None,
+        center: np.ndarray, spread: np.ndarray,
+    ) -> None:
+        """Keep what one view needs; `center` and `spread` have shape (inputs,)."""
+        self.names = list(names)
+        self.input_names = input_names(names)
+        self._lines, self._absolute = lines, absolute
+        self._center, self._spread = center, spread
+
+    def deviations(self, x: np.ndarray) -> np.ndarray:
+        """Return all inputs in healthy deviations, shape (n, inputs), of features `x`."""
+        raw = derive(self.names, x, self._lines, self._absolute)
+        return (raw - self._center) / self._spread
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Return all inputs, squashed, shape (n, inputs), of features `x`, shape (n, d)."""
+        raw = derive(self.names, x, self._lines, self._absolute)
+        return squash(raw, self._center, self._spread)
+
+    def columns(self, inputs: Sequence[str]) -> np.ndarray:
+        """Return where `inputs` stand; ValueError if one is unknown."""
+        place = {n: k for k, n in enumerate(self.input_names)}
+        missing = [n for n in inputs if n not in place]
+        if missing:
+            raise ValueError(f"unknown input {missing[0]!r}")
+        return np.array([place[n] for n in inputs])

@@ -1,0 +1,91 @@
+"""Rates with bounds, and the severity that is found with certainty (MIL-HDBK-1823A)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+LEVEL = 0.95
+
+
+class Rate(NamedTuple):
+    """A rate with its exact bounds."""
+
+    hits: int
+    total: int
+    lower: float
+    """Two-sided 95 % (Clopper and Pearson 1934)."""
+    upper: float
+
+    @property
+    def value(self) -> float:
+        """The rate itself, NaN of nothing."""
+        return self.hits / self.total if self.total else float("nan")
+
+
+def rate(hits: Sequence[bool] | np.ndarray) -> Rate:
+    """Return the rate of `hits`, shape (n,)."""
+    from scipy.stats import beta
+
+    k, n = int(np.sum(hits)), len(hits)
+    tail = 0.5 * (1.0 - LEVEL)
+    return Rate(
+        k, n, float(beta.ppf(tail, k, n - k + 1)) if k else 0.0,
+        float(beta.ppf(1.0 - tail, k + 1, n - k)) if k < n else 1.0,
+    )
+
+
+class Detection(NamedTuple):
+    """Probability of detection against severity: log-odds linear in the log of severity."""
+
+    intercept: float
+    slope: float
+    a90: float
+    """Severity found in nine of ten records."""
+    a90_95: float
+    """Its upper 95 % confidence bound."""
+
+    def probability(self, severity: np.ndarray) -> np.ndarray:
+        """Return the probability of detection at severities, shape (n,)."""
+        from scipy.special import expit
+
+        return expit(self.intercept + self.slope * np.log(severity))
+
+
+def detection(severity: np.ndarray, found: np.ndarray) -> Detection | None:
+    """Fit the probability of detection; None where it cannot be (all or none found).
+
+    Parameters
+    ----------
+    severity : ndarray, shape (n,), positive.
+    found : ndarray of bool, shape (n,).
+
+    The bound follows from the fit's covariance by the delta method, one-sided.
+    """
+    from scipy.optimize import minimize
+    from scipy.special import expit
+
+    x, y = np.log(severity), np.asarray(found, dtype=float)
+    if y.sum() < 3 or len(y) - y.sum() < 3:
+        return None
+    center, scale = x.mean(), max(float(x.std()), 1e-9)
+    design = np.column_stack([np.ones(len(x)), (x - center) / scale])
+
+    def loss(b: np.ndarray) -> float:
+        z = design @ b  # a weak ridge keeps separable data finite
+        return float(np.sum(np.logaddexp(0.0, z) - y * z) + 1e-3 * b[1] ** 2)
+
+    b = minimize(loss, np.array([0.0, 3.0]), method="BFGS").x
+    if b[1] <= 0.0:
+        return None
+    p = expit(design @ b)
+    covariance = np.linalg.inv((design * (p * (1 - p) + 1e-9)[:, None]).T @ design)
+    target = np.log(9.0)
+    u = (target - b[0]) / b[1]
+    gradient = np.array([-1.0 / b[1], -u / b[1]])
+    error = float(np.sqrt(gradient @ covariance @ gradient))
+    a90, bound = (float(np.exp(center + scale * v)) for v in (u, u + 1.645 * error))
+    slope = b[1] / scale
+    return Detection(float(b[0] - slope * center), float(slope), a90, bound)

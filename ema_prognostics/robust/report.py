@@ -1,0 +1,90 @@
+"""From what the cascade found to a `Verdict` in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ema_prognostics.robust.cascade import Cascade, Finding
+from ema_prognostics.robust.classes import (
+    CLASS_OF,
+    FAULTS,
+    LEVELS,
+    OUTPUTS,
+    SHORTS,
+    UNITS,
+    level_of,
+)
+from ema_prognostics.robust.explain import reasons_of_fault
+from ema_prognostics.robust.features import Kind
+from ema_prognostics.verdict import Fault, Verdict
+
+GAP_CAVEAT = (
+    "one step in one direction shows lost motion only where the motor crosses it at the start; if "
+    "the last motion left the shaft wound that way, only the extended profile rules backlash out"
+)
+SAME_LINES = (
+    "a winding short and a rotor off centre in a fixed direction (static eccentricity) give "
+    "nearly the same torque lines"
+)
+
+
+def unknown_verdict(*reasons: str) -> Verdict:
+    """Return the verdict on a record that cannot be judged."""
+    return Verdict(outcome="unknown", probabilities={"unknown": 1.0}, reasons=reasons)
+
+
+def probabilities(finding: Finding) -> dict[str, float]:
+    """Return the probability of each class, and of healthy: none of them."""
+    by_class = dict.fromkeys(FAULTS, 0.0)
+    for name, p in zip(OUTPUTS, finding.probability):
+        by_class[CLASS_OF[name]] = max(by_class[CLASS_OF[name]], float(p))
+    return {"healthy": float(np.prod([1.0 - p for p in by_class.values()])), **by_class}
+
+
+def verdict_of_finding(
+    cascade: Cascade, x: np.ndarray, finding: Finding, kind: Kind
+) -> Verdict:
+    """Return the verdict.
+
+    Parameters
+    ----------
+    cascade : that found it.
+    x : ndarray, shape (d,). Its inputs.
+    finding : what it found.
+    kind : of the test.
+    """
+    if not finding.outputs:
+        reasons = ["no feature lies outside what the healthy fleet shows"]
+        if kind == "step":
+            reasons.append(GAP_CAVEAT)
+        return Verdict(
+            outcome="healthy", probabilities=probabilities(finding), reasons=tuple(reasons),
+            alternatives=("backlash",) if kind == "step" else (),
+        )
+    faults, reasons = [], []
+    for output, severity in zip(finding.outputs, finding.severity):
+        name = CLASS_OF[output]
+        faults.append(Fault(
+            fault_class=name, phase=output[-1] if output in SHORTS else None,
+            severity=severity.value, severity_unit=UNITS[name],
+            severity_interval=(severity.lower, severity.upper),
+            level=level_of(name, severity.value),
+        ))
+        if name == "friction":
+            side = "motor" if output == "motor_friction" else "surface"
+            reasons.append(f"the friction is most likely that of the {side}")
+        reasons += reasons_of_fault(cascade, x, output)
+    faults.sort(key=lambda f: -(f.severity or 0.0) / LEVELS[f.fault_class][1])
+    named = {f.fault_class for f in faults}
+    alternatives: tuple[str, ...] = ()
+    static = "static_eccentricity" in finding.outputs
+    if "turn_short" in named and "rotor_eccentricity" not in named:
+        alternatives = ("rotor_eccentricity",)
+    elif static and "turn_short" not in named:
+        alternatives = ("turn_short",)
+    if alternatives:
+        reasons.append(SAME_LINES)
+    return Verdict(
+        outcome="fault", faults=tuple(faults), reasons=tuple(reasons),
+        probabilities=probabilities(finding), alternatives=alternatives,
+    )
