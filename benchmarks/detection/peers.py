@@ -1,0 +1,163 @@
+"""Comparison columns: the paper's literal scheme, and a plain perceptron on our features.
+
+Both answer in the words of the robust cascade, so one table holds all three:
+
+    called = paper_columns([(actuator, case), ...])
+    called = mlp_columns(training_campaign, held_out)
+
+The paper's two networks know neither a healthy actuator nor friction, backlash or "unknown".
+The perceptron is scikit-learn's with its defaults: it has no guard, no calibrated threshold and
+no interval.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from benchmarks.detection.fleet import Case, record_of
+from benchmarks.detection.generate import Tested
+from ema_prognostics.diagnosis import diagnose, verdict_of_error
+from ema_prognostics.model_body import View
+from ema_prognostics.model_file import Model, load_model
+from ema_prognostics.robust.campaign import Campaign
+from ema_prognostics.robust.classes import CLASS_OF, OUTPUTS, SHORTS
+from ema_prognostics.robust.vector import differences
+from ema_record.errors import RecordError
+from ema_sim.parameters import Actuator
+
+HIDDEN = (64,)
+ITERATIONS = 300
+
+
+class Called(NamedTuple):
+    """What a scheme says of one record."""
+
+    outcome: str
+    """healthy, unknown, incomplete, invalid, or the classes named, sorted, joined by ``+``."""
+    phase: str | None = None
+    """Of a short, where one is named."""
+    severity: float | None = None
+    """Of the class named first."""
+
+
+def paper_columns(
+    cases: Sequence[tuple[Actuator, Case]], model: Model | None = None, *, jobs: int = 1
+) -> list[Called]:
+    """Return what the paper's literal scheme says of each case; each is simulated again.
+
+    Parameters
+    ----------
+    cases : unit and test, as `fleet.draw` gives them.
+    model : default the shipped one.
+    jobs : processes.
+    """
+    from joblib import Parallel, delayed
+
+    model = load_model() if model is None else model
+    parts = [cases[k:k + 8] for k in range(0, len(cases), 8)]
+    found = Parallel(n_jobs=jobs)(delayed(_paper_part)(part, model) for part in parts)
+    return [called for part in found for called in part]
+
+
+def _paper_part(cases: Sequence[tuple[Actuator, Case]], model: Model) -> list[Called]:
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1):
+        return [_paper_call(actuator, case, model) for actuator, case in cases]
+
+
+def _paper_call(actuator: Actuator, case: Case, model: Model) -> Called:
+    try:
+        verdict = diagnose(record_of(actuator, case), model, mode="paper")
+    except RecordError as error:
+        verdict = verdict_of_error(error, "")
+    if verdict.outcome != "fault":
+        return Called(verdict.outcome)
+    names = sorted({f.fault_class for f in verdict.faults})
+    return Called("+".join(names), verdict.faults[0].phase, verdict.faults[0].severity)
+
+
+class Perceptron:
+    """Plain perceptrons of scikit-learn: one that says which outputs, one each for how much."""
+
+    def __init__(self, train: Campaign, view: View = "fleet", *, seed: int = 1) -> None:
+        """Fit on a training campaign, standardised features, default settings."""
+        from sklearn.neural_network import MLPClassifier, MLPRegressor
+        from sklearn.preprocessing import StandardScaler
+
+        self.names, self.view = list(train.names), view
+        x = self._inputs(train.record, train.baseline)
+        self._scaler = StandardScaler().fit(x)
+        x = self._scaler.transform(x)
+        present = train.severity > 0.0
+        self._which = _fit(
+            MLPClassifier(HIDDEN, max_iter=ITERATIONS, early_stopping=True, random_state=seed),
+            x, present.astype(int),
+        )
+        self._severity: dict[str, Any] = {}
+        for k, output in enumerate(OUTPUTS):
+            rows = present[:, k]
+            if np.count_nonzero(rows) >= 20:
+                self._severity[output] = _fit(
+                    MLPRegressor(HIDDEN, max_iter=ITERATIONS, early_stopping=True,
+                                 random_state=seed),
+                    x[rows], np.log(train.severity[rows, k]),
+                )
+
+    def _inputs(self, record: np.ndarray, baseline: np.ndarray) -> np.ndarray:
+        return record if self.view == "fleet" else differences(self.names, record, baseline)
+
+    def call(self, record: np.ndarray, baseline: np.ndarray) -> list[Called]:
+        """Return what the perceptrons say of records, features of shape (n, d) each."""
+        x = self._scaler.transform(self._inputs(record, baseline))
+        probability = self._which.predict_proba(x)
+        return [self._call(row, p) for row, p in zip(x, probability)]
+
+    def _call(self, x: np.ndarray, probability: np.ndarray) -> Called:
+        outputs = [OUTPUTS[k] for k in np.argsort(-probability) if probability[k] > 0.5]
+        if not outputs:
+            return Called("healthy")
+        phase = next((o[-1] for o in outputs if o in SHORTS), None)
+        network = self._severity.get(outputs[0])
+        severity = None if network is None else float(np.exp(network.predict(x[None])[0]))
+        return Called("+".join(sorted({CLASS_OF[o] for o in outputs})), phase, severity)
+
+
+def _fit(estimator: Any, x: np.ndarray, y: np.ndarray) -> Any:
+    from sklearn.exceptions import ConvergenceWarning
+    from threadpoolctl import threadpool_limits
+
+    with warnings.catch_warnings(), threadpool_limits(limits=1):
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        return estimator.fit(x, y)
+
+
+def mlp_columns(
+    train: Campaign, held_out: Sequence[Tested], view: View = "fleet", *, seed: int = 1
+) -> list[Called]:
+    """Return what plain perceptrons, trained on `train`, say of each held-out test.
+
+    Parameters
+    ----------
+    train : the training campaign of the shipped model.
+    held_out : the benchmark's fleet; a test without features is called ``invalid``.
+    view : with or without the unit's baseline.
+    seed : of the networks' weights.
+    """
+    perceptron = Perceptron(train, view, seed=seed)
+    called = [Called("invalid")] * len(held_out)
+    rows = [k for k, t in enumerate(held_out) if t.later is not None and t.base is not None]
+    if not rows:
+        return called
+    record, base = (
+        np.array([[values[n] for n in perceptron.names] for values in tests])
+        for tests in ([held_out[k].later or {} for k in rows],
+                      [held_out[k].base or {} for k in rows])
+    )
+    for k, found in zip(rows, perceptron.call(record, base)):
+        called[k] = found
+    return called
