@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -86,8 +85,13 @@ def make_bags(case: Case, folder: Path) -> None:
     sync_directory(folder)
 
 
-def shares(cases: Sequence[Case], part: tuple[int, int]) -> list[Case]:
-    """Return part N of M: consecutive cases, each part balanced."""
-    number, of = part
-    bounds = [round(len(cases) * k / of) for k in (number - 1, number)]
-    return list(cases[bounds[0]:bounds[1]])
+def make_next_bag(case: Case, profile: Profile, folder: Path) -> None:
+    """Make ``next``, the record of the test that the workflow proposed, in ``folder/ID``."""
+    final = folder / case.id / "next"
+    if final.exists():
+        return
+    partial = folder / case.id / f".next.{os.getpid()}.tmp"
+    shutil.rmtree(partial, ignore_errors=True)
+    write_bag(record_of(case, profile, "next"), partial, views=False)
+    partial.replace(final)
+    sync_directory(folder / case.id)

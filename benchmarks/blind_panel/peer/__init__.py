@@ -1,0 +1,1 @@
+"""The peer: plain sparse regression (pysindy's STLSQ) with the same library of laws."""
