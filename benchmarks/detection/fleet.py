@@ -12,6 +12,7 @@ import numpy as np
 
 from ema_prognostics.robust.features import extract
 from ema_record.errors import RecordError
+from ema_record.lint.guard import guard_findings, outcome_of
 from ema_record.profile import load_profile
 from ema_record.record import Record
 from ema_sim.actuator import load_actuator
@@ -20,7 +21,8 @@ from ema_sim.parameters import Actuator
 from ema_sim.simulate import simulate
 
 RANGES = {  # evenly in the logarithm, around the targets
-    "turn_short": (1e-3, 0.1), "rotor_eccentricity": (1e-3, 0.05), "motor_friction": (0.015, 1.0),
+    "turn_short": (1e-3, 0.1), "rotor_eccentricity": (1e-3, 0.05),
+    "static_eccentricity": (1e-3, 0.1), "motor_friction": (0.015, 1.0),
     "surface_friction": (0.015, 1.0), "backlash": (2e-5, 2e-3),
 }
 PAIR = {"turn_short": (0.03, 0.2), "rotor_eccentricity": (0.02, 0.1),
@@ -106,6 +108,9 @@ def _fault(rng: np.random.Generator, name: str, span: tuple[float, float]
                 "rotor_eccentricity.mode": mode,
                 "rotor_eccentricity.angle": float(rng.uniform(-3.1, 3.1)),
                 "rotor_eccentricity.phase": "abc"[rng.integers(3)]}, x, mode
+    if name == "static_eccentricity":
+        return {"rotor_eccentricity.zeta": x, "rotor_eccentricity.mode": "static",
+                "rotor_eccentricity.angle": float(rng.uniform(-3.1, 3.1))}, x, "static"
     return {f"{name}.increase": x}, x, ""
 
 
@@ -172,12 +177,21 @@ def record_of(actuator: Actuator, case: Case) -> Record:
     return record
 
 
-def features_of(actuator: Actuator, case: Case) -> dict[str, float] | None:
-    """Return the features of a case, None where the record gives none."""
+def tested(actuator: Actuator, case: Case, *, checked: bool) -> tuple[
+        dict[str, float] | None, str]:
+    """Return the features of a case, None where it gives none, and what the record checks say.
+
+    Parameters
+    ----------
+    actuator, case : unit and test.
+    checked : run the record checks, as `ema check` does before any verdict.
+    """
+    record = record_of(actuator, case)
+    if checked:
+        findings = guard_findings(record)
+        if findings:
+            return None, outcome_of(findings)
     try:
-        record = record_of(actuator, case)
-        if case.group == "sensor" and len(record) < 62_600:
-            return None  # a gap in time: the record checks refuse it
-        return extract(record, "extended")
+        return extract(record, "extended"), ""
     except RecordError:
-        return None
+        return None, ""

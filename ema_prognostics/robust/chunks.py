@@ -24,7 +24,7 @@ DECIDING = (
 
 
 @lru_cache(maxsize=1)
-def _sources() -> str:
+def sources_hash() -> str:
     """Return a hash of all that decides the features: simulator, extraction, data."""
     digest = hashlib.sha256(source_hash().encode())
     package = Path(__file__).parents[1]
@@ -40,7 +40,7 @@ def chunk_file(folder: Path | None, key: tuple[object, ...]) -> Path | None:
     """Return the file of a part; another `key` or other sources give another file."""
     if folder is None:
         return None
-    text = json.dumps([_sources(), *key])
+    text = json.dumps([sources_hash(), *key])
     return folder / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.json"
 
 

@@ -26,10 +26,10 @@ def test_a_line_of_phase_k_turns_into_that_of_phase_a(phase: int) -> None:
     assert np.allclose(rotate(x, NAMES, phase), [[0.3, 0.0, 0.0, 0.5, 1.0]])
 
 
-def test_differences_keep_the_absolute_ones() -> None:
-    record, base = np.arange(5.0)[None], np.ones((1, 5))
-    assert np.array_equal(differences(NAMES, record, base), [[-1, 0, 1, 2, 3, 4]])
-    assert difference_names(NAMES)[-1] == "absolute_torque_quarter"
+def test_differences_keep_the_features_themselves() -> None:
+    found = differences(np.array([[3.0, 5.0]]), np.array([[1.0, 1.0]]))
+    assert found.tolist() == [[2.0, 4.0, 3.0, 5.0]]
+    assert difference_names(["a", "b"]) == ["a", "b", "absolute_a", "absolute_b"]
 
 
 def test_squash_is_linear_near_healthy() -> None:

@@ -1,0 +1,75 @@
+"""Matched filters on the lines: the phase of a short, its size, what is no short."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ema_prognostics.robust.lines import DERIVED, LineFilter, fit_line_filter
+
+NAMES = [f"{speed}_{part}_m{h}_{side}" for speed in ("quarter", "full")
+         for part in ("even", "odd") for h in range(1, 7) for side in ("re", "im")]
+TEMPLATE = np.array([278.0, 132.0])  # lines are counted in thousandths of the torque
+
+
+def features(lines: np.ndarray, odd: np.ndarray | None = None) -> np.ndarray:
+    """Return the features with these even lines, complex, shape (n, 2, 6)."""
+    odd = np.zeros_like(lines) if odd is None else odd
+    both = np.stack([lines, odd], axis=2)  # n, speed, part, h
+    return np.stack([both.real, both.imag], axis=-1).reshape(len(lines), -1)
+
+
+def short(phase: int, fraction: float) -> np.ndarray:
+    lines = np.zeros((1, 2, 6), complex)
+    for h, size in zip((2, 4), TEMPLATE):
+        lines[0, :, h - 1] = fraction * size * np.exp(-2j * np.pi / 3.0 * h * phase)
+    return lines
+
+
+@pytest.fixture(scope="module")
+def found() -> LineFilter:
+    rng = np.random.default_rng(1)
+    noise = rng.normal(size=(4000, 2, 6, 2)) @ np.array([1.0, 1.0j])
+    noise *= np.array([1.0, 3.0])[None, :, None]
+    fraction = np.linspace(0.01, 0.1, 40)
+    shorted = np.vstack([short(0, x) for x in fraction])
+    return fit_line_filter(NAMES, features(noise), features(shorted), fraction)
+
+
+def test_weights_favour_the_quiet_speed_and_sum_to_one(found: LineFilter) -> None:
+    # Weights inverse to the variances: 9 to 1.
+    assert found.weight[0] == pytest.approx(np.full(6, 0.9), abs=0.02)
+    assert found.weight.sum(axis=0) == pytest.approx(np.ones(6))
+    assert found.deviation == pytest.approx(np.sqrt(2.0) * np.sqrt(0.9), rel=0.05)
+
+
+def test_template_is_that_of_phase_a(found: LineFilter) -> None:
+    assert np.allclose(found.template, TEMPLATE, rtol=1e-3)
+
+
+@pytest.mark.parametrize("phase", [0, 1, 2])
+def test_short_is_seen_in_its_phase_only(found: LineFilter, phase: int) -> None:
+    values = dict(zip(DERIVED, found.derive(NAMES, features(short(phase, 0.05)))[0]))
+    like = [values[f"short_like_{p}"] for p in "abc"]
+    assert int(np.argmax(like)) == phase
+    assert values["short_like_best"] == max(like)
+    expected = 0.05 * np.hypot(*TEMPLATE) / found.deviation[1]
+    assert like[phase] == pytest.approx(expected, rel=0.06)
+    assert values["short_unlike"] < 0.05 * expected
+    assert values["amplitude_1"] < 1e-6
+
+
+def test_odd_line_is_no_short(found: LineFilter) -> None:
+    lines = np.zeros((1, 2, 6), complex)
+    lines[0, :, 2] = 10.0j
+    values = dict(zip(DERIVED, found.derive(NAMES, features(lines))[0]))
+    assert values["amplitude_3"] == pytest.approx(10.0 / found.deviation[2])
+    assert values["short_like_best"] == 0.0
+
+
+def test_run_out_of_the_speed_sensor_changes_sign_with_the_direction(found: LineFilter) -> None:
+    odd = np.zeros((1, 2, 6), complex)
+    odd[0, :, 0] = 20.0
+    values = dict(zip(DERIVED, found.derive(NAMES, features(np.zeros((1, 2, 6)), odd))[0]))
+    assert values["odd_amplitude"] > 10.0
+    assert values["amplitude_1"] == 0.0

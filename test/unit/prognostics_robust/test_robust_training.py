@@ -1,0 +1,103 @@
+"""From a small campaign to a model file and a verdict: the whole chain, same seed same file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ema_prognostics.diagnosis import diagnose
+from ema_prognostics.model_body import Body
+from ema_prognostics.model_file import Model, load_model, model_of, model_text, save_model
+from ema_prognostics.robust.campaign import Campaign, run_campaign
+from ema_prognostics.robust.cascade import Cascade
+from ema_prognostics.robust.classes import OUTPUTS
+from ema_prognostics.robust.evaluation import evaluate
+from ema_prognostics.robust.training import train_view
+from ema_prognostics.train_model import TrainingSettings
+from ema_prognostics.validation_report import validation_report
+from ema_record.errors import UsageError
+from ema_record.profile import load_profile
+from ema_sim.effects import parse_effects
+from ema_sim.simulate import simulate
+
+
+@pytest.fixture(scope="module")
+def campaigns(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, Campaign]:
+    folder = tmp_path_factory.mktemp("campaign")
+    made = (run_campaign("step", 16, 31, folder=folder),
+            run_campaign("step", 8, 32, healthy=True, folder=folder))
+    again = run_campaign("step", 16, 31, folder=folder)
+    assert np.array_equal(made[0].record, again.record)  # from the kept parts
+    return made
+
+
+def train(campaigns: tuple[Campaign, Campaign]) -> Model:
+    faults, healthy = campaigns
+    # Every severity must be there in units that train and in units that calibrate.
+    rng = np.random.default_rng(0)
+    severity = np.zeros((len(faults), len(OUTPUTS)))
+    rows = np.arange(len(faults))
+    severity[rows, rows % len(OUTPUTS)] = rng.uniform(0.01, 0.1, len(rows))
+    severity[::9] = 0.0
+    labelled = replace(faults, severity=severity, unit=rows)
+    views = {f"step/{v}": train_view(labelled, healthy, "step", v, seed=1, hidden=4, epochs=3)
+             for v in ("fleet", "baseline")}
+    cascades = {v: Cascade(views[f"step/{v}"]) for v in ("fleet", "baseline")}
+    held_out = {"step": {
+        "fleet": evaluate(cascades["fleet"], None, labelled, healthy),
+        "baseline": evaluate(cascades["fleet"], cascades["baseline"], labelled, healthy),
+    }}
+    settings = TrainingSettings(units=16, healthy=8)
+    return model_of(Body(views=views, paper=None, training={
+        "seed": 31, "held_out": held_out,
+        "settings": {n: getattr(settings, n) for n in settings.__slots__},
+    }))
+
+
+@pytest.fixture(scope="module")
+def model(campaigns: tuple[Campaign, Campaign]) -> Model:
+    return train(campaigns)
+
+
+def test_campaign_follows_from_the_seed(campaigns: tuple[Campaign, Campaign]) -> None:
+    again = run_campaign("step", 2, 31)
+    assert np.array_equal(again.record, campaigns[0].record[: len(again)])
+    assert (campaigns[1].severity == 0.0).all()
+
+
+def test_same_seed_same_bytes(campaigns: tuple[Campaign, Campaign], model: Model) -> None:
+    assert model_text(train(campaigns)) == model_text(model)
+
+
+def test_file_judges_as_what_was_trained(model: Model, tmp_path: Path) -> None:
+    loaded = load_model(save_model(model, tmp_path / "model.json"))
+    record = simulate(load_profile("step"), seed=5)
+    own = simulate(load_profile("step"), seed=6)
+    assert diagnose(record, loaded) == diagnose(record, model)
+    assert diagnose(record, loaded, baseline=own) == diagnose(record, model, baseline=own)
+
+
+def test_report_of_the_validation_has_every_fault(model: Model) -> None:
+    text = validation_report(model)
+    for word in ("turn_short", "rotor_eccentricity", "friction", "backlash", "false alarms"):
+        assert word in text
+
+
+def test_baseline_that_cannot_serve(model: Model) -> None:
+    record = simulate(load_profile("step"), seed=5)
+    extended = simulate(load_profile("extended"), seed=6)
+    with pytest.raises(UsageError, match="of another"):
+        diagnose(record, model, baseline=extended)
+    cut = replace(record, samples=record.samples[:2000])
+    with pytest.raises(UsageError, match="cannot serve"):
+        diagnose(record, model, baseline=cut)
+    with pytest.raises(UsageError, match="paper"):
+        diagnose(record, model, mode="paper", baseline=record)
+
+
+def test_stranger_to_a_model_of_another_test(model: Model) -> None:
+    odd = simulate(load_profile("step"), effects=parse_effects(["cogging_torque.amplitude=0.3"]))
+    assert diagnose(odd, model).outcome in ("unknown", "fault")
