@@ -1,0 +1,167 @@
+"""`Balance`: the input port of a rig, its terms, and the fit of one to the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ema_identification.rig.blocks import Blocks
+from ema_identification.rig.laws import Term
+from ema_identification.rig.regression import Bounds, Fit, fit, held_out
+from ema_identification.rig.trajectory import Segment, Trajectory
+
+
+class Design:
+    """Regressors of terms along one trajectory, each evaluated once.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Where the laws are evaluated.
+
+    """
+
+    def __init__(self, trajectory: Trajectory) -> None:
+        """Start with no regressor evaluated."""
+        self.trajectory = trajectory
+        self._cache: dict[tuple[str, tuple[float, ...]], np.ndarray] = {}
+
+    def columns(self, term: Term, trajectory: Trajectory | None = None) -> np.ndarray:
+        """Return the regressors of one term, shape (rows, k)."""
+        if trajectory is None and term.key in self._cache:
+            return self._cache[term.key]
+        where = trajectory or self.trajectory
+        evaluated = [term.law.columns(s, where, term.shape) for s in where.segments]
+        by_segment = {id(s): columns for s, columns in zip(where.segments, evaluated)}
+        count = len(evaluated[0])
+        columns = np.column_stack([
+            where.reduce(lambda segment, k=k: by_segment[id(segment)][k])  # type: ignore[misc]
+            for k in range(count)
+        ])
+        if trajectory is None and not term.law.of_prediction:
+            self._cache[term.key] = columns
+        return columns
+
+    def predicted(self, terms: Sequence[Term], coefficients: np.ndarray) -> Trajectory:
+        """Return the trajectory with what `terms` predict of the input."""
+        def of(segment: Segment) -> np.ndarray:
+            total = np.zeros(len(segment))
+            at = 0
+            for term in terms:
+                for column in term.law.columns(segment, self.trajectory, term.shape):
+                    total += coefficients[at] * column
+                    at += 1
+            return total
+
+        return self.trajectory.predicted([of(s) for s in self.trajectory.segments])
+
+    def of_prediction(
+        self, term: Term, terms: Sequence[Term], coefficients: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the regressors of a law that looks at the prediction of other terms.
+
+        Without `coefficients` those of the least-squares fit here are taken.
+        """
+        plain = [t for t in terms if not t.law.of_prediction]
+        if coefficients is None:
+            found = fit(self.matrix(plain), self.trajectory.target).coefficients
+        else:
+            keep = np.concatenate([
+                np.full(len(t.law.coefficients), not t.law.of_prediction) for t in terms])
+            found = coefficients[keep]
+        return self.columns(term, self.predicted(plain, found))
+
+    def matrix(
+        self, terms: Sequence[Term], coefficients: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the regressors of all terms side by side, shape (rows, columns)."""
+        parts = [
+            self.of_prediction(term, terms, coefficients) if term.law.of_prediction
+            else self.columns(term)
+            for term in terms
+        ]
+        if not parts:
+            return np.empty((len(self.trajectory.target), 0))
+        return np.concatenate(parts, axis=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Balance:
+    """The terms of a model fitted to the input port, within the bounds of what is known."""
+
+    design: Design
+    terms: tuple[Term, ...]
+    bounds: Bounds
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """Regressors, shape (rows, columns)."""
+        return self.design.matrix(self.terms)
+
+    @cached_property
+    def fit(self) -> Fit:
+        """The fit within bounds."""
+        return fit(self.columns, self.design.trajectory.target, self.bounds)
+
+    @property
+    def fixed(self) -> np.ndarray:
+        """Whether each coefficient stands at a bound or is known exactly, shape (columns,)."""
+        known: np.ndarray = self.fit.active | (self.bounds.low == self.bounds.high)
+        return known
+
+    @cached_property
+    def target(self) -> np.ndarray:
+        """Input less what is fixed, shape (rows,)."""
+        fixed = self.fixed
+        rest: np.ndarray = self.design.trajectory.target - (
+            self.columns[:, fixed] @ self.fit.coefficients[fixed])
+        return rest
+
+    @cached_property
+    def free_columns(self) -> np.ndarray:
+        """Regressors whose coefficients are free."""
+        return self.columns[:, ~self.fixed]
+
+    def held_out(self, blocks: Blocks) -> np.ndarray:
+        """Return the residual of each row under the fit of all other blocks, shape (rows,)."""
+        return held_out(self.free_columns, self.target, blocks)
+
+    def joined(self, term: Term) -> Balance:
+        """Return the balance with one more term, free."""
+        return Balance(design=self.design, terms=(*self.terms, term),
+                       bounds=self.bounds.joined(len(term.law.coefficients)))
+
+    def without(self, index: int) -> Balance:
+        """Return the balance without the term at `index`."""
+        span = self.span(index)
+        keep = np.ones(len(self.bounds.low), dtype=bool)
+        keep[span] = False
+        return Balance(
+            design=self.design, terms=self.terms[:index] + self.terms[index + 1:],
+            bounds=Bounds(low=self.bounds.low[keep], high=self.bounds.high[keep]))
+
+    def replaced(self, index: int, term: Term) -> Balance:
+        """Return the balance with the term at `index` in another shape."""
+        terms = (*self.terms[:index], term, *self.terms[index + 1:])
+        return Balance(design=self.design, terms=terms, bounds=self.bounds)
+
+    def span(self, index: int) -> slice:
+        """Return where the coefficients of the term at `index` stand."""
+        sizes = [len(term.law.coefficients) for term in self.terms]
+        first = sum(sizes[:index])
+        return slice(first, first + sizes[index])
+
+    def residual_on(self, design: Design) -> np.ndarray:
+        """Return the residual of this fit on another record, shape (rows there,)."""
+        coefficients = self.fit.coefficients
+        columns = design.matrix(self.terms, coefficients)
+        rest: np.ndarray = design.trajectory.target - columns @ coefficients
+        return rest
+
+
+def rms(values: np.ndarray) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")

@@ -1,0 +1,113 @@
+"""Parameters with their intervals, the residual's correlation within blocks counted."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ema_identification.identification import Parameter
+from ema_identification.rig.balance import Balance
+from ema_identification.rig.blocks import Blocks
+from ema_identification.rig.known import physical
+from ema_identification.rig.laws import Term, unit_of
+from ema_identification.rig.regression import covariance, half_width
+
+STEP = 1e-3
+"""Relative step of the derivative with respect to a shape."""
+
+
+def without_modifiers(balance: Balance, index: int) -> tuple[Balance, int]:
+    """Return the balance less the terms that only modify the one at `index`, and its index.
+
+    A Stribeck term changes what ``coulomb_friction.level`` means: the level alone is that
+    which fits best over the motion that was recorded.
+    """
+    name = balance.terms[index].law.name
+    for other in reversed(range(len(balance.terms))):
+        if name in balance.terms[other].law.requires:
+            balance = balance.without(other)
+            index -= other < index
+    return balance, index
+
+
+def parameters(balance: Balance, index: int, blocks: Blocks) -> tuple[Parameter, ...]:
+    """Return the parameters of one term with intervals of `LEVEL`.
+
+    Parameters
+    ----------
+    balance : Balance
+        The fitted model.
+    index : int
+        Which term.
+    blocks : Blocks
+        What is correlated.
+
+    """
+    term, span = balance.terms[index], balance.span(index)
+    fixed = balance.fixed
+    values = balance.fit.coefficients[span]
+    columns, slopes = balance.free_columns, _slopes(balance, index)
+    place = np.cumsum(~fixed) - 1
+    own = [int(place[k]) for k in range(span.start, span.stop) if not fixed[k]]
+    variance = covariance(np.column_stack([columns, *slopes]), balance.fit.residual, blocks)
+    axis = balance.design.trajectory.axis
+    units = term.law.units
+    found: list[Parameter] = []
+    if term.law.periodic:
+        found += _wave(term, values, variance, own, blocks, units, balance)
+    else:
+        for k, name in enumerate(term.law.coefficients):
+            wide = half_width(variance[own[k], own[k]], blocks) if len(own) == len(values) else 0.0
+            found.append(_parameter(term, name, float(values[k]), wide,
+                                    unit_of(units[name], axis)))
+    for k, name in enumerate(term.law.shape):
+        wide = 0.0
+        if slopes:
+            at = columns.shape[1] + k
+            wide = half_width(variance[at, at], blocks)
+        found.append(_parameter(term, name, term.shape[k], wide, unit_of(units[name], axis)))
+    return tuple(found)
+
+
+def _parameter(term: Term, name: str, value: float, wide: float, unit: str) -> Parameter:
+    return Parameter(name=f"{term.law.name}.{name}", value=value, low=value - wide,
+                     high=value + wide, unit=unit)
+
+
+def _slopes(balance: Balance, index: int) -> list[np.ndarray]:
+    """Return the regressors that small changes of the shape stand for."""
+    term, span = balance.terms[index], balance.span(index)
+    whole = term.law.periodic and balance.design.trajectory.axis.motion == "rotary" \
+        and term.shape[0] == round(term.shape[0])
+    if len(term.shape) != 1 or term.shape[0] == 0.0 or whole or term.law.name == "spring" \
+            or term.law.name == "position_dependent_friction":
+        return []
+    trajectory, value = balance.design.trajectory, term.shape[0]
+    step = STEP * value
+    if term.law.periodic:
+        step = 0.02 / max(trajectory.turns, 1e-9)
+    high = balance.design.columns(Term(law=term.law, shape=(value + step,)), trajectory)
+    low = balance.design.columns(Term(law=term.law, shape=(value - step,)), trajectory)
+    return [(high - low) @ balance.fit.coefficients[span] / (2.0 * step)]
+
+
+def _wave(
+    term: Term, values: np.ndarray, variance: np.ndarray, own: list[int], blocks: Blocks,
+    units: object, balance: Balance,
+) -> list[Parameter]:
+    """Return amplitude and phase of a wave."""
+    assert isinstance(units, dict)
+    axis = balance.design.trajectory.axis
+    named = physical(term.law, term.shape, values)
+    size, phase = named["amplitude"], named["phase"]
+    if len(own) == 2 and size > 0.0:
+        direction = values / size
+        across = np.array([-direction[1], direction[0]]) / size
+        block = variance[np.ix_(own, own)]
+        wide = half_width(float(direction @ block @ direction), blocks)
+        angle = min(half_width(float(across @ block @ across), blocks), math.pi)
+    else:
+        wide = angle = 0.0
+    return [_parameter(term, "amplitude", size, wide, unit_of(units["amplitude"], axis)),
+            _parameter(term, "phase", phase, angle, "rad")]

@@ -1,0 +1,32 @@
+"""The catalogue of a rig's laws: what its model may have, and what it may lack."""
+
+from __future__ import annotations
+
+from ema_identification.rig.laws.base import Law, Shape, Term, unit_of
+from ema_identification.rig.laws.dynamics import BACKLASH, DEAD_ZONE, DELAY, HYSTERESIS
+from ema_identification.rig.laws.friction import (
+    ASYMMETRIC_FRICTION,
+    COULOMB_FRICTION,
+    LOAD_DEPENDENT_FRICTION,
+    OFFSET,
+    OUTER_LOAD_FRICTION,
+    POSITION_DEPENDENT_FRICTION,
+    QUADRATIC_DRAG,
+    STRIBECK_FRICTION,
+    SUBLINEAR_VISCOUS_FRICTION,
+)
+from ema_identification.rig.laws.motion import DISTURBANCE, INERTIA, VISCOUS_FRICTION
+from ema_identification.rig.laws.position import COGGING_TORQUE, GRAVITY, SPRING
+
+LAWS: dict[str, Law] = {
+    law.name: law
+    for law in (
+        INERTIA, VISCOUS_FRICTION, DISTURBANCE, COULOMB_FRICTION, OFFSET, STRIBECK_FRICTION,
+        QUADRATIC_DRAG, SUBLINEAR_VISCOUS_FRICTION, ASYMMETRIC_FRICTION, LOAD_DEPENDENT_FRICTION,
+        OUTER_LOAD_FRICTION, POSITION_DEPENDENT_FRICTION, SPRING, GRAVITY, COGGING_TORQUE,
+        HYSTERESIS, BACKLASH, DEAD_ZONE, DELAY,
+    )
+}
+"""All laws by name."""
+
+__all__ = ["LAWS", "Law", "Shape", "Term", "unit_of"]

@@ -1,0 +1,115 @@
+"""`Law`: one physical effect as regressors of the balance at the input port."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ema_identification.rig.trajectory import Segment, Trajectory
+from ema_record.rig import Axis
+
+Shape = tuple[float, ...]
+"""Values of the parameters in which a law is not linear, in the order of `Law.shape`."""
+Columns = Callable[[Segment, Trajectory, Shape], Sequence[np.ndarray]]
+Grid = Callable[[Trajectory], Sequence[Shape]]
+
+
+def _no_shape(_trajectory: Trajectory) -> Sequence[Shape]:
+    return ((),)
+
+
+def _always(_trajectory: Trajectory) -> bool:
+    return True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Law:
+    """One effect: ``input = ... + sum of coefficient times column``.
+
+    No column contains the measured input.
+    """
+
+    name: str
+    meaning: str
+    """Half a sentence for people."""
+    equation: str
+    reference: str
+    against: str
+    """What it lives against: ``speed``, ``position``, ``load``, ``frequency``, ``test phase``."""
+    coefficients: tuple[str, ...]
+    """Names of the linear parameters; ``("cosine", "sine")`` are shown as amplitude and phase."""
+    units: Mapping[str, str]
+    """Of all parameters; ``u``, ``x``, ``v`` and ``a`` stand for input, position, speed and
+    acceleration, with ``/`` and ``*`` between them."""
+    columns: Columns
+    shape: tuple[str, ...] = ()
+    grid: Grid = _no_shape
+    requires: tuple[str, ...] = ()
+    """Laws without which it has no meaning."""
+    applies: Callable[[Trajectory], bool] = _always
+    of_prediction: bool = False
+    """Whether its columns are made of what the other terms predict (`Trajectory` carries it)."""
+    periodic: bool = False
+    equivalent: Callable[[Axis, Shape], tuple[str, ...]] = field(default=lambda _a, _s: ())
+    """Names whose law is the same expression on such an axis."""
+    positive: bool = False
+    """Whether its coefficients cannot be negative: friction takes energy, inertia is positive."""
+    repeats: bool = False
+    """Whether several terms of it, with other shapes, make sense."""
+
+    @property
+    def complexity(self) -> int:
+        """Number of free parameters."""
+        return len(self.coefficients) + len(self.shape)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Term:
+    """A law with its shape chosen."""
+
+    law: Law
+    shape: Shape = ()
+
+    @property
+    def key(self) -> tuple[str, Shape]:
+        """What it is told from others by."""
+        return self.law.name, tuple(float(f"{value:.9g}") for value in self.shape)
+
+
+def unit_of(pattern: str, axis: Axis) -> str:
+    """Return the unit of a parameter on an axis, for people.
+
+    >>> unit_of("u/v", Axis(name="r", motion="linear", input="force"))
+    'N s/m'
+    """
+    length = axis.position_unit
+    base = axis.input_channel.unit
+    known = {
+        "u": base, "x": length, "v": f"{length}/s", "a": f"{length}/s²", "1": "1", "s": "s",
+        "1/turn": "a turn" if axis.motion == "rotary" else f"1/{length}", "rad": "rad",
+        "u/v": f"{base} s/{length}", "u/a": f"{base} s²/{length}", "u/x": f"{base}/{length}",
+        "u/v²": f"{base} s²/{length}²", "u/v^0.5": f"{base} (s/{length})^0.5",
+    }
+    if pattern == "u/a" and axis.motion == "linear" and axis.input == "force":
+        return "kg"
+    if pattern == "u/a" and axis.motion == "rotary" and axis.input == "torque":
+        return "kg m²"
+    if axis.motion == "rotary" and axis.input == "torque":
+        known["u/v"] = "N m s/rad"
+    return known[pattern]
+
+
+def sign(segment: Segment, trajectory: Trajectory) -> np.ndarray:
+    """Return the direction of motion, 0 at standstill, shape (n,)."""
+    speed = segment.smooth_speed
+    direction: np.ndarray = np.where(
+        np.abs(speed) < 0.5 * trajectory.standstill, 0.0, np.sign(speed))
+    return direction
+
+
+def amplitude_phase(cosine: float, sine: float) -> tuple[float, float]:
+    """Return amplitude and phase of ``cosine cos(y) + sine sin(y) = A cos(y - phase)``."""
+    return math.hypot(cosine, sine), math.atan2(sine, cosine)

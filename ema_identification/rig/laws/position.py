@@ -1,0 +1,100 @@
+"""Laws of force or torque against position: springs, weight, cogging."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ema_identification.rig.laws.base import Law, Shape
+from ema_identification.rig.trajectory import Segment, Trajectory
+from ema_record.rig import Axis
+
+HIGHEST_ORDER = 400
+MAX_ORDERS = 800
+SLOW_SHARE = 0.01
+"""An order is looked for where it lies inside the band for so much of the time at least."""
+_TURN = 2.0 * math.pi
+
+
+def wave(trajectory: Trajectory, order: float) -> float:
+    """Return radians of phase a unit of position, for an order a turn or a m."""
+    return order if trajectory.axis.motion == "rotary" else _TURN * order
+
+
+def periodic_columns(
+    segment: Segment, trajectory: Trajectory, shape: Shape
+) -> Sequence[np.ndarray]:
+    """Return cosine and sine of position, zero where they are too fast for the sampling."""
+    number = wave(trajectory, shape[0])
+    phase = number * segment.position
+    slow = np.abs(number * segment.smooth_speed) < _TURN * 0.4 * segment.rate
+    return np.cos(phase) * slow, np.sin(phase) * slow
+
+
+def orders(trajectory: Trajectory) -> Sequence[Shape]:
+    """Return the orders a turn (rotary) or a m (linear) that the record can show.
+
+    Whole numbers a turn where the axis turns more than once, and steps of half the
+    resolution ``1 / travel`` as far as `MAX_ORDERS` allow; nothing below one and a half periods
+    in the travel.
+    """
+    travel = trajectory.turns
+    if travel <= 0.0:
+        return ()
+    slow = float(np.quantile(np.abs(trajectory.speed), SLOW_SHARE))
+    highest = trajectory.band * _TURN / max(slow, 1e-12) / wave(trajectory, 1.0)
+    lowest = 1.5 / travel
+    if trajectory.axis.motion == "rotary":
+        highest = min(highest, HIGHEST_ORDER)
+        whole = [float(n) for n in range(max(1, math.ceil(lowest)), int(highest) + 1)]
+    else:
+        whole = []
+        highest = min(highest, MAX_ORDERS / (2.0 * travel))
+    step = 0.5 / travel
+    room = MAX_ORDERS - len(whole)
+    fine = np.arange(lowest, min(highest, lowest + room * step), step)
+    found = set(whole) | {
+        float(n) for n in fine if not whole or abs(n - round(n)) > step}
+    return tuple((n,) for n in sorted(found) if lowest <= n <= highest)
+
+
+def is_whole(order: float, travel: float) -> bool:
+    """Return whether an order is a whole number a turn, within the resolution."""
+    return order >= 0.75 and abs(order - round(order)) < 0.5 / max(travel, 1e-9)
+
+
+def _same_as_ripple(axis: Axis, shape: Shape) -> tuple[str, ...]:
+    order = shape[0]
+    if axis.motion == "rotary" and order == round(order):
+        return ("unbalance", "speed_sensor_runout") if order == 1 else ()
+    return ("gear_mesh_ripple",)
+
+
+COGGING_TORQUE = Law(
+    name="cogging_torque", meaning="force or torque that is periodic in position",
+    equation="u = A cos(n θ - φ), n periods a turn; on a linear axis n periods a m",
+    reference="Hanselman 2006, Brushless Permanent Magnet Motor Design",
+    against="position", coefficients=("cosine", "sine"), shape=("order",),
+    units={"amplitude": "u", "phase": "rad", "order": "1/turn"},
+    columns=periodic_columns, grid=orders, periodic=True, repeats=True,
+    equivalent=_same_as_ripple,
+)
+SPRING = Law(
+    name="spring", meaning="force in proportion to position",
+    equation="u = k (x - x_0), x_0 the middle of the travel", reference="Hooke's law",
+    against="position", coefficients=("stiffness",), shape=("middle",),
+    units={"stiffness": "u/x", "middle": "x"},
+    columns=lambda segment, _t, shape: (segment.position - shape[0],),
+    grid=lambda trajectory: ((float(
+        0.5 * (trajectory.position.min() + trajectory.position.max())),),),
+)
+GRAVITY = Law(
+    name="gravity", meaning="weight of an arm: periodic in position, once a turn",
+    equation="u = A cos(θ - φ)", reference="moment of a weight about a horizontal axis",
+    against="position", coefficients=("cosine", "sine"), shape=("order",),
+    units={"amplitude": "u", "phase": "rad", "order": "1/turn"}, columns=periodic_columns,
+    grid=lambda _t: ((1.0,),), periodic=True,
+    applies=lambda trajectory: trajectory.axis.motion == "rotary" and trajectory.turns < 1.5,
+)

@@ -1,0 +1,127 @@
+"""The model file of a rig: terms with what is known of them, in YAML (docs/rigs.md)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from ema_identification.rig.laws import LAWS
+from ema_record.errors import UsageError, unknown_name
+from ema_record.yaml_file import load_yaml
+
+SEE = "docs/rigs.md shows the form"
+DEFAULT_TOLERANCE = 0.1
+MAX_TERMS = 60
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class KnownTerm(_Part):
+    """One term of the model: an effect, and the values that are known of it."""
+
+    effect: str = Field(max_length=64)
+    parameters: dict[str, Finite] = Field(default_factory=dict, max_length=10)
+    """Nominal values; a linear parameter without one is free."""
+    tolerance: float = Field(default=DEFAULT_TOLERANCE, ge=0.0, le=10.0)
+    """How far the linear parameters may be off, relative to their size."""
+
+    @field_validator("effect")
+    @classmethod
+    def _is_known(cls, value: str) -> str:
+        if value not in LAWS:
+            raise ValueError(str(unknown_name("effect", value[:40], LAWS,
+                                              f"known are {', '.join(LAWS)}")))
+        return value
+
+
+class Settings(_Part):
+    """What is otherwise derived from the data."""
+
+    band: float | None = Field(default=None, gt=0.0, le=1e5)
+    """Cut-off of the filter of both sides of the balance (Hz)."""
+    cutoff: float | None = Field(default=None, gt=0.0, le=1e5)
+    """Cut-off of a Butterworth filter of the outputs before they are differentiated (Hz)."""
+    decimate: int | None = Field(default=None, ge=2, le=1000)
+    """Both sides by `scipy.signal.decimate` with this factor, in place of the band's filter."""
+    gate: float = Field(default=0.0, ge=0.0, le=100.0)
+    """Rows so near to a reversal are left out, in periods of the band; 0 keeps them."""
+    standstill: float | None = Field(default=None, gt=0.0, le=1e6)
+    """Speed below which the axis counts as at rest (m/s or rad/s)."""
+
+
+class RigModel(_Part):
+    """What is believed of a rig before the comparison."""
+
+    rig: str = Field(default="rig", pattern=r"^[A-Za-z0-9_.-]{1,64}$")
+    terms: tuple[KnownTerm, ...] = Field(min_length=1, max_length=MAX_TERMS)
+    settings: Settings = Settings()
+
+
+DEFAULT_MODEL = RigModel(
+    terms=(KnownTerm(effect="inertia"), KnownTerm(effect="viscous_friction")))
+"""Inertia and viscous friction, both free."""
+
+
+def load_rig_model(path: str | Path | None) -> RigModel:
+    """Return the model in a file, or the default model.
+
+    Raises
+    ------
+    UsageError
+        The file cannot be read or is no model of a rig; one line says where and why.
+
+    """
+    if path is None:
+        return DEFAULT_MODEL
+    data = load_yaml(Path(path))
+    if not isinstance(data, dict) or "terms" not in data:
+        raise UsageError(f"{path}: no model of a rig: expected 'rig:' and 'terms:': {SEE}")
+    try:
+        model = RigModel.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        text = first["msg"].removeprefix("Value error, ")
+        raise UsageError(f"{path}: {place[:120]}: {text}: {SEE}") from None
+    for term in model.terms:
+        _check_parameters(term, str(path))
+    return model
+
+
+def _check_parameters(term: KnownTerm, source: str) -> None:
+    law = LAWS[term.effect]
+    allowed = law.shape + (("amplitude", "phase") if law.periodic else law.coefficients)
+    for name in term.parameters:
+        if name not in allowed:
+            raise unknown_name(f"parameter of {term.effect}", name, allowed,
+                               f"{source}: it has {', '.join(allowed)}")
+    missing = [name for name in law.shape if name not in term.parameters]
+    if missing:
+        raise UsageError(f"{source}: {term.effect} lacks {missing[0]!r}: give a value; only "
+                         "parameters in which the input is linear may be left free")
+    if law.periodic and ("amplitude" in term.parameters) != ("phase" in term.parameters):
+        raise UsageError(f"{source}: {term.effect}: give amplitude and phase, or neither")
+
+
+def dump_rig_model(model: RigModel, comment: str = "") -> str:
+    """Return the YAML text of a model."""
+    data = model.model_dump(exclude_defaults=True)
+    data = {"rig": model.rig, "terms": [_plain(term) for term in model.terms],
+            **({"settings": data["settings"]} if "settings" in data else {})}
+    head = "".join(f"# {line}\n" for line in comment.splitlines())
+    return head + yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=90)
+
+
+def _plain(term: KnownTerm) -> dict[str, object]:
+    entry: dict[str, object] = {"effect": term.effect}
+    if term.parameters:
+        entry["parameters"] = {name: float(f"{value:.8g}")
+                               for name, value in term.parameters.items()}
+        entry["tolerance"] = float(f"{term.tolerance:.3g}")
+    return entry

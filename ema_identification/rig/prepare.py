@@ -1,0 +1,156 @@
+"""Step `align`: records of a rig become a `Trajectory`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import signal
+
+from ema_identification.rig.bandwidth import response_band, speed_noise
+from ema_identification.rig.checks import check_record, check_units, no_motion, too_short
+from ema_identification.rig.model import Settings
+from ema_identification.rig.trajectory import Segment, Trajectory, derivative, low_pass
+from ema_record.errors import UsageError
+from ema_record.rig import DISTURBANCE, POSITION, SPEED, RigRecord
+
+GAP = 10.0
+"""Intervals longer than so many median ones cut the record; shorter ones are interpolated."""
+NOISE_RMS = 3.0
+"""Speeds below so many times the noise of the speed count as standstill."""
+SMALLEST = 1e-3
+"""Likewise below this share of the rms speed."""
+MAX_SAMPLES = 400_000
+"""Most samples of all segments, after thinning."""
+MIN_SEGMENT = 64
+
+
+def prepare(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
+    """Return the trajectory of records of one axis.
+
+    Parameters
+    ----------
+    records : sequence of RigRecord
+        Of the same axis: equal motion and input.
+    settings : Settings
+        Of the model file; what is not set is derived from the records.
+
+    Raises
+    ------
+    UsageError, InvalidRecordError
+        Different axes; too short; nothing moves; wrong units; constant channels.
+
+    """
+    if not records:
+        raise UsageError("no record: give at least one rig bag")
+    first = records[0]
+    for record in records:
+        if (record.axis.motion, record.axis.input) != (first.axis.motion, first.axis.input):
+            raise UsageError(
+                f"{record.source}: a {record.axis.motion} axis with {record.axis.input} input, "
+                f"but {first.source} has a {first.axis.motion} one with {first.axis.input}: "
+                "identify records of one axis together"
+            )
+        check_record(record)
+    notes: list[str] = []
+    raw = [piece for record in records for piece in _even(record, notes)]
+    if not raw:
+        raise too_short(first, "no stretch without a gap holds 64 samples")
+    for record in records:
+        check_units(record)
+    is_position = not first.has(SPEED)
+    bands = [response_band(p["position" if is_position else "speed"], p["rate"],
+                           is_position=is_position) for p in raw]
+    longest = int(np.argmax([len(p["time"]) for p in raw]))
+    edge = settings.band or bands[longest].edge
+    quiet = speed_noise(bands[longest], is_position=is_position)
+    segments = tuple(_segment(piece, edge, settings) for piece in raw)
+    if sum(len(segment) for segment in segments) > MAX_SAMPLES:
+        raise UsageError(
+            f"{first.source}: {sum(len(s) for s in segments)} samples at {segments[0].rate:.4g} "
+            f"1/s after thinning, at most {MAX_SAMPLES}: set settings.band in the model file "
+            "lower, or import a part with 'start' and 'end'"
+        )
+    rms = float(np.sqrt(np.mean(np.concatenate([s.smooth_speed for s in segments]) ** 2)))
+    standstill = settings.standstill or max(NOISE_RMS * quiet, SMALLEST * rms)
+    if rms < 2.0 * standstill and settings.standstill is None:
+        raise no_motion(first, rms, standstill)
+    if is_position:
+        notes.append("speed derived from position")
+    elif not first.has(POSITION):
+        notes.append("position integrated from speed: its zero is not known")
+    trajectory = Trajectory(
+        axis=first.axis, segments=segments, band=edge, standstill=standstill,
+        decimation=settings.decimate, gate=settings.gate,
+        has_disturbance=any(record.has(DISTURBANCE) for record in records), notes=tuple(notes),
+    )
+    cycles = sum(len(s) * s.step for s in segments) * max(bands[longest].motion, 1e-9)
+    if len(trajectory.target) < 60 or cycles < 1.0:
+        if trajectory.rest > 0.8:
+            raise no_motion(first, rms, standstill)
+        raise too_short(first, f"{len(trajectory.target)} rows of the band and {cycles:.2g} "
+                               "cycles of the motion, at least 60 and 1")
+    return trajectory
+
+
+def _even(record: RigRecord, notes: list[str]) -> list[dict[str, np.ndarray]]:
+    """Return the stretches between gaps on an even grid, as columns by name, with ``rate``."""
+    time = record.time
+    step = 1.0 / record.rate
+    steps = np.diff(time)
+    cuts = np.nonzero(steps > GAP * step)[0] + 1
+    uneven = float(np.quantile(np.abs(steps / step - 1.0), 0.99))
+    if uneven > 0.01:
+        notes.append(f"{record.source}: uneven sampling (1 % of the intervals off by more than "
+                     f"{100 * uneven:.0f} %), interpolated to {record.rate:.5g} 1/s")
+    pieces: list[dict[str, np.ndarray]] = []
+    lost = 0
+    for rows in np.split(np.arange(len(time)), cuts):
+        if len(rows) < MIN_SEGMENT:
+            lost += len(rows)
+            continue
+        grid = time[rows[0]] + step * np.arange(
+            int((time[rows[-1]] - time[rows[0]]) / step + 1e-6) + 1)
+        piece = {channel.name: np.interp(grid, time[rows], record.samples[rows, k])
+                 for k, channel in enumerate(record.channels)}
+        piece["time"] = grid
+        piece["input"] = piece.pop(record.axis.input_channel.name)
+        piece["rate"] = np.float64(1.0 / step)  # type: ignore[assignment]
+        pieces.append(piece)
+    if len(cuts):
+        notes.append(f"{record.source}: {len(cuts)} gap(s) of more than {GAP:g} intervals: "
+                     f"{len(pieces)} stretches, {lost} samples left out")
+    return pieces
+
+
+def _segment(piece: dict[str, np.ndarray], band: float, settings: Settings) -> Segment:
+    """Return the motion of one stretch, thinned where the band leaves room."""
+    rate = float(piece["rate"])
+    factor = int(rate / (20.0 * band)) if settings.decimate is None else 1
+    columns = {name: values for name, values in piece.items() if name != "rate"}
+    if factor > 1:
+        columns = {name: _thinned(values, factor) for name, values in columns.items()}
+        rate /= factor
+    step = 1.0 / rate
+    position, speed = columns.get(POSITION), columns.get(SPEED)
+    if settings.cutoff is not None:
+        position = None if position is None else low_pass(position, rate, settings.cutoff)
+        speed = None if speed is None else low_pass(speed, rate, settings.cutoff)
+    if speed is None:
+        assert position is not None  # the record has one of both
+        speed = derivative(position, step)
+    if position is None:
+        position = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) * 0.5 * step)])
+    return Segment(
+        step=step, time=columns["time"], input=columns["input"], position=position, speed=speed,
+        smooth_speed=low_pass(speed, rate, band), acceleration=derivative(speed, step),
+        disturbance=columns.get(DISTURBANCE, np.zeros(len(speed))),
+    )
+
+
+def _thinned(values: np.ndarray, factor: int) -> np.ndarray:
+    """Return every `factor`-th value after a linear-phase filter without delay."""
+    taps = signal.firwin(20 * factor + 1, 1.0 / factor)
+    padded = np.pad(values, 10 * factor, mode="reflect", reflect_type="odd")
+    filtered: np.ndarray = signal.oaconvolve(padded, taps, mode="valid")
+    return filtered[::factor]

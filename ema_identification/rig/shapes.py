@@ -1,0 +1,138 @@
+"""Shapes that no law is named after: what may live where, whatever its form.
+
+Each shape is a set of regressors that follow any smooth dependence on one quantity, or one
+wave in position or time. They say where something is left, and what it looks like.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from ema_identification.rig.laws.position import orders, periodic_columns
+from ema_identification.rig.trajectory import Segment, Trajectory
+
+KNOTS = 9
+MAX_FREQUENCIES = 12
+
+
+@dataclass(frozen=True, kw_only=True)
+class GenericShape:
+    """Regressors of one smooth dependence, already filtered and gated, shape (rows, k)."""
+
+    against: str
+    """``speed``, ``position``, ``load``, ``frequency``, ``test phase``, ``rotor angle``."""
+    label: str
+    """For people: ``speed and direction``."""
+    columns: np.ndarray
+    looks: int = 1
+    """How many shapes this one was picked from by looking; its p-value is multiplied by it."""
+    order: float | None = None
+    """Of a wave: periods a turn or a m, or Hz against ``frequency``."""
+
+
+def hats(values: np.ndarray, knots: np.ndarray) -> list[np.ndarray]:
+    """Return piecewise linear functions of `values`, one a knot, which add up to 1."""
+    return [np.interp(values, knots, np.eye(len(knots))[k]) for k in range(len(knots))]
+
+
+def smooth_shapes(trajectory: Trajectory) -> list[GenericShape]:
+    """Return the smooth dependences on speed, position, acceleration and time."""
+    speed_knots = np.unique(np.quantile(np.abs(trajectory.speed), np.linspace(0, 1, KNOTS)))
+    low, high = np.quantile(trajectory.position, [0.005, 0.995])
+    place_knots = np.linspace(low, high, KNOTS)
+    load_knots = np.unique(np.quantile(trajectory.acceleration, np.linspace(0.002, 0.998, 7)))
+    time_knots = np.linspace(trajectory.time.min(), trajectory.time.max(), 6)
+
+    def by_direction(values: Callable[[Segment], np.ndarray], knots: np.ndarray) -> list[Column]:
+        def column(segment: Segment, k: int, forward: bool) -> np.ndarray:
+            moving = (segment.smooth_speed > 0.0) == forward
+            hat: np.ndarray = np.interp(values(segment), knots, np.eye(len(knots))[k]) * moving
+            return hat
+
+        return [lambda s, k=k, f=f: column(s, k, f)  # type: ignore[misc]
+                for f in (True, False) for k in range(len(knots))]
+
+    def plain(values: Callable[[Segment], np.ndarray], knots: np.ndarray) -> list[Column]:
+        return [lambda s, k=k: np.interp(values(s), knots, np.eye(len(knots))[k])  # type: ignore
+                for k in range(len(knots))]
+
+    def times_sign(columns: list[Column]) -> list[Column]:
+        return [lambda s, c=c: c(s) * np.sign(s.smooth_speed) for c in columns]  # type: ignore
+
+    def position(segment: Segment) -> np.ndarray:
+        return segment.position
+
+    def load(segment: Segment) -> np.ndarray:
+        return trajectory.smoothed(segment, segment.acceleration)
+
+    sets: list[tuple[str, str, list[Column]]] = [
+        ("speed", "speed and direction",
+         by_direction(lambda s: np.abs(s.smooth_speed), speed_knots)),
+        ("position", "position", plain(position, place_knots)),
+        ("position", "position, with the sign of the speed",
+         times_sign(plain(position, place_knots))),
+        ("load", "acceleration", plain(load, load_knots)),
+        ("load", "acceleration, with the sign of the speed", times_sign(plain(load, load_knots))),
+        ("test phase", "time", plain(lambda s: s.time, time_knots)),
+    ]
+    if trajectory.axis.motion == "rotary" and trajectory.turns > 1.2:
+        angles = np.linspace(0.0, 2 * np.pi, 13)
+        sets.append(("position", "angle within a turn",
+                     plain(lambda s: np.mod(s.position, 2 * np.pi), angles)))
+    return [GenericShape(against=against, label=label,
+                         columns=np.column_stack([trajectory.reduce(c) for c in columns]))
+            for against, label, columns in sets]
+
+
+Column = Callable[[Segment], np.ndarray]
+
+
+def waves_in_position(trajectory: Trajectory) -> list[GenericShape]:
+    """Return one shape for each order that the record can show."""
+    found = []
+    for shape in orders(trajectory):
+        pair = [trajectory.reduce(
+            lambda s, k=k, o=shape: periodic_columns(s, trajectory, o)[k])  # type: ignore[misc]
+            for k in (0, 1)]
+        found.append(GenericShape(against="position", label="a wave in position",
+                                  columns=np.column_stack(pair), order=shape[0]))
+    return found
+
+
+def waves_in_time(trajectory: Trajectory, residual: np.ndarray) -> list[GenericShape]:
+    """Return the strongest frequencies of a residual, as shapes picked from all of them."""
+    rate = trajectory.row_rate
+    start = trajectory.time.min()
+    even = np.zeros(int(np.ptp(trajectory.time) * rate) + 2)
+    index = np.rint((trajectory.time - start) * rate).astype(int)
+    even[np.minimum(index, len(even) - 1)] = residual
+    size = 4 * len(even)
+    power = np.abs(np.fft.rfft(even, size))
+    frequency = np.fft.rfftfreq(size, 1.0 / rate)
+    inside = (frequency > 2.0 / max(np.ptp(trajectory.time), 1e-9)) & (frequency < trajectory.band)
+    peaks, _ = signal.find_peaks(np.where(inside, power, 0.0), distance=6)
+    strongest = peaks[np.argsort(-power[peaks])][:MAX_FREQUENCIES]
+    looks = max(1, int(np.ptp(trajectory.time) * trajectory.band))
+    shapes = []
+    for peak in strongest:
+        phase = 2 * np.pi * frequency[peak] * (trajectory.time - start)
+        shapes.append(GenericShape(
+            against="frequency", label="a wave in time", looks=looks,
+            columns=np.column_stack([np.cos(phase), np.sin(phase)]),
+            order=float(frequency[peak])))
+    return shapes
+
+
+def freest_columns(known: np.ndarray, shapes: list[GenericShape]) -> np.ndarray:
+    """Return the regressors of the freest model: all smooth shapes at once, well conditioned."""
+    columns = np.concatenate([known, *(shape.columns for shape in shapes)], axis=1)
+    scale = np.sqrt(np.mean(columns**2, axis=0))
+    columns = columns[:, scale > 1e-9 * scale.max()]
+    left, values, _ = np.linalg.svd(columns / np.sqrt(np.mean(columns**2, axis=0)),
+                                    full_matrices=False)
+    kept: np.ndarray = left[:, values > 1e-6 * values[0]] * np.sqrt(len(columns))
+    return kept

@@ -1,0 +1,251 @@
+"""`identify_rig`: align, recalibrate, where, name, add, show, prune, for any single axis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ema_identification.identification import (
+    Candidate,
+    Finding,
+    Identification,
+    Outcome,
+    Parameter,
+    Shape,
+)
+from ema_identification.rig.balance import Balance, Design, rms
+from ema_identification.rig.blocks import Blocks, make_blocks
+from ema_identification.rig.estimates import parameters, without_modifiers
+from ema_identification.rig.known import known_balance
+from ema_identification.rig.laws import LAWS
+from ema_identification.rig.model import RigModel, Settings, load_rig_model
+from ema_identification.rig.next_test import for_unknown, next_test, one_direction
+from ema_identification.rig.panels import all_panels, unknown_panel
+from ema_identification.rig.prepare import prepare
+from ema_identification.rig.regression import fit, held_out
+from ema_identification.rig.remainder import portrait
+from ema_identification.rig.search import Search, search
+from ema_identification.rig.selection import Choice
+from ema_identification.rig.shapes import (
+    GenericShape,
+    freest_columns,
+    smooth_shapes,
+    waves_in_position,
+)
+from ema_identification.rig.steps import Story, all_steps
+from ema_identification.rig.updated import updated_text
+from ema_identification.rig.words import shape_words, signal_name, where
+from ema_record.errors import unknown_name
+from ema_record.rig import RigRecord
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and how much of all is (0 to 1)."""
+MAX_RIVALS = 8
+HIDEABLE = (*LAWS, "inertia_change")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Judge:
+    """Measures the gap: on records that were held out, or on held-out blocks."""
+
+    blocks: Blocks
+    held: tuple[Design, ...]
+
+    def gap(self, balance: Balance) -> float:
+        """Return the rms of the held-out residual."""
+        if self.held:
+            return rms(np.concatenate([balance.residual_on(d) for d in self.held]))
+        return rms(balance.held_out(self.blocks))
+
+
+def identify_rig(
+    measured: Sequence[RigRecord], model: str | Path | RigModel | None = None, *,
+    validate: Sequence[RigRecord] = (), without: Collection[str] = (),
+    progress: Progress | None = None,
+) -> Identification:
+    """Find what the model of a single-axis rig lacks, name it and show the gap shrink.
+
+    Parameters
+    ----------
+    measured : sequence of RigRecord
+        Records of one axis.
+    model : path-like or RigModel, optional
+        What is believed so far; default inertia and viscous friction, both free.
+    validate : sequence of RigRecord
+        Records of the same axis, of another motion, on which the gap is measured; without
+        them it is measured on held-out blocks of `measured`.
+    without : collection of str
+        Laws that may not be used.
+    progress : callable, optional
+        Called with a line and the share that is done.
+
+    Returns
+    -------
+    Identification
+        Its gaps are the rms of the held-out residual, in the unit of the input.
+
+    Raises
+    ------
+    UsageError, InvalidRecordError, IncompleteRecordError
+        Wrong model file or name; records that cannot be used, with the remedy.
+
+    """
+    say: Progress = progress or (lambda _what, _share: None)
+    for name in without:
+        if name not in HIDEABLE:
+            raise unknown_name("effect", name, HIDEABLE, "known are " + ", ".join(HIDEABLE))
+    given = model if isinstance(model, RigModel) else load_rig_model(model)
+    say("aligning", 0.02)
+    trajectory = prepare(measured, given.settings)
+    design = Design(trajectory)
+    start, notes = known_balance(given, design)
+    say("looking where they disagree", 0.08)
+    smooth = smooth_shapes(trajectory)
+    freest = freest_columns(start.columns, smooth)
+    blocks = make_blocks(trajectory, fit(freest, trajectory.target).residual)
+    held = _held_designs(validate, given.settings, design)
+    waves = waves_in_position(trajectory)
+    shapes = [*smooth, *waves]
+    before = tuple(portrait(start, blocks, shapes))
+    share = [0.2]
+
+    def report(line: str) -> None:
+        share[0] += 0.5 * (0.9 - share[0]) * 0.3
+        say(line, share[0])
+
+    found = search(start, blocks, shapes, set(without), report)
+    say("measuring the gap", 0.93)
+    judge = _Judge(blocks=blocks, held=held)
+    gaps = [judge.gap(balance) for balance in found.stages]
+    floor = _noise_floor(found, smooth, blocks, gaps, bool(held))
+    findings = _findings(found, blocks, gaps)
+    story = Story(trajectory=trajectory, blocks=blocks, start=start, found=found, gaps=gaps,
+                  noise_floor=floor, before=before, notes=(*trajectory.notes, *notes),
+                  findings=findings, validated=len(validate))
+    say("done", 1.0)
+    return _identification(given, story)
+
+
+def _held_designs(
+    validate: Sequence[RigRecord], settings: Settings, design: Design
+) -> tuple[Design, ...]:
+    """Return the designs of the held-out records, under the same filter."""
+    if not validate:
+        return ()
+    trajectory = design.trajectory
+    same = settings.model_copy(
+        update={"band": trajectory.band, "standstill": trajectory.standstill})
+    return tuple(Design(prepare([record], same)) for record in validate)
+
+
+def _noise_floor(
+    found: Search, smooth: list[GenericShape], blocks: Blocks, gaps: list[float], validated: bool
+) -> float:
+    """Return the held-out residual of the freest model: what no law of the motion could take.
+
+    On records that were held out it is scaled like the gap of the model there.
+    """
+    end = found.balance
+    columns = freest_columns(end.free_columns, smooth)
+    floor = rms(held_out(columns, end.target, blocks))
+    own = rms(end.held_out(blocks))
+    ratio = gaps[-1] / own if validated and own > 0.0 else 1.0
+    return min(floor * ratio, min(gaps))
+
+
+def _findings(found: Search, blocks: Blocks, gaps: list[float]) -> tuple[Finding, ...]:
+    first = len(found.stages[0].terms)
+    findings = []
+    for index, choice in enumerate(found.choices):
+        plain, at = without_modifiers(found.balance, first + index)
+        own = parameters(plain, at, blocks)
+        findings.append(Finding(
+            effect=choice.trial.name, equivalent=choice.equivalent,
+            parameters=(*own, *_rivals_parameters(found, index, choice, blocks)),
+            where=where(plain, at, own), p_value=choice.trial.p_value,
+            gap_before=gaps[index], gap_after=gaps[index + 1],
+            candidates=tuple(_candidate(trial.name, trial.score, trial.p_value, choice, trial)
+                             for trial in choice.trials)))
+    return tuple(findings)
+
+
+def _rivals_parameters(
+    found: Search, index: int, choice: Choice, blocks: Blocks
+) -> tuple[Parameter, ...]:
+    """Return the parameters of equivalent laws, each in the place of the chosen one."""
+    first = len(found.stages[0].terms)
+    values: list[Parameter] = []
+    for trial in choice.trials:
+        if trial.name in choice.equivalent:
+            before = found.stages[index]
+            values += parameters(before.joined(trial.term), first + index, blocks)
+    return tuple(values)
+
+
+def _candidate(
+    name: str, score: float, p_value: float, choice: Choice | None, trial: object
+) -> Candidate:
+    if choice is not None and trial is choice.trial:
+        reason = "taken"
+    elif choice is not None and name in choice.equivalent:
+        reason = "cannot be told from the one taken"
+    elif p_value > 0.005:
+        reason = "no more than chance"
+    else:
+        reason = "helps less"
+    return Candidate(effect=name, score=score, p_value=p_value, reason=reason)
+
+
+def _identification(given: RigModel, story: Story) -> Identification:
+    found, trajectory = story.found, story.trajectory
+    unknown = None
+    if found.unknown is not None:
+        unknown = Shape(port=signal_name(trajectory), text=shape_words(found.unknown, trajectory),
+                        panel=unknown_panel(found.unknown, trajectory))
+    verdict: Outcome = "no disagreement"
+    if story.findings:
+        verdict = "explained" if unknown is None else "partly explained"
+    elif unknown is not None:
+        verdict = "unknown effect"
+    ambiguous = next((f for f in story.findings if f.equivalent), None)
+    test = next_test((ambiguous.effect, *ambiguous.equivalent), trajectory) \
+        if ambiguous is not None else None
+    if test is None and found.unknown is not None:
+        test = for_unknown(found.unknown.shape.against, trajectory)
+    held = f"record{'s' if story.validated > 1 else ''} held out" if story.validated else \
+        f"{story.blocks.count} blocks, each held out in turn"
+    return Identification(
+        verdict=verdict, gap_before=story.gaps[0], gap_after=story.gaps[-1],
+        noise_floor=story.noise_floor,
+        gap_unit=f"residual of the {signal_name(trajectory)}, rms, "
+                 f"{trajectory.axis.input_channel.unit} ({held})",
+        findings=story.findings,
+        rivals=tuple(_candidate(t.name, t.score, t.p_value, None, t)
+                     for t in found.last_trials[:MAX_RIVALS]),
+        next_test=test, recalibrated=_recalibrated(story), unknown=unknown,
+        reasons=_reasons(story), steps=all_steps(story),
+        panels=all_panels(found.stages[0], found.balance, found.left, found.unknown),
+        model_text=updated_text(given, story),
+    )
+
+
+def _recalibrated(story: Story) -> tuple[Parameter, ...]:
+    """Return the parameters of the model's own terms, in the model at the end."""
+    found: list[Parameter] = []
+    for index in range(len(story.start.terms)):
+        found += parameters(story.found.balance, index, story.blocks)
+    return tuple(found)
+
+
+def _reasons(story: Story) -> tuple[str, ...]:
+    reasons = list(story.notes)
+    one_way = one_direction(story.trajectory)
+    if one_way:
+        reasons.append(one_way)
+    if story.found.given_up:
+        reasons.append("given up, as they only stood in for a shape that no law holds: "
+                       + ", ".join(story.found.given_up))
+    return tuple(reasons)
