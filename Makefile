@@ -36,7 +36,8 @@ bit: $(RUN_STAMP)
 	case $$status in \
 		0) echo 'make bit: done, the actuator is healthy (ema bit: 0)' ;; \
 		1) echo 'make bit: done, a fault was found (ema bit: 1)' ;; \
-		3) echo 'make bit: done, no certain verdict (ema bit: 3)' ;; \
+		3) echo 'make bit: done, the verdict is unknown or incomplete (ema bit: 3)' ;; \
+		4) echo 'make bit: no verdict, the test was refused or aborted (ema bit: 4)' >&2; exit 4 ;; \
 		*) echo "make bit: failed (ema bit: $$status)" >&2; exit $$status ;; \
 	esac
 

@@ -31,6 +31,12 @@ VERDICT_TIMEOUT = 60.0
 SPIN = 0.02
 
 
+class NoVerdictError(TestRefusedError):
+    """The test was refused, aborted, or not answered."""
+
+    exit_status = 4
+
+
 def bit(
     profile: Annotated[
         str, typer.Option("--profile", "-p", metavar="NAME|FILE.yaml", help="Test profile.")
@@ -67,8 +73,9 @@ def bit(
     """Run the whole built-in test over ROS 2 and print the verdict.
 
     Simulator, monitor and prognostics run as three processes; this one plays the aircraft.
-    The effect is known to the simulator alone. Exit status: 0 healthy, 1 a fault, 3 unknown,
-    incomplete, refused or aborted, 2 wrong use.
+    The effect is known to the simulator alone. Exit status: 0 healthy, 1 a fault, 2 wrong use,
+    3 the verdict is unknown or incomplete, 4 no verdict: the test was refused or aborted, or a
+    node ended.
     """
     from ema_cli.domain import enter_domain, private_domain
     from ema_cli.supervisor import Supervisor
@@ -115,7 +122,10 @@ def bit(
 
 
 def exit_status(result: dict[str, Any]) -> int:
-    """Return 0 healthy, 1 fault, 3 unknown or a record that failed its checks, 2 unreadable."""
+    """Return 0 healthy, 1 fault, 3 unknown or a record that failed its checks, 2 unreadable.
+
+    Where there is no verdict at all, `NoVerdictError` gives 4.
+    """
     from ema_prognostics.verdict import EXIT_STATUS
 
     status = EXIT_STATUS[result["verdict"]["verdict"]]
@@ -185,11 +195,14 @@ def _run(supervisor: Supervisor, duration: float, factor: float) -> dict[str, An
             while not until():
                 node.spin(SPIN)
                 node.poll()
+                revived = supervisor.revive(PROGNOSTICS)
+                if revived:
+                    note(f"{revived}; it will find the record")
                 supervisor.check()
                 passed = time.monotonic() - start
                 show(passed)
                 if passed > limit:
-                    raise TestRefusedError(f"no answer from {what()} after {limit:g} s")
+                    raise NoVerdictError(f"no answer from {what()} after {limit:g} s")
 
         with progress("starting simulator, monitor and prognostics") as show:
             wait(lambda: not node.missing(), START_TIMEOUT, node.missing, show)
@@ -211,7 +224,7 @@ def _run(supervisor: Supervisor, duration: float, factor: float) -> dict[str, An
     }
     if result["status"] != "complete":
         kept = f"; record kept: {result['record']}" if result["record"] else ""
-        raise TestRefusedError(f"built-in test {result['message']}{kept}")
+        raise NoVerdictError(f"built-in test {result['message']}{kept}")
     return result
 
 

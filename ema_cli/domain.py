@@ -16,6 +16,8 @@ from ema_record.resources import share_path
 
 DOMAINS = range(1, 102)
 """Domains whose ports are below those that the kernel hands out."""
+_PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
+_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _PORT_BASE, _PORT_GAIN, _UNICAST = 7400, 250, 10
 
 
@@ -61,13 +63,26 @@ def _ports_free(domain: int) -> bool:
 
 
 def enter_domain(domain: int) -> None:
-    """Set the environment of this process, and of those it starts, for a local test."""
-    use_fast_discovery(domain)
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    """Set the environment of this process, and of those it starts, for a local test.
+
+    Over the loopback interface alone: a node that is killed then leaves nothing behind. A user's
+    own choice of profiles or of the range of discovery stands.
+    """
+    os.environ["ROS_DOMAIN_ID"] = str(domain)
+    if _PROFILES in os.environ or _RANGE in os.environ:
+        use_fast_discovery(None)
+        os.environ.setdefault(_RANGE, "LOCALHOST")
+        return
+    os.environ |= local_environment()
+
+
+def local_environment() -> dict[str, str]:
+    """Return the variables that keep the middleware on this host, without shared memory."""
+    return {_PROFILES: str(share_path("config/fastdds_local.xml")), _RANGE: "SYSTEM_DEFAULT"}
 
 
 def use_fast_discovery(domain: int | None) -> None:
     """Let this process find others in 0.2 s; enter `domain` unless it is None."""
     if domain is not None:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(share_path("config/fastdds.xml")))
+    os.environ.setdefault(_PROFILES, str(share_path("config/fastdds.xml")))

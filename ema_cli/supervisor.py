@@ -20,11 +20,15 @@ ParameterValue = float | int | str
 
 GENTLE_STOP = 4.0
 """Time for a node to close its record and end (s)."""
+RESTARTS = 2
+"""How often a node that was killed is started again."""
 _TAIL = 64 << 10
 
 
 class NodeDiedError(EmaError):
-    """A node ended before the test did."""
+    """A node ended before the test did: there is no verdict."""
+
+    exit_status = 4
 
 
 class Supervisor:
@@ -39,6 +43,8 @@ class Supervisor:
         """Begin without nodes."""
         self.log = log
         self._nodes: dict[str, subprocess.Popen[bytes]] = {}
+        self._parameters: dict[str, Mapping[str, ParameterValue]] = {}
+        self._restarts: dict[str, int] = {}
 
     def __enter__(self) -> Supervisor:
         """Return the supervisor itself."""
@@ -57,6 +63,7 @@ class Supervisor:
         """Start ``python -m module`` with ROS parameters."""
         settings = [item for name, value in parameters.items()
                     for item in ("-p", f"{name}:={_yaml(value)}")]
+        self._parameters[module] = parameters
         with self.log.open("ab") as log:
             self._nodes[module] = subprocess.Popen(  # noqa: S603  (our own modules)
                 [sys.executable, "-m", module, *QUIET, *settings],
@@ -77,6 +84,19 @@ class Supervisor:
                 f"{module} ended with status {status}: {line or 'it gave no reason'} "
                 f"(see {self.log})"
             )
+
+    def revive(self, module: str) -> str:
+        """Start a node again that was killed, at most `RESTARTS` times; return what was done.
+
+        A node that gave an error of its own is left to `check`.
+        """
+        process = self._nodes.get(module)
+        status = None if process is None else process.poll()
+        if status is None or status >= 0 or self._restarts.get(module, 0) >= RESTARTS:
+            return ""
+        self._restarts[module] = self._restarts.get(module, 0) + 1
+        self.start(module, self._parameters[module])
+        return f"{module} was killed (signal {-status}) and started again"
 
     def last_error(self) -> str:
         """Return the last error line that a node wrote, else its last line, else nothing."""

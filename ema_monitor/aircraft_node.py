@@ -20,9 +20,9 @@ from std_msgs.msg import Bool
 from ema_monitor.messages import (
     PolledGroup,
     make_polled_subscription,
-    make_publisher,
     take_all,
 )
+from ema_record.messages import make_publisher
 from ema_record.node_process import QUIET, prepare_environment
 from ema_record.topics import (
     DIAGNOSTICS,

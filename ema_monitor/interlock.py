@@ -4,10 +4,12 @@ from __future__ import annotations
 
 DEFAULT_TIMEOUT = 1.0
 """Age at which weight on wheels is no longer fresh (s); the aircraft sends ten a second."""
+HOLD = 0.25
+"""Time for which weight on wheels must be steady before it counts (s)."""
 
 
 class Interlock:
-    """Weight on wheels, and whether it is fresh.
+    """Weight on wheels, and whether it is fresh and steady.
 
     Parameters
     ----------
@@ -20,6 +22,7 @@ class Interlock:
         self._value = False
         self._received: float | None = None
         self._transit = 0.0
+        self._opened: float | None = None
 
     def update(self, value: bool, now: float, transit: float = 0.0) -> None:
         """Take one message.
@@ -32,14 +35,33 @@ class Interlock:
             message of the aircraft, however old: it counts from when it was sent.
         """
         self._value, self._received, self._transit = value, now, max(0.0, transit)
+        if not value:
+            self._opened = now
 
-    def reason(self, now: float) -> str:
-        """Return why the actuator must not move at clock `now` (s); empty: it may."""
+    def reason(self, now: float, since: float | None = None) -> str:
+        """Return why the actuator must not move at clock `now` (s); empty: it may.
+
+        Parameters
+        ----------
+        now : monotonic clock (s).
+        since : begin of the test that runs (s): the interlock must not have opened after it,
+            however shortly. None: no test runs.
+        """
         if self._received is None:
             return "no weight-on-wheels signal from the aircraft"
         age = now - self._received + self._transit
         if age > self.timeout:
-            return f"weight-on-wheels signal is {age:.1f} s old, at most {self.timeout:g} s"
+            clocks = " (do the clocks agree?)" if self._transit > self.timeout else ""
+            return (
+                f"weight-on-wheels signal is {age:.1f} s old, at most {self.timeout:g} s{clocks}"
+            )
         if not self._value:
             return "no weight on wheels: the aircraft is not on the ground"
+        if self._opened is None:
+            return ""
+        steady = now - self._opened
+        if since is not None and self._opened >= since:
+            return f"weight on wheels went off for a moment, {steady:.2f} s ago"
+        if steady < HOLD:
+            return f"weight on wheels is back for {steady:.2f} s only, at least {HOLD:g} s"
         return ""

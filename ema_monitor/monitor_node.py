@@ -24,12 +24,10 @@ from ema_monitor.interlock import Interlock
 from ema_monitor.messages import (
     PolledGroup,
     check_status,
-    declare_parameters,
-    diagnostic_status,
     fill_response,
     find_actuator,
+    level_status,
     make_polled_subscription,
-    make_publisher,
     take_all,
 )
 from ema_monitor.recorder import BitRecorder, new_bag_path
@@ -46,6 +44,8 @@ from ema_monitor.sequence import (
 )
 from ema_monitor.settings import SPECS
 from ema_record.errors import EmaError, UsageError
+from ema_record.messages import declare_parameters, given_parameters, make_publisher
+from ema_record.node_parameters import check_values
 from ema_record.node_process import StopSignal, run_node
 from ema_record.profile import load_profile
 from ema_record.standard_messages import stamp_of
@@ -65,6 +65,8 @@ POLL_PERIOD = 0.02
 DIAGNOSTICS_PERIOD = 1.0
 LOOK_FOR_OTHERS = 0.6
 """How long the node looks for another monitor before it offers its service (s)."""
+ACTUATOR_TIMEOUT = 3.0
+"""Age at which the status of the actuator is no longer believed (s); it sends one a second."""
 THREADS = 4
 
 
@@ -87,6 +89,7 @@ class MonitorNode(Node):
         super().__init__(NODE_NAME)
         self.exit_status: int | None = None
         self._stop = stop
+        check_values(SPECS, given_parameters(self))
         values = declare_parameters(self, SPECS)
         self._directory = Path(str(values["output_directory"]))
         self._serial = str(values["serial_number"])
@@ -99,13 +102,15 @@ class MonitorNode(Node):
         self._refuse_second_monitor()
         self._recorder = BitRecorder()
         self._actuator: ActuatorStatus | None = None
+        self._actuator_heard = 0.0
+        self._began: float | None = None
         self._one_at_a_time = threading.Lock()
         self._request: Request | None = None
         self._waiting: list[Request] = []
         self._sent: set[int] = set()
         self._foreign = False
         self._last_block = -1.0
-        self._last_reason = "no test yet"
+        self._last_reason, self._failed = "no test yet", False
         group = PolledGroup()
         self._polled = {
             topic: make_polled_subscription(self, topic, group)
@@ -137,7 +142,7 @@ class MonitorNode(Node):
         request = Request()
         self._waiting.append(request)
         request.done.wait()
-        outcome = diagnostic_status(
+        outcome = level_status(
             "ema_monitor: test",
             Level.OK if request.passed else Level.ERROR,
             request.reason or ("passed" if request.passed else "record checks failed"), {},
@@ -165,12 +170,14 @@ class MonitorNode(Node):
             request = self._waiting.pop(0)
             if self._sequence.stage is Stage.IDLE and self._request is None:
                 self._request, self._foreign = request, False
+                self._began = time.monotonic()
                 self._perform(self._sequence.start(self._observe()))
             else:
                 request.reason = "refused: a test is running already"
                 request.done.set()
 
     def _drain(self) -> None:
+        self._recorder.begin_turn()
         for topic, subscription in self._polled.items():
             for data, received, sent in take_all(subscription):
                 if topic == SAMPLES:
@@ -191,14 +198,17 @@ class MonitorNode(Node):
         found = find_actuator(deserialize_message(data, DiagnosticArray))
         if found is not None:
             self._actuator, serial = found
+            self._actuator_heard = time.monotonic()
             self._serial = self._serial or serial
 
     def _observe(self) -> Observation:
         now = time.monotonic()
         finding = self._sequence.stage is Stage.FINDING
+        silent = finding and now - self._actuator_heard > ACTUATOR_TIMEOUT
         return Observation(
-            now=now, stamp=time.time_ns(), interlock=self._interlock.reason(now),
-            missing=self._missing() if finding else "", actuator=self._actuator,
+            now=now, stamp=time.time_ns(), interlock=self._interlock.reason(now, self._began),
+            missing=self._missing() if finding else "",
+            actuator=None if silent else self._actuator,
             samples_received=self._recorder.samples_received,
             last_sample=self._recorder.last_sample, last_block=self._last_block,
             foreign_command=self._foreign, stop=bool(self._stop),
@@ -255,7 +265,7 @@ class MonitorNode(Node):
         if self._request is not None:
             self._request.passed = bool(results) and worst(results) < Level.ERROR
             self._request.statuses = [
-                diagnostic_status(
+                level_status(
                     "ema_monitor: record", Level.OK if results else Level.ERROR, action.status,
                     {"path": str(path.resolve()), "status": action.status,
                      "closed": str(closed)},
@@ -268,7 +278,8 @@ class MonitorNode(Node):
 
     def _finish(self, reason: str) -> None:
         self._last_reason = reason or "the last test ran to its end"
-        request, self._request = self._request, None
+        self._failed = bool(reason)
+        request, self._request, self._began = self._request, None, None
         if request is not None:
             request.reason = reason
             request.passed = request.passed and not reason
@@ -276,12 +287,14 @@ class MonitorNode(Node):
 
     def _publish_status(self) -> None:
         stage = self._sequence.stage
-        array = DiagnosticArray(status=[diagnostic_status(
-            "ema_monitor: test", Level.OK,
-            stage.value if stage is not Stage.IDLE else f"idle; {self._last_reason}",
+        idle = stage is Stage.IDLE
+        array = DiagnosticArray(status=[level_status(
+            "ema_monitor: test", Level.WARN if idle and self._failed else Level.OK,
+            f"idle; {self._last_reason}" if idle else stage.value,
             {"stage": stage.name.lower(),
-             "interlock": self._interlock.reason(time.monotonic()) or "closed",
-             "samples_recorded": str(self._recorder.samples_recorded)},
+             "interlock": self._interlock.reason(time.monotonic(), self._began) or "closed",
+             "samples_recorded": str(self._recorder.samples_recorded),
+             "clock_step_s": f"{self._recorder.clock_step:.3f}"},
             self._serial,
         )])
         array.header.stamp = self.get_clock().now().to_msg()

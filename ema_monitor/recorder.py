@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ema_monitor.log_clock import LogClock
 from ema_record.channels import N_CHANNELS, TIME
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record, Status
@@ -39,6 +40,7 @@ class BitRecorder:
         """Begin without a bag."""
         self._writer: BagWriter | None = None
         self._blocks: list[np.ndarray] = []
+        self._clock = LogClock()
         self.samples_received = 0
         """Since `reset_count`."""
         self.last_sample = -1.0
@@ -64,9 +66,19 @@ class BitRecorder:
             ),
         )
         self._blocks = []
+        self._clock = LogClock()
         self.samples_recorded = 0
 
-    def take(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
+    @property
+    def clock_step(self) -> float:
+        """By how much the host's clock has stepped since the bag was opened (s)."""
+        return self._clock.shift
+
+    def begin_turn(self) -> None:
+        """Look at the clocks before messages are taken."""
+        self._clock.look()
+
+    def take(self, topic: str, data: bytes, received: int, publish_time: int) -> None:
         """Take one serialised message.
 
         Raises
@@ -77,7 +89,9 @@ class BitRecorder:
             The bag cannot be written.
         """
         if self._writer is not None and topic in _IN_BAG:
-            self._writer.write_raw(topic, data, log_time, publish_time)
+            self._writer.write_raw(
+                topic, data, self._clock.log_time(topic, received), publish_time
+            )
         if topic != SAMPLES:
             return
         block = decode_block(data)

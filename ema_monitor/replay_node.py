@@ -10,9 +10,9 @@ import rclpy.signals
 from rclpy.duration import Duration
 from rclpy.node import Node
 
-from ema_monitor.messages import make_publisher
 from ema_monitor.replay_bag import ReplayMessage
 from ema_record.errors import TestRefusedError
+from ema_record.messages import make_publisher
 from ema_record.node_process import QUIET, prepare_environment
 from ema_record.topics import COMMAND, SAMPLES
 

@@ -24,6 +24,8 @@ FIND_TIMEOUT = 10.0
 """Longest search for an idle actuator (s)."""
 COUNT_TIMEOUT = 5.0
 """Longest wait for the counters after the last sample (s)."""
+END_MARGIN = 2e-3
+"""By how much the last sample may come before the end of the profile (s)."""
 RETURN_TIMEOUT = 5.0
 """Longest wait for the surface to be back after an abort (s)."""
 
@@ -230,8 +232,14 @@ class TestSequence:
         return []
 
     def _counting(self, seen: Observation) -> list[Action]:
-        if not self._done(seen) and seen.now - self._entered <= COUNT_TIMEOUT:
+        done = self._done(seen)
+        if not done and seen.now - self._entered <= COUNT_TIMEOUT:
             return []
+        if done and seen.last_sample < self.profile.duration - END_MARGIN:
+            return self._abort(
+                f"the actuator ended the test at {max(seen.last_sample, 0.0):.3f} s of "
+                f"{self.profile.duration:.3f} s", seen
+            )
         self.stage = Stage.IDLE
         actuator = seen.actuator if self._accepted(seen) else None
         return [

@@ -7,26 +7,27 @@ from ema_record.node_parameters import ParameterSpec
 
 SPECS = (
     ParameterSpec(
-        name="profile", default="extended",
+        name="profile", default="extended", read_only=True,
         text="test profile: the name of a shipped one, or a YAML file",
     ),
     ParameterSpec(
-        name="output_directory", default="records", text="folder in which records are made",
+        name="output_directory", default="records", read_only=True,
+        text="folder in which records are made",
     ),
     ParameterSpec(
-        name="serial_number", default="",
+        name="serial_number", default="", read_only=True,
         text="of the actuator; empty: what the actuator reports on /diagnostics",
     ),
     ParameterSpec(
         name="weight_on_wheels_timeout", default=DEFAULT_TIMEOUT, lower=0.1, upper=60.0,
-        unit="s", text="age at which weight on wheels is no longer fresh",
+        unit="s", read_only=True, text="age at which weight on wheels is no longer fresh",
     ),
     ParameterSpec(
         name="stream_timeout", default=5.0, lower=0.1, upper=60.0, unit="s",
-        text="longest silence of the acquisition during the test",
+        read_only=True, text="longest silence of the acquisition during the test",
     ),
     ParameterSpec(
         name="test_timeout", default=120.0, lower=1.0, upper=3600.0, unit="s",
-        text="longest test, moving to its start included",
+        read_only=True, text="longest test, moving to its start included",
     ),
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -47,6 +48,33 @@ def sync_directory(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def put_back(path: Path, descriptor: int) -> bool:
+    """Give a file that was removed while it is being written its name back.
+
+    Its bytes live as long as it is open. They are copied to a new file under the same name,
+    the directory being made again, and `descriptor` goes on writing there.
+
+    Returns
+    -------
+    bool
+        Whether it had been removed.
+
+    Raises
+    ------
+    OSError
+        It cannot be put back.
+
+    """
+    if os.fstat(descriptor).st_nlink > 0:
+        return False
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with Path(f"/proc/self/fd/{descriptor}").open("rb") as old, path.open("xb") as new:
+        shutil.copyfileobj(old, new)
+        new.flush()
+        os.dup2(new.fileno(), descriptor)
+    return True
 
 
 @contextlib.contextmanager

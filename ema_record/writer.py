@@ -18,7 +18,7 @@ from typing import IO
 import mcap
 
 from ema_record.errors import OutputError, UsageError
-from ema_record.files import cannot_write, make_new_directory, new_file
+from ema_record.files import cannot_write, make_new_directory, new_file, put_back
 from ema_record.limits import MAX_MESSAGE_BYTES
 from ema_record.mcap_writer import DEFAULT_LEVEL, HIGHEST_LEVEL, LevelWriter
 from ema_record.metadata import (
@@ -218,6 +218,7 @@ class BagWriter:
         self._waiting_bytes = 0
         try:
             self._mcap.flush()
+            put_back(self.file, self._stream.fileno())
         except OSError as error:
             raise self._failed(error) from None
 
@@ -266,6 +267,7 @@ class BagWriter:
         ))
         try:
             self._mcap.flush()
+            put_back(self.file, self._stream.fileno())
             if recovery is not None:
                 self._mcap.add_metadata(RECOVERY, dict(recovery))
             self._mcap.add_metadata(END, end_record(status, begin, counts))

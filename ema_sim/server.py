@@ -111,6 +111,10 @@ class ActuatorServer:
         session = settings.session(self.session.surface_position)
         self.settings, self.session = settings, session
 
+    def give_up(self) -> None:
+        """End the run where it is: the drive is switched off, the surface stays."""
+        self.session = self.settings.session(self.session.surface_position)
+
     def poll(self) -> Iterator[Message]:
         """Return the messages that are due; bounded work a call."""
         if not self.active:

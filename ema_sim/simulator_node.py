@@ -12,6 +12,17 @@ from rclpy.node import Node
 from trajectory_msgs.msg import JointTrajectory
 
 from ema_record.errors import EmaError, UsageError
+from ema_record.messages import (
+    ERROR,
+    OK,
+    WARN,
+    DiagnosticsPublisher,
+    declare_parameters,
+    diagnostic_status,
+    given_parameters,
+    make_publisher,
+    make_subscription,
+)
 from ema_record.node_parameters import Value, check_values
 from ema_record.node_process import StopSignal, report, run_node
 from ema_record.standard_messages import stamp_of
@@ -24,17 +35,7 @@ from ema_record.topics import (
     WINDING_TEMPERATURE,
 )
 from ema_record.trajectory import command_points
-from ema_sim.messages import (
-    OK,
-    WARN,
-    DiagnosticsPublisher,
-    declare_parameters,
-    diagnostic_status,
-    given_parameters,
-    make_publisher,
-    make_subscription,
-    on_parameters,
-)
+from ema_sim.messages import on_parameters
 from ema_sim.node_settings import MODEL_FILE, load_model, parameter_specs, settings_from
 from ema_sim.server import ActuatorServer
 
@@ -44,6 +45,12 @@ TICK = 0.005
 DIAGNOSTICS_PERIOD = 1.0
 MATCH_TIMEOUT = 1.0
 """Longest wait, after a command, for all readers of the samples to be matched (s)."""
+SLOW_READER_TIMEOUT = 8.0
+"""Longest wait for a slow reader (s); one that was killed stops counting after 5 s."""
+
+
+class SlowReaderError(EmaError):
+    """A reader of the samples takes nothing."""
 
 
 class SimulatorNode(Node):
@@ -114,6 +121,12 @@ class SimulatorNode(Node):
         try:
             for topic, data in self._server.poll():
                 self._publish(topic, data)
+        except SlowReaderError as error:
+            self._server.give_up()
+            self.get_logger().error(str(error))
+            self._level, self._message = ERROR, str(error)
+            self._publish_status()
+            return
         except EmaError as error:
             self.get_logger().fatal(str(error))
             report(f"error: {error}")
@@ -125,12 +138,17 @@ class SimulatorNode(Node):
 
     def _publish(self, topic: str, data: bytes) -> None:
         """Publish; a full history of slow readers is waited for, so that nothing is lost."""
+        end = time.monotonic() + SLOW_READER_TIMEOUT
         while not self._stop:
             try:
                 self._outputs[topic].publish(data)
                 return
             except RuntimeError:  # RCLError: the middleware gave up after 100 ms
                 self.get_logger().warning(f"{topic}: a reader is slow, waiting for it")
+            if time.monotonic() > end:
+                raise SlowReaderError(
+                    f"{topic}: a reader took nothing for {SLOW_READER_TIMEOUT:g} s: run given up"
+                )
 
     def _publish_status(self) -> None:
         values = self._server.status()

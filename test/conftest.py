@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from ema_cli.domain import private_domain
-from ema_record.resources import share_path
+from ema_cli.domain import local_environment, private_domain
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -47,8 +46,6 @@ def ros_domain(monkeypatch):
     """
     with private_domain(None) as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        monkeypatch.setenv(
-            "FASTRTPS_DEFAULT_PROFILES_FILE", str(share_path("config/fastdds.xml"))
-        )
+        for name, value in local_environment().items():
+            monkeypatch.setenv(name, value)
         yield domain

@@ -11,7 +11,8 @@ import rclpy.serialization
 from diagnostic_msgs.msg import DiagnosticArray
 
 from ema_monitor.aircraft_node import answer_of
-from ema_monitor.messages import PolledGroup, make_polled_subscription, make_publisher, take_all
+from ema_monitor.messages import PolledGroup, make_polled_subscription, take_all
+from ema_record.messages import make_publisher
 from ema_record.samples_codec import decode_block
 from ema_record.topics import COMMAND, DIAGNOSTICS, SAMPLES
 from ema_record.trajectory import encode_command

@@ -9,9 +9,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from ros_processes import PROGNOSTICS
 from std_msgs.msg import Float64, String
 
-from ema_monitor.messages import PolledGroup, make_polled_subscription, make_publisher, take_all
+from ema_monitor.messages import PolledGroup, make_polled_subscription, take_all
 from ema_prognostics.prognosis import Prognosis
 from ema_record.bag import write_bag
+from ema_record.messages import make_publisher
 from ema_record.profile import load_profile
 from ema_record.topics import BIT_RECORD, SEVERITY, VERDICT
 from ema_sim.effects import parse_effects

@@ -32,3 +32,29 @@ def test_a_source_clock_that_is_ahead_makes_nothing_fresher():
     interlock = Interlock(1.0)
     interlock.update(True, 10.0, transit=-3600.0)
     assert interlock.reason(11.5) != ""
+
+
+def test_an_interlock_that_opened_for_a_moment_during_the_test_is_told():
+    interlock = Interlock(1.0)
+    interlock.update(True, 10.0)
+    interlock.update(False, 10.50)
+    interlock.update(True, 10.51)
+    assert "went off for a moment, 0.03 s ago" in interlock.reason(10.53, since=10.1)
+    assert interlock.reason(20.0, since=10.6) != "", "stale"
+    interlock.update(True, 20.0)
+    assert interlock.reason(20.0, since=10.6) == ""
+
+
+def test_flapping_weight_on_wheels_begins_no_test():
+    interlock = Interlock(1.0)
+    for k in range(10):
+        interlock.update(k % 2 == 1, 10.0 + 0.1 * k)
+    assert "back for 0.10 s only" in interlock.reason(10.9)
+    interlock.update(True, 11.1)
+    assert interlock.reason(11.1) == ""
+
+
+def test_a_source_whose_clock_is_behind_is_refused_with_a_hint():
+    interlock = Interlock(1.0)
+    interlock.update(True, 10.0, transit=5.0)
+    assert "do the clocks agree?" in interlock.reason(10.0)

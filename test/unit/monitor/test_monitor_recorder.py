@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ema_monitor.log_clock import LogClock
 from ema_monitor.recorder import BitRecorder, new_bag_path
 from ema_record.bag import read_bag
 from ema_record.errors import InvalidRecordError
@@ -52,3 +53,44 @@ def test_a_damaged_block_is_an_error(tmp_path):
         recorder.take(SAMPLES, b"\x00\x01\x00\x00garbage", STAMP, STAMP)
     path = recorder.close("aborted", None)
     assert (path / "metadata.yaml").is_file()
+
+
+class Clocks:
+    """A host whose clock may step."""
+
+    def __init__(self):
+        self.steady, self.step = 100.0, 0.0
+
+    def wall(self):
+        return 10**18 + round((self.steady - 100.0 + self.step) * 1e9)
+
+
+@pytest.mark.parametrize("step", [-3600.0, -0.3, 0.05, 7200.0])
+def test_log_times_stay_in_order_when_the_clock_steps(step):
+    clocks = Clocks()
+    clock = LogClock(clocks.wall, lambda: clocks.steady)
+    found = []
+    for turn in range(100):
+        received = [(clocks.wall(), clocks.steady)]
+        clocks.steady += 0.01
+        if turn == 50:
+            clocks.step = step
+        received.append((clocks.wall(), clocks.steady))
+        clocks.steady += 0.01
+        clock.look()
+        found += [(clock.log_time("/a", wall), steady) for wall, steady in received]
+    times = np.array([time for time, _ in found], dtype=np.int64)
+    true = np.array([steady for _, steady in found])
+    assert np.all(np.diff(times) >= 0)
+    assert np.abs((times - 10**18) / 1e9 - (true - 100.0)).max() <= 0.021
+    assert clock.shift == pytest.approx(step)
+
+
+def test_topics_have_log_times_of_their_own():
+    clocks = Clocks()
+    clock = LogClock(clocks.wall, lambda: clocks.steady)
+    clocks.steady += 1.0
+    clock.look()
+    assert clock.log_time("/a", 10**18 + 900) == 10**18 + 900
+    assert clock.log_time("/b", 10**18 + 100) == 10**18 + 100
+    assert clock.log_time("/a", 10**18 + 500) == 10**18 + 900

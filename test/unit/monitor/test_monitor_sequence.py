@@ -92,7 +92,20 @@ def test_waits_for_samples_that_are_under_way():
                          start_time=1, samples_published=9000)
     assert bench.after(0.4, samples_received=8600, last_sample=0.43, actuator=end) == []
     assert bench.sequence.stage is Stage.COUNTING
-    assert kinds(bench.after(0.1, samples_received=9000)) == [CloseRecord, Finish]
+    assert kinds(bench.after(0.1, samples_received=9000, last_sample=0.45)) == [
+        CloseRecord, Finish]
+
+
+def test_an_actuator_that_ends_early_aborts_the_test():
+    bench = Bench()
+    test = bench.to_testing()
+    end = ActuatorStatus(active=False, surface_position=0.2, command_stamp=test.stamp,
+                         start_time=1, samples_published=6000)
+    closed, back = bench.after(0.3, samples_received=6000, last_sample=0.3, actuator=end)
+    assert closed.status == "aborted"
+    assert isinstance(back, SendCommand)
+    (finish,) = bench.executed(back, REST.surface_position, 100)
+    assert finish.reason == "aborted: the actuator ended the test at 0.300 s of 0.450 s"
 
 
 def test_samples_that_never_arrive_are_reported_not_waited_for():

@@ -4,6 +4,7 @@ import dataclasses
 import errno
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from ema_record.profile import load_profile
 from ema_record.record import Provenance
 from ema_record.samples_codec import encode_block
 from ema_record.topics import COMMAND, SAMPLES, WEIGHT_ON_WHEELS
+from ema_record.trajectory import encode_command
 from ema_record.writer import BagWriter
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -180,6 +182,22 @@ def test_disk_full(tmp_path, make):
     assert names_in(tmp_path / "bag") == ["bag_0.mcap"]
     with pytest.raises(IncompleteRecordError):
         read_bag(tmp_path / "bag")
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_removed_directory_costs_no_sample(tmp_path, make, whole):
+    """The file is put back under its name as long as it is open, and the record goes on."""
+    record, bag = make(9000), tmp_path / "records" / "bag"
+    with BagWriter(bag, profile=record.profile, provenance=record.provenance,
+                   flush_interval=0.0) as writer:
+        writer.write_raw(COMMAND, encode_command(record.profile, 1), 1)
+        for first in range(0, 9000, 500):
+            if first in (2000, 6000):
+                shutil.rmtree(bag.parent if whole else bag)
+            block = record.samples[first:first + 500]
+            writer.write_raw(SAMPLES, encode_block(block), 1 + first)
+        writer.close()
+    assert np.array_equal(read_bag(bag).samples, record.samples)
 
 
 @pytest.mark.parametrize(
