@@ -24,6 +24,11 @@ HIDDEN: dict[str, tuple[str, ...]] = {
     "rotor_eccentricity": ("rotor_eccentricity.zeta=0.04", "rotor_eccentricity.mode=paper"),
     "friction": ("motor_friction.increase=0.6",),
     "backlash": ("backlash.increase=0.002",),
+    "model_gap": (
+        "cogging_torque.amplitude=0.02", "cogging_torque.periods=18", "cogging_torque.phase=0.7",
+        "surface_load.constant=11", "winding_temperature.temperature=41",
+        "bus_voltage_change.change=-0.04",
+    ),
 }
 """What is hidden in each actuator; its place is the serial number and the seed."""
 COMPRESSION_LEVEL = 19
