@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
 
@@ -109,25 +110,43 @@ def _robust_verdict(
     if baseline is not None and own is None:
         raise UsageError(f"the model has no cascade with a baseline for {kind}: leave it out")
     base = None if baseline is None else _baseline_features(baseline, kind, cascade)
-    features = extract(record, kind)
-    if set(features) != set(cascade.view.names):
+    return verdict_of_features(extract(record, kind), kind, model, base)
+
+
+def verdict_of_features(
+    features: Mapping[str, float], kind: ProfileKind, model: Model,
+    baseline: Mapping[str, float] | None = None,
+) -> Verdict:
+    """Return the verdict that the features of a record amount to.
+
+    Parameters
+    ----------
+    features : of the record, as `robust.features.extract` gives them.
+    kind : of the test; the model must have a cascade for it.
+    model : of the cascade.
+    baseline : features of the actuator's own healthy record.
+    """
+    cascade, own = model.cascades[f"{kind}/fleet"], model.cascade(kind, "baseline")
+    names = cascade.view.names
+    if set(features) != set(names):
         return unknown_verdict("the record does not hold every feature: its interval with the "
                                "inverter off is missing")
-    names = list(cascade.view.names)
     x = np.array([[features[n] for n in names]])
     finding = cascade.find(x)[0]
     unusual = reasons_of_guard(cascade, finding)
     if unusual:
         return unknown_verdict("the record is unlike anything the networks were trained on",
                                *unusual)
-    if base is None or own is None:
+    if baseline is None or own is None:
         return verdict_of_finding(cascade, x[0], finding, kind)
-    x = differences(x, base)
+    x = differences(x, np.array([[baseline[n] for n in names]]))
     return verdict_of_finding(own, x[0], own.find(x)[0], kind)
 
 
-def _baseline_features(baseline: Record, kind: ProfileKind, cascade: Cascade) -> np.ndarray:
-    """Return the features of a baseline, shape (1, d); UsageError if it cannot serve."""
+def _baseline_features(
+    baseline: Record, kind: ProfileKind, cascade: Cascade
+) -> dict[str, float]:
+    """Return the features of a baseline; UsageError if it cannot serve."""
     try:
         check_finite(baseline)
         found = profile_kind(baseline.profile)
@@ -143,7 +162,7 @@ def _baseline_features(baseline: Record, kind: ProfileKind, cascade: Cascade) ->
     if set(features) != set(cascade.view.names):
         raise UsageError("the baseline cannot serve: its interval with the inverter off is "
                          "missing")
-    return np.array([[features[n] for n in cascade.view.names]])
+    return features
 
 
 def _check_complete(record: Record, kind: ProfileKind | None) -> None:
