@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ema_cli.plots import BLACK, BLUE, GREEN, GREY, ORANGE, PHASE_COLOURS, STYLE, VERMILION
-from ema_cli.sequence_view import fault_name
+from ema_cli.sequence_view import counted, fault_name
 from ema_cli.verdict_view import NAMES, SCALES
 from ema_prognostics.robust.classes import LEVELS
 from ema_prognostics.trend import FaultTrend, UnitTrend
@@ -44,7 +44,7 @@ def plot_trend(trend: UnitTrend, path: Path) -> Path:
             _severity_panel(panel, [f for f in trend.faults if f.history.fault_class == name])
         _verdict_strip(axes[-1], trend)
         name = trend.serial_number or "unknown"
-        axes[0].set_title(f"Actuator {name}: {len(trend.flights)} flights")
+        axes[0].set_title(f"Actuator {name}: {counted(len(trend.flights))}")
         axes[-1].set_xlabel("flight")
         axes[-1].set_xlim(0.0, len(trend.flights) + 1.0)
         axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))

@@ -120,7 +120,7 @@ def print_flights(trend: UnitTrend, console: Console) -> None:
     from rich.text import Text
 
     name = trend.serial_number or "of which no bag tells the serial number"
-    console.print(f"[bold]Actuator {name}[/bold], {len(trend.flights)} flights")
+    console.print(f"[bold]Actuator {name}[/bold], {counted(len(trend.flights))}")
     bags = [shortened(Path(f.verdict.bag).name, 28) for f in trend.flights]
     width = max(3, *map(len, bags))
     head = f"flight  {'start (UTC)':<16}  {'bag':<{width}}  {'verdict':<10}  severity (interval)"
@@ -132,6 +132,11 @@ def print_flights(trend: UnitTrend, console: Console) -> None:
         line.append(f"  {'; '.join(_findings(flight))}")
         line.rstrip()
         console.print(line, soft_wrap=True)
+
+
+def counted(flights: int) -> str:
+    """Return a number of flights in words."""
+    return f"{flights} flight{'' if flights == 1 else 's'}"
 
 
 def shortened(text: str, most: int) -> str:
@@ -207,7 +212,7 @@ def fault_lines(trend: UnitTrend) -> list[str]:
         lines.append("no fault announced")
     if trend.unanswered:
         lines.append(
-            f"{len(trend.unanswered)} of {len(trend.flights)} flights gave no answer and count "
+            f"{len(trend.unanswered)} of {counted(len(trend.flights))} gave no answer and count "
             f"neither as healthy nor as faulty: {number_list(trend.unanswered)}"
         )
     return lines

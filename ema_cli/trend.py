@@ -10,6 +10,7 @@ import typer
 
 from ema_cli.console import check_new, note, print_json, stdout
 from ema_cli.sequence_view import (
+    counted,
     episode_text,
     fall_lines,
     fault_name,
@@ -115,7 +116,7 @@ def trend_lines(found: UnitTrend) -> list[str]:
     """Return the trend of an actuator in words, a fact a line."""
     name = found.serial_number or "of which no bag tells the serial number"
     answered = len(found.flights) - len(found.unanswered)
-    lines = [f"Actuator {name}: {len(found.flights)} flights, {answered} of them gave an answer"]
+    lines = [f"Actuator {name}: {counted(len(found.flights))}, {answered} of them gave an answer"]
     if found.unanswered:
         lines.append(
             f"  no answer, counted neither as healthy nor as faulty: "

@@ -144,10 +144,11 @@ def draw_course(unit: int, flights: int = 60) -> Course:
     severity, repair = np.zeros(flights), None
     if kind != HEALTHY:
         low, high = np.log(FINAL[kind])
-        severity = float(np.exp(rng.uniform(low, high))) * growth_path(rng, flights)
         if rng.uniform() < REPAIRED:
             repair = int(rng.integers(round(0.75 * flights), round(0.92 * flights)))
-            severity[repair:] = 0.0
+        final = float(np.exp(rng.uniform(low, high)))
+        severity[:repair] = final * growth_path(rng, flights)[:repair]
+        severity *= final / severity.max()
     tests = _tests(rng, settings, np.concatenate([[0.0], severity]))
     return Course(unit=unit, kind=kind, detail=detail, severity=severity, repair=repair,
                   actuator=actuator, tests=tests)

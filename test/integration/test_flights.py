@@ -1,0 +1,203 @@
+"""A directory of flights through `ema check` and `ema trend`, and the flights' test bench."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from benchmarks.detection import sequences
+from benchmarks.detection.flight_scores import score_units
+from benchmarks.detection.flights import TARGETS, detectable_of, fly_all
+from ema_cli.main import run
+from ema_prognostics.model_file import load_model
+from ema_record.bag import write_bag
+from ema_record.profile import load_profile
+from ema_sim.effects import parse_effects
+from ema_sim.simulate import simulate
+
+DAY = 86_400 * 10**9
+BEGIN = 1_790_000_000 * 10**9
+GROWING = (0.0, 0.06, 0.08, 0.10, 0.12, 0.14)
+PNG = b"\x89PNG"
+
+
+def record_flight(folder, number, severity, unit="SN-7"):
+    effects = [] if severity == 0.0 else [f"turn_short.fraction={severity}", "turn_short.phase=b"]
+    record = simulate(
+        load_profile("extended"), effects=parse_effects(effects), seed=88_000 + number,
+        serial_number=unit, start_time=BEGIN + number * DAY,
+    )
+    return write_bag(record, folder / f"flight_{number}")
+
+
+@pytest.fixture(scope="module")
+def growing(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("growing")
+    for number, severity in enumerate(GROWING, start=6):  # 6 to 11: names need their numbers
+        record_flight(folder, number, severity)
+    return folder
+
+
+@pytest.fixture
+def damaged(growing, tmp_path):
+    """The same with a cut, an empty and a copied bag, and notes beside them."""
+    folder = tmp_path / "damaged"
+    shutil.copytree(growing, folder)
+    (folder / "flight_8" / "metadata.yaml").unlink()
+    (folder / "flight_99").mkdir()
+    shutil.copytree(folder / "flight_9", folder / "flight_9_copy")
+    (folder / "notes.txt").write_text("mine")
+    return folder
+
+
+def bags_in(lines):
+    return [json.loads(line)["bag"].rpartition("/")[2] for line in lines]
+
+
+def test_json_is_one_object_a_bag_in_the_order_of_the_flights(growing, capsys):
+    assert run(["check", str(growing), "--json"]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert bags_in(lines) == [f"flight_{n}" for n in range(6, 12)]
+    verdicts = [json.loads(line) for line in lines]
+    assert [v["fault_class"] for v in verdicts] == [None, *["turn_short"] * 5]
+    assert all("reasons" in v and "alternatives" in v for v in verdicts)
+
+
+def test_rows_announcements_and_plot(growing, capsys, tmp_path):
+    plot = tmp_path / "flights.png"
+    assert run(["check", str(growing), "--plot", str(plot)]) == 1
+    text = capsys.readouterr().out
+    rows = [line for line in text.splitlines() if "flight_" in line]
+    assert [row.split()[0] for row in rows] == [str(n) for n in range(1, 7)]
+    assert "HEALTHY" in rows[0]
+    assert "turn short, phase b" in rows[1]
+    assert "2026-09-" in rows[0]
+    assert "first announced at flight 2, confirmed at flight 3" in " ".join(text.split())
+    assert plot.read_bytes().startswith(PNG)
+    assert run(["check", str(growing), "--plot", str(plot)]) == 2
+    assert "never overwritten" in capsys.readouterr().err
+
+
+def test_damaged_flights_are_shown_and_are_not_healthy(damaged, capsys):
+    assert run(["check", str(damaged)]) == 2
+    out, err = capsys.readouterr()
+    text = " ".join(out.split())
+    rows = {line.split()[0]: line for line in out.splitlines() if " flight_" in line}
+    assert list(rows) == [str(n) for n in range(1, 9)]
+    assert "INCOMPLETE" in rows["3"]
+    assert "copy of flight 4" in rows["5"]
+    assert "INVALID" in rows["8"]
+    assert "3 of 8 flights gave no answer" in text
+    assert "neither as healthy nor as faulty: 3, 5, 8" in text
+    assert "notes.txt" in err
+
+
+@pytest.fixture
+def two_units(growing, tmp_path):
+    folder = tmp_path / "two"
+    folder.mkdir()
+    shutil.copytree(growing / "flight_7", folder / "flight_7")
+    record_flight(folder, 3, 0.0, unit="SN-8")
+    return folder
+
+
+def test_units_are_not_mixed(two_units, capsys, tmp_path):
+    folder = two_units
+    assert run(["check", str(folder)]) == 1
+    text = capsys.readouterr().out
+    assert "Actuator SN-7, 1 flight\n" in text
+    assert "Actuator SN-8, 1 flight\n" in text
+    for command in ("check", "trend"):
+        plot = tmp_path / f"{command}.png"
+        assert run([command, str(folder), "--plot", str(plot)]) == 2
+        error = capsys.readouterr().err
+        assert "flights of 2 actuators (SN-7: 1, SN-8: 1)" in error
+        assert not plot.exists()
+
+
+def test_a_plot_needs_a_directory(growing, capsys, tmp_path):
+    assert run(["check", str(growing / "flight_6"), "--plot", str(tmp_path / "a.png")]) == 2
+    assert "directory that holds bags" in capsys.readouterr().err
+
+
+def test_a_bag_beside_a_directory(growing, two_units, capsys):
+    assert run(["check", str(growing / "flight_6"), str(two_units), "--json"]) == 1
+    assert bags_in(capsys.readouterr().out.splitlines()) == ["flight_6", "flight_7", "flight_3"]
+
+
+def test_trend_of_growth(growing, capsys, tmp_path):
+    plot = tmp_path / "trend.png"
+    assert run(["trend", str(growing), "--json", "--plot", str(plot)]) == 1
+    found = json.loads(capsys.readouterr().out)
+    (fault,) = found["faults"]
+    assert (found["serial_number"], found["flights"]) == ("SN-7", 6)
+    assert (fault["announced"], fault["confirmed"], fault["present"]) == (2, 3, True)
+    low, high = fault["growth"]["rate_interval"]
+    assert low < fault["growth"]["rate"] < high
+    assert fault["growth"]["rate"] == pytest.approx(0.02, rel=0.15)
+    assert [v["flight"] for v in found["verdicts"]] == list(range(1, 7))
+    assert plot.read_bytes().startswith(PNG)
+
+
+def test_trend_for_a_person(growing, capsys):
+    bags = [str(growing / f"flight_{n}") for n in (11, 7, 9, 8, 10)]  # in any order
+    assert run(["trend", *bags]) == 1
+    text = capsys.readouterr().out
+    assert "first announced at flight 1, confirmed at flight 2" in text
+    assert "% of the turns a flight" in text
+    assert "large (17 % of the turns) expected at flight" in text
+
+
+@pytest.mark.parametrize(("numbers", "status"), [((6,), 0), ((7,), 3), ((6, 7, 8), 1)])
+def test_trend_status(growing, capsys, numbers, status):
+    assert run(["trend", *(str(growing / f"flight_{n}") for n in numbers)]) == status
+
+
+def test_trend_of_nothing_readable(tmp_path, capsys):
+    assert run(["trend", str(tmp_path / "none")]) == 2
+    assert run(["trend", str(tmp_path), "--rule", "5/3"]) == 2
+    assert "K/N" in capsys.readouterr().err
+
+
+def test_courses_grow_irregularly_within_the_conditions():
+    courses = [sequences.draw_course(unit) for unit in range(60)]
+    for course in courses:
+        before = course.severity[:course.repair]
+        assert (np.diff(before) >= 0.0).all()
+        assert len(course.tests) == 61
+        temperature = [t[0]["winding_temperature.temperature"] for t in course.tests]
+        assert -40.0 <= min(temperature) <= max(temperature) <= 70.0
+        assert np.abs(np.diff(temperature)).max() < 50.0
+        if course.kind == sequences.HEALTHY:
+            assert not course.severity.any()
+        else:
+            low, high = sequences.FINAL[course.kind]
+            assert low <= before[-1] <= high * (1 + 1e-12)
+            assert course.severity[0] == 0.0
+    still = [np.mean(np.diff(c.severity[c.severity > 0.0]) == 0.0) for c in courses
+             if (c.severity > 0.0).sum() > 20]
+    assert 0.1 < np.mean(still) < 0.7  # plateaus
+    assert any(c.repair is not None for c in courses)
+
+
+def test_the_same_unit_has_the_same_flights():
+    first, second = (sequences.record_of(sequences.draw_course(7, 12), 3) for _ in range(2))
+    assert (first.samples == second.samples).all()
+
+
+def test_the_bench_resumes_and_scores(tmp_path):
+    model = load_model()
+    flown = list(fly_all(2, 2, model, tmp_path))
+    files = sorted(tmp_path.iterdir())
+    stamps = [f.stat().st_mtime_ns for f in files]
+    again = list(fly_all(2, 2, model, tmp_path))
+    assert [f.stat().st_mtime_ns for f in files] == stamps
+    for a, b in zip(flown, again):
+        assert [v.outcome for v in a.verdicts["fleet"]] == [
+            v.outcome for v in b.verdicts["fleet"]]
+        assert a.severity.tolist() == b.severity.tolist()
+    score = score_units(again, "fleet", detectable_of(None)["fleet"])
+    assert score.faults["turn_short"].units == 1
+    assert sum(r.total for r in score.rates.values()) > 0
+    assert set(score.faults) == set(TARGETS["fleet"])
