@@ -64,12 +64,18 @@ class Supervisor:
         settings = [item for name, value in parameters.items()
                     for item in ("-p", f"{name}:={_yaml(value)}")]
         self._parameters[module] = parameters
+        if module in self._nodes:
+            self._nodes[module].wait(0.0)  # one that runs is not replaced
         with self.log.open("ab") as log:
             self._nodes[module] = subprocess.Popen(  # noqa: S603  (our own modules)
                 [sys.executable, "-m", module, *QUIET, *settings],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
                 env={**os.environ, PARENT: str(os.getpid())},
             )
+
+    def pid(self, module: str) -> int:
+        """Return the process id of a node."""
+        return self._nodes[module].pid
 
     def check(self) -> None:
         """Raise the error of a node that has ended, its last line being the reason."""

@@ -22,7 +22,7 @@ from ema_monitor.messages import (
     make_polled_subscription,
     take_all,
 )
-from ema_record.messages import make_publisher
+from ema_record.messages import make_publisher, make_timer
 from ema_record.node_process import QUIET, prepare_environment
 from ema_record.topics import (
     DIAGNOSTICS,
@@ -66,6 +66,8 @@ class AircraftNode(Node):
         self.spin: Callable[[float], None] = _not_spun
         """Do what is due, waiting at most so long for it (s)."""
         self.weight_on_wheels = True
+        self.send = True
+        """Whether weight on wheels is sent ten times a second."""
         self.stage = "idle"
         """Stage of the test, as the monitor reports it."""
         self.verdict: dict[str, Any] | None = None
@@ -75,7 +77,11 @@ class AircraftNode(Node):
         self._diagnostics = make_polled_subscription(self, DIAGNOSTICS, group)
         self._wheels = make_publisher(self, WEIGHT_ON_WHEELS)
         self._test = self.create_client(SelfTest, SELF_TEST_SERVICE)
-        self.create_timer(PERIOD, self.send_weight_on_wheels)
+        make_timer(self, PERIOD, self._on_timer)
+
+    def _on_timer(self) -> None:
+        if self.send:
+            self.send_weight_on_wheels()
 
     def send_weight_on_wheels(self) -> None:
         """Publish whether the aircraft stands on its wheels."""

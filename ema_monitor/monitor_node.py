@@ -44,7 +44,12 @@ from ema_monitor.sequence import (
 )
 from ema_monitor.settings import SPECS
 from ema_record.errors import EmaError, UsageError
-from ema_record.messages import declare_parameters, given_parameters, make_publisher
+from ema_record.messages import (
+    declare_parameters,
+    given_parameters,
+    make_publisher,
+    make_timer,
+)
 from ema_record.node_parameters import check_values
 from ema_record.node_process import StopSignal, run_node
 from ema_record.profile import load_profile
@@ -119,8 +124,8 @@ class MonitorNode(Node):
         self._command = make_publisher(self, COMMAND)
         self._record = make_publisher(self, BIT_RECORD)
         self._diagnostics = make_publisher(self, DIAGNOSTICS)
-        self.create_timer(POLL_PERIOD, self._poll)
-        self.create_timer(DIAGNOSTICS_PERIOD, self._publish_status)
+        make_timer(self, POLL_PERIOD, self._poll)
+        make_timer(self, DIAGNOSTICS_PERIOD, self._publish_status)
         self.create_service(
             SelfTest, "~/self_test", self._self_test, callback_group=ReentrantCallbackGroup()
         )

@@ -27,6 +27,7 @@ from ema_record.messages import (
     given_parameters,
     make_publisher,
     make_subscription,
+    make_timer,
 )
 from ema_record.node_parameters import ParameterSpec, check_values
 from ema_record.node_process import StopSignal, run_node
@@ -71,8 +72,8 @@ class PrognosticsNode(Node):
         for topic in TOPICS:
             self._listen(topic)
         make_subscription(self, BIT_RECORD, self._on_record)
-        self.create_timer(POLL_PERIOD, self._poll)
-        self.create_timer(DIAGNOSTICS_PERIOD, self._publish_status)
+        make_timer(self, POLL_PERIOD, self._poll)
+        make_timer(self, DIAGNOSTICS_PERIOD, self._publish_status)
         self.get_logger().info("ready")
         if values["record"]:
             self._on_record(String(data=str(Path(str(values["record"])).resolve())))

@@ -8,10 +8,12 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Vector3Stamped
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from sensor_msgs.msg import BatteryState, JointState, Temperature
 from std_msgs.msg import Bool, Float64, Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
@@ -65,6 +67,11 @@ def make_subscription(
     return node.create_subscription(
         _CLASSES[entry.type], topic, callback, qos_profile(entry.qos), raw=raw
     )
+
+
+def make_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
+    """Return a timer (s) that a step of the host's clock neither stops nor hurries."""
+    return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 def drain(subscription: Subscription) -> list[bytes]:

@@ -22,6 +22,7 @@ from ema_record.messages import (
     given_parameters,
     make_publisher,
     make_subscription,
+    make_timer,
 )
 from ema_record.node_parameters import Value, check_values
 from ema_record.node_process import StopSignal, report, run_node
@@ -80,8 +81,8 @@ class SimulatorNode(Node):
         self._level = OK
         self._pending: tuple[float, list[tuple[float, float]], int] | None = None
         make_subscription(self, COMMAND, self._on_command)
-        self.create_timer(TICK, self._tick)
-        self.create_timer(DIAGNOSTICS_PERIOD, self._publish_status)
+        make_timer(self, TICK, self._tick)
+        make_timer(self, DIAGNOSTICS_PERIOD, self._publish_status)
         self.get_logger().info("ready")
 
     def _on_command(self, message: JointTrajectory) -> None:

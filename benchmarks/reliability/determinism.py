@@ -1,0 +1,145 @@
+"""One bag, one verdict: byte-identical JSON over repeats, paths, replay rates and workers.
+
+Paths: `ema check` alone, among other bags, with one and with two threads of the linear algebra,
+two at once; the prognostics node by the announced path, and from the topics of `ema replay` at
+rates from half to a hundred times the original.
+
+Run: python -m benchmarks.reliability.determinism [--repeats 100] [--bag DIR] [--seed 6]
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from random import Random
+
+from std_msgs.msg import String
+
+from benchmarks.reliability.ledger import Ledger, options_of
+from ema_cli.domain import enter_domain, private_domain
+from ema_cli.supervisor import Supervisor
+from ema_monitor.aircraft_node import AircraftNode, aircraft
+from ema_record.messages import make_publisher
+from ema_record.resources import share_path
+from ema_record.topics import BIT_RECORD
+
+BAG = "bags/sim_0001_extended"
+OTHERS = ("bags/sim_0000_step", "bags/sim_0003_step")
+RATES = (0.5, 1.0, 2.0, 10.0, 100.0)
+PATHS = ("alone", "among others", "one thread", "two threads", "two at once", "announced",
+         "topics", "topics")
+NODE_TIMEOUT = 60.0
+PROGNOSTICS = "ema_prognostics.prognostics_node"
+
+
+def verdict_text(verdict: dict[str, object]) -> str:
+    """Return the JSON text of a verdict without the name of its bag."""
+    return json.dumps({k: v for k, v in verdict.items() if k != "bag"})
+
+
+def start_check(*bags: str, threads: int | None = None) -> subprocess.Popen[str]:
+    """Start ``ema check --json``."""
+    environment = dict(os.environ)
+    if threads is not None:
+        environment |= {"OPENBLAS_NUM_THREADS": str(threads), "OMP_NUM_THREADS": str(threads)}
+    return subprocess.Popen(
+        [sys.executable, "-m", "ema_cli", "check", *bags, "--json"], env=environment,
+        stdout=subprocess.PIPE, text=True,
+    )
+
+
+def answer(process: subprocess.Popen[str], bag: str) -> str:
+    """Return the verdict on `bag` that a started check prints."""
+    out, _ = process.communicate(timeout=NODE_TIMEOUT)
+    verdicts = {v["bag"]: v for v in map(json.loads, out.splitlines())}
+    return verdict_text(verdicts[bag])
+
+
+@contextmanager
+def node(folder: Path) -> Iterator[AircraftNode]:
+    """Yield a listener beside a prognostics node, in a domain of their own."""
+    with private_domain(None) as domain:
+        enter_domain(domain)
+        with Supervisor(folder / "prognostics.log") as supervisor:
+            supervisor.start(PROGNOSTICS, {})
+            with aircraft() as listener:
+                yield listener
+
+
+def heard(listener: AircraftNode) -> str:
+    """Return the next verdict of the node."""
+    end = time.monotonic() + NODE_TIMEOUT
+    while listener.verdict is None:
+        listener.spin(0.02)
+        listener.poll()
+        if time.monotonic() > end:
+            raise SystemExit(f"no verdict within {NODE_TIMEOUT:g} s")
+    verdict, listener.verdict = listener.verdict, None
+    return verdict_text(verdict)
+
+
+def by_announcement(bag: str, folder: Path) -> str:
+    """Return the verdict of a fresh node on an announced record."""
+    with node(folder) as listener:
+        make_publisher(listener, BIT_RECORD).publish(String(data=bag))
+        return heard(listener)
+
+
+def by_topics(bag: str, rate: float, folder: Path) -> str:
+    """Return the verdict of a fresh node on what ``ema replay`` publishes."""
+    with node(folder) as listener:
+        subprocess.run(
+            [sys.executable, "-m", "ema_cli", "replay", bag, "--rate", str(rate), "--wait", "60",
+             "--json"], check=True, stdout=subprocess.DEVNULL,
+        )
+        return heard(listener)
+
+
+def one(bag: str, path: str, rate: float, folder: Path) -> str:
+    """Return the verdict on `bag` by one of `PATHS`."""
+    if path == "announced":
+        return by_announcement(bag, folder)
+    if path == "topics":
+        return by_topics(bag, rate, folder)
+    others = [str(share_path(name)) for name in OTHERS] if path == "among others" else []
+    threads = {"one thread": 1, "two threads": 2}.get(path)
+    running = [start_check(*others, bag, threads=threads)
+               for _ in range(2 if path == "two at once" else 1)]
+    answers = {answer(process, bag) for process in running}
+    return answers.pop() if len(answers) == 1 else "two at once differ"
+
+
+def main() -> None:
+    """Print the number of distinct verdicts, and how often each path was taken."""
+    options = options_of(__doc__)
+    options.add_argument("--repeats", type=int, default=100)
+    options.add_argument("--bag", default=str(share_path(BAG)))
+    arguments = options.parse_args()
+    rng, ledger = Random(arguments.seed), Ledger(arguments.results)
+    found: Counter[str] = Counter()
+    taken: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as name:
+        for number in range(arguments.repeats):
+            path, rate = PATHS[number % len(PATHS)], rng.choice(RATES)
+            text = ledger.run(
+                f"{arguments.seed} {number} {path} {rate}",
+                lambda: one(arguments.bag, path, rate, Path(name)),  # noqa: B023
+            )
+            found[text] += 1
+            taken[path] += 1
+    for text, count in found.items():
+        print(json.dumps({"count": count, "verdict": json.loads(text)}))
+    print(json.dumps({"seed": arguments.seed, "repeats": arguments.repeats,
+                      "distinct": len(found), "paths": taken}))
+
+
+if __name__ == "__main__":
+    main()
