@@ -73,9 +73,9 @@ def judge(
     gap = min((g for g, _ in visible.values()), default=0.0)
     seen = bool(visible) and gap >= THRESHOLD
     found: dict[str, Any] = {
-        "id": case.id, "group": case.group, "names": case.names or ((case.foreign,)
-                                                                   if case.foreign else ()),
-        "size": case.size, "visible": seen, "gap": gap, "named": bool(sets),
+        "id": case.id, "group": case.group,
+        "names": case.names or ((case.foreign,) if case.foreign else ()), "size": case.size,
+        "visible": seen, "gap": gap, "named": bool(sets),
         "seconds": float(answer["seconds"]), "error": answer["verdict"] == "error",
         "answer": describe(answer),
     }

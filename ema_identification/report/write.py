@@ -8,10 +8,13 @@ import os
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import yaml
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
 
 from ema_identification.identification import Identification, Panel
 from ema_identification.report.commands import next_commands
@@ -88,7 +91,7 @@ def write_report(
         if commands is None:
             commands = next_commands(identification, out, inputs, NEXT_TEST_FILE)
         context = page_context(identification, panels, title=title, inputs=inputs)
-        page = _environment().get_template("report.html").render(
+        page = _render(
             **context, commands=list(commands),
             pictures={name: _data_uri(png) for name, png in pictures.items()},
         )
@@ -145,8 +148,11 @@ def _data_uri(png: bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
-def _environment() -> Environment:
-    return Environment(
-        loader=PackageLoader("ema_identification.report"), autoescape=True,
-        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
-    )
+def _render(**context: Any) -> str:
+    """Return the page; all text is escaped but the style sheet, which is ours."""
+    templates = files("ema_identification.report") / "templates"
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+                              lstrip_blocks=True)
+    template = environment.from_string((templates / "report.html").read_text(encoding="utf-8"))
+    style = (templates / "report.css").read_text(encoding="utf-8")
+    return template.render(style=Markup(style), **context)  # noqa: S704  (a shipped file)
