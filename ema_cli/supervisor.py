@@ -65,7 +65,7 @@ class Supervisor:
                     for item in ("-p", f"{name}:={_yaml(value)}")]
         self._parameters[module] = parameters
         if module in self._nodes:
-            self._nodes[module].wait(0.0)  # one that runs is not replaced
+            self._nodes[module].wait(GENTLE_STOP)  # one that runs is not replaced
         with self.log.open("ab") as log:
             self._nodes[module] = subprocess.Popen(  # noqa: S603  (our own modules)
                 [sys.executable, "-m", module, *QUIET, *settings],

@@ -20,6 +20,7 @@ from ema_record.errors import (
     UsageError,
 )
 from ema_record.files import exists
+from ema_record.limits import MAX_DURATION, MAX_RATE
 from ema_record.mcap_stream import McapMessage
 from ema_record.metadata import END, START, is_intact, read_test_metadata
 from ema_record.profile import Profile
@@ -202,10 +203,11 @@ def _test_of(
 
 def _report(source: str, bag: Path, status: Status, parts: _Parts, found: Salvage) -> Recovery:
     """Return what is there and what is missing, from the times of the samples."""
-    times = parts.times[np.isfinite(parts.times)]
+    times = parts.times[np.abs(parts.times) <= MAX_DURATION + 1.0]
     steps = np.diff(times)
     forward = steps[steps > 0.0]
     interval = float(np.median(forward)) if len(forward) else 1.0 / DEFAULT_RATE
+    interval = max(interval, 1.0 / MAX_RATE)
     edges = np.concatenate([[-0.5 * interval], times])
     jumps = np.diff(edges)
     places = np.flatnonzero(jumps > 1.5 * interval)

@@ -101,8 +101,9 @@ def one(found: Chain, kind: Kind, rng: Random) -> dict[str, Any]:
         wrong.append(f"hang: {error}")
         fault.end()
     ended = answer["status"] if answer is not None else "no answer"
-    if not wrong and ended not in kind.ends:
-        wrong.append(f"ended {ended}, expected one of {', '.join(kind.ends)}")
+    expected = kind.ends if fault.done else (*kind.ends, "complete")
+    if not wrong and ended not in expected:
+        wrong.append(f"ended {ended}, expected one of {', '.join(expected)}")
     if verdict is not None and (verdict["verdict"], verdict["fault_class"]) != (
         "fault", "turn_short"
     ):

@@ -170,6 +170,32 @@ def test_an_interrupted_test_leaves_a_marked_record_and_no_process(tmp_path, num
     assert [c for c in children if c.is_running() and c.status() != psutil.STATUS_ZOMBIE] == []
 
 
+def child_named(children, name):
+    (found,) = [c for c in children if name in " ".join(c.cmdline())]
+    return found
+
+
+def test_killed_prognostics_are_started_again_and_find_the_record(tmp_path):
+    process, children = start_and_wait_for_samples(tmp_path / "records")
+    child_named(children, "prognostics_node").kill()
+    out, errors = process.communicate(timeout=60.0)
+    assert process.returncode == 0, errors
+    assert "started again" in errors
+    assert "HEALTHY" in out
+
+
+def test_a_killed_simulator_ends_the_test_without_a_verdict(tmp_path):
+    out = tmp_path / "records"
+    process, children = start_and_wait_for_samples(out)
+    child_named(children, "simulator_node").kill()
+    _, errors = process.communicate(timeout=60.0)
+    assert process.returncode == 4
+    assert "simulator_node ended with status -9" in errors
+    (path,) = [p for p in out.iterdir() if p.is_dir()]
+    assert read_bag(path).provenance.status in ("interrupted", "aborted")
+    assert [c for c in children if c.is_running() and c.status() != psutil.STATUS_ZOMBIE] == []
+
+
 def test_no_node_survives_a_killed_supervisor(tmp_path):
     out = tmp_path / "records"
     process, children = start_and_wait_for_samples(out)
