@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ema_cli.console import print_json, stdout
+from ema_cli.judge import bag_judge
 from ema_cli.sequence_view import check_plot, check_sequence
 from ema_cli.verdict_view import print_verdict
 
@@ -46,40 +47,15 @@ def check(
 
     Example: ema check bags/sim_0000_step bags/sim_0001_extended --json
     """
-    from dataclasses import replace
-
-    from ema_prognostics.baseline import check_same_actuator, load_baseline
-    from ema_prognostics.diagnosis import MODES, diagnose, verdict_of_error
-    from ema_prognostics.guarded import guarded
-    from ema_prognostics.model_file import load_model
+    from ema_prognostics.diagnosis import MODES
     from ema_prognostics.trend_flights import is_sequence
-    from ema_prognostics.verdict import Verdict, worst_status
-    from ema_record.bag import read_bag
-    from ema_record.errors import RecordError, UsageError, unknown_name
-    from ema_record.profile import load_profile
+    from ema_prognostics.verdict import worst_status
+    from ema_record.errors import unknown_name
 
     if mode not in MODES:
         raise unknown_name("mode", mode, MODES, f"give one of {', '.join(MODES)}")
-    commanded = None if profile is None else load_profile(profile)
-    loaded = load_model(model)
-    own = None if baseline is None else load_baseline(baseline, loaded)
     check_plot(plot, [bag for bag in bags if is_sequence(bag)])
-
-    def judge(bag: Path) -> tuple[Verdict, str, int]:
-        try:
-            record = read_bag(bag)
-            if commanded is not None:
-                record = replace(record, profile=commanded)
-            if own is not None:
-                check_same_actuator(own, record)
-            verdict = replace(
-                guarded(record, lambda r: diagnose(r, loaded, mode=mode, baseline=own)),
-                bag=str(bag),
-            )
-        except (RecordError, UsageError) as error:
-            return verdict_of_error(error, str(bag)), "", 0
-        return verdict, record.provenance.serial_number, record.provenance.start_time
-
+    judge = bag_judge(profile=profile, model=model, mode=mode, baseline=baseline)
     statuses = []
     for bag in bags:
         if is_sequence(bag):

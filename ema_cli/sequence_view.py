@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,13 +14,10 @@ from ema_record.errors import InvalidRecordError, UsageError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from ema_cli.judge import Judge
     from ema_prognostics.trend import FaultTrend, UnitTrend
     from ema_prognostics.trend_announcement import Episode
     from ema_prognostics.trend_flights import Flight
-    from ema_prognostics.verdict import Verdict
-
-    Judge = Callable[[Path], tuple["Verdict", str, int]]
-    """From a bag to its verdict, serial number and start time (ns); answers for any bag."""
 
 
 REASON = 72

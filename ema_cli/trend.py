@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ema_cli.console import check_new, note, print_json, stdout
+from ema_cli.judge import bag_judge
 from ema_cli.sequence_view import (
     counted,
     episode_text,
@@ -23,7 +23,6 @@ from ema_cli.verdict_view import NAMES, SCALES
 
 if TYPE_CHECKING:
     from ema_prognostics.trend import FaultTrend, UnitTrend
-    from ema_prognostics.verdict import Verdict
 
 
 def trend(
@@ -37,6 +36,9 @@ def trend(
     )] = None,
     model: Annotated[Path | None, typer.Option(
         help="Model file of 'ema train', in place of the shipped one.")] = None,
+    baseline: Annotated[Path | None, typer.Option(
+        metavar="BAG", help="A healthy bag of the same actuator and test, from its acceptance: "
+        "sharpens the verdicts.")] = None,
     plot: Annotated[Path | None, typer.Option(
         metavar="FILE.png", help="Plot severities, announcements and growth.")] = None,
     json: Annotated[bool, typer.Option(
@@ -56,7 +58,7 @@ def trend(
 
     chosen = parse_rule(rule)
     check_new(plot)
-    units = judged_flights(bags, _judge(profile, model))
+    units = judged_flights(bags, bag_judge(profile=profile, model=model, baseline=baseline))
     if plot is not None:
         only_one(units, "a plot shows one")
     trends = [trend_of(unit, flights, chosen) for unit, flights in units.items()]
@@ -73,32 +75,6 @@ def trend(
         note(f"plot: {plot_trend(trends[0], plot)}")
     statuses = [exit_status(found) for found in trends]
     return next(s for s in (2, 1, 3, 0) if s in statuses)
-
-
-def _judge(profile: str | None, model: Path | None) -> Callable[[Path], tuple[Verdict, str, int]]:
-    """Return what judges a bag: verdict, serial number, start time (ns)."""
-    from dataclasses import replace
-
-    from ema_prognostics.diagnosis import diagnose, verdict_of_error
-    from ema_prognostics.model_file import load_model
-    from ema_record.bag import read_bag
-    from ema_record.errors import RecordError, UsageError
-    from ema_record.profile import load_profile
-
-    commanded = None if profile is None else load_profile(profile)
-    loaded = load_model(model)
-
-    def judge(bag: Path) -> tuple[Verdict, str, int]:
-        try:
-            record = read_bag(bag)
-        except (RecordError, UsageError) as error:
-            return verdict_of_error(error, str(bag)), "", 0
-        if commanded is not None:
-            record = replace(record, profile=commanded)
-        verdict = replace(diagnose(record, loaded), bag=str(bag))
-        return verdict, record.provenance.serial_number, record.provenance.start_time
-
-    return judge
 
 
 def exit_status(found: UnitTrend) -> int:

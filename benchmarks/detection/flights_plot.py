@@ -72,8 +72,8 @@ def _panel(
             continue
         x, y = np.array(at).T
         label = "passed the detectable severity" if name == "passed" else name
-        axes.scatter(x, y, s=22.0, marker=marker, facecolors=colour, edgecolors=BLACK,
-                     linewidths=0.9, label=label)
+        axes.plot(x, y, marker, ms=8.0 if name == "passed" else 4.5, mfc=colour, mec=BLACK,
+                  mew=1.4 if name == "passed" else 0.9, ls="none", label=label)
     false = [(n, rows[u.unit]) for u in order for n, v in enumerate(u.verdicts[view], start=1)
              if v.outcome == "fault" and u.severity[n - 1] == 0.0]
     if false:

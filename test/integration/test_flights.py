@@ -8,9 +8,17 @@ import pytest
 
 from benchmarks.detection import sequences
 from benchmarks.detection.flight_scores import score_units
-from benchmarks.detection.flights import TARGETS, detectable_of, fly_all
+from benchmarks.detection.flights import (
+    TARGETS,
+    Test,
+    detectable_of,
+    judge_unit,
+    measure_all,
+)
 from ema_cli.main import run
+from ema_prognostics.diagnosis import diagnose
 from ema_prognostics.model_file import load_model
+from ema_prognostics.robust.features import extract
 from ema_record.bag import write_bag
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
@@ -187,17 +195,35 @@ def test_the_same_unit_has_the_same_flights():
 
 
 def test_the_bench_resumes_and_scores(tmp_path):
-    model = load_model()
-    flown = list(fly_all(2, 2, model, tmp_path))
+    measured = list(measure_all(2, 2, tmp_path))
     files = sorted(tmp_path.iterdir())
     stamps = [f.stat().st_mtime_ns for f in files]
-    again = list(fly_all(2, 2, model, tmp_path))
+    again = list(measure_all(2, 2, tmp_path))
     assert [f.stat().st_mtime_ns for f in files] == stamps
-    for a, b in zip(flown, again):
-        assert [v.outcome for v in a.verdicts["fleet"]] == [
-            v.outcome for v in b.verdicts["fleet"]]
-        assert a.severity.tolist() == b.severity.tolist()
-    score = score_units(again, "fleet", detectable_of(None)["fleet"])
+    assert again == measured
+    model = load_model()
+    flown = [judge_unit(unit, tests, model) for unit, tests in enumerate(again)]
+    assert [len(f.verdicts["baseline"]) for f in flown] == [2, 2]
+    score = score_units(flown, "fleet", detectable_of(None)["fleet"])
     assert score.faults["turn_short"].units == 1
-    assert sum(r.total for r in score.rates.values()) > 0
+    assert score.rates["false alarms, healthy flights"].total >= 2
     assert set(score.faults) == set(TARGETS["fleet"])
+
+
+def test_the_bench_judges_as_the_diagnosis_does():
+    course, model = sequences.draw_course(1, 12), load_model()
+    record, acceptance = sequences.record_of(course, 12), sequences.record_of(course, 0)
+    tests = [Test(features=extract(r, "extended"), checks="") for r in (acceptance, record)]
+    for view, baseline in (("fleet", None), ("baseline", acceptance)):
+        mine = judge_unit(1, tests, model).verdicts[view][0]
+        theirs = diagnose(record, model, baseline=baseline)
+        assert mine.to_dict() == {**theirs.to_dict(), "bag": ""}
+
+
+def test_detectable_sizes_from_the_detection_table(tmp_path):
+    faults = {kind: {"a90_95": None} for kind in TARGETS["fleet"]}
+    table = {"views": {view: {"faults": {**faults, "turn_short": {"a90_95": 0.0123}}}
+                       for view in TARGETS}}
+    (tmp_path / "detection.json").write_text(json.dumps(table))
+    found = detectable_of(tmp_path / "detection.json")
+    assert found["baseline"] == {**TARGETS["baseline"], "turn_short": 0.0123}
