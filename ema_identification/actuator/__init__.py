@@ -1,0 +1,1 @@
+"""The model-gap workflow for our own actuator: feature vectors compared through its simulator."""

@@ -1,0 +1,204 @@
+"""All records of one unit together: residuals in units of the noise, tolerances in common."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+
+from ema_identification.actuator.library import Library
+from ema_identification.actuator.runs import Case, run_case
+from ema_identification.actuator.spread import N_TOLERANCES, PRIOR, TOLERANCES, Conditions
+from ema_record.record import Record
+from ema_sim.effects import Effects
+
+CARRIED = 0.15
+"""Share of the misfit of the quadratic that is left after a run at the fitted tolerances."""
+CARRIED_MOST = 0.5
+"""The same for features whose misfit is large: limit cycles, which no slope describes."""
+LARGE_MISFIT = (4.0, 12.0)
+"""Misfit in units of a repeat from which, and at which, the second share holds."""
+MODEL_ERROR = 0.02
+"""Relative error of a prediction that contains a simulated effect."""
+SLOPE_VARIANCE = 0.1
+"""Variance of a slope of the library, of the variance about the quadratic, tails included."""
+SHARED = np.array([t.shared for t in TOLERANCES])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Block:
+    """One record with what is known about records like it.
+
+    Attributes
+    ----------
+    record : as measured.
+    library : of its profile.
+    conditions : as measured.
+    values : its features, shape (d,).
+    """
+
+    record: Record
+    library: Library
+    conditions: Conditions
+    values: np.ndarray
+
+    def __len__(self) -> int:
+        """Return the number of features."""
+        return len(self.values)
+
+
+class Whitening:
+    """Inverse root of a covariance of residuals."""
+
+    def __init__(self, covariance: np.ndarray) -> None:
+        self._root = cholesky(covariance, lower=True, check_finite=False)
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        """Return `values`, shape (d,) or (d, m), in units of the noise."""
+        return np.asarray(solve_triangular(self._root, values, lower=True, check_finite=False))
+
+    def inverse(self, values: np.ndarray) -> np.ndarray:
+        """Return the inverse covariance times `values`."""
+        return np.asarray(cho_solve((self._root, True), values, check_finite=False))
+
+
+def noise_covariance(
+    block: Block, *, runs: int, error: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the covariance of measured minus simulated features at the true tolerances.
+
+    Parameters
+    ----------
+    block : the record.
+    runs : how many simulated runs the prediction is the mean of; 0: it is the quadratic's.
+    error : ndarray, shape (d,). Standard deviation of a further error of each prediction.
+    """
+    null = block.library.null
+    deviation = null.deviation(block.conditions.noise)
+    covariance = null.correlation * np.outer(deviation, deviation)
+    share: np.ndarray | float = 1.0
+    if runs:
+        covariance *= 1.0 + 1.0 / runs
+        low, high = LARGE_MISFIT
+        large = np.clip((np.sqrt(null.misfit) / deviation - low) / (high - low), 0.0, 1.0)
+        share = CARRIED + (CARRIED_MOST - CARRIED) * large
+    extra = share**2 * null.misfit
+    if error is not None:
+        extra = extra + error**2
+    covariance[np.diag_indices_from(covariance)] += extra
+    return np.asarray(covariance)
+
+
+class Tolerances:
+    """Tolerances of several records: shared ones once, the others once a record."""
+
+    def __init__(self, records: int) -> None:
+        n_shared = int(SHARED.sum())
+        self.size = n_shared + records * (N_TOLERANCES - n_shared)
+        self._columns = []
+        own = n_shared
+        for _ in range(records):
+            columns = np.empty(N_TOLERANCES, dtype=int)
+            columns[SHARED] = np.arange(n_shared)
+            columns[~SHARED] = np.arange(own, own + N_TOLERANCES - n_shared)
+            own += N_TOLERANCES - n_shared
+            self._columns.append(columns)
+
+    def of(self, record: int, z: np.ndarray) -> np.ndarray:
+        """Return the tolerances of one record, shape (18,), from all, shape (size,)."""
+        return np.asarray(z[self._columns[record]])
+
+    def spread(self, record: int, slope: np.ndarray) -> np.ndarray:
+        """Return columns for all tolerances, shape (d, size), from those of one record."""
+        found = np.zeros((len(slope), self.size))
+        found[:, self._columns[record]] = slope
+        return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evidence:
+    """Records of one unit."""
+
+    blocks: tuple[Block, ...]
+    tolerances: Tolerances
+
+    def mean(
+        self, z: np.ndarray, effects: Effects | None, *, runs: int, seed: int
+    ) -> list[np.ndarray]:
+        """Return the mean simulated features of each record at tolerances `z`."""
+        found = []
+        for k, block in enumerate(self.blocks):
+            seeds = np.random.default_rng([seed, 3, k]).integers(2**31, size=runs)
+            values = [
+                run_case(block.library.model, Case(
+                    z=self.tolerances.of(k, z), conditions=block.conditions, seed=int(s),
+                    effects=effects), block.library.fmap)
+                for s in seeds
+            ]
+            found.append(np.mean(values, axis=0))
+        return found
+
+    def slopes(self, z: np.ndarray) -> list[np.ndarray]:
+        """Return the derivative of the features of each record to all tolerances."""
+        return [
+            self.tolerances.spread(k, block.library.null.slope(
+                self.tolerances.of(k, z), block.conditions))
+            for k, block in enumerate(self.blocks)
+        ]
+
+    @property
+    def size(self) -> int:
+        """Number of features of all records."""
+        return sum(len(b) for b in self.blocks)
+
+
+def evidence(blocks: Sequence[Block]) -> Evidence:
+    """Return the evidence of `blocks`."""
+    return Evidence(blocks=tuple(blocks), tolerances=Tolerances(len(blocks)))
+
+
+def slope_noise(block: Block, covariance: np.ndarray) -> float:
+    """Return the information that the errors of the library's slopes feign, a tolerance."""
+    null = block.library.null
+    error = SLOPE_VARIANCE * (null.misfit + 0.5 * null.deviation(1.0)**2)
+    return float(np.sum(error / np.diag(covariance)))
+
+
+def solve(
+    columns: np.ndarray, target: np.ndarray, z: np.ndarray, free: int, feigned: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Least squares over `free` coordinates without prior and tolerances with theirs.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (d, free + tolerances), whitened.
+    target : ndarray, shape (d,), whitened residual at `z`.
+    z : ndarray, present tolerances.
+    free : number of leading columns without a prior.
+    feigned : information to take off each tolerance (`slope_noise`): errors in variables.
+
+    Returns
+    -------
+    step : ndarray, shape (free + tolerances,).
+    covariance : ndarray, of the step.
+    cost : float, sum of squares at the solution, prior included.
+    """
+    scale = np.maximum(np.sqrt((columns**2).sum(axis=0)), 1e-9)
+    scale[free:] = 1.0
+    scaled = columns / scale
+    information = scaled.T @ scaled
+    information[range(free, len(scale)), range(free, len(scale))] -= feigned
+    values, vectors = np.linalg.eigh(information)
+    information = (vectors * np.maximum(values, 1e-6)) @ vectors.T
+    prior = np.zeros(len(scale))
+    prior[free:] = 1.0 / PRIOR**2
+    pull = scaled.T @ target
+    pull[free:] -= z / PRIOR**2
+    covariance = np.linalg.inv(information + np.diag(prior))
+    step = covariance @ pull
+    rest = target - scaled @ step
+    tolerances = (z + step[free:]) / PRIOR
+    cost = float(rest @ rest + tolerances @ tolerances)
+    return step / scale, covariance / np.outer(scale, scale), cost

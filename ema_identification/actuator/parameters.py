@@ -1,0 +1,59 @@
+"""Numbers that were estimated, as parameters of the catalogue with their intervals."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.recalibration import Recalibration
+from ema_identification.actuator.refit import Fit
+from ema_identification.actuator.spread import TOLERANCES
+from ema_identification.identification import Parameter
+from ema_sim.effects import EFFECTS
+from ema_sim.effects.base import Quantity
+
+QUANTILE = 1.645
+"""Of the normal distribution, for an interval of 90 %."""
+DRAWS = 400
+
+
+def parameters_of(fit: Fit, index: int) -> tuple[Parameter, ...]:
+    """Return the parameters of term `index` of a fit with intervals of 90 %.
+
+    Coordinates are drawn from their covariance and turned into parameters, so that an amplitude
+    and a phase get intervals too.
+    """
+    begin = sum(t.variant.size for t in fit.terms[:index])
+    term = fit.terms[index]
+    part = slice(begin, begin + term.variant.size)
+    covariance = fit.covariance[part, part] * max(1.0, fit.spread)**2
+    rng = np.random.default_rng(0)
+    draws = rng.multivariate_normal(term.u, covariance, size=DRAWS)
+    draws = np.clip(draws, term.variant.low, term.variant.high)
+    centre = term.variant.settings(term.u)
+    kinds = {f.name: f.kind for f in EFFECTS[term.variant.effect].fields}
+    found = []
+    for name, value in centre.items():
+        kind = kinds[name]
+        if not isinstance(kind, Quantity):
+            continue
+        values = np.array([float(term.variant.settings(u)[name]) for u in draws])
+        if kind.unit == "rad" and name in ("phase", "angle"):
+            values = float(value) + np.angle(np.exp(1j * (values - float(value))))
+        low, high = np.quantile(values, (0.05, 0.95))
+        found.append(Parameter(name=f"{term.variant.effect}.{name}", value=float(value),
+                               low=min(float(low), float(value)),
+                               high=max(float(high), float(value)), unit=kind.unit))
+    return tuple(found)
+
+
+def recalibrated_of(null: Recalibration, evidence: Evidence) -> tuple[Parameter, ...]:
+    """Return the tolerances of the unit, as relative or absolute deviations from the model."""
+    z = evidence.tolerances.of(0, null.z)
+    sd = evidence.tolerances.of(0, np.sqrt(np.diag(null.covariance)))
+    return tuple(
+        Parameter(name=t.name, value=float(t.half_width * x),
+                  low=float(t.half_width * (x - QUANTILE * s)),
+                  high=float(t.half_width * (x + QUANTILE * s)), unit=t.unit)
+        for t, x, s in zip(TOLERANCES, z, sd)
+    )

@@ -1,0 +1,76 @@
+"""Recalibrate: move the parameters that the model has, within their tolerances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ema_identification.actuator.evidence import (
+    Evidence,
+    Whitening,
+    noise_covariance,
+    slope_noise,
+    solve,
+)
+
+ROUNDS = 3
+"""Simulations at improved tolerances."""
+RUNS = 4
+"""Runs a simulation; the last has `LAST_RUNS`."""
+LAST_RUNS = 16
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recalibration:
+    """The best that the model does without a new effect.
+
+    Attributes
+    ----------
+    z : ndarray. Tolerances in half widths (`Evidence.tolerances`).
+    centre : ndarray. Where `mean` was simulated.
+    covariance : ndarray, of `z`.
+    mean : simulated features of each record at `centre`.
+    cost : sum of squares of the whitened residual, prior included.
+    runs : of the last simulation.
+    """
+
+    z: np.ndarray
+    centre: np.ndarray
+    covariance: np.ndarray
+    mean: tuple[np.ndarray, ...]
+    cost: float
+    runs: int
+
+
+def recalibrate(
+    evidence: Evidence, *, rounds: int = ROUNDS, runs: int = RUNS, last: int = LAST_RUNS,
+    seed: int = 0,
+) -> Recalibration:
+    """Fit the tolerances: first on the library, then on runs at the fitted values."""
+    z = np.zeros(evidence.tolerances.size)
+    for k in range(2):
+        mean = [b.library.null.mean(evidence.tolerances.of(i, z), b.conditions)
+                for i, b in enumerate(evidence.blocks)]
+        step, _, _ = _solve(evidence, z, mean, 0)
+        z = np.clip(z + step, -2.0, 2.0)
+    for k in range(rounds):
+        n = last if k == rounds - 1 else runs
+        mean = evidence.mean(z, None, runs=n, seed=seed + k)
+        step, covariance, cost = _solve(evidence, z, mean, n)
+        centre, z = z, np.clip(z + step, -2.5, 2.5)
+    return Recalibration(z=z, centre=centre, covariance=covariance, mean=tuple(mean), cost=cost,
+                         runs=last)
+
+
+def _solve(
+    evidence: Evidence, z: np.ndarray, mean: list[np.ndarray], runs: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    rows, target, feigned = [], [], 0.0
+    for block, f, slope in zip(evidence.blocks, mean, evidence.slopes(z)):
+        noise = noise_covariance(block, runs=runs)
+        feigned += slope_noise(block, noise)
+        white = Whitening(noise)
+        rows.append(white(slope))
+        target.append(white(block.values - f))
+    return solve(np.vstack(rows), np.concatenate(target), z, 0, feigned)

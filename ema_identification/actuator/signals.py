@@ -1,0 +1,100 @@
+"""A record made ready: errors of the current sensors removed, torque current, travel, lag."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
+from ema_record.record import Record
+from ema_sim.parameters import Actuator
+
+TURN = 2.0 * np.pi
+OFF_GUARD = 1e-3
+"""Left out before the inverter switches on (s)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signals:
+    """A record as the features need it; arrays have shape (n,) unless said.
+
+    Attributes
+    ----------
+    time : s.
+    speed : motor (rad/s).
+    theta : electrical rotor angle, unwrapped (rad).
+    position : surface (rad).
+    error : phase currents as read minus their references, shape (n, 3) (A).
+    total : sum of the currents as read, without their offsets (A).
+    torque_current : q = Σ trapezoid_k i_k / 2, of corrected currents (A).
+    lag : motor travel through the gear minus surface position, 0 while the inverter is off (rad).
+    offset : of the current sensors, read while the inverter is off, shape (3,) (A).
+    gain : of the current sensors relative to their mean, shape (3,).
+    pole_pairs : 1.
+    """
+
+    time: np.ndarray
+    speed: np.ndarray
+    theta: np.ndarray
+    position: np.ndarray
+    error: np.ndarray
+    total: np.ndarray
+    torque_current: np.ndarray
+    lag: np.ndarray
+    offset: np.ndarray
+    gain: np.ndarray
+    pole_pairs: int
+
+    def between(self, begin: float, end: float) -> slice:
+        """Return the samples between two times (s)."""
+        first, last = np.searchsorted(self.time, (begin, end))
+        return slice(int(first), int(last))
+
+
+def trapezoid(theta: np.ndarray, flat_top: float) -> np.ndarray:
+    """Return the unit trapezoid, its flat top of width `flat_top` (rad) centred at π/2."""
+    ramp = max(0.5 * (np.pi - flat_top), 1e-3)
+    # Distance from the centre of the nearest flat top, and the sign of that half wave.
+    from_top = np.abs(np.mod(theta, TURN) - np.pi)  # 0 at π, π at 0
+    half = np.minimum(from_top, np.pi - from_top)
+    return np.where(np.mod(theta, TURN) < np.pi, 1.0, -1.0) * np.minimum(half / ramp, 1.0)
+
+
+def sensor_errors(record: Record) -> tuple[np.ndarray, np.ndarray]:
+    """Return offsets (A) and relative gains of the current sensors, each of shape (3,).
+
+    The offsets are the readings while the inverter is off; the gains make the sum of the
+    currents vanish, as it does in a star (smallest eigenvector of ⟨i iᵀ⟩).
+    """
+    currents = record.samples[:, PHASE_CURRENTS]
+    off = record.time < record.profile.inverter_off - OFF_GUARD
+    offset = currents[off].mean(axis=0) if off.any() else np.zeros(3)
+    on = currents[~off] - offset
+    _, vectors = np.linalg.eigh(on.T @ on)
+    normal = np.abs(vectors[:, 0])
+    gain = 1.0 / normal if normal.min() > 0.2 else np.ones(3)
+    return offset, gain / gain.mean()
+
+
+def prepare(record: Record, actuator: Actuator) -> Signals:
+    """Return the signals of a record; `actuator` gives flat top, gear and pole pairs."""
+    samples = record.samples
+    offset, gain = sensor_errors(record)
+    read = samples[:, PHASE_CURRENTS]
+    centred = read - offset
+    corrected = centred / gain
+    theta = np.unwrap(record.channel("rotor_angle"))
+    top = actuator.motor.flat_top
+    # The reference is constant in a sector; phases follow by 120 degrees.
+    q = 0.5 * sum(trapezoid(theta - k * TURN / 3.0, top) * corrected[:, k] for k in range(3))
+    position = record.channel("surface_position")
+    travel = theta / (actuator.motor.pole_pairs * actuator.gear.ratio)
+    lag = travel - position
+    still = record.time < record.profile.inverter_off
+    return Signals(
+        time=record.time, speed=record.channel("motor_speed"), theta=theta, position=position,
+        error=read - samples[:, REFERENCE_CURRENTS], total=centred.sum(axis=1),
+        torque_current=np.asarray(q), lag=lag - (lag[still].mean() if still.any() else lag[0]), offset=offset, gain=gain,
+        pole_pairs=actuator.motor.pole_pairs,
+    )

@@ -1,0 +1,66 @@
+"""`identify`: what a model lacks to explain measured records, for an actuator or a rig."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+from ema_identification.identification import Identification
+from ema_record.errors import UsageError
+from ema_record.record import Record
+
+if TYPE_CHECKING:
+    from ema_record.rig import RigRecord
+    from ema_sim.actuator import Model
+
+Progress = Callable[[str, float], None]
+
+
+def identify(
+    measured: Sequence[Record | RigRecord], model: Model | str | Path | None = None, *,
+    validate: Sequence[Record | RigRecord] = (), without: Sequence[str] = (),
+    progress: Progress | None = None, workers: int = 1, seed: int = 0,
+) -> Identification:
+    """Find the disagreement between a model and records, name what is missing, add it.
+
+    Parameters
+    ----------
+    measured : records of one unit; several may be of different profiles.
+    model : the model or its file; None for the nominal actuator (for a rig: what it has).
+    validate : records of the same unit that take no part in the fit.
+    without : effects of the catalogue that are not to be considered.
+    progress : called with what is being done and how much of it is (0 to 1).
+    workers : processes that build what depends only on model and profile.
+    seed : of all simulations; the same seed gives the same answer.
+
+    Raises
+    ------
+    RecordError
+        A record cannot be used; the error says which test to run.
+    UsageError
+        Records do not go together, or an effect is not known.
+    """
+    if not measured:
+        raise UsageError("0 records: give at least one measured record")
+    kinds = {isinstance(r, Record) for r in (*measured, *validate)}
+    if len(kinds) > 1:
+        raise UsageError("records of the actuator and of a rig together: identify one at a time")
+    if kinds == {False}:
+        from ema_identification.rig.workflow import identify_rig
+
+        if model is not None and not isinstance(model, str | Path):
+            raise UsageError("a rig needs the path of its model file, not an actuator")
+        return identify_rig(
+            cast("Sequence[RigRecord]", measured), model,
+            validate=cast("Sequence[RigRecord]", validate), without=without, progress=progress)
+    from ema_identification.actuator.runs import silent
+    from ema_identification.actuator.workflow import identify_actuator
+    from ema_sim.actuator import load_model_file
+
+    if model is None or isinstance(model, str | Path):
+        model = load_model_file(model)
+    return identify_actuator(
+        cast("Sequence[Record]", measured), model,
+        validate=cast("Sequence[Record]", validate), without=without,
+        progress=progress or silent, workers=workers, seed=seed)
