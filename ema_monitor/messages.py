@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -18,6 +19,8 @@ from ema_record.topics import TOPICS
 
 ACTUATOR_STATUS = "ema_sim: actuator"
 """Name of the status in which the actuator reports."""
+POLLED_DEPTH = 100
+"""Messages that may come between two looks: an interlock that opens for a moment is one."""
 _LEVELS = {
     Level.OK: DiagnosticStatus.OK,
     Level.WARN: DiagnosticStatus.WARN,
@@ -51,6 +54,8 @@ class Taken(NamedTuple):
     """Ns since the epoch."""
     sent: int
     """Ns since the epoch, by the clock of the source."""
+    sequence: int
+    """Number of the message, as its publisher counts."""
 
 
 def _never_called(_: bytes) -> None:
@@ -59,9 +64,10 @@ def _never_called(_: bytes) -> None:
 
 def make_polled_subscription(node: Node, topic: str, group: PolledGroup) -> Subscription:
     """Return a subscription to serialised messages of a topic of the table."""
-    entry = TOPICS[topic]
+    offered = TOPICS[topic].qos
+    wanted = replace(offered, depth=max(offered.depth, POLLED_DEPTH))
     return node.create_subscription(
-        message_class(topic), topic, _never_called, qos_profile(entry.qos), raw=True,
+        message_class(topic), topic, _never_called, qos_profile(wanted), raw=True,
         callback_group=group,
     )
 
@@ -75,7 +81,19 @@ def take_all(subscription: Subscription) -> list[Taken]:
             if taken is None:
                 return found
             info = taken[1]
-            found.append(Taken(taken[0], info["received_timestamp"], info["source_timestamp"]))
+            found.append(Taken(
+                taken[0], info["received_timestamp"], info["source_timestamp"],
+                info["publication_sequence_number"] or 0,
+            ))
+
+
+def in_order(messages: list[Taken]) -> list[Taken]:
+    """Return messages of one publisher as it sent them.
+
+    The middleware hands over those that wait by the time of their source, which is another
+    order where its clock was set back.
+    """
+    return sorted(messages, key=lambda message: message.sequence)
 
 
 def level_status(

@@ -26,6 +26,7 @@ from ema_monitor.messages import (
     check_status,
     fill_response,
     find_actuator,
+    in_order,
     level_status,
     make_polled_subscription,
     take_all,
@@ -184,7 +185,8 @@ class MonitorNode(Node):
     def _drain(self) -> None:
         self._recorder.begin_turn()
         for topic, subscription in self._polled.items():
-            for data, received, sent in take_all(subscription):
+            taken = take_all(subscription)
+            for data, received, sent, _ in in_order(taken) if topic == SAMPLES else taken:
                 if topic == SAMPLES:
                     self._last_block = time.monotonic()
                 elif topic == DIAGNOSTICS:

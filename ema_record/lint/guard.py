@@ -1,8 +1,8 @@
 """The guard of a verdict: what in a record forbids to judge the actuator by it.
 
 The rules are those of `ema lint`, as far as they need the record alone: so a verdict is the
-same from the bag and from the topics. What is only unusual (another recorder, a longer record,
-a topic that no verdict needs) forbids nothing.
+same from the bag and from the topics. What is only unusual (another recorder, another rate, a
+longer record, a topic that no verdict needs) forbids nothing.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ OUTCOMES: dict[str, Outcome] = {
     "swapped_phases": "invalid", "held_samples": "unknown", "sensor_noise": "unknown",
     "spike": "unknown", "saturation": "unknown", "sensor_scale": "unknown",
     "sensor_offset": "unknown",
-    "discontinuity": "invalid", "wrong_profile": "invalid", "sample_rate": "unknown",
+    "discontinuity": "invalid", "wrong_profile": "invalid",
 }
 """What a finding of each rule makes of the verdict; the first one in this order decides."""
 SENSOR_RULES = frozenset({

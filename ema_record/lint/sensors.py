@@ -15,6 +15,7 @@ import numpy as np
 
 from ema_record.channels import (
     CHANNELS,
+    DEFAULT_RATE,
     MOTOR_SPEED,
     PHASE_CURRENTS,
     REFERENCE_CURRENTS,
@@ -30,6 +31,8 @@ GAIN_SPREAD = 0.04
 """Between the relative gains of the three current sensors."""
 SCALE = 0.05
 """Relative distance of a channel from what it is compared with."""
+SPEED_SCALE = 0.01
+"""The same for speed against rotor angle, which no gear and no gain stands between."""
 REST_OFFSET = 0.5
 """Reading of a current while the inverter is off (A)."""
 SUM_OFFSET = 0.3
@@ -171,16 +174,17 @@ def noises(facts: BagFacts) -> Iterator[Hit]:
     """Find channels with much more noise than a good sensor has."""
     s = facts.samples
     currents = s[:, PHASE_CURRENTS]
-    noise, part = _noise(currents.sum(axis=1), SUM_NOISE)
-    if noise > SUM_NOISE:
+    wider = np.sqrt(max(1.0, 1.0 / (facts.interval * DEFAULT_RATE)))  # the band of the noise
+    noise, part = _noise(currents.sum(axis=1), SUM_NOISE * wider)
+    if noise > SUM_NOISE * wider:
         rough = np.diff(currents, 2, axis=0).std(axis=0)
         name = f"phase_current_{_PHASES[int(np.argmax(rough))]}"
         yield Hit(f"noise of the sum of the phase currents is {noise:.2f} A rms, {name} has most",
                   float(s[part * WINDOW, TIME]), noise, "A", name)
     for column, bound in NOISE.items():
         values = np.unwrap(s[:, column]) if column == ROTOR_ANGLE else s[:, column]
-        noise, part = _noise(values, bound)
-        if noise > bound:
+        noise, part = _noise(values, bound * wider)
+        if noise > bound * wider:
             name, unit = CHANNELS[column]
             yield Hit(f"noise of {name} is {noise:.3g} {unit} rms",
                       float(s[part * WINDOW, TIME]), noise, unit, name)
@@ -253,13 +257,14 @@ def motion_scales(facts: BagFacts) -> Iterator[Hit]:
     # The median: lost motion in the transmission changes few windows.
     speed = float(np.median((found.speed / found.angle)[fast]))
     position = float(np.median((found.position / found.angle)[fast]))
-    ratios = {"motor_speed": speed, "surface_position": position}
+    ratios = {"motor_speed": (speed, SPEED_SCALE), "surface_position": (position, SCALE)}
     if abs(speed - 1.0) > SCALE and abs(position - speed) < 0.5 * SCALE * abs(speed):
-        ratios = {"rotor_angle": 1.0 / speed}
-    for name, ratio in ratios.items():
-        if 0.2 < abs(ratio) < 5.0 and abs(ratio - 1.0) > SCALE:
+        ratios = {"rotor_angle": (1.0 / speed, SPEED_SCALE)}
+    for name, (ratio, bound) in ratios.items():
+        if 0.2 < abs(ratio) < 5.0 and abs(ratio - 1.0) > bound:
+            clock = ", or the clock of the samples is wrong" if name == "motor_speed" else ""
             yield Hit(f"{name} is {ratio:.3f} times what the other two say (gear ratio "
-                      f"{GEAR_RATIO:g})", None, ratio, "", name)
+                      f"{GEAR_RATIO:g}){clock}", None, ratio, "", name)
 
 
 def speed_offset(facts: BagFacts) -> Iterator[Hit]:

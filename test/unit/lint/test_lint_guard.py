@@ -114,7 +114,8 @@ def test_the_broken_sensor_is_named_with_its_size(step, extended):
     (lambda r: spoilt(r, lambda s: s.__setitem__((slice(3000, None), 0), s[3000:, 0] + 0.05)),
      "clock_jump", "invalid"),
     (lambda r: spoilt(r, lambda s: s.__setitem__((3000, 4), np.nan)), "not_finite", "invalid"),
-    (lambda r: replace(r, samples=r.samples[::2]), "sample_rate", "unknown"),
+    (lambda r: spoilt(r, lambda s: s.__setitem__((slice(None), 0), s[:, 0] * 1.024)),
+     "sensor_scale", "unknown"),
     (lambda r: replace(r, profile=step_profile(0.5)), "wrong_profile", "invalid"),
 ])
 def test_broken_records_forbid_a_verdict(step, law, rule, outcome):
@@ -150,6 +151,11 @@ def test_faults_of_the_actuator_forbid_nothing(fault, case):
     assert guard_findings(record) == ()
     judged = guarded(record, lambda _: Verdict(outcome="fault"))
     assert judged.outcome == "fault"
+
+
+@pytest.mark.parametrize("rate", [10_000.0, 50_000.0])
+def test_another_rate_of_a_good_acquisition_is_no_obstacle(rate):
+    assert rules(simulate(load_profile("step"), seed=6, noise=2.0, rate=rate)) == []
 
 
 def test_a_longer_record_is_no_obstacle(step):

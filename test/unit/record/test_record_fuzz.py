@@ -1,20 +1,19 @@
 """A quick run of the fuzzing benchmark: only our own errors, no hang."""
 
-
 import pytest
 
-from benchmarks.reliability.fuzz import fuzz, make_targets
+from benchmarks.reliability.fuzz import all_targets, fuzz
 from ema_record.errors import UsageError
 from ema_sim.effects import parse_effects
 
 
 @pytest.fixture(scope="module")
 def targets(tmp_path_factory):
-    return make_targets(tmp_path_factory.mktemp("fuzz"))
+    return all_targets(tmp_path_factory.mktemp("fuzz"))
 
 
 def test_only_our_own_errors(targets):
-    assert len(targets) == 9
+    assert len(targets) == 14
     for target in targets:
         result = fuzz(target, 40, 1)
         assert result["inputs"] >= 20
