@@ -15,7 +15,7 @@ def train(
     seed: Annotated[int, typer.Option(
         min=0, max=2**31 - 1, help="Of units, noise and initial weights.")] = 1,
     quick: Annotated[bool, typer.Option(
-        "--quick", help="A small training in about a minute, to try the way.")] = False,
+        "--quick", help="A small training in one to two minutes, to try the way.")] = False,
     jobs: Annotated[int, typer.Option(
         min=-1, max=256, help="Processes that simulate, -1 for all cores.")] = -1,
     work: Annotated[Path | None, typer.Option(

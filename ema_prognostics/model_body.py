@@ -94,17 +94,22 @@ class NetworkPart(Part):
                              f"{inputs} and {outputs}")
 
 
-class OutputPart(Part):
-    """Which: one network, what it sees, and the logit above which its fault is announced."""
+class MemberPart(Part):
+    """Which of a family: one network, and what it sees."""
 
     inputs: Names
     network: NetworkPart
-    threshold: Number
 
     @model_validator(mode="after")
-    def _sizes(self) -> OutputPart:
+    def _sizes(self) -> MemberPart:
         self.network.check_size(len(self.inputs), 1)
         return self
+
+
+class FamilyPart(MemberPart):
+    """Whether a family is there, and the logit above which it is announced."""
+
+    threshold: Number
 
 
 class SeverityPart(Part):
@@ -192,8 +197,11 @@ class ViewPart(Part):
     center: Vector
     spread: Vector
     """Of the healthy fleet, of each input: the features, and what `lines` derives of them."""
-    which: dict[str, OutputPart]
+    families: dict[str, FamilyPart]
+    members: dict[str, MemberPart]
     severity: dict[str, SeverityPart]
+    doubt: Annotated[float, Field(ge=0.0, le=1.0)]
+    """Least probability of healthy at which a record without a fault is called healthy."""
     guard: GuardPart | None
 
     @model_validator(mode="after")

@@ -31,9 +31,9 @@ Progress = Callable[[str, float], None]
 class TrainingSettings:
     """Size of a training: units a test, and the networks."""
 
-    units: int = 3000
+    units: int = 2000
     """Units with faults, three tests each."""
-    healthy: int = 2000
+    healthy: int = 1500
     """Further units, healthy, for the thresholds."""
     validation: int = 300
     validation_healthy: int = 400

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ema_prognostics.model_body import OutputPart, SeverityPart, ViewPart
-from ema_prognostics.robust.classes import CLASS_OF, OUTPUTS, SEVERITY_OF, SHORTS
+from ema_prognostics.model_body import MemberPart, SeverityPart, ViewPart
+from ema_prognostics.robust.classes import CLASS_OF, FAMILIES, FAULTS, OUTPUTS, SEVERITY_OF, SHORTS
 from ema_prognostics.robust.guard import build_guard
 from ema_prognostics.robust.inputs import Inputs
 from ema_prognostics.robust.vector import rotate
@@ -39,8 +39,9 @@ class Finding:
     outputs : outputs announced, most certain first, at most two, of different classes.
     severity : of each of them.
     probability : ndarray, shape (8,), of the outputs.
-    margin : ndarray, shape (8,), logit less threshold.
+    margin : ndarray, shape (5,), logit of each family less its threshold.
     guard : ndarray, shape (m,), of each feature checked; above 1: unusual. Empty: no guard.
+    doubtful : nothing is announced, but healthy is too improbable to be said.
     """
 
     outputs: tuple[str, ...]
@@ -48,20 +49,27 @@ class Finding:
     probability: np.ndarray
     margin: np.ndarray
     guard: np.ndarray
+    doubtful: bool
+
+    @property
+    def class_probability(self) -> dict[str, float]:
+        """Probability that each class is there; ``healthy``: that none is."""
+        found = dict.fromkeys(FAULTS, 0.0)
+        for name, p in zip(OUTPUTS, self.probability):
+            found[CLASS_OF[name]] = max(found[CLASS_OF[name]], float(p))
+        return {"healthy": float(np.prod([1.0 - p for p in found.values()])), **found}
 
 
-class OutputNetwork:
-    """Which: one network at work."""
+class Classifier:
+    """Whether, or which: one network at work."""
 
-    def __init__(self, part: OutputPart, inputs: Inputs) -> None:
+    def __init__(self, part: MemberPart, inputs: Inputs) -> None:
         """Build the network."""
-        self._network, self._threshold = part.network.build(), part.threshold
-        self._columns = inputs.columns(part.inputs)
+        self._network, self._columns = part.network.build(), inputs.columns(part.inputs)
 
-    def __call__(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return probability, and logit less threshold, each (n,), for all inputs `u`."""
-        p = self._network(u[:, self._columns])[:, 0]
-        return p, logit(p) - self._threshold
+    def __call__(self, u: np.ndarray) -> np.ndarray:
+        """Return the probability, shape (n,), for all inputs `u`, shape (n, inputs)."""
+        return self._network(u[:, self._columns])[:, 0]
 
 
 class SeverityNetwork:
@@ -87,7 +95,9 @@ class Cascade:
     def __init__(self, view: ViewPart) -> None:
         """Build the networks; ValueError if a part is missing."""
         needed = set(SEVERITY_OF.values())
-        if set(view.severity) != needed or set(view.which) != needed:
+        named = {SEVERITY_OF[o] for f in FAMILIES.values() if len(f) > 1 for o in f}
+        if (set(view.severity), set(view.members), set(view.families)) != (
+                needed, named, set(FAMILIES)):
             raise ValueError("a network of the cascade is missing or foreign")
         self.view = view
         self.inputs = Inputs(
@@ -95,7 +105,9 @@ class Cascade:
             None if view.absolute_lines is None else view.absolute_lines.build(),
             np.array(view.center), np.array(view.spread),
         )
-        self._which = {n: OutputNetwork(part, self.inputs) for n, part in view.which.items()}
+        self._families = {n: Classifier(part, self.inputs) for n, part in view.families.items()}
+        self._threshold = np.array([view.families[n].threshold for n in FAMILIES])
+        self._members = {n: Classifier(part, self.inputs) for n, part in view.members.items()}
         self._severity = {
             n: SeverityNetwork(part, self.inputs) for n, part in view.severity.items()
         }
@@ -105,10 +117,9 @@ class Cascade:
         """Return what the cascade says of each row of features `x`, shape (n, d)."""
         turned = [self.inputs(rotate(x, self.view.names, k)) for k in range(3)]
         u = turned[0]
-        p, margin = np.empty((len(x), len(OUTPUTS))), np.empty((len(x), len(OUTPUTS)))
-        for k, output in enumerate(OUTPUTS):
-            seen = turned[k] if output in SHORTS else u
-            p[:, k], margin[:, k] = self._which[SEVERITY_OF[output]](seen)
+        family = np.column_stack([self._families[n](u) for n in FAMILIES])
+        margin = logit(family) - self._threshold
+        p = self._probabilities(turned, family)
         guard = self.guard.scores(u) if self.guard is not None else np.empty((len(x), 0))
         severity = {
             output: self._severity[SEVERITY_OF[output]](turned[k] if output in SHORTS else u)
@@ -119,24 +130,50 @@ class Cascade:
             outputs = announced(p[row], margin[row])
             values = [Severity(value=float(v), lower=float(low), upper=float(high))
                       for v, low, high in (severity[o][row] for o in outputs)]
-            found.append(Finding(
+            one = Finding(
                 outputs=outputs, severity=tuple(values), probability=p[row], margin=margin[row],
-                guard=guard[row],
-            ))
+                guard=guard[row], doubtful=False,
+            )
+            healthy = one.class_probability["healthy"]
+            found.append(replace(one, doubtful=not outputs and healthy < self.view.doubt))
         return found
+
+    def _probabilities(self, turned: list[np.ndarray], family: np.ndarray) -> np.ndarray:
+        """Return the probability of each output, shape (n, 8): of its family, shared out."""
+        p = np.empty((len(family), len(OUTPUTS)))
+        for k, outputs in enumerate(FAMILIES.values()):
+            share = np.ones((len(family), len(outputs)))
+            if len(outputs) > 1:
+                for m, output in enumerate(outputs):
+                    seen = turned[SHORTS.index(output)] if output in SHORTS else turned[0]
+                    share[:, m] = self._members[SEVERITY_OF[output]](seen) + 1e-9
+                share /= share.sum(axis=1, keepdims=True)
+            for m, output in enumerate(outputs):
+                p[:, OUTPUTS.index(output)] = family[:, k] * share[:, m]
+        return p
 
 
 def announced(probability: np.ndarray, margin: np.ndarray) -> tuple[str, ...]:
     """Return the outputs that are announced, most certain first.
 
-    The first is the most probable of those above their threshold; a second one must be more
-    likely than not, and of another class.
+    Of each family above its threshold the most probable output is named. The first is that of
+    the most probable family; a second one must be more likely there than not, and of another
+    class.
+
+    Parameters
+    ----------
+    probability : ndarray, shape (8,). Of the outputs.
+    margin : ndarray, shape (5,). Of the families.
     """
-    above = [k for k in np.argsort(-margin) if margin[k] > 0.0]
-    above.sort(key=lambda k: -probability[k])
+    found = []
+    for name, above in zip(FAMILIES, margin):
+        if above > 0.0:
+            outputs = FAMILIES[name]
+            p = [float(probability[OUTPUTS.index(o)]) for o in outputs]
+            found.append((sum(p), outputs[int(np.argmax(p))]))
     chosen: list[str] = []
-    for k in above:
-        new = CLASS_OF[OUTPUTS[k]] not in {CLASS_OF[c] for c in chosen}
-        if new and (not chosen or probability[k] > 0.5) and len(chosen) < MAX_FAULTS:
-            chosen.append(OUTPUTS[k])
+    for p_family, output in sorted(found, reverse=True):
+        new = CLASS_OF[output] not in {CLASS_OF[c] for c in chosen}
+        if new and (not chosen or p_family > 0.5) and len(chosen) < MAX_FAULTS:
+            chosen.append(output)
     return tuple(chosen)

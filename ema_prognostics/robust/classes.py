@@ -10,6 +10,13 @@ OUTPUTS = ("short_a", "short_b", "short_c", "eccentricity", "static_eccentricity
 SHORTS = OUTPUTS[:3]
 CLASS_OF = dict(zip(OUTPUTS, ("turn_short",) * 3 + ("rotor_eccentricity",) * 2
                     + ("friction",) * 2 + ("backlash",)))
+FAMILIES: dict[str, tuple[str, ...]] = {
+    "asymmetry": (*SHORTS, "static_eccentricity"), "eccentricity": ("eccentricity",),
+    "motor_friction": ("motor_friction",), "surface_friction": ("surface_friction",),
+    "backlash": ("backlash",),
+}
+"""What is found first: outputs that move the same features, named apart only afterwards."""
+FAMILY_OF = {output: name for name, outputs in FAMILIES.items() for output in outputs}
 SEVERITY_OF = dict(zip(OUTPUTS, ("short",) * 3 + OUTPUTS[3:]))
 """Network of the severity of each output; the phases share one."""
 UNITS = {"turn_short": "1", "rotor_eccentricity": "1", "friction": "1", "backlash": "rad"}

@@ -17,6 +17,8 @@ def outcome_of(finding: Finding) -> str:
     """Return the verdict in one word: healthy, unknown or the classes, joined by ``+``."""
     if finding.guard.size and finding.guard.max() > 1.0:
         return "unknown"
+    if finding.doubtful:
+        return "unknown"
     return "+".join(sorted(CLASS_OF[o] for o in finding.outputs)) or "healthy"
 
 

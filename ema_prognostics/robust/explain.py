@@ -31,13 +31,15 @@ WORDS = {
     "lag_peak": "peak of the wind-up at the start",
     "start_stiffness_1": "stiffness behind the motor when it starts",
     "start_stiffness_2": "stiffness behind the motor after its first 0.25 rad",
+    "surface_torque": "torque that the surface takes",
     "torque_quarter_over_ramp": "growth of the torque from ramp to slew",
 }
 """What a feature is, for a person."""
 RELEVANT = {
     "turn_short": ("_even_m2", "_even_m4"),
     "rotor_eccentricity": ("_even_m1", "_even_m3"),
-    "friction": ("torque_", "gap_torque"), "backlash": ("gap_width", "lag_", "start_stiffness"),
+    "friction": ("torque_", "gap_torque", "surface_torque"),
+    "backlash": ("gap_width", "lag_", "start_stiffness"),
 }
 """Features that speak for each class."""
 MOST = 3

@@ -14,7 +14,10 @@ from ema_prognostics.model_body import GuardPart, ViewPart
 from ema_prognostics.network import Network
 
 DRIVERS = ("quarter_even_", "torque_quarter", "gap_torque", "gap_width", "load_quarter",
-           "temperature", "bus_voltage", "full_even_m1", "full_even_m2", "full_even_m3")
+           "temperature", "bus_voltage", "speed_full", "full_even_m1", "full_even_m2",
+           "full_even_m3")
+STEP_DRIVERS = ("full_even_", "torque_", "temp", "bus_", "speed_full")
+"""Features that faults move."""
 NOT_CHECKED = ("gap_width_difference",)
 FLOOR = 0.02
 """Least scatter, in the squashed unit."""
@@ -23,7 +26,7 @@ FLOOR = 0.02
 def drivers_of(names: list[str], kind: str) -> list[str]:
     """Return the names of the drivers."""
     if kind == "step":
-        return [n for n in names if n.startswith(("full_even_", "torque_", "temp", "bus_"))]
+        return [n for n in names if n.startswith(STEP_DRIVERS)]
     return [n for n in names if n.startswith(DRIVERS) and n not in {
         "torque_quarter_over_ramp", *NOT_CHECKED}]
 

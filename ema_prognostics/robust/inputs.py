@@ -14,15 +14,20 @@ import numpy as np
 from ema_prognostics.robust.lines import DERIVED, LineFilter
 from ema_prognostics.robust.vector import ABSOLUTE, squash
 
+SURFACE = "surface_torque"
+LEAST_TORQUE = 1e-2
+"""Floor of the surface's torque, referred to the motor (N m)."""
 _SCATTER = ("noise_speed", "torque_quarter", "torque_full")
 """What the scatter of the lines depends on."""
 _BALANCE = (
-    "torque_", "gap_torque", "gap_load", "gap_width", "load_", "temperature", "bus_voltage",
-    "rise_", "lag_", "shaft_slope", "start_stiffness", "short_like_best", "amplitude_1",
-    "amplitude_3", "noise_speed",
+    "torque_", "gap_torque", SURFACE, "gap_load", "gap_width", "load_", "temperature",
+    "bus_voltage", "rise_", "lag_", "shaft_slope", "start_stiffness", "short_like_best",
+    "amplitude_1", "amplitude_3", "noise_speed",
 )
 """What the mean torque depends on."""
 GROUPS: dict[str, tuple[str, ...]] = {
+    "asymmetry": ("amplitude_1", "amplitude_2", "amplitude_3", "amplitude_4",
+                  "short_like_best", "short_unlike", *_SCATTER),
     "short": ("short_like_a", "short_like_b", "short_like_c", "short_unlike", "amplitude_1",
               "amplitude_3", *_SCATTER),
     "eccentricity": ("amplitude_", "short_unlike", "odd_amplitude", *_SCATTER),
@@ -43,8 +48,21 @@ def group_inputs(group: str, input_names: Sequence[str]) -> list[str]:
 
 def input_names(names: Sequence[str]) -> list[str]:
     """Return the names of all inputs for features `names`."""
-    own = [f"{ABSOLUTE}{n}" for n in DERIVED] if _absolute(names) else []
-    return [*names, *DERIVED, *own]
+    surface = [SURFACE] if "gap_torque" in names else []
+    own = [f"{ABSOLUTE}{n}" for n in (*DERIVED, *surface)] if _absolute(names) else []
+    return [*names, *DERIVED, *surface, *own]
+
+
+def surface_torque(names: Sequence[str], x: np.ndarray) -> np.ndarray:
+    """Return the log of the torque that the surface takes, shape (n, 1), where it is known.
+
+    The torque on the slow ramp is that of motor and surface, the torque in the gap of zero
+    shaft torque that of the motor alone. Shape (n, 0) where the test has no such gap.
+    """
+    if "gap_torque" not in names:
+        return np.empty((len(x), 0))
+    ramp, gap = (np.exp(x[:, names.index(n)]) for n in ("torque_ramp", "gap_torque"))
+    return np.log(np.maximum(ramp - gap, LEAST_TORQUE))[:, None]
 
 
 def _absolute(names: Sequence[str]) -> bool:
@@ -63,11 +81,14 @@ def derive(
     lines, absolute : filters of the lines, and with a baseline those of the absolute lines.
     """
     parts = [x, lines.derive(names, x)]
-    if absolute is not None:
-        own = [k for k, n in enumerate(names) if n.startswith(ABSOLUTE)]
-        bare = [names[k].removeprefix(ABSOLUTE) for k in own]
-        parts.append(absolute.derive(bare, x[:, own]))
-    return np.hstack(parts)
+    if absolute is None:
+        return np.hstack([*parts, surface_torque(names, x)])
+    own = [k for k, n in enumerate(names) if n.startswith(ABSOLUTE)]
+    bare = [names[k].removeprefix(ABSOLUTE) for k in own]
+    record = x[:, own]
+    baseline = record - x[:, [names.index(n) for n in bare]]
+    now, then = surface_torque(bare, record), surface_torque(bare, baseline)
+    return np.hstack([*parts, now - then, absolute.derive(bare, record), now])
 
 
 class Inputs:

@@ -9,7 +9,6 @@ from ema_prognostics.robust.classes import (
     CLASS_OF,
     FAULTS,
     LEVELS,
-    OUTPUTS,
     SHORTS,
     UNITS,
     level_of,
@@ -33,12 +32,16 @@ def unknown_verdict(*reasons: str) -> Verdict:
     return Verdict(outcome="unknown", probabilities={"unknown": 1.0}, reasons=reasons)
 
 
-def probabilities(finding: Finding) -> dict[str, float]:
-    """Return the probability of each class, and of healthy: none of them."""
-    by_class = dict.fromkeys(FAULTS, 0.0)
-    for name, p in zip(OUTPUTS, finding.probability):
-        by_class[CLASS_OF[name]] = max(by_class[CLASS_OF[name]], float(p))
-    return {"healthy": float(np.prod([1.0 - p for p in by_class.values()])), **by_class}
+def _doubt(probabilities: dict[str, float]) -> Verdict:
+    """Return the verdict where no fault is certain enough, nor that there is none."""
+    classes = sorted(FAULTS, key=lambda name: -probabilities[name])
+    likely = [n for n in classes if probabilities[n] >= 0.5 * probabilities[classes[0]]]
+    return Verdict(
+        outcome="unknown", probabilities=probabilities, alternatives=tuple(likely),
+        reasons=(f"no fault is certain, and healthy is too improbable to be said "
+                 f"({100 * probabilities['healthy']:.0f} %): repeat the test, or give a "
+                 "baseline",),
+    )
 
 
 def verdict_of_finding(
@@ -53,12 +56,15 @@ def verdict_of_finding(
     finding : what it found.
     kind : of the test.
     """
+    probabilities = finding.class_probability
+    if finding.doubtful:
+        return _doubt(probabilities)
     if not finding.outputs:
         reasons = ["no feature lies outside what the healthy fleet shows"]
         if kind == "step":
             reasons.append(GAP_CAVEAT)
         return Verdict(
-            outcome="healthy", probabilities=probabilities(finding), reasons=tuple(reasons),
+            outcome="healthy", probabilities=probabilities, reasons=tuple(reasons),
             alternatives=("backlash",) if kind == "step" else (),
         )
     faults, reasons = [], []
@@ -86,5 +92,5 @@ def verdict_of_finding(
         reasons.append(SAME_LINES)
     return Verdict(
         outcome="fault", faults=tuple(faults), reasons=tuple(reasons),
-        probabilities=probabilities(finding), alternatives=alternatives,
+        probabilities=probabilities, alternatives=alternatives,
     )

