@@ -118,9 +118,12 @@ def _files_of_metadata(path: Path) -> BagFiles:
             "with 'ros2 bag convert'"
         )
     paths = [path / PurePosixPath(str(name)).name for name in names]
+    inside = path.resolve()
     for file in paths:
         if not file.is_file():
             raise InvalidRecordError(f"{file}: named by {METADATA_FILE} and missing: copy it too")
+        if file.resolve().parent != inside:
+            raise InvalidRecordError(f"{file}: a link out of the bag: copy the file into the bag")
     return BagFiles(paths, "zstd" if mode == "message" else "", _counts(information))
 
 

@@ -24,7 +24,7 @@ from ema_record.messages import (
     make_subscription,
     make_timer,
 )
-from ema_record.node_parameters import Value, check_values
+from ema_record.node_parameters import ParameterSpec, Value, check_values
 from ema_record.node_process import StopSignal, report, run_node
 from ema_record.standard_messages import stamp_of
 from ema_record.topics import (
@@ -46,8 +46,10 @@ TICK = 0.005
 DIAGNOSTICS_PERIOD = 1.0
 MATCH_TIMEOUT = 1.0
 """Longest wait, after a command, for all readers of the samples to be matched (s)."""
-SLOW_READER_TIMEOUT = 8.0
-"""Longest wait for a slow reader (s); one that was killed stops counting after 5 s."""
+SLOW_READER = ParameterSpec(
+    name="slow_reader_timeout", default=8.0, lower=0.5, upper=600.0, unit="s", read_only=True,
+    text="longest wait for a slow reader; one that was killed stops counting after 5 s",
+)
 
 
 class SlowReaderError(EmaError):
@@ -65,7 +67,8 @@ class SimulatorNode(Node):
         (model_file,) = declare_parameters(self, [MODEL_FILE]).values()
         self._model = load_model(str(model_file))
         specs = parameter_specs(self._model.effects)
-        check_values(specs, given_parameters(self))
+        check_values([*specs, SLOW_READER], given_parameters(self))
+        self._slow_reader = float(declare_parameters(self, [SLOW_READER])[SLOW_READER.name])
         self._values: dict[str, Value] = declare_parameters(
             self, [spec for spec in specs if spec is not MODEL_FILE]
         )
@@ -139,16 +142,18 @@ class SimulatorNode(Node):
 
     def _publish(self, topic: str, data: bytes) -> None:
         """Publish; a full history of slow readers is waited for, so that nothing is lost."""
-        end = time.monotonic() + SLOW_READER_TIMEOUT
+        end = time.monotonic() + self._slow_reader
         while not self._stop:
             try:
                 self._outputs[topic].publish(data)
                 return
             except RuntimeError:  # RCLError: the middleware gave up after 100 ms
-                self.get_logger().warning(f"{topic}: a reader is slow, waiting for it")
+                self.get_logger().warning(
+                    f"{topic}: a reader is slow, waiting for it", throttle_duration_sec=1.0
+                )
             if time.monotonic() > end:
                 raise SlowReaderError(
-                    f"{topic}: a reader took nothing for {SLOW_READER_TIMEOUT:g} s: run given up"
+                    f"{topic}: a reader took nothing for {self._slow_reader:g} s: run given up"
                 )
 
     def _publish_status(self) -> None:

@@ -216,8 +216,8 @@ def _at(kind: type[Fault], last: float = 2.9) -> Callable[[Chain, Random], Fault
     return lambda found, rng: kind(found, rng.uniform(0.0, last))
 
 
-_TEST = 20.0
-"""A test of 3.1 s, the move to its start before it, and a busy machine (s)."""
+_TEST = 40.0
+"""A test of 3.1 s, the move to its start before it, and a machine with ten times its work (s)."""
 _ABORT = _TEST + 5.0 + 5.0
 """The same with the longest silence and the longest way back (s)."""
 KINDS: dict[str, Kind] = {kind.name: kind for kind in (

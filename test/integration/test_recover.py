@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -16,6 +17,10 @@ from ema_record.bag import read_bag, write_bag
 from ema_record.errors import IncompleteRecordError, OutputError, RecordError, UsageError
 from ema_record.profile import load_profile
 from ema_record.recover import recover_bag
+from ema_record.samples_codec import encode_block
+from ema_record.topics import COMMAND, SAMPLES
+from ema_record.trajectory import encode_command
+from ema_record.writer import BagWriter
 from ema_sim.simulate import simulate
 
 RECORDER = """
@@ -79,6 +84,30 @@ def test_killed_recorder_loses_less_than_100_ms(good, record, tmp_path):
     assert np.array_equal(back.samples, record.samples[: len(back)])
     assert given - len(back) <= 0.1 * record.rate
     assert report.missing_samples == len(record) - len(back)
+
+
+def test_a_full_disk_loses_less_than_100_ms(record, tmp_path):
+    """The file may not grow any more: what was handed over before that is recovered."""
+    bag, given = tmp_path / "full", 0
+    writer = BagWriter(bag, profile=record.profile, provenance=record.provenance)
+    writer.write_raw(COMMAND, encode_command(record.profile, 1), 1)
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, limit[1]))
+    try:
+        with pytest.raises(OutputError, match="free space"):
+            for first in range(0, len(record), 200):
+                block = record.samples[first:first + 200]
+                given += len(block)
+                writer.write_raw(SAMPLES, encode_block(block), 1 + int(block[-1, 0] * 1e9))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert 2000 < given < len(record)
+    with pytest.raises(IncompleteRecordError, match="cut"):
+        read_bag(bag)
+    report = recover_bag(bag)
+    assert report.status == "interrupted"
+    assert given - report.samples <= 0.1 * record.rate
+    assert np.array_equal(read_bag(report.bag).samples, record.samples[:report.samples])
 
 
 @pytest.mark.parametrize("part", [0.03, 0.2, 0.5, 0.77, 0.95, 0.9999])

@@ -277,6 +277,18 @@ def test_files_outside_the_bag_are_not_opened(copy, tmp_path, bag):
         read_bag(copy)
 
 
+def test_a_command_that_is_not_the_profile_of_the_metadata(tmp_path, make):
+    record = make(700)
+    other = encode_command(load_profile("extended"), 5)
+    with BagWriter(tmp_path / "bag", profile=record.profile, provenance=record.provenance,
+                   flush_interval=None) as writer:
+        writer.write_raw(COMMAND, other, 5)
+        writer.write_raw(SAMPLES, encode_block(record.samples), 6)
+        writer.close()
+    fails(tmp_path / "bag", InvalidRecordError,
+          "the metadata say that the test was 'step', /ema/command is another profile")
+
+
 def test_other_storage(copy):
     edit(copy, lambda i: i.update(storage_identifier="sqlite3"))
     fails(copy, InvalidRecordError, "storage 'sqlite3', expected 'mcap': convert it")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.reliability.fuzz import all_targets, fuzz
+from benchmarks.reliability.fuzz import MEMORY, all_targets, fuzz, in_fresh_process
 from ema_record.errors import UsageError
 from ema_sim.effects import parse_effects
 
@@ -18,6 +18,14 @@ def test_only_our_own_errors(targets):
         result = fuzz(target, 40, 1)
         assert result["inputs"] >= 20
         assert result["failures"] == [] and result["uncaught"] == result["hangs"] == 0
+
+
+def test_memory_of_a_fresh_process():
+    """Every target once more, in a process of its own: what it needs at most."""
+    tables = in_fresh_process(60, 2)
+    assert len(tables) == 14
+    assert sum(table["uncaught"] + table["hangs"] for table in tables) == 0
+    assert 30 < max(table["peak_MiB"] for table in tables) <= MEMORY
 
 
 @pytest.mark.parametrize("value", ["9" * 4000, "1e400", "nan", "-inf"])

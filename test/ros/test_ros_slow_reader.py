@@ -1,0 +1,28 @@
+"""A reader of the samples that takes nothing: bounded, said, and the actuator lives on."""
+
+from ros_processes import SIMULATOR
+
+from ema_monitor.messages import PolledGroup, make_polled_subscription
+from ema_monitor.sequence import step_to
+from ema_record.profile import load_profile_dict
+from ema_record.topics import SAMPLES
+
+LONG = {"name": "long", "points": [[0.0, -0.4], [0.03, -0.4], [6.0, 0.4]]}
+"""In blocks of 10 samples more messages than both ends of a connection keep (5000 each)."""
+
+
+def test_a_reader_that_takes_nothing_ends_the_run_and_the_actuator_lives_on(nodes, watcher):
+    nodes.start(SIMULATOR, block_size=10, real_time_factor=0.0, slow_reader_timeout=0.5)
+    watcher.wait_for_simulator()
+    idle = make_polled_subscription(watcher.node, SAMPLES, PolledGroup())
+    watcher.wait(lambda: watcher.actuator["sample_readers"] == "2", what="both readers")
+    watcher.command(load_profile_dict(LONG, "long"))
+    watcher.wait(lambda: "took nothing for 0.5 s: run given up" in watcher.actuator["message"],
+                 60.0, "the end of the run")
+    assert watcher.actuator["state"] == "idle"
+    assert int(watcher.actuator["samples_published"]) < 120_000
+    watcher.node.destroy_subscription(idle)
+    stamp = watcher.command(step_to(-0.3))
+    watcher.wait(lambda: watcher.actuator["command_stamp"] == stamp
+                 and watcher.actuator["state"] == "idle", what="the next command")
+    assert watcher.actuator["message"] == "command executed"

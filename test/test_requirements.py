@@ -1,0 +1,94 @@
+"""Every requirement of the built-in test has a test, and every test that it names exists."""
+
+import ast
+import re
+
+import pytest
+
+ROW = re.compile(r"^\| (R(\d+)\.(\d+)) \| (.+?) \| (.*) \|$")
+NODE = re.compile(r"`([^`]+\.py::[^`]+)`")
+
+
+def rows(text):
+    """Return the requirements: number, chapter, place in it, text, node ids."""
+    found = []
+    for line in text.splitlines():
+        match = ROW.match(line)
+        if match:
+            number, chapter, place, words, tests = match.groups()
+            found.append((number, int(chapter), int(place), words, NODE.findall(tests)))
+    return found
+
+
+def names_of(path):
+    """Return the test functions of a file."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+
+
+def wrong_numbers(found):
+    """Return the numbers that do not follow the one before."""
+    wrong, expected = [], (1, 1)
+    for number, chapter, place, _, _ in found:
+        if (chapter, place) not in (expected, (expected[0] + 1, 1)):
+            wrong.append(number)
+        expected = (chapter, place + 1)
+    return wrong
+
+
+def missing(found, root):
+    """Return requirements without a test, and tests that are not there."""
+    wrong = []
+    for number, _, _, _, tests in found:
+        if not tests:
+            wrong.append(f"{number}: no test")
+        for node in tests:
+            file, _, name = node.partition("::")
+            path = root / file
+            if not path.is_file() or name.partition("[")[0] not in names_of(path):
+                wrong.append(f"{number}: {node} does not exist")
+    return wrong
+
+
+@pytest.fixture(scope="module")
+def requirements(repository):
+    return rows((repository / "docs" / "requirements.md").read_text(encoding="utf-8"))
+
+
+def test_requirements_are_numbered_in_order(requirements):
+    assert len(requirements) > 40
+    assert wrong_numbers(requirements) == []
+    assert all(len(words) > 20 for _, _, _, words, _ in requirements)
+
+
+def test_every_requirement_is_shown_by_tests_that_exist(requirements, repository):
+    assert missing(requirements, repository) == []
+
+
+def test_names_with_parameters_are_those_of_the_test(requirements, repository):
+    for _, _, _, _, tests in requirements:
+        for node in tests:
+            file, _, name = node.partition("::")
+            value = name.partition("[")[2].removesuffix("]")
+            if value:
+                assert f'"{value}"' in (repository / file).read_text(encoding="utf-8"), node
+
+
+@pytest.mark.parametrize(("text", "count"), [
+    ("| R1.1 | something that must be so |  |", 1),
+    ("| R1.1 | something | `test/test_requirements.py::test_that_is_not_there` |", 1),
+    ("| R1.1 | something | `test/nowhere.py::test_x` |", 1),
+    ("| R1.1 | something | `test/test_requirements.py::test_violations_are_found` |", 0),
+])
+def test_violations_are_found(text, count, repository):
+    found = rows(text)
+    assert len(found) == 1
+    assert len(missing(found, repository)) == count
+
+
+def test_a_wrong_number_is_found():
+    numbers = ["R1.1", "R1.2", "R2.1"]
+    lines = [f"| {n} | x | `a.py::b` |" for n in numbers]
+    assert wrong_numbers(rows("\n".join(lines))) == []
+    assert wrong_numbers(rows("\n".join([lines[0], *lines]))) != []
+    assert wrong_numbers(rows("\n".join(lines[1:]))) != []
