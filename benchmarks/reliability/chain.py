@@ -109,6 +109,12 @@ class Chain:
                 raise TimedOutError(f"{what}: not within {limit:g} s")
         return time.monotonic() - begin
 
+    def stay(self, seconds: float) -> None:
+        """Go on for a while."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.spin()
+
     def ready(self) -> None:
         """Wait until every node is there and the actuator idle."""
         for module in (SIMULATOR, PROGNOSTICS, MONITOR):

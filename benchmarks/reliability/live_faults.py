@@ -81,7 +81,7 @@ def verdict_on(found: Chain, record: str) -> dict[str, Any]:
 def one(found: Chain, kind: Kind, rng: Random) -> dict[str, Any]:
     """Run one test with one fault; return what came of it, "wrong" empty where all is well."""
     found.ready()
-    time.sleep(0.3)
+    found.stay(0.5)
     before = records(found.out)
     fault = kind.make(found, rng)
     begin = time.monotonic()

@@ -21,12 +21,10 @@ Outcome = Literal["incomplete", "invalid", "unknown"]
 OUTCOMES: dict[str, Outcome] = {
     "test_not_complete": "incomplete", "record_length": "incomplete", "gap": "incomplete",
     "not_finite": "invalid", "clock_jump": "invalid", "repeated_data": "invalid",
-    "stuck_channel": "unknown", "discontinuity": "invalid", "wrong_unit": "invalid",
-    "sign_flip": "invalid",
+    "stuck_channel": "unknown", "wrong_unit": "invalid", "sign_flip": "invalid",
     "swapped_phases": "invalid", "held_samples": "unknown", "sensor_noise": "unknown",
-    "spike": "unknown", "saturation": "unknown", "sensor_scale": "unknown",
-    "sensor_offset": "unknown",
-    "wrong_profile": "invalid",
+    "discontinuity": "invalid", "spike": "unknown", "saturation": "unknown",
+    "sensor_scale": "unknown", "sensor_offset": "unknown", "wrong_profile": "invalid",
 }
 """What a finding of each rule makes of the verdict; the first one in this order decides."""
 SENSOR_RULES = frozenset({
