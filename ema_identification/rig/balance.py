@@ -131,8 +131,18 @@ class Balance:
 
     def joined(self, term: Term) -> Balance:
         """Return the balance with one more term, free."""
+        least = 0.0 if term.law.positive else -np.inf
         return Balance(design=self.design, terms=(*self.terms, term),
-                       bounds=self.bounds.joined(len(term.law.coefficients)))
+                       bounds=self.bounds.joined(len(term.law.coefficients), least))
+
+    @property
+    def lawful(self) -> bool:
+        """Whether no term would have to break its sign: friction that drives, and the like."""
+        free = fit(self.columns, self.design.trajectory.target).coefficients
+        return all(
+            bool((free[self.span(index)] >= 0.0).all())
+            for index, term in enumerate(self.terms) if term.law.positive
+        )
 
     def without(self, index: int) -> Balance:
         """Return the balance without the term at `index`."""

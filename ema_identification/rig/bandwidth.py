@@ -48,7 +48,7 @@ def response_band(values: np.ndarray, rate: float, *, is_position: bool) -> Band
     """
     length = min(len(values), max(256, min(len(values) // 4, 8192)))
     frequency, density = signal.welch(
-        signal.detrend(values), rate, nperseg=length, detrend="linear"
+        signal.detrend(values), rate, nperseg=length
     )
     top = (frequency > 0.3 * rate) & (frequency < 0.45 * rate)
     noise = float(np.median(density[top])) if top.any() else 0.0

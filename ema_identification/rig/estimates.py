@@ -14,7 +14,9 @@ from ema_identification.rig.laws import Term, unit_of
 from ema_identification.rig.regression import covariance, half_width
 
 STEP = 1e-3
-"""Relative step of the derivative with respect to a shape."""
+"""Relative step of the derivative with respect to a shape ..."""
+COARSE_STEP = 0.1
+"""... and of one that the motion crosses in single samples: a gap, a distance."""
 
 
 def without_modifiers(balance: Balance, index: int) -> tuple[Balance, int]:
@@ -66,6 +68,8 @@ def parameters(balance: Balance, index: int, blocks: Blocks) -> tuple[Parameter,
         if slopes:
             at = columns.shape[1] + k
             wide = half_width(variance[at, at], blocks)
+            if term.law.against == "test phase":  # a gap is not negative
+                wide = min(wide, abs(term.shape[k]))
         found.append(_parameter(term, name, term.shape[k], wide, unit_of(units[name], axis)))
     return tuple(found)
 
@@ -80,11 +84,11 @@ def _slopes(balance: Balance, index: int) -> list[np.ndarray]:
     term, span = balance.terms[index], balance.span(index)
     whole = term.law.periodic and balance.design.trajectory.axis.motion == "rotary" \
         and term.shape[0] == round(term.shape[0])
-    if len(term.shape) != 1 or term.shape[0] == 0.0 or whole or term.law.name == "spring" \
+    if len(term.shape) != 1 or whole \
             or term.law.name == "position_dependent_friction":
         return []
     trajectory, value = balance.design.trajectory, term.shape[0]
-    step = STEP * value
+    step = (STEP if term.law.against == "speed" else COARSE_STEP) * (abs(value) or 1.0)
     if term.law.periodic:
         step = 0.02 / max(trajectory.turns, 1e-9)
     high = balance.design.columns(Term(law=term.law, shape=(value + step,)), trajectory)

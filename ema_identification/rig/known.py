@@ -28,9 +28,7 @@ def known_balance(model: RigModel, design: Design) -> tuple[Balance, tuple[str, 
     known = list(model.terms)
     if design.trajectory.has_disturbance and "disturbance" not in {t.effect for t in known}:
         same = axis.input == LOAD_QUANTITY[axis.motion]
-        known.append(KnownTerm(effect="disturbance",
-                               **({"parameters": {"gain": 1.0}, "tolerance": 0.1}
-                                  if same else {})))
+        known.append(KnownTerm(effect="disturbance", parameters={"gain": 1.0} if same else {}))
     terms, low, high, notes = [], [], [], []
     for entry in known:
         term = term_of(entry)
@@ -87,7 +85,7 @@ def nominal_coefficients(entry: KnownTerm) -> tuple[list[float], bool]:
     return [0.0 if value is None else value for value in values], free
 
 
-def physical(law: Law, shape: Sequence[float], coefficients: Sequence[float]) -> dict[str, float]:
+def physical(law: Law, shape: Sequence[float], coefficients: np.ndarray) -> dict[str, float]:
     """Return all parameters of a term by name, periodic ones as amplitude and phase."""
     named = dict(zip(law.shape, (float(value) for value in shape)))
     if law.periodic:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ema_identification.identification import Curve, Panel
@@ -18,19 +16,15 @@ MAX_POINTS = 4000
 SPECTRUM_BINS = 400
 
 
-def all_panels(
-    before: Balance, after: Balance, left: Sequence[Left], unknown: Left | None
-) -> tuple[Panel, ...]:
+def all_panels(before: Balance, after: Balance, unknown: Left | None) -> tuple[Panel, ...]:
     """Return every plot of an identification.
 
     Parameters
     ----------
     before, after : Balance
         The model as given and with what was found.
-    left : sequence of Left
-        Shapes of the residual at the end.
     unknown : Left, optional
-        The one that no law holds.
+        The shape that no law holds.
 
     """
     panels = [over_time(before, after), against_speed(before, after),
@@ -40,7 +34,6 @@ def all_panels(
     panels += [spectrum(before, after), correlation(before, after)]
     if unknown is not None:
         panels.append(unknown_panel(unknown, after.design.trajectory))
-    del left
     return tuple(panels)
 
 
@@ -109,7 +102,7 @@ def _means(label: str, x: np.ndarray, y: np.ndarray, role: str) -> Curve:
 def folded(before: Balance, after: Balance, order: float) -> Panel:
     """Return the residual without one wave, folded over its period."""
     trajectory = before.design.trajectory
-    port, label = _labels(trajectory)
+    _, label = _labels(trajectory)
     phase = np.mod(wave(trajectory, order) * trajectory.position, 2 * np.pi)
     index = next(i for i, t in enumerate(after.terms)
                  if t.law.periodic and t.shape[0] == order)

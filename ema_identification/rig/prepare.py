@@ -59,7 +59,7 @@ def prepare(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
     for record in records:
         check_units(record)
     is_position = not first.has(SPEED)
-    bands = [response_band(p["position" if is_position else "speed"], p["rate"],
+    bands = [response_band(p["position" if is_position else "speed"], float(p["rate"]),
                            is_position=is_position) for p in raw]
     longest = int(np.argmax([len(p["time"]) for p in raw]))
     edge = settings.band or bands[longest].edge
@@ -115,7 +115,7 @@ def _even(record: RigRecord, notes: list[str]) -> list[dict[str, np.ndarray]]:
                  for k, channel in enumerate(record.channels)}
         piece["time"] = grid
         piece["input"] = piece.pop(record.axis.input_channel.name)
-        piece["rate"] = np.float64(1.0 / step)  # type: ignore[assignment]
+        piece["rate"] = np.array(1.0 / step)
         pieces.append(piece)
     if len(cuts):
         notes.append(f"{record.source}: {len(cuts)} gap(s) of more than {GAP:g} intervals: "

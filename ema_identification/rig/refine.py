@@ -30,8 +30,9 @@ def refined(balance: Balance, term: Term) -> Term:
     residual = balance.target - basis @ (basis.T @ balance.target)
     below = [g for g in grid if g < value]
     above = [g for g in grid if g > value]
-    low = below[-1] if below else value * 0.8
-    high = above[0] if above else value * 1.25
+    spacing = min(b - a for a, b in zip(grid[:-1], grid[1:]))
+    low = below[-1] if below else value - 0.9 * spacing
+    high = above[0] if above else value + spacing
 
     def left(candidate: float) -> float:
         columns = balance.design.columns(Term(law=term.law, shape=(candidate,)), trajectory)

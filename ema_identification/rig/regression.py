@@ -26,9 +26,9 @@ class Bounds:
         """Return no bounds for `count` coefficients."""
         return cls(low=np.full(count, -np.inf), high=np.full(count, np.inf))
 
-    def joined(self, count: int) -> Bounds:
-        """Return these bounds and `count` free coefficients after them."""
-        return Bounds(low=np.concatenate([self.low, np.full(count, -np.inf)]),
+    def joined(self, count: int, least: float = -np.inf) -> Bounds:
+        """Return these bounds and `count` coefficients of at least `least` after them."""
+        return Bounds(low=np.concatenate([self.low, np.full(count, least)]),
                       high=np.concatenate([self.high, np.full(count, np.inf)]))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ema_identification.rig.balance import Balance
 from ema_identification.rig.blocks import Blocks
 from ema_identification.rig.regression import held_out
-from ema_identification.rig.selection import LEVEL_OF_CHANCE, PARSIMONY
+from ema_identification.rig.selection import LEVEL_OF_CHANCE
 from ema_identification.rig.shapes import GenericShape
 from ema_identification.rig.sign_flips import screen
 
@@ -20,6 +20,11 @@ MIMICRY = 0.25
 """A law is given up where a nameless shape takes more than this share of what both take ..."""
 COLLAPSE = 0.5
 """... and beside that shape the law takes less than this share of what it took alone."""
+NEARLY = 0.85
+"""Shapes that take this share of the largest gain say the same."""
+SMOOTHING = 0.1
+WAVE = 5.0
+"""Periods in the travel from which a wave cannot be taken for a smooth shape."""
 MAX_HELD_OUT = 8
 
 
@@ -63,14 +68,36 @@ def portrait(balance: Balance, blocks: Blocks, shapes: Sequence[GenericShape]) -
         shape = shapes[index]
         columns = np.column_stack([balance.free_columns, shape.columns])
         after = held_out(columns, balance.target, blocks)
-        scale = np.sqrt(np.maximum(np.mean(columns**2, axis=0), 1e-300))
-        own, *_ = np.linalg.lstsq(columns / scale, balance.target, rcond=1e-6)
         left.append(Left(
             shape=shape, gain=1.0 - float(after @ after) / squares,
             p_value=min(1.0, float(found.family_p_value[index])
                         + (shape.looks - 1) * float(found.p_value[index])),
-            coefficients=(own / scale)[balance.free_columns.shape[1]:]))
+            coefficients=_smoothest(columns, balance.target, shape)))
     return sorted(left, key=lambda item: -item.gain)
+
+
+def _smoothest(columns: np.ndarray, target: np.ndarray, shape: GenericShape) -> np.ndarray:
+    """Return the coefficients of a shape beside the known terms in front of it.
+
+    A smooth shape can hold what a known term holds (a viscous friction); of all such splits
+    that is taken in which the shape changes least along its abscissa.
+    """
+    scale = np.sqrt(np.maximum(np.mean(columns**2, axis=0), 1e-300))
+    first = columns.shape[1] - shape.columns.shape[1]
+    rows = []
+    at = first
+    for size in shape.groups:
+        for k in range(at, at + size - 1):
+            row = np.zeros(columns.shape[1])
+            row[k], row[k + 1] = -1.0, 1.0
+            rows.append(row)
+        at += size
+    weight = SMOOTHING * np.sqrt(len(target)) * float(scale[first:].mean())
+    stacked = np.vstack([columns, weight * np.array(rows).reshape(len(rows), -1)]) \
+        if rows else columns
+    extended = np.concatenate([target, np.zeros(len(rows))])
+    found, *_ = np.linalg.lstsq(stacked / scale, extended, rcond=1e-9)
+    return np.asarray((found / scale)[first:])
 
 
 def main_shape(left: Sequence[Left]) -> Left | None:
@@ -78,14 +105,15 @@ def main_shape(left: Sequence[Left]) -> Left | None:
     good = [item for item in left if item.significant]
     if not good:
         return None
-    near = [item for item in good if item.gain >= PARSIMONY * good[0].gain]
-    return min(near, key=lambda item: (item.shape.columns.shape[1], -item.gain))
+    near = [item for item in good if item.gain >= NEARLY * good[0].gain]
+    return min(near, key=lambda item: (item.shape.rank, -item.gain))
 
 
-def mimics(
-    balance: Balance, blocks: Blocks, left: Left, first: int
-) -> list[int]:
+def mimics(balance: Balance, blocks: Blocks, left: Left, first: int) -> list[int]:
     """Return the terms that only stood in for a shape that no law holds.
+
+    Terms are judged together that live against the same quantity; waves of many periods in
+    the travel stand in for nothing else.
 
     Parameters
     ----------
@@ -102,16 +130,27 @@ def mimics(
     now = float(np.sum(balance.held_out(blocks) ** 2))
     shaped = _held_out_with(balance, blocks, left)
     taken = now - shaped
-    found = []
+    groups: dict[str, list[int]] = {}
     for index in range(first, len(balance.terms)):
-        if balance.terms[index].law.periodic and left.shape.order is not None:
-            continue  # two waves do not stand in for one another
-        smaller = balance.without(index)
+        term = balance.terms[index]
+        periods = term.shape[0] * balance.design.trajectory.turns if term.law.periodic else 0.0
+        if periods < WAVE:
+            groups.setdefault(term.law.against, []).append(index)
+    found: list[int] = []
+    for indices in groups.values():
+        smaller = without_all(balance, indices)
         own = float(np.sum(smaller.held_out(blocks) ** 2)) - now
         beside = _held_out_with(smaller, blocks, left) - shaped
         if taken > MIMICRY * (taken + max(own, 0.0)) and beside < COLLAPSE * own:
-            found.append(index)
-    return found
+            found += indices
+    return sorted(found)
+
+
+def without_all(balance: Balance, indices: Sequence[int]) -> Balance:
+    """Return the balance without several terms."""
+    for index in sorted(indices, reverse=True):
+        balance = balance.without(index)
+    return balance
 
 
 def _held_out_with(balance: Balance, blocks: Blocks, left: Left) -> float:

@@ -12,10 +12,9 @@ from ema_identification.rig.blocks import Blocks
 from ema_identification.rig.laws import Term
 from ema_identification.rig.remainder import Left, main_shape, mimics, portrait
 from ema_identification.rig.selection import Choice, Trial, choose, prune
-from ema_identification.rig.shapes import GenericShape, waves_in_time
+from ema_identification.rig.shapes import GenericShape, freest_columns, waves_in_time
 
 MAX_ADDED = 12
-MAX_RESTARTS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,50 +61,72 @@ def search(
         Takes a line for the person who waits.
 
     """
+    smooth = [shape for shape in shapes if shape.order is None]
+    freest = freest_columns(start.columns, smooth)
+    stages, choices, trials, dropped = _forward(
+        start, blocks, set(hidden), report, smooth)
+    left = _left(stages[-1], blocks, shapes, freest, report)
+    unknown = main_shape(left)
     given_up: list[str] = []
-    for _ in range(MAX_RESTARTS + 1):
-        stages, choices, trials, dropped = _forward(
-            start, blocks, {*hidden, *given_up}, report)
-        end = stages[-1]
-        report("looking at what is left")
-        time_waves = waves_in_time(end.design.trajectory, end.fit.residual)
-        left = portrait(end, blocks, [*shapes, *time_waves])
-        unknown = main_shape(left)
-        if unknown is None:
-            break
-        stand_ins = mimics(end, blocks, unknown, len(start.terms))
-        names = {end.terms[index].law.name for index in stand_ins} - set(given_up)
-        if not names:
-            break
-        given_up += sorted(names)
+    if unknown is not None:
+        first = len(start.terms)
+        stand_ins = mimics(stages[-1], blocks, unknown, first)
+        if stand_ins:
+            given_up = [stages[-1].terms[index].law.name for index in stand_ins]
+            choices = [c for k, c in enumerate(choices) if first + k not in stand_ins]
+            choices, stages, more = _pruned(start, choices, blocks)
+            dropped += more
+            left = _left(stages[-1], blocks, shapes, freest, report)
+            unknown = main_shape(left) or unknown
     return Search(
         stages=tuple(stages), choices=tuple(choices), last_trials=trials, left=tuple(left),
-        unknown=unknown, dropped=tuple(dropped), given_up=tuple(given_up))
+        unknown=unknown, dropped=tuple(dropped), given_up=tuple(dict.fromkeys(given_up)))
+
+
+def _left(
+    end: Balance, blocks: Blocks, shapes: list[GenericShape], freest: np.ndarray,
+    report: Callable[[str], None],
+) -> list[Left]:
+    report("looking at what is left")
+    in_time = waves_in_time(end.design.trajectory, end.fit.residual, freest)
+    return portrait(end, blocks, [*shapes, *in_time])
+
+
+def _rebuilt(start: Balance, choices: list[Choice]) -> list[Balance]:
+    stages = [start]
+    for choice in choices:
+        stages.append(stages[-1].joined(choice.trial.term))
+    return stages
 
 
 def _forward(
-    start: Balance, blocks: Blocks, hidden: set[str], report: Callable[[str], None]
+    start: Balance, blocks: Blocks, hidden: set[str], report: Callable[[str], None],
+    smooth: list[GenericShape],
 ) -> tuple[list[Balance], list[Choice], tuple[Trial, ...], list[Term]]:
     """Add laws while they help, then drop those that are not missed."""
     balance, stages = start, [start]
     choices: list[Choice] = []
     trials: tuple[Trial, ...] = ()
     while len(choices) < MAX_ADDED:
-        choice, trials = choose(balance, blocks, hidden, report)
+        choice, trials = choose(balance, blocks, hidden, report, smooth)
         if choice is None:
             break
         report(f"found {choice.trial.name}")
         balance = balance.joined(choice.trial.term)
         choices.append(choice)
         stages.append(balance)
-    pruned, dropped = prune(balance, blocks, len(start.terms))
-    if dropped:
-        keys = {term.key for term in dropped}
-        choices = [c for c in choices if c.trial.term.key not in keys]
-        stages = [start]
-        for choice in choices:
-            stages.append(stages[-1].joined(choice.trial.term))
+    choices, stages, dropped = _pruned(start, choices, blocks)
     return stages, choices, trials, dropped
+
+
+def _pruned(
+    start: Balance, choices: list[Choice], blocks: Blocks
+) -> tuple[list[Choice], list[Balance], list[Term]]:
+    """Return the choices that are missed if taken out, and the stages that they make."""
+    _, dropped = prune(_rebuilt(start, choices)[-1], blocks, len(start.terms))
+    keys = {term.key for term in dropped}
+    kept = [choice for choice in choices if choice.trial.term.key not in keys]
+    return kept, _rebuilt(start, kept), dropped
 
 
 def whiteness(balance: Balance) -> tuple[np.ndarray, np.ndarray, float]:

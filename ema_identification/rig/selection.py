@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +12,12 @@ from ema_identification.rig.blocks import Blocks
 from ema_identification.rig.laws import LAWS, Law, Term
 from ema_identification.rig.refine import refined
 from ema_identification.rig.regression import held_out
+from ema_identification.rig.shapes import GenericShape
 from ema_identification.rig.sign_flips import screen
 
 LEVEL_OF_CHANCE = 0.005
 """Highest p-value, after all looks of a step, at which something is named."""
-LEAST_GAIN = 0.01
+LEAST_GAIN = 0.04
 """Least share of the held-out squares that a law must take to be worth naming."""
 UNCERTAINTY = 2.0
 """Standard errors by which a law must better the held-out residual."""
@@ -28,6 +29,9 @@ SEPARATED = 1.645
 """Standard errors beyond which the data tell two laws apart."""
 OVERLAP = 0.2
 """Laws are one set if either, after the other, adds less than this share of its gain."""
+OUTDONE = 0.5
+"""Share that a law takes, at least, of what a smooth shape against the same quantity takes."""
+PLAIN_SHAPES = ("speed and direction", "position", "angle within a turn")
 MAX_TRIED = 12
 MAX_EQUIVALENT = 2
 BASE_LAWS = ("inertia", "viscous_friction", "disturbance")
@@ -104,7 +108,8 @@ def _base_candidate(balance: Balance, law: Law) -> str | None:
 
 
 def choose(
-    balance: Balance, blocks: Blocks, hidden: Collection[str], report: Reporter
+    balance: Balance, blocks: Blocks, hidden: Collection[str], report: Reporter,
+    shapes: Sequence[GenericShape] = (),
 ) -> tuple[Choice | None, tuple[Trial, ...]]:
     """Return the law that a balance lacks, None where none is worth naming; and all trials.
 
@@ -118,6 +123,9 @@ def choose(
         Names that may not be used.
     report : callable
         Takes a line for the person who waits.
+    shapes : sequence of GenericShape
+        Smooth shapes; a law that takes less than half of what such a shape takes against the
+        same quantity is not the law.
 
     """
     candidates = candidate_terms(balance, hidden)
@@ -146,14 +154,38 @@ def choose(
         trials.append(Trial(
             term=term, name=name, p_value=p_value, squares=own, rows=len(before), gain=gain,
             significant=bool(p_value <= LEVEL_OF_CHANCE and gain >= LEAST_GAIN
-                             and (squares - own).sum() > UNCERTAINTY * error)))
+                             and (squares - own).sum() > UNCERTAINTY * error
+                             and _keeps_signs(balance, term))))
     trials.sort(key=lambda trial: -trial.gain)
     good = [trial for trial in trials if trial.significant]
+    if good:
+        most = _taken_by_shapes(balance, blocks, shapes, float(squares.sum()))
+        good = [trial for trial in good
+                if trial.gain >= OUTDONE * most.get(trial.term.law.against, 0.0)]
     if not good:
         return None, tuple(trials)
     chosen = _simplest(good, {term.law.name for term in balance.terms})
     return Choice(trial=chosen, equivalent=_equivalent(balance, blocks, chosen, good, squares),
                   trials=tuple(trials)), tuple(trials)
+
+
+def _taken_by_shapes(
+    balance: Balance, blocks: Blocks, shapes: Sequence[GenericShape], squares: float
+) -> dict[str, float]:
+    """Return the share of the held-out squares that smooth shapes take, by what they follow."""
+    most: dict[str, float] = {}
+    for shape in shapes:
+        if shape.order is None and shape.label in PLAIN_SHAPES:
+            after = held_out(np.column_stack([balance.free_columns, shape.columns]),
+                             balance.target, blocks)
+            gain = 1.0 - float(after @ after) / squares
+            most[shape.against] = max(gain, most.get(shape.against, 0.0))
+    return most
+
+
+def _keeps_signs(balance: Balance, term: Term) -> bool:
+    """Return whether a term leaves friction positive wherever it was so before."""
+    return balance.joined(term).lawful or not balance.lawful
 
 
 def _columns(balance: Balance, term: Term) -> np.ndarray:
@@ -229,7 +261,7 @@ def prune(
     dropped: list[Term] = []
     while len(balance.terms) > protected:
         squares = blocks.sums(balance.held_out(blocks) ** 2)
-        worst, least = None, LEAST_GAIN
+        worst, least = None, 0.5 * LEAST_GAIN
         for index in range(protected, len(balance.terms)):
             if any(balance.terms[index].law.name in other.law.requires
                    for other in balance.terms):

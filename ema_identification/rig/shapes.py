@@ -12,11 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import signal
 
-from ema_identification.rig.laws.position import orders, periodic_columns
+from ema_identification.rig.balance import Design
+from ema_identification.rig.laws import Term
+from ema_identification.rig.laws.position import COGGING_TORQUE, orders
+from ema_identification.rig.sign_flips import orthonormal
 from ema_identification.rig.trajectory import Segment, Trajectory
 
 KNOTS = 9
+PLACES = 21
 MAX_FREQUENCIES = 12
+OF_MOTION = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,20 +35,23 @@ class GenericShape:
     columns: np.ndarray
     looks: int = 1
     """How many shapes this one was picked from by looking; its p-value is multiplied by it."""
+    groups: tuple[int, ...] = ()
+    """Numbers of columns that follow one another along the abscissa."""
+    rank: int = 0
+    """Which of two shapes that take the same is named: the lower."""
     order: float | None = None
     """Of a wave: periods a turn or a m, or Hz against ``frequency``."""
 
 
-def hats(values: np.ndarray, knots: np.ndarray) -> list[np.ndarray]:
-    """Return piecewise linear functions of `values`, one a knot, which add up to 1."""
-    return [np.interp(values, knots, np.eye(len(knots))[k]) for k in range(len(knots))]
-
-
 def smooth_shapes(trajectory: Trajectory) -> list[GenericShape]:
-    """Return the smooth dependences on speed, position, acceleration and time."""
+    """Return the smooth dependences on speed, position, load and time.
+
+    A dependence on the acceleration alone is not among them: its noise, which the input does
+    not follow, bends any such curve.
+    """
     speed_knots = np.unique(np.quantile(np.abs(trajectory.speed), np.linspace(0, 1, KNOTS)))
     low, high = np.quantile(trajectory.position, [0.005, 0.995])
-    place_knots = np.linspace(low, high, KNOTS)
+    place_knots = np.linspace(low, high, PLACES)
     load_knots = np.unique(np.quantile(trajectory.acceleration, np.linspace(0.002, 0.998, 7)))
     time_knots = np.linspace(trajectory.time.min(), trajectory.time.max(), 6)
 
@@ -57,11 +65,15 @@ def smooth_shapes(trajectory: Trajectory) -> list[GenericShape]:
                 for f in (True, False) for k in range(len(knots))]
 
     def plain(values: Callable[[Segment], np.ndarray], knots: np.ndarray) -> list[Column]:
-        return [lambda s, k=k: np.interp(values(s), knots, np.eye(len(knots))[k])  # type: ignore
-                for k in range(len(knots))]
+        def column(segment: Segment, k: int) -> np.ndarray:
+            hat: np.ndarray = np.interp(values(segment), knots, np.eye(len(knots))[k])
+            return hat
+
+        return [lambda s, k=k: column(s, k) for k in range(len(knots))]  # type: ignore[misc]
 
     def times_sign(columns: list[Column]) -> list[Column]:
-        return [lambda s, c=c: c(s) * np.sign(s.smooth_speed) for c in columns]  # type: ignore
+        return [lambda s, c=c: c(s) * np.sign(s.smooth_speed)  # type: ignore[misc]
+                for c in columns]
 
     def position(segment: Segment) -> np.ndarray:
         return segment.position
@@ -69,13 +81,13 @@ def smooth_shapes(trajectory: Trajectory) -> list[GenericShape]:
     def load(segment: Segment) -> np.ndarray:
         return trajectory.smoothed(segment, segment.acceleration)
 
+    sides: dict[str, tuple[int, ...]] = {"speed": (len(speed_knots), len(speed_knots))}
     sets: list[tuple[str, str, list[Column]]] = [
         ("speed", "speed and direction",
          by_direction(lambda s: np.abs(s.smooth_speed), speed_knots)),
         ("position", "position", plain(position, place_knots)),
         ("position", "position, with the sign of the speed",
          times_sign(plain(position, place_knots))),
-        ("load", "acceleration", plain(load, load_knots)),
         ("load", "acceleration, with the sign of the speed", times_sign(plain(load, load_knots))),
         ("test phase", "time", plain(lambda s: s.time, time_knots)),
     ]
@@ -83,28 +95,32 @@ def smooth_shapes(trajectory: Trajectory) -> list[GenericShape]:
         angles = np.linspace(0.0, 2 * np.pi, 13)
         sets.append(("position", "angle within a turn",
                      plain(lambda s: np.mod(s.position, 2 * np.pi), angles)))
-    return [GenericShape(against=against, label=label,
+    return [GenericShape(against=against, label=label, rank=1 + rank,
+                         groups=sides.get(against, (len(columns),)),
                          columns=np.column_stack([trajectory.reduce(c) for c in columns]))
-            for against, label, columns in sets]
+            for rank, (against, label, columns) in enumerate(sets)]
 
 
 Column = Callable[[Segment], np.ndarray]
 
 
-def waves_in_position(trajectory: Trajectory) -> list[GenericShape]:
+def waves_in_position(design: Design) -> list[GenericShape]:
     """Return one shape for each order that the record can show."""
-    found = []
-    for shape in orders(trajectory):
-        pair = [trajectory.reduce(
-            lambda s, k=k, o=shape: periodic_columns(s, trajectory, o)[k])  # type: ignore[misc]
-            for k in (0, 1)]
-        found.append(GenericShape(against="position", label="a wave in position",
-                                  columns=np.column_stack(pair), order=shape[0]))
-    return found
+    return [
+        GenericShape(against="position", label="a wave in position", order=shape[0],
+                     columns=design.columns(Term(law=COGGING_TORQUE, shape=shape)))
+        for shape in orders(design.trajectory)
+    ]
 
 
-def waves_in_time(trajectory: Trajectory, residual: np.ndarray) -> list[GenericShape]:
-    """Return the strongest frequencies of a residual, as shapes picked from all of them."""
+def waves_in_time(
+    trajectory: Trajectory, residual: np.ndarray, freest: np.ndarray
+) -> list[GenericShape]:
+    """Return the strongest frequencies of a residual, as shapes picked from all of them.
+
+    Waves that the motion has too (a fifth of them follows from the `freest` model's
+    regressors) are left out: they may as well depend on the motion.
+    """
     rate = trajectory.row_rate
     start = trajectory.time.min()
     even = np.zeros(int(np.ptp(trajectory.time) * rate) + 2)
@@ -117,13 +133,14 @@ def waves_in_time(trajectory: Trajectory, residual: np.ndarray) -> list[GenericS
     peaks, _ = signal.find_peaks(np.where(inside, power, 0.0), distance=6)
     strongest = peaks[np.argsort(-power[peaks])][:MAX_FREQUENCIES]
     looks = max(1, int(np.ptp(trajectory.time) * trajectory.band))
+    basis = orthonormal(freest)
     shapes = []
     for peak in strongest:
         phase = 2 * np.pi * frequency[peak] * (trajectory.time - start)
-        shapes.append(GenericShape(
-            against="frequency", label="a wave in time", looks=looks,
-            columns=np.column_stack([np.cos(phase), np.sin(phase)]),
-            order=float(frequency[peak])))
+        pair = np.column_stack([np.cos(phase), np.sin(phase)])
+        if np.sum((basis.T @ pair) ** 2) < OF_MOTION * np.sum(pair**2):
+            shapes.append(GenericShape(against="frequency", label="a wave in time", looks=looks,
+                                       columns=pair, order=float(frequency[peak])))
     return shapes
 
 

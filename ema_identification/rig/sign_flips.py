@@ -15,9 +15,10 @@ import numpy as np
 from scipy import special
 
 from ema_identification.rig.blocks import Blocks
-from ema_identification.rig.regression import solve
 
 FLIPS = 999
+CHUNK = 100
+"""Candidates that are held in memory at once."""
 SEED = 20260
 
 
@@ -56,31 +57,30 @@ def screen(
 
     """
     basis = orthonormal(known)
-    pieces, owner = [], []
-    coefficients = []
-    for index, columns in enumerate(candidates):
-        piece, own = _block_moments(columns, basis, residual, blocks)
-        pieces.append(piece)
-        coefficients.append(own)
-        owner += [index] * piece.shape[1]
-    moments = np.concatenate(pieces, axis=1)
-    of = np.array(owner)
+    sizes = np.array([columns.shape[1] for columns in candidates])
+    moments = np.zeros((blocks.count, int(sizes.sum())))
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    coefficients: list[np.ndarray] = [np.empty(0)] * len(candidates)
+    for size in np.unique(sizes):
+        of_size = np.nonzero(sizes == size)[0]
+        for first in range(0, len(of_size), CHUNK):
+            chosen = of_size[first:first + CHUNK]
+            pieces, own = _block_moments(
+                [candidates[i] for i in chosen], basis, residual, blocks)
+            for place, index in enumerate(chosen):
+                moments[:, starts[index]:starts[index] + size] = pieces[:, place]
+                coefficients[index] = own[place]
     signs = np.random.default_rng(SEED).choice([-1.0, 1.0], size=(flips, blocks.count))
-    observed = _taken(moments.sum(axis=0)[None, :], of, len(candidates))[0]
-    flipped = _taken(signs @ moments, of, len(candidates))
-    mean = np.zeros(len(candidates))
-    variance = np.zeros(len(candidates))
-    for index, piece in enumerate(pieces):
-        own = np.sum(piece**2, axis=1)
-        mean[index] = own.sum()
-        variance[index] = 2.0 * (np.sum((piece.T @ piece) ** 2) - np.sum(own**2))
-    log_p = _log_tail(observed, mean, variance)
-    smallest = _log_tail(flipped, mean, variance).min(axis=1)
-    counts = np.searchsorted(np.sort(smallest), log_p, side="right")
+    observed = np.add.reduceat(moments.sum(axis=0) ** 2, starts)
+    flipped = np.add.reduceat((signs @ moments) ** 2, starts, axis=1)
+    mean, variance = _null_moments(moments, starts, sizes)
+    surprise = _normal_score(observed, mean, variance)
+    largest = np.sort(_normal_score(flipped, mean, variance).max(axis=1))
+    counts = flips - np.searchsorted(largest, surprise, side="left")
     return Screening(
         gain=(observed - mean) / max(float(residual @ residual), 1e-300),
-        p_value=np.exp(np.maximum(log_p, -700.0)),
-        family_p_value=(1.0 + counts) / (1.0 + flips), coefficients=tuple(coefficients),
+        p_value=special.ndtr(-surprise), family_p_value=(1.0 + counts) / (1.0 + flips),
+        coefficients=tuple(coefficients),
     )
 
 
@@ -96,39 +96,60 @@ def orthonormal(columns: np.ndarray) -> np.ndarray:
 
 
 def _block_moments(
-    columns: np.ndarray, basis: np.ndarray, residual: np.ndarray, blocks: Blocks
+    candidates: Sequence[np.ndarray], basis: np.ndarray, residual: np.ndarray, blocks: Blocks
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return products of residual and orthonormal regressors by block, and coefficients."""
+    """Return what several candidates of k columns each have in common with the residual.
+
+    Returns
+    -------
+    moments : ndarray, shape (blocks, candidates, k)
+        Products of the residual and the orthonormal regressors, summed by block.
+    coefficients : ndarray, shape (candidates, k)
+        Of the regressors themselves, beside the known ones.
+
+    """
+    columns = np.concatenate(candidates, axis=1)
+    count, size = len(candidates), candidates[0].shape[1]
+    power = np.sum(columns**2, axis=0)
     rest = columns - basis @ (basis.T @ columns)
-    before = np.sum(columns**2, axis=0)
-    left = np.sum(rest**2, axis=0) > 1e-8 * np.maximum(before, 1e-300)
-    coefficients = np.zeros(columns.shape[1])
-    if not left.any():
-        return np.zeros((blocks.count, 1)), coefficients
-    rest = rest[:, left]
-    coefficients[left] = solve(rest.T @ rest, rest.T @ residual)
-    for index in range(rest.shape[1]):  # Gram and Schmidt: columns are few
-        rest[:, index] -= rest[:, :index] @ (rest[:, :index].T @ rest[:, index])
-        rest[:, index] /= max(float(np.sqrt(rest[:, index] @ rest[:, index])), 1e-300)
-    return blocks.sums(rest * residual[:, None]), coefficients
+    rest = rest.reshape(len(residual), count, size)
+    floor = 1e-8 * np.maximum(power.reshape(count, size), 1e-300)
+    triangle = np.zeros((count, size, size))
+    for k in range(size):  # Gram and Schmidt, all candidates at once
+        for j in range(k):
+            triangle[:, j, k] = np.einsum("ni,ni->i", rest[:, :, j], rest[:, :, k])
+            rest[:, :, k] -= rest[:, :, j] * triangle[:, j, k]
+        length = np.einsum("ni,ni->i", rest[:, :, k], rest[:, :, k])
+        there = length > floor[:, k]
+        triangle[:, k, k] = np.where(there, np.sqrt(length), np.inf)
+        rest[:, :, k] *= there / np.sqrt(np.maximum(length, 1e-300))
+    moments = blocks.sums(rest * residual[:, None, None])
+    coefficients = moments.sum(axis=0)
+    for k in reversed(range(size)):
+        for j in range(k + 1, size):
+            coefficients[:, k] -= triangle[:, k, j] * coefficients[:, j]
+        coefficients[:, k] /= triangle[:, k, k]
+    return moments, coefficients
 
 
-def _taken(sums: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
-    """Return the sum of squares of each candidate's columns, shape (flips, candidates)."""
-    starts = np.searchsorted(owner, np.arange(count))
-    taken: np.ndarray = np.add.reduceat(sums**2, starts, axis=1)
-    return taken
+def _null_moments(
+    moments: np.ndarray, starts: np.ndarray, sizes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and variance of each candidate's sum of squares over all sign flips."""
+    mean = np.zeros(len(starts))
+    variance = np.zeros(len(starts))
+    for index, (start, size) in enumerate(zip(starts, sizes)):
+        piece = moments[:, start:start + size]
+        own = np.sum(piece**2, axis=1)
+        mean[index] = own.sum()
+        variance[index] = 2.0 * (np.sum((piece.T @ piece) ** 2) - np.sum(own**2))
+    return mean, np.maximum(variance, 1e-12 * mean**2)
 
 
-def _log_tail(value: np.ndarray, mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Return the logarithm of the tail of a gamma distribution with these moments."""
-    mean = np.maximum(mean, 1e-300)
-    variance = np.maximum(variance, 1e-12 * mean**2)
-    shape, scale = mean**2 / variance, variance / mean
-    ratio = value / scale
-    tail = special.gammaincc(shape, ratio)
-    with np.errstate(divide="ignore"):
-        # Far out the function underflows; its leading term goes on.
-        far = (shape - 1.0) * np.log(np.maximum(ratio, 1e-300)) - ratio - special.gammaln(shape)
-        log_tail: np.ndarray = np.where(tail > 1e-280, np.log(np.maximum(tail, 1e-300)), far)
-    return log_tail
+def _normal_score(value: np.ndarray, mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """Return the normal score of a gamma variable with these moments (Wilson, Hilferty 1931)."""
+    there = mean > 0.0
+    safe = np.where(there, mean, 1.0)
+    spread = np.where(there, variance / (9.0 * safe**2), 1.0)
+    score: np.ndarray = (np.cbrt(value / safe) - 1.0 + spread) / np.sqrt(spread)
+    return np.where(there, score, -np.inf)

@@ -109,9 +109,9 @@ def _add(story: Story) -> Step:
         for p in finding.parameters:
             rows.append((finding.effect, p.name, number(p.value, 4),
                          f"{number(p.low, 4)} to {number(p.high, 4)}", p.unit))
-    text = "Nothing was added." if not story.findings else \
-        "Parameters of what was added, fitted together. A level is that without the terms that " \
-        "modify it (Stribeck and the like); the model file holds all of them together."
+    text = ("Parameters of what was added, fitted together. A level is that without the terms "
+            "that modify it (Stribeck and the like); the model file holds all of them together.")
+    text = text if story.findings else "Nothing was added."
     return Step(name="add", text=text, rows=tuple(rows))
 
 

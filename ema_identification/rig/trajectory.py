@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import signal
@@ -206,10 +206,17 @@ def low_pass(values: np.ndarray, rate: float, band: float) -> np.ndarray:
     """
     if band >= 0.45 * rate:
         return values
-    sections = signal.butter(FILTER_ORDER, band, fs=rate, output="sos")
+    sections = _sections(band / rate)
     length = min(len(values) - 1, int(3 * rate / band))
     filtered: np.ndarray = signal.sosfiltfilt(sections, values, padlen=length)
     return filtered
+
+
+@lru_cache(maxsize=32)
+def _sections(share: float) -> np.ndarray:
+    """Return the filter for a cut-off in units of the rate."""
+    sections: np.ndarray = signal.butter(FILTER_ORDER, 2.0 * share, output="sos")
+    return sections
 
 
 _STENCIL = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0

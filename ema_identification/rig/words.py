@@ -48,8 +48,8 @@ def where(balance: Balance, index: int, found: Sequence[Parameter]) -> Where:
         "sublinear_viscous_friction": lambda: "rises with the root of the speed, to "
         f"{number(values['value'].value * math.sqrt(fast))} {unit} at {number(fast)} "
         f"{axis.speed_unit}",
-        "spring": lambda: f"{_q(values['stiffness'])} about position "
-                          f"{_q(values['middle'])}",
+        "spring": lambda: f"{_q(values['stiffness'])} about rest at "
+                          f"{_q(values['rest'])}",
         "control_delay": lambda: "where the input changes fast: the motion lags by "
                                  f"{number(1e3 * values['delay'].value)} ms",
         "presliding_hysteresis": lambda: "after each reversal, within "

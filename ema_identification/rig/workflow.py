@@ -107,7 +107,7 @@ def identify_rig(
     freest = freest_columns(start.columns, smooth)
     blocks = make_blocks(trajectory, fit(freest, trajectory.target).residual)
     held = _held_designs(validate, given.settings, design)
-    waves = waves_in_position(trajectory)
+    waves = waves_in_position(design)
     shapes = [*smooth, *waves]
     before = tuple(portrait(start, blocks, shapes))
     share = [0.2]
@@ -150,10 +150,11 @@ def _noise_floor(
     """
     end = found.balance
     columns = freest_columns(end.free_columns, smooth)
-    floor = rms(held_out(columns, end.target, blocks))
     own = rms(end.held_out(blocks))
+    shaped = [own * np.sqrt(max(1.0 - left.gain, 0.0)) for left in found.left]
+    floor = float(min(rms(held_out(columns, end.target, blocks)), own, *shaped))
     ratio = gaps[-1] / own if validated and own > 0.0 else 1.0
-    return min(floor * ratio, min(gaps))
+    return min(floor * ratio, *gaps)
 
 
 def _findings(found: Search, blocks: Blocks, gaps: list[float]) -> tuple[Finding, ...]:
@@ -227,7 +228,7 @@ def _identification(given: RigModel, story: Story) -> Identification:
                      for t in found.last_trials[:MAX_RIVALS]),
         next_test=test, recalibrated=_recalibrated(story), unknown=unknown,
         reasons=_reasons(story), steps=all_steps(story),
-        panels=all_panels(found.stages[0], found.balance, found.left, found.unknown),
+        panels=all_panels(found.stages[0], found.balance, found.unknown),
         model_text=updated_text(given, story),
     )
 

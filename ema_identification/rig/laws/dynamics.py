@@ -27,12 +27,13 @@ def travel_grid(trajectory: Trajectory) -> Sequence[Shape]:
 
 def _since_reversal(position: np.ndarray, width: float) -> np.ndarray:
     """Return the state of a stop operator: travel since the last reversal, within ± width."""
-    state = np.empty_like(position)
-    value = 0.0
-    steps = np.diff(position, prepend=position[0]).tolist()
-    for index, step in enumerate(steps):
-        value = min(width, max(-width, value + step))
-        state[index] = value
+    steps = np.diff(position)
+    turns = np.nonzero(np.diff(np.sign(steps)) != 0.0)[0] + 1
+    ends = [0, *turns.tolist(), len(position) - 1]
+    state = np.zeros_like(position)
+    for first, last in zip(ends[:-1], ends[1:]):  # one way between reversals
+        way = position[first:last + 1] - position[first]
+        state[first:last + 1] = np.clip(state[first] + way, -width, width)
     return state
 
 

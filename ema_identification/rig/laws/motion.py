@@ -13,7 +13,7 @@ def _with_back_emf(axis: Axis, _shape: tuple[float, ...]) -> tuple[str, ...]:
 INERTIA = Law(
     name="inertia", meaning="inertia of everything that moves",
     equation="u = J a", reference="Newton's second law",
-    against="acceleration", coefficients=("value",), units={"value": "u/a"},
+    against="load", coefficients=("value",), units={"value": "u/a"},
     columns=lambda segment, _t, _s: (segment.acceleration,), positive=True,
 )
 VISCOUS_FRICTION = Law(

@@ -72,6 +72,13 @@ def _same_as_ripple(axis: Axis, shape: Shape) -> tuple[str, ...]:
     return ("gear_mesh_ripple",)
 
 
+def _rests(trajectory: Trajectory) -> Sequence[Shape]:
+    """Return positions of rest within the travel and half of it beyond either end."""
+    low, high = float(trajectory.position.min()), float(trajectory.position.max())
+    reach = 0.5 * (high - low)
+    return tuple((float(x),) for x in np.linspace(low - reach, high + reach, 13))
+
+
 COGGING_TORQUE = Law(
     name="cogging_torque", meaning="force or torque that is periodic in position",
     equation="u = A cos(n θ - φ), n periods a turn; on a linear axis n periods a m",
@@ -83,12 +90,10 @@ COGGING_TORQUE = Law(
 )
 SPRING = Law(
     name="spring", meaning="force in proportion to position",
-    equation="u = k (x - x_0), x_0 the middle of the travel", reference="Hooke's law",
-    against="position", coefficients=("stiffness",), shape=("middle",),
-    units={"stiffness": "u/x", "middle": "x"},
-    columns=lambda segment, _t, shape: (segment.position - shape[0],),
-    grid=lambda trajectory: ((float(
-        0.5 * (trajectory.position.min() + trajectory.position.max())),),),
+    equation="u = k (x - x_0), x_0 where it is at rest", reference="Hooke's law",
+    against="position", coefficients=("stiffness",), shape=("rest",),
+    units={"stiffness": "u/x", "rest": "x"},
+    columns=lambda segment, _t, shape: (segment.position - shape[0],), grid=_rests,
 )
 GRAVITY = Law(
     name="gravity", meaning="weight of an arm: periodic in position, once a turn",
