@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from ema_record.channels import CHANNEL_NAMES
 from ema_record.errors import UsageError
-from ema_record.rig import InputQuantity, Motion
+from ema_record.rig import InputQuantity
 from ema_record.yaml_file import load_yaml
 
 SEE = "docs/rigs.md shows the form"
@@ -85,7 +85,7 @@ class RigMap(_Part):
     """A map: the columns, the axis, the part of the time that is wanted."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")
-    axis: Motion | Literal["actuator"]
+    axis: Literal["linear", "rotary", "actuator"]
     description: str = Field(default="", max_length=1000)
     format: TextFormat = TextFormat()
     time: TimeColumn
