@@ -7,8 +7,12 @@ import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from ema_record.errors import OutputError
+
+REMOVAL_STEPS = 10
+"""How often a directory is made again that goes on being removed."""
 
 
 def make_new_directory(path: Path) -> None:
@@ -69,12 +73,20 @@ def put_back(path: Path, descriptor: int) -> bool:
     """
     if os.fstat(descriptor).st_nlink > 0:
         return False
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with Path(f"/proc/self/fd/{descriptor}").open("rb") as old, path.open("xb") as new:
+    with Path(f"/proc/self/fd/{descriptor}").open("rb") as old, _made_again(path) as new:
         shutil.copyfileobj(old, new)
         new.flush()
         os.dup2(new.fileno(), descriptor)
     return True
+
+
+def _made_again(path: Path) -> BinaryIO:
+    """Open a new file in a directory that may still be in the middle of its removal."""
+    for _ in range(REMOVAL_STEPS):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with contextlib.suppress(FileNotFoundError):
+            return path.open("xb")
+    return path.open("xb")
 
 
 @contextlib.contextmanager

@@ -5,21 +5,23 @@ indexes, summary), a quarter in ``metadata.yaml``. Half of the cuts leave ``meta
 a quarter take it away, a quarter cut it.
 
 Run: python -m benchmarks.reliability.damage [--flips 1000] [--cuts 200] [--seed 6]
+     [--results FILE]
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import struct
 import tempfile
 from collections import Counter
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from random import Random
 
 import numpy as np
 
+from benchmarks.reliability.ledger import Ledger, options_of
 from ema_record.bag import read_bag, write_bag
 from ema_record.errors import IncompleteRecordError, RecordError
 from ema_record.profile import load_profile
@@ -95,21 +97,17 @@ def cut(files: dict[Path, bytes], _places: list[int], rng: Random) -> str:
     return f"{kind}, at byte {size}"
 
 
-def main() -> None:
-    """Print the table and each record that is silently different."""
-    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("--flips", type=int, default=1000)
-    options.add_argument("--cuts", type=int, default=200)
-    options.add_argument("--seed", type=int, default=6)
-    arguments = options.parse_args()
-    rng = Random(arguments.seed)
+def damage_all(flips: int, cuts: int, seed: int) -> dict[str, object]:
+    """Return how many damages read as what, and those that read as another record."""
+    rng = Random(seed)
+    table: dict[str, object] = {}
+    different: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
-        bags = good_bags(Path(folder), arguments.seed)
+        bags = good_bags(Path(folder), seed)
         known = [(bag, read_bag(bag), {p: p.read_bytes() for p in bag.iterdir()}) for bag in bags]
         where = [outside_chunks(next(d for p, d in files.items() if p.suffix == ".mcap"))
                  for _, _, files in known]
-        table: dict[str, object] = {"seed": arguments.seed}
-        for name, act, count in (("flips", flip, arguments.flips), ("cuts", cut, arguments.cuts)):
+        for name, act, count in (("flips", flip, flips), ("cuts", cut, cuts)):
             results: Counter[str] = Counter()
             for number in range(count):
                 k = number % 4 == 0  # one in four of the long record
@@ -118,12 +116,24 @@ def main() -> None:
                 result = judge(bag, original)
                 results[result] += 1
                 if result == "DIFFERENT":
-                    print(f"{name} {number}: {bag.name}: {place}")
+                    different.append(f"{name} {number}: {bag.name}: {place}")
                 for path, data in files.items():
                     path.write_bytes(data)
             table[name] = dict(results)
             table[f"{name}_silently_different"] = results["DIFFERENT"]
-    print(json.dumps(table))
+    return {**table, "different": different}
+
+
+def main() -> None:
+    """Print the table and each record that is silently different."""
+    options = options_of(__doc__)
+    options.add_argument("--flips", type=int, default=1000)
+    options.add_argument("--cuts", type=int, default=200)
+    arguments = options.parse_args()
+    seed, flips, cuts = arguments.seed, arguments.flips, arguments.cuts
+    table = Ledger(arguments.results).run(
+        f"{seed} {flips} {cuts}", partial(damage_all, flips, cuts, seed))
+    print(json.dumps({"seed": seed, **table}))
 
 
 if __name__ == "__main__":

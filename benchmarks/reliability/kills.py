@@ -1,30 +1,36 @@
-"""SIGKILL of a process that records, at random moments: what is lost, what is recovered.
+"""A process that records is killed, its disk fills up, its directory goes: what is lost.
 
 Each child records a simulated test in real time (20 kHz, blocks of 500 samples) with
-`BagWriter` and notes in shared memory how many samples it was given. The parent kills it,
-recovers the bag and compares.
+`BagWriter` and notes in shared memory how many samples it was given. At a random moment the parent
+kills it (SIGKILL) or removes its directory; or its file may not grow beyond a random size. Then
+the bag is recovered and compared.
 
-Run: python -m benchmarks.reliability.kills [--kills 200] [--seed 6]
+Run: python -m benchmarks.reliability.kills [--kills 200] [--others 20] [--seed 6] [--results FILE]
 """
 
 from __future__ import annotations
 
-import argparse
+import contextlib
 import json
 import mmap
 import os
 import random
+import resource
+import shutil
 import signal
 import struct
 import tempfile
+import threading
 import time
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.reliability.ledger import Ledger, options_of
 from ema_record.bag import read_bag
-from ema_record.errors import RecordError
+from ema_record.errors import OutputError, RecordError
 from ema_record.profile import load_profile
 from ema_record.record import Record
 from ema_record.recover import recover_bag
@@ -46,7 +52,9 @@ class Child(NamedTuple):
     given: mmap.mmap
     """Samples given to the writer, 8 bytes; then 1 where it is closed, 1 where it is open."""
     end: float
-    """When it is killed (monotonic s)."""
+    """When it is struck (monotonic s)."""
+    kind: str
+    """kill, full disk or removed directory."""
 
 
 def record_in_real_time(record: Record, bag: Path, given: mmap.mmap) -> None:
@@ -64,30 +72,39 @@ def record_in_real_time(record: Record, bag: Path, given: mmap.mmap) -> None:
     given[8] = 1
 
 
-def start(record: Record, bag: Path, wait: float) -> Child:
-    """Fork a recording process that will live for `wait` s."""
+def start(record: Record, bag: Path, rng: random.Random, kind: str) -> Child:
+    """Fork a recording process that will be struck at a random moment."""
+    length = float(record.time[-1])
+    wait = rng.uniform(0.0, length + 0.02) if kind == "kill" else rng.uniform(0.0, length - 0.1)
+    room = rng.randrange(20_000, 1_000_000)
     given = mmap.mmap(-1, 16)
     pid = os.fork()
     if pid == 0:
         try:
-            record_in_real_time(record, bag, given)
+            if kind == "full disk":
+                resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
+            with contextlib.suppress(OutputError):
+                record_in_real_time(record, bag, given)
         finally:
             os._exit(0)
     while not given[9]:
         time.sleep(1e-3)
-    return Child(pid, bag, given, time.monotonic() + wait)
+    if kind == "removed directory":  # which may be put back meanwhile
+        threading.Timer(wait, shutil.rmtree, [bag], {"ignore_errors": True}).start()
+    return Child(pid, bag, given, time.monotonic() + wait, kind)
 
 
 def judge(child: Child, record: Record) -> dict[str, object]:
-    """Kill a child, recover its bag, compare."""
-    os.kill(child.pid, signal.SIGKILL)
+    """Strike a child, recover its bag, compare."""
+    if child.kind == "kill":
+        os.kill(child.pid, signal.SIGKILL)
     os.waitpid(child.pid, 0)
     (given,) = struct.unpack("<Q", child.given[:8])
     try:
         original = read_bag(child.bag)
         whole = np.array_equal(original.samples, record.samples)
-        return {"finished": whole, "called_complete": not whole, "lost_ms": 0.0,
-                "recovered": True}
+        return {"kind": child.kind, "finished": whole, "called_complete": not whole,
+                "lost_ms": 0.0, "recovered": True}
     except RecordError:
         pass
     before = {p: p.read_bytes() for p in child.bag.glob("*")}
@@ -100,42 +117,58 @@ def judge(child: Child, record: Record) -> dict[str, object]:
     except RecordError:
         n, status = 0, report.status
         same = same and report.samples == 0
-    return {"finished": False, "called_complete": status == "complete",
+    return {"kind": child.kind, "finished": False, "called_complete": status == "complete",
             "lost_ms": 1e3 * (given - n) / record.rate, "recovered": same}
 
 
-def main() -> None:
-    """Print the table."""
-    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("--kills", type=int, default=200)
-    options.add_argument("--seed", type=int, default=6)
-    arguments = options.parse_args()
-    rng = random.Random(arguments.seed)
-    record = simulate(load_profile("extended"), seed=arguments.seed)
-    length = float(record.time[-1])
+def strike_all(kinds: list[str], seed: int) -> list[dict[str, object]]:
+    """Return what came of each recording process."""
+    rng = random.Random(seed)
+    record = simulate(load_profile("extended"), seed=seed)
     results = []
     with tempfile.TemporaryDirectory() as folder:
         running: list[Child] = []
-        started = 0
-        while started < arguments.kills or running:
-            while started < arguments.kills and len(running) < PARALLEL:
-                bag = Path(folder) / f"bag{started}"
-                running.append(start(record, bag, rng.uniform(0.0, length + 0.02)))
-                started += 1
+        waiting = list(enumerate(kinds))
+        while waiting or running:
+            while waiting and len(running) < PARALLEL:
+                number, kind = waiting.pop(0)
+                running.append(start(record, Path(folder) / f"bag{number}", rng, kind))
             child = min(running, key=lambda c: c.end)
             time.sleep(max(0.0, child.end - time.monotonic()))
             running.remove(child)
             results.append(judge(child, record))
-    killed = [r for r in results if not r["finished"]]
-    lost = [float(r["lost_ms"]) for r in killed]  # type: ignore[arg-type]
-    print(json.dumps({
-        "seed": arguments.seed, "kills": len(results),
-        "finished_before": len(results) - len(killed),
+    return results
+
+
+def table_of(results: list[dict[str, object]]) -> dict[str, object]:
+    """Return the sums over one kind."""
+    struck = [r for r in results if not r["finished"]]
+    lost = [float(r["lost_ms"]) for r in struck] or [0.0]  # type: ignore[arg-type]
+    return {
+        "struck": len(results), "finished": len(results) - len(struck),
         "lost_ms_max": max(lost), "lost_ms_median": float(np.median(lost)),
         "over_target": sum(ms > TARGET_MS for ms in lost),
-        "recovered": sum(bool(r["recovered"]) for r in killed),
+        "recovered": sum(bool(r["recovered"]) for r in struck),
         "called_complete": sum(bool(r["called_complete"]) for r in results),
-    }))
+    }
+
+
+def main() -> None:
+    """Print the table."""
+    options = options_of(__doc__)
+    options.add_argument("--kills", type=int, default=200)
+    options.add_argument("--others", type=int, default=20, help="full disks, and removals")
+    arguments = options.parse_args()
+    ledger = Ledger(arguments.results)
+    counts = {"kill": arguments.kills, "full disk": arguments.others,
+              "removed directory": arguments.others}
+    print(json.dumps({"seed": arguments.seed, **{
+        kind: table_of(ledger.run(
+            f"{arguments.seed} {kind} {count}",
+            partial(strike_all, [kind] * count, arguments.seed),
+        ))
+        for kind, count in counts.items()
+    }}))
 
 
 if __name__ == "__main__":
