@@ -25,6 +25,7 @@ from ema_monitor.aircraft_node import AircraftNode, aircraft, answer_of
 from ema_monitor.messages import PolledGroup, make_polled_subscription, take_all
 from ema_record.topics import DIAGNOSTICS
 
+NODES = (SIMULATOR, PROGNOSTICS, MONITOR)
 READY_TIMEOUT = 180.0
 SHARED_MEMORY = Path("/dev/shm")
 MONITOR_STATUS, ACTUATOR_STATUS = "ema_monitor: test", "ema_sim: actuator"
@@ -116,11 +117,14 @@ class Chain:
             self.spin()
 
     def ready(self) -> None:
-        """Wait until every node is there and the actuator idle."""
-        for module in (SIMULATOR, PROGNOSTICS, MONITOR):
-            if not self.runs(module):
-                self.start(module)
-        self.wait(lambda: not self.node.missing(), READY_TIMEOUT, "the nodes")
+        """Wait until every node is there, starting those that have ended."""
+
+        def up() -> bool:
+            ended = [module for module in NODES if not self.runs(module)]
+            self.start(*ended)
+            return not ended and not self.node.missing()
+
+        self.wait(up, READY_TIMEOUT, "the nodes")
 
     def stage(self) -> str:
         """Return the stage of the test."""
@@ -165,7 +169,7 @@ def chain(
             SIMULATOR: simulator or {}, PROGNOSTICS: {},
             MONITOR: {"profile": profile, "output_directory": str(out), **(monitor or {})},
         })
-        found.start(SIMULATOR, PROGNOSTICS, MONITOR)
+        found.start(*NODES)
         found.ready()
         yield found
 

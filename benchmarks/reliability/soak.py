@@ -64,8 +64,9 @@ class Memory:
         fifth = 0.2 * (end - warm)
         found = {}
         for name in self._processes:
-            first = statistics.fmean(row[name] for t, row in self.rows if warm <= t <= warm + fifth)
-            last = statistics.fmean(row[name] for t, row in self.rows if t >= end - fifth)
+            values = [(t, row[name]) for t, row in self.rows]
+            first = statistics.fmean(v for t, v in values if warm <= t <= warm + fifth)
+            last = statistics.fmean(v for t, v in values if t >= end - fifth)
             found[name] = {"begin_MiB": round(first, 2), "end_MiB": round(last, 2),
                            "growth": round(last / first - 1.0, 4)}
         return found
