@@ -56,6 +56,8 @@ COMMANDS: dict[str, Command] = {
                 "ema lint bags/sim_0001_extended --json"),
         Command("recover", "Rebuild a readable bag from a recording that was cut or damaged.",
                 "ema recover SN-1_20260101T120000Z_extended --out recovered"),
+        Command("identify", "Say what a model lacks to explain records, and add it.",
+                "ema identify bags/sim_0004_extended --validate bags/sim_0004_step --out report"),
         Command("effects", "List the catalogue of physical effects, or explain one.",
                 "ema effects turn_short"),
         Command("train", "Train the cascade of networks and write its model file.",

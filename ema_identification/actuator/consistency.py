@@ -52,8 +52,8 @@ def consistency(record: Record, signals: Signals, actuator: Actuator) -> dict[st
     off = record.time < record.profile.inverter_off
     start = signals.position[off].mean() if off.any() else signals.position[0]
     travel = signals.theta[-1] - signals.theta[0]
-    read = float(np.trapezoid(signals.speed, signals.time) if hasattr(np, "trapezoid")
-                 else np.trapz(signals.speed, signals.time))
+    middle = 0.5 * (signals.speed[1:] + signals.speed[:-1])
+    read = float(middle @ np.diff(signals.time))
     length = float(np.abs(np.diff(signals.theta)).sum()) + 1.0
     return {
         "offset_a": float(signals.offset[0]), "offset_b": float(signals.offset[1]),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-from ema_identification.actuator.library import Library
+from ema_identification.actuator.library_type import Library
 from ema_identification.actuator.runs import Case, run_case
 from ema_identification.actuator.spread import N_TOLERANCES, PRIOR, TOLERANCES, Conditions
 from ema_record.record import Record
@@ -22,6 +22,8 @@ LARGE_MISFIT = (4.0, 12.0)
 """Misfit in units of a repeat from which, and at which, the second share holds."""
 MODEL_ERROR = 0.02
 """Relative error of a prediction that contains a simulated effect."""
+NOISE_ERROR = 0.04
+"""Error of the noise factor that a record tells, in units of its regressor (a factor of two)."""
 SLOPE_VARIANCE = 0.1
 """Variance of a slope of the library, of the variance about the quadratic, tails included."""
 SHARED = np.array([t.shared for t in TOLERANCES])
@@ -85,9 +87,12 @@ def noise_covariance(
         large = np.clip((np.sqrt(null.misfit) / deviation - low) / (high - low), 0.0, 1.0)
         share = CARRIED + (CARRIED_MOST - CARRIED) * large
     extra = share**2 * null.misfit
-    if error is not None:
-        extra = extra + error**2
+    if error is not None:  # not scaled again below
+        extra = extra + error**2 / block.library.scale.factor
     covariance[np.diag_indices_from(covariance)] += extra
+    covariance *= np.sqrt(np.outer(block.library.scale.factor, block.library.scale.factor))
+    louder = null.noise_slope(block.conditions) * NOISE_ERROR
+    covariance += np.outer(louder, louder)
     return np.asarray(covariance)
 
 
@@ -177,7 +182,7 @@ def solve(
     target : ndarray, shape (d,), whitened residual at `z`.
     z : ndarray, present tolerances.
     free : number of leading columns without a prior.
-    feigned : information to take off each tolerance (`slope_noise`): errors in variables.
+    feigned : information on each tolerance that only errors of the slopes make (`slope_noise`).
 
     Returns
     -------
@@ -188,16 +193,18 @@ def solve(
     scale = np.maximum(np.sqrt((columns**2).sum(axis=0)), 1e-9)
     scale[free:] = 1.0
     scaled = columns / scale
-    information = scaled.T @ scaled
-    information[range(free, len(scale)), range(free, len(scale))] -= feigned
-    values, vectors = np.linalg.eigh(information)
-    information = (vectors * np.maximum(values, 1e-6)) @ vectors.T
+    full = scaled.T @ scaled
+    corrected = full.copy()
+    corrected[range(free, len(scale)), range(free, len(scale))] -= feigned
+    values, vectors = np.linalg.eigh(corrected)
+    corrected = (vectors * np.maximum(values, 1e-6)) @ vectors.T
     prior = np.zeros(len(scale))
     prior[free:] = 1.0 / PRIOR**2
     pull = scaled.T @ target
     pull[free:] -= z / PRIOR**2
-    covariance = np.linalg.inv(information + np.diag(prior))
-    step = covariance @ pull
+    # The step on what the slopes say, the covariance on what they really know.
+    step = np.linalg.solve(full + np.diag(prior + 1e-9), pull)
+    covariance = np.linalg.inv(corrected + np.diag(prior))
     rest = target - scaled @ step
     tolerances = (z + step[free:]) / PRIOR
     cost = float(rest @ rest + tolerances @ tolerances)

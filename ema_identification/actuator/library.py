@@ -3,42 +3,33 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ema_identification import cache
+from ema_identification.actuator.calibration import calibration_runs, scale_of
 from ema_identification.actuator.effect_library import (
-    Signature,
     build_effect_library,
     candidates,
     pack,
     unpack,
 )
-from ema_identification.actuator.features import FeatureMap, feature_map
+from ema_identification.actuator.features import feature_map
+from ema_identification.actuator.library_type import Library, Scale
 from ema_identification.actuator.null_library import NullLibrary, build_null_library
 from ema_identification.actuator.runs import Progress, silent
 from ema_record.profile import Profile
 from ema_sim.actuator import Model
 from ema_sim.simulate import simulate
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Library:
-    """Features, effect-free statistics and signatures for one model and profile."""
-
-    model: Model
-    fmap: FeatureMap
-    null: NullLibrary
-    signatures: tuple[Signature, ...]
-    """Empty for a record that is only predicted."""
-
-
 FEATURE_CODE = ("segments", "signals", "lines", "consistency", "transitions", "features", "spread",
                 "runs")
 SOURCES = {"null": (*FEATURE_CODE, "null_library"),
-           "effects": (*FEATURE_CODE, "variants", "effect_library")}
+           "effects": (*FEATURE_CODE, "variants", "effect_library"),
+           "scale": (*FEATURE_CODE, "null_library", "alignment", "evidence", "recalibration",
+                     "calibration")}
 """Files of this package that decide what is kept."""
 
 
@@ -66,8 +57,10 @@ def library(
         cache.save(key, {name: getattr(null, name) for name in names})
     else:
         null = NullLibrary(**{name: stored[name] for name in names})
+    plain = Library(model=model, fmap=fmap, null=null, signatures=(), example=example,
+                    scale=Scale(factor=np.ones(len(fmap.features))))
     if not signatures:
-        return Library(model=model, fmap=fmap, null=null, signatures=())
+        return plain
     key = "effects_" + _key(model, profile, "effects", seed)
     stored = cache.load(key)
     if stored is None or "added" not in stored:
@@ -75,4 +68,16 @@ def library(
         cache.save(key, {"added": pack(found)})
     else:
         found = unpack(candidates(model), np.asarray(stored["added"]))
-    return Library(model=model, fmap=fmap, null=null, signatures=found)
+    full = replace(plain, signatures=found)
+    key = "scale_" + _key(model, profile, "scale", seed)
+    stored = cache.load(key)
+    if stored is None or set(stored) != {"factor", "fit", "gain"}:
+        scale = scale_of(full, calibration_runs(
+            full, seed=seed, workers=workers, progress=progress))
+        cache.save(key, {"factor": scale.factor, "fit": np.array(scale.fit),
+                         "gain": np.array(scale.gain)})
+    else:
+        fit, gain = stored["fit"], stored["gain"]
+        scale = Scale(factor=stored["factor"], fit=(float(fit[0]), float(fit[1])),
+                      gain=(float(gain[0]), float(gain[1])))
+    return replace(full, scale=scale)

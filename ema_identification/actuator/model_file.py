@@ -48,5 +48,5 @@ def model_text(model: Model, z: np.ndarray, effects: Effects) -> str:
     return HEADER + yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
 
 
-def _number(value: float | int) -> float | int:
+def _number(value: float) -> float | int:
     return int(value) if isinstance(value, int) else float(f"{value:.8g}")

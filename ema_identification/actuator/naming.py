@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,31 +17,19 @@ LEVEL = 0.005
 """Probability of naming anything when nothing is hidden, aimed at."""
 POOR = 3.0
 """A candidate whose first rounds leave this many times the best cost is not polished."""
-KEPT = 4
+KEPT = 3
 """Candidates from each of the two screenings."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scale:
-    """What scores look like when nothing is hidden.
+class Proposal(NamedTuple):
+    """Residuals about the recalibrated and the nominal unit, and what might explain them."""
 
-    Attributes
-    ----------
-    fit : mean and standard deviation of the log of cost a feature.
-    gain : location and scale (exponential tail) of the best candidate's relative gain.
-    """
-
-    fit: tuple[float, float] = (math.log(1.45), 0.22)
-    gain: tuple[float, float] = (10.0, 4.0)
-
-    def p_gain(self, gain: float) -> float:
-        """Return the probability of a larger best gain when nothing is hidden."""
-        return float(min(1.0, math.exp(-(gain - self.gain[0]) / self.gain[1])))
-
-    def p_fit(self, cost_a_feature: float) -> float:
-        """Return the probability of a larger cost when the model is complete."""
-        x = (math.log(max(cost_a_feature, 1e-9)) - self.fit[0]) / self.fit[1]
-        return 0.5 * math.erfc(x / math.sqrt(2.0))
+    near: Residual
+    far: Residual
+    screened: list[Screened]
+    """All variants against `near`, best first."""
+    chosen: list[Screened]
+    """Candidates for the simulator."""
 
 
 def gain_of(rest: Residual, best: Screened, size: int) -> float:
@@ -52,8 +39,8 @@ def gain_of(rest: Residual, best: Screened, size: int) -> float:
 
 def propose(
     evidence: Evidence, null: Recalibration, *, without: Sequence[str] = ()
-) -> tuple[Residual, list[Screened], list[Screened]]:
-    """Return the local residual, its screening, and candidates of both screenings.
+) -> Proposal:
+    """Return residuals, the screening of the near one, and candidates of both.
 
     One screening is about runs at the recalibrated tolerances, exact for small effects; the other
     about the nominal unit, for effects so large that recalibration went astray.
@@ -62,12 +49,13 @@ def propose(
     near = screen(evidence, local, without=without)
     z = np.zeros(evidence.tolerances.size)
     mean = [b.library.null.mean(np.zeros(N_TOLERANCES), b.conditions) for b in evidence.blocks]
-    far = screen(evidence, residual(evidence, z, mean, runs=0), without=without)
+    wide = residual(evidence, z, mean, runs=0)
+    far = screen(evidence, wide, without=without)
     chosen: list[Screened] = []
     for screened in (*far[:KEPT], *near[:KEPT]):
         if all(screened.variant.name != c.variant.name for c in chosen):
             chosen.append(screened)
-    return local, near, chosen
+    return Proposal(near=local, far=wide, screened=near, chosen=chosen)
 
 
 def fit_candidates(

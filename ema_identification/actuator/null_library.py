@@ -61,6 +61,13 @@ class NullLibrary:
         step = 0.5 * np.eye(N_TOLERANCES, len(v))
         return np.asarray((design(v + step) - design(v - step)) @ self.weights).T
 
+    def noise_slope(self, conditions: Conditions) -> np.ndarray:
+        """Return the derivative of the mean to the regressor of the noise, shape (d,)."""
+        v = np.concatenate([np.zeros(N_TOLERANCES), conditions.regressors()])
+        step = np.zeros_like(v)
+        step[-1] = 0.5
+        return np.asarray((design((v + step)[None]) - design((v - step)[None]))[0] @ self.weights)
+
     def deviation(self, noise: float) -> np.ndarray:
         """Return the standard deviation of a repeat at a noise factor, shape (d,)."""
         return np.sqrt(self.quiet + self.noisy * min(max(noise, 0.3), 4.0)**2)

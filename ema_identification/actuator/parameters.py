@@ -47,10 +47,10 @@ def parameters_of(fit: Fit, index: int) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-def recalibrated_of(null: Recalibration, evidence: Evidence) -> tuple[Parameter, ...]:
+def recalibrated_of(fit: Fit | Recalibration, evidence: Evidence) -> tuple[Parameter, ...]:
     """Return the tolerances of the unit, as relative or absolute deviations from the model."""
-    z = evidence.tolerances.of(0, null.z)
-    sd = evidence.tolerances.of(0, np.sqrt(np.diag(null.covariance)))
+    z = evidence.tolerances.of(0, fit.z)
+    sd = evidence.tolerances.of(0, np.sqrt(np.diag(fit.covariance))[fit.free:])
     return tuple(
         Parameter(name=t.name, value=float(t.half_width * x),
                   low=float(t.half_width * (x - QUANTILE * s)),

@@ -16,9 +16,11 @@ from ema_identification.actuator.evidence import (
 
 ROUNDS = 3
 """Simulations at improved tolerances."""
-RUNS = 4
+RUNS = 3
 """Runs a simulation; the last has `LAST_RUNS`."""
-LAST_RUNS = 16
+LAST_RUNS = 12
+COARSE = 0.2
+"""Share of the residual granted as error in the first round; halves a round."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,6 +44,11 @@ class Recalibration:
     cost: float
     runs: int
 
+    @property
+    def free(self) -> int:
+        """Number of coordinates of effects: none."""
+        return 0
+
 
 def recalibrate(
     evidence: Evidence, *, rounds: int = ROUNDS, runs: int = RUNS, last: int = LAST_RUNS,
@@ -49,26 +56,36 @@ def recalibrate(
 ) -> Recalibration:
     """Fit the tolerances: first on the library, then on runs at the fitted values."""
     z = np.zeros(evidence.tolerances.size)
-    for k in range(2):
+    for _ in range(2):
         mean = [b.library.null.mean(evidence.tolerances.of(i, z), b.conditions)
                 for i, b in enumerate(evidence.blocks)]
-        step, _, _ = _solve(evidence, z, mean, 0)
+        step, _, _ = _solve(evidence, z, mean, 0, COARSE)
         z = np.clip(z + step, -2.0, 2.0)
     for k in range(rounds):
         n = last if k == rounds - 1 else runs
         mean = evidence.mean(z, None, runs=n, seed=seed + k)
-        step, covariance, cost = _solve(evidence, z, mean, n)
-        centre, z = z, np.clip(z + step, -2.5, 2.5)
-    return Recalibration(z=z, centre=centre, covariance=covariance, mean=tuple(mean), cost=cost,
-                         runs=last)
+        if k == rounds - 1:
+            break
+        step, _, _ = _solve(evidence, z, mean, n, COARSE * 0.5**k)
+        z = np.clip(z + step, -2.5, 2.5)
+    return solve_at(evidence, z, mean, last)
+
+
+def solve_at(
+    evidence: Evidence, centre: np.ndarray, mean: list[np.ndarray], runs: int
+) -> Recalibration:
+    """Return the recalibration that follows from one simulation at tolerances `centre`."""
+    step, covariance, cost = _solve(evidence, centre, mean, runs, 0.0)
+    return Recalibration(z=np.clip(centre + step, -2.5, 2.5), centre=centre,
+                         covariance=covariance, mean=tuple(mean), cost=cost, runs=runs)
 
 
 def _solve(
-    evidence: Evidence, z: np.ndarray, mean: list[np.ndarray], runs: int
+    evidence: Evidence, z: np.ndarray, mean: list[np.ndarray], runs: int, coarse: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
     rows, target, feigned = [], [], 0.0
     for block, f, slope in zip(evidence.blocks, mean, evidence.slopes(z)):
-        noise = noise_covariance(block, runs=runs)
+        noise = noise_covariance(block, runs=runs, error=coarse * (block.values - f))
         feigned += slope_noise(block, noise)
         white = Whitening(noise)
         rows.append(white(slope))

@@ -21,10 +21,15 @@ from ema_identification.actuator.variants import ALIASES, Variant
 from ema_sim.effects import Effects
 
 ROUNDS = 4
-RUNS = 4
-LAST_RUNS = 12
-COARSE = 0.1
-"""Relative error granted to a prediction in the first round; falls to `MODEL_ERROR`."""
+RUNS = 3
+LAST_RUNS = 10
+CLEAR = 4.0
+"""Least mean square of a step, in units of a repeat, that says something on the slope."""
+COARSE = 0.2
+"""Share of the residual that the first round grants as error to each feature; halves a round.
+
+So no few features on which an effect acts hard decide a step alone.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,6 +54,7 @@ class Fit:
     cost : sum of squares of the whitened residual, prior included.
     mean : features of each record as predicted at the fit.
     runs : how many runs `mean` stands on.
+    slopes : ndarray, shape (d, coordinates + tolerances). Of the stacked features, at the fit.
     """
 
     terms: tuple[Term, ...]
@@ -57,6 +63,12 @@ class Fit:
     cost: float
     mean: tuple[np.ndarray, ...]
     runs: int
+    slopes: np.ndarray
+
+    @property
+    def free(self) -> int:
+        """Number of coordinates of the effects."""
+        return sum(t.variant.size for t in self.terms)
 
     @property
     def spread(self) -> float:
@@ -120,12 +132,13 @@ def refit(
         if not all(np.isfinite(f).all() for f in mean):
             break
         slope_u = _slopes(evidence, terms, z, mean, slope_u, before, runs, seed)
-        relative = MODEL_ERROR if final else max(MODEL_ERROR, COARSE * 0.4**k)
+        coarse = 0.0 if final else COARSE * 0.5**k
         rows, target, feigned = [], [], 0.0
         at = 0
         slopes = _with_aliases(evidence, terms, z, slope_u)
         for block, f, f0, slope_z in zip(evidence.blocks, mean, null, slopes):
-            noise = noise_covariance(block, runs=n, error=relative * (f - f0))
+            noise = noise_covariance(block, runs=n, error=np.hypot(
+                MODEL_ERROR * (f - f0), coarse * (block.values - f)))
             feigned += slope_noise(block, noise)
             white = Whitening(noise)
             rows.append(white(np.hstack([slope_u[at:at + len(block)], slope_z])))
@@ -145,13 +158,15 @@ def refit(
                 predicted.append(f + change[at:at + len(f)])
                 at += len(f)
             best = Fit(terms=new_terms, z=new_z, covariance=covariance, cost=cost,
-                       mean=tuple(predicted), runs=n)
+                       mean=tuple(predicted), runs=n,
+                       slopes=np.hstack([slope_u, np.vstack(slopes)]))
             break
         terms, z = new_terms, new_z
         poor = k >= 1 and cost > give_up
     if best is None:
         return Fit(terms=terms, z=z, covariance=np.eye(free + len(z)), cost=np.inf,
-                   mean=tuple(null), runs=1)
+                   mean=tuple(null), runs=1, slopes=np.hstack([
+                       slope_u, np.vstack(evidence.slopes(z))]))
     return best
 
 
@@ -174,7 +189,9 @@ def _slopes(
         scale = np.maximum(np.abs(u0), 1e-12)
         weight = du / scale**2
         power = float(du @ weight)
-        if power > 1e-4:
+        deviation = np.concatenate([
+            b.library.null.deviation(b.conditions.noise) for b in evidence.blocks])
+        if power > 0.0 and float(((slope @ du / deviation)**2).mean()) > CLEAR:
             dz = np.vstack(evidence.slopes(0.5 * (z + z0))) @ (z - z0)
             found += np.outer(here - f0 - dz - found @ du, weight) / power
     for k in unknown:

@@ -117,15 +117,18 @@ def screen(
     evidence: Evidence, rest: Residual, *, without: Iterable[str] = ()
 ) -> list[Screened]:
     """Return all variants with their best coordinates, best first."""
+    return sorted((_best(stacked(evidence, index), index, rest)
+                   for index in selectable(evidence, without)), key=lambda s: s.cost)
+
+
+def selectable(evidence: Evidence, without: Iterable[str]) -> list[int]:
+    """Return the signatures that may be named: not hidden, not of a measured condition."""
     hidden = set(without)
-    measured = set.union(*(set(b.conditions.measured) for b in evidence.blocks))
-    found = []
-    for index, signature in enumerate(evidence.blocks[0].library.signatures):
-        variant = signature.variant
-        if variant.effect in hidden or variant.condition in measured:
-            continue
-        found.append(_best(stacked(evidence, index), index, rest))
-    return sorted(found, key=lambda s: s.cost)
+    measured = frozenset.union(*(b.conditions.measured for b in evidence.blocks))
+    return [
+        index for index, s in enumerate(evidence.blocks[0].library.signatures)
+        if s.variant.effect not in hidden and s.variant.condition not in measured
+    ]
 
 
 def _best(signature: Signature, index: int, rest: Residual) -> Screened:

@@ -87,10 +87,9 @@ class Plan:
     transitions: tuple[Transition, ...]
 
 
-def plan(profile: Profile, actuator: Actuator) -> Plan:
-    """Return the segments and transitions of a profile."""
-    ratio = actuator.gear.ratio
-    limit = actuator.control.speed_limit / ratio
+def path(profile: Profile, actuator: Actuator) -> tuple[np.ndarray, np.ndarray]:
+    """Return times, shape (n,) (s), and the positions that the drive can reach (rad)."""
+    limit = actuator.control.speed_limit / actuator.gear.ratio
     times = np.arange(0.0, profile.duration, GRID)
     command = profile.command(times + 0.5 * GRID)
     place = np.empty(len(times) + 1)
@@ -99,9 +98,17 @@ def plan(profile: Profile, actuator: Actuator) -> Plan:
         off = times[k] < profile.inverter_off
         step = 0.0 if off else float(np.clip(goal - place[k], -limit * GRID, limit * GRID))
         place[k + 1] = place[k] + step
-    speed = np.diff(place) / GRID * ratio
+    return np.append(times, times[-1] + GRID), place
+
+
+def plan(profile: Profile, actuator: Actuator) -> Plan:
+    """Return the segments and transitions of a profile."""
+    times, place = path(profile, actuator)
+    times = times[:-1]
+    speed = np.diff(place) / GRID * actuator.gear.ratio
     sections = _sections(times, speed, profile.duration)
-    segments, transitions = [], []
+    segments: list[Segment] = []
+    transitions: list[Transition] = []
     for index, (begin, end, value) in enumerate(sections):
         kind: Kind = "hold" if abs(value) < STILL else "ramp" if abs(value) < SLOW else "slew"
         first = begin + (SETTLE[kind] if index else 0.0)

@@ -11,6 +11,8 @@ from ema_record.record import Record
 from ema_sim.parameters import Actuator
 
 TURN = 2.0 * np.pi
+TABLE = 3 * 2**15
+"""Angles of the table of the trapezoid."""
 OFF_GUARD = 1e-3
 """Left out before the inverter switches on (s)."""
 
@@ -61,6 +63,16 @@ def trapezoid(theta: np.ndarray, flat_top: float) -> np.ndarray:
     return np.where(np.mod(theta, TURN) < np.pi, 1.0, -1.0) * np.minimum(half / ramp, 1.0)
 
 
+def _torque_current(theta: np.ndarray, currents: np.ndarray, flat_top: float) -> np.ndarray:
+    """Return q, shape (n,) (A), by a table of the trapezoid."""
+    table = 0.5 * trapezoid((np.arange(TABLE) + 0.5) * (TURN / TABLE), flat_top)
+    place = np.floor(theta * (TABLE / TURN)).astype(np.int64)
+    q = np.zeros(len(theta))
+    for k in range(3):
+        q += table[(place - k * (TABLE // 3)) % TABLE] * currents[:, k]
+    return q
+
+
 def sensor_errors(record: Record) -> tuple[np.ndarray, np.ndarray]:
     """Return offsets (A) and relative gains of the current sensors, each of shape (3,).
 
@@ -85,9 +97,7 @@ def prepare(record: Record, actuator: Actuator) -> Signals:
     centred = read - offset
     corrected = centred / gain
     theta = np.unwrap(record.channel("rotor_angle"))
-    top = actuator.motor.flat_top
-    # The reference is constant in a sector; phases follow by 120 degrees.
-    q = 0.5 * sum(trapezoid(theta - k * TURN / 3.0, top) * corrected[:, k] for k in range(3))
+    q = _torque_current(theta, corrected, actuator.motor.flat_top)
     position = record.channel("surface_position")
     travel = theta / (actuator.motor.pole_pairs * actuator.gear.ratio)
     lag = travel - position
@@ -95,6 +105,7 @@ def prepare(record: Record, actuator: Actuator) -> Signals:
     return Signals(
         time=record.time, speed=record.channel("motor_speed"), theta=theta, position=position,
         error=read - samples[:, REFERENCE_CURRENTS], total=centred.sum(axis=1),
-        torque_current=np.asarray(q), lag=lag - (lag[still].mean() if still.any() else lag[0]), offset=offset, gain=gain,
+        torque_current=np.asarray(q), offset=offset, gain=gain,
+        lag=lag - (lag[still].mean() if still.any() else lag[0]),
         pole_pairs=actuator.motor.pole_pairs,
     )

@@ -3,43 +3,64 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from ema_identification.actuator.evidence import Evidence, noise_covariance
-from ema_identification.actuator.recalibration import Recalibration
-from ema_identification.identification import Shape, Where
+from ema_identification.actuator.evidence import Evidence
+from ema_identification.identification import Step, Where
+
+SHOWN = 8
+"""Rows of the table."""
 
 
-def _shares(ev: Evidence, null: Recalibration) -> list[tuple[float, str, str, str, str]]:
-    """Return (excess, signal, against, place, feature) by signal and place, largest first."""
-    groups: dict[tuple[str, str, str], list[tuple[float, str]]] = defaultdict(list)
-    slopes = ev.slopes(null.centre)
-    for block, f, slope in zip(ev.blocks, null.mean, slopes):
-        noise = np.sqrt(np.diag(noise_covariance(block, runs=null.runs)))
-        r = (block.values - f - slope @ (null.z - null.centre)) / noise
-        texts = {s.name: s.text for s in block.library.fmap.plan.segments}
-        texts |= {t.name: t.text for t in block.library.fmap.plan.transitions}
+class Group(NamedTuple):
+    """Residuals of one signal in one part of the test."""
+
+    excess: float
+    """Sum of log(1 + r²), less what noise gives."""
+    signal: str
+    against: str
+    place: str
+    largest: float
+    """Standard deviations."""
+    rms: float
+
+
+def groups_of(evidence: Evidence, residual: Sequence[np.ndarray]) -> list[Group]:
+    """Return residuals (standard deviations) by signal, abscissa and place, largest first."""
+    found: dict[tuple[str, str, str], list[float]] = defaultdict(list)
+    for block, r in zip(evidence.blocks, residual):
+        plan = block.library.fmap.plan
+        texts = {s.name: s.text for s in plan.segments}
+        texts |= {t.name: t.text for t in plan.transitions}
         for feature, x in zip(block.library.fmap.features, r):
             place = texts.get(feature.place, "whole record")
-            groups[feature.signal, feature.against, place].append((float(x), feature.name))
-    found = []
-    for (signal, against, place), items in groups.items():
-        values = np.array([x for x, _ in items])
-        excess = float((np.log1p(values**2)).sum() - 0.5 * len(values))
-        largest = items[int(np.argmax(np.abs(values)))][1]
-        found.append((excess, signal, against, place, largest))
-    return sorted(found, reverse=True)
+            found[feature.signal, feature.against, place].append(float(x))
+    groups = []
+    for (signal, against, place), items in found.items():
+        values = np.array(items)
+        groups.append(Group(
+            float(np.log1p(values**2).sum() - 0.55 * len(values)), signal, against, place,
+            float(np.abs(values).max()), float(np.sqrt(np.mean(values**2)))))
+    return sorted(groups, reverse=True)
 
 
-def where_of(ev: Evidence, null: Recalibration) -> Where:
-    """Return where the residual of the recalibrated model is largest."""
-    _, signal, against, place, feature = _shares(ev, null)[0]
-    return Where(signal=signal, against=against, text=f"{signal} against {against}: {place} "
-                 f"(largest at {feature})")
+def where_of(groups: Sequence[Group]) -> Where:
+    """Return the place of the largest disagreement."""
+    g = groups[0]
+    return Where(signal=g.signal, against=g.against, text=(
+        f"{g.signal} against {g.against}, {g.place}: {g.rms:.1f} standard deviations rms, "
+        f"{g.largest:.1f} at most"))
 
 
-def unknown_shape(ev: Evidence, null: Recalibration) -> Shape:
-    """Return what is known of an effect that the catalogue does not hold."""
-    where = where_of(ev, null)
-    return Shape(port=where.signal, text=where.text)
+def where_step(groups: Sequence[Group]) -> Step:
+    """Return the table of the step."""
+    rows = [("signal", "against", "part of the test", "rms", "largest")]
+    rows += [(g.signal, g.against, g.place, f"{g.rms:.1f}", f"{g.largest:.1f}")
+             for g in groups[:SHOWN]]
+    return Step(
+        name="where", rows=tuple(rows),
+        text="Residuals of the recalibrated model by signal and part of the test, in standard "
+             "deviations of what it may be off when nothing is missing.")

@@ -3,47 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ema_identification.actuator.alignment import align
+from ema_identification.actuator.checks import check_records
+from ema_identification.actuator.decision import Answer, decide
 from ema_identification.actuator.evidence import Block, Evidence, evidence
-from ema_identification.actuator.held_out import Gap, gap_of
+from ema_identification.actuator.findings import candidates_of, findings_of
+from ema_identification.actuator.held_out import Gap, gap_of, whitened
 from ema_identification.actuator.library import library
 from ema_identification.actuator.model_file import model_text
-from ema_identification.actuator.naming import (
-    LEVEL,
-    Scale,
-    fit_candidates,
-    gain_of,
-    propose,
-)
-from ema_identification.actuator.parameters import parameters_of, recalibrated_of
-from ema_identification.actuator.recalibration import Recalibration, recalibrate
-from ema_identification.actuator.refit import Fit
+from ema_identification.actuator.next_test import separating_test
+from ema_identification.actuator.panels import panels_of
+from ema_identification.actuator.parameters import recalibrated_of
+from ema_identification.actuator.ports import unknown_shape
+from ema_identification.actuator.recalibration import recalibrate
 from ema_identification.actuator.runs import Progress, silent
-from ema_identification.actuator.where import unknown_shape, where_of
-from ema_identification.identification import Candidate, Finding, Identification, Step
+from ema_identification.actuator.steps import steps_of
+from ema_identification.actuator.where import groups_of
+from ema_identification.identification import Identification
 from ema_record.record import Record
 from ema_sim.actuator import Model
+from ema_sim.effects import Effects
 
-GAP_UNIT = "rms of the held-out features, in standard deviations of a repeat"
-SET_MARGIN = 12.0
-"""Candidates whose cost is this near to the best one's, a unit cost, cannot be told from it."""
-SET_SHARE = 0.15
-"""The same, of the best cost."""
-GOOD_FIT = 1e-3
-"""A complete model fits worse than this only so often."""
+GAP_UNIT = ("rms of the held-out features, in standard deviations of what the model may be off "
+            "when nothing is missing")
+N_HARDWARE = 11
+"""Tolerances that belong to the model file; the others belong to sensors and the day."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _State:
-    evidence: Evidence
-    held: Evidence | None
-    null: Recalibration
-    scale: Scale
-    seed: int
+class Shown:
+    """The gap before and after, on data that took no part in the fit."""
+
+    before: Gap
+    after: Gap
+    how: str
 
 
 def _blocks(
@@ -75,72 +72,59 @@ def identify_actuator(
     workers : processes that build libraries.
     seed : of all simulations.
     """
-    blocks = _blocks(measured, model, signatures=True, seed=seed, workers=workers,
-                     progress=progress)
-    ev = evidence(blocks)
-    held = evidence(_blocks(validate, model, signatures=False, seed=seed, workers=workers,
-                            progress=progress)) if validate else None
+    from threadpoolctl import threadpool_limits
+
+    check_records(measured, validate, model, without)
+    ready = _blocks(measured, model, signatures=True, seed=seed, workers=workers,
+                    progress=progress)
+    held_blocks = _blocks(validate, model, signatures=False, seed=seed, workers=workers,
+                          progress=progress)
+    with threadpool_limits(limits=1):
+        return _identify(evidence(ready), evidence(held_blocks) if held_blocks else None, model,
+                         tuple(without), progress, seed)
+
+
+def _identify(
+    ev: Evidence, held: Evidence | None, model: Model, without: tuple[str, ...],
+    progress: Progress, seed: int,
+) -> Identification:
     progress("recalibrate", 0.0)
     null = recalibrate(ev, seed=seed)
-    state = _State(evidence=ev, held=held, null=null, scale=Scale(), seed=seed)
-    progress("where", 0.2)
-    local, near, chosen = propose(ev, null, without=without)
-    gain = gain_of(local, near[0], ev.size)
-    p_gain, p_fit = state.scale.p_gain(gain), state.scale.p_fit(null.cost / ev.size)
-    before = gap_of(ev, held, null.z, null.centre, null.mean, None, seed=seed)
-    steps = [Step(name="recalibrate", text=f"cost {null.cost:.0f} over {ev.size} features")]
-    recalibrated = recalibrated_of(null, ev)
-    if p_gain > LEVEL and p_fit > GOOD_FIT:
-        return Identification(
-            verdict="no disagreement", gap_before=before.value, gap_after=before.value,
-            noise_floor=before.floor, gap_unit=GAP_UNIT, steps=tuple(steps),
-            recalibrated=recalibrated, model_text=model_text(model, null.z, model.effects),
-            reasons=(f"the best effect of the catalogue would lower the misfit by {gain:.1f}, "
-                     f"which effect-free records do in {100 * p_gain:.0f} % of cases",),
-        )
-    progress("name", 0.3)
-    fits = fit_candidates(ev, chosen, null, seed=seed)
-    best = fits[0]
-    after = gap_of(ev, held, best.z, best.z, best.mean, best.effects(model.effects), seed=seed)
-    good = state.scale.p_fit(best.cost / ev.size) > GOOD_FIT
-    if not good and best.cost > 0.1 * null.cost:
-        return Identification(
-            verdict="unknown effect", gap_before=before.value, gap_after=before.value,
-            noise_floor=before.floor, gap_unit=GAP_UNIT, steps=tuple(steps),
-            recalibrated=recalibrated, unknown=unknown_shape(ev, null),
-            rivals=_candidates(fits, ev), model_text=model_text(model, null.z, model.effects),
-            reasons=("no effect of the catalogue explains the residual",),
-        )
-    finding = _finding(ev, null, fits, before, after, p_gain)
-    return Identification(
-        verdict="explained" if good else "partly explained", gap_before=before.value,
-        gap_after=after.value, noise_floor=after.floor, gap_unit=GAP_UNIT, findings=(finding,),
-        rivals=_candidates(fits[1:], ev), steps=tuple(steps), recalibrated=recalibrated,
-        model_text=model_text(model, best.z, best.effects(model.effects)),
+    groups = groups_of(ev, whitened(ev, null))
+    progress("name", 0.2)
+    answer = decide(ev, null, without=without, progress=progress, seed=seed)
+    progress("show", 0.9)
+    effects = _effects(answer, model)
+    before = gap_of(ev, held, null, None, seed=seed)
+    after = before
+    if answer.fit is not None:
+        after = gap_of(ev, held, answer.fit, effects, seed=seed)
+    shown = Shown(before=before, after=after, how="held-out records" if held else
+                  "each part of the test predicted from the others")
+    fits = [f for f in answer.fits if np.isfinite(f.cost)]
+    findings = findings_of(ev, answer, groups, shown.before, shown.after)
+    ambiguous = next((e for e in answer.equivalent if e), ())
+    proposed = separating_test(ev, [answer.fit, *ambiguous], seed=seed) if (
+        answer.fit is not None and ambiguous) else None
+    fit = answer.fit if answer.fit is not None else null
+    updated = fit.z[:N_HARDWARE]
+    z = np.zeros(len(fit.z))
+    z[:N_HARDWARE] = updated
+    found = Identification(
+        verdict=answer.verdict, gap_before=before.value, gap_after=after.value,
+        noise_floor=before.floor, gap_unit=f"{GAP_UNIT} ({shown.how})", findings=findings,
+        rivals=candidates_of(ev, fits[1:], null.cost, "not as good") if fits else (),
+        next_test=None if proposed is None else proposed.text,
+        next_profile=None if proposed is None else proposed.profile,
+        recalibrated=recalibrated_of(fit, ev), reasons=answer.reasons,
+        unknown=unknown_shape(ev, whitened(ev, null), fits, null.cost)
+        if answer.verdict == "unknown effect" else None,
+        model_text=model_text(model, z, effects),
     )
+    return replace(
+        found, steps=steps_of(ev, null, answer, groups, found, shown.how),
+        panels=panels_of(ev, null, answer, held, shown.before, shown.after, seed=seed))
 
 
-def _candidates(fits: Sequence[Fit], ev: Evidence) -> tuple[Candidate, ...]:
-    return tuple(
-        Candidate(effect=f.terms[-1].variant.effect, score=float(np.sqrt(f.cost / ev.size)),
-                  p_value=float("nan"), reason=f.terms[-1].variant.name)
-        for f in fits if np.isfinite(f.cost)
-    )
-
-
-def _finding(
-    ev: Evidence, null: Recalibration, fits: Sequence[Fit], before: Gap, after: Gap, p: float
-) -> Finding:
-    best = fits[0]
-    margin = SET_MARGIN * best.cost / ev.size + SET_SHARE * best.cost
-    name = best.terms[0].variant.effect
-    equal: list[str] = []
-    for fit in fits[1:]:
-        other = fit.terms[0].variant.effect
-        if fit.cost - best.cost < margin and other != name and other not in equal:
-            equal.append(other)
-    return Finding(
-        effect=name, equivalent=tuple(equal[:2]), parameters=parameters_of(best, 0),
-        where=where_of(ev, null), p_value=p, gap_before=before.value, gap_after=after.value,
-        candidates=_candidates(fits, ev),
-    )
+def _effects(answer: Answer, model: Model) -> Effects:
+    return model.effects if answer.fit is None else answer.fit.effects(model.effects)

@@ -1,0 +1,120 @@
+"""How far recalibrated runs without a missing effect are off: measured on fresh units.
+
+The null library knows how a run repeats. What recalibration adds, such as limit cycles that no
+slope describes, is measured here: units that built no library are recalibrated. Their residuals
+give each feature its scale, and the cost of a complete model and the best gain of a useless
+effect their distributions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ema_identification.actuator.alignment import align
+from ema_identification.actuator.evidence import Block, evidence, noise_covariance
+from ema_identification.actuator.library_type import Library, Scale
+from ema_identification.actuator.recalibration import LAST_RUNS, recalibrate, solve_at
+from ema_identification.actuator.runs import Case, Progress, silent, simulate_case, spread_out
+from ema_identification.actuator.screening import residual, screen
+from ema_identification.actuator.spread import draw_conditions, draw_tolerances
+
+UNITS = 48
+CHUNK = 2
+MEMORY = 10.0
+"""Units that the prior scale of a feature counts for."""
+PRIOR_SCALE = 1.1
+HIGHEST = 20.0
+"""Largest scale of the variance of a feature."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Unit:
+    block: Block
+    centre: np.ndarray
+    mean: np.ndarray
+
+
+def _case(seed: int, index: int) -> Case:
+    rng = np.random.default_rng([seed, 4, index])
+    return Case(z=draw_tolerances(rng), conditions=draw_conditions(rng),
+                seed=int(rng.integers(2**31)))
+
+
+def _block(library: Library, case: Case) -> Block:
+    record = simulate_case(library.model, case, library.fmap)
+    return Block(record=record, library=library, conditions=align(record, library.model),
+                 values=library.fmap.extract(record))
+
+
+def _chunk(library: Library, seed: int, indices: Sequence[int]) -> np.ndarray:
+    """Return rows of features, tolerances and simulated features of recalibrated units."""
+    from threadpoolctl import threadpool_limits
+
+    rows = []
+    with threadpool_limits(limits=1):
+        for index in indices:
+            block = _block(library, _case(seed, index))
+            found = recalibrate(evidence([block]), seed=seed + index)
+            rows.append(np.concatenate([
+                block.values, found.mean[0], found.centre,
+                [block.conditions.temperature, block.conditions.bus, block.conditions.noise,
+                 block.conditions.start_angle]]))
+    return np.array(rows)
+
+
+def calibration_runs(
+    library: Library, *, seed: int, workers: int = 1, progress: Progress = silent,
+    units: int = UNITS,
+) -> np.ndarray:
+    """Return the rows from which `scale_of` takes its numbers, one a unit."""
+    chunks = [list(range(i, min(i + CHUNK, units))) for i in range(0, units, CHUNK)]
+    plain = replace(library, signatures=())
+    return np.concatenate(spread_out(
+        _chunk, [(plain, seed, c) for c in chunks], workers=workers, progress=progress,
+        what="fresh effect-free units"))
+
+
+def scale_of(library: Library, rows: np.ndarray) -> Scale:
+    """Return the scales from the rows of `calibration_runs`."""
+    units = [_unit(library, row) for row in rows]
+    squares = np.zeros(len(library.fmap.features))
+    for unit in units:
+        found = solve_at(evidence([unit.block]), unit.centre, [unit.mean], LAST_RUNS)
+        slope = evidence([unit.block]).slopes(unit.centre)[0]
+        rest = unit.block.values - unit.mean - slope @ (found.z - unit.centre)
+        squares += rest**2 / np.diag(noise_covariance(unit.block, runs=LAST_RUNS))
+    factor = (squares + MEMORY * PRIOR_SCALE) / (len(units) + MEMORY)
+    factor = np.clip(factor, 1.0, HIGHEST)
+    library = replace(library, scale=replace(library.scale, factor=factor))
+    costs, gains = [], []
+    for unit in units:
+        ev = evidence([replace(unit.block, library=library)])
+        costs.append(solve_at(ev, unit.centre, [unit.mean], LAST_RUNS).cost / ev.size)
+        if library.signatures:
+            rest = residual(ev, unit.centre, [unit.mean], runs=LAST_RUNS)
+            best = screen(ev, rest)[0]
+            gains.append((rest.cost - best.cost) / (best.cost / ev.size))
+    logs = np.log(costs)
+    middle = float(np.median(gains)) if gains else 10.0
+    tail = 5.0
+    if gains:
+        tail = max((float(np.quantile(gains, 0.9)) - middle) / math.log(5.0),
+                   (float(np.max(gains)) - middle) / math.log(len(gains)), 2.0)
+    return Scale(factor=factor, fit=(float(logs.mean()), max(float(logs.std(ddof=1)), 0.05)),
+                 gain=(middle, tail))
+
+
+def _unit(library: Library, row: np.ndarray) -> _Unit:
+    from ema_identification.actuator.spread import Conditions
+
+    d = len(library.fmap.features)
+    temperature, bus, noise, angle = row[-4:]
+    conditions = Conditions(
+        temperature=float(temperature), bus=float(bus), noise=float(noise),
+        start_angle=float(angle), measured=frozenset({"temperature", "bus"}))
+    block = Block(record=library.example, library=library, conditions=conditions, values=row[:d])
+    return _Unit(block=block, centre=row[2 * d:-4], mean=row[d:2 * d])

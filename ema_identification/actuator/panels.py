@@ -1,0 +1,197 @@
+"""Plots as data: measured against the model before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ema_identification.actuator.decision import Answer
+from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.held_out import Gap, whitened
+from ema_identification.actuator.lines import TURN, turns_of
+from ema_identification.actuator.recalibration import Recalibration
+from ema_identification.actuator.runs import Case, simulate_case
+from ema_identification.actuator.signals import Signals, prepare
+from ema_identification.identification import Curve, Panel
+from ema_record.record import Record
+
+BINS = 90
+POINTS = 500
+SMOOTH = 5e-3
+"""Moving mean of plotted curves (s)."""
+
+
+def panels_of(
+    evidence: Evidence, null: Recalibration, answer: Answer, held: Evidence | None, before: Gap,
+    after: Gap, *, seed: int,
+) -> tuple[Panel, ...]:
+    """Return the plots of an identification."""
+    block = evidence.blocks[0]
+    model, fmap = block.library.model, block.library.fmap
+    runs: list[tuple[str, Record]] = [("measured", block.record)]
+    z = evidence.tolerances.of(0, null.z)
+    runs.append(("before", simulate_case(model, Case(
+        z=z, conditions=block.conditions, seed=seed + 7), fmap)))
+    if answer.fit is not None:
+        runs.append(("after", simulate_case(model, Case(
+            z=evidence.tolerances.of(0, answer.fit.z), conditions=block.conditions, seed=seed + 7,
+            effects=answer.fit.effects(model.effects)), fmap)))
+    signals = [(role, prepare(record, model.actuator)) for role, record in runs]
+    panels = [_where(evidence, null, answer), *_vectors(evidence, null, answer),
+              _travel(signals), *_folded(evidence, signals)]
+    if answer.fits:
+        panels.append(_candidates(evidence, null, answer))
+    panels.append(_held(held if held is not None else evidence, before, after, answer))
+    return tuple(panels)
+
+
+def _role_curves(
+    rows: Sequence[tuple[str, np.ndarray, np.ndarray]], style: str = "line"
+) -> tuple[Curve, ...]:
+    labels = {"measured": "measured", "before": "model before", "after": "model after"}
+    return tuple(
+        Curve(label=labels[role], x=x, y=y, role=role, style=style)  # type: ignore[arg-type]
+        for role, x, y in rows
+    )
+
+
+def _by_place(evidence: Evidence, residual: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return time (s) and rms residual of each part of the first record."""
+    block = evidence.blocks[0]
+    plan = block.library.fmap.plan
+    times = {s.name: 0.5 * (s.begin + s.end) for s in plan.segments}
+    times |= {t.name: t.time for t in plan.transitions} | {"record": 0.0}
+    places = np.array([f.place for f in block.library.fmap.features])
+    names = sorted(set(places), key=lambda n: times[n])
+    return (np.array([times[n] for n in names]),
+            np.array([np.sqrt(np.mean(residual[0][places == n]**2)) for n in names]))
+
+
+def _where(evidence: Evidence, null: Recalibration, answer: Answer) -> Panel:
+    rows = [("before", *_by_place(evidence, whitened(evidence, null)))]
+    if answer.fit is not None:
+        rows.append(("after", *_by_place(evidence, whitened(evidence, answer.fit))))
+    x = rows[0][1]
+    floor = Curve(label="nothing missing", x=x, y=np.ones_like(x), role="floor")
+    return Panel(
+        name="where", title="Residual of each part of the test, before and after.",
+        x_label="time of the test (s)", y_label="residual, rms (standard deviations)",
+        curves=(*_role_curves(rows, "points"), floor), step="where", log_y=True)
+
+
+def _vectors(evidence: Evidence, null: Recalibration, answer: Answer) -> list[Panel]:
+    """Return torque against speed and torque lines, from the features."""
+    block = evidence.blocks[0]
+    fmap, plan = block.library.fmap, block.library.fmap.plan
+    index = {f.name: k for k, f in enumerate(fmap.features)}
+    vectors = [("measured", block.values), ("before", null.mean[0])]
+    if answer.fit is not None:
+        vectors.append(("after", answer.fit.mean[0]))
+    k2 = 2.0 * block.library.model.actuator.motor.back_emf_constant
+    moving = [s for s in plan.segments if s.kind != "hold"]
+    panels = []
+    if moving:
+        x = np.array([s.speed for s in moving])
+        panels.append(Panel(
+            name="torque_speed", title="Mean motor torque of each slew and ramp, against speed.",
+            x_label="motor speed (rad/s)", y_label="motor torque (N m)", step="where",
+            curves=_role_curves([(role, x, k2 * np.array(
+                [v[index[f"{s.name}.current"]] for s in moving])) for role, v in vectors],
+                "points")))
+    locked = [s for s in moving if f"{s.name}.torque_line_24_re" in index] or [
+        s for s in moving if f"{s.name}.torque_line_1_re" in index]
+    if locked:
+        segment = max(locked, key=lambda s: _line_power(evidence, null, s.name))
+        orders = [h for h in range(1, 25) if f"{segment.name}.torque_line_{h}_re" in index]
+        rows = [(role, np.array(orders, dtype=float), np.array([
+            2e-3 * np.hypot(v[index[f"{segment.name}.torque_line_{h}_re"]],
+                            v[index[f"{segment.name}.torque_line_{h}_im"]]) for h in orders]))
+            for role, v in vectors]
+        panels.append(Panel(
+            name="torque_lines", title=f"Torque periodic in rotor angle: {segment.text}.",
+            x_label="periods a turn", y_label="amplitude (N m)", step="where",
+            curves=_role_curves(rows, "points"), log_y=True))
+    return panels
+
+
+def _line_power(evidence: Evidence, null: Recalibration, place: str) -> float:
+    residual = whitened(evidence, null)[0]
+    return float(sum(x**2 for f, x in zip(evidence.blocks[0].library.fmap.features, residual)
+                     if f.place == place and ".torque_line_" in f.name))
+
+
+def _thin(values: np.ndarray, width: int) -> np.ndarray:
+    smooth = np.convolve(values, np.ones(width) / width, mode="same")
+    return smooth[::max(1, len(values) // POINTS)]
+
+
+def _travel(signals: Sequence[tuple[str, Signals]]) -> Panel:
+    rows = []
+    for role, s in signals:
+        width = max(1, round(SMOOTH / max(float(np.median(np.diff(s.time))), 1e-9)))
+        rows.append((role, _thin(s.time, 1), 1e3 * _thin(s.lag, width)))
+    return Panel(
+        name="lag", title="Motor travel through the gear minus surface position, over the test.",
+        x_label="time (s)", y_label="lag (mrad)", curves=_role_curves(rows), step="where")
+
+
+def _folded(evidence: Evidence, signals: Sequence[tuple[str, Signals]]) -> list[Panel]:
+    """Return the torque current over a turn of the rotor, of a slow and a fast segment."""
+    plan = evidence.blocks[0].library.fmap.plan
+    slews = [s for s in plan.segments if s.kind == "slew"]
+    if not slews:
+        return []
+    panels = []
+    chosen = {min(slews, key=lambda s: abs(s.speed)).name: "slow",
+              max(slews, key=lambda s: abs(s.speed)).name: "fast"}
+    for segment in slews:
+        if segment.name not in chosen:
+            continue
+        rows = []
+        for role, s in signals:
+            turns = turns_of(s.theta, s.between(segment.begin, segment.end))
+            if turns is None:
+                continue
+            place = (np.mod(turns.theta, TURN) / TURN * BINS).astype(int) % BINS
+            count = np.maximum(np.bincount(place, minlength=BINS), 1)
+            mean = np.bincount(place, weights=s.torque_current[turns.part], minlength=BINS) / count
+            rows.append((role, 360.0 / BINS * (np.arange(BINS) + 0.5), mean))
+        panels.append(Panel(
+            name=f"current_{chosen[segment.name]}",
+            title=f"Torque current over a turn of the rotor: {segment.text}.",
+            x_label="electrical rotor angle (deg)", y_label="torque current (A)",
+            curves=_role_curves(rows), step="where"))
+    return panels
+
+
+def _candidates(evidence: Evidence, null: Recalibration, answer: Answer) -> Panel:
+    costs = np.array([np.sqrt(f.cost / evidence.size) for f in answer.fits])
+    x = np.arange(1.0, len(costs) + 1.0)
+    curves = [
+        Curve(label=f.terms[-1].variant.name, x=x[k:k + 1], y=costs[k:k + 1], style="points")
+        for k, f in enumerate(answer.fits)
+    ]
+    ends = np.array([0.5, len(costs) + 0.5])
+    usual = np.exp(0.5 * evidence.blocks[0].library.scale.fit[0])
+    curves += [
+        Curve(label="model before", x=ends, role="before",
+              y=np.full(2, np.sqrt(null.cost / evidence.size))),
+        Curve(label="nothing missing", x=ends, y=np.full(2, usual), role="floor"),
+    ]
+    return Panel(name="candidates", title="What each candidate leaves, best first.",
+                 x_label="candidate", y_label="misfit (standard deviations)",
+                 curves=tuple(curves), step="name", log_y=True)
+
+
+def _held(evidence: Evidence, before: Gap, after: Gap, answer: Answer) -> Panel:
+    rows = [("before", *_by_place(evidence, before.residual))]
+    if answer.fit is not None:
+        rows.append(("after", *_by_place(evidence, after.residual)))
+    x = rows[0][1]
+    return Panel(
+        name="gap", title="The gap on data that took no part in the fit, by part of the test.",
+        x_label="time of the test (s)", y_label="residual, rms (standard deviations)",
+        curves=(*_role_curves(rows, "points"),
+                Curve(label="nothing missing", x=x, y=np.ones_like(x), role="floor")),
+        step="show", log_y=True)

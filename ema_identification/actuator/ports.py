@@ -1,0 +1,172 @@
+"""Unknown: where an effect lives that the catalogue does not hold, and what it looks like.
+
+Two readings together: the signals in which the residual lives point to ports by physics, and the
+catalogue's entries that come nearest in shape, though they do not explain it, have a port.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+import numpy as np
+
+from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.refit import Fit
+from ema_identification.actuator.where import Group, groups_of
+from ema_identification.identification import Curve, Panel, Shape
+from ema_sim.effects import EFFECTS
+
+SENSOR_SIGNALS = {"sum of the phase currents", "measured speed minus speed of the rotor angle"}
+SENSOR_FEATURES = ("position_step", "speed_step", "position_at_start", "gain_ab", "gain_ac",
+                   "offset_a", "offset_b", "offset_c", "slip")
+STRONG = 8.0
+"""Residual of a feature that by itself settles a port (standard deviations)."""
+NEAR = 0.5
+"""Part of the misfit that an entry must explain for its port to be given first."""
+
+
+def unknown_shape(
+    evidence: Evidence, residual: Sequence[np.ndarray], fits: Sequence[Fit], null_cost: float
+) -> Shape:
+    """Return port and shape of what is left.
+
+    Parameters
+    ----------
+    evidence : the records.
+    residual : of the recalibrated model, in standard deviations, a record.
+    fits : the catalogue's candidates, best first; none of them explains the residual.
+    null_cost : cost without any of them.
+    """
+    groups = groups_of(evidence, residual)
+    ports = _ports(evidence, residual, groups, fits, null_cost)
+    text = f"{', '.join(ports)}: {_words(evidence, residual, groups)}"
+    return Shape(port=", ".join(ports), text=text, panel=_panel(evidence, residual))
+
+
+def _ports(
+    evidence: Evidence, residual: Sequence[np.ndarray], groups: Sequence[Group],
+    fits: Sequence[Fit], null_cost: float,
+) -> list[str]:
+    found: list[str] = []
+    values = _by_name(evidence, residual)
+    if abs(values.get("bus_slope", 0.0)) > STRONG:
+        found.append("supply")
+    sensor = max((abs(values.get(n, 0.0)) for n in SENSOR_FEATURES), default=0.0)
+    summed = max((g.largest for g in groups if g.signal in SENSOR_SIGNALS), default=0.0)
+    if max(sensor, summed) > STRONG:
+        found.append("sensor")
+    near = [f for f in fits if np.isfinite(f.cost) and f.cost < (1.0 - NEAR) * null_cost]
+    for fit in near:
+        nearest = str(EFFECTS[fit.terms[0].variant.effect].port)
+        if nearest not in found:
+            found.append(nearest)
+    for port in _by_physics(values, groups):
+        if port not in found:
+            found.append(port)
+    return found[:2] or ["controller"]
+
+
+def _by_physics(values: dict[str, float], groups: Sequence[Group]) -> list[str]:
+    """Return ports in the order in which the signals point to them."""
+    score: dict[str, float] = defaultdict(float)
+    for group in groups:
+        x = group.excess
+        if group.signal == "motor torque":
+            if group.against == "rotor angle":
+                ahead = _turns_with_direction(values)
+                score["winding" if ahead > 0.0 else "motor torque"] += x
+            elif group.against == "speed":
+                score["friction"] += x
+            elif group.against == "position":
+                score["load" if "reversal" not in group.place else "friction"] += x
+            elif group.against == "test phase":
+                score["load" if "start" in group.place else "friction"] += 0.5 * x
+        elif group.signal.startswith("phase current"):
+            score["winding"] += 0.5 * x
+            score["supply"] += 0.25 * x
+        elif group.signal.startswith("motor travel"):
+            score["transmission"] += x
+        elif group.signal == "motor speed":
+            loop = group.against in ("frequency", "test phase")
+            score["controller" if loop else "load"] += 0.5 * x
+        elif group.signal == "surface position":
+            score["transmission" if "reversal" in group.place else "sensor"] += x
+        elif group.signal == "bus voltage":
+            score["supply"] += x
+    return [port for port, _ in sorted(score.items(), key=lambda item: -item[1])]
+
+
+def _turns_with_direction(values: dict[str, float]) -> float:
+    """Say whether the torque lines change sign with the direction (positive) or keep it.
+
+    A torque that belongs to the angle alone (cogging) has the same lines both ways; one that
+    modulates the torque constant follows the sign of the current.
+    """
+    total = 0.0
+    names = sorted({n.split(".")[0] for n in values if ".torque_line_" in n})
+    for a, b in zip(names, names[1:]):
+        for key in [n for n in values if n.startswith(f"{a}.torque_line_")]:
+            other = key.replace(f"{a}.", f"{b}.", 1)
+            if other in values:
+                total -= float(np.clip(values[key], -30, 30) * np.clip(values[other], -30, 30))
+    return total
+
+
+def _by_name(evidence: Evidence, residual: Sequence[np.ndarray]) -> dict[str, float]:
+    features = evidence.blocks[0].library.fmap.features
+    return {f.name: float(x) for f, x in zip(features, residual[0])}
+
+
+def _words(evidence: Evidence, residual: Sequence[np.ndarray], groups: Sequence[Group]) -> str:
+    """Return the measured shape in words with numbers."""
+    parts = []
+    line = largest_line(evidence, residual)
+    if line is not None:
+        order, torque, place = line
+        parts.append(f"motor torque periodic in rotor angle, {order} a turn, {torque:.2g} N m "
+                     f"({place})")
+    for group in groups[:3]:
+        parts.append(f"{group.signal} against {group.against}, {group.place}, up to "
+                     f"{group.largest:.0f} standard deviations")
+    return "; ".join(parts)
+
+
+def largest_line(
+    evidence: Evidence, residual: Sequence[np.ndarray]
+) -> tuple[int, float, str] | None:
+    """Return order, amplitude (N m) and segment of the clearest torque line that is left."""
+    block, r = evidence.blocks[0], residual[0]
+    null = block.library.null
+    deviation = null.deviation(block.conditions.noise)
+    texts = {s.name: s.text for s in block.library.fmap.plan.segments}
+    lines: dict[tuple[str, int], list[float]] = defaultdict(list)
+    clear: dict[tuple[str, int], float] = defaultdict(float)
+    for feature, x, sd in zip(block.library.fmap.features, r, deviation):
+        if ".torque_line_" not in feature.name:
+            continue
+        order = int(feature.name.split("_")[2])
+        lines[feature.place, order].append(float(x * sd) * 2e-3)
+        clear[feature.place, order] += float(x)**2
+    if not clear:
+        return None
+    (place, order), power = max(clear.items(), key=lambda item: item[1])
+    if power < 2.0 * STRONG**2:
+        return None
+    return order, float(np.linalg.norm(lines[place, order])), texts.get(place, place)
+
+
+def _panel(evidence: Evidence, residual: Sequence[np.ndarray]) -> Panel:
+    """Return the residual of every feature, in the order of the test."""
+    r = residual[0]
+    curves = []
+    signals: dict[str, list[int]] = defaultdict(list)
+    for k, feature in enumerate(evidence.blocks[0].library.fmap.features):
+        signals[feature.signal].append(k)
+    for signal, where in signals.items():
+        curves.append(Curve(label=signal, x=np.array(where, dtype=float), y=r[where],
+                            style="points"))
+    return Panel(
+        name="unknown", title="What no effect of the catalogue explains, feature by feature.",
+        x_label="number of the feature, in the order of the test",
+        y_label="residual (standard deviations)", curves=tuple(curves), step="where")
