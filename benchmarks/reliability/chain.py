@@ -88,7 +88,7 @@ class Chain:
         except psutil.NoSuchProcess:
             return False
 
-    def signal(self, module: str, number: signal.Signals) -> None:
+    def send_signal(self, module: str, number: signal.Signals) -> None:
         """Send a signal to a node."""
         os.kill(self._supervisor.pid(module), number)
 

@@ -60,7 +60,7 @@ class SimulatorKilled(Fault):
 
     def strike(self) -> None:
         """Kill it."""
-        self.found.signal(SIMULATOR, signal.SIGKILL)
+        self.found.send_signal(SIMULATOR, signal.SIGKILL)
 
 
 class SimulatorRestarted(SimulatorKilled):
@@ -78,7 +78,7 @@ class PrognosticsKilled(Fault):
 
     def strike(self) -> None:
         """Kill them."""
-        self.found.signal(PROGNOSTICS, signal.SIGKILL)
+        self.found.send_signal(PROGNOSTICS, signal.SIGKILL)
 
 
 class PeerLost(Fault):
@@ -86,11 +86,11 @@ class PeerLost(Fault):
 
     def strike(self) -> None:
         """Stop it."""
-        self.found.signal(SIMULATOR, signal.SIGSTOP)
+        self.found.send_signal(SIMULATOR, signal.SIGSTOP)
 
     def end(self) -> None:
         """Let it go on."""
-        self.found.signal(SIMULATOR, signal.SIGCONT)
+        self.found.send_signal(SIMULATOR, signal.SIGCONT)
 
 
 class AircraftSilent(Fault):
@@ -125,7 +125,7 @@ class MonitorKilled(Fault):
 
     def strike(self) -> None:
         """Kill it."""
-        self.found.signal(MONITOR, signal.SIGKILL)
+        self.found.send_signal(MONITOR, signal.SIGKILL)
 
     def lost(self) -> bool:
         """Whoever asked is not answered."""
@@ -137,7 +137,7 @@ class MonitorEnded(MonitorKilled):
 
     def strike(self) -> None:
         """Tell it."""
-        self.found.signal(MONITOR, signal.SIGTERM)
+        self.found.send_signal(MONITOR, signal.SIGTERM)
 
 
 class SlowConsumer(Fault):
@@ -150,11 +150,11 @@ class SlowConsumer(Fault):
 
     def strike(self) -> None:
         """Stop the prognostics too."""
-        self.found.signal(PROGNOSTICS, signal.SIGSTOP)
+        self.found.send_signal(PROGNOSTICS, signal.SIGSTOP)
 
     def end(self) -> None:
         """Let all go on."""
-        self.found.signal(PROGNOSTICS, signal.SIGCONT)
+        self.found.send_signal(PROGNOSTICS, signal.SIGCONT)
         self._reader.kill()
         self._reader.wait()
 
