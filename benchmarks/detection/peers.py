@@ -94,19 +94,15 @@ class Perceptron:
         self._scaler = StandardScaler().fit(x)
         x = self._scaler.transform(x)
         present = train.severity > 0.0
-        self._which = _fit(
-            MLPClassifier(HIDDEN, max_iter=ITERATIONS, early_stopping=True, random_state=seed),
-            x, present.astype(int),
-        )
+        plain: dict[str, Any] = {"hidden_layer_sizes": HIDDEN, "max_iter": ITERATIONS,
+                                 "early_stopping": True, "random_state": seed}
+        self._which = _fit(MLPClassifier(**plain), x, present.astype(int))
         self._severity: dict[str, Any] = {}
         for k, output in enumerate(OUTPUTS):
             rows = present[:, k]
             if np.count_nonzero(rows) >= 20:
                 self._severity[output] = _fit(
-                    MLPRegressor(HIDDEN, max_iter=ITERATIONS, early_stopping=True,
-                                 random_state=seed),
-                    x[rows], np.log(train.severity[rows, k]),
-                )
+                    MLPRegressor(**plain), x[rows], np.log(train.severity[rows, k]))
 
     def _inputs(self, record: np.ndarray, baseline: np.ndarray) -> np.ndarray:
         return record if self.view == "fleet" else differences(self.names, record, baseline)
