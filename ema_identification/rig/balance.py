@@ -13,6 +13,9 @@ from ema_identification.rig.laws import Term
 from ema_identification.rig.regression import Bounds, Fit, fit, held_out
 from ema_identification.rig.trajectory import Segment, Trajectory
 
+AT_ONCE = 40
+"""Terms whose regressors are filtered together."""
+
 
 class Design:
     """Regressors of terms along one trajectory, each evaluated once.
@@ -34,16 +37,28 @@ class Design:
         if trajectory is None and term.key in self._cache:
             return self._cache[term.key]
         where = trajectory or self.trajectory
-        evaluated = [term.law.columns(s, where, term.shape) for s in where.segments]
-        by_segment = {id(s): columns for s, columns in zip(where.segments, evaluated)}
-        count = len(evaluated[0])
-        columns = np.column_stack([
-            where.reduce(lambda segment, k=k: by_segment[id(segment)][k])  # type: ignore[misc]
-            for k in range(count)
-        ])
+        columns = where.reduce(
+            lambda segment: np.column_stack(term.law.columns(segment, where, term.shape)))
         if trajectory is None and not term.law.of_prediction:
             self._cache[term.key] = columns
         return columns
+
+    def evaluate(self, terms: Sequence[Term]) -> None:
+        """Evaluate the regressors of many terms at once, which is quicker than one by one."""
+        new = [term for term in terms if term.key not in self._cache]
+        for first in range(0, len(new), AT_ONCE):
+            some = new[first:first + AT_ONCE]
+            columns = self._side_by_side(some)
+            at = 0
+            for term in some:
+                count = len(term.law.coefficients)
+                self._cache[term.key] = columns[:, at:at + count]
+                at += count
+
+    def _side_by_side(self, terms: Sequence[Term]) -> np.ndarray:
+        return self.trajectory.reduce(lambda segment: np.column_stack([
+            column for term in terms
+            for column in term.law.columns(segment, self.trajectory, term.shape)]))
 
     def predicted(self, terms: Sequence[Term], coefficients: np.ndarray) -> Trajectory:
         """Return the trajectory with what `terms` predict of the input."""

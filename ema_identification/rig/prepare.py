@@ -84,7 +84,7 @@ def prepare(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
         decimation=settings.decimate, gate=settings.gate,
         has_disturbance=any(record.has(DISTURBANCE) for record in records), notes=tuple(notes),
     )
-    cycles = sum(len(s) * s.step for s in segments) * max(bands[longest].motion, 1e-9)
+    cycles = sum(len(s) * s.step for s in segments) * max(bands[longest].middle, 1e-9)
     if len(trajectory.target) < 60 or cycles < 1.0:
         if trajectory.rest > 0.8:
             raise no_motion(first, rms, standstill)

@@ -106,6 +106,7 @@ Column = Callable[[Segment], np.ndarray]
 
 def waves_in_position(design: Design) -> list[GenericShape]:
     """Return one shape for each order that the record can show."""
+    design.evaluate([Term(law=COGGING_TORQUE, shape=shape) for shape in orders(design.trajectory)])
     return [
         GenericShape(against="position", label="a wave in position", order=shape[0],
                      columns=design.columns(Term(law=COGGING_TORQUE, shape=shape)))

@@ -90,7 +90,8 @@ class Trajectory:
 
     def _reduced(self, segment: Segment, values: np.ndarray) -> np.ndarray:
         if self.decimation is not None:
-            reduced: np.ndarray = signal.decimate(values, self.decimation, zero_phase=True)
+            reduced: np.ndarray = signal.decimate(
+                values, self.decimation, axis=0, zero_phase=True)
             return reduced
         return self.smoothed(segment, values)[:: self._steps(segment)]
 
@@ -126,7 +127,10 @@ class Trajectory:
         return near
 
     def reduce(self, column: Column) -> np.ndarray:
-        """Return a regressor filtered, decimated and gated like the input, shape (rows,)."""
+        """Return regressors filtered, decimated and gated like the input.
+
+        Shape (rows,), or (rows, k) where `column` gives k of them side by side.
+        """
         return np.concatenate([
             self._reduced(segment, column(segment))[rows]
             for segment, rows in zip(self.segments, self._kept)
@@ -198,25 +202,34 @@ def low_pass(values: np.ndarray, rate: float, band: float) -> np.ndarray:
 
     Parameters
     ----------
-    values : ndarray, shape (n,)
-        Evenly sampled.
+    values : ndarray, shape (n,) or (n, k)
+        Evenly sampled along the first axis.
     rate, band : float
         Samples a second (1/s), cut-off (Hz).
 
     """
     if band >= 0.45 * rate:
         return values
-    sections = _sections(band / rate)
+    sections, start = _sections(band / rate)
+    start = start.reshape(start.shape + (1,) * (values.ndim - 1))
     length = min(len(values) - 1, int(3 * rate / band))
-    filtered: np.ndarray = signal.sosfiltfilt(sections, values, padlen=length)
+    # Odd at both ends, like scipy.signal.sosfiltfilt, whose set-up a column is dear.
+    extended = np.concatenate([
+        2 * values[:1] - values[length:0:-1], values,
+        2 * values[-1:] - values[-2:-length - 2:-1]])
+    for _ in range(2):
+        extended, _state = signal.sosfilt(
+            sections, extended, axis=0, zi=start * extended[:1][None])
+        extended = extended[::-1]
+    filtered: np.ndarray = extended[length:len(extended) - length]
     return filtered
 
 
 @lru_cache(maxsize=32)
-def _sections(share: float) -> np.ndarray:
-    """Return the filter for a cut-off in units of the rate."""
+def _sections(share: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the filter for a cut-off in units of the rate, and its state under a constant 1."""
     sections: np.ndarray = signal.butter(FILTER_ORDER, 2.0 * share, output="sos")
-    return sections
+    return sections, np.asarray(signal.sosfilt_zi(sections))
 
 
 _STENCIL = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
@@ -233,10 +246,3 @@ def derivative(values: np.ndarray, step: float) -> np.ndarray:
     ends = np.gradient(values, step)
     inner[:3], inner[-3:] = ends[:3], ends[-3:]
     return inner
-
-
-def rows_of(trajectory: Trajectory, columns: Sequence[Column]) -> np.ndarray:
-    """Return several regressors side by side, shape (rows, columns)."""
-    if not columns:
-        return np.empty((len(trajectory.target), 0))
-    return np.column_stack([trajectory.reduce(column) for column in columns])

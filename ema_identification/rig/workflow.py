@@ -151,7 +151,8 @@ def _noise_floor(
     end = found.balance
     columns = freest_columns(end.free_columns, smooth)
     own = rms(end.held_out(blocks))
-    shaped = [own * np.sqrt(max(1.0 - left.gain, 0.0)) for left in found.left]
+    shaped = [own * np.sqrt(max(1.0 - left.gain, 0.0)) for left in found.left
+              if left.significant]
     floor = float(min(rms(held_out(columns, end.target, blocks)), own, *shaped))
     ratio = gaps[-1] / own if validated and own > 0.0 else 1.0
     return min(floor * ratio, *gaps)
