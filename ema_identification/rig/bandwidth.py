@@ -25,8 +25,6 @@ class Band:
     """Power density of the noise of the output (its unit squared a Hz)."""
     motion: float
     """Frequency below which 99 % of the power of the speed lies (Hz)."""
-    middle: float
-    """Frequency below which half of it lies (Hz)."""
 
 
 def response_band(values: np.ndarray, rate: float, *, is_position: bool) -> Band:
@@ -57,10 +55,7 @@ def response_band(values: np.ndarray, rate: float, *, is_position: bool) -> Band
     above = np.maximum(density - noise, 0.0)
     weight = (2 * np.pi * frequency) ** 2 if is_position else np.ones_like(frequency)
     power = np.cumsum(above * weight)
-    middle, motion = (
-        float(frequency[np.searchsorted(power, share * power[-1])]) if power[-1] > 0.0 else 0.0
-        for share in (0.5, 0.99)
-    )
+    motion = float(frequency[np.searchsorted(power, 0.99 * power[-1])]) if power[-1] > 0 else 0.0
     edges = np.geomspace(frequency[1], 0.45 * rate, 60)
     edge = 0.0
     for low, high in zip(edges[:-1], edges[1:]):
@@ -68,8 +63,7 @@ def response_band(values: np.ndarray, rate: float, *, is_position: bool) -> Band
         if len(inside) and np.median(inside) > RATIO * noise:
             edge = float(high)
     edge = max(edge, HARMONICS * motion, 10.0 * rate / len(values))
-    return Band(edge=min(edge, WIDEST * rate), noise_density=noise, motion=motion,
-                middle=middle)
+    return Band(edge=min(edge, WIDEST * rate), noise_density=noise, motion=motion)
 
 
 def speed_noise(band: Band, *, is_position: bool) -> float:

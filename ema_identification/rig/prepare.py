@@ -23,6 +23,8 @@ SMALLEST = 1e-3
 MAX_SAMPLES = 400_000
 """Most samples of all segments, after thinning."""
 MIN_SEGMENT = 64
+CLEAR = 0.25
+"""Standard deviations."""
 
 
 def prepare(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
@@ -84,13 +86,20 @@ def prepare(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
         decimation=settings.decimate, gate=settings.gate,
         has_disturbance=any(record.has(DISTURBANCE) for record in records), notes=tuple(notes),
     )
-    cycles = sum(len(s) * s.step for s in segments) * max(bands[longest].middle, 1e-9)
+    cycles = sum(_alternations(segment.smooth_speed) for segment in segments) / 2
     if len(trajectory.target) < 60 or cycles < 1.0:
         if trajectory.rest > 0.8:
             raise no_motion(first, rms, standstill)
         raise too_short(first, f"{len(trajectory.target)} rows of the band and {cycles:.2g} "
-                               "cycles of the motion, at least 60 and 1")
+                               "cycles of the speed, at least 60 and 1")
     return trajectory
+
+
+def _alternations(speed: np.ndarray) -> int:
+    """Return how often a speed changes between clearly above and clearly below its mean."""
+    score = (speed - speed.mean()) / max(float(speed.std()), 1e-300)
+    clear = score[np.abs(score) > CLEAR] > 0.0
+    return int(np.count_nonzero(clear[1:] != clear[:-1]))
 
 
 def _even(record: RigRecord, notes: list[str]) -> list[dict[str, np.ndarray]]:
