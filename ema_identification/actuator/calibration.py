@@ -68,10 +68,11 @@ def _chunk(library: Library, seed: int, indices: Sequence[int]) -> np.ndarray:
 
 def calibration_runs(
     library: Library, *, seed: int, workers: int = 1, progress: Progress = silent,
-    units: int = UNITS,
+    units: int | None = None,
 ) -> np.ndarray:
     """Return the rows from which `scale_of` takes its numbers, one a unit."""
-    chunks = [list(range(i, min(i + CHUNK, units))) for i in range(0, units, CHUNK)]
+    n = UNITS if units is None else units
+    chunks = [list(range(i, min(i + CHUNK, n))) for i in range(0, n, CHUNK)]
     plain = replace(library, signatures=())
     return np.concatenate(spread_out(
         _chunk, [(plain, seed, c) for c in chunks], workers=workers, progress=progress,

@@ -64,7 +64,7 @@ def decide(
 ) -> Answer:
     """Return the answer to a recalibrated model's residual."""
     scale, size = evidence.blocks[0].library.scale, evidence.size
-    proposal = propose(evidence, null, without=without)
+    proposal = propose(evidence, null, without=without, seed=seed)
     if not proposal.screened:
         gain = 0.0
     else:

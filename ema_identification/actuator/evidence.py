@@ -197,7 +197,7 @@ def solve(
     corrected = full.copy()
     corrected[range(free, len(scale)), range(free, len(scale))] -= feigned
     values, vectors = np.linalg.eigh(corrected)
-    corrected = (vectors * np.maximum(values, 1e-6)) @ vectors.T
+    corrected = (vectors * np.maximum(values, 1e-12)) @ vectors.T
     prior = np.zeros(len(scale))
     prior[free:] = 1.0 / PRIOR**2
     pull = scaled.T @ target

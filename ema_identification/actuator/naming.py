@@ -8,9 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.periodic import periodic_candidates
 from ema_identification.actuator.recalibration import Recalibration
 from ema_identification.actuator.refit import Fit, Term, refit
-from ema_identification.actuator.screening import Residual, Screened, residual, screen, stacked
+from ema_identification.actuator.screening import (
+    Residual,
+    Screened,
+    residual,
+    screen,
+    signature_of,
+)
 from ema_identification.actuator.spread import N_TOLERANCES
 
 LEVEL = 0.005
@@ -38,7 +45,7 @@ def gain_of(rest: Residual, best: Screened, size: int) -> float:
 
 
 def propose(
-    evidence: Evidence, null: Recalibration, *, without: Sequence[str] = ()
+    evidence: Evidence, null: Recalibration, *, without: Sequence[str] = (), seed: int = 0
 ) -> Proposal:
     """Return residuals, the screening of the near one, and candidates of both.
 
@@ -55,6 +62,7 @@ def propose(
     for screened in (*far[:KEPT], *near[:KEPT]):
         if all(screened.variant.name != c.variant.name for c in chosen):
             chosen.append(screened)
+    chosen += periodic_candidates(evidence, null, local, without=without, seed=seed)
     return Proposal(near=local, far=wide, screened=near, chosen=chosen)
 
 
@@ -65,7 +73,7 @@ def fit_candidates(
     found: list[Fit] = []
     best = np.inf
     for screened in chosen:
-        term = Term(variant=screened.variant, signature=stacked(evidence, screened.index),
+        term = Term(variant=screened.variant, signature=signature_of(evidence, screened),
                     u=screened.u)
         fit = refit(evidence, [term], screened.z, null.mean, seed=seed, give_up=POOR * best)
         best = min(best, fit.cost)

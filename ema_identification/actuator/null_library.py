@@ -84,11 +84,11 @@ def design(v: np.ndarray) -> np.ndarray:
 
 def build_null_library(
     model: Model, fmap: FeatureMap, *, seed: int = 0, workers: int = 1,
-    progress: Progress = silent, units: int = UNITS,
+    progress: Progress = silent, units: int | None = None,
 ) -> NullLibrary:
     """Simulate the units and return their statistics."""
     cases: list[Case] = []
-    for k in range(units):
+    for k in range(UNITS if units is None else units):
         rng = np.random.default_rng([seed, 1, k])
         case = Case(z=draw_tolerances(rng), conditions=draw_conditions(rng),
                     seed=int(rng.integers(2**31)))

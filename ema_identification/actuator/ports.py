@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.periodic import largest_line
 from ema_identification.actuator.refit import Fit
 from ema_identification.actuator.where import Group, groups_of
 from ema_identification.identification import Curve, Panel, Shape
@@ -130,30 +131,6 @@ def _words(evidence: Evidence, residual: Sequence[np.ndarray], groups: Sequence[
         parts.append(f"{group.signal} against {group.against}, {group.place}, up to "
                      f"{group.largest:.0f} standard deviations")
     return "; ".join(parts)
-
-
-def largest_line(
-    evidence: Evidence, residual: Sequence[np.ndarray]
-) -> tuple[int, float, str] | None:
-    """Return order, amplitude (N m) and segment of the clearest torque line that is left."""
-    block, r = evidence.blocks[0], residual[0]
-    null = block.library.null
-    deviation = null.deviation(block.conditions.noise)
-    texts = {s.name: s.text for s in block.library.fmap.plan.segments}
-    lines: dict[tuple[str, int], list[float]] = defaultdict(list)
-    clear: dict[tuple[str, int], float] = defaultdict(float)
-    for feature, x, sd in zip(block.library.fmap.features, r, deviation):
-        if ".torque_line_" not in feature.name:
-            continue
-        order = int(feature.name.split("_")[2])
-        lines[feature.place, order].append(float(x * sd) * 2e-3)
-        clear[feature.place, order] += float(x)**2
-    if not clear:
-        return None
-    (place, order), power = max(clear.items(), key=lambda item: item[1])
-    if power < 2.0 * STRONG**2:
-        return None
-    return order, float(np.linalg.norm(lines[place, order])), texts.get(place, place)
 
 
 def _panel(evidence: Evidence, residual: Sequence[np.ndarray]) -> Panel:

@@ -59,6 +59,8 @@ class Screened:
     """Sum of squares left."""
     z: np.ndarray
     """Tolerances that go with it."""
+    own: Signature | None = None
+    """Signature of all records, stacked, where it is not in the libraries."""
 
 
 def residual(
@@ -113,11 +115,16 @@ def stacked(evidence: Evidence, index: int) -> Signature:
     return Signature(variant=first.variant, levels=tuple(levels), values=tuple(values))
 
 
+def signature_of(evidence: Evidence, screened: Screened) -> Signature:
+    """Return the signature of a screened variant, of all records."""
+    return stacked(evidence, screened.index) if screened.own is None else screened.own
+
+
 def screen(
     evidence: Evidence, rest: Residual, *, without: Iterable[str] = ()
 ) -> list[Screened]:
     """Return all variants with their best coordinates, best first."""
-    return sorted((_best(stacked(evidence, index), index, rest)
+    return sorted((best_of(stacked(evidence, index), index, rest)
                    for index in selectable(evidence, without)), key=lambda s: s.cost)
 
 
@@ -131,7 +138,8 @@ def selectable(evidence: Evidence, without: Iterable[str]) -> list[int]:
     ]
 
 
-def _best(signature: Signature, index: int, rest: Residual) -> Screened:
+def best_of(signature: Signature, index: int, rest: Residual) -> Screened:
+    """Return a variant at the coordinates at which it leaves least of the residual."""
     white = [rest.white(values.T).T for values in signature.values]
     u = np.zeros(signature.variant.size)
     parts = [np.zeros_like(rest.target) for _ in u]

@@ -135,6 +135,12 @@ def _vector(
     )
 
 
+def ripple(effect: str, periods: float, level: float) -> Variant:
+    """Return cogging or mesh ripple of `periods` a turn, near the amplitude `level`."""
+    return _vector(effect, "amplitude", "phase", (level,), label=f"{periods:g} a turn",
+                   quarter=0.5 * math.pi, periods=periods)
+
+
 def _wrap(angle: float) -> float:
     return math.remainder(angle, 2.0 * math.pi)
 
@@ -145,7 +151,7 @@ def _stribeck(speed: float) -> Variant:
 
     return Variant(
         name=f"stribeck_friction at {speed:g} rad/s", effect="stribeck_friction",
-        levels=(_both(0.1, 0.4, 1.2), ()), settings=settings,
+        levels=((-0.4, -0.1, 0.1, 0.4, 1.2), ()), settings=settings,
         low=(-0.5, math.log(0.5 / speed)), high=(3.0, math.log(500.0 / speed)),
     )
 

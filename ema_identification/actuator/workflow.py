@@ -28,8 +28,8 @@ from ema_record.record import Record
 from ema_sim.actuator import Model
 from ema_sim.effects import Effects
 
-GAP_UNIT = ("rms of the held-out features, in standard deviations of what the model may be off "
-            "when nothing is missing")
+GAP_UNIT = ("rms of the worst tenth of the held-out features, in standard deviations of what the "
+            "model may be off when nothing is missing")
 N_HARDWARE = 11
 """Tolerances that belong to the model file; the others belong to sensors and the day."""
 
@@ -113,7 +113,9 @@ def _identify(
     found = Identification(
         verdict=answer.verdict, gap_before=before.value, gap_after=after.value,
         noise_floor=before.floor, gap_unit=f"{GAP_UNIT} ({shown.how})", findings=findings,
-        rivals=candidates_of(ev, fits[1:], null.cost, "not as good") if fits else (),
+        rivals=tuple(
+            c for c in candidates_of(ev, fits, null.cost, "fitted")
+            if c.effect not in {n for f in findings for n in (f.effect, *f.equivalent)}),
         next_test=None if proposed is None else proposed.text,
         next_profile=None if proposed is None else proposed.profile,
         recalibrated=recalibrated_of(fit, ev), reasons=answer.reasons,

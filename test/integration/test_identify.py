@@ -1,0 +1,98 @@
+"""Hide an effect, get its name back, see the gap shrink: the short test, a small library."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from ema_cli.main import COMMANDS, build_app, run
+from ema_identification.actuator import calibration, effect_library, null_library
+from ema_identification.actuator.variants import variants
+from ema_identification.identify import identify
+from ema_record.bag import write_bag
+from ema_record.profile import load_profile
+from ema_sim.actuator import load_model_file
+from ema_sim.effects import parse_effects
+from ema_sim.simulate import simulate
+
+KNOWN = {"turn_short a physical", "turn_short b physical", "viscous_friction",
+         "current_sensor_offset", "speed_sensor_runout", "inertia_change motor",
+         "quantisation speed", "rotor_eccentricity static"}
+VISCOUS = ["viscous_friction.coefficient=4e-4"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_library(tmp_path_factory):
+    """Keep libraries of fewer units and candidates in a cache of this module's own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        patch.setattr(null_library, "UNITS", 190)
+        patch.setattr(calibration, "UNITS", 16)
+        patch.setattr(effect_library, "variants",
+                      lambda: tuple(v for v in variants() if v.name in KNOWN))
+        yield
+
+
+def record(settings=(), seed=11):
+    effects = parse_effects(["winding_temperature.temperature=45", "surface_load.constant=8",
+                             *settings])
+    actuator = load_model_file().actuator
+    motor = actuator.motor._replace(phase_resistance=1.03 * actuator.motor.phase_resistance)
+    return simulate(load_profile("step"), actuator=actuator._replace(motor=motor),
+                    effects=effects, seed=seed)
+
+
+def test_nothing_hidden_names_nothing():
+    found = identify([record()])
+    assert found.verdict == "no disagreement"
+    assert found.findings == ()
+    assert found.gap_after == found.gap_before < 1.5 * found.noise_floor
+    assert found.exit_status == 0
+
+
+def test_a_hidden_effect_is_named_with_its_size_and_the_gap_shrinks():
+    found = identify([record(VISCOUS)])
+    assert found.verdict == "explained"
+    (finding,) = found.findings
+    assert "viscous_friction" in (finding.effect, *finding.equivalent)
+    assert finding.p_value < 0.01
+    assert found.gap_after < 0.5 * found.gap_before
+    value = next(p for f in found.findings for p in f.parameters)
+    assert value.low <= 4e-4 <= value.high
+    assert {s.name for s in found.steps} >= {"align", "recalibrate", "where", "name", "add",
+                                             "show"}
+
+
+def test_the_same_seed_gives_the_same_answer():
+    hidden = record(["current_sensor_offset.phase_b=0.4"])
+    first, second = identify([hidden]), identify([hidden])
+    assert first.to_dict() == second.to_dict()
+    assert first.findings[0].effect == "current_sensor_offset"
+
+
+def test_an_effect_that_is_left_out_is_unknown():
+    found = identify([record(VISCOUS)], without=["viscous_friction"])
+    assert found.verdict == "unknown effect"
+    assert found.findings == ()
+    assert found.unknown is not None
+    assert found.unknown.text
+    assert found.exit_status == 3
+
+
+def test_the_command_writes_a_report_and_a_model_that_runs(tmp_path):
+    bag, held = tmp_path / "bag", tmp_path / "held"
+    write_bag(record(VISCOUS), bag)
+    write_bag(record(VISCOUS, seed=12), held)
+    out = tmp_path / "out"
+    command = COMMANDS["identify"]
+    result = CliRunner().invoke(build_app(command), [
+        str(bag), "--validate", str(held), "--out", str(out), "--json", "--workers", "1"])
+    assert result.exception is None, result.output
+    answer = json.loads(result.stdout.strip().splitlines()[-1])
+    assert set(answer) >= {"verdict", "gap_before", "gap_after", "noise_floor", "findings",
+                           "rivals", "next_test", "model"}
+    assert (out / "report.html").is_file()
+    model = load_model_file(answer["model"])
+    assert model.effects.viscous_friction.coefficient == pytest.approx(4e-4, rel=0.3)
+    # Output that exists is not touched.
+    assert run(["identify", str(bag), "--out", str(out)]) == 2

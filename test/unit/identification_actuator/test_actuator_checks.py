@@ -1,0 +1,83 @@
+"""Records that cannot be identified are refused in one line that says what to do."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_identification.identify import identify
+from ema_record.channels import CHANNEL_NAMES
+from ema_record.errors import EmaError, IncompleteRecordError, InvalidRecordError, UsageError
+from ema_record.profile import load_profile
+from ema_sim.simulate import simulate
+
+
+@pytest.fixture(scope="module")
+def record():
+    return simulate(load_profile("step"), seed=1)
+
+
+def changed(record, factor=1.0, value=None, channels=(), part=slice(None)):
+    samples = record.samples[part].copy()
+    for name in channels:
+        at = CHANNEL_NAMES.index(name)
+        samples[:, at] = samples[:, at] * factor if value is None else value
+    return replace(record, samples=samples)
+
+
+CURRENTS = [f"{k}_current_{p}" for k in ("phase", "reference") for p in "abc"]
+
+
+@pytest.mark.parametrize(("change", "error", "said"), [
+    ({"part": slice(0, 800)}, IncompleteRecordError, "too short"),
+    ({"part": slice(0, 6000)}, IncompleteRecordError, "ends at 0.30 s"),
+    ({"factor": 9.5493, "channels": ["motor_speed"]}, InvalidRecordError, "rpm"),
+    ({"factor": 57.296, "channels": ["motor_speed"]}, InvalidRecordError, "deg/s"),
+    ({"factor": 57.296, "channels": ["surface_position"]}, InvalidRecordError, "degrees"),
+    ({"factor": 1e3, "channels": CURRENTS}, InvalidRecordError, "mA"),
+    ({"factor": 1e3, "channels": CURRENTS[:3]}, InvalidRecordError, "mA"),
+    ({"value": 0.0, "channels": ["phase_current_b"]}, InvalidRecordError, "phase current b"),
+    ({"value": 0.0, "channels": ["motor_speed"]}, InvalidRecordError, "motor_speed"),
+    ({"value": np.nan, "channels": ["surface_position"]}, InvalidRecordError,
+     "surface_position"),
+])
+def test_a_record_that_cannot_be_used_is_named(record, change, error, said):
+    with pytest.raises(error, match=said) as caught:
+        identify([changed(record, **change)])
+    assert "\n" not in str(caught.value)
+
+
+def test_no_excitation_names_the_test_to_run(record):
+    quiet = load_profile("step").model_copy(update={
+        "name": "quiet", "points": ((0.0, -0.4), (0.022, -0.4), (0.022, -0.399), (0.45, -0.399))})
+    with pytest.raises(IncompleteRecordError, match=r"no excitation.*run the profile 'extended'"):
+        identify([simulate(quiet, seed=1)])
+
+
+def test_a_record_of_another_profile_is_refused(record):
+    other = load_profile("step").model_copy(update={
+        "name": "other", "points": ((0.0, 0.4), (0.022, 0.4), (0.022, -0.4), (0.45, -0.4))})
+    with pytest.raises(InvalidRecordError, match="another profile"):
+        identify([replace(record, profile=other)])
+
+
+def test_the_same_record_cannot_validate(record):
+    with pytest.raises(UsageError, match="as measured and for validation"):
+        identify([record], validate=[record])
+
+
+def test_an_unknown_effect_is_named_with_the_nearest(record):
+    with pytest.raises(UsageError, match="did you mean 'cogging_torque'"):
+        identify([record], without=["coging_torque"])
+
+
+def test_a_model_with_an_unknown_effect_is_refused(record, tmp_path):
+    path = tmp_path / "model.yaml"
+    path.write_text("effects:\n  coging_torque:\n    amplitude: 0.1\n", encoding="utf-8")
+    with pytest.raises(EmaError, match="did you mean 'cogging_torque'"):
+        identify([record], path)
+
+
+def test_no_record_at_all():
+    with pytest.raises(UsageError, match="at least one"):
+        identify([])

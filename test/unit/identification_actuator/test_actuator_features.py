@@ -1,0 +1,100 @@
+"""Features of a record: closed forms of the parts, and one record of the simulator."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ema_identification.actuator.consistency import converter_step
+from ema_identification.actuator.features import feature_map
+from ema_identification.actuator.lines import TURN, lines, turns_of
+from ema_identification.actuator.segments import plan
+from ema_identification.actuator.signals import prepare, trapezoid
+from ema_record.profile import load_profile, profile_names
+from ema_sim.actuator import load_actuator
+from ema_sim.effects import parse_effects
+from ema_sim.simulate import simulate
+
+
+@pytest.fixture(scope="module")
+def nominal():
+    return load_actuator()
+
+
+@pytest.fixture(scope="module")
+def runs(nominal):
+    """Return records of the default test by the effects hidden in them."""
+    profile = load_profile("extended")
+    hidden = {
+        "": (), "offset": ("current_sensor_offset.phase_b=0.3",),
+        "cogging": ("cogging_torque.amplitude=0.02", "cogging_torque.phase=0.5"),
+    }
+    return {name: simulate(profile, actuator=nominal, effects=parse_effects(e), seed=3)
+            for name, e in hidden.items()}
+
+
+def test_trapezoid_has_its_flat_top_at_a_quarter_turn():
+    theta = np.radians([0.0, 15.0, 30.0, 90.0, 150.0, 180.0, 270.0, 360.0])
+    shape = trapezoid(theta, 2.0 * math.pi / 3.0)
+    assert shape == pytest.approx([0, 0.5, 1, 1, 1, 0, -1, 0], abs=1e-12)
+
+
+def test_a_line_is_half_its_amplitude_and_drift_leaks_nothing():
+    theta = np.linspace(0.3, 0.3 + 5.4 * TURN, 9000)
+    signal = np.column_stack([2.0 + 0.1 * np.cos(3.0 * theta - 0.4) + 0.05 * theta])
+    turns = turns_of(theta, slice(0, len(theta)))
+    found = lines(turns, signal[turns.part], 6)[:, 0]
+    assert found[3] == pytest.approx(0.05 * np.exp(-0.4j), abs=1e-4)
+    assert np.abs(found[[1, 2, 4, 5, 6]]).max() < 5e-4
+
+
+def test_too_little_travel_has_no_lines():
+    assert turns_of(np.linspace(0.0, 0.5 * TURN, 1000), slice(0, 1000)) is None
+
+
+def test_segments_of_the_default_test(nominal):
+    segments = plan(load_profile("extended"), nominal).segments
+    moving = [(s.kind, round(s.speed)) for s in segments if s.kind != "hold"]
+    assert moving == [("slew", 791), ("slew", -791), ("slew", 197), ("slew", -197),
+                      ("ramp", 25), ("ramp", -25)]
+
+
+@pytest.mark.parametrize("name", profile_names())
+def test_every_profile_has_segments_or_changes(name, nominal):
+    found = plan(load_profile(name), nominal)
+    assert found.segments
+    assert found.transitions
+    assert all(s.end > s.begin for s in found.segments)
+
+
+def test_converter_step_is_the_smallest_difference():
+    step = 2.0 / 2**14
+    values = step * np.random.default_rng(0).integers(-50, 50, 500)
+    assert converter_step(values) == pytest.approx(step)
+    assert converter_step(np.ones(10)) == 0.0
+
+
+def test_the_vector_is_finite_and_named(runs, nominal):
+    fmap = feature_map(load_profile("extended"), nominal, runs[""])
+    vector = fmap.extract(runs[""])
+    assert len(vector) == len(fmap.features) == len({f.name for f in fmap.features})
+    assert np.isfinite(vector).all()
+
+
+def test_an_offset_shows_in_its_own_feature(runs, nominal):
+    fmap = feature_map(load_profile("extended"), nominal, runs[""])
+    at = [f.name for f in fmap.features].index("offset_b")
+    assert fmap.extract(runs["offset"])[at] == pytest.approx(0.3, abs=0.02)
+    assert prepare(runs["offset"], nominal).offset == pytest.approx([0.0, 0.3, 0.0], abs=0.02)
+
+
+def test_cogging_shows_as_its_torque_line(runs, nominal):
+    fmap = feature_map(load_profile("extended"), nominal, runs[""])
+    names = [f.name for f in fmap.features]
+    slow = next(s.name for s in fmap.plan.segments if s.kind == "slew" and abs(s.speed) < 300)
+    vectors = {k: fmap.extract(r) for k, r in runs.items()}
+    size = {k: 2e-3 * math.hypot(*(v[names.index(f"{slow}.torque_line_12_{p}")]
+                                   for p in ("re", "im"))) for k, v in vectors.items()}
+    # The motor torque that balances it; the shaft moves along a little.
+    assert size["cogging"] == pytest.approx(0.02, rel=0.3)
+    assert size[""] < 0.002

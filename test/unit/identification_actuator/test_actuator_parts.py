@@ -1,0 +1,149 @@
+"""Parts of the workflow that need no library: tolerances, cache, model file, least squares."""
+
+import numpy as np
+import pytest
+
+from ema_identification import cache
+from ema_identification.actuator.evidence import Tolerances, Whitening, solve
+from ema_identification.actuator.library_type import Scale
+from ema_identification.actuator.model_file import model_text
+from ema_identification.actuator.spread import (
+    N_TOLERANCES,
+    TOLERANCES,
+    Conditions,
+    draw_tolerances,
+    realise,
+)
+from ema_identification.actuator.variants import ALIASES, variants
+from ema_sim.actuator import load_model_file
+from ema_sim.effects import EFFECTS, Effects, parse_effects
+
+
+def index_of(name):
+    return [t.name for t in TOLERANCES].index(name)
+
+
+def test_no_tolerance_at_the_reference_is_the_model_itself():
+    model = load_model_file()
+    assert realise(model, np.zeros(N_TOLERANCES), Conditions()) == (model.actuator, model.effects)
+
+
+def test_a_tolerance_moves_its_parameter_by_its_width():
+    model, z = load_model_file(), np.zeros(N_TOLERANCES)
+    z[index_of("motor.dry_friction")] = 1.0
+    z[index_of("current_sensor_offset.phase_c")] = -1.0
+    actuator, effects = realise(model, z, Conditions(temperature=60.0, bus=0.05))
+    assert actuator.motor.dynamic_friction == pytest.approx(0.33)
+    assert actuator.motor.static_friction == pytest.approx(0.44)
+    assert effects.current_sensor_offset.phase_c == pytest.approx(-0.05)
+    assert effects.winding_temperature.temperature == 60.0
+    assert effects.bus_voltage_change.change == 0.05
+
+
+def test_draws_stay_within_the_tolerances():
+    z = np.array([draw_tolerances(np.random.default_rng(k)) for k in range(50)])
+    assert np.abs(z).max() <= 1.0
+
+
+@pytest.mark.parametrize("variant", variants(), ids=lambda v: v.name)
+def test_a_variant_is_absent_at_zero_and_present_at_its_levels(variant):
+    known = [k for k, levels in enumerate(variant.levels) if levels]
+    base = Effects()
+    assert EFFECTS[variant.effect].is_neutral(
+        getattr(variant.effects(np.zeros(variant.size), base), variant.effect))
+    for k in known:
+        for level in variant.levels[k]:
+            assert variant.low[k] <= level <= variant.high[k]
+            u = np.zeros(variant.size)
+            u[k] = level
+            found = variant.effects(u, base)
+            assert not EFFECTS[variant.effect].is_neutral(getattr(found, variant.effect))
+            rest = {n for n in EFFECTS if getattr(found, n) != getattr(base, n)}
+            assert rest == {variant.effect}
+
+
+def test_every_effect_of_the_catalogue_is_a_candidate():
+    assert {v.effect for v in variants()} == set(EFFECTS)
+
+
+def test_aliases_name_variants_and_tolerances():
+    names = {v.name: v for v in variants()}
+    for (variant, coordinate), (tolerance, _) in ALIASES.items():
+        assert coordinate < names[variant].size
+        assert tolerance in {t.name for t in TOLERANCES}
+
+
+def test_shared_tolerances_stand_once():
+    t = Tolerances(2)
+    own = sum(not x.shared for x in TOLERANCES)
+    assert t.size == N_TOLERANCES + own
+    z = np.arange(t.size, dtype=float)
+    first, second = t.of(0, z), t.of(1, z)
+    differ = [TOLERANCES[k].shared for k in np.flatnonzero(first != second)]
+    assert differ == [False] * own
+
+
+def test_least_squares_finds_a_coordinate_next_to_a_tolerance():
+    rng = np.random.default_rng(1)
+    columns = rng.normal(size=(300, 4)) * 20.0
+    truth = np.array([3.0, 0.4, -0.7, 0.1])
+    step, covariance, cost = solve(columns, columns @ truth, np.zeros(3), 1, 0.0)
+    assert step == pytest.approx(truth, abs=1e-3)
+    assert np.sqrt(covariance[0, 0]) == pytest.approx(1.0 / (20.0 * np.sqrt(300)), rel=0.2)
+    assert cost < 5.0
+
+
+def test_a_coordinate_that_is_a_tolerance_is_as_uncertain_as_that():
+    column = np.random.default_rng(2).normal(size=(300, 1)) * 50.0
+    _, covariance, _ = solve(np.hstack([column, column]), column[:, 0], np.zeros(1), 1, 0.0)
+    assert np.sqrt(covariance[0, 0]) == pytest.approx(1.0 / np.sqrt(3.0), rel=0.01)
+
+
+def test_whitening_gives_unit_covariance():
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(5, 5))
+    covariance = root @ root.T + np.eye(5)
+    white = Whitening(covariance)
+    assert white(np.linalg.cholesky(covariance)) == pytest.approx(np.eye(5), abs=1e-12)
+
+
+def test_a_larger_gain_is_rarer():
+    scale = Scale(factor=np.ones(3), gain=(10.0, 5.0))
+    assert scale.p_gain(10.0) == pytest.approx(0.5)
+    assert scale.p_gain(10.0 + 5.0 * np.log(50.0)) == pytest.approx(0.01)
+    assert scale.p_gain(-1e9) == 1.0
+    assert scale.p_fit(np.exp(scale.fit[0])) == pytest.approx(0.5)
+
+
+def test_the_model_file_can_be_read_back(tmp_path):
+    model = load_model_file()
+    z = np.zeros(N_TOLERANCES)
+    z[index_of("motor.phase_resistance")] = 0.5
+    effects = parse_effects(["cogging_torque.amplitude=0.01", "turn_short.fraction=0.05",
+                             "turn_short.phase=c"])
+    path = tmp_path / "model.yaml"
+    path.write_text(model_text(model, z, effects), encoding="utf-8")
+    again = load_model_file(path)
+    assert again.effects == effects
+    assert again.actuator.motor.phase_resistance == pytest.approx(1.05 * 1.065)
+    assert again.actuator.gear == model.actuator.gear
+
+
+def test_the_cache_keeps_arrays_and_forgets_damage(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache.load("a") is None
+    cache.save("a", {"x": np.arange(3.0)})
+    assert cache.load("a")["x"].tolist() == [0.0, 1.0, 2.0]
+    (tmp_path / "ema_phm" / "a.npz").write_bytes(b"PK no archive")
+    assert cache.load("a") is None
+    assert [p.name for p in (tmp_path / "ema_phm").iterdir()] == ["a.npz"]
+
+
+def test_the_key_follows_the_sources(tmp_path):
+    source = tmp_path / "features.py"
+    source.write_text("a", encoding="utf-8")
+    first = cache.key_of("model", sources=[source])
+    assert first == cache.key_of("model", sources=[source])
+    source.write_text("b", encoding="utf-8")
+    assert first != cache.key_of("model", sources=[source])
+    assert first != cache.key_of("other", sources=[source])
