@@ -100,7 +100,7 @@ def _identify(
     if answer.fit is not None:
         after = gap_of(ev, held, answer.fit, effects, seed=seed)
     shown = Shown(before=before, after=after, how="held-out records" if held else
-                  "each part of the test predicted from the others")
+                  "no held-out record: each tenth of the features predicted from the others")
     fits = [f for f in answer.fits if np.isfinite(f.cost)]
     findings = findings_of(ev, answer, groups, shown.before, shown.after)
     ambiguous = next((e for e in answer.equivalent if e), ())
