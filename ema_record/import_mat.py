@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import zlib
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from scipy.io import loadmat, whosmat
-from scipy.io.matlab import MatReadError
 
 from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.import_table import MAX_FILE_BYTES, Table, base_name, check_shape
 
+T = TypeVar("T")
 _NUMERIC = frozenset({"double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32",
                       "int64", "uint64", "logical"})
 _HDF5 = b"\x89HDF"
@@ -32,11 +33,8 @@ def read_mat(path: Path, needed: Sequence[str | int]) -> Table:
     if head[:4] == _HDF5 or b"MATLAB 7.3" in head[:128]:
         raise InvalidRecordError(f"{path}: MAT of version 7.3 (HDF5) is not read: save it with "
                                  "'-v7' in MATLAB")
-    try:
-        contents = {name: (shape, kind) for name, shape, kind in whosmat(str(path))}
-    except (MatReadError, ValueError, TypeError, OSError, EOFError, NotImplementedError,
-            zlib.error, KeyError, IndexError, UnicodeDecodeError, OverflowError) as error:
-        raise _damaged(path, error) from None
+    listed = _by_scipy(lambda: whosmat(str(path)), path)
+    contents = {name: (shape, kind) for name, shape, kind in listed}
     if any(isinstance(name, int) for name in needed):
         raise UsageError(f"{path}: columns of a MAT file have names, not numbers: it holds "
                          f"{', '.join(list(contents)[:12])}")
@@ -53,17 +51,25 @@ def read_mat(path: Path, needed: Sequence[str | int]) -> Table:
     if total > MAX_FILE_BYTES:
         raise InvalidRecordError(f"{path}: {total} bytes once read, at most {MAX_FILE_BYTES}: "
                                  "import a part of it")
-    try:
-        loaded = loadmat(str(path), variable_names=wanted, chars_as_strings=False)
-    except (MatReadError, ValueError, TypeError, OSError, EOFError, NotImplementedError,
-            zlib.error, KeyError, IndexError, UnicodeDecodeError, OverflowError) as error:
-        raise _damaged(path, error) from None
+    loaded = _by_scipy(
+        lambda: loadmat(str(path), variable_names=wanted, chars_as_strings=False), path
+    )
     columns: dict[str, np.ndarray] = {}
     for name in wanted:
         _collect(columns, name, loaded[name], path)
     for name in contents:  # named in errors, never read
         columns.setdefault(name, np.empty((0, 0)))
     return Table(columns=columns, source=str(path))
+
+
+def _by_scipy(read: Callable[[], T], path: Path) -> T:
+    """Return what scipy reads; whatever it trips over in a damaged file is one error."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            return read()
+        except Exception as error:  # noqa: BLE001  (also UnboundLocalError, by fuzzing)
+            raise _damaged(path, error) from None
 
 
 def _collect(columns: dict[str, np.ndarray], name: str, value: np.ndarray, path: Path) -> None:

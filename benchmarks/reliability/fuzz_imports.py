@@ -48,7 +48,7 @@ def _npz() -> bytes:
 def _mat() -> bytes:
     stream = io.BytesIO()
     scipy.io.savemat(stream, _columns())
-    return stream.getvalue()
+    return b"MATLAB 5.0 MAT-file".ljust(116) + stream.getvalue()[116:]  # it has the date in it
 
 
 def import_targets(folder: Path) -> list[Target]:
