@@ -149,7 +149,9 @@ def score_units(
     passed = [p for p in passings if p.passed is not None]
     rates = {
         **_flight_rates(units, view, detectable),
-        "healthy flights with a false confirmation, units":
+        "units with a false alarm on any healthy flight":
+            rate([_false_alarm(u, view) for u in units]),
+        "units with a false confirmation":
             rate([_false_confirmation(u, trends[u.unit]) for u in units]),
         "faults past the detectable severity never announced":
             rate([p.announced is None for p in passed]),
@@ -192,6 +194,12 @@ def _flight_rates(
         "flights past the detectable severity without an answer": rate(dodged),
         "severity inside its interval, announced flights": rate(covered),
     }
+
+
+def _false_alarm(flown: Flown, view: str) -> bool:
+    """Return whether a healthy flight announced a fault; flights of a unit hang together."""
+    return any(v.outcome == "fault" for x, v in zip(flown.severity, flown.verdicts[view])
+               if x == 0.0)
 
 
 def _false_confirmation(flown: Flown, trend: UnitTrend) -> bool:

@@ -45,6 +45,7 @@ TARGETS = {
 }
 """Detectable severities unless measured ones are given: those that the issue asks for."""
 FLIGHTS = 60
+LEAST_FLIGHTS = 12
 CHECKED_ONE_IN = 10
 """Flights whose record goes through the record checks too; they take as long as the rest."""
 
@@ -181,6 +182,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="JSON file with all numbers")
     parser.add_argument("--plot", type=Path, help="PNG file")
     options = parser.parse_args()
+    if options.flights < LEAST_FLIGHTS:
+        parser.error(f"--flights {options.flights}: give at least {LEAST_FLIGHTS}")
     detectable = detectable_of(options.detectable)
     with progress(f"{options.units} units of {options.flights} flights", options.units) as step:
         measured = list(measure_all(options.units, options.flights, options.work, step))

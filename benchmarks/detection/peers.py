@@ -95,7 +95,7 @@ class Perceptron:
         x = self._scaler.transform(x)
         present = train.severity > 0.0
         plain: dict[str, Any] = {"hidden_layer_sizes": HIDDEN, "max_iter": ITERATIONS,
-                                 "early_stopping": True, "random_state": seed}
+                                 "random_state": seed}
         self._which = _fit(MLPClassifier(**plain), x, present.astype(int))
         self._severity: dict[str, Any] = {}
         for k, output in enumerate(OUTPUTS):
