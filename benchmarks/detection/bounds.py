@@ -27,10 +27,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.special import ndtri
-from scipy.stats import chi2, ncx2
 
+from benchmarks.detection.detectability import (
+    FALSE_ALARMS,
+    FOUND,
+    inverse_covariance,
+    linear_bound,
+    needed_shift,
+    noise_bound,
+    own_spread_bound,
+)
 from ema_prognostics.robust.features import extract
 from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_record.files import new_file
@@ -41,13 +47,11 @@ from ema_sim.effects.settings import effects_from_mapping
 from ema_sim.parameters import Actuator
 from ema_sim.simulate import simulate
 
-FALSE_ALARMS, FOUND = 0.01, 0.90
 USED = ("quarter_even_m", "full_even_m", "torque_", "gap_width", "gap_torque", "gap_load",
         "load_", "shaft_slope", "lag_", "rise_", "overshoot", "speed_full")
 """Beginnings of the names of the features that take part."""
 DERIVED = "_over_"
 """In the names of those that are differences of others, left out."""
-FOLDS = 6
 FIRST_SEED = 990_000
 PAPER_LEVEL, PAPER_RATE = 0.05, 1e6
 PAPER_WINDOW = (0.06, 0.36)
@@ -146,28 +150,6 @@ def shifted(actuator: Actuator, unknown: Unknown, value: float) -> Actuator:
     return actuator
 
 
-def needed_shift(directions: int = 1, freedoms: int = 1) -> float:
-    """Return the shift (standard deviations) that is found at the stated rates.
-
-    Parameters
-    ----------
-    directions : tests made at once; each may raise its part of the false alarms.
-    freedoms : of a shift whose direction in the plane is not known; 1: known, one-sided.
-    """
-    rate = FALSE_ALARMS / directions
-    if freedoms == 1:
-        return float(ndtri(1.0 - rate) + ndtri(FOUND))
-    limit = chi2.isf(rate, freedoms)
-    return float(np.sqrt(brentq(lambda c: ncx2.sf(limit, freedoms, c) - FOUND, 1e-3, 400.0)))
-
-
-def own_spread_bound(half: float) -> float:
-    """Return the increase that stands out of a factor uniform within 1 ± `half`, exactly."""
-    top = 1.0 + half * (1.0 - 2.0 * FALSE_ALARMS)
-    low = 1.0 - half * (1.0 - 2.0 * (1.0 - FOUND))
-    return top / low - 1.0
-
-
 def runs(effects: dict[str, float | str], actuator: Actuator, seeds: Iterable[int]
          ) -> list[Record]:
     """Simulate one setting over seeds, at nominal noise."""
@@ -231,80 +213,6 @@ class Library:
         return np.where(np.abs(shift) > SIGNIFICANT * error, shift, 0.0)
 
 
-def inverse_covariance(samples: np.ndarray) -> np.ndarray:
-    """Return the inverse covariance, shape (d, d), freed of the bias of few samples."""
-    n, d = samples.shape
-    scale = samples.std(axis=0, ddof=1) + 1e-12
-    correlation = np.cov(samples / scale, rowvar=False)
-    unbiased = (n - d - 2) / (n - 1)  # of an inverse Wishart matrix
-    return unbiased * np.linalg.inv(correlation) / np.outer(scale, scale)
-
-
-def noise_bound(signature: np.ndarray, inverse: np.ndarray, shift: float, records: int) -> float:
-    """Return the severity whose shift against the noise of `records` records is `shift`."""
-    return float(shift * np.sqrt(records / (signature @ inverse @ signature)))
-
-
-def projected_noise(
-    samples: np.ndarray, spread: np.ndarray, signature: np.ndarray, records: int
-) -> tuple[np.ndarray, float]:
-    """Return the weights of the best linear test, and the noise's deviation under them.
-
-    The deviation is that of samples that the weights were not made from, in `FOLDS` parts:
-    otherwise weights for as many features as there are samples would seem free of noise.
-
-    Parameters
-    ----------
-    samples : ndarray, shape (n, d). Repeats of one test.
-    spread : ndarray, shape (d, d). Covariance of what is not known.
-    signature : ndarray, shape (d,). The weights are scaled to give 1 with it.
-    records : over which the noise counts.
-    """
-
-    def weights(chosen: np.ndarray) -> np.ndarray:
-        total = records * np.cov(chosen, rowvar=False) + spread
-        scale = np.sqrt(np.diag(total)) + 1e-12
-        w = np.linalg.solve(total / np.outer(scale, scale), signature / scale) / scale
-        return w / (w @ signature)
-
-    squares = 0.0
-    for k in range(FOLDS):
-        out = np.arange(len(samples)) % FOLDS == k
-        center = samples[~out].mean(axis=0)
-        squares += float(np.sum(((samples[out] - center) @ weights(samples[~out])) ** 2))
-    return weights(samples), float(np.sqrt(records * squares / len(samples)))
-
-
-def linear_bound(
-    signature: np.ndarray, samples: np.ndarray, conditions: np.ndarray, unit: np.ndarray,
-    fault: Fault, draws: int = 200_000,
-) -> float:
-    """Return the severity that the best linear test finds against noise and uniform spreads.
-
-    Parameters
-    ----------
-    signature : ndarray, shape (d,). Shift by severity.
-    samples : ndarray, shape (n, d). Repeats of one test.
-    conditions : ndarray, shape (m, d). Shift by each condition, at the edge of its spread.
-    unit : ndarray, shape (k, d). Shift by each parameter of the unit; none: it is known from
-        a baseline, which has noise and conditions of its own.
-    fault : its directions and freedoms.
-    """
-    records = 1 if len(unit) else 2
-    shifts = np.concatenate([*([conditions] * records), unit])
-    weight, noise = projected_noise(samples, shifts.T @ shifts / 3.0, signature, records)
-    rng = np.random.default_rng(990_001)
-    score = noise * rng.standard_normal(draws)
-    for shift in shifts @ weight:
-        score += rng.uniform(-shift, shift, draws) if shift > 0 else rng.uniform(
-            shift, -shift, draws)
-    rate = FALSE_ALARMS / fault.directions
-    found = float(np.quantile(score, 1.0 - rate) - np.quantile(score, 1.0 - FOUND))
-    # A direction that is not known costs what it costs in Gaussian noise.
-    known = needed_shift(fault.directions)
-    return found * needed_shift(fault.directions, fault.freedoms) / known
-
-
 def bounds_at(
     samples: np.ndarray, signatures: dict[str, np.ndarray], unknown: dict[str, np.ndarray]
 ) -> list[Bound]:
@@ -319,11 +227,12 @@ def bounds_at(
         unit = np.array([u.half * signature if u.name == fault.own else unknown[u.name]
                          for u in UNIT])
         half = next((u.half for u in UNIT if u.name == fault.own), None)
-        shift = needed_shift(fault.directions, fault.freedoms)
+        ways = {"directions": fault.directions, "freedoms": fault.freedoms}
+        shift = needed_shift(**ways)
         found.append(Bound(
             fault=fault.name, noise=noise_bound(signature, inverse, shift, 2),
-            conditions=linear_bound(signature, samples, conditions, none, fault),
-            fleet=linear_bound(signature, samples, conditions, unit, fault),
+            conditions=linear_bound(signature, samples, conditions, none, **ways),
+            fleet=linear_bound(signature, samples, conditions, unit, **ways),
             own_spread=None if half is None else own_spread_bound(half),
             target_baseline=fault.target[0], target_fleet=fault.target[1],
         ))

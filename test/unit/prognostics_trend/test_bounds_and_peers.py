@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from benchmarks.detection.bounds import (
-    FAULTS,
-    UNIT,
+from benchmarks.detection.bounds import UNIT, shifted
+from benchmarks.detection.detectability import (
     inverse_covariance,
     linear_bound,
     needed_shift,
     noise_bound,
     own_spread_bound,
-    shifted,
 )
 from benchmarks.detection.peers import Perceptron
 from ema_prognostics.robust.campaign import Campaign
@@ -20,7 +18,6 @@ from ema_prognostics.robust.classes import OUTPUTS
 from ema_sim.actuator import load_actuator
 
 KNOWN = float(ndtri(0.99) + ndtri(0.90))  # 3.608 standard deviations
-FRICTION = next(f for f in FAULTS if f.name == "motor_friction")
 
 
 def test_a_known_shift():
@@ -49,7 +46,7 @@ def test_more_features_than_it_takes_do_not_make_the_noise_smaller():
     samples = rng.standard_normal((120, 40))
     signature = np.eye(40)[0]
     none = np.empty((0, 40))
-    found = linear_bound(signature, samples, none, none, FRICTION)
+    found = linear_bound(signature, samples, none, none)
     assert found >= 0.95 * KNOWN * np.sqrt(2.0)
 
 
@@ -58,7 +55,7 @@ def test_a_tolerance_that_looks_like_the_fault():
     rng = np.random.default_rng(92_003)
     samples = 1e-4 * rng.standard_normal((100, 2))
     signature = np.array([1.0, 0.0])
-    found = linear_bound(signature, samples, np.empty((0, 2)), 0.1 * signature[None], FRICTION)
+    found = linear_bound(signature, samples, np.empty((0, 2)), 0.1 * signature[None])
     assert found == pytest.approx(0.178, rel=0.02)
 
 
@@ -66,7 +63,7 @@ def test_what_is_not_known_elsewhere_does_no_harm():
     rng = np.random.default_rng(92_004)
     samples = rng.standard_normal((300, 2))
     signature, other = np.array([1.0, 0.0]), np.array([[0.0, 50.0]])
-    free = linear_bound(signature, samples, np.empty((0, 2)), other, FRICTION)
+    free = linear_bound(signature, samples, np.empty((0, 2)), other)
     assert free == pytest.approx(KNOWN, rel=0.1)
 
 
