@@ -20,18 +20,20 @@ LEVEL = 0.002
 """A gain that useless effects reach more often names nothing."""
 GOOD_FIT = 1e-3
 """A complete model leaves a larger cost only so often."""
+POOR_FIT = 1e-7
+"""A cost this improbable is a disagreement even if no effect of the catalogue helps."""
 NEARLY = 4.0
 """Largest cost a feature, in units of a complete model's, at which an effect may be named."""
 EXPLAINED = 0.95
 """Least part of the misfit that an effect must take away to be named though some is left."""
-SECOND_GAIN = 60.0
+SECOND_GAIN = 80.0
 """Least gain of a second effect where the first explains the record well."""
-CLEAR = 5.0
+CLEAR = 2.0
 """Least distance of each of two effects from absent (standard deviations)."""
 SET_MARGIN = 14.0
 """Costs that differ by less, in units of the cost a feature, do not tell two effects apart."""
-SET_SHARE = 0.02
-"""The same, of the misfit that was explained (error of the simulation)."""
+SET_SHARE = (0.02, 0.15)
+"""The same, of the misfit that was explained and at most of the cost (error of simulation)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,20 +72,26 @@ def decide(
     else:
         gain = gain_of(proposal.near, proposal.screened[0], size)
     p_gain, p_null = scale.p_gain(gain), scale.p_fit(null.cost / size)
-    if p_gain > LEVEL and p_null > GOOD_FIT:
+    if p_gain > LEVEL and p_null > POOR_FIT:
         return Answer(verdict="no disagreement", gain=gain, reasons=(
             f"the best effect of the catalogue would lower the misfit by {gain:.0f}; useless "
             f"effects reach that with probability {p_gain:.2g}",
             f"cost {null.cost / size:.2f} a feature: a complete model leaves more with "
             f"probability {p_null:.2g}",
         ))
+    if p_gain > LEVEL:
+        return Answer(verdict="unknown effect", gain=gain, reasons=(
+            f"something is missing: cost {null.cost / size:.1f} a feature after recalibration, "
+            f"{np.exp(scale.fit[0]):.1f} is usual; no effect of the catalogue lowers it",))
     fits = fit_candidates(evidence, proposal.chosen, null, seed=seed)
     singles = [f for f in fits if np.isfinite(f.cost)]
     progress("name", 0.6)
     if singles and scale.p_fit(singles[0].cost / size) > GOOD_FIT:
         return _with_second(evidence, null, singles, gain, p_gain, without, seed)
     pairs = fit_pairs(evidence, singles, proposal.far, null, without=without, seed=seed)
-    pairs = [f for f in pairs if np.isfinite(f.cost) and _needed(f)]
+    single = singles[0].cost if singles else np.inf
+    pairs = [f for f in pairs if np.isfinite(f.cost) and _needed(f)
+             and single - f.cost > SECOND_GAIN * f.cost / size]
     if pairs and scale.p_fit(pairs[0].cost / size) > GOOD_FIT:
         return _two(pairs, singles, null, size, gain, p_gain)
     complete = float(np.exp(scale.fit[0]))
@@ -104,7 +112,9 @@ def _nearly(fit: Fit, null: Recalibration, size: int, complete: float) -> bool:
 
 
 def _margin(best: Fit, null_cost: float, size: int) -> float:
-    return SET_MARGIN * best.cost / size + SET_SHARE * max(0.0, null_cost - best.cost)
+    explained = max(0.0, null_cost - best.cost)
+    return SET_MARGIN * best.cost / size + min(
+        SET_SHARE[0] * explained, SET_SHARE[1] * best.cost)
 
 
 def _rivals(fits: Sequence[Fit], null_cost: float, size: int) -> tuple[Fit, ...]:
@@ -134,7 +144,7 @@ def _with_second(
     """Return one effect that explains the record, with a second one where that helps clearly."""
     size, best = evidence.size, singles[0]
     one = _one("explained", singles, null, size, gain, p, ())
-    rest, more = seconds(evidence, best, without=without, keep=1)
+    rest, more = seconds(evidence, best, null, without=without, keep=1)
     if not more or gain_of(rest, more[0], size) < SECOND_GAIN:
         return one
     term = Term(variant=more[0].variant, signature=stacked(evidence, more[0].index), u=more[0].u)

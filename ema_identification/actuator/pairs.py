@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.evidence import MODEL_ERROR, Evidence
 from ema_identification.actuator.recalibration import Recalibration
 from ema_identification.actuator.refit import Fit, Term, refit
 from ema_identification.actuator.screening import (
@@ -102,13 +102,15 @@ def screen_pairs(
 
 
 def seconds(
-    evidence: Evidence, fit: Fit, *, without: Sequence[str] = (), keep: int = GREEDY
+    evidence: Evidence, fit: Fit, null: Recalibration, *, without: Sequence[str] = (),
+    keep: int = GREEDY,
 ) -> tuple[Residual, list[Screened]]:
     """Return what a fit leaves, and the effects that would explain most of that."""
     names = {t.variant.effect for t in fit.terms}
     free = [fit.slopes[:, k] * math.sqrt(max(fit.covariance[k, k], 0.0)) * 100.0
             for k in range(fit.free)]
-    rest = residual(evidence, fit.z, fit.mean, runs=fit.runs, free=free)
+    rest = residual(evidence, fit.z, fit.mean, runs=fit.runs, free=free, scatter=[
+        MODEL_ERROR * (f - f0) for f, f0 in zip(fit.mean, null.mean)])
     chosen: list[Screened] = []
     for found in screen(evidence, rest, without=[*without, *names]):
         if all(found.variant.effect != c.variant.effect for c in chosen):
@@ -128,7 +130,7 @@ def fit_pairs(
     for fit in singles[:GREEDY]:
         if not np.isfinite(fit.cost):
             continue
-        for second in seconds(evidence, fit, without=without)[1]:
+        for second in seconds(evidence, fit, null, without=without)[1]:
             key = frozenset((fit.terms[0].variant.name, second.variant.name))
             if key not in seen:
                 seen.add(key)

@@ -66,6 +66,7 @@ class Screened:
 def residual(
     evidence: Evidence, centre: np.ndarray, mean: Sequence[np.ndarray], *, runs: int,
     free: Sequence[np.ndarray] = (), error: float = LIBRARY_ERROR,
+    scatter: Sequence[np.ndarray] | None = None,
 ) -> Residual:
     """Return the residual about runs at tolerances `centre` with features `mean`.
 
@@ -77,12 +78,13 @@ def residual(
     runs : how many runs `mean` is the mean of; 0 for the library's quadratic.
     error : relative, of what is to explain the residual; without it a few features on which an
         effect acts hard would decide alone.
+    scatter : standard deviation of a further error of each feature of each record.
     free : columns, shape (d,) each (stacked), whose amount is free (of an effect found before).
     """
     slopes = evidence.slopes(centre)
     covariance = block_diag(*(
-        noise_covariance(b, runs=runs, error=error * (b.values - f))
-        for b, f in zip(evidence.blocks, mean)))
+        noise_covariance(b, runs=runs, error=np.hypot(error * (b.values - f), s))
+        for b, f, s in zip(evidence.blocks, mean, scatter or [np.zeros_like(f) for f in mean])))
     slope = np.vstack(slopes)
     covariance += PRIOR**2 * (slope @ slope.T)
     for column in free:

@@ -29,8 +29,8 @@ def steps_of(
         "is the floor."))
     if answer.fit is not None and len(answer.fit.terms) > 1:
         steps.append(Step(
-            name="prune", text="Each effect was kept because it is at least five standard "
-            "deviations from absent with the other one present."))
+            name="prune", text="Each effect was kept because the misfit is clearly larger "
+            "without it."))
     return tuple(steps)
 
 
