@@ -27,12 +27,17 @@ from ema_record.errors import (
     RecordError,
     UsageError,
 )
+from ema_record.profile import load_profile
 from ema_record.record import Record
 
 Mode = Literal["robust", "paper"]
 MODES: tuple[Mode, ...] = ("robust", "paper")
 LARGEST_GAP = 1.5
 """Longest interval between samples, in sample intervals, before one counts as lost."""
+TRAINED_RATE = 20_000.0
+"""Samples a second of the records trained on."""
+SAME_POSITION = 2e-3
+"""Largest difference of the ends of a command from those trained on (rad)."""
 PAPER_CAVEAT = (
     "paper mode: the two networks of the paper, which know no healthy actuator, trained on "
     "phase a and the nominal unit alone"
@@ -110,12 +115,20 @@ def _robust_verdict(
     if baseline is not None and own is None:
         raise UsageError(f"the model has no cascade with a baseline for {kind}: leave it out")
     base = None if baseline is None else _baseline_features(baseline, kind, cascade)
-    return verdict_of_features(extract(record, kind), kind, model, base)
+    return verdict_of_features(extract(record, kind), kind, model, base,
+                               exact=_is_trained_test(record, kind))
+
+
+def _is_trained_test(record: Record, kind: ProfileKind) -> bool:
+    """Whether the test is the one trained on, sampled at the rate trained on."""
+    given, trained = record.profile.points, load_profile(kind).points
+    same = max(abs(given[k][1] - trained[k][1]) for k in (0, -1)) < SAME_POSITION
+    return same and abs(record.rate / TRAINED_RATE - 1.0) < 0.01
 
 
 def verdict_of_features(
     features: Mapping[str, float], kind: ProfileKind, model: Model,
-    baseline: Mapping[str, float] | None = None,
+    baseline: Mapping[str, float] | None = None, *, exact: bool = True,
 ) -> Verdict:
     """Return the verdict that the features of a record amount to.
 
@@ -125,6 +138,7 @@ def verdict_of_features(
     kind : of the test; the model must have a cascade for it.
     model : of the cascade.
     baseline : features of the actuator's own healthy record.
+    exact : whether the test is exactly the one trained on, see `Cascade.find`.
     """
     cascade, own = model.cascades[f"{kind}/fleet"], model.cascade(kind, "baseline")
     names = cascade.view.names
@@ -132,7 +146,7 @@ def verdict_of_features(
         return unknown_verdict("the record does not hold every feature: its interval with the "
                                "inverter off is missing")
     x = np.array([[features[n] for n in names]])
-    finding = cascade.find(x)[0]
+    finding = cascade.find(x, exact=exact)[0]
     unusual = reasons_of_guard(cascade, finding)
     if unusual:
         return unknown_verdict("the record is unlike anything the networks were trained on",
@@ -140,7 +154,12 @@ def verdict_of_features(
     if baseline is None or own is None:
         return verdict_of_finding(cascade, x[0], finding, kind)
     x = differences(x, np.array([[baseline[n] for n in names]]))
-    return verdict_of_finding(own, x[0], own.find(x)[0], kind)
+    finding = own.find(x, exact=exact)[0]
+    unusual = reasons_of_guard(own, finding)
+    if unusual:
+        return unknown_verdict("the change since the baseline is unlike anything the networks "
+                               "were trained on", *unusual)
+    return verdict_of_finding(own, x[0], finding, kind)
 
 
 def _baseline_features(

@@ -113,23 +113,23 @@ class FamilyPart(MemberPart):
 
 
 class SeverityPart(Part):
-    """How much: a network on asinh(severity / unit), and half widths of the 90 % interval."""
+    """How much: a network on asinh(severity / unit), one on the log of its error, the interval.
+
+    The half width of the 90 % interval is `factor` times the expected error.
+    """
 
     inputs: Names
     network: NetworkPart
+    scale: NetworkPart
     unit: Positive
-    edges: Vector
-    """Bounds between bins of the predicted value, ascending."""
-    half_width: Vector
-    """Of each bin, in the network's output."""
+    factor: Positive
     upper: Positive
     """Largest severity trained on."""
 
     @model_validator(mode="after")
-    def _bins(self) -> SeverityPart:
-        if len(self.half_width) != len(self.edges) + 1:
-            raise ValueError("one half width a bin is needed")
+    def _sizes(self) -> SeverityPart:
         self.network.check_size(len(self.inputs), 1)
+        self.scale.check_size(len(self.inputs), 1)
         return self
 
 
@@ -168,6 +168,28 @@ class LinePart(Part):
         return self
 
 
+class LimitPart(Part):
+    """How far a kind of record may be off."""
+
+    limit: Vector
+    """Largest usual |residual| / scale of each checked feature."""
+    whitening: Matrix
+    """Makes the scaled residuals uncorrelated, of unit variance."""
+    distance: Positive
+    """Largest usual length of the whitened residuals."""
+    stranger: Number
+    """Largest usual logit of the network that knows strangers."""
+
+    @model_validator(mode="after")
+    def _sizes(self) -> LimitPart:
+        m = len(self.limit)
+        if min(self.limit, default=1.0) <= 0.0:
+            raise ValueError("a limit of the guard is not above 0")
+        if len(self.whitening) != m or any(len(row) != m for row in self.whitening):
+            raise ValueError("the whitening does not fit the checked features")
+        return self
+
+
 class GuardPart(Part):
     """What the record must look like, given the features that faults move."""
 
@@ -175,15 +197,20 @@ class GuardPart(Part):
     checked: Names
     mean: NetworkPart
     scale: NetworkPart
-    limit: Vector
-    """Largest usual |residual| / scale of each checked feature."""
+    stranger: NetworkPart
+    """From squeezed residuals to the probability of an effect that is no class of ours."""
+    known: LimitPart
+    """Of all records that the networks know."""
+    healthy: LimitPart
+    """Of healthy ones: for a record in which no fault is found."""
 
     @model_validator(mode="after")
     def _sizes(self) -> GuardPart:
         self.mean.check_size(len(self.drivers), len(self.checked))
         self.scale.check_size(len(self.drivers), len(self.checked))
-        if len(self.limit) != len(self.checked) or min(self.limit, default=1.0) <= 0.0:
-            raise ValueError("one positive limit a checked feature is needed")
+        self.stranger.check_size(len(self.checked), 1)
+        if not len(self.known.limit) == len(self.healthy.limit) == len(self.checked):
+            raise ValueError("one limit a checked feature is needed")
         return self
 
 

@@ -19,6 +19,12 @@ def logsig(x: np.ndarray) -> np.ndarray:
     return 0.5 + 0.5 * np.tanh(0.5 * x)
 
 
+def logit(p: np.ndarray) -> np.ndarray:
+    """Return log(p / (1 − p)), bounded."""
+    p = np.clip(p, 1e-12, 1.0 - 1e-12)
+    return np.log(p / (1.0 - p))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Network:
     """A trained perceptron with one hidden layer.

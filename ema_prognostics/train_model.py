@@ -14,6 +14,7 @@ from ema_prognostics.robust.campaign import Campaign, run_campaign
 from ema_prognostics.robust.cascade import Cascade
 from ema_prognostics.robust.evaluation import evaluate
 from ema_prognostics.robust.features import Kind
+from ema_prognostics.robust.strangers import run_strangers
 from ema_prognostics.robust.training import train_view
 from ema_record.version import VERSION
 
@@ -35,6 +36,8 @@ class TrainingSettings:
     """Units with faults, three tests each."""
     healthy: int = 1500
     """Further units, healthy, for the thresholds."""
+    strangers: int = 1200
+    """Units with effects that are no class of ours."""
     validation: int = 300
     validation_healthy: int = 400
     hidden: int = 16
@@ -42,7 +45,8 @@ class TrainingSettings:
 
 
 QUICK = TrainingSettings(
-    units=120, healthy=120, validation=30, validation_healthy=40, hidden=12, epochs=40
+    units=120, healthy=120, strangers=60, validation=30, validation_healthy=40, hidden=12,
+    epochs=40,
 )
 
 
@@ -103,40 +107,32 @@ def _train_kind(
     progress: Progress,
 ) -> tuple[dict[str, ViewPart], dict[str, Any]]:
     """Return the views of one test and their validation."""
-    plan = [  # name, units, seed, healthy only, records a unit
-        ("fleet with faults", size.units, seed, False, 4),
-        ("healthy fleet", size.healthy, seed, True, 2),
-        ("fleet that validates", size.validation, seed + VALIDATION_SEED, False, 4),
-        ("healthy fleet that validates", size.validation_healthy, seed + VALIDATION_SEED, True,
-         2),
-    ]
-    total = sum(units * records for _, units, _, _, records in plan)
-    done, campaigns = 0, []
-    for name, units, start, healthy, records in plan:
-        campaigns.append(_campaign(
-            kind, units, start, healthy, jobs, folder,
-            lambda k, n, at=done, r=records, what=name: progress(  # type: ignore[misc]
-                f"{kind}: {what}, {k} of {n} units", 0.75 * (at + k * r) / total),
-        ))
-        done += units * records
-    faults, healthy_units, held, held_healthy = campaigns
+    def simulated(what: str, begin: float, end: float) -> Callable[[int, int], None]:
+        return lambda k, n: progress(
+            f"{kind}: {what}, {k} of {n} units", begin + (end - begin) * k / n)
+
+    def fleet_of(what: str, units: int, start: int, healthy: bool, begin: float, end: float
+                 ) -> Campaign:
+        return run_campaign(kind, units, start, healthy=healthy, jobs=jobs, folder=folder,
+                            progress=simulated(what, begin, end))
+
+    other = seed + VALIDATION_SEED
+    faults = fleet_of("fleet with faults", size.units, seed, False, 0.0, 0.45)
+    healthy_units = fleet_of("healthy fleet", size.healthy, seed, True, 0.45, 0.60)
+    strangers = run_strangers(kind, size.strangers, seed, jobs=jobs, folder=folder,
+                              progress=simulated("strangers", 0.60, 0.70))
+    held = fleet_of("fleet that validates", size.validation, other, False, 0.70, 0.77)
+    held_healthy = fleet_of("healthy fleet that validates", size.validation_healthy, other, True,
+                            0.77, 0.80)
     parts: dict[View, ViewPart] = {}
     for at, view in enumerate(VIEWS):
         parts[view] = train_view(
-            faults, healthy_units, kind, view, seed=seed, hidden=size.hidden,
+            faults, healthy_units, strangers, kind, view, seed=seed, hidden=size.hidden,
             epochs=size.epochs,
             progress=lambda what, a=at, v=view: progress(  # type: ignore[misc]
-                f"{kind}: network {what}, {v}", 0.75 + 0.12 * a),
+                f"{kind}: network {what}, {v}", 0.80 + 0.1 * a),
         )
     fleet, own = Cascade(parts["fleet"]), Cascade(parts["baseline"])
     result = {"fleet": evaluate(fleet, None, held, held_healthy),
               "baseline": evaluate(fleet, own, held, held_healthy)}
     return {f"{kind}/{view}": part for view, part in parts.items()}, result
-
-
-def _campaign(
-    kind: Kind, units: int, seed: int, healthy: bool, jobs: int, folder: Path | None,
-    progress: Callable[[int, int], None],
-) -> Campaign:
-    return run_campaign(kind, units, seed, healthy=healthy, jobs=jobs, progress=progress,
-                        folder=folder)

@@ -116,7 +116,7 @@ def _fault(rng: np.random.Generator, name: str, span: tuple[float, float]
 
 def draw(group: str, seed: int) -> tuple[Actuator, Case, Case]:
     """Return a unit, its acceptance test and a later test of the group."""
-    rng = np.random.default_rng([777_001, seed])
+    rng = np.random.default_rng([777_002, seed])
     actuator = _unit(rng)
     truth: dict[str, float] = {}
     effects: dict[str, float | str] = {}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 COVERAGE = 0.9
-MIN_BIN = 20
 
 
 def tail_quantile(score: np.ndarray, rate: float) -> float:
@@ -42,20 +41,3 @@ def conformal_quantile(residual: np.ndarray, coverage: float = COVERAGE) -> floa
     n = len(residual)
     rank = min(n, int(np.ceil((n + 1) * coverage)))
     return float(np.sort(residual)[rank - 1])
-
-
-def bin_widths(
-    predicted: np.ndarray, residual: np.ndarray, *, bins: int = 5
-) -> tuple[list[float], list[float]]:
-    """Return bounds between bins of the predicted value, and the half width of each bin.
-
-    Parameters
-    ----------
-    predicted, residual : ndarray, shape (n,). Of the calibration set.
-    bins : at most; fewer where a bin would hold less than `MIN_BIN`.
-    """
-    count = max(1, min(bins, len(predicted) // MIN_BIN))
-    edges = np.quantile(predicted, np.linspace(0, 1, count + 1)[1:-1]) if count > 1 else []
-    place = np.searchsorted(np.asarray(edges), predicted)
-    widths = [conformal_quantile(residual[place == k]) for k in range(count)]
-    return [float(e) for e in edges], widths

@@ -7,18 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ema_prognostics.model_body import MemberPart, SeverityPart, ViewPart
+from ema_prognostics.network import logit
 from ema_prognostics.robust.classes import CLASS_OF, FAMILIES, FAULTS, OUTPUTS, SEVERITY_OF, SHORTS
 from ema_prognostics.robust.guard import build_guard
 from ema_prognostics.robust.inputs import Inputs
 from ema_prognostics.robust.vector import rotate
 
 MAX_FAULTS = 2
-
-
-def logit(p: np.ndarray) -> np.ndarray:
-    """Return log(p / (1 − p)), bounded."""
-    p = np.clip(p, 1e-12, 1.0 - 1e-12)
-    return np.log(p / (1.0 - p))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,7 +35,8 @@ class Finding:
     severity : of each of them.
     probability : ndarray, shape (8,), of the outputs.
     margin : ndarray, shape (5,), logit of each family less its threshold.
-    guard : ndarray, shape (m,), of each feature checked; above 1: unusual. Empty: no guard.
+    guard : ndarray, shape (m + 2,), of each feature checked, of all together, of the likeness
+        to strangers; above 1: unusual. Empty: no guard.
     doubtful : nothing is announced, but healthy is too improbable to be said.
     """
 
@@ -78,13 +74,14 @@ class SeverityNetwork:
     def __init__(self, part: SeverityPart, inputs: Inputs) -> None:
         """Build the network."""
         self._network, self._columns = part.network.build(), inputs.columns(part.inputs)
+        self._scale, self._factor = part.scale.build(), part.factor
         self._unit, self._upper = part.unit, part.upper
-        self._edges, self._half_width = np.array(part.edges), np.array(part.half_width)
 
     def __call__(self, u: np.ndarray) -> np.ndarray:
         """Return value, lower and upper bound, shape (n, 3), in the effect's unit."""
-        y = self._network(u[:, self._columns])[:, 0]
-        half = self._half_width[np.searchsorted(self._edges, y)]
+        x = u[:, self._columns]
+        y = self._network(x)[:, 0]
+        half = self._factor * np.exp(np.clip(self._scale(x)[:, 0], -12.0, 3.0))
         bounds = np.stack([y, y - half, y + half], axis=1)
         return np.clip(self._unit * np.sinh(bounds), 0.0, 2.0 * self._upper)
 
@@ -113,21 +110,31 @@ class Cascade:
         }
         self.guard = build_guard(view, view.guard) if view.guard is not None else None
 
-    def find(self, x: np.ndarray) -> list[Finding]:
-        """Return what the cascade says of each row of features `x`, shape (n, d)."""
+    def find(self, x: np.ndarray, *, exact: bool = True) -> list[Finding]:
+        """Return what the cascade says of each row of features `x`, shape (n, d).
+
+        Parameters
+        ----------
+        x : features.
+        exact : whether the test is exactly the one trained on; of others of its kind (step of
+            another size, other sample rate) the guard judges less strictly.
+        """
         turned = [self.inputs(rotate(x, self.view.names, k)) for k in range(3)]
         u = turned[0]
         family = np.column_stack([self._families[n](u) for n in FAMILIES])
         margin = logit(family) - self._threshold
         p = self._probabilities(turned, family)
-        guard = self.guard.scores(u) if self.guard is not None else np.empty((len(x), 0))
+        outputs_of = [announced(*row) for row in zip(p, margin)]
+        sound = np.array([not outputs for outputs in outputs_of])
+        guard = np.empty((len(x), 0))
+        if self.guard is not None:
+            guard = self.guard.scores(u, sound, exact=exact)
         severity = {
             output: self._severity[SEVERITY_OF[output]](turned[k] if output in SHORTS else u)
             for k, output in enumerate(OUTPUTS)
         }
         found = []
-        for row in range(len(x)):
-            outputs = announced(p[row], margin[row])
+        for row, outputs in enumerate(outputs_of):
             values = [Severity(value=float(v), lower=float(low), upper=float(high))
                       for v, low, high in (severity[o][row] for o in outputs)]
             one = Finding(

@@ -93,12 +93,20 @@ def reasons_of_fault(cascade: Cascade, x: np.ndarray, output: str) -> list[str]:
 
 
 def reasons_of_guard(cascade: Cascade, finding: Finding) -> list[str]:
-    """Return what is unlike anything trained on, worst first."""
+    """Return what is unlike anything trained on, worst first; empty where nothing is."""
     guard = cascade.guard
-    if guard is None:
+    if guard is None or finding.guard.max() <= 1.0:
         return []
-    order = np.argsort(-finding.guard)[:MOST]
-    return [
-        f"{words(cascade.view.names[guard.checked[k]])}: {finding.guard[k]:.1f} times the usual "
-        "bound" for k in order if finding.guard[k] > 1.0
+    each, together, strange = finding.guard[:-2], *map(float, finding.guard[-2:])
+    found = [
+        f"{words(cascade.view.names[guard.checked[k]])}: {each[k]:.1f} times the usual bound"
+        for k in np.argsort(-each)[:MOST] if each[k] > 1.0
     ]
+    if strange > 1.0:
+        found.append("the record is like that of an effect which is no class of fault here "
+                     "(sensor, supply, control, friction law: 'ema identify' may name it)")
+    if not found:
+        worst = words(cascade.view.names[guard.checked[int(np.argmax(each))]])
+        found.append(f"all features together: {together:.1f} times the usual distance, most of "
+                     f"all the {worst}")
+    return found

@@ -16,11 +16,12 @@ from ema_prognostics.model_body import (
     ViewPart,
     rounded,
 )
-from ema_prognostics.robust.calibration import bin_widths, tail_quantile
+from ema_prognostics.network import logit
+from ema_prognostics.robust.calibration import conformal_quantile, tail_quantile
 from ema_prognostics.robust.campaign import Campaign
-from ema_prognostics.robust.cascade import Cascade, logit
+from ema_prognostics.robust.cascade import Cascade
 from ema_prognostics.robust.classes import FAMILIES, OUTPUTS, SEVERITY_OF
-from ema_prognostics.robust.guard_training import train_guard
+from ema_prognostics.robust.guard_training import GuardRecords, train_guard
 from ema_prognostics.robust.inputs import Inputs, derive, group_inputs
 from ema_prognostics.robust.lines import LineFilter, fit_line_filter
 from ema_prognostics.robust.networks import fit_classifier, fit_regressor
@@ -29,8 +30,11 @@ from ema_prognostics.robust.vector import ABSOLUTE, difference_names, difference
 UNITS = {"short": 2e-3, "eccentricity": 2e-3, "static_eccentricity": 2e-3,
          "motor_friction": 0.05, "surface_friction": 0.05, "backlash": 3e-5}
 """Severity below which a network's target is linear (of each class)."""
-FALSE_ALARMS = 0.0008
-"""Rate of healthy records of which each of the five families may be announced."""
+FALSE_ALARMS = {"asymmetry": 0.002, "eccentricity": 0.0005, "motor_friction": 0.001,
+                "surface_friction": 0.001, "backlash": 0.0005}
+"""Rate of healthy records of which each family may be announced."""
+LEAST_ERROR = 0.02
+"""Floor of a severity's error, in the network's output."""
 DOUBT = 0.004
 """Rate of healthy records that may be called unknown because healthy is improbable."""
 HELD_BACK = 5
@@ -53,7 +57,8 @@ def _turn_labels(y: np.ndarray, thirds: int) -> np.ndarray:
 
 
 def train_view(
-    campaign: Campaign, healthy: Campaign, kind: str, view: View, *, seed: int,
+    campaign: Campaign, healthy: Campaign, strangers: Campaign, kind: str, view: View, *,
+    seed: int,
     hidden: int = 16, epochs: int = 60, progress: Callable[[str], None] = lambda _: None,
 ) -> ViewPart:
     """Return the cascade of one view.
@@ -62,6 +67,7 @@ def train_view(
     ----------
     campaign : units with and without faults; one unit in `HELD_BACK` calibrates.
     healthy : other units, healthy only; they set the thresholds.
+    strangers : other units, with effects that are no class of ours.
     kind : of the test.
     view : with or without baseline.
     seed : of the networks' weights.
@@ -97,13 +103,13 @@ def train_view(
     for group in dict.fromkeys(SEVERITY_OF.values()):
         progress(f"severity, {group.replace('_', ' ')}")
         severity[group] = work.severity(group, x[~fit], y[~fit])
-    guard = None
-    if view == "fleet":
-        progress("guard")
-        d = len(names)
-        known = inputs(xs)[:, :d]
-        other = np.vstack([inputs(x[~fit]), inputs(sound)])[:, :d]
-        guard = train_guard(known, other, names, kind, seed=seed, epochs=epochs)
+    progress("guard")
+    d = len(names)
+    guard = train_guard(
+        GuardRecords(*(inputs(rows)[:, :d] for rows in (
+            xs, x[~fit], sound, view_inputs(strangers, view)[1]))),
+        names, kind, seed=seed, epochs=epochs,
+    )
     part = ViewPart(
         names=names, lines=LinePart.of(lines),
         absolute_lines=None if absolute is None else LinePart.of(absolute),
@@ -147,7 +153,7 @@ class _Work:
             self._see(name, self._x), there, epochs=self._epochs, **self._settings)
         part = NetworkPart.of(network)
         score = logit(part.build()(self._see(name, sound))[:, 0])
-        threshold = float(f"{tail_quantile(score, FALSE_ALARMS):.6g}")
+        threshold = float(f"{tail_quantile(score, FALSE_ALARMS[name]):.6g}")
         return FamilyPart(inputs=group_inputs(name, self._inputs.input_names), network=part,
                           threshold=threshold)
 
@@ -169,14 +175,20 @@ class _Work:
             epochs=3 * self._epochs, members=3, **self._settings
         )
         part = NetworkPart.of(network)
+        error = np.abs(np.arcsinh(label[rows] / unit)
+                       - part.build()(self._see(group, self._x)[rows])[:, 0])
+        scale = NetworkPart.of(fit_regressor(
+            self._see(group, self._x)[rows], np.log(error + LEAST_ERROR)[:, None],
+            epochs=self._epochs, members=2, hidden=6, seed=self._settings["seed"], decay=1.0,
+        ))
         truth = self._label(group, y)
         there = truth > 0.0
-        predicted = part.build()(self._see(group, x)[there])[:, 0]
-        edges, widths = bin_widths(predicted, np.abs(np.arcsinh(truth[there] / unit) - predicted))
+        seen = self._see(group, x)[there]
+        error = np.abs(np.arcsinh(truth[there] / unit) - part.build()(seen)[:, 0])
+        factor = conformal_quantile(error / np.exp(scale.build()(seen)[:, 0]))
         return SeverityPart(
-            inputs=group_inputs(group, self._inputs.input_names), network=part, unit=unit,
-            edges=rounded(np.array(edges)), half_width=rounded(np.array(widths)),
-            upper=float(f"{label.max():.6g}"),
+            inputs=group_inputs(group, self._inputs.input_names), network=part, scale=scale,
+            unit=unit, factor=float(f"{factor:.6g}"), upper=float(f"{label.max():.6g}"),
         )
 
 

@@ -93,7 +93,7 @@ def test_validation_of_the_shipped_model_is_good_enough():
             for name in ("turn_short", "rotor_eccentricity", "friction", "backlash"):
                 holds = found[name]["interval coverage"]
                 assert holds["upper"] >= 0.87, (kind, view, name)
-    for view, most in (("fleet", 0.03), ("baseline", 0.01)):
+    for view, most in (("fleet", 0.03), ("baseline", 0.02)):
         assert held_out["extended"][view]["turn_short"]["a90/95"] <= most
 
 

@@ -71,7 +71,7 @@ def test_rotor_eccentricity(model, profile, mode, zeta):
 @pytest.mark.parametrize(
     "effect",
     ["motor_friction.increase=0.5", "motor_friction.increase=1.5",
-     "surface_friction.increase=0.5", "surface_friction.increase=1.5", "backlash.increase=0.001",
+     "surface_friction.increase=1.0", "surface_friction.increase=1.5", "backlash.increase=0.001",
      "backlash.increase=0.003"],
 )
 @pytest.mark.parametrize("seed", [77_021, 77_022, 77_023])

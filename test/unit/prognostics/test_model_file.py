@@ -83,7 +83,7 @@ def fleet_of(body):
 
 
 def drop_network(body):
-    fleet_of(body)["which"].pop("short")
+    fleet_of(body)["members"].pop("short")
 
 
 def drop_part(body):
@@ -91,7 +91,7 @@ def drop_part(body):
 
 
 def shorten_row(body):
-    fleet_of(body)["which"]["short"]["network"]["hidden_weights"][0].pop()
+    fleet_of(body)["members"]["short"]["network"]["hidden_weights"][0].pop()
 
 
 def shorten_all(body):
@@ -103,7 +103,7 @@ def add_field(body):
 
 
 def zero_scale(body):
-    fleet_of(body)["which"]["short"]["network"]["input_scale"][0] = 0.0
+    fleet_of(body)["members"]["short"]["network"]["input_scale"][0] = 0.0
 
 
 def zero_spread(body):
@@ -111,7 +111,7 @@ def zero_spread(body):
 
 
 def other_names(body):
-    fleet_of(body)["which"]["short"]["inputs"][0] = "luck"
+    fleet_of(body)["members"]["short"]["inputs"][0] = "luck"
 
 
 def guard_of_others(body):
@@ -119,15 +119,19 @@ def guard_of_others(body):
 
 
 def text_for_number(body):
-    fleet_of(body)["which"]["short"]["threshold"] = "many"
+    fleet_of(body)["families"]["backlash"]["threshold"] = "many"
 
 
 def other_view(body):
     body["views"]["sideways/fleet"] = body["views"].pop("step/fleet")
 
 
-def lose_bin(body):
-    fleet_of(body)["severity"]["short"]["half_width"].pop()
+def zero_width(body):
+    fleet_of(body)["severity"]["short"]["factor"] = 0.0
+
+
+def lose_limit(body):
+    fleet_of(body)["guard"]["healthy"]["limit"].pop()
 
 
 def lose_filter(body):
@@ -135,14 +139,14 @@ def lose_filter(body):
 
 
 def paper_of_others(body):
-    body["paper"]["ann_a"] = fleet_of(body)["which"]["short"]["network"]
+    body["paper"]["ann_a"] = fleet_of(body)["members"]["short"]["network"]
 
 
 @pytest.mark.parametrize(
     "change",
     [drop_network, drop_part, shorten_row, shorten_all, add_field, zero_scale, zero_spread,
-     other_names, guard_of_others, text_for_number, other_view, lose_bin, lose_filter,
-     paper_of_others],
+     other_names, guard_of_others, text_for_number, other_view, zero_width, lose_limit,
+     lose_filter, paper_of_others],
 )
 def test_bodies_of_the_wrong_form(shipped, change):
     with pytest.raises(ModelError) as error:

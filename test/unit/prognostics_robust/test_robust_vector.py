@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ema_prognostics.robust.calibration import bin_widths, conformal_quantile, tail_quantile
+from ema_prognostics.robust.calibration import conformal_quantile, tail_quantile
 from ema_prognostics.robust.vector import difference_names, differences, rotate, squash
 
 NAMES = ["quarter_even_m1_re", "quarter_even_m1_im", "quarter_even_m2_re", "quarter_even_m2_im",
@@ -48,11 +48,3 @@ def test_conformal_width_covers() -> None:
     rng = np.random.default_rng(2)
     width = conformal_quantile(np.abs(rng.normal(size=4000)))
     assert np.mean(np.abs(rng.normal(size=40_000)) <= width) == pytest.approx(0.9, abs=0.02)
-
-
-def test_widths_follow_the_scatter() -> None:
-    rng = np.random.default_rng(3)
-    predicted = rng.uniform(0, 1, 2000)
-    edges, widths = bin_widths(predicted, np.abs(rng.normal(size=2000)) * (predicted + 0.1))
-    assert len(widths) == len(edges) + 1
-    assert widths[-1] > 3 * widths[0]
