@@ -29,6 +29,7 @@ JSON_FILE = "identification.json"
 MODEL_FILE = "model.yaml"
 NEXT_TEST_FILE = "next_test.yaml"
 PLOTS = "plots"
+GAP_PLOT = "gap_by_stage"
 MAX_PANELS = 60
 """More plots than anyone reads: an error of the caller."""
 
@@ -83,7 +84,7 @@ def write_report(
     partial = out.with_name(f".{out.name}.{os.getpid()}.tmp")
     make_new_directory(partial)
     try:
-        pictures = {"gap": draw_gap(identification)}
+        pictures = {GAP_PLOT: draw_gap(identification)}
         pictures |= {panel.name: draw_panel(panel) for panel in panels}
         (partial / PLOTS).mkdir()
         for name, png in pictures.items():
@@ -132,7 +133,7 @@ def _panels(identification: Identification) -> tuple[Panel, ...]:
     shape = identification.unknown.panel if identification.unknown is not None else None
     if shape is not None and shape.name not in {panel.name for panel in panels}:
         panels = (shape, *panels)
-    names = [panel.name for panel in panels] + ["gap"]
+    names = [panel.name for panel in panels] + [GAP_PLOT]
     for name in names:
         if not name.replace("_", "").isalnum():
             raise UsageError(f"plot {name!r}: a name has letters, digits and _ only")

@@ -35,7 +35,7 @@ def test_all_files_are_there(page, explained):
     folder = page.parent
     names = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
     assert names == {
-        "report.html", "identification.json", MODEL_FILE, NEXT_TEST_FILE, "plots/gap.png",
+        "report.html", "identification.json", MODEL_FILE, NEXT_TEST_FILE, "plots/gap_by_stage.png",
         "plots/current_over_angle.png", "plots/lines.png",
     }
     assert [p.name for p in folder.parent.iterdir()] == [folder.name]
