@@ -13,6 +13,8 @@ from ema_identification.rig.laws import Term
 from ema_identification.rig.regression import Bounds, Fit, fit, held_out
 from ema_identification.rig.trajectory import Segment, Trajectory
 
+BASE_LAWS = ("inertia", "viscous_friction", "disturbance")
+"""What every axis has."""
 AT_ONCE = 40
 """Terms whose regressors are filtered together."""
 
@@ -152,11 +154,14 @@ class Balance:
 
     @property
     def lawful(self) -> bool:
-        """Whether no term would have to break its sign: friction that drives, and the like."""
-        free = fit(self.columns, self.design.trajectory.target).coefficients
-        return all(
-            bool((free[self.span(index)] >= 0.0).all())
-            for index, term in enumerate(self.terms) if term.law.positive
+        """Whether no law that was added would have to break its sign: friction that drives.
+
+        The model's own inertia and viscous friction stop at zero instead.
+        """
+        return not any(
+            bool(self.fit.active[self.span(index)].any())
+            for index, term in enumerate(self.terms)
+            if term.law.positive and term.law.name not in BASE_LAWS
         )
 
     def without(self, index: int) -> Balance:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ema_identification.rig.balance import Balance
+from ema_identification.rig.balance import BASE_LAWS, Balance
 from ema_identification.rig.blocks import Blocks
 from ema_identification.rig.laws import LAWS, Law, Term
 from ema_identification.rig.refine import refined
@@ -34,7 +34,6 @@ OUTDONE = 0.5
 PLAIN_SHAPES = ("speed and direction", "position", "angle within a turn")
 MAX_TRIED = 12
 MAX_EQUIVALENT = 2
-BASE_LAWS = ("inertia", "viscous_friction", "disturbance")
 
 Reporter = Callable[[str], None]
 
@@ -145,17 +144,15 @@ def choose(
         name, term = candidates[index]
         p_value = float(found.family_p_value[index])
         term = refined(balance, term)
-        after = held_out(
-            np.column_stack([balance.free_columns, _columns(balance, term)]), balance.target,
-            blocks)
-        own = blocks.sums(after**2)
+        joined = balance.joined(term)
+        own = blocks.sums(joined.held_out(blocks) ** 2)
         gain = 1.0 - own.sum() / squares.sum()
         error = _standard_error(squares - own)
         trials.append(Trial(
             term=term, name=name, p_value=p_value, squares=own, rows=len(before), gain=gain,
             significant=bool(p_value <= LEVEL_OF_CHANCE and gain >= LEAST_GAIN
                              and (squares - own).sum() > UNCERTAINTY * error
-                             and _keeps_signs(balance, term))))
+                             and (joined.lawful or not balance.lawful))))
     trials.sort(key=lambda trial: -trial.gain)
     good = [trial for trial in trials if trial.significant]
     if good:
@@ -181,11 +178,6 @@ def _taken_by_shapes(
             gain = 1.0 - float(after @ after) / squares
             most[shape.against] = max(gain, most.get(shape.against, 0.0))
     return most
-
-
-def _keeps_signs(balance: Balance, term: Term) -> bool:
-    """Return whether a term leaves friction positive wherever it was so before."""
-    return balance.joined(term).lawful or not balance.lawful
 
 
 def _columns(balance: Balance, term: Term) -> np.ndarray:

@@ -21,7 +21,7 @@ from ema_identification.rig.trajectory import Segment, Trajectory
 KNOTS = 9
 PLACES = 21
 MAX_FREQUENCIES = 12
-OF_MOTION = 0.2
+OF_MOTION = 0.4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,7 +119,7 @@ def waves_in_time(
 ) -> list[GenericShape]:
     """Return the strongest frequencies of a residual, as shapes picked from all of them.
 
-    Waves that the motion has too (a fifth of them follows from the `freest` model's
+    Waves that the motion has too (two fifths of them follow from the `freest` model's
     regressors) are left out: they may as well depend on the motion.
     """
     rate = trajectory.row_rate
