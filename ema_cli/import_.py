@@ -56,4 +56,3 @@ def import_(
     print(f"{len(record)} samples, {record.duration:.4g} s at {record.rate:.5g} 1/s: "
           f"{', '.join(channels)}")
     return 0
-

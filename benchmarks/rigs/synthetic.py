@@ -169,8 +169,8 @@ EFFECTS: dict[str, Effect] = {
     "control_delay": lambda _r, m, p, _s: np.gradient(p, m.time) / rms(np.gradient(p, m.time)),
     # Strangers: in no catalogue.
     "disturbance_in_time": lambda r, m, _p, _s: np.sin(2 * np.pi * 9.37 * r.frequency * m.time),
-    "detent": lambda r, m, _p, _s: 2.0 * np.exp(-(((m.position - 0.3 * r.stroke)
-                                                 / (0.1 * r.stroke)) ** 2)),
+    "detent": lambda r, m, _p, _s: 2.0 * np.exp(
+        -(((m.position - 0.3 * r.stroke) / (0.1 * r.stroke)) ** 2)),
     "friction_hump": lambda _r, m, _p, _s: np.sign(m.speed) * np.exp(
         -(((np.abs(m.speed) - rms(m.speed)) / (0.3 * rms(m.speed))) ** 2)),
     "friction_ripple": lambda r, m, _p, _s: np.sign(m.speed) * np.sin(
