@@ -41,6 +41,8 @@ from ema_record.writer import BagWriter
 from ema_sim.simulate import simulate
 
 PARALLEL = 6
+BATCH = 20
+"""Recordings of which the results are kept together."""
 TARGET_MS = 100.0
 
 
@@ -162,13 +164,16 @@ def main() -> None:
     ledger = Ledger(arguments.results)
     counts = {"kill": arguments.kills, "full disk": arguments.others,
               "removed directory": arguments.others}
-    print(json.dumps({"seed": arguments.seed, **{
-        kind: table_of(ledger.run(
-            f"{arguments.seed} {kind} {count}",
-            partial(strike_all, [kind] * count, arguments.seed),
-        ))
-        for kind, count in counts.items()
-    }}))
+    table: dict[str, object] = {"seed": arguments.seed}
+    for kind, count in counts.items():
+        results: list[dict[str, object]] = []
+        for first in range(0, count, BATCH):
+            kinds = [kind] * min(BATCH, count - first)
+            number = 1000 * arguments.seed + first
+            results += ledger.run(f"{number} {kind} {len(kinds)}",
+                                  partial(strike_all, kinds, number))
+        table[kind] = table_of(results)
+    print(json.dumps(table))
 
 
 if __name__ == "__main__":
