@@ -9,7 +9,7 @@ import numpy as np
 
 from ema_identification.actuator.evidence import Evidence
 from ema_identification.actuator.naming import fit_candidates, gain_of, propose
-from ema_identification.actuator.pairs import fit_pairs, seconds
+from ema_identification.actuator.pairs import fit_pairs, seconds, swapped
 from ema_identification.actuator.recalibration import Recalibration
 from ema_identification.actuator.refit import Fit, Term, refit
 from ema_identification.actuator.runs import Progress, silent
@@ -79,10 +79,6 @@ def decide(
             f"cost {null.cost / size:.2f} a feature: a complete model leaves more with "
             f"probability {p_null:.2g}",
         ))
-    if p_gain > LEVEL:
-        return Answer(verdict="unknown effect", gain=gain, reasons=(
-            f"something is missing: cost {null.cost / size:.1f} a feature after recalibration, "
-            f"{np.exp(scale.fit[0]):.1f} is usual; no effect of the catalogue lowers it",))
     fits = fit_candidates(evidence, proposal.chosen, null, seed=seed)
     singles = [f for f in fits if np.isfinite(f.cost)]
     progress("name", 0.6)
@@ -93,6 +89,7 @@ def decide(
     pairs = [f for f in pairs if np.isfinite(f.cost) and _needed(f)
              and single - f.cost > SECOND_GAIN * f.cost / size]
     if pairs and scale.p_fit(pairs[0].cost / size) > GOOD_FIT:
+        pairs = swapped(evidence, pairs, null, without=without, seed=seed)
         return _two(pairs, singles, null, size, gain, p_gain)
     complete = float(np.exp(scale.fit[0]))
     if singles and _nearly(singles[0], null, size, complete):

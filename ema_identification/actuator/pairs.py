@@ -148,6 +148,34 @@ def fit_pairs(
     return sorted(found, key=lambda f: f.cost)
 
 
+def swapped(
+    evidence: Evidence, pairs: Sequence[Fit], null: Recalibration, *,
+    without: Sequence[str] = (), seed: int = 0,
+) -> list[Fit]:
+    """Return `pairs` and the best one with either effect replaced by what comes nearest to it."""
+    best = pairs[0]
+    base = evidence.blocks[0].library.model.effects
+    names = {t.variant.effect for t in best.terms}
+    known = {frozenset(t.variant.name for t in f.terms) for f in pairs}
+    found = list(pairs)
+    for kept in best.terms:
+        alone = evidence.mean(best.z, kept.variant.effects(kept.u, base), runs=best.runs,
+                              seed=seed + 30)
+        rest = residual(evidence, best.z, alone, runs=best.runs, scatter=[
+            MODEL_ERROR * (f - f0) for f, f0 in zip(best.mean, null.mean)])
+        tried: set[str] = set()
+        for other in screen(evidence, rest, without=[*without, *names]):
+            if len(tried) == GREEDY:
+                break
+            key = frozenset((kept.variant.name, other.variant.name))
+            if other.variant.effect in tried or key in known:
+                continue
+            tried.add(other.variant.effect)
+            found.append(refit(evidence, [kept, _term(evidence, other)], best.z, null.mean,
+                               seed=seed, give_up=2.0 * best.cost))
+    return sorted((f for f in found if np.isfinite(f.cost)), key=lambda f: f.cost)
+
+
 def _term(evidence: Evidence, screened: Screened) -> Term:
     return Term(variant=screened.variant, signature=stacked(evidence, screened.index),
                 u=screened.u)

@@ -190,7 +190,7 @@ def _held(evidence: Evidence, before: Gap, after: Gap, answer: Answer) -> Panel:
         rows.append(("after", *_by_place(evidence, after.residual)))
     x = rows[0][1]
     return Panel(
-        name="held_out", title="The gap on data that took no part in the fit, by part of the test.",
+        name="held_out", title="The gap on data that took no part in the fit, by part.",
         x_label="time of the test (s)", y_label="residual, rms (standard deviations)",
         curves=(*_role_curves(rows, "points"),
                 Curve(label="nothing missing", x=x, y=np.ones_like(x), role="floor")),

@@ -15,6 +15,10 @@ from ema_sim.effects.base import Quantity
 QUANTILE = 1.645
 """Of the normal distribution, for an interval of 90 %."""
 DRAWS = 400
+INFLATION = 1.5
+"""On standard deviations: the slopes of the library are themselves estimates."""
+SYSTEMATIC = 0.004
+"""Relative error of a coordinate that no noise explains (integration, slopes)."""
 
 
 def parameters_of(fit: Fit, index: int) -> tuple[Parameter, ...]:
@@ -26,7 +30,8 @@ def parameters_of(fit: Fit, index: int) -> tuple[Parameter, ...]:
     begin = sum(t.variant.size for t in fit.terms[:index])
     term = fit.terms[index]
     part = slice(begin, begin + term.variant.size)
-    covariance = fit.covariance[part, part] * max(1.0, fit.spread)**2
+    covariance = fit.covariance[part, part] * (INFLATION * max(1.0, fit.spread))**2
+    covariance = covariance + np.eye(len(term.u)) * (SYSTEMATIC * np.linalg.norm(term.u))**2
     rng = np.random.default_rng(0)
     draws = rng.multivariate_normal(term.u, covariance, size=DRAWS)
     draws = np.clip(draws, term.variant.low, term.variant.high)
