@@ -57,8 +57,9 @@ def evaluate(
             "detected": _plain(rate(found)), "right class of detected": _plain(rate(right)),
             "interval coverage": _plain(rate(inside)),
             "median relative error": round(float(np.median(error)), 4) if error else None,
-            "a90": None if curve is None else float(f"{curve.a90:.3g}"),
-            "a90/95": None if curve is None else float(f"{curve.a90_95:.3g}"),
+            **{key: None if curve is None or value > mine.max() else float(f"{value:.3g}")
+               for key, value in (("a90", curve and curve.a90), ("a90/95", curve and curve.a90_95))
+               },
         }
     pairs = (campaign.severity > 0.0).sum(axis=1) == 2
     result["pairs both named"] = _plain(rate([
