@@ -36,8 +36,8 @@ def plot_flights(
         bar = figure.colorbar(mesh, ax=panels, shrink=0.6, pad=0.01)
         bar.set_ticks([-1.0, 0.0, 1.0], labels=["1/10", "1", "10"])
         bar.set_label("severity / detectable severity")
-        handles, labels = panels[0].get_legend_handles_labels()
-        unique = dict(zip(labels, handles))
+        both = [panel.get_legend_handles_labels() for panel in panels]
+        unique = {label: h for handles, labels in both for h, label in zip(handles, labels)}
         figure.legend(unique.values(), unique.keys(), loc="outside lower center", ncols=5)
         content = io.BytesIO()
         figure.savefig(content, format="png")
