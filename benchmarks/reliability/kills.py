@@ -91,15 +91,16 @@ def start(record: Record, bag: Path, rng: random.Random, kind: str) -> Child:
             os._exit(0)
     while not given[9]:
         time.sleep(1e-3)
-    if kind == "removed directory":  # which may be put back meanwhile
+    # In time, whatever this process does: the child is not reaped before it is judged.
+    if kind == "kill":
+        threading.Timer(wait, os.kill, [pid, signal.SIGKILL]).start()
+    elif kind == "removed directory":  # which may be put back meanwhile
         threading.Timer(wait, shutil.rmtree, [bag], {"ignore_errors": True}).start()
     return Child(pid, bag, given, time.monotonic() + wait, kind)
 
 
 def judge(child: Child, record: Record) -> dict[str, object]:
-    """Strike a child, recover its bag, compare."""
-    if child.kind == "kill":
-        os.kill(child.pid, signal.SIGKILL)
+    """Wait for the end of a child, recover its bag, compare."""
     os.waitpid(child.pid, 0)
     (given,) = struct.unpack("<Q", child.given[:8])
     try:
