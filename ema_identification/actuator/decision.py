@@ -57,6 +57,7 @@ class Answer:
     equivalent: tuple[tuple[Fit, ...], ...] = ()
     p_value: tuple[float, ...] = ()
     gain: float = 0.0
+    null_cost: float = 0.0
     reasons: tuple[str, ...] = ()
 
 
@@ -81,6 +82,9 @@ def decide(
         ))
     fits = fit_candidates(evidence, proposal.chosen, null, seed=seed)
     singles = [f for f in fits if np.isfinite(f.cost)]
+    if singles:  # the fit may gain what the screening, linear, did not see
+        gained = (null.cost - singles[0].cost) / max(singles[0].cost / size, 1e-9)
+        p_gain = min(p_gain, scale.p_gain(gained))
     progress("name", 0.6)
     if singles and scale.p_fit(singles[0].cost / size) > GOOD_FIT:
         return _with_second(evidence, null, singles, gain, p_gain, without, seed)

@@ -34,7 +34,8 @@ def candidates_of(
 
 
 def findings_of(
-    evidence: Evidence, answer: Answer, groups: Sequence[Group], before: Gap, after: Gap
+    evidence: Evidence, answer: Answer, groups: Sequence[Group], before: Gap, after: Gap,
+    null_cost: float,
 ) -> tuple[Finding, ...]:
     """Return the findings, in the order found."""
     if answer.fit is None:
@@ -51,6 +52,6 @@ def findings_of(
             effect=name, equivalent=tuple(dict.fromkeys(equal))[:2],
             parameters=parameters_of(answer.fit, k), where=where_of(groups),
             p_value=answer.p_value[k], gap_before=before.value, gap_after=after.value,
-            candidates=candidates_of(evidence, answer.fits, before.value, "fitted"),
+            candidates=candidates_of(evidence, answer.fits, null_cost, "fitted"),
         ))
     return tuple(found)

@@ -102,7 +102,7 @@ def _identify(
     shown = Shown(before=before, after=after, how="held-out records" if held else
                   "no held-out record: each tenth of the features predicted from the others")
     fits = [f for f in answer.fits if np.isfinite(f.cost)]
-    findings = findings_of(ev, answer, groups, shown.before, shown.after)
+    findings = findings_of(ev, answer, groups, shown.before, shown.after, null.cost)
     ambiguous = next((e for e in answer.equivalent if e), ())
     proposed = separating_test(ev, [answer.fit, *ambiguous], seed=seed) if (
         answer.fit is not None and ambiguous) else None
