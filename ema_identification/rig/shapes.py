@@ -133,7 +133,7 @@ def waves_in_time(
     inside = (frequency > 2.0 / max(np.ptp(trajectory.time), 1e-9)) & (frequency < trajectory.band)
     peaks, _ = signal.find_peaks(np.where(inside, power, 0.0), distance=6)
     strongest = peaks[np.argsort(-power[peaks])][:MAX_FREQUENCIES]
-    looks = max(1, int(np.ptp(trajectory.time) * trajectory.band))
+    looks = max(1, int(4 * np.ptp(trajectory.time) * trajectory.band))
     basis = orthonormal(freest)
     shapes = []
     for peak in strongest:

@@ -28,7 +28,7 @@ from ema_identification.rig.prepare import prepare
 from ema_identification.rig.regression import fit, held_out
 from ema_identification.rig.remainder import portrait
 from ema_identification.rig.search import Search, search
-from ema_identification.rig.selection import Choice
+from ema_identification.rig.selection import LEVEL_OF_CHANCE, Choice
 from ema_identification.rig.shapes import (
     GenericShape,
     freest_columns,
@@ -194,7 +194,7 @@ def _candidate(
         reason = "taken"
     elif choice is not None and name in choice.equivalent:
         reason = "cannot be told from the one taken"
-    elif p_value > 0.005:
+    elif p_value > LEVEL_OF_CHANCE:
         reason = "no more than chance"
     else:
         reason = "helps less"
