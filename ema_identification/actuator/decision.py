@@ -86,6 +86,9 @@ def decide(
         gained = (null.cost - singles[0].cost) / max(singles[0].cost / size, 1e-9)
         p_gain = min(p_gain, scale.p_gain(gained))
     progress("name", 0.6)
+    if singles:  # the simulator may do better than the library's signatures
+        fell = (null.cost - singles[0].cost) / max(singles[0].cost / size, 1e-9)
+        p_gain = min(p_gain, scale.p_gain(fell))
     if singles and scale.p_fit(singles[0].cost / size) > GOOD_FIT:
         return _with_second(evidence, null, singles, gain, p_gain, without, seed)
     pairs = fit_pairs(evidence, singles, proposal.far, null, without=without, seed=seed)
