@@ -105,7 +105,7 @@ class Perceptron:
                     MLPRegressor(**plain), x[rows], np.log(train.severity[rows, k]))
 
     def _inputs(self, record: np.ndarray, baseline: np.ndarray) -> np.ndarray:
-        return record if self.view == "fleet" else differences(self.names, record, baseline)
+        return record if self.view == "fleet" else differences(record, baseline)
 
     def call(self, record: np.ndarray, baseline: np.ndarray) -> list[Called]:
         """Return what the perceptrons say of records, features of shape (n, d) each."""
