@@ -57,7 +57,6 @@ class Answer:
     equivalent: tuple[tuple[Fit, ...], ...] = ()
     p_value: tuple[float, ...] = ()
     gain: float = 0.0
-    null_cost: float = 0.0
     reasons: tuple[str, ...] = ()
 
 

@@ -78,6 +78,9 @@ def advice(identification: Identification) -> list[str]:
     if identification.findings:
         found.append("Use the updated model: it carries "
                      f"{words.listed(identification)} with the parameters below.")
+    if identification.findings and not words.held_out_shows(identification):
+        found.append("The held-out data hardly show what was found: their gap was near the noise "
+                     "floor before. Judge by the fitted record below, or record another command.")
     if ambiguous:
         found.append("More than one name fits equally well. The model file holds the first of "
                      "them; do not order a repair on the name alone.")

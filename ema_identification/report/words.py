@@ -67,11 +67,20 @@ def listed(identification: Identification) -> str:
     return names[0] if len(names) == 1 else f"{'; '.join(names[:-1])}; and {names[-1]}"
 
 
+SHOWS = 1.5
+"""Noise floors from which a held-out record shows a gap at all."""
+
+
+def held_out_shows(identification: Identification) -> bool:
+    """Whether the gap before stands out of the noise floor on the held-out data."""
+    return identification.gap_before >= SHOWS * identification.noise_floor > 0.0
+
+
 def closed_share(identification: Identification) -> float | None:
-    """Return how much of the gap above the noise floor was closed, None if there was none."""
-    above = identification.gap_before - identification.noise_floor
-    if not above > 0.0:
+    """Return how much of the gap above the noise floor was closed, None if none stood out."""
+    if not held_out_shows(identification):
         return None
+    above = identification.gap_before - identification.noise_floor
     return (identification.gap_before - identification.gap_after) / above
 
 
