@@ -51,7 +51,8 @@ def plot_detection(
         axis.set(xscale="log", title=group.replace("_", " "), xlabel=unit,
                  ylabel="probability of detection", ylim=(-0.02, 1.02))
         axis.axhline(0.9, color="0.6", linewidth=0.8)
-        axis.legend(loc="lower right", fontsize=8)
+        if axis.get_legend_handles_labels()[0]:
+            axis.legend(loc="lower right", fontsize=8)
     figure.savefig(path, dpi=110)
 
 
