@@ -95,6 +95,9 @@ def decide(
     pairs = [f for f in pairs if np.isfinite(f.cost) and _needed(f)
              and single - f.cost > SECOND_GAIN * f.cost / size]
     if pairs and scale.p_fit(pairs[0].cost / size) > GOOD_FIT:
+        alone = _pruned(evidence, pairs[0], null, seed)
+        if alone is not None:
+            return _one("explained", [alone, *singles], null, size, gain, p_gain, ())
         pairs = swapped(evidence, pairs, null, without=without, seed=seed)
         return _two(pairs, singles, null, size, gain, p_gain)
     complete = float(np.exp(scale.fit[0]))
@@ -155,6 +158,9 @@ def _with_second(
     fell = (best.cost - both.cost) / max(both.cost / size, 1e-9)
     if fell < SECOND_GAIN or not _needed(both):
         return one
+    alone = _pruned(evidence, both, null, seed)
+    if alone is not None:
+        return _one("explained", [alone, *singles[1:]], null, size, gain, p, ())
     scale = evidence.blocks[0].library.scale
     return Answer(verdict="explained", fit=both, fits=tuple(singles), gain=gain,
                   equivalent=(_rivals(singles, null.cost, size), ()),
@@ -179,6 +185,19 @@ def _two(
                 equal[k].append(fit)
     return Answer(verdict="explained", fit=best, fits=tuple(singles), gain=gain,
                   equivalent=(tuple(equal[0][:2]), tuple(equal[1][:2])), p_value=(p, p))
+
+
+def _pruned(evidence: Evidence, pair: Fit, null: Recalibration, seed: int) -> Fit | None:
+    """Return the fit of one effect of a pair if the other is not needed, else None.
+
+    It starts where the pair ended, so a single fit that had stopped short is mended too.
+    """
+    size = evidence.size
+    for term in pair.terms:
+        alone = refit(evidence, [term], pair.z, null.mean, seed=seed)
+        if alone.cost - pair.cost < SECOND_GAIN * pair.cost / size:
+            return alone
+    return None
 
 
 def _needed(fit: Fit) -> bool:

@@ -20,7 +20,7 @@ from ema_identification.actuator.spread import N_TOLERANCES, TOLERANCES
 from ema_identification.actuator.variants import ALIASES, Variant
 from ema_sim.effects import Effects
 
-ROUNDS = 4
+ROUNDS = 5
 RUNS = 3
 LAST_RUNS = 10
 CLEAR = 4.0
