@@ -104,9 +104,9 @@ def one(found: Chain, kind: Kind, rng: Random) -> dict[str, Any]:
     expected = kind.ends if fault.done else (*kind.ends, "complete")
     if not wrong and ended not in expected:
         wrong.append(f"ended {ended}, expected one of {', '.join(expected)}")
-    if verdict is not None and verdict["verdict"] != "unknown" and (
-        verdict["verdict"], verdict["fault_class"]
-    ) != ("fault", "turn_short"):  # doubt is the model's business, another answer is not
+    if verdict is not None and (verdict["verdict"], verdict["fault_class"]) != (
+        "fault", "turn_short"
+    ):
         wrong.append(f"verdict {verdict['verdict']} {verdict['reasons'][:1]}")
     new = [judge_record(path) for path in sorted(records(found.out) - before)]
     wrong += [text for text in new if text.startswith("WRONG")]
