@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,9 @@ EXPLAINED = 0.95
 """Least part of the misfit that an effect must take away to be named though some is left."""
 SECOND_GAIN = 80.0
 """Least gain of a second effect where the first explains the record well."""
+AHEAD = 4.0
+"""How many times as much the next effect must leave where a fit is not complete."""
+LEFT = "what is left is more than noise; no further effect takes it away"
 CLEAR = 2.0
 """Least distance of each of two effects from absent (standard deviations)."""
 SET_MARGIN = 14.0
@@ -101,15 +104,32 @@ def decide(
         pairs = swapped(evidence, pairs, null, without=without, seed=seed)
         return _two(pairs, singles, null, size, gain, p_gain)
     complete = float(np.exp(scale.fit[0]))
+    if pairs and _stands_out(pairs[0], singles, null):
+        pairs = swapped(evidence, pairs, null, without=without, seed=seed)
+        return replace(_two(pairs, singles, null, size, gain, p_gain), verdict="partly explained",
+                       reasons=(LEFT,))
+    if singles and _stands_out(singles[0], singles[1:], null):
+        return _one("partly explained", singles, null, size, gain, p_gain, (LEFT,))
     if singles and _nearly(singles[0], null, size, complete):
         return _one("partly explained", singles, null, size, gain, p_gain, (
-            "what the effect leaves is more than noise; no second effect takes it away",))
+            LEFT,))
     return Answer(verdict="unknown effect", fits=tuple(singles), gain=gain, reasons=(
         f"something is missing: cost {null.cost / size:.1f} a feature after recalibration, "
         f"{complete:.1f} is usual",
         "no effect of the catalogue, and no two, explain it: the best leaves "
         + (f"{singles[0].cost / size:.1f}" if singles else "everything"),
     ))
+
+
+def _stands_out(fit: Fit, others: Sequence[Fit], null: Recalibration) -> bool:
+    """Whether a fit takes away nearly all, and everything else leaves many times as much.
+
+    Entries that merely imitate something unknown come in crowds; the right one stands alone.
+    """
+    names = {t.variant.effect for t in fit.terms}
+    rest = [f.cost for f in others if {t.variant.effect for t in f.terms} != names]
+    return (fit.cost < (1.0 - EXPLAINED) * null.cost
+            and fit.cost * AHEAD < min(rest, default=np.inf))
 
 
 def _nearly(fit: Fit, null: Recalibration, size: int, complete: float) -> bool:
