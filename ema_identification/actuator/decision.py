@@ -11,7 +11,7 @@ from ema_identification.actuator.evidence import Evidence
 from ema_identification.actuator.naming import fit_candidates, gain_of, propose
 from ema_identification.actuator.pairs import fit_pairs, seconds, swapped
 from ema_identification.actuator.recalibration import Recalibration
-from ema_identification.actuator.refit import Fit, Term, refit
+from ema_identification.actuator.refit import Fit, Term, polish, refit
 from ema_identification.actuator.runs import Progress, silent
 from ema_identification.actuator.screening import stacked
 from ema_identification.identification import Outcome
@@ -28,6 +28,8 @@ EXPLAINED = 0.95
 """Least part of the misfit that an effect must take away to be named though some is left."""
 SECOND_GAIN = 80.0
 """Least gain of a second effect where the first explains the record well."""
+POLISHED = 2
+"""Pairs that are fitted further."""
 AHEAD = 4.0
 """How many times as much the next effect must leave where a fit is not complete."""
 LEFT = "what is left is more than noise; no further effect takes it away"
@@ -93,7 +95,13 @@ def decide(
         p_gain = min(p_gain, scale.p_gain(fell))
     if singles and scale.p_fit(singles[0].cost / size) > GOOD_FIT:
         return _with_second(evidence, null, singles, gain, p_gain, without, seed)
+    if singles:
+        singles[0] = polish(evidence, singles[0], null.mean, seed=seed)
+        if scale.p_fit(singles[0].cost / size) > GOOD_FIT:
+            return _with_second(evidence, null, singles, gain, p_gain, without, seed)
     pairs = fit_pairs(evidence, singles, proposal.far, null, without=without, seed=seed)
+    pairs = sorted((*(polish(evidence, f, null.mean, seed=seed) for f in pairs[:POLISHED]),
+                    *pairs[POLISHED:]), key=lambda f: f.cost)
     single = singles[0].cost if singles else np.inf
     pairs = [f for f in pairs if np.isfinite(f.cost) and _needed(f)
              and single - f.cost > SECOND_GAIN * f.cost / size]

@@ -170,6 +170,15 @@ def refit(
     return best
 
 
+def polish(evidence: Evidence, fit: Fit, null: Sequence[np.ndarray], *, seed: int = 0) -> Fit:
+    """Return a fit continued from where it ended, tolerances drawn back into their bands.
+
+    Tolerances that took the place of an effect before it was found find their way home.
+    """
+    again = refit(evidence, fit.terms, np.clip(fit.z, -1.0, 1.0), null, seed=seed + 40)
+    return again if again.cost < fit.cost else fit
+
+
 def _slopes(
     evidence: Evidence, terms: Sequence[Term], z: np.ndarray, mean: Sequence[np.ndarray],
     slope: np.ndarray, before: tuple[np.ndarray, np.ndarray, np.ndarray] | None, runs: int,
