@@ -254,4 +254,3 @@ def verdict_object(trend: UnitTrend) -> dict[str, Any]:
              **f.verdict.to_dict()} for f in trend.flights
         ],
     }
-

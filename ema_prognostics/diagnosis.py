@@ -148,7 +148,8 @@ def verdict_of_features(
     if set(features) != set(names):
         return unknown_verdict("the record does not hold every feature: its interval with the "
                                "inverter off is missing")
-    x = _row(features, names)
+    usual = cascade.view.center[names.index(START)] if START in names else 0.0
+    x = _row(features, names, usual)
     finding = cascade.find(x, exact=exact)[0]
     unusual = reasons_of_guard(cascade, finding)
     if unusual:
@@ -156,7 +157,7 @@ def verdict_of_features(
                                *unusual)
     if baseline is None or own is None:
         return verdict_of_finding(cascade, x[0], finding, kind)
-    x = differences(x, _row(baseline, names))
+    x = differences(x, _row(baseline, names, usual))
     finding = own.find(x, exact=exact)[0]
     unusual = reasons_of_guard(own, finding)
     if unusual:
@@ -165,15 +166,15 @@ def verdict_of_features(
     return verdict_of_finding(own, x[0], finding, kind)
 
 
-def _row(features: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
+def _row(features: Mapping[str, float], names: Sequence[str], usual: float) -> np.ndarray:
     """Return features as the networks take them, shape (1, d).
 
     Before a live test the surface is driven to its start and stands up to `START_TOLERANCE`
-    off; the runs trained on start exactly there.
+    off; the runs trained on start exactly there, at what the converter makes of it, `usual`.
     """
-    off = features.get(START, 0.0)
+    off = features.get(START, usual) - usual
     beyond = float(np.sign(off)) * max(abs(off) - START_TOLERANCE, 0.0)
-    return np.array([[beyond if n == START else features[n] for n in names]])
+    return np.array([[usual + beyond if n == START else features[n] for n in names]])
 
 
 def _baseline_features(

@@ -59,8 +59,6 @@ class Test(NamedTuple):
     """Outcome of the record checks, empty where they find nothing."""
 
 
-
-
 def measure_unit(unit: int, flights: int) -> list[Test]:
     """Simulate a unit and return its acceptance test and its flights, as features."""
     course = draw_course(unit, flights)

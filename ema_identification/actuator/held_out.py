@@ -133,5 +133,3 @@ def whitened(evidence: Evidence, fit: Fit | Recalibration) -> list[np.ndarray]:
                  for f, slope in zip(fit.mean, evidence.slopes(fit.centre))]
     return [(b.values - f) / np.sqrt(np.diag(noise_covariance(b, runs=fit.runs)))
             for b, f in zip(evidence.blocks, means)]
-
-

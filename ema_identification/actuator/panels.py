@@ -104,10 +104,12 @@ def _vectors(evidence: Evidence, null: Recalibration, answer: Answer) -> list[Pa
     if locked:
         segment = max(locked, key=lambda s: _line_power(evidence, null, s.name))
         orders = [h for h in range(1, 25) if f"{segment.name}.torque_line_{h}_re" in index]
-        rows = [(role, np.array(orders, dtype=float), np.array([
-            2e-3 * np.hypot(v[index[f"{segment.name}.torque_line_{h}_re"]],
-                            v[index[f"{segment.name}.torque_line_{h}_im"]]) for h in orders]))
-            for role, v in vectors]
+        stem = f"{segment.name}.torque_line"
+        rows = []
+        for role, v in vectors:
+            lines = [2e-3 * np.hypot(v[index[f"{stem}_{h}_re"]], v[index[f"{stem}_{h}_im"]])
+                     for h in orders]
+            rows.append((role, np.array(orders, dtype=float), np.array(lines)))
         panels.append(Panel(
             name="torque_lines", title=f"Torque periodic in rotor angle: {segment.text}.",
             x_label="periods a turn", y_label="amplitude (N m)", step="where",

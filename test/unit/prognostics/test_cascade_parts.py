@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from records import TURN, slewing_record
 
 from ema_prognostics.current_sensors import current_sensors
 from ema_prognostics.robust.balance import torque_balance
 from ema_prognostics.robust.signals import prepare, trapezoid
 from ema_prognostics.segments import profile_kind
 from ema_record.profile import load_profile, load_profile_dict, step_profile
-from records import TURN, slewing_record
 
 
 def test_offsets_and_gains_of_the_current_sensors():

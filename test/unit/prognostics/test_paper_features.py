@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from records import slewing_record
 
 from ema_prognostics.concavity import HALF_PORTION, concavity, portion_centre
 from ema_prognostics.envelope import envelopes, symmetry
@@ -14,7 +15,6 @@ from ema_prognostics.paper_features import (
     paper_turns,
 )
 from ema_prognostics.paper_noise import add_noise
-from records import slewing_record
 
 
 def curvature(h, amplitude, phase, centre):
