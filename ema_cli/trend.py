@@ -20,6 +20,7 @@ from ema_cli.sequence_view import (
     verdict_object,
 )
 from ema_cli.verdict_view import NAMES, SCALES
+from ema_record.errors import UsageError
 
 if TYPE_CHECKING:
     from ema_prognostics.trend import FaultTrend, UnitTrend
@@ -58,6 +59,10 @@ def trend(
 
     chosen = parse_rule(rule)
     check_new(plot)
+    for bag in bags:
+        if not bag.exists():
+            raise UsageError(f"{bag}: no such file or directory: give a bag, or a directory of "
+                             "them")
     units = judged_flights(bags, bag_judge(profile=profile, model=model, baseline=baseline))
     if plot is not None:
         only_one(units, "a plot shows one")
@@ -98,6 +103,11 @@ def trend_lines(found: UnitTrend) -> list[str]:
             f"  no answer, counted neither as healthy nor as faulty: "
             f"{number_list(found.unanswered)}"
         )
+        for flight in found.flights:
+            if flight.repeat_of is None and not flight.answered:
+                verdict = flight.verdict
+                lines.append(f"    flight {flight.number}, {verdict.outcome}: "
+                             f"{next(iter(verdict.reasons), 'no reason given')}")
     if not found.faults and not found.suspected and answered:
         lines.append("  no fault announced, no growth seen")
     for fault in found.faults:

@@ -48,16 +48,6 @@ class Network:
     output_mean: np.ndarray
     output_scale: np.ndarray
 
-    @property
-    def n_inputs(self) -> int:
-        """Number of inputs d."""
-        return self.hidden_weights.shape[0]
-
-    @property
-    def n_outputs(self) -> int:
-        """Number of outputs k."""
-        return self.output_weights.shape[1]
-
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Return the outputs, shape (n, k), for inputs `x`, shape (n, d)."""
         z = logsig((x - self.input_mean) / self.input_scale @ self.hidden_weights

@@ -41,7 +41,10 @@ def read_npz(path: Path, needed: Sequence[str | int]) -> Table:
                 columns[name] = _array(loaded[name], name, path) if name in wanted else \
                     np.empty((0, 0))
     except (zipfile.BadZipFile, ValueError, OSError, EOFError, KeyError, zlib.error,
-            NotImplementedError, RuntimeError, SyntaxError, MemoryError) as error:
+            NotImplementedError,  # zipfile: a compression that it does not know
+            RuntimeError,  # zipfile: an encrypted member
+            SyntaxError, MemoryError,  # numpy: a damaged header
+            ) as error:
         text = " ".join(str(error).split())[:80]
         raise InvalidRecordError(
             f"{path}: no NPZ file, damaged, or with objects that would need pickle ({text}): "

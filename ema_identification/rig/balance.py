@@ -173,11 +173,6 @@ class Balance:
             design=self.design, terms=self.terms[:index] + self.terms[index + 1:],
             bounds=Bounds(low=self.bounds.low[keep], high=self.bounds.high[keep]))
 
-    def replaced(self, index: int, term: Term) -> Balance:
-        """Return the balance with the term at `index` in another shape."""
-        terms = (*self.terms[:index], term, *self.terms[index + 1:])
-        return Balance(design=self.design, terms=terms, bounds=self.bounds)
-
     def span(self, index: int) -> slice:
         """Return where the coefficients of the term at `index` stand."""
         sizes = [len(term.law.coefficients) for term in self.terms]

@@ -41,7 +41,10 @@ def test_healthy(model, profile, seed):
 @pytest.mark.parametrize("mode", ["paper", "physical"])
 @pytest.mark.parametrize("phase", ["a", "b", "c"])
 @pytest.mark.parametrize("fraction", [0.03, 0.10, 0.25])
-def test_turn_short_with_its_phase_and_size(model, profile, mode, phase, fraction):
+def test_turn_short_with_its_phase_and_size(request, model, profile, mode, phase, fraction):
+    if (profile, mode, phase, fraction) == ("step", "paper", "c", 0.03):
+        request.applymarker(pytest.mark.xfail(
+            strict=True, reason="2.397 % found, at least 2.4 % asked for"))
     verdict = diagnose(record_of(
         profile, f"turn_short.fraction={fraction}", f"turn_short.phase={phase}",
         f"turn_short.mode={mode}",
@@ -49,9 +52,10 @@ def test_turn_short_with_its_phase_and_size(model, profile, mode, phase, fractio
     found = verdict.to_dict()
     assert found["fault_class"] == "turn_short", verdict.reasons
     assert found["phase"] == phase
-    assert found["severity"] == pytest.approx(fraction, rel=0.35)
+    assert found["severity"] == pytest.approx(fraction, rel=0.15, abs=0.006)
     low, high = found["severity_interval"]
     assert low <= found["severity"] <= high
+    assert found["level"] == {0.03: "small", 0.10: "medium", 0.25: "large"}[fraction]
     assert "rotor_eccentricity" in found["alternatives"]
     assert verdict.exit_status == 1
 
@@ -71,11 +75,14 @@ def test_rotor_eccentricity(model, profile, mode, zeta):
 @pytest.mark.parametrize(
     "effect",
     ["motor_friction.increase=0.5", "motor_friction.increase=1.5",
-     "surface_friction.increase=1.0", "surface_friction.increase=1.5", "backlash.increase=0.001",
+     "surface_friction.increase=0.5", "surface_friction.increase=1.5", "backlash.increase=0.001",
      "backlash.increase=0.003"],
 )
 @pytest.mark.parametrize("seed", [77_021, 77_022, 77_023])
-def test_large_wear_is_never_called_healthy(model, profile, effect, seed):
+def test_large_wear_is_never_called_healthy(request, model, profile, effect, seed):
+    if (profile, effect) == ("step", "surface_friction.increase=0.5"):
+        request.applymarker(pytest.mark.xfail(
+            strict=True, reason="a step without baseline: lost in the spread of the fleet"))
     verdict = diagnose(record_of(profile, effect, seed=seed), model)
     assert verdict.outcome != "healthy"
     assert verdict.exit_status in (1, 3)
@@ -85,7 +92,7 @@ def test_large_wear_is_never_called_healthy(model, profile, effect, seed):
     if profile == "extended":
         assert verdict.outcome == "fault"
         low, high = verdict.faults[0].severity_interval
-        assert 0.3 * low < float(effect.partition("=")[2]) < 3.0 * high
+        assert low <= float(effect.partition("=")[2]) <= high
 
 
 @pytest.mark.parametrize(("mode", "angle"), [("static", 0.9), ("static", -2.0)])
@@ -132,7 +139,7 @@ def test_another_sample_rate(model, rate):
     healthy = diagnose(record_of("step", rate=rate), model)
     assert healthy.outcome == "healthy", healthy.reasons
     short = diagnose(record_of("step", "turn_short.fraction=0.1", rate=rate), model)
-    assert short.faults[0].severity == pytest.approx(0.1, rel=0.35)
+    assert short.faults[0].severity == pytest.approx(0.1, rel=0.15)
 
 
 @pytest.mark.parametrize(("size", "start"), [(0.7, -0.35), (-0.8, 0.4)])

@@ -229,3 +229,10 @@ def test_detectable_sizes_from_the_detection_table(tmp_path):
     (tmp_path / "detection.json").write_text(json.dumps(table))
     found = detectable_of(tmp_path / "detection.json")
     assert found["baseline"] == {**TARGETS["baseline"], "turn_short": 0.0123}
+
+
+def test_trend_of_a_name_that_is_wrong_is_one_line(tmp_path, capsys):
+    assert run(["trend", str(tmp_path / "none")]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1 and "no such file" in printed.err
