@@ -6,6 +6,7 @@ The client library is handed in by the node, so that nothing here needs ROS.
 from __future__ import annotations
 
 import ctypes
+import faulthandler
 import os
 import signal
 import sys
@@ -23,6 +24,8 @@ QUIET = ["--ros-args", "--disable-external-lib-logs"]
 """Arguments of a node that leaves no log files in the home directory."""
 SHUT_DOWN = 2.0
 """Longest wait for callbacks that run when the process is to end (s)."""
+MIDDLEWARE_END = 8.0
+"""Longest wait for the middleware to end (s); then the process ends without it."""
 _PR_SET_PDEATHSIG = 1
 
 
@@ -74,6 +77,16 @@ def end_with_parent() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
+def bound_the_end(limit: float = MIDDLEWARE_END) -> None:
+    """End this process with status 1 after `limit` (s), whatever its threads wait for.
+
+    Fast DDS can deadlock while it destroys a reader (its issues 6193 and 6502), and then inside
+    a call that holds the interpreter. The watchdog of the standard library needs no interpreter;
+    it writes to stderr where each thread stood.
+    """
+    faulthandler.dump_traceback_later(limit, exit=True)
+
+
 def _let_finish(executor: Any) -> None:
     """Let callbacks that run in other threads come to their end."""
     for _ in range(2):
@@ -93,7 +106,8 @@ def run_node(
     ros : the client library, the module ``rclpy``.
     make_executor : returns the executor.
     make_node : takes the stop signal, returns the node. Its ``shut_down()`` is called before
-        the middleware ends, its ``exit_status`` is returned.
+        the middleware ends, its ``exit_status`` is returned. From then on the end is bounded:
+        the caller is to leave the process.
     args : command line, default that of the process.
     """
     prepare_environment()
@@ -118,6 +132,7 @@ def run_node(
         executor.remove_node(node)
         _let_finish(executor)
         node.shut_down()
+        bound_the_end()
         _let_finish(executor)
         executor.shutdown(timeout_sec=SHUT_DOWN)
         return node.exit_status or 0
@@ -127,6 +142,7 @@ def run_node(
         report(f"error: {error}")
         return error.exit_status
     finally:
+        bound_the_end()
         if node is not None:
             node.destroy_node()
         ros.try_shutdown()

@@ -1,0 +1,46 @@
+"""The end of a node's process is bounded, whatever the middleware does."""
+
+import subprocess
+import sys
+
+NODE = """
+import ctypes, types
+from ema_record import node_process
+
+node_process.bound_the_end.__defaults__ = (0.5,)
+
+class Node:
+    exit_status = 0
+    def shut_down(self): print("records closed", flush=True)
+    def destroy_node(self): {destroy}
+
+ros = types.SimpleNamespace(
+    init=lambda **_: None, try_shutdown=lambda: None,
+    signals=types.SimpleNamespace(SignalHandlerOptions=types.SimpleNamespace(NO=0)),
+    executors=types.SimpleNamespace(ExternalShutdownException=OSError),
+)
+executor = types.SimpleNamespace(
+    add_node=lambda node: None, remove_node=lambda node: None,
+    spin_once=lambda timeout_sec: None, shutdown=lambda timeout_sec: None,
+)
+raise SystemExit(node_process.run_node(ros, lambda: executor, lambda stop: Node(), []))
+"""
+HOLDS_THE_INTERPRETER = "ctypes.PyDLL(None).pause()"
+
+
+def run(destroy):
+    return subprocess.run([sys.executable, "-c", NODE.format(destroy=destroy)],
+                          check=False, capture_output=True, text=True, timeout=20.0)
+
+
+def test_a_middleware_that_never_ends_is_left_behind():
+    done = run(HOLDS_THE_INTERPRETER)
+    assert done.returncode == 1
+    assert done.stdout == "records closed\n"
+    assert "destroy_node" in done.stderr  # where it stood
+    assert "Traceback" not in done.stderr
+
+
+def test_one_that_ends_leaves_no_word():
+    done = run("pass")
+    assert (done.returncode, done.stderr) == (0, "")
