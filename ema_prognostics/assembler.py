@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 
 from ema_record.channels import SURFACE_POSITION, TIME
-from ema_record.errors import InvalidRecordError
+from ema_record.errors import IncompleteRecordError, InvalidRecordError
 from ema_record.limits import MAX_SAMPLES
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record
@@ -85,14 +85,21 @@ class RecordAssembler:
         ------
         InvalidRecordError
             The command is damaged or out of bounds.
+        IncompleteRecordError
+            The samples stopped, and no command came with them.
         """
         if not self._blocks:
             return None
         silent = now - self._last_block > SILENCE
         if self._command is None:
-            if silent:
-                self._clear()
-            return None
+            if not silent:
+                return None
+            count = self._count
+            self._clear()
+            raise IncompleteRecordError(
+                f"{SAMPLES}: {count} samples without their command on {COMMAND}, so no verdict: "
+                "the prognostics must be up before the test or the replay begins"
+            )
         try:
             profile = self._profile(silent)
         except InvalidRecordError:

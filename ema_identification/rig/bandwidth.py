@@ -13,6 +13,10 @@ HARMONICS = 5.0
 """The band holds so many harmonics of the motion, whatever the noise."""
 WIDEST = 0.2
 """Widest band, in units of the sampling rate."""
+BINS = 60
+"""Of equal width in log frequency, in which densities are looked at by their median."""
+ATTENUATION = 0.01
+"""Largest share of noise in the power of the acceleration, by which an inertia is too small."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +47,9 @@ def response_band(values: np.ndarray, rate: float, *, is_position: bool) -> Band
     -------
     Band
         The density of the noise is the median of the density between 0.3 and 0.45 of the
-        rate; the edge is where the median density of a narrow bin last exceeds it tenfold.
+        rate; the edge is where the median density of a narrow bin last exceeds it tenfold,
+        or where the harmonics of the motion end, if the noise of the acceleration is small
+        to there.
 
     """
     length = min(len(values), max(256, min(len(values) // 4, 8192)))
@@ -52,18 +58,35 @@ def response_band(values: np.ndarray, rate: float, *, is_position: bool) -> Band
     )
     top = (frequency > 0.3 * rate) & (frequency < 0.45 * rate)
     noise = float(np.median(density[top])) if top.any() else 0.0
-    above = np.maximum(density - noise, 0.0)
-    weight = (2 * np.pi * frequency) ** 2 if is_position else np.ones_like(frequency)
-    power = np.cumsum(above * weight)
-    motion = float(frequency[np.searchsorted(power, 0.99 * power[-1])]) if power[-1] > 0 else 0.0
-    edges = np.geomspace(frequency[1], 0.45 * rate, 60)
+    edges = np.geomspace(frequency[1], 0.45 * rate, BINS)
     edge = 0.0
     for low, high in zip(edges[:-1], edges[1:]):
         inside = density[(frequency >= low) & (frequency < high)]
         if len(inside) and np.median(inside) > RATIO * noise:
             edge = float(high)
-    edge = max(edge, HARMONICS * motion, 10.0 * rate / len(values))
+    order = 2 if is_position else 1
+    motion = _motion(frequency, density, noise, edge, order - 1)
+    hard = (2 * np.pi * frequency) ** (2 * order)
+    lively = np.sum(np.maximum(density - noise, 0.0) * hard * (frequency <= edge))
+    quiet = float(frequency[np.cumsum(noise * hard) <= ATTENUATION * lively][-1])
+    harmonics = min(HARMONICS * motion, max(motion, quiet))
+    edge = max(edge, harmonics, 10.0 * rate / len(values))
     return Band(edge=min(edge, WIDEST * rate), noise_density=noise, motion=motion)
+
+
+def _motion(
+    frequency: np.ndarray, density: np.ndarray, noise: float, edge: float, order: int
+) -> float:
+    """Return the frequency below which 99 % of the power of the speed lies (Hz).
+
+    Looked for inside the response only: noise of a converter is not white, and what is left
+    of it above, differentiated `order` times, is larger than the motion.
+    """
+    weight = (2 * np.pi * frequency) ** (2 * order) * (frequency <= edge)
+    power = np.cumsum(np.maximum(density - noise, 0.0) * weight)
+    if power[-1] <= 0.0:
+        return 0.0
+    return float(frequency[np.searchsorted(power, 0.99 * power[-1])])
 
 
 def speed_noise(band: Band, *, is_position: bool) -> float:

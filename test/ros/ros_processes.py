@@ -14,7 +14,7 @@ from ema_monitor.aircraft_node import answer_of
 from ema_monitor.messages import PolledGroup, make_polled_subscription, take_all
 from ema_record.messages import make_publisher
 from ema_record.samples_codec import decode_block
-from ema_record.topics import COMMAND, DIAGNOSTICS, SAMPLES
+from ema_record.topics import COMMAND, DIAGNOSTICS, SAMPLES, VERDICT
 from ema_record.trajectory import encode_command
 
 SIMULATOR = "ema_sim.simulator_node"
@@ -109,6 +109,9 @@ class Watcher:
             lambda: self.node.missing() in ("", "the prognostics", "the actuator"),
             START_TIMEOUT, "monitor",
         )
+
+    def wait_for_prognostics(self):
+        self.wait(lambda: self.node.count_publishers(VERDICT) > 0, START_TIMEOUT, "prognostics")
 
     def command(self, profile):
         stamp = time.time_ns()

@@ -70,6 +70,7 @@ def test_check_gives_the_same_verdict_without_ros(short):
 
 def test_replay_gives_the_same_verdict(short, nodes, watcher):
     nodes.start(PROGNOSTICS)
+    watcher.wait_for_prognostics()  # the watcher reads samples too, and replay takes any reader
     run = ema("replay", short["record"], "--wait", 60, "--json")
     assert run.returncode == 0, run.stderr
     counts = json.loads(run.stdout)["messages"]

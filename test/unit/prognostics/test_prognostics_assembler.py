@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ema_prognostics.assembler import RecordAssembler
-from ema_record.errors import InvalidRecordError
+from ema_record.errors import IncompleteRecordError, InvalidRecordError
 from ema_record.profile import load_profile
 from ema_record.samples_codec import encode_block
 from ema_record.sensor_messages import encode_dc_bus, encode_temperature
@@ -82,9 +82,11 @@ def test_a_new_run_begins_a_new_record(record):
     assert found.provenance.start_time == EPOCH + 5
 
 
-def test_samples_without_a_command_are_forgotten(record):
+def test_samples_without_a_command_are_reported_and_forgotten(record):
     assembler = RecordAssembler()
     feed(assembler, blocks_of(record))
+    with pytest.raises(IncompleteRecordError, match="without their command"):
+        assembler.finished(10.0)
     assert assembler.finished(10.0) is None
     assembler.take(COMMAND, encode_command(record.profile, EPOCH), 11.0)
     assert assembler.finished(20.0) is None
