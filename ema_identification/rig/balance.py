@@ -10,6 +10,7 @@ import numpy as np
 
 from ema_identification.rig.blocks import Blocks
 from ema_identification.rig.laws import Term
+from ema_identification.rig.laws.base import MOST_PART
 from ema_identification.rig.regression import Bounds, Fit, fit, held_out
 from ema_identification.rig.trajectory import Segment, Trajectory
 
@@ -27,12 +28,27 @@ class Design:
     trajectory : Trajectory
         Where the laws are evaluated.
 
+    Attributes
+    ----------
+    lead : float
+        By how much the input is later than it was recorded (s).
+
     """
 
     def __init__(self, trajectory: Trajectory) -> None:
         """Start with no regressor evaluated."""
         self.trajectory = trajectory
+        self.lead = 0.0
+        self._recorded = trajectory
         self._cache: dict[tuple[str, tuple[float, ...]], np.ndarray] = {}
+
+    def led(self, lead: float) -> Design:
+        """Return the design with the input later by `lead` (s) than it was recorded."""
+        if lead == self.lead:
+            return self
+        other = Design(self._recorded.later(lead) if lead else self._recorded)
+        other._recorded, other._cache, other.lead = self._recorded, self._cache, lead
+        return other
 
     def columns(self, term: Term, trajectory: Trajectory | None = None) -> np.ndarray:
         """Return the regressors of one term, shape (rows, k)."""
@@ -147,17 +163,38 @@ class Balance:
         return held_out(self.free_columns, self.target, blocks)
 
     def joined(self, term: Term) -> Balance:
-        """Return the balance with one more term, free."""
+        """Return the balance with one more term, free; it takes the place of its like."""
         least = 0.0 if term.law.positive else -np.inf
+        bounds = self.bounds
+        for index, other in enumerate(self.terms):
+            if other.key == term.key:
+                bounds = bounds.at_zero(self.span(index))
         return Balance(design=self.design, terms=(*self.terms, term),
-                       bounds=self.bounds.joined(len(term.law.coefficients), least))
+                       bounds=bounds.joined(len(term.law.coefficients), least))
+
+    def replaced(self, index: int) -> bool:
+        """Return whether a later term takes the place of the one at `index`."""
+        span = self.span(index)
+        return not (self.bounds.low[span].any() or self.bounds.high[span].any())
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the laws of all terms, in order."""
+        return [term.law.name for term in self.terms]
 
     @property
     def lawful(self) -> bool:
         """Whether no law that was added would have to break its sign: friction that drives.
 
-        The model's own inertia and viscous friction stop at zero instead.
+        The model's own inertia and viscous friction stop at zero instead. A part is no more
+        than nearly all of its whole: without a drive's own inertia, a load on a spring would
+        excuse every acceleration that the input did not make.
         """
+        whole = {term.law.name: float(self.fit.coefficients[self.span(index)][0])
+                 for index, term in enumerate(self.terms)}
+        if any(whole[term.law.name] > MOST_PART * whole.get(term.law.part_of, 0.0)
+               for term in self.terms if term.law.part_of):
+            return False
         return not any(
             bool(self.fit.active[self.span(index)].any())
             for index, term in enumerate(self.terms)
@@ -165,12 +202,14 @@ class Balance:
         )
 
     def without(self, index: int) -> Balance:
-        """Return the balance without the term at `index`."""
+        """Return the balance without the term at `index`; without a delay, as recorded."""
         span = self.span(index)
+        delayed = self.terms[index].law.name == "control_delay"
         keep = np.ones(len(self.bounds.low), dtype=bool)
         keep[span] = False
         return Balance(
-            design=self.design, terms=self.terms[:index] + self.terms[index + 1:],
+            design=self.design.led(0.0) if delayed else self.design,
+            terms=self.terms[:index] + self.terms[index + 1:],
             bounds=Bounds(low=self.bounds.low[keep], high=self.bounds.high[keep]))
 
     def span(self, index: int) -> slice:
@@ -179,8 +218,13 @@ class Balance:
         first = sum(sizes[:index])
         return slice(first, first + sizes[index])
 
+    def led(self, lead: float) -> Balance:
+        """Return the balance with the input later by `lead` (s) than it was recorded."""
+        return Balance(design=self.design.led(lead), terms=self.terms, bounds=self.bounds)
+
     def residual_on(self, design: Design) -> np.ndarray:
         """Return the residual of this fit on another record, shape (rows there,)."""
+        design = design.led(self.design.lead)
         coefficients = self.fit.coefficients
         columns = design.matrix(self.terms, coefficients)
         rest: np.ndarray = design.trajectory.target - columns @ coefficients

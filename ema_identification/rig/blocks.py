@@ -21,7 +21,7 @@ class Blocks:
     """Shape (rows,), integers that do not fall."""
     count: int
     length: float
-    """Time of a block (s)."""
+    """Time of a block, without what is left out (s)."""
 
     @property
     def starts(self) -> np.ndarray:
@@ -45,20 +45,20 @@ def make_blocks(trajectory: Trajectory, residual: np.ndarray) -> Blocks:
         Of the freest model, so that what is left is noise.
 
     """
-    duration = sum(segment.step * len(segment) for segment in trajectory.segments)
+    duration = len(residual) / trajectory.row_rate
     wanted = CORRELATION_TIMES * correlation_time(residual, trajectory.row_rate)
     count = int(np.clip(duration / max(wanted, 1e-12), FEWEST, MOST))
-    length = duration / count
-    starts = np.array([segment.time[0] for segment in trajectory.segments])
-    within = (trajectory.time - starts[trajectory.segment_of_row]) / length
+    size = len(residual) / count
+    first = np.searchsorted(trajectory.segment_of_row, trajectory.segment_of_row)
+    within = (np.arange(len(residual)) - first) / size
     key = trajectory.segment_of_row * 1_000_000 + within.astype(np.int64)
     _, of_row = np.unique(key, return_inverse=True)
     of_row = _merged(of_row)
-    return Blocks(of_row=of_row, count=int(of_row[-1]) + 1, length=length)
+    return Blocks(of_row=of_row, count=int(of_row[-1]) + 1, length=duration / count)
 
 
 def _merged(of_row: np.ndarray) -> np.ndarray:
-    """Join blocks of very few rows (ends, standstill) to the one before."""
+    """Join blocks of very few rows (at the ends of a segment) to the one before."""
     sizes = np.bincount(of_row)
     least = 0.2 * float(np.median(sizes))
     new = np.cumsum(sizes >= least) - 1

@@ -61,7 +61,7 @@ def parameters(balance: Balance, index: int, blocks: Blocks) -> tuple[Parameter,
     else:
         for k, name in enumerate(term.law.coefficients):
             wide = half_width(variance[own[k], own[k]], blocks) if len(own) == len(values) else 0.0
-            found.append(_parameter(term, name, float(values[k]), wide,
+            found.append(_parameter(term, name, float(values[k]) + _shift(balance, term), wide,
                                     unit_of(units[name], axis)))
     for k, name in enumerate(term.law.shape):
         wide = 0.0
@@ -74,6 +74,11 @@ def parameters(balance: Balance, index: int, blocks: Blocks) -> tuple[Parameter,
     return tuple(found)
 
 
+def _shift(balance: Balance, term: Term) -> float:
+    """Return the part of a delay that is a shift of the input."""
+    return balance.design.lead if term.law.name == "control_delay" else 0.0
+
+
 def _parameter(term: Term, name: str, value: float, wide: float, unit: str) -> Parameter:
     return Parameter(name=f"{term.law.name}.{name}", value=value, low=value - wide,
                      high=value + wide, unit=unit)
@@ -84,16 +89,20 @@ def _slopes(balance: Balance, index: int) -> list[np.ndarray]:
     term, span = balance.terms[index], balance.span(index)
     whole = term.law.periodic and balance.design.trajectory.axis.motion == "rotary" \
         and term.shape[0] == round(term.shape[0])
-    if len(term.shape) != 1 or whole \
-            or term.law.name == "position_dependent_friction":
+    if whole or term.law.name == "position_dependent_friction":
         return []
-    trajectory, value = balance.design.trajectory, term.shape[0]
-    step = (STEP if term.law.against == "speed" else COARSE_STEP) * (abs(value) or 1.0)
-    if term.law.periodic:
-        step = 0.02 / max(trajectory.turns, 1e-9)
-    high = balance.design.columns(Term(law=term.law, shape=(value + step,)), trajectory)
-    low = balance.design.columns(Term(law=term.law, shape=(value - step,)), trajectory)
-    return [(high - low) @ balance.fit.coefficients[span] / (2.0 * step)]
+    trajectory = balance.design.trajectory
+    slopes = []
+    for k, value in enumerate(term.shape):
+        fine = term.law.against in ("speed", "frequency")
+        step = (STEP if fine else COARSE_STEP) * (abs(value) or 1.0)
+        if term.law.periodic:
+            step = 0.02 / max(trajectory.turns, 1e-9)
+        high, low = (balance.design.columns(
+            Term(law=term.law, shape=(*term.shape[:k], value + way, *term.shape[k + 1:])),
+            trajectory) for way in (step, -step))
+        slopes.append((high - low) @ balance.fit.coefficients[span] / (2.0 * step))
+    return slopes
 
 
 def _wave(

@@ -41,6 +41,7 @@ def known_balance(model: RigModel, design: Design) -> tuple[Balance, tuple[str, 
         least = 0.0 if term.law.positive else -math.inf
         low += [least if free else max(value - room, least) for value in values]
         high += [math.inf if free else value + room for value in values]
+    design, low, high = _delayed(design, terms, low, high)
     balance = Balance(design=design, terms=tuple(terms),
                       bounds=Bounds(low=np.array(low), high=np.array(high)))
     for index in reversed(range(len(balance.terms))):
@@ -50,6 +51,21 @@ def known_balance(model: RigModel, design: Design) -> tuple[Balance, tuple[str, 
                          "excite it beside the other terms")
             balance = balance.without(index)
     return balance, tuple(notes)
+
+
+def _delayed(
+    design: Design, terms: list[Term], low: list[float], high: list[float]
+) -> tuple[Design, list[float], list[float]]:
+    """Return the design under a delay that the model has, and the bounds of what is left."""
+    at = 0
+    for term in terms:
+        if term.law.name == "control_delay" and np.isfinite(high[at]):
+            lead = 0.5 * (low[at] + high[at])
+            low, high = low.copy(), high.copy()
+            low[at], high[at] = low[at] - lead, high[at] - lead
+            return design.led(lead), low, high
+        at += len(term.law.coefficients)
+    return design, low, high
 
 
 def _repeated(balance: Balance, span: slice) -> bool:

@@ -10,7 +10,13 @@ from scipy import signal
 from ema_identification.rig.bandwidth import response_band, speed_noise
 from ema_identification.rig.checks import check_record, check_units, no_motion, too_short
 from ema_identification.rig.model import Settings
-from ema_identification.rig.trajectory import Segment, Trajectory, derivative, low_pass
+from ema_identification.rig.trajectory import (
+    Segment,
+    Trajectory,
+    derivative,
+    low_pass,
+    monotone_low_pass,
+)
 from ema_record.errors import UsageError
 from ema_record.rig import DISTURBANCE, POSITION, SPEED, RigRecord
 
@@ -83,7 +89,7 @@ def prepare(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
         notes.append("position integrated from speed: its zero is not known")
     trajectory = Trajectory(
         axis=first.axis, segments=segments, band=edge, standstill=standstill,
-        decimation=settings.decimate, gate=settings.gate,
+        decimation=settings.decimate, gate=settings.gate, interval=1.0 / first.rate,
         has_disturbance=any(record.has(DISTURBANCE) for record in records), notes=tuple(notes),
     )
     cycles = sum(_alternations(segment.smooth_speed) for segment in segments) / 2
@@ -152,7 +158,7 @@ def _segment(piece: dict[str, np.ndarray], band: float, settings: Settings) -> S
         position = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) * 0.5 * step)])
     return Segment(
         step=step, time=columns["time"], input=columns["input"], position=position, speed=speed,
-        smooth_speed=low_pass(speed, rate, band), acceleration=derivative(speed, step),
+        smooth_speed=monotone_low_pass(speed, rate, band), acceleration=derivative(speed, step),
         disturbance=columns.get(DISTURBANCE, np.zeros(len(speed))),
     )
 

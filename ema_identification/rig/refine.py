@@ -16,33 +16,43 @@ EVALUATIONS = 14
 def refined(balance: Balance, term: Term) -> Term:
     """Return the term with its shape moved between the neighbours on the grid.
 
-    Whole numbers a turn stay whole; a law with one point on its grid is returned as it is.
+    One parameter after the other. Whole numbers a turn stay whole; a parameter with one point
+    on its grid is returned as it is.
     """
+    for place in range(len(term.shape)):
+        term = _moved(balance, term, place)
+    return term
+
+
+def _moved(balance: Balance, term: Term, place: int) -> Term:
+    """Return the term with one parameter of its shape moved."""
     trajectory = balance.design.trajectory
-    grid = sorted(shape[0] for shape in term.law.grid(trajectory)) if term.law.shape else []
+    grid = sorted({shape[place] for shape in term.law.grid(trajectory)})
     if len(grid) < 2:
         return term
-    value = term.shape[0]
-    if term.law.periodic and trajectory.axis.motion == "rotary" \
-            and is_whole(value, trajectory.turns):
+    value = term.shape[place]
+    turns = trajectory.turns if trajectory.axis.motion == "rotary" else None
+    if term.law.periodic and turns is not None and is_whole(value, turns):
         return Term(law=term.law, shape=(float(round(value)),))
     basis = orthonormal(balance.free_columns)
     residual = balance.target - basis @ (basis.T @ balance.target)
     below = [g for g in grid if g < value]
     above = [g for g in grid if g > value]
     spacing = min(b - a for a, b in zip(grid[:-1], grid[1:]))
-    low = below[-1] if below else value - 0.9 * spacing
+    low = below[-1] if below else value - min(spacing, 0.9 * abs(value))
     high = above[0] if above else value + spacing
 
+    def at(candidate: float) -> Term:
+        return Term(law=term.law, shape=(*term.shape[:place], candidate, *term.shape[place + 1:]))
+
     def left(candidate: float) -> float:
-        columns = balance.design.columns(Term(law=term.law, shape=(candidate,)), trajectory)
+        columns = balance.design.columns(at(candidate), trajectory)
         columns = orthonormal(columns - basis @ (basis.T @ columns))
         return -float(np.sum((columns.T @ residual) ** 2))
 
     found = optimize.minimize_scalar(
         left, bounds=(low, high), method="bounded", options={"maxiter": EVALUATIONS})
     best = float(found.x) if found.fun < left(value) else value
-    if term.law.periodic and trajectory.axis.motion == "rotary" \
-            and is_whole(best, trajectory.turns):
+    if term.law.periodic and turns is not None and is_whole(best, turns):
         best = float(round(best))
-    return Term(law=term.law, shape=(best,))
+    return at(best)

@@ -26,6 +26,12 @@ class Bounds:
         """Return no bounds for `count` coefficients."""
         return cls(low=np.full(count, -np.inf), high=np.full(count, np.inf))
 
+    def at_zero(self, span: slice) -> Bounds:
+        """Return these bounds with the coefficients of `span` held at zero."""
+        low, high = self.low.copy(), self.high.copy()
+        low[span] = high[span] = 0.0
+        return Bounds(low=low, high=high)
+
     def joined(self, count: int, least: float = -np.inf) -> Bounds:
         """Return these bounds and `count` coefficients of at least `least` after them."""
         return Bounds(low=np.concatenate([self.low, np.full(count, least)]),

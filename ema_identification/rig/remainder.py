@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,6 +17,9 @@ from ema_identification.rig.sign_flips import screen
 
 LEAST_LEFT = 0.05
 """Least share of the held-out squares for a shape to count as something that is missing."""
+LEAST_UNKNOWN = 0.03
+"""Least rms of a shape, over that of the input, for the model to be called incomplete: less is
+within what transducers and tolerances leave, and is reported without a verdict."""
 MIMICRY = 0.25
 """A law is given up where a nameless shape takes more than this share of what both take ..."""
 COLLAPSE = 0.5
@@ -23,6 +27,7 @@ COLLAPSE = 0.5
 NEARLY = 0.85
 """Shapes that take this share of the largest gain say the same."""
 SMOOTHING = 0.1
+SMALL = 0.01
 WAVE = 5.0
 """Periods in the travel from which a wave cannot be taken for a smooth shape."""
 MAX_HELD_OUT = 8
@@ -37,6 +42,8 @@ class Left:
     """Share of the held-out squares that it takes."""
     p_value: float
     """After all looks."""
+    share: float
+    """Rms of what it takes, over that of the input."""
     coefficients: np.ndarray
 
     @property
@@ -61,6 +68,7 @@ def portrait(balance: Balance, blocks: Blocks, shapes: Sequence[GenericShape]) -
     found = screen([shape.columns for shape in shapes], balance.free_columns,
                    balance.fit.residual, blocks)
     squares = float(np.sum(balance.held_out(blocks) ** 2))
+    total = float(np.sum(balance.design.trajectory.target**2))
     waves = [i for i in np.argsort(-found.gain) if shapes[i].order is not None][:MAX_HELD_OUT]
     smooth = [i for i, shape in enumerate(shapes) if shape.order is None]
     left = []
@@ -72,6 +80,7 @@ def portrait(balance: Balance, blocks: Blocks, shapes: Sequence[GenericShape]) -
             shape=shape, gain=1.0 - float(after @ after) / squares,
             p_value=min(1.0, float(found.family_p_value[index])
                         + (shape.looks - 1) * float(found.p_value[index])),
+            share=math.sqrt(max(squares - float(after @ after), 0.0) / total),
             coefficients=_smoothest(columns, balance.target, shape)))
     return sorted(left, key=lambda item: -item.gain)
 
@@ -80,7 +89,7 @@ def _smoothest(columns: np.ndarray, target: np.ndarray, shape: GenericShape) -> 
     """Return the coefficients of a shape beside the known terms in front of it.
 
     A smooth shape can hold what a known term holds (a viscous friction); of all such splits
-    that is taken in which the shape changes least along its abscissa.
+    that is taken in which the shape changes least along its abscissa, and then is smallest.
     """
     scale = np.sqrt(np.maximum(np.mean(columns**2, axis=0), 1e-300))
     first = columns.shape[1] - shape.columns.shape[1]
@@ -93,16 +102,20 @@ def _smoothest(columns: np.ndarray, target: np.ndarray, shape: GenericShape) -> 
             rows.append(row)
         at += size
     weight = SMOOTHING * np.sqrt(len(target)) * float(scale[first:].mean())
-    stacked = np.vstack([columns, weight * np.array(rows).reshape(len(rows), -1)]) \
-        if rows else columns
-    extended = np.concatenate([target, np.zeros(len(rows))])
+    small = np.eye(columns.shape[1])[first:] * (SMALL * weight)
+    steps = weight * np.array(rows).reshape(len(rows), columns.shape[1])
+    stacked = np.vstack([columns, steps, small])
+    extended = np.concatenate([target, np.zeros(len(steps) + len(small))])
     found, *_ = np.linalg.lstsq(stacked / scale, extended, rcond=1e-9)
     return np.asarray((found / scale)[first:])
 
 
-def main_shape(left: Sequence[Left]) -> Left | None:
-    """Return the shape that says best what is left: the simplest of the largest."""
-    good = [item for item in left if item.significant]
+def main_shape(left: Sequence[Left], least: float = LEAST_UNKNOWN) -> Left | None:
+    """Return the shape that says best what is left: the simplest of the largest.
+
+    None where no shape is both significant and at least `least` of the input.
+    """
+    good = [item for item in left if item.significant and item.share >= least]
     if not good:
         return None
     near = [item for item in good if item.gain >= NEARLY * good[0].gain]

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ema_identification.rig.balance import BASE_LAWS, Balance
+from ema_identification.rig.balance import BASE_LAWS, Balance, rms
 from ema_identification.rig.blocks import Blocks
+from ema_identification.rig.estimates import parameters
 from ema_identification.rig.laws import LAWS, Law, Term
+from ema_identification.rig.laws.base import LOCATED
 from ema_identification.rig.refine import refined
 from ema_identification.rig.regression import held_out
 from ema_identification.rig.shapes import GenericShape
@@ -19,10 +21,15 @@ LEVEL_OF_CHANCE = 0.005
 """Highest p-value, after all looks of a step, at which something is named."""
 LEAST_GAIN = 0.04
 """Least share of the held-out squares that a law must take to be worth naming."""
+LEAST_SIZE = 0.01
+"""Least rms of what it takes, over the rms of the input: less is within the error of scale of
+a good transducer."""
 UNCERTAINTY = 2.0
 """Standard errors by which a law must better the held-out residual."""
 PARSIMONY = 0.75
-"""A law of fewer parameters is taken first if it takes this share of what the best takes."""
+"""A law of fewer parameters is taken first if it takes this share of what the best takes ..."""
+TWICE = 2.0
+"""... and leaves no more than so many times the residual of the best."""
 SAME = 0.8
 """Laws of one set take this share of what the chosen one takes, at least."""
 SEPARATED = 1.645
@@ -44,6 +51,8 @@ class Trial:
 
     term: Term
     name: str
+    companion: Term | None
+    """A law that sharpens this one, tried and taken together with it."""
     p_value: float
     """After all looks of the step."""
     squares: np.ndarray
@@ -52,6 +61,12 @@ class Trial:
     gain: float
     """Share of the held-out squares that it takes."""
     significant: bool
+
+    @property
+    def complexity(self) -> int:
+        """Number of free parameters."""
+        own = self.term.law.complexity
+        return own if self.companion is None else own + self.companion.law.complexity
 
     @property
     def score(self) -> float:
@@ -69,38 +84,51 @@ class Choice:
     """All that were held out, best first."""
 
 
-def candidate_terms(balance: Balance, hidden: Collection[str]) -> list[tuple[str, Term]]:
-    """Return what may be added to a balance: (name under which it is reported, term)."""
+Candidate = tuple[str, tuple[Term, ...]]
+"""The name under which it is reported; a term, and one that sharpens it."""
+
+
+def candidate_terms(balance: Balance, hidden: Collection[str]) -> list[Candidate]:
+    """Return what may be added to a balance."""
     present = {term.law.name for term in balance.terms}
     keys = {term.key for term in balance.terms}
     trajectory = balance.design.trajectory
-    found: list[tuple[str, Term]] = []
+    found: list[Candidate] = []
     for law in LAWS.values():
-        if law.name in BASE_LAWS:
-            name = _base_candidate(balance, law)
+        if law.name in BASE_LAWS or (law.name in present and not law.repeats):
+            name = _changed(balance, law)
             if name and name not in hidden:
-                found.append((name, Term(law=law)))
+                found.append((name, (_own(balance, law),)))
             continue
-        if law.name in hidden or (law.name in present and not law.repeats):
-            continue
-        if not law.applies(trajectory) or not set(law.requires) <= present:
+        if law.name in hidden or not law.applies(trajectory):
             continue
         if law.of_prediction and not balance.terms:
             continue
-        found += [(law.name, Term(law=law, shape=tuple(shape)))
+        needed = set(law.requires) - present
+        if needed and (not law.sharpens or needed & set(hidden)):
+            continue
+        before = tuple(Term(law=LAWS[name]) for name in sorted(needed))
+        found += [(before[0].law.name if before else law.name,
+                   (*before, Term(law=law, shape=tuple(shape))))
                   for shape in law.grid(trajectory)
                   if Term(law=law, shape=tuple(shape)).key not in keys]
     return found
 
 
-def _base_candidate(balance: Balance, law: Law) -> str | None:
+def _own(balance: Balance, law: Law) -> Term:
+    """Return the model's term of a law, or a new one."""
+    return next((term for term in balance.terms if term.law.name == law.name), Term(law=law))
+
+
+def _changed(balance: Balance, law: Law) -> str | None:
     """Return the name for a known term that is missing, or stands at its bound."""
-    for index, term in enumerate(balance.terms):
-        if term.law.name == law.name:
-            at_bound = balance.fixed[balance.span(index)].any()
-            if not at_bound:
-                return None
-            return "inertia_change" if law.name == "inertia" else law.name
+    if law.name in balance.names:
+        index = len(balance.terms) - 1 - balance.names[::-1].index(law.name)
+        span = balance.span(index)
+        at_bound = balance.fixed[span] & np.isfinite(balance.bounds.high[span])
+        if not at_bound.any():
+            return None
+        return "inertia_change" if law.name == "inertia" else law.name
     if law.name == "disturbance" and not balance.design.trajectory.has_disturbance:
         return None
     return law.name
@@ -131,28 +159,35 @@ def choose(
     if not candidates:
         return None, ()
     report(f"screening {len(candidates)} regressors")
-    columns = [_columns(balance, term) for _, term in candidates]
+    columns = [np.concatenate([_columns(balance, term) for term in terms], axis=1)
+               for _, terms in candidates]
     found = screen(columns, balance.free_columns, balance.fit.residual, blocks)
     before = balance.held_out(blocks)
     squares = blocks.sums(before**2)
     trials: list[Trial] = []
-    lawful = np.array([
-        not term.law.positive or bool((own >= 0.0).all())
-        for (_, term), own in zip(candidates, found.coefficients)
-    ])
+    lawful = np.array([_lawful(balance, terms, own)
+                       for (_, terms), own in zip(candidates, found.coefficients)])
+    size = rms(balance.design.trajectory.target)
     for index in _worth_trying(candidates, np.where(lawful, found.gain, -np.inf)):
-        name, term = candidates[index]
+        name, terms = candidates[index]
         p_value = float(found.family_p_value[index])
-        term = refined(balance, term)
-        joined = balance.joined(term)
+        joined = balance
+        for term in terms[:-1]:
+            joined = joined.joined(term)
+        last = refined(joined, terms[-1])
+        joined = joined.joined(last)
         own = blocks.sums(joined.held_out(blocks) ** 2)
-        gain = 1.0 - own.sum() / squares.sum()
-        error = _standard_error(squares - own)
+        taken = float((squares - own).sum())
         trials.append(Trial(
-            term=term, name=name, p_value=p_value, squares=own, rows=len(before), gain=gain,
-            significant=bool(p_value <= LEVEL_OF_CHANCE and gain >= LEAST_GAIN
-                             and (squares - own).sum() > UNCERTAINTY * error
-                             and (joined.lawful or not balance.lawful))))
+            term=terms[0] if len(terms) > 1 else last, name=name,
+            companion=last if len(terms) > 1 else None, p_value=p_value, squares=own,
+            rows=len(before), gain=taken / float(squares.sum()),
+            significant=bool(p_value <= LEVEL_OF_CHANCE
+                             and taken >= LEAST_GAIN * squares.sum()
+                             and taken >= LEAST_SIZE**2 * size**2 * len(before)
+                             and taken > UNCERTAINTY * _standard_error(squares - own)
+                             and (joined.lawful or not balance.lawful)
+                             and _located(joined, blocks))))
     trials.sort(key=lambda trial: -trial.gain)
     good = [trial for trial in trials if trial.significant]
     if good:
@@ -180,17 +215,42 @@ def _taken_by_shapes(
     return most
 
 
+def _located(balance: Balance, blocks: Blocks) -> bool:
+    """Return whether the last term's law stands where the data say that it is: a resonance.
+
+    A filter of the motion that stands anywhere takes a share of any friction.
+    """
+    law = balance.terms[-1].law
+    if not law.located:
+        return True
+    found = {p.name.split(".")[1]: p for p in parameters(balance, len(balance.terms) - 1, blocks)}
+    own = found[law.located]
+    return own.high - own.low <= 2.0 * LOCATED * abs(own.value)
+
+
+def _lawful(balance: Balance, terms: Sequence[Term], coefficients: np.ndarray) -> bool:
+    """Return whether no coefficient breaks its sign; a change of a known term may."""
+    at = 0
+    for term in terms:
+        own = coefficients[at:at + len(term.law.coefficients)]
+        at += len(own)
+        if term.law.positive and term.law.name not in balance.names and (own < 0.0).any():
+            return False
+    return True
+
+
 def _columns(balance: Balance, term: Term) -> np.ndarray:
     if term.law.of_prediction:
         return balance.design.of_prediction(term, balance.terms)
     return balance.design.columns(term)
 
 
-def _worth_trying(candidates: list[tuple[str, Term]], gain: np.ndarray) -> list[int]:
+def _worth_trying(candidates: list[Candidate], gain: np.ndarray) -> list[int]:
     """Return the best shape of each law, best first."""
-    best: dict[str, int] = {}
+    best: dict[tuple[str, str], int] = {}
     for index in np.argsort(-gain):
-        best.setdefault(candidates[index][0], int(index))
+        name, terms = candidates[index]
+        best.setdefault((name, terms[-1].law.name), int(index))
     return [index for index in best.values() if np.isfinite(gain[index])][:MAX_TRIED]
 
 
@@ -202,12 +262,17 @@ def _standard_error(differences: np.ndarray) -> float:
 def _simplest(good: list[Trial], present: set[str]) -> Trial:
     """Return the simplest law that takes nearly as much as the best; more comes in later steps.
 
-    Another wave of a law that the model has is no new mechanism and counts as simplest.
+    Another wave of a law that the model has is no new mechanism and counts as simplest. Laws
+    that filter the motion wait while a plain one leaves no more than twice the residual.
     """
+    plain = [trial for trial in good if not trial.term.law.dynamic]
+    if plain and plain[0].score <= TWICE * good[0].score:
+        good = plain
     best = good[0]
-    near = [trial for trial in good if trial.gain >= PARSIMONY * best.gain]
+    near = [trial for trial in good
+            if trial.gain >= PARSIMONY * best.gain and trial.score <= TWICE * best.score]
     return min(near, key=lambda trial: (
-        trial.name not in present, trial.term.law.complexity, -trial.gain))
+        trial.name not in present, trial.complexity, -trial.gain))
 
 
 def _equivalent(
@@ -216,12 +281,14 @@ def _equivalent(
     """Return other names that the data cannot tell from the chosen one."""
     names = list(chosen.term.law.equivalent(balance.design.trajectory.axis, chosen.term.shape))
     joined = balance.joined(chosen.term)
+    if chosen.companion is not None:
+        joined = joined.joined(chosen.companion)
     for trial in good:
-        if trial is chosen or trial.name == chosen.name:
+        if trial is chosen or trial.name == chosen.name or trial.companion is not None:
             continue
         difference = trial.squares - chosen.squares
         tied = difference.sum() <= SEPARATED * _standard_error(difference)
-        simple = trial.term.law.complexity <= chosen.term.law.complexity
+        simple = trial.complexity <= chosen.complexity
         if trial.gain < SAME * chosen.gain or not (tied or simple):
             continue
         after = held_out(

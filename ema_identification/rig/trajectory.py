@@ -11,12 +11,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy import signal
+from scipy import interpolate, signal
 
 from ema_record.rig import Axis
 
-REST_SHARE = 0.3
-"""A row is left out where so much of its filter window is standstill."""
+REST_SHARE = 0.05
+"""A row is left out where so much of its filter window is standstill ..."""
+REST_SHARE_DECIMATED = 0.3
+"""... and of the longer window of `scipy.signal.decimate`."""
 FILTER_ORDER = 4
 ROWS_A_BAND = 2.5
 """Rows a second, in units of the band."""
@@ -33,7 +35,8 @@ class Segment:
     speed, acceleration : ndarray
         As measured or derived; for terms that are linear in them.
     smooth_speed : ndarray
-        Within the band only; for terms that look at the sign or the size of the speed.
+        Within the band, by a filter that does not overshoot; for terms that look at the sign
+        or the size of the speed.
     disturbance : ndarray
         Known force or torque from outside, zero where none was recorded.
 
@@ -74,6 +77,8 @@ class Trajectory:
     """Cut-off of the filter (Hz)."""
     standstill: float
     """Speeds below it count as standstill (m/s or rad/s)."""
+    interval: float = 0.0
+    """Between samples as they were recorded (s)."""
     gate: float = 0.0
     """Rows so near to a reversal are left out, in periods of the band."""
     decimation: int | None = None
@@ -84,6 +89,15 @@ class Trajectory:
     def smoothed(self, segment: Segment, values: np.ndarray) -> np.ndarray:
         """Return `values` within the band, without delay, at the full rate."""
         return low_pass(values, segment.rate, self.band)
+
+    def later(self, lead: float) -> Trajectory:
+        """Return the trajectory with its input later by `lead` (s); the rows are the same."""
+        def of(segment: Segment) -> Segment:
+            curve = interpolate.CubicSpline(segment.time, segment.input)
+            time = np.clip(segment.time - lead, segment.time[0], segment.time[-1])
+            return replace(segment, input=curve(time))
+
+        return replace(self, segments=tuple(of(segment) for segment in self.segments))
 
     def _steps(self, segment: Segment) -> int:
         return self.decimation or max(1, int(segment.rate / (ROWS_A_BAND * self.band)))
@@ -107,7 +121,11 @@ class Trajectory:
         kept = []
         for segment in self.segments:
             resting = (np.abs(segment.smooth_speed) < self.standstill).astype(np.float64)
-            rows = self._reduced(segment, resting) < REST_SHARE
+            if self.decimation is None:
+                share = windowed(resting, segment.rate, self.band)[:: self._steps(segment)]
+                rows = share < REST_SHARE
+            else:
+                rows = self._reduced(segment, resting) < REST_SHARE_DECIMATED
             rows &= self._reversal_near(segment)[:: self._steps(segment)][: len(rows)] == 0
             edge = int(np.ceil(0.5 / self.band / segment.step / self._steps(segment))) + 1
             rows[:edge] = False
@@ -223,6 +241,40 @@ def low_pass(values: np.ndarray, rate: float, band: float) -> np.ndarray:
         extended = extended[::-1]
     filtered: np.ndarray = extended[length:len(extended) - length]
     return filtered
+
+
+def monotone_low_pass(values: np.ndarray, rate: float, band: float) -> np.ndarray:
+    """Return `values` within the band by a Gaussian filter, which rings at no stop.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Evenly sampled.
+    rate, band : float
+        Samples a second (1/s); where it passes a half, like `low_pass` (Hz).
+
+    """
+    if band >= 0.45 * rate:
+        return values
+    wide = rate * np.sqrt(2.0 * np.log(2.0)) / (2.0 * np.pi * band)
+    reach = min(int(np.ceil(4.0 * wide)), len(values) - 1)
+    bell = np.exp(-0.5 * (np.arange(-reach, reach + 1) / wide) ** 2)
+    padded = np.pad(values, reach, mode="reflect", reflect_type="odd")
+    filtered: np.ndarray = signal.oaconvolve(padded, bell / bell.sum(), mode="valid")
+    return filtered
+
+
+def windowed(values: np.ndarray, rate: float, band: float) -> np.ndarray:
+    """Return the mean of `values` weighted by the size of `low_pass`'s response, shape (n,)."""
+    if band >= 0.45 * rate:
+        return values
+    half = min(int(2.0 * rate / band), len(values) - 1)
+    impulse = np.zeros(8 * half + 1)
+    impulse[4 * half] = 1.0
+    window = np.abs(low_pass(impulse, rate, band))[3 * half:5 * half + 1]
+    padded = np.pad(values, half, mode="edge")
+    mean: np.ndarray = signal.oaconvolve(padded, window / window.sum(), mode="valid")
+    return mean
 
 
 @lru_cache(maxsize=32)

@@ -33,10 +33,14 @@ def updated_text(given: RigModel, story: Story) -> str:
     terms = []
     for index, term in enumerate(balance.terms):
         span = balance.span(index)
+        if balance.replaced(index):
+            continue
         if index < len(story.start.terms) and term.law.name in free:
             terms.append(KnownTerm(effect=term.law.name))
             continue
         values = balance.fit.coefficients[span]
+        if term.law.name == "control_delay":
+            values = values + balance.design.lead
         wide = [half_width(variance[place[k], place[k]], blocks)
                 for k in range(span.start, span.stop) if not balance.fixed[k]]
         size = float(np.linalg.norm(values)) or 1.0

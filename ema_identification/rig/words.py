@@ -33,6 +33,9 @@ def where(balance: Balance, index: int, found: Sequence[Parameter]) -> Where:
     column = balance.columns[:, balance.span(index)] @ balance.fit.coefficients[
         balance.span(index)]
     share = float(np.sqrt(np.mean(column**2)))
+    if term.law.name == "control_delay":
+        slope = balance.columns[:, balance.span(index)]
+        share = float(np.sqrt(np.mean(slope**2))) * abs(found[0].value)
     values = {p.name.split(".")[1]: p for p in found}
     fast = float(np.quantile(np.abs(trajectory.speed), 0.98))
     text = {

@@ -26,7 +26,7 @@ from ema_identification.rig.next_test import for_unknown, next_test, one_directi
 from ema_identification.rig.panels import all_panels, unknown_panel
 from ema_identification.rig.prepare import prepare
 from ema_identification.rig.regression import fit, held_out
-from ema_identification.rig.remainder import portrait
+from ema_identification.rig.remainder import main_shape, portrait
 from ema_identification.rig.search import Search, search
 from ema_identification.rig.selection import LEVEL_OF_CHANCE, Choice
 from ema_identification.rig.shapes import (
@@ -35,6 +35,7 @@ from ema_identification.rig.shapes import (
     smooth_shapes,
     waves_in_position,
 )
+from ema_identification.rig.skew import skew_words, without_skew
 from ema_identification.rig.steps import Story, all_steps
 from ema_identification.rig.updated import updated_text
 from ema_identification.rig.words import shape_words, signal_name, where
@@ -44,6 +45,8 @@ from ema_record.rig import RigRecord
 Progress = Callable[[str, float], None]
 """Called with what is being done and how much of all is (0 to 1)."""
 MAX_RIVALS = 8
+MUCH = 0.3
+"""Share of the input that is not explained without a word."""
 HIDEABLE = (*LAWS, "inertia_change")
 
 
@@ -106,6 +109,7 @@ def identify_rig(
     smooth = smooth_shapes(trajectory)
     freest = freest_columns(start.columns, smooth)
     blocks = make_blocks(trajectory, fit(freest, trajectory.target).residual)
+    start = without_skew(start, blocks)
     held = _held_designs(validate, given.settings, design)
     waves = waves_in_position(design)
     shapes = [*smooth, *waves]
@@ -123,7 +127,8 @@ def identify_rig(
     floor = _noise_floor(found, smooth, blocks, gaps, bool(held))
     findings = _findings(found, blocks, gaps)
     story = Story(trajectory=trajectory, blocks=blocks, start=start, found=found, gaps=gaps,
-                  noise_floor=floor, before=before, notes=(*trajectory.notes, *notes),
+                  noise_floor=floor, before=before,
+                  notes=(*trajectory.notes, *skew_words(found.balance), *notes),
                   findings=findings, validated=len(validate))
     say("done", 1.0)
     return _identification(given, story)
@@ -181,7 +186,7 @@ def _rivals_parameters(
     first = len(found.stages[0].terms)
     values: list[Parameter] = []
     for trial in choice.trials:
-        if trial.name in choice.equivalent:
+        if trial.name in choice.equivalent and trial.companion is None:
             before = found.stages[index]
             values += parameters(before.joined(trial.term), first + index, blocks)
     return tuple(values)
@@ -238,6 +243,8 @@ def _recalibrated(story: Story) -> tuple[Parameter, ...]:
     """Return the parameters of the model's own terms, in the model at the end."""
     found: list[Parameter] = []
     for index in range(len(story.start.terms)):
+        if story.found.balance.replaced(index):
+            continue
         found += parameters(story.found.balance, index, story.blocks)
     return tuple(found)
 
@@ -250,4 +257,22 @@ def _reasons(story: Story) -> tuple[str, ...]:
     if story.found.given_up:
         reasons.append("given up, as they only stood in for a shape that no law holds: "
                        + ", ".join(story.found.given_up))
+    reasons += _of_the_rest(story)
     return tuple(reasons)
+
+
+def _of_the_rest(story: Story) -> list[str]:
+    """Return what is said of a remainder that is no unknown effect."""
+    if story.found.unknown is not None:
+        return []
+    trajectory = story.trajectory
+    minor = main_shape(story.found.left, 0.0)
+    if minor is not None:
+        return [f"no further law; a remainder of {100 * minor.share:.1f} % of the "
+                f"{signal_name(trajectory)} stays, its cause unknown: "
+                f"{shape_words(minor, trajectory)}"]
+    share = rms(story.found.balance.fit.residual) / rms(trajectory.target)
+    if share > MUCH:
+        return [f"{100 * share:.0f} % of the {signal_name(trajectory)} is not explained, and no "
+                "shape of it is more than chance: record longer, or with less noise"]
+    return []

@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 from ema_identification.rig.laws.base import Law, Shape, Term, unit_of
-from ema_identification.rig.laws.dynamics import BACKLASH, DEAD_ZONE, DELAY, HYSTERESIS
+from ema_identification.rig.laws.dynamics import (
+    BACKLASH,
+    COMPLIANCE,
+    DEAD_ZONE,
+    DELAY,
+    HYSTERESIS,
+)
 from ema_identification.rig.laws.friction import (
     ASYMMETRIC_FRICTION,
     COULOMB_FRICTION,
@@ -24,7 +30,7 @@ LAWS: dict[str, Law] = {
         INERTIA, VISCOUS_FRICTION, DISTURBANCE, COULOMB_FRICTION, OFFSET, STRIBECK_FRICTION,
         QUADRATIC_DRAG, SUBLINEAR_VISCOUS_FRICTION, ASYMMETRIC_FRICTION, LOAD_DEPENDENT_FRICTION,
         OUTER_LOAD_FRICTION, POSITION_DEPENDENT_FRICTION, SPRING, GRAVITY, COGGING_TORQUE,
-        HYSTERESIS, BACKLASH, DEAD_ZONE, DELAY,
+        HYSTERESIS, BACKLASH, COMPLIANCE, DEAD_ZONE, DELAY,
     )
 }
 """All laws by name."""

@@ -14,6 +14,8 @@ from ema_record.rig import Axis
 Shape = tuple[float, ...]
 """Values of the parameters in which a law is not linear, in the order of `Law.shape`."""
 Columns = Callable[[Segment, Trajectory, Shape], Sequence[np.ndarray]]
+MOST_PART = 0.9
+LOCATED = 0.05
 Grid = Callable[[Trajectory], Sequence[Shape]]
 
 
@@ -57,13 +59,21 @@ class Law:
     """Names whose law is the same expression on such an axis."""
     positive: bool = False
     """Whether its coefficients cannot be negative: friction takes energy, inertia is positive."""
+    sharpens: bool = False
+    """Whether the law that it requires may only be seen together with it."""
+    dynamic: bool = False
+    """Whether it filters the motion or the whole prediction, and so takes a share of anything."""
+    part_of: str = ""
+    """A law with the same unit of which this one's coefficient is a part, at most `MOST_PART`."""
+    located: str = ""
+    """A parameter that must be known within `LOCATED` of itself, or it is not this law."""
     repeats: bool = False
     """Whether several terms of it, with other shapes, make sense."""
 
     @property
     def complexity(self) -> int:
-        """Number of free parameters."""
-        return len(self.coefficients) + len(self.shape)
+        """Number of free parameters; one more where it leans on all of the model's terms."""
+        return len(self.coefficients) + len(self.shape) + self.of_prediction
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,6 +99,7 @@ def unit_of(pattern: str, axis: Axis) -> str:
     base = axis.input_channel.unit
     known = {
         "u": base, "x": length, "v": f"{length}/s", "a": f"{length}/s²", "1": "1", "s": "s",
+        "Hz": "Hz",
         "1/turn": "a turn" if axis.motion == "rotary" else f"1/{length}", "rad": "rad",
         "u/v": f"{base} s/{length}", "u/a": f"{base} s²/{length}", "u/x": f"{base}/{length}",
         "u/v²": f"{base} s²/{length}²", "u/v^0.5": f"{base} (s/{length})^0.5",

@@ -5,10 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import signal
 
 from ema_identification.rig.laws.base import Law, Shape, sign
 from ema_identification.rig.trajectory import Segment, Trajectory, derivative
 from ema_record.rig import Axis
+
+TWO_LEVELS = 0.2
+"""Spread of the size of an input over its mean, below which it has two levels only."""
+DAMPINGS = (0.01, 0.03, 0.1)
 
 
 def travel_grid(trajectory: Trajectory) -> Sequence[Shape]:
@@ -37,9 +42,22 @@ def _since_reversal(position: np.ndarray, width: float) -> np.ndarray:
     return state
 
 
+def _build_up(position: np.ndarray, distance: float) -> np.ndarray:
+    """Return the state of Dahl's model, from -1 to 1: it nears the direction over `distance`."""
+    steps = np.diff(position)
+    turns = np.nonzero(np.diff(np.sign(steps)) != 0.0)[0] + 1
+    ends = [0, *turns.tolist(), len(position) - 1]
+    state = np.zeros_like(position)
+    for first, last in zip(ends[:-1], ends[1:]):  # one way between reversals
+        way = position[first:last + 1] - position[first]
+        side = np.sign(way[-1])
+        state[first:last + 1] = side + (state[first] - side) * np.exp(-np.abs(way) / distance)
+    return state
+
+
 def _presliding(segment: Segment, trajectory: Trajectory, shape: Shape) -> Sequence[np.ndarray]:
-    state = _since_reversal(trajectory.smoothed(segment, segment.position), 0.5 * shape[0])
-    return (state / (0.5 * shape[0]) - sign(segment, trajectory),)
+    state = _build_up(trajectory.smoothed(segment, segment.position), shape[0])
+    return (state - sign(segment, trajectory),)
 
 
 def _backlash(segment: Segment, trajectory: Trajectory, shape: Shape) -> Sequence[np.ndarray]:
@@ -61,6 +79,32 @@ def _sign_of_prediction(
     return (np.sign(trajectory.smoothed(segment, segment.prediction)),)
 
 
+def _many_levels(trajectory: Trajectory) -> bool:
+    """Return whether the input has more than two levels; else its sign is the input itself."""
+    size = np.abs(trajectory.target)
+    return float(np.std(size)) > TWO_LEVELS * float(np.mean(size))
+
+
+def resonances_grid(trajectory: Trajectory) -> Sequence[Shape]:
+    """Return antiresonances within the band, lightly and well damped."""
+    return tuple((float(f), d) for d in DAMPINGS
+                 for f in np.geomspace(0.05 * trajectory.band, 0.9 * trajectory.band, 12))
+
+
+def _lagging_load(
+    segment: Segment, _trajectory: Trajectory, shape: Shape
+) -> Sequence[np.ndarray]:
+    """Return the acceleration of a load on a spring less that of the drive."""
+    omega, damping = 2.0 * np.pi * shape[0], shape[1]
+    warped = 2.0 * segment.rate * np.tan(0.5 * omega * segment.step)
+    above, below = signal.bilinear(
+        [2.0 * damping * warped, warped**2], [1.0, 2.0 * damping * warped, warped**2],
+        segment.rate)
+    start = signal.lfilter_zi(above, below) * segment.acceleration[0]
+    load, _ = signal.lfilter(above, below, segment.acceleration, zi=start)
+    return (load - segment.acceleration,)
+
+
 def _or_inductance(axis: Axis, _shape: Shape) -> tuple[str, ...]:
     return ("winding_inductance",) if axis.input == "voltage" else ()
 
@@ -68,12 +112,12 @@ def _or_inductance(axis: Axis, _shape: Shape) -> tuple[str, ...]:
 HYSTERESIS = Law(
     name="presliding_hysteresis",
     meaning="dry friction that builds up over a distance after each reversal",
-    equation="u = F (z/δ - sign(v)), z the travel since reversal within ± δ, 2δ the distance",
-    reference="Al-Bender, Lampaert, Swevers 2005, IEEE Trans. Automatic Control 50(11)",
+    equation="u = F (z - sign(v)), dz = (sign(v) - z) |dx| / δ, δ the distance",
+    reference="Dahl 1968, A Solid Friction Model, TOR-0158(3107-18)-1",
     against="test phase", coefficients=("level",), shape=("distance",),
     units={"level": "u", "distance": "x"}, columns=_presliding, grid=travel_grid,
     requires=("coulomb_friction",),
-    positive=True,
+    positive=True, sharpens=True,
 )
 BACKLASH = Law(
     name="backlash",
@@ -89,12 +133,21 @@ DELAY = Law(
     meaning="the motion lags behind the recorded input by a constant time",
     equation="u(t) = û(t + τ), to first order û + τ dû/dt", reference="Taylor's theorem",
     against="frequency", coefficients=("delay",), units={"delay": "s"},
-    columns=_derivative_of_prediction, of_prediction=True, equivalent=_or_inductance,
+    columns=_derivative_of_prediction, of_prediction=True, dynamic=True, equivalent=_or_inductance,
+)
+COMPLIANCE = Law(
+    name="compliance", meaning="the load hangs on a spring: a belt, a shaft, a gear",
+    equation="u = J a + J_l (a_l - a), a_l'' + 2 ζ ω a_l' + ω² a_l = 2 ζ ω a' + ω² a, ω = 2 π f",
+    reference="Ellis, Lorenz 2000, IEEE IAS Annual Meeting (two-mass drives)",
+    against="frequency", coefficients=("load_inertia",), shape=("frequency", "damping"),
+    units={"load_inertia": "u/a", "frequency": "Hz", "damping": "1"},
+    columns=_lagging_load, grid=resonances_grid, positive=True,
+    part_of="inertia", located="frequency", dynamic=True,
 )
 DEAD_ZONE = Law(
     name="dead_zone", meaning="the drive swallows a part of the input around zero",
     equation="u = û + d sign(û)", reference="Tao, Kokotović 1994, IEEE Trans. Aut. Control 39(1)",
     against="load", coefficients=("width",), units={"width": "u"},
-    columns=_sign_of_prediction, of_prediction=True,
+    columns=_sign_of_prediction, of_prediction=True, applies=_many_levels, dynamic=True,
     positive=True,
 )

@@ -68,7 +68,7 @@ STRIBECK_FRICTION = Law(
     against="speed", coefficients=("increase",), shape=("speed",),
     units={"increase": "u", "speed": "v"}, columns=_stribeck, grid=speeds_grid,
     requires=("coulomb_friction",),
-    positive=True,
+    positive=True, sharpens=True,
 )
 QUADRATIC_DRAG = Law(
     name="quadratic_drag", meaning="windage or drag in proportion to the square of the speed",
