@@ -19,7 +19,7 @@ from ema_identification.actuator.evidence import Block, evidence, noise_covarian
 from ema_identification.actuator.library_type import Library, Scale
 from ema_identification.actuator.recalibration import LAST_RUNS, recalibrate, solve_at
 from ema_identification.actuator.runs import Case, Progress, silent, simulate_case, spread_out
-from ema_identification.actuator.screening import residual, screen
+from ema_identification.actuator.screening import bounded_gains, residual, screen
 from ema_identification.actuator.spread import draw_conditions, draw_tolerances
 
 UNITS = 48
@@ -97,8 +97,8 @@ def scale_of(library: Library, rows: np.ndarray) -> Scale:
         costs.append(solve_at(ev, unit.centre, [unit.mean], LAST_RUNS).cost / ev.size)
         if library.signatures:
             rest = residual(ev, unit.centre, [unit.mean], runs=LAST_RUNS)
-            best = screen(ev, rest)[0]
-            gains.append((rest.cost - best.cost) / (best.cost / ev.size))
+            gains.append(max(bounded_gains(
+                ev, unit.centre, [unit.mean], LAST_RUNS, screen(ev, rest))))
     logs = np.log(costs)
     middle = float(np.median(gains)) if gains else 10.0
     tail = 5.0

@@ -4,34 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from ema_identification.actuator.contest import Arena, Start
 from ema_identification.actuator.evidence import Evidence
-from ema_identification.actuator.naming import fit_candidates, gain_of, propose
-from ema_identification.actuator.pairs import fit_pairs, seconds, swapped
+from ema_identification.actuator.naming import pairs_of, propose, seconds
 from ema_identification.actuator.recalibration import Recalibration
-from ema_identification.actuator.refit import Fit, Term, polish, refit
+from ema_identification.actuator.refit import Fit, Term
 from ema_identification.actuator.runs import Progress, silent
-from ema_identification.actuator.screening import stacked
 from ema_identification.identification import Outcome
 
 LEVEL = 0.002
 """A gain that useless effects reach more often names nothing."""
-GOOD_FIT = 1e-3
-"""A complete model leaves a larger cost only so often."""
 POOR_FIT = 1e-7
 """A cost this improbable is a disagreement even if no effect of the catalogue helps."""
-NEARLY = 4.0
-"""Largest cost a feature, in units of a complete model's, at which an effect may be named."""
-EXPLAINED = 0.95
-"""Least part of the misfit that an effect must take away to be named though some is left."""
+COMPLETE = 1.45
+"""Cost up to which a model counts as complete, in units of what an effect-free unit leaves."""
+ALONE = 0.3
+"""Misfit above a complete model's, of that which the next best name leaves, up to which a fit
+that is not complete is named nevertheless."""
+FELL = 0.3
+"""The same, of that without an effect."""
+FARTHEST = 8.0
+"""Largest cost, in units of a complete model's, of a fit that is named."""
 SECOND_GAIN = 80.0
 """Least gain of a second effect where the first explains the record well."""
-POLISHED = 2
-"""Pairs that are fitted further."""
-AHEAD = 4.0
-"""How many times as much the next effect must leave where a fit is not complete."""
 LEFT = "what is left is more than noise; no further effect takes it away"
 CLEAR = 2.0
 """Least distance of each of two effects from absent (standard deviations)."""
@@ -53,6 +52,7 @@ class Answer:
     equivalent : for each term of `fit`, fits that the data cannot tell from it.
     p_value : for each term, of the hypothesis that it adds nothing.
     gain : of the best candidate on the recalibrated model.
+    null_cost : of the recalibrated model, in the metric of the fits.
     reasons : for people.
     """
 
@@ -62,7 +62,43 @@ class Answer:
     equivalent: tuple[tuple[Fit, ...], ...] = ()
     p_value: tuple[float, ...] = ()
     gain: float = 0.0
+    null_cost: float = 0.0
     reasons: tuple[str, ...] = ()
+
+
+class _Case(NamedTuple):
+    """What the decisions on one unit share."""
+
+    arena: Arena
+    null: Recalibration
+    gain: float
+    p: float
+    without: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        return self.arena.evidence.size
+
+    @property
+    def usual(self) -> float:
+        """Cost that a complete model leaves."""
+        scale = self.arena.evidence.blocks[0].library.scale
+        return float(np.exp(scale.fit[0])) * self.size
+
+    def complete(self, fit: Fit) -> bool:
+        return fit.cost < COMPLETE * self.usual
+
+    def stands_out(self, fit: Fit, others: Sequence[Fit]) -> bool:
+        """Whether a fit leaves little of what everything else and the model before leave.
+
+        Entries that merely imitate something unknown come in crowds; the right one stands alone.
+        """
+        names = {t.variant.effect for t in fit.terms}
+        rest = [f.cost for f in others if {t.variant.effect for t in f.terms} != names]
+        above = fit.cost - self.usual
+        return (fit.cost < FARTHEST * self.usual
+                and above < FELL * (self.arena.null_cost - self.usual)
+                and above < ALONE * (min(rest, default=np.inf) - self.usual))
 
 
 def decide(
@@ -72,77 +108,44 @@ def decide(
     """Return the answer to a recalibrated model's residual."""
     scale, size = evidence.blocks[0].library.scale, evidence.size
     proposal = propose(evidence, null, without=without, seed=seed)
-    if not proposal.screened:
-        gain = 0.0
-    else:
-        gain = gain_of(proposal.near, proposal.screened[0], size)
-    p_gain, p_null = scale.p_gain(gain), scale.p_fit(null.cost / size)
+    p_gain, p_null = scale.p_gain(proposal.gain), scale.p_fit(null.cost / size)
     if p_gain > LEVEL and p_null > POOR_FIT:
-        return Answer(verdict="no disagreement", gain=gain, reasons=(
-            f"the best effect of the catalogue would lower the misfit by {gain:.0f}; useless "
-            f"effects reach that with probability {p_gain:.2g}",
+        return Answer(verdict="no disagreement", gain=proposal.gain, null_cost=null.cost, reasons=(
+            f"the best effect of the catalogue would lower the misfit by {proposal.gain:.0f}; "
+            f"useless effects reach that with probability {p_gain:.2g}",
             f"cost {null.cost / size:.2f} a feature: a complete model leaves more with "
             f"probability {p_null:.2g}",
         ))
-    fits = fit_candidates(evidence, proposal.chosen, null, seed=seed)
-    singles = [f for f in fits if np.isfinite(f.cost)]
+    arena = Arena(evidence, null, seed=seed)
+    singles = arena.fits(proposal.starts, progress=progress, span=(0.2, 0.6))
     if singles:  # the fit may gain what the screening, linear, did not see
-        gained = (null.cost - singles[0].cost) / max(singles[0].cost / size, 1e-9)
+        gained = (arena.null_cost - singles[0].cost) / max(singles[0].cost / size, 1e-9)
         p_gain = min(p_gain, scale.p_gain(gained))
-    progress("name", 0.6)
-    if singles:  # the simulator may do better than the library's signatures
-        fell = (null.cost - singles[0].cost) / max(singles[0].cost / size, 1e-9)
-        p_gain = min(p_gain, scale.p_gain(fell))
-    if singles and scale.p_fit(singles[0].cost / size) > GOOD_FIT:
-        return _with_second(evidence, null, singles, gain, p_gain, without, seed)
-    if singles:
-        singles[0] = polish(evidence, singles[0], null.mean, seed=seed)
-        if scale.p_fit(singles[0].cost / size) > GOOD_FIT:
-            return _with_second(evidence, null, singles, gain, p_gain, without, seed)
-    pairs = fit_pairs(evidence, singles, proposal.far, null, without=without, seed=seed)
-    pairs = sorted((*(polish(evidence, f, null.mean, seed=seed) for f in pairs[:POLISHED]),
-                    *pairs[POLISHED:]), key=lambda f: f.cost)
+    case = _Case(arena, null, proposal.gain, p_gain, tuple(without))
+    if singles and case.complete(singles[0]):
+        return _with_second(case, singles)
+    found = arena.fits(pairs_of(evidence, singles, without=without), progress=progress,
+                       span=(0.6, 0.9))
     single = singles[0].cost if singles else np.inf
-    pairs = [f for f in pairs if np.isfinite(f.cost) and _needed(f)
+    pairs = [f for f in found if _needed(f)
              and single - f.cost > SECOND_GAIN * f.cost / size]
-    if pairs and scale.p_fit(pairs[0].cost / size) > GOOD_FIT:
-        alone = _pruned(evidence, pairs[0], null, seed)
+    if pairs and (case.complete(pairs[0]) or case.stands_out(pairs[0], [*singles, *found])):
+        whole = case.complete(pairs[0])
+        alone = _pruned(case, pairs[0]) if whole else None
         if alone is not None:
-            return _one("explained", [alone, *singles], null, size, gain, p_gain, ())
-        pairs = swapped(evidence, pairs, null, without=without, seed=seed)
-        return _two(pairs, singles, null, size, gain, p_gain)
-    complete = float(np.exp(scale.fit[0]))
-    if pairs and _stands_out(pairs[0], singles, null):
-        pairs = swapped(evidence, pairs, null, without=without, seed=seed)
-        return replace(_two(pairs, singles, null, size, gain, p_gain), verdict="partly explained",
-                       reasons=(LEFT,))
-    if singles and _stands_out(singles[0], singles[1:], null):
-        return _one("partly explained", singles, null, size, gain, p_gain, (LEFT,))
-    if singles and _nearly(singles[0], null, size, complete):
-        return _one("partly explained", singles, null, size, gain, p_gain, (
-            LEFT,))
-    return Answer(verdict="unknown effect", fits=tuple(singles), gain=gain, reasons=(
-        f"something is missing: cost {null.cost / size:.1f} a feature after recalibration, "
-        f"{complete:.1f} is usual",
-        "no effect of the catalogue, and no two, explain it: the best leaves "
-        + (f"{singles[0].cost / size:.1f}" if singles else "everything"),
-    ))
-
-
-def _stands_out(fit: Fit, others: Sequence[Fit], null: Recalibration) -> bool:
-    """Whether a fit takes away nearly all, and everything else leaves many times as much.
-
-    Entries that merely imitate something unknown come in crowds; the right one stands alone.
-    """
-    names = {t.variant.effect for t in fit.terms}
-    rest = [f.cost for f in others if {t.variant.effect for t in f.terms} != names]
-    return (fit.cost < (1.0 - EXPLAINED) * null.cost
-            and fit.cost * AHEAD < min(rest, default=np.inf))
-
-
-def _nearly(fit: Fit, null: Recalibration, size: int, complete: float) -> bool:
-    return (fit.cost / size < NEARLY * complete
-            and null.cost - fit.cost > EXPLAINED * (null.cost - size * complete))
+            return _one(case, "explained", [alone, *singles])
+        answer = _two(case, pairs, singles)
+        return answer if whole else replace(answer, verdict="partly explained", reasons=(LEFT,))
+    if singles and case.stands_out(singles[0], singles[1:]):
+        return replace(_one(case, "partly explained", singles), reasons=(LEFT,))
+    return Answer(
+        verdict="unknown effect", fits=tuple(singles), gain=proposal.gain,
+        null_cost=arena.null_cost, reasons=(
+            f"something is missing: cost {arena.null_cost / size:.1f} a feature after "
+            f"recalibration, {case.usual / size:.1f} is usual",
+            "no effect of the catalogue, and no two, explain it: the best leaves "
+            + (f"{singles[0].cost / size:.1f}" if singles else "everything"),
+        ))
 
 
 def _margin(best: Fit, null_cost: float, size: int) -> float:
@@ -163,67 +166,63 @@ def _rivals(fits: Sequence[Fit], null_cost: float, size: int) -> tuple[Fit, ...]
     return tuple(found[:2])
 
 
-def _one(
-    verdict: Outcome, singles: Sequence[Fit], null: Recalibration, size: int, gain: float,
-    p: float, reasons: tuple[str, ...],
-) -> Answer:
-    return Answer(verdict=verdict, fit=singles[0], fits=tuple(singles), gain=gain,
-                  equivalent=(_rivals(singles, null.cost, size),), p_value=(p,), reasons=reasons)
+def _one(case: _Case, verdict: Outcome, singles: Sequence[Fit]) -> Answer:
+    return Answer(
+        verdict=verdict, fit=singles[0], fits=tuple(singles), gain=case.gain,
+        null_cost=case.arena.null_cost, p_value=(case.p,),
+        equivalent=(_rivals(singles, case.arena.null_cost, case.size),))
 
 
-def _with_second(
-    evidence: Evidence, null: Recalibration, singles: Sequence[Fit], gain: float, p: float,
-    without: Sequence[str], seed: int,
-) -> Answer:
+def _with_second(case: _Case, singles: Sequence[Fit]) -> Answer:
     """Return one effect that explains the record, with a second one where that helps clearly."""
-    size, best = evidence.size, singles[0]
-    one = _one("explained", singles, null, size, gain, p, ())
-    rest, more = seconds(evidence, best, null, without=without, keep=1)
-    if not more or gain_of(rest, more[0], size) < SECOND_GAIN:
+    best, evidence = singles[0], case.arena.evidence
+    one = _one(case, "explained", singles)
+    if best.cost < case.usual:
         return one
-    term = Term(variant=more[0].variant, signature=stacked(evidence, more[0].index), u=more[0].u)
-    both = refit(evidence, [best.terms[0], term], best.z, null.mean, seed=seed)
-    fell = (best.cost - both.cost) / max(both.cost / size, 1e-9)
+    more = seconds(evidence, best, without=case.without)[:1]
+    if not more:
+        return one
+    term = Term(variant=more[0].signature.variant, signature=more[0].signature, u=more[0].u)
+    found = case.arena.fits([Start((*best.terms, term), best.z)], first=1)
+    if not found:
+        return one
+    both = found[0]
+    fell = (best.cost - both.cost) / max(both.cost / case.size, 1e-9)
     if fell < SECOND_GAIN or not _needed(both):
         return one
-    alone = _pruned(evidence, both, null, seed)
+    alone = _pruned(case, both)
     if alone is not None:
-        return _one("explained", [alone, *singles[1:]], null, size, gain, p, ())
+        return _one(case, "explained", [alone, *singles[1:]])
     scale = evidence.blocks[0].library.scale
-    return Answer(verdict="explained", fit=both, fits=tuple(singles), gain=gain,
-                  equivalent=(_rivals(singles, null.cost, size), ()),
-                  p_value=(p, scale.p_gain(fell)))
+    return replace(one, fit=both, equivalent=(one.equivalent[0], ()),
+                   p_value=(case.p, scale.p_gain(fell)))
 
 
-def _two(
-    pairs: Sequence[Fit], singles: Sequence[Fit], null: Recalibration, size: int, gain: float,
-    p: float,
-) -> Answer:
+def _two(case: _Case, pairs: Sequence[Fit], singles: Sequence[Fit]) -> Answer:
     """Return two effects, with what either might be instead."""
-    best = pairs[0]
+    best, null_cost = pairs[0], case.arena.null_cost
     names = [t.variant.effect for t in best.terms]
     equal: list[list[Fit]] = [[], []]
     for fit in pairs[1:]:
-        if fit.cost - best.cost > _margin(best, null.cost, size):
+        if fit.cost - best.cost > _margin(best, null_cost, case.size):
             continue
         other = [t.variant.effect for t in fit.terms]
         for k in (0, 1):
             kept, moved = names[1 - k], [n for n in other if n != names[1 - k]]
             if kept in other and len(moved) == 1 and moved[0] != names[k]:
                 equal[k].append(fit)
-    return Answer(verdict="explained", fit=best, fits=tuple(singles), gain=gain,
-                  equivalent=(tuple(equal[0][:2]), tuple(equal[1][:2])), p_value=(p, p))
+    return Answer(verdict="explained", fit=best, fits=tuple(singles), gain=case.gain,
+                  null_cost=null_cost, p_value=(case.p, case.p),
+                  equivalent=(tuple(equal[0][:2]), tuple(equal[1][:2])))
 
 
-def _pruned(evidence: Evidence, pair: Fit, null: Recalibration, seed: int) -> Fit | None:
+def _pruned(case: _Case, pair: Fit) -> Fit | None:
     """Return the fit of one effect of a pair if the other is not needed, else None.
 
     It starts where the pair ended, so a single fit that had stopped short is mended too.
     """
-    size = evidence.size
-    for term in pair.terms:
-        alone = refit(evidence, [term], pair.z, null.mean, seed=seed)
-        if alone.cost - pair.cost < SECOND_GAIN * pair.cost / size:
+    for alone in case.arena.fits([Start((t,), pair.z) for t in pair.terms], first=1):
+        if alone.cost - pair.cost < SECOND_GAIN * pair.cost / case.size:
             return alone
     return None
 

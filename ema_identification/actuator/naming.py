@@ -1,4 +1,4 @@
-"""Name: decide whether anything is missing, what explains it, and what cannot be told apart."""
+"""Name: what might explain a residual, at which size, and where its fit begins."""
 
 from __future__ import annotations
 
@@ -7,75 +7,134 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ema_identification.actuator.contest import Start
 from ema_identification.actuator.evidence import Evidence
 from ema_identification.actuator.periodic import periodic_candidates
 from ema_identification.actuator.recalibration import Recalibration
-from ema_identification.actuator.refit import Fit, Term, refit
+from ema_identification.actuator.refit import Fit, Term
 from ema_identification.actuator.screening import (
-    Residual,
     Screened,
+    bounded_gains,
     residual,
     screen,
+    selectable,
     signature_of,
+    stacked,
 )
-from ema_identification.actuator.spread import N_TOLERANCES
+from ema_identification.actuator.sizes import Sized, Sizing
 
-LEVEL = 0.005
-"""Probability of naming anything when nothing is hidden, aimed at."""
-POOR = 3.0
-"""A candidate whose first rounds leave this many times the best cost is not polished."""
-KEPT = 3
-"""Candidates from each of the two screenings."""
+SIZED, NEAR = 4, 3
+"""Candidates from the comparison at all sizes, and about the recalibrated unit."""
+VARIANTS = 2
+"""Of one effect."""
+FIRSTS = 6
+"""Effects that are tried as the first of a pair."""
+PAIRS = 4
+SECONDS = 2
+"""Effects that are tried beside a fitted one."""
 
 
 class Proposal(NamedTuple):
-    """Residuals about the recalibrated and the nominal unit, and what might explain them."""
+    """What the library says: the gain of the best candidate, and where fits begin."""
 
-    near: Residual
-    far: Residual
-    screened: list[Screened]
-    """All variants against `near`, best first."""
-    chosen: list[Screened]
-    """Candidates for the simulator."""
-
-
-def gain_of(rest: Residual, best: Screened, size: int) -> float:
-    """Return the fall of the cost by the best candidate, in units of the cost a feature."""
-    return (rest.cost - best.cost) / max(best.cost / size, 1e-9)
+    gain: float
+    starts: list[Start]
 
 
 def propose(
     evidence: Evidence, null: Recalibration, *, without: Sequence[str] = (), seed: int = 0
 ) -> Proposal:
-    """Return residuals, the screening of the near one, and candidates of both.
+    """Return what might explain a unit, best candidates of two screenings.
 
-    One screening is about runs at the recalibrated tolerances, exact for small effects; the other
-    about the nominal unit, for effects so large that recalibration went astray.
+    One is about runs at the recalibrated tolerances, sharp for small effects; the other compares
+    the library at all its sizes with the measurement, for effects so large that recalibration
+    went astray.
     """
     local = residual(evidence, null.centre, null.mean, runs=null.runs)
     near = screen(evidence, local, without=without)
-    z = np.zeros(evidence.tolerances.size)
-    mean = [b.library.null.mean(np.zeros(N_TOLERANCES), b.conditions) for b in evidence.blocks]
-    wide = residual(evidence, z, mean, runs=0)
-    far = screen(evidence, wide, without=without)
-    chosen: list[Screened] = []
-    for screened in (*far[:KEPT], *near[:KEPT]):
-        if all(screened.variant.name != c.variant.name for c in chosen):
-            chosen.append(screened)
-    chosen += periodic_candidates(evidence, null, local, without=without, seed=seed)
-    return Proposal(near=local, far=wide, screened=near, chosen=chosen)
+    gains = bounded_gains(evidence, null.centre, null.mean, null.runs, near)
+    ranked = [s for _, s in sorted(zip(gains, near), key=lambda pair: -pair[0])]
+    sizing = Sizing(evidence)
+    sized = sorted((sizing.best(stacked(evidence, i)) for i in selectable(evidence, without)),
+                   key=lambda s: s.cost)
+    own = periodic_candidates(evidence, null, local, without=without, seed=seed)
+    starts = [_start(s) for s in _spread(sized, SIZED)]
+    names = {s.terms[0].variant.name for s in starts}
+    more: list[Screened] = [s for s in ranked if s.variant.name not in names][:NEAR]
+    starts += [Start((Term(variant=s.variant, signature=signature_of(evidence, s), u=s.u),),
+                     null.z) for s in (*more, *own)]
+    return Proposal(gain=max(gains, default=0.0), starts=starts)
 
 
-def fit_candidates(
-    evidence: Evidence, chosen: Sequence[Screened], null: Recalibration, *, seed: int = 0
-) -> list[Fit]:
-    """Return simulator fits of the candidates, best first."""
-    found: list[Fit] = []
-    best = np.inf
-    for screened in chosen:
-        term = Term(variant=screened.variant, signature=signature_of(evidence, screened),
-                    u=screened.u)
-        fit = refit(evidence, [term], screened.z, null.mean, seed=seed, give_up=POOR * best)
-        best = min(best, fit.cost)
-        found.append(fit)
-    return sorted(found, key=lambda f: f.cost)
+def _spread(sized: Sequence[Sized], keep: int) -> list[Sized]:
+    """Return the best, of each effect at most `VARIANTS`."""
+    found: list[Sized] = []
+    for s in sized:
+        same = [f for f in found if f.signature.variant.effect == s.signature.variant.effect]
+        if len(same) < VARIANTS:
+            found.append(s)
+        if len(found) == keep:
+            break
+    return found
+
+
+def _start(sized: Sized) -> Start:
+    return Start((_term(sized),), sized.z)
+
+
+def _term(sized: Sized) -> Term:
+    return Term(variant=sized.signature.variant, signature=sized.signature, u=sized.u)
+
+
+def pairs_of(
+    evidence: Evidence, singles: Sequence[Fit], *, without: Sequence[str] = ()
+) -> list[Start]:
+    """Return pairs of different effects: beside fitted ones, and by superposition."""
+    found: list[Start] = []
+    seen: set[frozenset[str]] = set()
+    done: set[str] = set()
+    for fit in singles:
+        name = fit.terms[0].variant.effect
+        if name in done or len(done) == SECONDS:
+            continue
+        done.add(name)
+        for second in seconds(evidence, fit, without=without)[:SECONDS]:
+            _add(found, seen, (*fit.terms, _term(second)), fit.z)
+    sizing = Sizing(evidence)
+    indices = selectable(evidence, without)
+    firsts = _spread(sorted((sizing.best(stacked(evidence, i)) for i in indices),
+                            key=lambda s: s.cost), FIRSTS)
+    rows: list[tuple[float, Sized, Sized]] = []
+    for first in firsts:
+        about = Sizing(evidence, added=first.signature.at(first.u))
+        for i in indices:
+            signature = stacked(evidence, i)
+            if signature.variant.effect != first.signature.variant.effect:
+                second = about.best(signature)
+                rows.append((second.cost, first, second))
+    for _, first, second in sorted(rows, key=lambda row: row[0])[:3 * PAIRS]:
+        if len(found) < 2 * SECONDS + PAIRS:
+            _add(found, seen, (_term(first), _term(second)), second.z)
+    return found
+
+
+def _add(
+    found: list[Start], seen: set[frozenset[str]], terms: tuple[Term, ...], z: np.ndarray
+) -> None:
+    key = frozenset(t.variant.name for t in terms)
+    if key not in seen:
+        seen.add(key)
+        found.append(Start(terms, z))
+
+
+def seconds(evidence: Evidence, fit: Fit, *, without: Sequence[str] = ()) -> list[Sized]:
+    """Return what comes nearest to what a fit leaves, one variant an effect, best first."""
+    names = {t.variant.effect for t in fit.terms}
+    sizing = Sizing(evidence, about=fit)
+    sized = sorted((sizing.best(stacked(evidence, i))
+                    for i in selectable(evidence, [*without, *names])), key=lambda s: s.cost)
+    found: list[Sized] = []
+    for s in sized:
+        if all(s.signature.variant.effect != f.signature.variant.effect for f in found):
+            found.append(s)
+    return found

@@ -41,7 +41,7 @@ def panels_of(
     panels = [_where(evidence, null, answer), *_vectors(evidence, null, answer),
               _travel(signals), *_folded(evidence, signals)]
     if answer.fits:
-        panels.append(_candidates(evidence, null, answer))
+        panels.append(_candidates(evidence, answer))
     panels.append(_held(held if held is not None else evidence, before, after, answer))
     return tuple(panels)
 
@@ -167,7 +167,7 @@ def _folded(evidence: Evidence, signals: Sequence[tuple[str, Signals]]) -> list[
     return panels
 
 
-def _candidates(evidence: Evidence, null: Recalibration, answer: Answer) -> Panel:
+def _candidates(evidence: Evidence, answer: Answer) -> Panel:
     costs = np.array([np.sqrt(f.cost / evidence.size) for f in answer.fits])
     x = np.arange(1.0, len(costs) + 1.0)
     curves = [
@@ -178,7 +178,7 @@ def _candidates(evidence: Evidence, null: Recalibration, answer: Answer) -> Pane
     usual = np.exp(0.5 * evidence.blocks[0].library.scale.fit[0])
     curves += [
         Curve(label="model before", x=ends, role="before",
-              y=np.full(2, np.sqrt(null.cost / evidence.size))),
+              y=np.full(2, np.sqrt(answer.null_cost / evidence.size))),
         Curve(label="nothing missing", x=ends, y=np.full(2, usual), role="floor"),
     ]
     return Panel(name="candidates", title="What each candidate leaves, best first.",

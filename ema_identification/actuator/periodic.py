@@ -17,7 +17,7 @@ from ema_identification.actuator.variants import ripple
 
 STRONG = 8.0
 """Least residual of a line (standard deviations, re and im)."""
-LOWEST = 7
+LOWEST = 3
 """Lower orders belong to windings and commutation."""
 LIBRARY = {"cogging_torque": 12, "gear_mesh_ripple": 17}
 """Orders that the libraries know."""

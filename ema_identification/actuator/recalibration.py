@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ema_identification.actuator.bounded import bounded_least_squares
 from ema_identification.actuator.evidence import (
     Evidence,
     Whitening,
@@ -21,6 +22,11 @@ RUNS = 3
 LAST_RUNS = 12
 COARSE = 0.2
 """Share of the residual granted as error in the first round; halves a round."""
+BAND = 1.0
+"""Bound of a tolerance (half widths)."""
+WEIGHT = 1.0
+"""Of the square of a tolerance in the cost: their bounds do the rest."""
+TINY = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,15 +65,13 @@ def recalibrate(
     for _ in range(2):
         mean = [b.library.null.mean(evidence.tolerances.of(i, z), b.conditions)
                 for i, b in enumerate(evidence.blocks)]
-        step, _, _ = _solve(evidence, z, mean, 0, COARSE)
-        z = np.clip(z + step, -2.0, 2.0)
+        z, _, _ = _solve(evidence, z, mean, 0, COARSE)
     for k in range(rounds):
         n = last if k == rounds - 1 else runs
         mean = evidence.mean(z, None, runs=n, seed=seed + k)
         if k == rounds - 1:
             break
-        step, _, _ = _solve(evidence, z, mean, n, COARSE * 0.5**k)
-        z = np.clip(z + step, -2.5, 2.5)
+        z, _, _ = _solve(evidence, z, mean, n, COARSE * 0.5**k)
     return solve_at(evidence, z, mean, last)
 
 
@@ -75,14 +79,15 @@ def solve_at(
     evidence: Evidence, centre: np.ndarray, mean: list[np.ndarray], runs: int
 ) -> Recalibration:
     """Return the recalibration that follows from one simulation at tolerances `centre`."""
-    step, covariance, cost = _solve(evidence, centre, mean, runs, 0.0)
-    return Recalibration(z=np.clip(centre + step, -2.5, 2.5), centre=centre,
-                         covariance=covariance, mean=tuple(mean), cost=cost, runs=runs)
+    z, covariance, cost = _solve(evidence, centre, mean, runs, 0.0)
+    return Recalibration(z=z, centre=centre, covariance=covariance, mean=tuple(mean), cost=cost,
+                         runs=runs)
 
 
 def _solve(
     evidence: Evidence, z: np.ndarray, mean: list[np.ndarray], runs: int, coarse: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return tolerances within their bands, their covariance and the cost."""
     rows, target, feigned = [], [], 0.0
     for block, f, slope in zip(evidence.blocks, mean, evidence.slopes(z)):
         noise = noise_covariance(block, runs=runs, error=coarse * (block.values - f))
@@ -90,4 +95,10 @@ def _solve(
         white = Whitening(noise)
         rows.append(white(slope))
         target.append(white(block.values - f))
-    return solve(np.vstack(rows), np.concatenate(target), z, 0, feigned)
+    columns, rest = np.vstack(rows), np.concatenate(target)
+    _, covariance, _ = solve(columns, rest, z, 0, feigned)
+    step = bounded_least_squares(
+        columns, rest, -BAND - z - TINY, BAND - z + TINY, np.full(len(z), WEIGHT), z)
+    rest = rest - columns @ step
+    found = np.clip(z + step, -BAND, BAND)
+    return found, covariance, float(rest @ rest + WEIGHT * (found @ found))

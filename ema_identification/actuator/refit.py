@@ -1,4 +1,4 @@
-"""Fit candidates with the simulator itself, on the unit and under the conditions at hand."""
+"""Effects and tolerances together as one point, and its slopes by the simulator."""
 
 from __future__ import annotations
 
@@ -8,28 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from ema_identification.actuator.effect_library import Signature
-from ema_identification.actuator.evidence import (
-    MODEL_ERROR,
-    Evidence,
-    Whitening,
-    noise_covariance,
-    slope_noise,
-    solve,
-)
+from ema_identification.actuator.evidence import Evidence
 from ema_identification.actuator.spread import N_TOLERANCES, TOLERANCES
 from ema_identification.actuator.variants import ALIASES, Variant
 from ema_sim.effects import Effects
 
-ROUNDS = 5
-RUNS = 3
-LAST_RUNS = 10
-CLEAR = 4.0
-"""Least mean square of a step, in units of a repeat, that says something on the slope."""
-COARSE = 0.2
-"""Share of the residual that the first round grants as error to each feature; halves a round.
-
-So no few features on which an effect acts hard decide a step alone.
-"""
+PART = 0.2
+"""Part of a coordinate by which it is moved for its slope."""
+STRONG = 4.0
+"""Rms of an effect's signature from which its slope is simulated (standard deviations)."""
+TOLERANCE_STEP = 0.5
+"""By which a tolerance is moved for its slope (half widths)."""
+UNKNOWN_STEP = 0.3
+"""Of a coordinate that the library does not know."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +78,19 @@ def with_terms(terms: Sequence[Term], base: Effects) -> Effects:
     return base
 
 
-def _moved(terms: Sequence[Term], u: np.ndarray) -> tuple[Term, ...]:
+def coordinates(terms: Sequence[Term]) -> np.ndarray:
+    """Return the coordinates of all terms, one after another."""
+    return np.concatenate([t.u for t in terms])
+
+
+def bounds(terms: Sequence[Term]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the bounds of the coordinates."""
+    return (np.concatenate([t.variant.low for t in terms]),
+            np.concatenate([t.variant.high for t in terms]))
+
+
+def moved(terms: Sequence[Term], u: np.ndarray) -> tuple[Term, ...]:
+    """Return the terms at other coordinates, within their bounds."""
     found, k = [], 0
     for term in terms:
         n = term.variant.size
@@ -97,144 +100,63 @@ def _moved(terms: Sequence[Term], u: np.ndarray) -> tuple[Term, ...]:
     return tuple(found)
 
 
-def _coordinates(terms: Sequence[Term]) -> np.ndarray:
-    return np.concatenate([t.u for t in terms])
+def deviation_of(evidence: Evidence) -> np.ndarray:
+    """Return the standard deviation of a repeat of the stacked features."""
+    return np.concatenate([
+        b.library.null.deviation(b.conditions.noise) for b in evidence.blocks])
 
 
-def refit(
-    evidence: Evidence, terms: Sequence[Term], z: np.ndarray, null: Sequence[np.ndarray], *,
-    rounds: int = ROUNDS, runs: int = RUNS, last: int = LAST_RUNS, seed: int = 0,
-    give_up: float = np.inf,
-) -> Fit:
-    """Return the joint fit of effects and tolerances.
-
-    Parameters
-    ----------
-    evidence : the records.
-    terms : effects at the coordinates that screening proposes.
-    z : tolerances to start from.
-    null : features of each record without the effects, for the size of their signature.
-    rounds, runs, last : simulations, runs each, runs of the last.
-    seed : of the runs.
-    give_up : a fit whose cost stays above this after two rounds is not polished.
-    """
-    base = evidence.blocks[0].library.model.effects
-    terms = tuple(terms)
-    free = len(_coordinates(terms))
-    best: Fit | None = None
-    before: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-    slope_u = np.hstack([t.signature.slope(t.u) for t in terms])
-    poor = False
-    for k in range(rounds):
-        final = k == rounds - 1 or poor
-        n = last if final and not poor else runs
-        mean = evidence.mean(z, with_terms(terms, base), runs=n, seed=seed + 10 * k)
-        if not all(np.isfinite(f).all() for f in mean):
-            break
-        slope_u = _slopes(evidence, terms, z, mean, slope_u, before, runs, seed)
-        coarse = 0.0 if final else COARSE * 0.5**k
-        rows, target, feigned = [], [], 0.0
-        at = 0
-        slopes = _with_aliases(evidence, terms, z, slope_u)
-        for block, f, f0, slope_z in zip(evidence.blocks, mean, null, slopes):
-            noise = noise_covariance(block, runs=n, error=np.hypot(
-                MODEL_ERROR * (f - f0), coarse * (block.values - f)))
-            feigned += slope_noise(block, noise)
-            white = Whitening(noise)
-            rows.append(white(np.hstack([slope_u[at:at + len(block)], slope_z])))
-            target.append(white(block.values - f))
-            at += len(block)
-        step, covariance, cost = solve(
-            np.vstack(rows), np.concatenate(target), z, free, feigned)
-        before = (_coordinates(terms), z, np.concatenate(mean))
-        u = _coordinates(terms) + step[:free]
-        new_terms = _moved(terms, u)
-        new_z = np.clip(z + step[free:], -2.5, 2.5)
-        if final:
-            change = slope_u @ (_coordinates(new_terms) - _coordinates(terms)) + np.vstack(
-                slopes) @ (new_z - z)
-            predicted, at = [], 0
-            for f in mean:
-                predicted.append(f + change[at:at + len(f)])
-                at += len(f)
-            best = Fit(terms=new_terms, z=new_z, covariance=covariance, cost=cost,
-                       mean=tuple(predicted), runs=n,
-                       slopes=np.hstack([slope_u, np.vstack(slopes)]))
-            break
-        terms, z = new_terms, new_z
-        poor = k >= 1 and cost > give_up
-    if best is None:
-        return Fit(terms=terms, z=z, covariance=np.eye(free + len(z)), cost=np.inf,
-                   mean=tuple(null), runs=1, slopes=np.hstack([
-                       slope_u, np.vstack(evidence.slopes(z))]))
-    return best
+def library_slopes(terms: Sequence[Term]) -> np.ndarray:
+    """Return the slopes to the coordinates as the library knows them."""
+    return np.hstack([t.signature.slope(t.u) for t in terms])
 
 
-def polish(evidence: Evidence, fit: Fit, null: Sequence[np.ndarray], *, seed: int = 0) -> Fit:
-    """Return a fit continued from where it ended, tolerances drawn back into their bands.
-
-    Tolerances that took the place of an effect before it was found find their way home.
-    """
-    again = refit(evidence, fit.terms, np.clip(fit.z, -1.0, 1.0), null, seed=seed + 40)
-    return again if again.cost < fit.cost else fit
-
-
-def _slopes(
-    evidence: Evidence, terms: Sequence[Term], z: np.ndarray, mean: Sequence[np.ndarray],
-    slope: np.ndarray, before: tuple[np.ndarray, np.ndarray, np.ndarray] | None, runs: int,
-    seed: int,
+def simulated_slopes(
+    evidence: Evidence, terms: Sequence[Term], z: np.ndarray, mean: Sequence[np.ndarray], *,
+    runs: int, seed: int,
 ) -> np.ndarray:
-    """Return the derivative of the stacked features to the coordinates.
+    """Return the slopes to the coordinates: by the simulator where an effect is strong.
 
-    The library's slope is corrected by what the last step really did (Broyden); coordinates
-    that the library does not know are moved a little and simulated.
+    The runs have the noise of those of `mean`. A weak effect is as straight as its signature,
+    and less noisy there.
     """
-    here = np.concatenate(mean)
-    found = slope.copy()
-    unknown = _unknown(terms)
-    if before is not None:
-        u0, z0, f0 = before
-        du = _coordinates(terms) - u0
-        scale = np.maximum(np.abs(u0), 1e-12)
-        weight = du / scale**2
-        power = float(du @ weight)
-        deviation = np.concatenate([
-            b.library.null.deviation(b.conditions.noise) for b in evidence.blocks])
-        if power > 0.0 and float(((slope @ du / deviation)**2).mean()) > CLEAR:
-            dz = np.vstack(evidence.slopes(0.5 * (z + z0))) @ (z - z0)
-            found += np.outer(here - f0 - dz - found @ du, weight) / power
-    for k in unknown:
-        u = _coordinates(terms)
-        u[k] += 0.3 if u[k] < 0.3 else -0.3
-        base = evidence.blocks[0].library.model.effects
-        moved = evidence.mean(z, with_terms(_moved(terms, u), base), runs=runs, seed=seed + 5)
-        delta = np.concatenate(moved) - here
-        if np.isfinite(delta).all():
-            found[:, k] = delta / (u[k] - _coordinates(terms)[k])
-    return found
-
-
-def _unknown(terms: Sequence[Term]) -> list[int]:
-    """Return the coordinates of which the library has no signature."""
-    found, k = [], 0
+    found = library_slopes(terms)
+    here, deviation = np.concatenate(mean), deviation_of(evidence)
+    base = evidence.blocks[0].library.model.effects
+    low, high = bounds(terms)
+    start, k = coordinates(terms), 0
     for term in terms:
+        strong = float(np.sqrt(np.mean((term.signature.at(term.u) / deviation)**2))) > STRONG
+        size = float(np.linalg.norm(term.u))
         for levels in term.signature.levels:
-            if len(levels) < 2:
-                found.append(k)
+            known = len(levels) > 1
+            step = PART * size if known else UNKNOWN_STEP
+            if (strong and step > 0.0) or not known:
+                u = start.copy()
+                u[k] += step if u[k] + step <= high[k] else -step
+                run = evidence.mean(z, with_terms(moved(terms, u), base), runs=runs, seed=seed)
+                change = np.concatenate(run) - here
+                if np.isfinite(change).all() and u[k] >= low[k]:
+                    found[:, k] = change / (u[k] - start[k])
             k += 1
     return found
 
 
-def _with_aliases(
-    evidence: Evidence, terms: Sequence[Term], z: np.ndarray, slope_u: np.ndarray
-) -> list[np.ndarray]:
+def slopes_with_aliases(
+    evidence: Evidence, terms: Sequence[Term], z: np.ndarray, slope_u: np.ndarray,
+    known: np.ndarray | None = None,
+) -> np.ndarray:
     """Return the slopes to the tolerances; those that a coordinate shares, taken from it.
+
+    `known` holds slopes to the tolerances, shape (d, tolerances); by default the library's.
 
     The data cannot tell a severity from a tolerance of the same parameter; two estimates of one
     slope would pretend that they can.
     """
     names = [t.name for t in TOLERANCES]
-    slopes = evidence.slopes(z)
+    ends = np.cumsum([len(b) for b in evidence.blocks])[:-1]
+    slopes = evidence.slopes(z) if known is None else [
+        part.copy() for part in np.split(known, ends)]
     column = 0
     for term in terms:
         for k, u in enumerate(term.u):
@@ -255,4 +177,30 @@ def _with_aliases(
                     slope[:, used] = spread[:, used]
                     at += len(slope)
             column += 1
-    return slopes
+    return np.vstack(slopes)
+
+
+def simulated_tolerances(
+    evidence: Evidence, terms: Sequence[Term], z: np.ndarray, mean: Sequence[np.ndarray],
+    slopes: np.ndarray, *, runs: int, seed: int,
+) -> np.ndarray:
+    """Return slopes to the tolerances, mended where the simulator clearly says another.
+
+    A large effect changes what a tolerance does: half the torque constant, twice the current a
+    friction needs. The library's slopes are those of the unit without the effect.
+    """
+    base = evidence.blocks[0].library.model.effects
+    effects, here = with_terms(terms, base), np.concatenate(mean)
+    noise = deviation_of(evidence) * np.sqrt(2.0 / runs) / TOLERANCE_STEP
+    found = slopes.copy()
+    for k in range(len(z)):
+        moved_z = z.copy()
+        step = TOLERANCE_STEP if z[k] < 0.0 else -TOLERANCE_STEP
+        moved_z[k] += step
+        run = np.concatenate(evidence.mean(moved_z, effects, runs=runs, seed=seed))
+        if not np.isfinite(run).all():
+            continue
+        missed = (run - here) / step - slopes[:, k]
+        ratio = (missed / (2.0 * noise))**2
+        found[:, k] += missed * ratio / (1.0 + ratio)
+    return found

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
+from ema_identification.actuator.bounded import bounded_least_squares
 from ema_identification.actuator.effect_library import Signature
 from ema_identification.actuator.evidence import Evidence, Whitening, noise_covariance
+from ema_identification.actuator.recalibration import BAND, TINY, WEIGHT
 from ema_identification.actuator.spread import PRIOR
 from ema_identification.actuator.variants import Variant
 
@@ -171,3 +173,46 @@ def _along(
     k = int(np.argmin(cost))
     x = levels[k] + part[k] * (levels[k + 1] - levels[k])
     return float(x), points[k], float(cost[k])
+
+
+def bounded_gains(
+    evidence: Evidence, centre: np.ndarray, mean: Sequence[np.ndarray], runs: int,
+    screened: Sequence[Screened],
+) -> list[float]:
+    """Return by how much each variant lowers the cost, tolerances held within their bands.
+
+    In units of the cost a feature that it leaves. A tolerance that would have to leave its band
+    to imitate an effect is no explanation.
+    """
+    rules = [Whitening(noise_covariance(b, runs=runs, error=LIBRARY_ERROR * (b.values - f)))
+             for b, f in zip(evidence.blocks, mean)]
+    ends = np.cumsum([len(b) for b in evidence.blocks])[:-1]
+
+    def white(rows: np.ndarray) -> np.ndarray:
+        return np.concatenate([w(part) for w, part in zip(rules, np.split(rows, ends))])
+
+    slopes = white(np.vstack(evidence.slopes(centre)))
+    rest = white(np.concatenate([b.values - f for b, f in zip(evidence.blocks, mean)]))
+    n = len(centre)
+
+    def cost_of(columns: np.ndarray, target: np.ndarray, low: np.ndarray, high: np.ndarray
+                ) -> float:
+        free = columns.shape[1] - n
+        weight = np.concatenate([np.zeros(free), np.full(n, WEIGHT)])
+        begin = np.concatenate([np.zeros(free), centre])
+        step = bounded_least_squares(
+            columns, target, np.concatenate([low, -BAND - TINY - centre]),
+            np.concatenate([high, BAND + TINY - centre]), weight, begin)
+        left = target - columns @ step
+        return float(left @ left + weight @ (begin + step)**2)
+
+    nothing = cost_of(slopes, rest, np.zeros(0), np.zeros(0))
+    gains = []
+    for s in screened:
+        signature = signature_of(evidence, s)
+        own = white(np.column_stack([signature.at(s.u), signature.slope(s.u)]))
+        low, high = np.array(s.variant.low) - s.u, np.array(s.variant.high) - s.u
+        left = cost_of(np.hstack([own[:, 1:], slopes]), rest - own[:, 0],
+                       np.minimum(low, -1e-9), np.maximum(high, 1e-9))
+        gains.append((nothing - left) / max(left / evidence.size, 1e-9))
+    return gains

@@ -102,7 +102,7 @@ def _identify(
     shown = Shown(before=before, after=after, how="held-out records" if held else
                   "no held-out record: each tenth of the features predicted from the others")
     fits = [f for f in answer.fits if np.isfinite(f.cost)]
-    findings = findings_of(ev, answer, groups, shown.before, shown.after, null.cost)
+    findings = findings_of(ev, answer, groups, shown.before, shown.after, answer.null_cost)
     ambiguous = next((e for e in answer.equivalent if e), ())
     proposed = separating_test(ev, [answer.fit, *ambiguous], seed=seed) if (
         answer.fit is not None and ambiguous) else None
@@ -112,14 +112,14 @@ def _identify(
     z[:N_HARDWARE] = updated
     found = Identification(
         verdict=answer.verdict, gap_before=before.value, gap_after=after.value,
-        noise_floor=before.floor, gap_unit=f"{GAP_UNIT} ({shown.how})", findings=findings,
+        noise_floor=after.floor, gap_unit=f"{GAP_UNIT} ({shown.how})", findings=findings,
         rivals=tuple(
-            c for c in candidates_of(ev, fits, null.cost, "fitted")
+            c for c in candidates_of(ev, fits, answer.null_cost, "fitted")
             if c.effect not in {n for f in findings for n in (f.effect, *f.equivalent)}),
         next_test=None if proposed is None else proposed.text,
         next_profile=None if proposed is None else proposed.profile,
         recalibrated=recalibrated_of(fit, ev), reasons=answer.reasons,
-        unknown=unknown_shape(ev, whitened(ev, null), fits, null.cost)
+        unknown=unknown_shape(ev, whitened(ev, null), fits, answer.null_cost)
         if answer.verdict == "unknown effect" else None,
         model_text=model_text(model, z, effects),
     )

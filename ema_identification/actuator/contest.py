@@ -1,0 +1,117 @@
+"""The contest: candidates are fitted further and further, the hopeless ones left behind."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ema_identification.actuator.descent import Point, descend, finished, run_point
+from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.metric import Robust, reference
+from ema_identification.actuator.recalibration import Recalibration
+from ema_identification.actuator.refit import Fit, Term
+from ema_identification.actuator.runs import Progress, silent
+
+LAST_SHARE = 0.1
+"""Of the cost by which candidates are compared in the end."""
+
+
+class Stage(NamedTuple):
+    """One round of the contest."""
+
+    share: float
+    """Of a residual that is granted as its error: much at first, lest few features decide."""
+    runs: int
+    steps: int
+    keep: int
+    """Most candidates that go on."""
+    behind: float
+    """A candidate whose cost is so many times the best one's does not go on."""
+
+
+STAGES = (
+    Stage(0.3, 2, 3, 4, 2.0),
+    Stage(0.15, 3, 3, 3, 2.5),
+    Stage(LAST_SHARE, 3, 4, 3, 3.0),
+)
+LAST_RUNS = 10
+THOROUGH = 1.4
+"""Cost from which slopes to the tolerances are simulated, in units of a complete model's."""
+MOST_VARIANTS = 2
+"""Of one effect that go on."""
+
+
+class Start(NamedTuple):
+    """Effects and tolerances from which a fit begins."""
+
+    terms: tuple[Term, ...]
+    z: np.ndarray
+
+
+class Arena:
+    """What all fits of one unit have in common: the metrics, and the cost without an effect."""
+
+    def __init__(self, evidence: Evidence, null: Recalibration, *, seed: int = 0) -> None:
+        before = reference(evidence, null.mean, null.cost)
+        self.evidence, self.seed = evidence, seed
+        self.metrics = tuple(
+            Robust(before=tuple(before), runs=s.runs, share=s.share) for s in STAGES)
+        self.last = Robust(before=tuple(before), runs=LAST_RUNS, share=LAST_SHARE)
+        self.null_cost = self.last.cost(
+            evidence, [f + s @ (null.z - null.centre) for f, s in zip(
+                null.mean, evidence.slopes(null.centre))], null.z)
+
+    def fits(
+        self, starts: Sequence[Start], *, progress: Progress = silent, span: tuple[float, float] =
+        (0.0, 1.0), first: int = 0,
+    ) -> list[Fit]:
+        """Return a fit of every candidate, best first; those left behind as far as they came."""
+        points = [p for p in (self._first(start) for start in starts) if p is not None]
+        left: list[Point] = []
+        for k, (stage, rule) in enumerate(zip(STAGES, self.metrics)):
+            if k < first:
+                continue
+            costs = []
+            for i, point in enumerate(points):
+                points[i] = descend(
+                    self.evidence, rule, point, steps=stage.steps, seed=self.seed,
+                    thorough=k == len(STAGES) - 1 and self._incomplete(point))
+                costs.append(rule.cost(self.evidence, points[i].mean, points[i].z))
+                share = (k + (i + 1) / len(points)) / len(STAGES)
+                progress("name", span[0] + share * (span[1] - span[0]))
+            order = np.argsort(costs)
+            kept = _kept([(costs[i], points[i]) for i in order], stage)
+            kept = [int(order[j]) for j in kept]
+            left += [points[i] for i in order if i not in kept]
+            points = [points[i] for i in kept]
+        found = [finished(self.evidence, self.last, p, seed=self.seed + 50, runs=LAST_RUNS)
+                 for p in points]
+        found += [finished(self.evidence, self.last, p, seed=self.seed, still=True)
+                  for p in left]
+        return sorted((f for f in found if np.isfinite(f.cost)), key=lambda f: f.cost)
+
+    def _incomplete(self, point: Point) -> bool:
+        """Whether a point is still far from what a complete model leaves."""
+        usual = float(np.exp(self.evidence.blocks[0].library.scale.fit[0]))
+        cost = self.last.cost(self.evidence, point.mean, point.z)
+        return cost > THOROUGH * usual * self.evidence.size
+
+    def _first(self, start: Start) -> Point | None:
+        point = run_point(self.evidence, start.terms, np.clip(start.z, -1.0, 1.0),
+                          runs=STAGES[0].runs, seed=self.seed)
+        return point if point.finite else None
+
+
+def _kept(ranked: Sequence[tuple[float, Point]], stage: Stage) -> list[int]:
+    """Return the places of those that go on: near the best, each set of effects once or twice."""
+    found: list[int] = []
+    count: Counter[tuple[str, ...]] = Counter()
+    for place, (cost, point) in enumerate(ranked):
+        names = tuple(sorted(t.variant.effect for t in point.terms))
+        if cost < stage.behind * ranked[0][0] and count[names] < MOST_VARIANTS:
+            count[names] += 1
+            found.append(place)
+    return found[:stage.keep]
