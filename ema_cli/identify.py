@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ema_cli.console import check_new, note, print_json, progress, stdout
+from ema_cli.console import check_new, note, print_json, progress_of, stdout
 
 if TYPE_CHECKING:
     from ema_identification.identification import Identification
-
-STEPS = 1000
 
 
 def identify(
@@ -57,7 +55,7 @@ def identify(
 
     records = [_read(path, profile) for path in measured]
     held = [_read(path, None) for path in validate or ()]
-    with progress("identify", STEPS) as advance:
+    with progress_of("identify") as advance:
         shown: list[str] = []
 
         def step(what: str, share: float) -> None:
@@ -65,7 +63,7 @@ def identify(
                 shown.append(what)
                 if what.endswith(("runs", "catalogue", "units")):
                     note(f"simulating {what}; kept in the cache directory for the next time")
-            advance(STEPS * share)
+            advance(what, share)
 
         found = run(records, model, validate=held, without=without or (), progress=step,
                     workers=workers, seed=seed)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ema_identification.rig.blocks import Blocks
 from ema_identification.rig.laws import Term
-from ema_identification.rig.laws.base import MOST_PART
+from ema_identification.rig.laws.base import LEAST_PART, MOST_PART
 from ema_identification.rig.regression import Bounds, Fit, fit, held_out
 from ema_identification.rig.trajectory import Segment, Trajectory
 
@@ -186,15 +186,17 @@ class Balance:
     def lawful(self) -> bool:
         """Whether no law that was added would have to break its sign: friction that drives.
 
-        The model's own inertia and viscous friction stop at zero instead. A part is no more
-        than nearly all of its whole: without a drive's own inertia, a load on a spring would
-        excuse every acceleration that the input did not make.
+        The model's own inertia and viscous friction stop at zero instead. A part is neither
+        little nor nearly all of its whole: without a drive's own inertia, a load on a spring
+        would excuse every acceleration that the input did not make.
         """
         whole = {term.law.name: float(self.fit.coefficients[self.span(index)][0])
                  for index, term in enumerate(self.terms)}
-        if any(whole[term.law.name] > MOST_PART * whole.get(term.law.part_of, 0.0)
-               for term in self.terms if term.law.part_of):
-            return False
+        for term in self.terms:
+            most = whole.get(term.law.part_of, 0.0)
+            if term.law.part_of and not (
+                    LEAST_PART * most <= whole[term.law.name] <= MOST_PART * most):
+                return False
         return not any(
             bool(self.fit.active[self.span(index)].any())
             for index, term in enumerate(self.terms)

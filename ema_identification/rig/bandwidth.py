@@ -15,8 +15,9 @@ WIDEST = 0.2
 """Widest band, in units of the sampling rate."""
 BINS = 60
 """Of equal width in log frequency, in which densities are looked at by their median."""
-ATTENUATION = 0.01
-"""Largest share of noise in the power of the acceleration, by which an inertia is too small."""
+ATTENUATION = 1e-3
+"""Largest share of noise in the power of the acceleration, by which an inertia is too small, for
+a band that is wider than the response; noise of a converter is redder than taken here."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

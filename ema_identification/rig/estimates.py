@@ -15,6 +15,10 @@ from ema_identification.rig.regression import covariance, half_width
 
 STEP = 1e-3
 """Relative step of the derivative with respect to a shape ..."""
+LEAST_STEADY = 0.3
+"""Share of the rows away from reversals that is needed to judge without the others."""
+SEEN = 0.3
+"""Likewise the rms of a regressor there, over that of all rows."""
 COARSE_STEP = 0.1
 """... and of one that the motion crosses in single samples: a gap, a distance."""
 
@@ -52,7 +56,9 @@ def parameters(balance: Balance, index: int, blocks: Blocks) -> tuple[Parameter,
     columns, slopes = balance.free_columns, _slopes(balance, index)
     place = np.cumsum(~fixed) - 1
     own = [int(place[k]) for k in range(span.start, span.stop) if not fixed[k]]
-    variance = covariance(np.column_stack([columns, *slopes]), balance.fit.residual, blocks)
+    columns_and_slopes = np.column_stack([columns, *slopes])
+    variance = covariance(columns_and_slopes, balance.fit.residual, blocks) \
+        + _of_reversals(balance, columns_and_slopes)
     axis = balance.design.trajectory.axis
     units = term.law.units
     found: list[Parameter] = []
@@ -72,6 +78,26 @@ def parameters(balance: Balance, index: int, blocks: Blocks) -> tuple[Parameter,
                 wide = min(wide, abs(term.shape[k]))
         found.append(_parameter(term, name, term.shape[k], wide, unit_of(units[name], axis)))
     return tuple(found)
+
+
+def _of_reversals(balance: Balance, columns: np.ndarray) -> np.ndarray:
+    """Return the variance that stands for what happens at reversals, shape (p, p).
+
+    There the sign of the speed is known least and dry friction is least like a law. By so much
+    as the estimates change without these rows, as one standard error.
+    """
+    trajectory = balance.design.trajectory
+    steady = trajectory.steady
+    away = columns[steady]
+    if steady.all() or steady.sum() < max(LEAST_STEADY * len(steady), 10 * columns.shape[1]):
+        return np.zeros((columns.shape[1], columns.shape[1]))
+    scale = np.sqrt(np.maximum(np.mean(columns**2, axis=0), 1e-300))
+    kept = np.sqrt(np.mean(away**2, axis=0)) > SEEN * scale
+    change = np.zeros(columns.shape[1])
+    found, *_ = np.linalg.lstsq(away[:, kept] / scale[kept], balance.fit.residual[steady],
+                                rcond=1e-6)
+    change[kept] = found / scale[kept]
+    return np.outer(change, change)
 
 
 def _shift(balance: Balance, term: Term) -> float:

@@ -19,6 +19,9 @@ from ema_identification.rig.sign_flips import screen
 
 LEVEL_OF_CHANCE = 0.005
 """Highest p-value, after all looks of a step, at which something is named."""
+LEVEL_OF_MOST = 0.05
+"""Likewise for a law that takes more than half of the held-out squares: what is so large is in
+every flipped residual too, which hides it."""
 LEAST_GAIN = 0.04
 """Least share of the held-out squares that a law must take to be worth naming."""
 LEAST_SIZE = 0.01
@@ -182,7 +185,8 @@ def choose(
             term=terms[0] if len(terms) > 1 else last, name=name,
             companion=last if len(terms) > 1 else None, p_value=p_value, squares=own,
             rows=len(before), gain=taken / float(squares.sum()),
-            significant=bool(p_value <= LEVEL_OF_CHANCE
+            significant=bool(p_value <= (LEVEL_OF_MOST if taken > 0.5 * squares.sum()
+                                         else LEVEL_OF_CHANCE)
                              and taken >= LEAST_GAIN * squares.sum()
                              and taken >= LEAST_SIZE**2 * size**2 * len(before)
                              and taken > UNCERTAINTY * _standard_error(squares - own)

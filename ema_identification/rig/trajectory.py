@@ -19,6 +19,8 @@ REST_SHARE = 0.05
 """A row is left out where so much of its filter window is standstill ..."""
 REST_SHARE_DECIMATED = 0.3
 """... and of the longer window of `scipy.signal.decimate`."""
+STEADY = 0.98
+"""Share of a filter window that goes one way, for its row to be away from a reversal."""
 FILTER_ORDER = 4
 ROWS_A_BAND = 2.5
 """Rows a second, in units of the band."""
@@ -143,6 +145,14 @@ class Trajectory:
         high, low = np.minimum(index + half + 1, len(segment)), np.maximum(index - half, 0)
         near: np.ndarray = (total[high] > total[low]) & (half > 0)
         return near
+
+    @cached_property
+    def steady(self) -> np.ndarray:
+        """Whether the direction stays the same within the filter's window, shape (rows,)."""
+        if self.decimation is not None:
+            return np.ones(len(self.target), dtype=bool)
+        return np.abs(self.pick(lambda segment: windowed(
+            np.sign(segment.smooth_speed), segment.rate, self.band))) > STEADY
 
     def reduce(self, column: Column) -> np.ndarray:
         """Return regressors filtered, decimated and gated like the input.

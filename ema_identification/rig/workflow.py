@@ -19,6 +19,7 @@ from ema_identification.identification import (
 from ema_identification.rig.balance import Balance, Design, rms
 from ema_identification.rig.blocks import Blocks, make_blocks
 from ema_identification.rig.estimates import parameters, without_modifiers
+from ema_identification.rig.gain import common_factor
 from ema_identification.rig.known import known_balance
 from ema_identification.rig.laws import LAWS
 from ema_identification.rig.model import RigModel, Settings, load_rig_model
@@ -257,6 +258,11 @@ def _reasons(story: Story) -> tuple[str, ...]:
     if story.found.given_up:
         reasons.append("given up, as they only stood in for a shape that no law holds: "
                        + ", ".join(story.found.given_up))
+    factor = common_factor(story.start, story.found.balance)
+    if factor is not None:
+        reasons.append(
+            f"all known terms are {factor:.3g} times those of the model: a wrong gain of the "
+            f"{signal_name(story.trajectory)} looks the same; calibrate it with a known load")
     reasons += _of_the_rest(story)
     return tuple(reasons)
 

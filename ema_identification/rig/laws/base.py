@@ -14,7 +14,7 @@ from ema_record.rig import Axis
 Shape = tuple[float, ...]
 """Values of the parameters in which a law is not linear, in the order of `Law.shape`."""
 Columns = Callable[[Segment, Trajectory, Shape], Sequence[np.ndarray]]
-MOST_PART = 0.9
+LEAST_PART, MOST_PART = 0.2, 0.9
 LOCATED = 0.05
 Grid = Callable[[Trajectory], Sequence[Shape]]
 
@@ -64,7 +64,8 @@ class Law:
     dynamic: bool = False
     """Whether it filters the motion or the whole prediction, and so takes a share of anything."""
     part_of: str = ""
-    """A law with the same unit of which this one's coefficient is a part, at most `MOST_PART`."""
+    """A law with the same unit of which this one's coefficient is a part, `LEAST_PART` at least
+    and `MOST_PART` at most."""
     located: str = ""
     """A parameter that must be known within `LOCATED` of itself, or it is not this law."""
     repeats: bool = False

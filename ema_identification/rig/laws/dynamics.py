@@ -86,9 +86,9 @@ def _many_levels(trajectory: Trajectory) -> bool:
 
 
 def resonances_grid(trajectory: Trajectory) -> Sequence[Shape]:
-    """Return antiresonances within the band, lightly and well damped."""
+    """Return antiresonances that the band shows both sides of, lightly and well damped."""
     return tuple((float(f), d) for d in DAMPINGS
-                 for f in np.geomspace(0.05 * trajectory.band, 0.9 * trajectory.band, 12))
+                 for f in np.geomspace(0.05 * trajectory.band, 0.5 * trajectory.band, 12))
 
 
 def _lagging_load(
