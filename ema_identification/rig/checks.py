@@ -13,6 +13,13 @@ MIN_SAMPLES = 200
 TOLERANCE = 0.05
 """Of the ratio of speed to the derivative of position."""
 
+FOLLOWS = 0.9
+"""Least correlation of the integral of the speed with the position."""
+STILL = 2.0
+"""Spread of a position over that of its steps; white noise has 0.7."""
+RUN = ("record a run with reversals and at least two speeds, for example a sine or trapezoids of "
+       "speed")
+
 _RATIOS = {
     "rotary": {
         60.0 / (2 * math.pi): "speed is in rev/min (rpm), not rad/s",
@@ -48,8 +55,7 @@ def no_motion(record: RigRecord, rms: float, standstill: float) -> InvalidRecord
     unit = record.axis.speed_unit
     return InvalidRecordError(
         f"{record.source}: no excitation: speed {rms:.3g} {unit} rms, standstill is below "
-        f"{standstill:.3g} {unit}: record a run with reversals and at least two speeds, for "
-        "example a sine or trapezoids of speed"
+        f"{standstill:.3g} {unit}: {RUN}"
     )
 
 
@@ -90,10 +96,13 @@ def check_units(record: RigRecord) -> None:
     travelled = np.concatenate(
         [[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time))])
     ratio, quality = _ratio(time, position, travelled)
-    if not math.isfinite(ratio) or quality < 0.9:
+    if quality < FOLLOWS and np.std(position) < STILL * np.std(np.diff(position)):
+        raise InvalidRecordError(
+            f"{record.source}: no excitation: the position is noise about one place: {RUN}")
+    if not math.isfinite(ratio) or quality < FOLLOWS:
         raise InvalidRecordError(
             f"{record.source}: the speed does not follow the position (correlation of its "
-            f"integral {quality:.2f}, at least 0.9): check the columns of the map"
+            f"integral {quality:.2f}, at least {FOLLOWS:g}): check the columns of the map"
         )
     if abs(ratio - 1.0) <= TOLERANCE:
         return

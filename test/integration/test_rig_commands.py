@@ -1,0 +1,110 @@
+"""`ema import` and `ema identify` on a rig's file as its user runs them: terminal and errors."""
+
+import os
+import pty
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from ema_cli.main import run
+
+MAP = """name: drive
+axis: rotary
+format: {delimiter: semicolon, decimal: ","}
+time: {column: t, unit: ms}
+input: {column: i, unit: mA}
+position: {column: q, unit: deg}
+speed: {column: n, unit: rpm}
+"""
+
+
+def table(duration=12.0, still=False, hold=0):
+    """Return CSV text of a drive with dry friction, with `;` and decimal commas, 250 1/s."""
+    rng = np.random.default_rng(3)
+    t = np.arange(0.0, duration, 0.004)
+    q = np.zeros_like(t)
+    v, a = q.copy(), q.copy()
+    for k, f in enumerate((0.4, 0.65, 1.1)):
+        size, w = (0.0 if still else 2.0 / (k + 1)), 2 * np.pi * f
+        q += size * np.sin(w * t + k)
+        v += size * w * np.cos(w * t + k)
+        a -= size * w**2 * np.sin(w * t + k)
+    i = 20 * a + 60 * v + 300 * np.sign(v) + 10 * rng.standard_normal(len(t))
+    i = np.roll(i, -hold)
+    rows = zip(1e3 * t, i, np.degrees(q) + 1e-3 * rng.standard_normal(len(t)),
+               v * 60 / (2 * np.pi) + 0.05 * rng.standard_normal(len(t)))
+    text = "\n".join(";".join(f"{x:.6f}" for x in row) for row in rows)
+    return "Drive 7;;;\nt;i;q;n\n" + text.replace(".", ",") + "\n"
+
+
+def imported(folder, text, map_text=MAP):
+    (folder / "run.csv").write_text(text, encoding="utf-8")
+    (folder / "map.yaml").write_text(map_text, encoding="utf-8")
+    return run(["import", str(folder / "run.csv"), "--map", str(folder / "map.yaml"), "--out",
+                str(folder / "bag")])
+
+
+def test_progress_is_seen_at_a_terminal_and_the_answer_after_it(tmp_path):
+    assert imported(tmp_path, table(8.0)) == 0
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from ema_cli.main import main; main()", "identify",
+         str(tmp_path / "bag"), "--out", str(tmp_path / "report")], stdin=theirs,
+        stdout=theirs, stderr=theirs, close_fds=True,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "120", "OMP_NUM_THREADS": "1"})
+    os.close(theirs)
+    seen = b""
+    try:
+        while block := os.read(ours, 4096):
+            seen += block
+    except OSError:  # Linux: the other side was closed
+        pass
+    finally:
+        os.close(ours)
+    assert process.wait(60) == 0
+    text = seen.decode()
+    assert "screening" in text
+    assert "looking where they disagree" in text
+    assert text.index("screening") < text.rindex("explained")
+    assert "coulomb_friction.level" in text
+    assert "Traceback" not in text
+
+
+@pytest.mark.parametrize(("text", "old", "new", "says"), [
+    (table(), "column: n,", "column: speed,", "no column"),
+    (table(), "unit: rpm", "unit: rd/s", "unit"),
+    (table(), "unit: mA", "unit: mm", "measures none of"),
+])
+def test_a_wrong_map_is_one_line(tmp_path, capsys, text, old, new, says):
+    assert imported(tmp_path, text, MAP.replace(old, new)) == 2
+    line = capsys.readouterr().err.strip()
+    assert "\n" not in line
+    assert says in line or new.split()[-1].strip(",") in line
+
+
+@pytest.mark.parametrize(("text", "old", "new", "says"), [
+    (table(0.6), "", "", "too short"),
+    (table(still=True), "", "", "record a run with reversals"),
+    (table(), "unit: rpm", "unit: rad/s", "rev/min (rpm)"),
+])
+def test_a_record_that_cannot_be_used_is_one_line(tmp_path, capsys, text, old, new, says):
+    assert imported(tmp_path, text, MAP.replace(old, new)) == 0
+    capsys.readouterr()
+    assert run(["identify", str(tmp_path / "bag"), "--out", str(tmp_path / "report")]) != 0
+    line = capsys.readouterr().err.strip()
+    assert "\n" not in line
+    assert says in line
+    assert not (tmp_path / "report").exists()
+
+
+def test_an_unknown_law_in_the_model_file_is_one_line(tmp_path, capsys):
+    assert imported(tmp_path, table()) == 0
+    (tmp_path / "m.yaml").write_text("rig: r\nterms: [{effect: colomb_friction}]\n")
+    capsys.readouterr()
+    assert run(["identify", str(tmp_path / "bag"), "--model", str(tmp_path / "m.yaml"), "--out",
+                str(tmp_path / "report")]) == 2
+    line = capsys.readouterr().err.strip()
+    assert "did you mean 'coulomb_friction'" in line
+    assert "\n" not in line
