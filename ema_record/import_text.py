@@ -13,6 +13,7 @@ import numpy as np
 from ema_record.errors import InvalidRecordError
 from ema_record.import_table import MAX_TEXT_BYTES, Table, check_shape
 from ema_record.rig_map import TextFormat
+from ema_record.rig_units import is_unit
 
 _COMMENT = ("#", "%", "//", "!")
 _DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": None}
@@ -76,6 +77,7 @@ def _beginning(
 ) -> tuple[int, list[str], list[str]]:
     """Return the index of the first row of numbers, the names above it, and what was left out."""
     header: list[str] = []
+    above: list[str] = []
     left = 0
     for index, line in enumerate(lines[text_format.skip:], start=text_format.skip):
         stripped = line.strip()
@@ -87,6 +89,8 @@ def _beginning(
             if text_format.header and not header:
                 raise InvalidRecordError(f"{path}: line {index + 1} holds numbers, expected "
                                          "names: set format.header: false in the map")
+            if _is_units(header) and len(above) == len(header):
+                header = above
             if text_format.header is False or len(header) != len(cells):
                 header = []  # a title or a remark, no names
             return index, header, [f"{left} lines before the numbers"] if left > 1 else []
@@ -97,11 +101,18 @@ def _beginning(
         found = [cell.strip().strip("\"'") for cell in
                  _cells(bare.strip(), _delimiter(bare.strip(), text_format))]
         if not stripped.startswith(_COMMENT) or len(found) > 1:
-            header = found
+            header, above = found, header
     raise InvalidRecordError(
         f"{path}: no row of numbers in its first {len(lines)} lines: set format.skip, "
         "format.delimiter or format.decimal in the map"
     )
+
+
+def _is_units(cells: list[str]) -> bool:
+    """Return whether a row holds units only, as ``[ms];[N m];-``."""
+    bare = [cell.strip(" []()") for cell in cells]
+    return any(bare) and all(
+        not cell or cell in ("-", "1") or is_unit(cell) for cell in bare)
 
 
 def _delimiter(line: str, text_format: TextFormat) -> str | None:

@@ -38,6 +38,16 @@ SI_OF = {"time": "s", "length": "m", "angle": "rad", "linear speed": "m/s",
          "torque": "N m"}
 
 
+def _plain(unit: str) -> str:
+    """Return a unit as `UNITS` writes it."""
+    return " ".join(unit.replace("·", " ").replace("°", "deg").replace("µ", "u").split())
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit that a map may name."""
+    return _plain(text) in UNITS
+
+
 def unit_factor(unit: str, quantity: str, where: str) -> float:
     """Return the SI value of one `unit`.
 
@@ -56,7 +66,7 @@ def unit_factor(unit: str, quantity: str, where: str) -> float:
         Unknown, or of another quantity.
 
     """
-    name = " ".join(unit.replace("·", " ").replace("°", "deg").replace("µ", "u").split())
+    name = _plain(unit)
     if name not in UNITS:
         raise unknown_name("unit", unit[:40], UNITS, f"{where}: docs/rigs.md lists the units")
     found, factor = UNITS[name]

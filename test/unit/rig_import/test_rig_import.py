@@ -59,6 +59,8 @@ def check(record):
     ("space.dat", text(" ", head="# t,i,q,w\n")),
     ("windows.csv", text().replace("\n", "\r\n")),
     ("blank.csv", "\n\n" + text() + "\n\n"),
+    ("units.csv", text(";", head="t,i,q,w\n[ms],[mA],[deg],[rpm]\n")),
+    ("bare_units.csv", text("\t", head="t,i,q,w\nms,mA,deg,-\n", comment="Bench 7\n")),
 ])
 def test_text_in_many_layouts(tmp_path, name, content):
     (tmp_path / name).write_bytes(content.encode())
