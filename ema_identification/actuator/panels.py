@@ -18,6 +18,8 @@ from ema_record.record import Record
 
 BINS = 90
 POINTS = 500
+DECADE = 10.0
+"""Ratio from which an axis is logarithmic."""
 SMOOTH = 5e-3
 """Moving mean of plotted curves (s)."""
 
@@ -183,7 +185,8 @@ def _candidates(evidence: Evidence, answer: Answer) -> Panel:
     ]
     return Panel(name="candidates", title="What each candidate leaves, best first.",
                  x_label="candidate", y_label="misfit (standard deviations)",
-                 curves=tuple(curves), step="name", log_y=True)
+                 curves=tuple(curves), step="name",
+                 log_y=bool(costs.max() > DECADE * costs.min()))
 
 
 def _held(evidence: Evidence, before: Gap, after: Gap, answer: Answer) -> Panel:

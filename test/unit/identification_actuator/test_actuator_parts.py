@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from ema_identification import cache
+from ema_identification.actuator.bounded import bounded_least_squares
+from ema_identification.actuator.effect_library import unpack
 from ema_identification.actuator.evidence import Tolerances, Whitening, solve
 from ema_identification.actuator.library_type import Scale
 from ema_identification.actuator.model_file import model_text
+from ema_identification.actuator.sizes import grid
 from ema_identification.actuator.spread import (
     N_TOLERANCES,
     TOLERANCES,
@@ -147,3 +150,31 @@ def test_the_key_follows_the_sources(tmp_path):
     source.write_text("b", encoding="utf-8")
     assert first != cache.key_of("model", sources=[source])
     assert first != cache.key_of("other", sources=[source])
+
+
+def test_bounded_least_squares_stays_within_its_bounds():
+    columns = np.diag([2.0, 1.0])
+    free = bounded_least_squares(columns, np.array([2.0, 3.0]), np.full(2, -9.0), np.full(2, 9.0),
+                                 np.zeros(2), np.zeros(2))
+    assert free == pytest.approx([1.0, 3.0], abs=1e-6)
+    held = bounded_least_squares(columns, np.array([2.0, 3.0]), np.full(2, -9.0),
+                                 np.array([9.0, 1.0]), np.zeros(2), np.zeros(2))
+    assert held == pytest.approx([1.0, 1.0], abs=1e-6)
+
+
+def test_bounded_least_squares_weighs_where_it_ends_and_not_its_step():
+    step = bounded_least_squares(np.eye(1), np.array([0.0]), np.array([-9.0]), np.array([9.0]),
+                                 np.array([1.0]), np.array([2.0]))
+    assert step == pytest.approx([-1.0], abs=1e-6)
+
+
+def test_an_effect_is_compared_at_all_its_sizes_and_never_at_none():
+    by_name = {v.name: v for v in variants()}
+    for name in ("surface_friction", "cogging_torque 12 a turn", "surface_load"):
+        variant = by_name[name]
+        signature = unpack((variant,), np.ones((sum(map(len, variant.levels)), 3)))[0]
+        points = grid(signature)
+        assert all(np.any(u != 0.0) for u in points)
+        for k, levels in enumerate(variant.levels):
+            assert max(u[k] for u in points) >= max(levels)
+            assert min(u[k] for u in points) <= min(levels)
