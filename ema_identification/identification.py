@@ -54,7 +54,8 @@ class Candidate:
 
     effect: str
     score: float
-    """Held-out gap with it, in the unit of `Identification.noise_floor`."""
+    """What it leaves: of the actuator, misfit of the fitted record (standard deviations); of a
+    rig, held-out gap in the unit of `Identification.noise_floor`."""
     p_value: float
     """Of the hypothesis that it adds nothing."""
     reason: str = ""
