@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ema_prognostics.diagnosis import diagnose
+from ema_prognostics.diagnosis import Baseline, baseline_of, diagnose
 from ema_prognostics.guarded import guarded
 from ema_prognostics.model_file import Model
 from ema_record.bag import read_bag
@@ -14,8 +14,8 @@ from ema_record.record import Record
 UNKNOWN_SERIAL = "unknown"
 
 
-def load_baseline(path: Path, model: Model) -> Record:
-    """Return the record of a bag that serves as baseline.
+def load_baseline(path: Path, model: Model) -> Baseline:
+    """Return the record of a bag as baseline, its features taken once.
 
     Raises
     ------
@@ -33,12 +33,15 @@ def load_baseline(path: Path, model: Model) -> Record:
             f"{path}: cannot serve as baseline, it is not healthy itself ({named}): give a "
             "record of the actuator's acceptance"
         )
-    return record
+    try:
+        return baseline_of(record, model)
+    except UsageError as error:
+        raise UsageError(f"{path}: {error}") from None
 
 
-def check_same_actuator(baseline: Record, record: Record) -> None:
+def check_same_actuator(baseline: Baseline, record: Record) -> None:
     """Raise UsageError if the two records are known to be of different actuators."""
-    ours, theirs = baseline.provenance.serial_number, record.provenance.serial_number
+    ours, theirs = baseline.record.provenance.serial_number, record.provenance.serial_number
     if UNKNOWN_SERIAL not in (ours, theirs) and ours != theirs:
         raise UsageError(
             f"the baseline is of actuator {ours}, the record of {theirs}: give a baseline of the "

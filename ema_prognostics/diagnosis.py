@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -11,11 +11,10 @@ import numpy as np
 from ema_prognostics.model_file import Model, load_model
 from ema_prognostics.paper_cascade import FAULTS, LEVELS
 from ema_prognostics.paper_features import paper_features, paper_turns
-from ema_prognostics.robust.cascade import Cascade
 from ema_prognostics.robust.explain import reasons_of_guard
 from ema_prognostics.robust.features import LAST_TIME, extract
 from ema_prognostics.robust.report import unknown_verdict, verdict_of_finding
-from ema_prognostics.robust.vector import differences
+from ema_prognostics.robust.vector import differences, start_allowed
 from ema_prognostics.segments import ProfileKind, profile_kind
 from ema_prognostics.turns import check_finite
 from ema_prognostics.verdict import Fault, Verdict
@@ -34,9 +33,6 @@ Mode = Literal["robust", "paper"]
 MODES: tuple[Mode, ...] = ("robust", "paper")
 LARGEST_GAP = 1.5
 """Longest interval between samples, in sample intervals, before one counts as lost."""
-START = "start_position"
-START_TOLERANCE = 0.6
-"""How far from its start a test may begin (mrad); 0.4 was seen."""
 TRAINED_RATE = 20_000.0
 """Samples a second of the records trained on."""
 SAME_POSITION = 2e-3
@@ -47,9 +43,25 @@ PAPER_CAVEAT = (
 )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Baseline:
+    """A healthy record of an actuator that later ones are compared with, its features taken.
+
+    Attributes
+    ----------
+    record : the record itself.
+    kind : of its test.
+    features : by name.
+    """
+
+    record: Record
+    kind: ProfileKind
+    features: Mapping[str, float]
+
+
 def diagnose(
     record: Record, model: Model | None = None, *, mode: Mode = "robust",
-    baseline: Record | None = None,
+    baseline: Record | Baseline | None = None,
 ) -> Verdict:
     """Say what is wrong with the actuator that `record` comes from.
 
@@ -60,7 +72,7 @@ def diagnose(
     mode : ``robust``, the cascade with a healthy class and a guard, or ``paper``, the paper's
         two networks literally: it knows no healthy actuator.
     baseline : a healthy record of the same actuator and test, from its acceptance; sharpens
-        the verdict of mode ``robust``.
+        the verdict of mode ``robust``. For many records take `baseline_of` once.
 
     Returns
     -------
@@ -83,7 +95,9 @@ def diagnose(
     return replace(verdict, bag=record.provenance.source)
 
 
-def _diagnose(record: Record, model: Model, mode: Mode, baseline: Record | None) -> Verdict:
+def _diagnose(
+    record: Record, model: Model, mode: Mode, baseline: Record | Baseline | None
+) -> Verdict:
     try:
         check_finite(record)
         kind = profile_kind(record.profile)
@@ -109,7 +123,7 @@ def _diagnose(record: Record, model: Model, mode: Mode, baseline: Record | None)
 
 
 def _robust_verdict(
-    record: Record, kind: ProfileKind, model: Model, baseline: Record | None
+    record: Record, kind: ProfileKind, model: Model, baseline: Record | Baseline | None
 ) -> Verdict:
     cascade = model.cascade(kind, "fleet")
     if cascade is None:
@@ -117,8 +131,15 @@ def _robust_verdict(
     own = model.cascade(kind, "baseline")
     if baseline is not None and own is None:
         raise UsageError(f"the model has no cascade with a baseline for {kind}: leave it out")
-    base = None if baseline is None else _baseline_features(baseline, kind, cascade)
-    return verdict_of_features(extract(record, kind), kind, model, base,
+    if isinstance(baseline, Record):
+        baseline = baseline_of(baseline, model)
+    if baseline is not None and baseline.kind != kind:
+        raise UsageError(
+            f"the baseline is of the test {baseline.record.profile.name!r}, the record of "
+            "another: give a baseline of the same test"
+        )
+    return verdict_of_features(extract(record, kind), kind, model,
+                               None if baseline is None else baseline.features,
                                exact=_is_trained_test(record, kind))
 
 
@@ -148,8 +169,7 @@ def verdict_of_features(
     if set(features) != set(names):
         return unknown_verdict("the record does not hold every feature: its interval with the "
                                "inverter off is missing")
-    usual = cascade.view.center[names.index(START)] if START in names else 0.0
-    x = _row(features, names, usual)
+    x = _row(features, names)
     finding = cascade.find(x, exact=exact)[0]
     unusual = reasons_of_guard(cascade, finding)
     if unusual:
@@ -157,8 +177,9 @@ def verdict_of_features(
                                *unusual)
     if baseline is None or own is None:
         return verdict_of_finding(cascade, x[0], finding, kind)
-    x = differences(x, _row(baseline, names, usual))
-    finding = own.find(x, exact=exact)[0]
+    x = differences(x, _row(baseline, names))
+    alone, finding = finding, own.find(x, exact=exact)[0]
+    finding = replace(finding, known=min(alone.known, finding.known))
     unusual = reasons_of_guard(own, finding)
     if unusual:
         return unknown_verdict("the change since the baseline is unlike anything the networks "
@@ -166,37 +187,28 @@ def verdict_of_features(
     return verdict_of_finding(own, x[0], finding, kind)
 
 
-def _row(features: Mapping[str, float], names: Sequence[str], usual: float) -> np.ndarray:
-    """Return features as the networks take them, shape (1, d).
-
-    Before a live test the surface is driven to its start and stands up to `START_TOLERANCE`
-    off; the runs trained on start exactly there, at what the converter makes of it, `usual`.
-    """
-    off = features.get(START, usual) - usual
-    beyond = float(np.sign(off)) * max(abs(off) - START_TOLERANCE, 0.0)
-    return np.array([[usual + beyond if n == START else features[n] for n in names]])
+def _row(features: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
+    """Return features as the networks take them, shape (1, d)."""
+    return start_allowed(np.array([[features[n] for n in names]]), names)
 
 
-def _baseline_features(
-    baseline: Record, kind: ProfileKind, cascade: Cascade
-) -> dict[str, float]:
-    """Return the features of a baseline; UsageError if it cannot serve."""
+def baseline_of(record: Record, model: Model) -> Baseline:
+    """Return `record` as a baseline; UsageError if it cannot serve."""
     try:
-        check_finite(baseline)
-        found = profile_kind(baseline.profile)
-        if found != kind:
-            raise UsageError(
-                f"the baseline is of the test {baseline.profile.name!r}, the record of another: "
-                "give a baseline of the same test"
-            )
-        _check_complete(baseline, kind)
-        features = extract(baseline, kind)
+        check_finite(record)
+        kind = profile_kind(record.profile)
+        if kind is None:
+            raise UsageError(f"the baseline is of the test {record.profile.name!r}, which the "
+                             "networks do not know: give one of the profile step or extended")
+        _check_complete(record, kind)
+        features = extract(record, kind)
     except RecordError as error:
         raise UsageError(f"the baseline cannot serve: {error}") from None
-    if set(features) != set(cascade.view.names):
+    cascade = model.cascade(kind, "fleet")
+    if cascade is not None and set(features) != set(cascade.view.names):
         raise UsageError("the baseline cannot serve: its interval with the inverter off is "
                          "missing")
-    return features
+    return Baseline(record=record, kind=kind, features=features)
 
 
 def _check_complete(record: Record, kind: ProfileKind | None) -> None:

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from ema_prognostics.network import Network
 from ema_prognostics.robust.inputs import input_names
+from ema_prognostics.robust.known import KINDS_FOUND, TAIL_RATES
 from ema_prognostics.robust.lines import HARMONICS, SHORT_LINES, SPEEDS, LineFilter
 from ema_record.errors import ModelError
 
@@ -177,12 +178,14 @@ class LimitPart(Part):
     """Makes the scaled residuals uncorrelated, of unit variance."""
     distance: Positive
     """Largest usual length of the whitened residuals."""
-    stranger: Number
-    """Largest usual logit of the network that knows strangers."""
+    tail: Vector
+    """Worst score of a record that is exceeded at each of `known.TAIL_RATES`; it grows."""
 
     @model_validator(mode="after")
     def _sizes(self) -> LimitPart:
         m = len(self.limit)
+        if len(self.tail) != len(TAIL_RATES) or sorted(self.tail) != self.tail:
+            raise ValueError("the tail of the guard's scores has another shape")
         if min(self.limit, default=1.0) <= 0.0:
             raise ValueError("a limit of the guard is not above 0")
         if len(self.whitening) != m or any(len(row) != m for row in self.whitening):
@@ -197,19 +200,16 @@ class GuardPart(Part):
     checked: Names
     mean: NetworkPart
     scale: NetworkPart
-    stranger: NetworkPart
-    """From squeezed residuals to the probability of an effect that is no class of ours."""
-    known: LimitPart
-    """Of all records that the networks know."""
-    healthy: LimitPart
-    """Of healthy ones: for a record in which no fault is found."""
+    limits: dict[Literal["healthy", "mechanical", "electrical", "both"], LimitPart]
+    """By what is found in a record: friction and backlash move other features than shorts."""
 
     @model_validator(mode="after")
     def _sizes(self) -> GuardPart:
         self.mean.check_size(len(self.drivers), len(self.checked))
         self.scale.check_size(len(self.drivers), len(self.checked))
-        self.stranger.check_size(len(self.checked), 1)
-        if not len(self.known.limit) == len(self.healthy.limit) == len(self.checked):
+        if set(self.limits) != set(KINDS_FOUND):
+            raise ValueError("limits of the guard are missing")
+        if any(len(part.limit) != len(self.checked) for part in self.limits.values()):
             raise ValueError("one limit a checked feature is needed")
         return self
 
@@ -241,8 +241,8 @@ class ViewPart(Part):
             if part is not None and len(part.weight) != len(speeds):
                 raise ValueError("the filters of the lines do not fit the features")
         if self.guard is not None and not {*self.guard.drivers, *self.guard.checked} <= {
-                *self.names}:
-            raise ValueError("the guard names features that the view does not have")
+                *input_names(self.names)}:
+            raise ValueError("the guard names inputs that the view does not have")
         return self
 
 

@@ -22,7 +22,7 @@ from ema_record.errors import ModelError, OutputError
 from ema_record.resources import share_path
 
 FORMAT = "ema_phm model"
-VERSION = 2
+VERSION = 3
 SHIPPED = "config/models/cascade.json"
 MAX_BYTES = 16 << 20
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ema_prognostics.baseline import check_same_actuator, load_baseline
 from ema_prognostics.diagnosis import diagnose, verdict_of_error
 from ema_prognostics.guarded import guarded
 from ema_prognostics.model_file import load_model
@@ -20,11 +21,15 @@ class Prognosis:
     Parameters
     ----------
     model_file : model of the cascade, None for the shipped one.
+    baseline : bag of a healthy test of the same actuator, None for none.
     """
 
-    def __init__(self, model_file: str | Path | None = None) -> None:
-        """Load the model (ModelError: it is damaged or foreign)."""
+    def __init__(
+        self, model_file: str | Path | None = None, baseline: str | Path | None = None
+    ) -> None:
+        """Load model and baseline (ModelError, UsageError: they cannot serve)."""
         self._model = load_model(model_file)
+        self._own = None if baseline is None else load_baseline(Path(baseline), self._model)
 
     def of_bag(self, path: str | Path) -> tuple[dict[str, Any], str]:
         """Return the verdict on a bag, as `ema check --json` prints it, and the serial number.
@@ -41,5 +46,10 @@ class Prognosis:
         """Return the verdict on a record, and the serial number; `source` names its bag."""
         serial_number = record.provenance.serial_number
         record = replace(record, provenance=replace(record.provenance, source=source))
-        verdict = guarded(record, lambda r: diagnose(r, self._model))
+        try:
+            if self._own is not None:
+                check_same_actuator(self._own, record)
+            verdict = guarded(record, lambda r: diagnose(r, self._model, baseline=self._own))
+        except UsageError as error:
+            verdict = verdict_of_error(error, source)
         return verdict.to_dict(), serial_number

@@ -47,6 +47,10 @@ SPECS = (
         name="model_file", default="", read_only=True,
         text="model of the cascade; empty: the shipped one",
     ),
+    ParameterSpec(
+        name="baseline", default="", read_only=True,
+        text="bag of a healthy test of the same actuator, to compare with; empty: none",
+    ),
 )
 
 
@@ -60,7 +64,8 @@ class PrognosticsNode(Node):
         self._stop = stop
         check_values(SPECS, given_parameters(self))
         values = declare_parameters(self, SPECS)
-        self._prognosis = Prognosis(str(values["model_file"]) or None)
+        self._prognosis = Prognosis(
+            str(values["model_file"]) or None, str(values["baseline"]) or None)
         self._assembler = RecordAssembler()
         self._done: set[str] = set()
         self._state = "waiting for a record"

@@ -1,4 +1,4 @@
-"""Segments of the test profiles: at which speed, in which direction, in which seconds.
+"""Which of the trained tests a profile is.
 
 A profile is known by its points and not by its name: a bag recorded elsewhere has only the
 command.
@@ -6,39 +6,17 @@ command.
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from ema_record.profile import Profile, load_profile
 
 ProfileKind = Literal["step", "extended"]
-PROFILE_KINDS: tuple[ProfileKind, ...] = ("step", "extended")
 TOLERANCE = 2e-3
 """Largest difference of a point in time (s) and in position (rad)."""
 SLEW_SPEED = 1.55
 """Speed of the surface that a full slew reaches at least (rad/s)."""
-
-
-class Segment(NamedTuple):
-    """A part of a test at constant commanded speed."""
-
-    name: str
-    begin: float
-    """After the first command (s)."""
-    end: float
-    min_turns: int
-
-
-FULL = Segment("full", 0.06, 0.36, 20)
-SEGMENTS: dict[ProfileKind, tuple[Segment, ...]] = {
-    "step": (FULL,),
-    "extended": (
-        FULL,
-        Segment("full_back", 0.628, 0.878, 16),
-        Segment("quarter", 1.008, 1.458, 8),
-        Segment("quarter_back", 1.528, 1.978, 8),
-    ),
-}
-"""Segments of each kind; times count from the first command of the profile."""
+SLEW_LENGTH = 0.36
+"""How long after its command a step must go on slewing (s)."""
 
 
 def _same(a: Profile, b: Profile) -> bool:
@@ -67,8 +45,8 @@ def profile_kind(profile: Profile) -> ProfileKind | None:
         if t0 == t1 == begin
     ]
     later = [t for t, _ in profile.points if t > begin]
-    if not steps or not later or abs(sum(steps)) < SLEW_SPEED * FULL.end + 0.02:
+    if not steps or not later or abs(sum(steps)) < SLEW_SPEED * SLEW_LENGTH + 0.02:
         return None
-    after = [x for t, x in profile.points if begin < t < begin + FULL.end]
+    after = [x for t, x in profile.points if begin < t < begin + SLEW_LENGTH]
     held = all(abs(x - profile.points[-1][1]) < TOLERANCE for x in after)
-    return "step" if held and later[-1] >= begin + FULL.end else None
+    return "step" if held and later[-1] >= begin + SLEW_LENGTH else None

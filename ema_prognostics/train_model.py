@@ -14,7 +14,6 @@ from ema_prognostics.robust.campaign import Campaign, run_campaign
 from ema_prognostics.robust.cascade import Cascade
 from ema_prognostics.robust.evaluation import evaluate
 from ema_prognostics.robust.features import Kind
-from ema_prognostics.robust.strangers import run_strangers
 from ema_prognostics.robust.training import train_view
 from ema_record.version import VERSION
 
@@ -32,21 +31,19 @@ Progress = Callable[[str, float], None]
 class TrainingSettings:
     """Size of a training: units a test, and the networks."""
 
-    units: int = 2000
+    units: int = 1200
     """Units with faults, three tests each."""
-    healthy: int = 1500
+    healthy: int = 1200
     """Further units, healthy, for the thresholds."""
-    strangers: int = 1200
-    """Units with effects that are no class of ours."""
-    validation: int = 300
-    validation_healthy: int = 400
+    validation: int = 200
+    validation_healthy: int = 300
     hidden: int = 16
-    epochs: int = 60
+    iterations: int = 200
 
 
 QUICK = TrainingSettings(
-    units=120, healthy=120, strangers=60, validation=30, validation_healthy=40, hidden=12,
-    epochs=40,
+    units=120, healthy=120, validation=30, validation_healthy=40, hidden=12,
+    iterations=120,
 )
 
 
@@ -117,18 +114,16 @@ def _train_kind(
                             progress=simulated(what, begin, end))
 
     other = seed + VALIDATION_SEED
-    faults = fleet_of("fleet with faults", size.units, seed, False, 0.0, 0.45)
-    healthy_units = fleet_of("healthy fleet", size.healthy, seed, True, 0.45, 0.60)
-    strangers = run_strangers(kind, size.strangers, seed, jobs=jobs, folder=folder,
-                              progress=simulated("strangers", 0.60, 0.70))
-    held = fleet_of("fleet that validates", size.validation, other, False, 0.70, 0.77)
+    faults = fleet_of("fleet with faults", size.units, seed, False, 0.0, 0.50)
+    healthy_units = fleet_of("healthy fleet", size.healthy, seed, True, 0.50, 0.68)
+    held = fleet_of("fleet that validates", size.validation, other, False, 0.68, 0.75)
     held_healthy = fleet_of("healthy fleet that validates", size.validation_healthy, other, True,
-                            0.77, 0.80)
+                            0.75, 0.80)
     parts: dict[View, ViewPart] = {}
     for at, view in enumerate(VIEWS):
         parts[view] = train_view(
-            faults, healthy_units, strangers, kind, view, seed=seed, hidden=size.hidden,
-            epochs=size.epochs,
+            faults, healthy_units, kind, view, seed=seed, hidden=size.hidden,
+            iterations=size.iterations,
             progress=lambda what, a=at, v=view: progress(  # type: ignore[misc]
                 f"{kind}: network {what}, {v}", 0.80 + 0.1 * a),
         )

@@ -26,7 +26,6 @@ from benchmarks.detection.print_table import print_tables
 from benchmarks.detection.table import TARGETS, fault_groups, numbers
 from ema_prognostics.model_file import load_model
 from ema_prognostics.robust.campaign import run_campaign
-from ema_prognostics.robust.strangers import run_strangers
 
 NOISE_UNITS = 40
 
@@ -78,12 +77,9 @@ def main() -> None:
             run_campaign("extended", size[name], model.training["seed"], healthy=only,
                          jobs=options.jobs, folder=options.campaign or options.work)
             for name, only in (("units", False), ("healthy", True)))
-        strangers = run_strangers(
-            "extended", size["strangers"], model.training["seed"], jobs=options.jobs,
-            folder=options.campaign or options.work)
         visible = result["views"]["fleet"]["visible from"]
         result["left out"] = left_out(
-            campaign, healthy, strangers, fleet, visible, seed=model.training["seed"],
+            campaign, healthy, fleet, visible, seed=model.training["seed"],
             progress=lambda name: _progress(f"left out: {name}", started))
         _progress("peers", started)
         result["comparison"] = comparison(campaign, fleet, judged, visible, model,

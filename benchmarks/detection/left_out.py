@@ -47,18 +47,19 @@ def _without(campaign: Campaign, feature: str, rule: Callable[[np.ndarray], np.n
     column = campaign.names.index(feature)
     keep = ~(rule(campaign.record[:, column]) | rule(campaign.baseline[:, column]))
     return replace(campaign, baseline=campaign.baseline[keep], record=campaign.record[keep],
-                   severity=campaign.severity[keep], unit=campaign.unit[keep])
+                   severity=campaign.severity[keep], unit=campaign.unit[keep],
+                   friction=campaign.friction[keep])
 
 
 def left_out(
-    campaign: Campaign, healthy: Campaign, strangers: Campaign, fleet: Sequence[Tested],
+    campaign: Campaign, healthy: Campaign, fleet: Sequence[Tested],
     visible: dict[str, float], *, seed: int, progress: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
     """Return, for each condition, accuracy and coverage in it and in the rest.
 
     Parameters
     ----------
-    campaign, healthy, strangers : those of the shipped model.
+    campaign, healthy : those of the shipped model.
     fleet : the held-out fleet.
     visible : severity of each group from which a fault counts.
     seed : of the networks.
@@ -68,7 +69,7 @@ def left_out(
     for name, (feature, rule, there) in CONDITIONS.items():
         progress(name)
         view = train_view(_without(campaign, feature, rule), _without(healthy, feature, rule),
-                          _without(strangers, feature, rule), "extended", "fleet", seed=seed)
+                          "extended", "fleet", seed=seed)
         model = model_of(Body(views={"extended/fleet": view}, paper=None, training={}))
         judged = [j for j in judge(fleet, model, "fleet")
                   if j.case.group in ("healthy", *CLASS)]

@@ -45,6 +45,8 @@ class Campaign:
     record : ndarray, shape (n, d). A later record of the same unit.
     severity : ndarray, shape (n, 8). Columns as `conditions.OUTPUTS`; 0: not present.
     unit : ndarray, shape (n,). Number of the unit.
+    friction : ndarray, shape (n, 2). Log of the unit's own friction, motor and surface, over
+        nominal.
     """
 
     names: tuple[str, ...]
@@ -52,6 +54,7 @@ class Campaign:
     record: np.ndarray
     severity: np.ndarray
     unit: np.ndarray
+    friction: np.ndarray
 
     def __len__(self) -> int:
         """Return the number of pairs of records."""
@@ -79,21 +82,21 @@ def _features(kind: Kind, unit: Unit, conditions: Conditions, fault: Fault) -> d
     nominal = load_actuator()
     record = simulate(
         load_profile(kind), actuator=actuator_of(nominal, unit), seed=conditions.seed,
-        effects=effects_of(unit, conditions, fault), noise=conditions.noise,
+        effects=effects_of(conditions, fault), noise=conditions.noise,
     )
     return extract(record, kind, nominal)
 
 
-Found = list[tuple[dict[str, float], list[tuple[dict[str, float], Fault]]]]
+Found = list[tuple[_Plan, dict[str, float], list[tuple[dict[str, float], Fault]]]]
 
 
 def _run(kind: Kind, plans: list[_Plan], file: Path | None) -> Found:
-    """Simulate units and return (baseline, [(test, fault)]) of each; `file` keeps the features."""
+    """Simulate units and return (plan, baseline, [(test, fault)]) of each, kept in `file`."""
     from threadpoolctl import threadpool_limits
 
     kept = load_chunk(file)
     if kept is not None:
-        return [(base, [(values, plan.tests[k][1]) for k, values in tests])
+        return [(plan, base, [(values, plan.tests[k][1]) for k, values in tests])
                 for plan, base, tests in zip(plans, *kept) if base]
     bases: list[dict[str, float]] = []
     all_tests: list[list[tuple[int, dict[str, float]]]] = []
@@ -112,7 +115,7 @@ def _run(kind: Kind, plans: list[_Plan], file: Path | None) -> Found:
             bases.append(base)
             all_tests.append(tests)
     save_chunk(file, bases, all_tests)
-    return [(base, [(values, plan.tests[k][1]) for k, values in tests])
+    return [(plan, base, [(values, plan.tests[k][1]) for k, values in tests])
             for plan, base, tests in zip(plans, bases, all_tests) if base]
 
 
@@ -140,22 +143,23 @@ def run_campaign(
     plans = [_draw(np.random.default_rng(s), healthy) for s in streams]
     parts = [(plans[i:i + chunk], chunk_file(folder, (kind, seed, healthy, chunk, i)))
              for i in range(0, units, chunk)]
-    base, record, severity, number = [], [], [], []
+    base, record, severity, number, friction = [], [], [], [], []
     names: tuple[str, ...] = ()
     unit = done = 0
     work = Parallel(n_jobs=jobs, return_as="generator")(delayed(_run)(kind, *p) for p in parts)
     for part in work:
-        for found, tests in part:
+        for plan, found, tests in part:
             names = tuple(found)
             for values, fault in tests:
                 base.append([found[n] for n in names])
                 record.append([values[n] for n in names])
                 severity.append([fault.severity.get(o, 0.0) for o in OUTPUTS])
                 number.append(unit)
+                friction.append(np.log1p([plan.unit.motor_friction, plan.unit.surface_friction]))
             unit += 1
         done = min(done + chunk, units)
         progress(done, units)
     return Campaign(
         names=names, baseline=np.array(base), record=np.array(record),
-        severity=np.array(severity), unit=np.array(number),
+        severity=np.array(severity), unit=np.array(number), friction=np.array(friction),
     )

@@ -11,6 +11,7 @@ from ema_prognostics.network import logit
 from ema_prognostics.robust.classes import CLASS_OF, FAMILIES, FAULTS, OUTPUTS, SEVERITY_OF, SHORTS
 from ema_prognostics.robust.guard import build_guard
 from ema_prognostics.robust.inputs import Inputs
+from ema_prognostics.robust.known import kind_found
 from ema_prognostics.robust.vector import rotate
 
 MAX_FAULTS = 2
@@ -35,8 +36,9 @@ class Finding:
     severity : of each of them.
     probability : ndarray, shape (8,), of the outputs.
     margin : ndarray, shape (5,), logit of each family less its threshold.
-    guard : ndarray, shape (m + 2,), of each feature checked, of all together, of the likeness
-        to strangers; above 1: unusual. Empty: no guard.
+    guard : ndarray, shape (m + 1,), of each feature checked, of all together; above 1:
+        unusual. Empty: no guard.
+    known : probability that the record is of a kind that the networks know.
     doubtful : nothing is announced, but healthy is too improbable to be said.
     """
 
@@ -45,15 +47,27 @@ class Finding:
     probability: np.ndarray
     margin: np.ndarray
     guard: np.ndarray
+    known: float
     doubtful: bool
 
     @property
+    def healthy(self) -> float:
+        """Probability that no class is there, if the record is of a known kind."""
+        return float(np.prod([1.0 - p for p in self._classes.values()]))
+
+    @property
     def class_probability(self) -> dict[str, float]:
-        """Probability that each class is there; ``healthy``: that none is."""
+        """Probability that each class is there; ``healthy``: that none; ``unknown``: another."""
+        found = {"healthy": self.healthy, **self._classes}
+        return {**{name: self.known * p for name, p in found.items()},
+                "unknown": 1.0 - self.known}
+
+    @property
+    def _classes(self) -> dict[str, float]:
         found = dict.fromkeys(FAULTS, 0.0)
         for name, p in zip(OUTPUTS, self.probability):
             found[CLASS_OF[name]] = max(found[CLASS_OF[name]], float(p))
-        return {"healthy": float(np.prod([1.0 - p for p in found.values()])), **found}
+        return found
 
 
 class Classifier:
@@ -125,10 +139,10 @@ class Cascade:
         margin = logit(family) - self._threshold
         p = self._probabilities(turned, family)
         outputs_of = [announced(*row) for row in zip(p, margin)]
-        sound = np.array([not outputs for outputs in outputs_of])
-        guard = np.empty((len(x), 0))
+        guard, known = np.empty((len(x), 0)), np.ones(len(x))
         if self.guard is not None:
-            guard = self.guard.scores(u, sound, exact=exact)
+            present = np.array([[o in outputs for o in OUTPUTS] for outputs in outputs_of])
+            guard, known = self.guard.scores(u, kind_found(present), exact=exact)
         severity = {
             output: self._severity[SEVERITY_OF[output]](turned[k] if output in SHORTS else u)
             for k, output in enumerate(OUTPUTS)
@@ -139,10 +153,9 @@ class Cascade:
                       for v, low, high in (severity[o][row] for o in outputs)]
             one = Finding(
                 outputs=outputs, severity=tuple(values), probability=p[row], margin=margin[row],
-                guard=guard[row], doubtful=False,
+                guard=guard[row], known=float(known[row]), doubtful=False,
             )
-            healthy = one.class_probability["healthy"]
-            found.append(replace(one, doubtful=not outputs and healthy < self.view.doubt))
+            found.append(replace(one, doubtful=not outputs and one.healthy < self.view.doubt))
         return found
 
     def _probabilities(self, turned: list[np.ndarray], family: np.ndarray) -> np.ndarray:

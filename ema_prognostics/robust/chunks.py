@@ -15,10 +15,10 @@ Features = dict[str, float]
 Tests = list[tuple[int, Features]]
 MAX_BYTES = 16 << 20
 DECIDING = (
-    "current_sensors.py", "segments.py", "spectrum.py", "turns.py", "robust/balance.py",
-    "robust/campaign.py", "robust/commutation.py", "robust/conditions.py",
-    "robust/consistency.py", "robust/features.py", "robust/reversal.py", "robust/signals.py",
-    "robust/start.py",
+    "current_sensors.py", "segments.py", "spectrum.py", "turns.py", "robust/acceleration.py",
+    "robust/balance.py", "robust/campaign.py", "robust/commutation.py", "robust/conditions.py",
+    "robust/consistency.py", "robust/control_loop.py", "robust/features.py",
+    "robust/reversal.py", "robust/signals.py", "robust/start.py", "robust/winding.py",
 )
 """Files of `ema_prognostics` that decide what a campaign gives."""
 

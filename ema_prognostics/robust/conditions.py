@@ -164,7 +164,7 @@ def actuator_of(nominal: Actuator, unit: Unit) -> Actuator:
     )
 
 
-def effects_of(unit: Unit, conditions: Conditions, fault: Fault) -> Effects:
+def effects_of(conditions: Conditions, fault: Fault) -> Effects:
     """Return the effects of one test: conditions and fault."""
     c = conditions
     settings = [
@@ -174,5 +174,4 @@ def effects_of(unit: Unit, conditions: Conditions, fault: Fault) -> Effects:
         *(f"current_sensor_offset.phase_{p}={v!r}" for p, v in zip("abc", c.offset)),
         *fault.settings,
     ]
-    effects = parse_effects(settings)
-    return effects._replace(inertia_change=effects.inertia_change._replace(motor=unit.inertia))
+    return parse_effects(settings)

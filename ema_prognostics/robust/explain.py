@@ -32,11 +32,32 @@ WORDS = {
     "start_stiffness_1": "stiffness behind the motor when it starts",
     "start_stiffness_2": "stiffness behind the motor after its first 0.25 rad",
     "surface_torque": "torque that the surface takes",
+    "compliance": "wind-up of the shaft by its torque",
+    "stiffness_agreement": "stiffness of the shaft, from the ramps against the reversals",
+    "viscous_torque": "torque that grows with the speed",
     "torque_quarter_over_ramp": "growth of the torque from ramp to slew",
+    "winding_inductance": "inductance of the winding",
+    "winding_resistance": "resistance of the winding, its temperature allowed for",
+    "winding_back_emf": "back-EMF, voltage a speed",
+    "switch_drop": "voltage lost in the inverter's switches",
+    "sensor_angle": "angle of the commutation sensor against the back-EMF",
+    "resistance_spread": "difference between the resistances of the phases",
+    "inductance_spread": "difference between the inductances of the phases",
+    "resistance_m1_re": "difference between the resistances of the phases",
+    "resistance_m1_im": "difference between the resistances of the phases",
+    "inductance_m1_re": "difference between the inductances of the phases",
+    "inductance_m1_im": "difference between the inductances of the phases",
+    "winding_error": "what the voltages leave unexplained",
+    "control_delay": "delay of the controller", "control_gain": "gain of the controller",
+    "inertia": "inertia of the motor",
+    "inertia_error": "torque unexplained while the motor accelerates",
+    "bus_sag": "fall of the bus voltage with its current",
+    "shaft_bend": "friction that grows with the load of the gear",
+    **{f"lag_start_{k}": "wind-up of the shaft when the motor starts" for k in range(1, 10)},
 }
 """What a feature is, for a person."""
 RELEVANT = {
-    "turn_short": ("_even_m2", "_even_m4"),
+    "turn_short": ("_even_m2", "_even_m4", "resistance_spread", "inductance_spread"),
     "rotor_eccentricity": ("_even_m1", "_even_m3"),
     "friction": ("torque_", "gap_torque", "surface_torque"),
     "backlash": ("gap_width", "lag_", "start_stiffness"),
@@ -97,16 +118,14 @@ def reasons_of_guard(cascade: Cascade, finding: Finding) -> list[str]:
     guard = cascade.guard
     if guard is None or finding.guard.max() <= 1.0:
         return []
-    each, together, strange = finding.guard[:-2], *map(float, finding.guard[-2:])
+    names = cascade.inputs.input_names
+    each, together = finding.guard[:-1], float(finding.guard[-1])
     found = [
-        f"{words(cascade.view.names[guard.checked[k]])}: {each[k]:.1f} times the usual bound"
+        f"{words(names[guard.checked[k]])}: {each[k]:.1f} times the usual bound"
         for k in np.argsort(-each)[:MOST] if each[k] > 1.0
     ]
-    if strange > 1.0:
-        found.append("the record is like that of an effect which is no class of fault here "
-                     "(sensor, supply, control, friction law: 'ema identify' may name it)")
     if not found:
-        worst = words(cascade.view.names[guard.checked[int(np.argmax(each))]])
+        worst = words(names[guard.checked[int(np.argmax(each))]])
         found.append(f"all features together: {together:.1f} times the usual distance, most of "
                      f"all the {worst}")
     return found

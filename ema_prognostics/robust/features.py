@@ -6,12 +6,15 @@ from typing import Literal
 
 import numpy as np
 
+from ema_prognostics.robust.acceleration import inertia
 from ema_prognostics.robust.balance import HARMONICS, Balance, torque_balance
 from ema_prognostics.robust.commutation import rise
 from ema_prognostics.robust.consistency import consistency
+from ema_prognostics.robust.control_loop import control_loop
 from ema_prognostics.robust.reversal import Gap, reversal_gap
 from ema_prognostics.robust.signals import Signals, prepare
 from ema_prognostics.robust.start import start_features
+from ema_prognostics.robust.winding import winding
 from ema_record.errors import IncompleteRecordError
 from ema_record.record import Record
 from ema_sim.parameters import Actuator
@@ -33,6 +36,17 @@ LAST_TIME: dict[Kind, float] = {"step": 0.36, "extended": 3.083}
 REVERSALS = {"gap": (2.508, -1), "gap_back": (3.008, 1)}
 REVERSAL_LENGTH = 0.075
 """Begin (s) and sense after each reversal, and the window's length (s)."""
+FULL_SPEED: dict[Kind, tuple[tuple[float, float], ...]] = {
+    "step": ((0.06, 0.36),), "extended": ((0.06, 0.36),),
+}
+"""Slews at the limit of the speed (s after the first command)."""
+STARTS: dict[Kind, tuple[tuple[float, float], ...]] = {
+    "step": ((0.0, 0.06),),
+    "extended": ((0.0, 0.06), (0.47, 0.64), (0.86, 1.0), (1.44, 1.54)),
+}
+"""Where the motor accelerates and brakes (s after the first command)."""
+LEAST_SAG = 0.05
+"""Resistance of a supply below which all are alike (ohm)."""
 HIGH_BANDS = {"low": slice(0, 6), "mid": slice(6, 14), "top": slice(14, 30)}
 """Bands of the lines 7 to 36."""
 
@@ -63,10 +77,10 @@ def _start(signals: Signals, full: Balance) -> dict[str, float]:
     """Time from the command to 90 % of the full speed (ms), and the peak of the speed."""
     part = signals.between(0.0, 0.10)
     speed = np.abs(signals.speed[part])
-    n = max(1, round(5e-4 * signals.record.rate))
+    n = max(1, round(5e-4 * signals.rate))
     smooth = np.convolve(speed, np.ones(n) / n, mode="same")
     reached = np.flatnonzero(smooth > 0.9 * full.speed)
-    rise = 1e3 * float(reached[0]) / signals.record.rate if len(reached) else 100.0
+    rise = 1e3 * float(reached[0]) / signals.rate if len(reached) else 100.0
     return {"rise_time": rise, "overshoot": float(smooth.max() / full.speed - 1.0) * 1e2,
             "speed_full": float(np.log(full.speed))}
 
@@ -86,6 +100,7 @@ def _slow(signals: Signals) -> dict[str, float]:
     found["gap_torque"] = float(np.log(max(0.5 * (gaps[0].level + gaps[1].level), 1e-3)))
     found["gap_load"] = 0.5 * (gaps[1].level - gaps[0].level)
     found["shaft_slope"] = 0.5 * (gaps[0].slope + gaps[1].slope)
+    found["shaft_bend"] = 0.5 * (gaps[0].bend + gaps[1].bend)
     found["gap_error"] = float(np.log(max(g.error for g in gaps) + 1e-3))
     ratio = signals.actuator.gear.ratio
     lag = signals.theta / ratio - signals.position
@@ -96,6 +111,15 @@ def _slow(signals: Signals) -> dict[str, float]:
         first, second = (float(lag[signals.between(*w)].mean()) for w in windows)
         found[f"lag_{name}"] = 1e4 * (first - second)
     return found
+
+
+def _sag(record: Record) -> float:
+    """Return the resistance of the supply, log of ohm: bus voltage against bus current."""
+    if len(record.dc_bus) < 4:
+        return float(np.log(LEAST_SAG))
+    voltage, current = (record.dc_bus[:, k] - record.dc_bus[:, k].mean() for k in (1, 2))
+    slope = -float(voltage @ current) / max(float(current @ current), 1e-3)
+    return float(np.log(max(slope, 0.0) + LEAST_SAG))
 
 
 def extract(record: Record, kind: Kind, actuator: Actuator | None = None) -> dict[str, float]:
@@ -135,6 +159,10 @@ def extract(record: Record, kind: Kind, actuator: Actuator | None = None) -> dic
     for name, (begin, end, _) in SEGMENTS[kind].items():
         found[f"rise_{name}"], found[f"rise_spread_{name}"] = rise(signals, begin, end)
     found |= _start(signals, balances["full"])
+    found |= winding(signals)
+    found |= control_loop(signals, FULL_SPEED[kind])
+    found |= inertia(signals, STARTS[kind])
+    found["bus_sag"] = _sag(record)
     found |= consistency(signals, extended=wide)
     found["temperature"] = (signals.temperature - 20.0) / 50.0
     found["bus_voltage"] = signals.bus_voltage / (2.0 * signals.actuator.inverter.bus_voltage)

@@ -12,13 +12,17 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_prognostics.model_body import GuardPart, LimitPart, ViewPart
-from ema_prognostics.network import Network, logit
+from ema_prognostics.network import Network
+from ema_prognostics.robust.inputs import SURFACE, input_names
+from ema_prognostics.robust.known import KINDS_FOUND, probability_known, tail_probability
+from ema_prognostics.robust.lines import DERIVED
 from ema_prognostics.robust.vector import ABSOLUTE
 
-DRIVERS = ("quarter_even_", "torque_quarter", "gap_torque", "gap_width", "load_quarter",
-           "temperature", "bus_voltage", "speed_full", "full_even_m1", "full_even_m2",
-           "full_even_m3")
-STEP_DRIVERS = ("full_even_", "torque_", "temp", "bus_", "speed_full")
+DRIVERS = (*(f"quarter_even_m{h}_" for h in (1, 2, 3, 4)), "torque_quarter", "gap_torque",
+           "gap_width", "load_quarter", "temperature", "bus_voltage", "speed_full",
+           "full_even_m1", "full_even_m2", "full_even_m3", "noise_current_least")
+STEP_DRIVERS = (*(f"full_even_m{h}_" for h in (1, 2, 3, 4)), "torque_", "temp", "bus_voltage",
+                "speed_full", "noise_current_least")
 """Features that faults move."""
 NOT_CHECKED = ("gap_width_difference",)
 FLOOR = 0.02
@@ -29,9 +33,10 @@ ABSOLUTE_DRIVERS = tuple(f"{ABSOLUTE}{n}" for n in (
     "temperature", "bus_voltage", "torque_quarter", "torque_full", "noise_speed", "gap_width",
     "gap_torque", "load_quarter", "speed_full"))
 """Of the features themselves, beside the differences to a baseline."""
-STEEPNESS = 4.0
-"""Logits by which a score grows e-fold."""
-MARGIN = 1.5
+ONE_SIDED = ("offset_largest", "gain_largest", "sum_rms", "resistance_spread",
+             "inductance_spread", "gap_error", "winding_error", "inertia_error")
+"""Sizes of errors: less than usual is not strange."""
+MARGIN = 2.0
 """On the limits, where the test is not exactly the one trained on."""
 SQUEEZE = 3.0
 """Scaled residual beyond which a single feature adds little to the distance."""
@@ -48,9 +53,14 @@ def drivers_of(names: list[str], kind: str) -> list[str]:
 
 
 def checked_of(names: list[str], kind: str) -> list[str]:
-    """Return the names of the features that are checked; with a baseline the differences."""
-    out = {*drivers_of(names, kind), *NOT_CHECKED}
+    """Return the names of the inputs that are checked; with a baseline the differences."""
+    out = {*drivers_of(names, kind), *NOT_CHECKED, *DERIVED, SURFACE}
     return [n for n in names if n not in out and not n.startswith(ABSOLUTE)]
+
+
+def signed(names: list[str]) -> np.ndarray:
+    """Return which of the checked inputs may be off to either side, bool, shape (m,)."""
+    return np.array([n not in ONE_SIDED for n in names])
 
 
 def squeeze(z: np.ndarray) -> np.ndarray:
@@ -67,26 +77,26 @@ class Limits(NamedTuple):
     """Of the squeezed, scaled residuals, shape (m, m)."""
     distance: float
     """Usual bound of the whitened residuals' length."""
-    stranger: float
-    """Usual bound of the logit of the network that knows strangers."""
+    tail: np.ndarray
+    """Worst scores exceeded at `known.TAIL_RATES`, shape (8,)."""
 
-    def scores(self, z: np.ndarray, strange: np.ndarray) -> np.ndarray:
-        """Return how far off each feature is, all are together, and how strange; 1: the limit.
+    def scores(self, z: np.ndarray) -> np.ndarray:
+        """Return how far off each feature is, and all are together; 1: the limit.
 
         Parameters
         ----------
         z : ndarray, shape (n, m). Scaled residuals.
-        strange : ndarray, shape (n,). Logit of the network that knows strangers.
 
         Returns
         -------
-        ndarray, shape (n, m + 2).
+        ndarray, shape (n, m + 1).
         """
         length = np.linalg.norm(squeeze(z) @ self.whitening.T, axis=1)
-        return np.column_stack([
-            np.abs(z) / self.limit, length / self.distance,
-            np.exp(np.clip((strange - self.stranger) / STEEPNESS, -20.0, 20.0)),
-        ])
+        return np.column_stack([np.abs(z) / self.limit, length / self.distance])
+
+    def known(self, scores: np.ndarray) -> np.ndarray:
+        """Return the probability that records with these scores are of a known kind."""
+        return probability_known(tail_probability(scores.max(axis=1), self.tail))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,54 +105,63 @@ class Guard:
 
     Attributes
     ----------
-    drivers, checked : columns of the features.
+    drivers, checked : columns of the inputs.
+    signed : which of the checked may be off to either side, bool, shape (m,).
     mean, scale : networks from drivers to the checked features, and to the log of the scatter.
-    stranger : network from squeezed residuals to the probability of a stranger.
-    known, healthy : limits for records with a fault, and without one.
+    limits : for records by what is found in them, as `known.KINDS_FOUND`.
     """
 
     drivers: np.ndarray
     checked: np.ndarray
+    signed: np.ndarray
     mean: Network
     scale: Network
-    stranger: Network
-    known: Limits
-    healthy: Limits
+    limits: tuple[Limits, ...]
 
     def residuals(self, u: np.ndarray) -> np.ndarray:
-        """Return the scaled residuals, shape (n, m), of squashed features, shape (n, d)."""
+        """Return the scaled residuals, shape (n, m), of squashed inputs, shape (n, d)."""
         x = u[:, self.drivers]
-        return (u[:, self.checked] - self.mean(x)) / (np.exp(self.scale(x)) + FLOOR)
+        z = (u[:, self.checked] - self.mean(x)) / (np.exp(self.scale(x)) + FLOOR)
+        return np.where(self.signed, z, np.maximum(z, 0.0))
 
-    def scores(self, u: np.ndarray, sound: np.ndarray, *, exact: bool = True) -> np.ndarray:
-        """Return how far off the checked features are, shape (n, m + 2), as `Limits.scores`.
+    def scores(
+        self, u: np.ndarray, kind: np.ndarray, *, exact: bool = True
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return scores, shape (n, m + 1), and the probability of a known kind, shape (n,).
 
         Parameters
         ----------
         u : ndarray, shape (n, d). Squashed features.
-        sound : ndarray of bool, shape (n,). Whether no fault is found in the record.
+        kind : ndarray of int, shape (n,). What is found in the record, of `KINDS_FOUND`.
         exact : whether the test is exactly the one trained on; of others only single features
-            are judged, by the wider limits and with a margin.
+            are judged, by the widest limits and with a margin.
         """
         z = self.residuals(u)
         if not exact:
-            single = np.abs(z) / (MARGIN * self.known.limit)
-            return np.column_stack([single, np.zeros((len(z), 2))])
-        strange = logit(self.stranger(squeeze(z))[:, 0])
-        return np.where(
-            sound[:, None], self.healthy.scores(z, strange), self.known.scores(z, strange))
+            widest = np.max([part.limit for part in self.limits], axis=0)
+            single = np.abs(z) / (MARGIN * widest)
+            return np.column_stack([single, np.zeros(len(z))]), np.ones(len(z))
+        scores = np.empty((len(z), z.shape[1] + 1))
+        known = np.empty(len(z))
+        for k, part in enumerate(self.limits):
+            mine = kind == k
+            if mine.any():
+                scores[mine] = part.scores(z[mine])
+                known[mine] = part.known(scores[mine])
+        return scores, known
 
 
 def _limits(part: LimitPart) -> Limits:
     return Limits(np.array(part.limit), np.array(part.whitening), part.distance,
-                  part.stranger)
+                  np.array(part.tail))
 
 
 def build_guard(view: ViewPart, data: GuardPart) -> Guard:
     """Return the guard of a view."""
+    names = input_names(view.names)
     return Guard(
-        drivers=np.array([view.names.index(n) for n in data.drivers]),
-        checked=np.array([view.names.index(n) for n in data.checked]),
-        mean=data.mean.build(), scale=data.scale.build(), stranger=data.stranger.build(),
-        known=_limits(data.known), healthy=_limits(data.healthy),
+        drivers=np.array([names.index(n) for n in data.drivers]),
+        checked=np.array([names.index(n) for n in data.checked]),
+        signed=signed(data.checked), mean=data.mean.build(), scale=data.scale.build(),
+        limits=tuple(_limits(data.limits[k]) for k in KINDS_FOUND),  # type: ignore[index]
     )

@@ -15,24 +15,34 @@ from ema_prognostics.robust.lines import DERIVED, LineFilter
 from ema_prognostics.robust.vector import ABSOLUTE, squash
 
 SURFACE = "surface_torque"
+MECHANICAL = (SURFACE, "compliance", "stiffness_agreement", "viscous_torque")
+"""Names of what `mechanical` returns, in order."""
 LEAST_TORQUE = 1e-2
 """Floor of the surface's torque, referred to the motor (N m)."""
+LEAST_LAG = 0.3
+"""Floor of the wind-up (0.1 mrad)."""
+WIND_UP = 100.0
+"""Twice the wind-up of the nominal shaft by 1 N m at the motor (0.1 mrad)."""
+_WINDING = ("resistance_", "inductance_")
+"""How the windings of the phases differ."""
 _SCATTER = ("noise_speed", "torque_quarter", "torque_full")
 """What the scatter of the lines depends on."""
 _BALANCE = (
     "torque_", "gap_torque", SURFACE, "gap_load", "gap_width", "load_", "temperature",
-    "bus_voltage", "rise_", "lag_", "shaft_slope", "start_stiffness", "short_like_best",
-    "amplitude_1", "amplitude_3", "noise_speed",
+    "bus_voltage", "lag_", "shaft_slope", "start_stiffness", "short_like_best",
+    "amplitude_1", "amplitude_3", "noise_speed", "winding_back_emf", "inertia",
 )
 """What the mean torque depends on."""
 GROUPS: dict[str, tuple[str, ...]] = {
     "asymmetry": ("amplitude_1", "amplitude_2", "amplitude_3", "amplitude_4",
-                  "short_like_best", "short_unlike", *_SCATTER),
+                  "short_like_best", "short_unlike", "resistance_spread", "inductance_spread",
+                  *_SCATTER),
     "short": ("short_like_a", "short_like_b", "short_like_c", "short_unlike", "amplitude_1",
-              "amplitude_3", *_SCATTER),
+              "amplitude_3", *_WINDING, *_SCATTER),
     "eccentricity": ("amplitude_", "short_unlike", "odd_amplitude", *_SCATTER),
     "static_eccentricity": ("amplitude_1", "amplitude_2", "amplitude_3", "amplitude_4",
-                            "short_like_best", "short_unlike", *_SCATTER),
+                            "short_like_best", "short_unlike", "resistance_spread",
+                            "inductance_spread", *_SCATTER),
     "motor_friction": _BALANCE,
     "surface_friction": _BALANCE,
     "backlash": ("gap_", "lag_", "shaft_slope", "start_stiffness", "torque_ramp", "load_ramp",
@@ -48,21 +58,35 @@ def group_inputs(group: str, input_names: Sequence[str]) -> list[str]:
 
 def input_names(names: Sequence[str]) -> list[str]:
     """Return the names of all inputs for features `names`."""
-    surface = [SURFACE] if "gap_torque" in names else []
+    surface = list(MECHANICAL) if "gap_torque" in names else []
     own = [f"{ABSOLUTE}{n}" for n in (*DERIVED, *surface)] if _absolute(names) else []
     return [*names, *DERIVED, *surface, *own]
 
 
-def surface_torque(names: Sequence[str], x: np.ndarray) -> np.ndarray:
-    """Return the log of the torque that the surface takes, shape (n, 1), where it is known.
+def mechanical(names: Sequence[str], x: np.ndarray) -> np.ndarray:
+    """Return `MECHANICAL` of features `x`, shape (n, d); shape (n, 0) for a test without gap.
 
     The torque on the slow ramp is that of motor and surface, the torque in the gap of zero
-    shaft torque that of the motor alone. Shape (n, 0) where the test has no such gap.
+    shaft torque that of the motor alone, so their difference is what the surface takes (log of
+    N m). That torque winds the shaft up, one way on the ramp forward, the other way on the ramp
+    back: the lag between them less the lost motion is twice the compliance times the torque
+    (log, over nominal). Compliance and stiffness from the reversals must agree (log of their
+    product). Dry friction falls out of the torque at full less that at a quarter of the speed
+    (N m).
     """
     if "gap_torque" not in names:
         return np.empty((len(x), 0))
-    ramp, gap = (np.exp(x[:, names.index(n)]) for n in ("torque_ramp", "gap_torque"))
-    return np.log(np.maximum(ramp - gap, LEAST_TORQUE))[:, None]
+    found = {n: x[:, names.index(n)] for n in (
+        "torque_ramp", "gap_torque", "lag_ramp", "gap_width", "shaft_slope", "torque_full",
+        "torque_quarter")}
+    torque = np.maximum(np.exp(found["torque_ramp"]) - np.exp(found["gap_torque"]),
+                        LEAST_TORQUE)
+    wound = np.maximum(found["lag_ramp"] - found["gap_width"], LEAST_LAG)
+    compliance = np.log(wound / (WIND_UP * torque))
+    return np.column_stack([
+        np.log(torque), compliance, compliance + np.log(np.maximum(found["shaft_slope"], 0.05)),
+        np.exp(found["torque_full"]) - np.exp(found["torque_quarter"]),
+    ])
 
 
 def _absolute(names: Sequence[str]) -> bool:
@@ -82,12 +106,12 @@ def derive(
     """
     parts = [x, lines.derive(names, x)]
     if absolute is None:
-        return np.hstack([*parts, surface_torque(names, x)])
+        return np.hstack([*parts, mechanical(names, x)])
     own = [k for k, n in enumerate(names) if n.startswith(ABSOLUTE)]
     bare = [names[k].removeprefix(ABSOLUTE) for k in own]
     record = x[:, own]
     baseline = record - x[:, [names.index(n) for n in bare]]
-    now, then = surface_torque(bare, record), surface_torque(bare, baseline)
+    now, then = mechanical(bare, record), mechanical(bare, baseline)
     return np.hstack([*parts, now - then, absolute.derive(bare, record), now])
 
 

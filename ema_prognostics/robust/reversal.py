@@ -15,6 +15,8 @@ from ema_prognostics.robust.signals import Signals
 
 BIN = 0.008
 """Motor travel a bin (rad)."""
+LEAST_SLOPE = 0.02
+"""Floor of a slope (N m/rad at the motor); the nominal shaft has 0.4."""
 LAG = 2e-3
 """Length of the speed's smoothing (s)."""
 
@@ -30,6 +32,8 @@ class Gap(NamedTuple):
     """Stiffness of the shaft relative to nominal."""
     error: float
     """Root mean square of the fit's residual (N m)."""
+    bend: float
+    """Log of the slope after the gap over that before it: friction in proportion to load."""
 
 
 def _model(x: np.ndarray, release: np.ndarray, width: np.ndarray) -> np.ndarray:
@@ -56,6 +60,17 @@ def _search(
             float(y_mean - slope[best] * f_mean[best]), float(slope[best]))
 
 
+def _bend(
+    x: np.ndarray, y: np.ndarray, weight: np.ndarray, release: float, width: float
+) -> float:
+    """Return the log of the slope after the gap over that before, the gap where it was found."""
+    root = np.sqrt(weight)
+    curve = np.column_stack([
+        np.minimum(x - release, 0.0), np.maximum(x - release - width, 0.0), np.ones(len(x))])
+    before, after, _ = np.linalg.lstsq(curve * root[:, None], y * root, rcond=None)[0]
+    return float(np.log(max(after, LEAST_SLOPE) / max(before, LEAST_SLOPE)))
+
+
 def reversal_gap(signals: Signals, begin: float, length: float, direction: int) -> Gap:
     """Return the gap of the reversal at `begin` (s after the first command).
 
@@ -68,11 +83,11 @@ def reversal_gap(signals: Signals, begin: float, length: float, direction: int) 
     part = signals.between(begin, begin + length)
     actuator = signals.actuator
     ratio = actuator.gear.ratio
-    n = max(3, round(LAG * signals.record.rate))
+    n = max(3, round(LAG * signals.rate))
     kernel = np.ones(n) / n
     theta = direction * signals.theta[part]
     speed = direction * np.convolve(signals.speed[part], kernel, mode="same")
-    step = 1.0 / signals.record.rate
+    step = 1.0 / signals.rate
     acceleration = np.convolve(np.gradient(speed, step), kernel, mode="same")
     torque = (
         direction * signals.torque_constant * signals.torque_current[part]
@@ -90,7 +105,7 @@ def reversal_gap(signals: Signals, begin: float, length: float, direction: int) 
     end = int(after[0]) - n if len(after) else len(theta) - n
     moving[max(end, turned + 4 * n):] = False
     if np.count_nonzero(moving) < 40:
-        return Gap(0.0, 0.0, 0.0, 1.0)
+        return Gap(0.0, 0.0, 0.0, 1.0, 0.0)
     x, y = travel[moving], torque[moving]
     index = (x / BIN).astype(int)
     count = np.bincount(index)
@@ -107,4 +122,5 @@ def reversal_gap(signals: Signals, begin: float, length: float, direction: int) 
         width = np.linspace(max(0.0, w - dw), w + dw, 15)
         sse, r, w, level, slope = _search(x, y, weight, release, width)
     nominal = actuator.shaft.stiffness / ratio**2
-    return Gap(w / ratio, level, slope / nominal, float(np.sqrt(max(sse, 0.0) / weight.sum())))
+    return Gap(w / ratio, level, slope / nominal, float(np.sqrt(max(sse, 0.0) / weight.sum())),
+               _bend(x, y, weight, r, w))

@@ -32,6 +32,7 @@ class Signals:
 
     Attributes
     ----------
+    rate : samples a second.
     time, speed, theta, position : ndarray, shape (n,). s; rad/s; rad, unwrapped; rad.
     currents : ndarray, shape (n, 3). Phase currents without sensor offset and gain (A).
     torque_current : ndarray, shape (n,). q = Σ k_k(θ) i_k / 2k (A).
@@ -43,6 +44,7 @@ class Signals:
 
     record: Record
     actuator: Actuator
+    rate: float
     time: np.ndarray
     speed: np.ndarray
     theta: np.ndarray
@@ -89,8 +91,9 @@ def prepare(record: Record, actuator: Actuator | None = None) -> Signals:
     )
     factor = 1.0 + WindingTemperature().magnet_coefficient * (temperature - REFERENCE)
     return Signals(
-        record=record, actuator=nominal, time=samples[:, 0], speed=samples[:, MOTOR_SPEED],
-        theta=theta, position=samples[:, SURFACE_POSITION], currents=currents,
+        record=record, actuator=nominal, rate=record.rate, time=samples[:, 0],
+        speed=samples[:, MOTOR_SPEED], theta=theta, position=samples[:, SURFACE_POSITION],
+        currents=currents,
         torque_current=0.5 * q, sensors=sensors,
         torque_constant=2.0 * nominal.motor.back_emf_constant * factor,
         temperature=temperature, bus_voltage=bus,

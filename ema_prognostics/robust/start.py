@@ -19,6 +19,9 @@ LENGTH = 0.012
 MIN_SAMPLES = 5
 SMOOTHING = 5e-4
 """Length of the mean under which the peak of the lag is sought (s)."""
+TRAVELS = (0.3, 0.5, 0.7, 0.9, 1.1, 1.4, 1.8, 2.4, 3.2)
+"""Travel of the motor at which the lag of the surface is read, ± `REACH` of it (rad)."""
+REACH = 0.12
 START_LENGTH = 0.03
 """Part of the record after the command in which the motor starts (s)."""
 
@@ -61,10 +64,18 @@ def start_features(signals: Signals, begin: float, end: float) -> dict[str, floa
     command = signals.record.profile.command_time
     rest = signals.time < command
     at_rest = float(lag[rest].mean()) if rest.any() else float(lag[0])
-    width = max(1, round(SMOOTHING * signals.record.rate))
+    width = max(1, round(SMOOTHING * signals.rate))
     start = lag[signals.between(0.0, START_LENGTH)]
     sums = np.concatenate([[0.0], np.cumsum(start)])
     peak = float(np.max(sums[width:] - sums[:-width]) / width)
     first, second = start_stiffness(signals)
-    return {"lag_at_rest": 1e3 * (at_rest - settled), "lag_peak": 1e3 * (peak - settled),
+    part = signals.between(0.0, START_LENGTH)
+    travel = direction * (signals.theta[part] - signals.theta[part][0])
+    found: dict[str, float] = {}
+    last = at_rest
+    for k, middle in enumerate(TRAVELS):
+        near = np.abs(travel - middle) < REACH * middle
+        last = float(lag[part][near].mean()) if near.any() else last
+        found[f"lag_start_{k + 1}"] = 1e3 * (last - settled)
+    return found | {"lag_at_rest": 1e3 * (at_rest - settled), "lag_peak": 1e3 * (peak - settled),
             "start_stiffness_1": float(first), "start_stiffness_2": float(second)}

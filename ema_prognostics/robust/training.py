@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,27 +17,42 @@ from ema_prognostics.model_body import (
     ViewPart,
     rounded,
 )
-from ema_prognostics.network import logit
+from ema_prognostics.network import Network, logit
 from ema_prognostics.robust.calibration import conformal_quantile, tail_quantile
 from ema_prognostics.robust.campaign import Campaign
 from ema_prognostics.robust.cascade import Cascade
-from ema_prognostics.robust.classes import FAMILIES, OUTPUTS, SEVERITY_OF
+from ema_prognostics.robust.classes import FAMILIES, FAMILY_OF, OUTPUTS, SEVERITY_OF
 from ema_prognostics.robust.guard_training import GuardRecords, train_guard
 from ema_prognostics.robust.inputs import Inputs, derive, group_inputs
+from ema_prognostics.robust.known import kind_found
 from ema_prognostics.robust.lines import LineFilter, fit_line_filter
-from ema_prognostics.robust.networks import fit_classifier, fit_regressor
-from ema_prognostics.robust.vector import ABSOLUTE, difference_names, differences, rotate
+from ema_prognostics.robust.networks import MEMBERS, as_classifier, fit_classifier, fit_regressor
+from ema_prognostics.robust.vector import (
+    ABSOLUTE,
+    difference_names,
+    differences,
+    rotate,
+    start_allowed,
+)
 
+FRICTIONS = ("motor_friction", "surface_friction")
+"""Families that are found by how large a quantity is, in the order of `Campaign.friction`."""
 UNITS = {"short": 2e-3, "eccentricity": 2e-3, "static_eccentricity": 2e-3,
          "motor_friction": 0.05, "surface_friction": 0.05, "backlash": 3e-5}
 """Severity below which a network's target is linear (of each class)."""
-FALSE_ALARMS = {"asymmetry": 0.002, "eccentricity": 0.0005, "motor_friction": 0.001,
-                "surface_friction": 0.001, "backlash": 0.0005}
+FALSE_ALARMS = {"asymmetry": 0.002, "eccentricity": 0.0003, "motor_friction": 0.0007,
+                "surface_friction": 0.0007, "backlash": 0.0002}
 """Rate of healthy records of which each family may be announced."""
-LEAST_ERROR = 0.02
+SEVERITY_DECAY: dict[View, float] = {"fleet": 3.0, "baseline": 0.7}
+"""Penalty on the weights of the severities' networks."""
+LEAST_ERROR = 0.01
 """Floor of a severity's error, in the network's output."""
 DOUBT = 0.004
 """Rate of healthy records that may be called unknown because healthy is improbable."""
+LEAST_SPREAD = 1e-3
+"""Floor of a feature's spread, in its own unit."""
+FEWEST = 40
+"""Announced records that an interval needs; of fewer, all with the fault set it."""
 HELD_BACK = 5
 """One unit in this many calibrates instead of training."""
 
@@ -44,9 +60,10 @@ HELD_BACK = 5
 def view_inputs(campaign: Campaign, view: View) -> tuple[list[str], np.ndarray]:
     """Return the names and the features of a view, shape (n, d)."""
     names = list(campaign.names)
+    record = start_allowed(campaign.record, names)
     if view == "fleet":
-        return names, campaign.record
-    return difference_names(names), differences(campaign.record, campaign.baseline)
+        return names, record
+    return difference_names(names), differences(record, start_allowed(campaign.baseline, names))
 
 
 def _turn_labels(y: np.ndarray, thirds: int) -> np.ndarray:
@@ -57,9 +74,8 @@ def _turn_labels(y: np.ndarray, thirds: int) -> np.ndarray:
 
 
 def train_view(
-    campaign: Campaign, healthy: Campaign, strangers: Campaign, kind: str, view: View, *,
-    seed: int,
-    hidden: int = 16, epochs: int = 60, progress: Callable[[str], None] = lambda _: None,
+    campaign: Campaign, healthy: Campaign, kind: str, view: View, *, seed: int,
+    hidden: int = 16, iterations: int = 200, progress: Callable[[str], None] = lambda _: None,
 ) -> ViewPart:
     """Return the cascade of one view.
 
@@ -67,11 +83,10 @@ def train_view(
     ----------
     campaign : units with and without faults; one unit in `HELD_BACK` calibrates.
     healthy : other units, healthy only; they set the thresholds.
-    strangers : other units, with effects that are no class of ours.
     kind : of the test.
     view : with or without baseline.
     seed : of the networks' weights.
-    hidden, epochs : size of a member of the networks; passes through the data.
+    hidden, iterations : size of a member of the networks; most steps of the optimiser.
     progress : called with what begins.
     """
     names, x = view_inputs(campaign, view)
@@ -79,19 +94,24 @@ def train_view(
     fit = campaign.unit % HELD_BACK != 0
     _, sound = view_inputs(healthy, view)
     reference = x[fit & (y == 0.0).all(axis=1)]
-    extra = campaign.baseline[fit] if view == "fleet" else np.empty((0, x.shape[1]))
+    extra = np.empty((0, x.shape[1]))
+    if view == "fleet":
+        extra = start_allowed(campaign.baseline[fit], names)
     if view == "fleet":  # every acceptance record is a healthy one
         reference = np.vstack([reference, extra])
-        sound = np.vstack([sound, healthy.baseline])
+        sound = np.vstack([sound, start_allowed(healthy.baseline, names)])
     else:  # either of two healthy records may be the baseline
-        sound = np.vstack([sound, differences(healthy.baseline, healthy.record)])
+        swapped = replace(healthy, baseline=healthy.record, record=healthy.baseline)
+        sound = np.vstack([sound, view_inputs(swapped, view)[1]])
     lines, absolute = _filters(names, reference, x[fit], y[fit], view)
     raw = derive(names, reference, lines, absolute)
-    center, spread = rounded(np.median(raw, axis=0)), rounded(np.maximum(raw.std(axis=0), 1e-6))
+    center, spread = rounded(np.median(raw, axis=0)), rounded(
+        np.maximum(raw.std(axis=0), LEAST_SPREAD))
     inputs = Inputs(names, lines, absolute, np.array(center), np.array(spread))
     xs = np.vstack([x[fit], extra])
     ys = np.vstack([y[fit], np.zeros((len(extra), y.shape[1]))])
-    work = _Work(inputs, xs, ys, seed, hidden, epochs)
+    own = np.vstack([campaign.friction[fit]] * 2) if view == "fleet" else None
+    work = _Work(inputs, xs, ys, own, seed, hidden, iterations)
     families, members = {}, {}
     for name, outputs in FAMILIES.items():
         progress(name)
@@ -102,13 +122,12 @@ def train_view(
     severity = {}
     for group in dict.fromkeys(SEVERITY_OF.values()):
         progress(f"severity, {group.replace('_', ' ')}")
-        severity[group] = work.severity(group, x[~fit], y[~fit])
+        severity[group] = work.severity(group, x[~fit], y[~fit], families)
     progress("guard")
-    d = len(names)
     guard = train_guard(
-        GuardRecords(*(inputs(rows)[:, :d] for rows in (
-            xs, x[~fit], sound, view_inputs(strangers, view)[1]))),
-        names, kind, seed=seed, epochs=epochs,
+        GuardRecords(known=inputs(xs), other=inputs(x[~fit]), kind=kind_found(y[~fit] > 0.0),
+                     healthy=inputs(sound)),
+        inputs.input_names, kind, seed=seed, iterations=iterations,
     )
     part = ViewPart(
         names=names, lines=LinePart.of(lines),
@@ -116,7 +135,7 @@ def train_view(
         center=center, spread=spread, families=families, members=members, severity=severity,
         doubt=0.0, guard=guard,
     )
-    sure = [f.class_probability["healthy"] for f in Cascade(part).find(sound)]
+    sure = [f.healthy for f in Cascade(part).find(sound)]
     doubt = -tail_quantile(-np.array(sure), DOUBT)
     return part.model_copy(update={"doubt": float(np.clip(float(f"{doubt:.6g}"), 0.0, 1.0))})
 
@@ -125,11 +144,13 @@ class _Work:
     """Records that train, and the training of each network on them."""
 
     def __init__(
-        self, inputs: Inputs, x: np.ndarray, y: np.ndarray, seed: int, hidden: int, epochs: int
+        self, inputs: Inputs, x: np.ndarray, y: np.ndarray, own: np.ndarray | None, seed: int,
+        hidden: int, iterations: int,
     ) -> None:
-        self._inputs, self._x, self._y = inputs, x, y
+        self._inputs, self._x, self._y, self._own = inputs, x, y, own
         self._settings = {"hidden": hidden, "seed": seed}
-        self._epochs = epochs
+        self._iterations = iterations
+        self._view: View = "baseline" if own is None else "fleet"
 
     def _see(self, group: str, x: np.ndarray) -> np.ndarray:
         """Return the inputs of a group; for the shorts those seen from each phase."""
@@ -138,6 +159,15 @@ class _Work:
         return np.vstack([
             self._inputs(rotate(x, self._inputs.names, k))[:, columns] for k in range(turns)
         ])
+
+    def _announced(
+        self, group: str, x: np.ndarray, families: dict[str, FamilyPart]
+    ) -> np.ndarray:
+        """Return where the family of a group is announced; for the shorts from each phase."""
+        name = next(FAMILY_OF[o] for o in OUTPUTS if SEVERITY_OF[o] == group)
+        part = families[name]
+        found = logit(part.network.build()(self._see(name, x))[:, 0]) > part.threshold
+        return np.tile(found, 3) if group == "short" else found
 
     @staticmethod
     def _label(group: str, y: np.ndarray) -> np.ndarray:
@@ -149,40 +179,67 @@ class _Work:
     def family(self, name: str, sound: np.ndarray) -> FamilyPart:
         """Return the network that says whether, its threshold set on healthy records."""
         there = self._y[:, [OUTPUTS.index(o) for o in FAMILIES[name]]].max(axis=1) > 0.0
-        network = fit_classifier(
-            self._see(name, self._x), there, epochs=self._epochs, **self._settings)
+        if name in FRICTIONS and self._own is not None:
+            network = self._friction(self._own[:, FRICTIONS.index(name)], name, there)
+        else:
+            network = fit_classifier(
+                self._see(name, self._x), there, iterations=self._iterations, **self._settings)
         part = NetworkPart.of(network)
         score = logit(part.build()(self._see(name, sound))[:, 0])
         threshold = float(f"{tail_quantile(score, FALSE_ALARMS[name]):.6g}")
         return FamilyPart(inputs=group_inputs(name, self._inputs.input_names), network=part,
                           threshold=threshold)
 
+    def _friction(self, own: np.ndarray, name: str, there: np.ndarray) -> Network:
+        """Return a network for the probability that a friction has grown; no baseline.
+
+        It is taught the friction itself, the unit's `own` and the increase together, which
+        every record tells of; how probable an increase is at that friction is one logistic
+        curve. With a baseline the unit's own falls out, and a classifier finds less than 1 %.
+        """
+        total = own + np.log1p(self._y[:, OUTPUTS.index(name)])
+        x = self._see(name, self._x)
+        network = fit_regressor(x, total[:, None], iterations=self._iterations, members=MEMBERS,
+                                **self._settings)
+        return as_classifier(network, network(x)[:, 0], there)
+
     def member(self, group: str, family: str) -> MemberPart:
         """Return the network that says which, trained where the family is there."""
         columns = [OUTPUTS.index(o) for o in FAMILIES[family]]
         there = self._y[:, columns].max(axis=1) > 0.0
         x, label = self._see(group, self._x[there]), self._label(group, self._y[there])
-        network = fit_classifier(x, label > 0.0, epochs=self._epochs, **self._settings)
+        network = fit_classifier(x, label > 0.0, iterations=self._iterations, **self._settings)
         return MemberPart(inputs=group_inputs(group, self._inputs.input_names),
                           network=NetworkPart.of(network))
 
-    def severity(self, group: str, x: np.ndarray, y: np.ndarray) -> SeverityPart:
-        """Return the network that says how much, its intervals set on held-back records."""
+    def severity(
+        self, group: str, x: np.ndarray, y: np.ndarray, families: dict[str, FamilyPart]
+    ) -> SeverityPart:
+        """Return the network that says how much.
+
+        Its intervals are set on those held-back records in which the fault is announced, since
+        only of these is a severity told.
+        """
         unit, label = UNITS[group], self._label(group, self._y)
         rows = label > 0.0
         network = fit_regressor(
             self._see(group, self._x)[rows], np.arcsinh(label[rows] / unit)[:, None],
-            epochs=3 * self._epochs, members=3, **self._settings
+            iterations=2 * self._iterations, members=3, decay=SEVERITY_DECAY[self._view],
+            **self._settings
         )
         part = NetworkPart.of(network)
         error = np.abs(np.arcsinh(label[rows] / unit)
                        - part.build()(self._see(group, self._x)[rows])[:, 0])
         scale = NetworkPart.of(fit_regressor(
             self._see(group, self._x)[rows], np.log(error + LEAST_ERROR)[:, None],
-            epochs=self._epochs, members=2, hidden=6, seed=self._settings["seed"], decay=1.0,
+            iterations=self._iterations, members=2, hidden=6, seed=self._settings["seed"],
+            decay=30.0,
         ))
         truth = self._label(group, y)
         there = truth > 0.0
+        said = there & self._announced(group, x, families)
+        if np.count_nonzero(said) >= FEWEST:
+            there = said
         seen = self._see(group, x)[there]
         error = np.abs(np.arcsinh(truth[there] / unit) - part.build()(seen)[:, 0])
         factor = conformal_quantile(error / np.exp(scale.build()(seen)[:, 0]))

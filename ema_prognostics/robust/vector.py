@@ -8,6 +8,9 @@ import numpy as np
 
 ABSOLUTE = "absolute_"
 """Marks a feature itself beside its difference to the baseline."""
+START = "start_position"
+START_TOLERANCE = 0.6
+"""How far from its start a test may begin (mrad); 0.4 was seen."""
 
 
 def difference_names(names: Sequence[str]) -> list[str]:
@@ -23,6 +26,21 @@ def differences(record: np.ndarray, baseline: np.ndarray) -> np.ndarray:
 def squash(x: np.ndarray, center: np.ndarray, spread: np.ndarray) -> np.ndarray:
     """Return asinh((x − centre) / spread): linear near healthy, logarithmic far away."""
     return np.arcsinh((x - center) / spread)
+
+
+def start_allowed(x: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """Return features, shape (n, d), with the position before the test zero where it may be.
+
+    Before a live test the surface is driven to its start and stands up to `START_TOLERANCE`
+    off; only what is beyond counts.
+    """
+    if START not in names:
+        return x
+    out = x.copy()
+    off = out[:, list(names).index(START)]
+    out[:, list(names).index(START)] = np.sign(off) * np.maximum(
+        np.abs(off) - START_TOLERANCE, 0.0)
+    return out
 
 
 def rotate(x: np.ndarray, names: Sequence[str], thirds: int) -> np.ndarray:

@@ -5,8 +5,12 @@ import json
 import pytest
 
 from ema_cli.main import run
+from ema_prognostics import diagnosis
 from ema_prognostics.model_file import load_model
+from ema_prognostics.prognosis import Prognosis
+from ema_prognostics.robust.features import extract
 from ema_record.bag import write_bag
+from ema_record.errors import UsageError
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
@@ -111,6 +115,8 @@ def test_a_baseline_sharpens_and_is_checked(tmp_path, capsys):
     status, (verdict, again) = check(capsys, bags["worn"], bags["again"], "--baseline",
                                      bags["new"])
     assert (status, verdict["fault_class"], again["verdict"]) == (1, "friction", "healthy")
+    node = Prognosis(baseline=bags["new"])  # what the node does with its parameter
+    assert node.of_bag(bags["worn"]) == (verdict, "SN-7")
     assert run(["check", bags["worn"], "--baseline", bags["short"]]) == 2
     assert "not healthy itself" in capsys.readouterr().err
     other = simulate(load_profile("extended"), seed=77_055, serial_number="SN-8")
@@ -118,3 +124,15 @@ def test_a_baseline_sharpens_and_is_checked(tmp_path, capsys):
     status, (verdict,) = check(capsys, bags["worn"], "--baseline", foreign)
     assert (status, verdict["verdict"]) == (2, "invalid")
     assert "SN-8" in verdict["reasons"][0]
+    assert Prognosis(baseline=foreign).of_bag(bags["worn"])[0]["reasons"] != []
+    with pytest.raises(UsageError, match="not healthy itself"):
+        Prognosis(baseline=bags["short"])
+
+
+def test_features_of_a_baseline_are_taken_once(bags, capsys, monkeypatch):
+    calls = []
+    monkeypatch.setattr(diagnosis, "extract", lambda *a: calls.append(a) or extract(*a))
+    check(capsys, bags["healthy"], "--baseline", bags["healthy"])
+    one = len(calls)
+    check(capsys, *[bags["healthy"]] * 3, "--baseline", bags["healthy"])
+    assert len(calls) - one == one + 2

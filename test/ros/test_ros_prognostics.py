@@ -111,3 +111,13 @@ def test_a_wrong_model_is_one_line_and_status_2(nodes):
     process = nodes.start(PROGNOSTICS, model_file="/nonexistent/model.json")
     assert process.wait(60.0) == 2
     assert "error: /nonexistent/model.json" in nodes.log(process)
+
+
+def test_a_baseline_by_parameter(nodes, listener, bags):
+    nodes.start(PROGNOSTICS, record=bags[1], baseline=bags[0])
+    listener.wait(1)
+    assert listener.verdicts[0]["verdict"] == "invalid"  # of another actuator
+    assert "EMA-5" in listener.verdicts[0]["reasons"]
+    process = nodes.start(PROGNOSTICS, baseline="/nonexistent/bag")
+    assert process.wait(60.0) == 2
+    assert "cannot serve as baseline" in nodes.log(process)

@@ -67,8 +67,8 @@ def test_one_changed_digit_is_noticed(shipped):
         ("", "not JSON"), ("{", "not JSON"),
         ("[]", "not a model file"), ("{}", "not a model file"),
         ('{"format": "ema_phm model", "version": 99}', "version 99"),
-        ('{"format": "ema_phm model", "version": 2, "body": {}, "sha256": "0"}', "hash"),
-        ('{"format": "ema_phm model", "version": 2, "body": NaN}', "not JSON"),
+        ('{"format": "ema_phm model", "version": 3, "body": {}, "sha256": "0"}', "hash"),
+        ('{"format": "ema_phm model", "version": 3, "body": NaN}', "not JSON"),
         ("[" * 100_000, "not JSON"),
     ],
 )
@@ -131,7 +131,7 @@ def zero_width(body):
 
 
 def lose_limit(body):
-    fleet_of(body)["guard"]["healthy"]["limit"].pop()
+    fleet_of(body)["guard"]["limits"]["healthy"]["limit"].pop()
 
 
 def lose_filter(body):

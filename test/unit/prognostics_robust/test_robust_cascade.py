@@ -9,8 +9,14 @@ from ema_prognostics.network import Network, logit
 from ema_prognostics.robust.cascade import announced
 from ema_prognostics.robust.classes import FAMILIES, OUTPUTS, level_of
 from ema_prognostics.robust.guard import SQUEEZE, Guard, Limits, squeeze
-from ema_prognostics.robust.strangers import RANGES, draw_stranger
-from ema_sim.effects.settings import effects_from_mapping
+from ema_prognostics.robust.known import (
+    KINDS_FOUND,
+    STRANGERS,
+    TAIL_RATES,
+    kind_found,
+    probability_known,
+    tail_probability,
+)
 
 
 def say(margins: dict[str, float], **probability: float) -> tuple[str, ...]:
@@ -56,20 +62,47 @@ def constant(value: float, inputs: int, outputs: int) -> Network:
     )
 
 
-def test_guard_has_its_own_limits_for_records_without_a_fault() -> None:
-    wide = Limits(np.full(2, 4.0), np.eye(2), 8.0, 0.0)
-    narrow = Limits(np.full(2, 2.0), np.eye(2), 4.0, 0.0)
+TAIL = np.linspace(0.3, 1.0, len(TAIL_RATES))
+
+
+def test_guard_has_limits_of_its_own_for_what_is_found() -> None:
+    limits = [Limits(np.full(2, x), np.eye(2), 2.0 * x, TAIL) for x in (2.0, 4.0, 4.0, 8.0)]
     guard = Guard(
-        drivers=np.array([0]), checked=np.array([1, 2]), mean=constant(0.0, 1, 2),
-        scale=constant(0.0, 1, 2), stranger=constant(0.5, 2, 1), known=wide, healthy=narrow,
+        drivers=np.array([0]), checked=np.array([1, 2]), signed=np.array([True, False]),
+        mean=constant(0.0, 1, 2),
+        scale=constant(0.0, 1, 2), limits=tuple(limits),
     )
-    u = np.array([[9.0, 3.0, 0.0]] * 2)
-    scores = guard.scores(u, np.array([True, False]))
-    assert scores[0, 0] == pytest.approx(3.0 / 1.02 / 2.0)
-    assert scores[1, 0] == pytest.approx(3.0 / 1.02 / 4.0)
-    assert scores[0, 0] > 1.0 > scores[1, 0]
-    # The network of strangers says one half: logit 0, exactly its bound.
-    assert scores[:, -1] == pytest.approx([1.0, 1.0])
+    u = np.array([[9.0, 3.0, 0.0]] * 3)
+    scores, known = guard.scores(u, np.array([0, 1, 3]))
+    assert scores[:, 0] == pytest.approx(3.0 / 1.02 / np.array([2.0, 4.0, 8.0]))
+    assert scores[0].max() > 1.0 > scores[1].max()
+    assert known[0] < known[1] < known[2]
+    assert guard.scores(np.array([[9.0, 0.0, -9.0]]), np.array([0]))[0].max() == 0.0
+    # Another test than the one trained on: the widest limits, with a margin.
+    scores, known = guard.scores(u, np.array([0, 1, 3]), exact=False)
+    assert scores[:, 0] == pytest.approx([3.0 / 1.02 / 16.0] * 3)
+    assert (known == 1.0).all()
+
+
+def test_what_is_found_in_a_record() -> None:
+    present = np.zeros((4, len(OUTPUTS)), dtype=bool)
+    present[1, OUTPUTS.index("backlash")] = True
+    present[2, OUTPUTS.index("short_b")] = True
+    present[3, [OUTPUTS.index("eccentricity"), OUTPUTS.index("motor_friction")]] = True
+    assert [KINDS_FOUND[k] for k in kind_found(present)] == list(KINDS_FOUND)
+
+
+def test_probability_of_a_known_kind_falls_with_the_tail() -> None:
+    assert tail_probability(TAIL[[0, 3, 7]], TAIL) == pytest.approx(
+        [TAIL_RATES[k] for k in (0, 3, 7)])
+    assert tail_probability(np.array([1.5]), TAIL)[0] < TAIL_RATES[-1]
+    # The bound is even odds where the tail tells nothing, p = 1/e and above.
+    usual = 1.0 / (1.0 + STRANGERS)
+    assert probability_known(np.array([1.0, np.exp(-1.0)])) == pytest.approx([usual, usual])
+    found = probability_known(np.array([0.3, 0.05, 0.01, 0.001]))
+    assert (np.diff(found) < 0.0).all()
+    b = -np.e * 0.01 * np.log(0.01)
+    assert found[2] == pytest.approx(b / (b + STRANGERS))
 
 
 def test_squeeze_bounds_a_single_feature() -> None:
@@ -80,16 +113,3 @@ def test_squeeze_bounds_a_single_feature() -> None:
 def test_logit_is_bounded() -> None:
     assert np.isfinite(logit(np.array([0.0, 1.0]))).all()
     assert logit(np.array([0.5]))[0] == 0.0
-
-
-def test_strangers_are_effects_within_their_bounds_and_no_class_of_ours() -> None:
-    rng = np.random.default_rng(0)
-    seen = set()
-    for _ in range(300):
-        settings = draw_stranger(rng)
-        effects_from_mapping(settings)  # raises where a value is out of bounds
-        seen.add(next(iter(settings)))
-    assert seen == set(RANGES)
-    faults = {"turn_short", "rotor_eccentricity", "motor_friction", "surface_friction",
-              "backlash"}
-    assert not {name.partition(".")[0] for name in RANGES} & faults

@@ -33,7 +33,7 @@ def test_classifier_gives_the_probability() -> None:
     rng = np.random.default_rng(1)
     x = rng.normal(size=(3000, 2))
     p = 1.0 / (1.0 + np.exp(-2.0 * x[:, 0]))
-    network = fit_classifier(x, rng.random(3000) < p, hidden=6, epochs=20, seed=1, members=2)
+    network = fit_classifier(x, rng.random(3000) < p, hidden=6, iterations=20, seed=1, members=2)
     assert np.abs(network(x)[:, 0] - p).mean() < 0.04
 
 
@@ -41,10 +41,10 @@ def test_regressor_follows_a_curve_and_the_seed_decides() -> None:
     rng = np.random.default_rng(2)
     x = rng.uniform(-2, 2, size=(1500, 1))
     y = np.sin(x) + 5.0
-    first, second = (fit_regressor(x, y, hidden=10, epochs=150, seed=3) for _ in range(2))
+    first, second = (fit_regressor(x, y, hidden=10, iterations=150, seed=3) for _ in range(2))
     assert np.abs(first(x) - y).max() < 0.15
     assert np.array_equal(first(x), second(x))
-    other = fit_regressor(x, y, hidden=10, epochs=5, seed=4)
+    other = fit_regressor(x, y, hidden=10, iterations=5, seed=4)
     assert not np.array_equal(first(x), other(x))
 
 
