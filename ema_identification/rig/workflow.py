@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ema_identification.identification import (
     Candidate,
@@ -65,6 +66,7 @@ class _Judge:
         return rms(balance.held_out(self.blocks))
 
 
+@threadpool_limits.wrap(limits=1)  # threads of small products only wait for each other
 def identify_rig(
     measured: Sequence[RigRecord], model: str | Path | RigModel | None = None, *,
     validate: Sequence[RigRecord] = (), without: Collection[str] = (),
