@@ -15,9 +15,9 @@ from ema_sim.effects.base import Quantity
 QUANTILE = 1.645
 """Of the normal distribution, for an interval of 90 %."""
 DRAWS = 400
-INFLATION = 1.5
+INFLATION = 2.5
 """On standard deviations: the slopes of the library are themselves estimates."""
-SYSTEMATIC = 0.004
+SYSTEMATIC = 0.012
 """Relative error of a coordinate that no noise explains (integration, slopes)."""
 
 

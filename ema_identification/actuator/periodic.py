@@ -19,8 +19,7 @@ STRONG = 8.0
 """Least residual of a line (standard deviations, re and im)."""
 LOWEST = 3
 """Lower orders belong to windings and commutation."""
-LIBRARY = {"cogging_torque": 12, "gear_mesh_ripple": 17}
-"""Orders that the libraries know."""
+RIPPLES = ("cogging_torque", "gear_mesh_ripple")
 RUNS = 4
 SHAFT_SHARE = 1e-5
 """Transmission error (rad) that makes a ripple of some 0.01 N m."""
@@ -54,7 +53,7 @@ def periodic_candidates(
     evidence: Evidence, null: Recalibration, near: Residual, *, without: Sequence[str] = (),
     seed: int = 0,
 ) -> list[Screened]:
-    """Return ripple effects with the order of the clearest line, where libraries lack it."""
+    """Return ripple effects with the order of the clearest line."""
     line = largest_line(evidence, whitened(evidence, null))
     if line is None or line[0] < LOWEST:
         return []
@@ -62,8 +61,8 @@ def periodic_candidates(
     base = evidence.blocks[0].library.model
     turn = order * base.actuator.motor.pole_pairs
     found = []
-    for effect, known in LIBRARY.items():
-        if turn == known or effect in without:
+    for effect in RIPPLES:
+        if effect in without:
             continue
         level = torque if effect == "cogging_torque" else SHAFT_SHARE
         variant = ripple(effect, turn, level)

@@ -23,6 +23,8 @@ SENSOR_FEATURES = ("position_step", "speed_step", "position_at_start", "gain_ab"
                    "offset_a", "offset_b", "offset_c", "slip")
 STRONG = 8.0
 """Residual of a feature that by itself settles a port (standard deviations)."""
+COMMUTATION = 6
+"""Periods a turn of the commutation: ripple of windings has its multiples, and lower orders."""
 NEAR = 0.5
 """Part of the misfit that an entry must explain for its port to be given first."""
 
@@ -57,6 +59,9 @@ def _ports(
     summed = max((g.largest for g in groups if g.signal in SENSOR_SIGNALS), default=0.0)
     if max(sensor, summed) > STRONG:
         found.append("sensor")
+    line = largest_line(evidence, residual)
+    if line is not None and line[0] > COMMUTATION and line[0] % COMMUTATION:
+        found += ["motor torque", "transmission"]
     near = [f for f in fits if np.isfinite(f.cost) and f.cost < (1.0 - NEAR) * null_cost]
     for fit in near:
         nearest = str(EFFECTS[fit.terms[0].variant.effect].port)
