@@ -77,5 +77,7 @@ def start_features(signals: Signals, begin: float, end: float) -> dict[str, floa
         near = np.abs(travel - middle) < REACH * middle
         last = float(lag[part][near].mean()) if near.any() else last
         found[f"lag_start_{k + 1}"] = 1e3 * (last - settled)
-    return found | {"lag_at_rest": 1e3 * (at_rest - settled), "lag_peak": 1e3 * (peak - settled),
-            "start_stiffness_1": float(first), "start_stiffness_2": float(second)}
+    return found | {
+        "lag_at_rest": 1e3 * (at_rest - settled), "lag_peak": 1e3 * (peak - settled),
+        "start_stiffness_1": float(first), "start_stiffness_2": float(second),
+    }
