@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import argparse
+import tempfile
 import time
 from pathlib import Path
 
@@ -64,6 +65,20 @@ def public() -> None:
         start = time.monotonic()
         found = identify_rig([measured], model, validate=held)
         show(title, found, time.monotonic() - start)
+        if model is None and not held:
+            again(title, measured, found)
+
+
+def again(title: str, measured: RigRecord, found: Identification) -> None:
+    """Identify with the updated model: what is still missing."""
+    with tempfile.TemporaryDirectory() as folder:
+        updated = Path(folder) / "model.yaml"
+        updated.write_text(found.model_text)
+        start = time.monotonic()
+        second = identify_rig([measured], updated)
+        show(f"{title}, with the updated model", second, time.monotonic() - start)
+        for reason in second.reasons:
+            print(f"  {reason}")
 
 
 def main() -> None:
