@@ -47,7 +47,8 @@ def print_verdict(verdict: dict[str, Any], console: Console) -> None:
         f"{NAMES.get(name, name)} {100 * p:.1f} %" for name, p in verdict["probabilities"].items()
     ]
     if probabilities:
-        console.print(Text("  probabilities: " + ", ".join(probabilities)))
+        console.print(Text(
+            "  probability of each, more than one may hold: " + ", ".join(probabilities)))
     for reason in verdict["reasons"]:
         console.print(Text(f"  - {reason}"))
 
