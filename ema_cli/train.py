@@ -21,6 +21,9 @@ def train(
     work: Annotated[Path | None, typer.Option(
         help="Folder that keeps what was simulated: a training that was stopped goes on."
     )] = None,
+    model: Annotated[Path | None, typer.Option(
+        "--model", metavar="FILE.yaml",
+        help="Actuator around which the fleets spread, default the nominal one.")] = None,
     json: Annotated[bool, typer.Option("--json", help="The validation as JSON.")] = False,
 ) -> int:
     """Train the cascade of networks and write its model file and the report of its validation.
@@ -33,13 +36,16 @@ def train(
     from ema_prognostics.model_file import load_model, save_model
     from ema_prognostics.train_model import train_model
     from ema_prognostics.validation_report import validation_report
+    from ema_sim.actuator import load_model_file
 
     report = out.with_suffix(".validation.md")
     check_new(out)
     check_new(report)
+    actuator = None if model is None else load_model_file(model)
     with progress_of("training") as advance:
-        model = train_model(seed, quick=quick, jobs=jobs or -1, progress=advance, folder=work)
-    save_model(model, out)
+        trained = train_model(seed, quick=quick, jobs=jobs or -1, progress=advance, folder=work,
+                              actuator=actuator)
+    save_model(trained, out)
     loaded = load_model(out)  # what was written is what can be read
     text = validation_report(loaded)
     with report.open("x", encoding="utf-8") as file:

@@ -16,6 +16,7 @@ from ema_prognostics.robust.evaluation import evaluate
 from ema_prognostics.robust.features import Kind
 from ema_prognostics.robust.training import train_view
 from ema_record.version import VERSION
+from ema_sim.actuator import Model as ActuatorModel
 
 KINDS: tuple[Kind, ...] = ("step", "extended")
 VIEWS: tuple[View, ...] = ("fleet", "baseline")
@@ -54,7 +55,7 @@ def _nothing(_what: str, _part: float) -> None:
 def train_model(
     seed: int = 1, *, quick: bool = False, jobs: int = 1, progress: Progress = _nothing,
     folder: Path | None = None, settings: TrainingSettings | None = None,
-    kinds: tuple[Kind, ...] = KINDS,
+    kinds: tuple[Kind, ...] = KINDS, actuator: ActuatorModel | None = None,
 ) -> Model:
     """Return a model trained from `seed`; the same seed gives the same bytes.
 
@@ -67,6 +68,8 @@ def train_model(
     folder : keeps the features of the campaigns, so that a training that was stopped goes on.
     settings : other sizes than those of `quick` or the default.
     kinds : the tests to train for.
+    actuator : the actuator around which the fleets spread, for example a model that
+        `ema identify` has completed; default the nominal one.
     """
     size = settings or (QUICK if quick else TrainingSettings())
     views: dict[str, ViewPart] = {}
@@ -74,7 +77,7 @@ def train_model(
     share = 0.97 / len(kinds)
     for n, kind in enumerate(kinds):
         found, result = _train_kind(
-            kind, seed, size, jobs, folder,
+            kind, seed, size, jobs, folder, actuator,
             lambda what, part, at=n: progress(what, share * (at + part)),  # type: ignore[misc]
         )
         views |= found
@@ -93,6 +96,7 @@ def train_model(
         training={
             "seed": seed, "quick": quick, "software_version": VERSION,
             "settings": asdict(size), "held_out": held_out,
+            **({} if actuator is None else {"actuator": repr(actuator)}),
         },
     )
     progress("done", 1.0)
@@ -101,7 +105,7 @@ def train_model(
 
 def _train_kind(
     kind: Kind, seed: int, size: TrainingSettings, jobs: int, folder: Path | None,
-    progress: Progress,
+    actuator: ActuatorModel | None, progress: Progress,
 ) -> tuple[dict[str, ViewPart], dict[str, Any]]:
     """Return the views of one test and their validation."""
     def simulated(what: str, begin: float, end: float) -> Callable[[int, int], None]:
@@ -111,7 +115,7 @@ def _train_kind(
     def fleet_of(what: str, units: int, start: int, healthy: bool, begin: float, end: float
                  ) -> Campaign:
         return run_campaign(kind, units, start, healthy=healthy, jobs=jobs, folder=folder,
-                            progress=simulated(what, begin, end))
+                            model=actuator, progress=simulated(what, begin, end))
 
     other = seed + VALIDATION_SEED
     faults = fleet_of("fleet with faults", size.units, seed, False, 0.0, 0.50)

@@ -25,7 +25,7 @@ from ema_prognostics.robust.conditions import (
 from ema_prognostics.robust.features import Kind, extract
 from ema_record.errors import RecordError
 from ema_record.profile import load_profile
-from ema_sim.actuator import load_actuator
+from ema_sim.actuator import Model, load_actuator, load_model_file
 from ema_sim.simulate import simulate
 
 MIX = (("healthy", 0.16), ("turn_short", 0.20), ("static", 0.06), ("rotor_eccentricity", 0.18),
@@ -78,19 +78,20 @@ def _draw(rng: np.random.Generator, healthy: bool) -> _Plan:
     return _Plan(unit=draw_unit(rng), base=draw_conditions(rng), tests=tuple(tests))
 
 
-def _features(kind: Kind, unit: Unit, conditions: Conditions, fault: Fault) -> dict[str, float]:
-    nominal = load_actuator()
+def _features(
+    kind: Kind, model: Model, unit: Unit, conditions: Conditions, fault: Fault
+) -> dict[str, float]:
     record = simulate(
-        load_profile(kind), actuator=actuator_of(nominal, unit), seed=conditions.seed,
-        effects=effects_of(conditions, fault), noise=conditions.noise,
+        load_profile(kind), actuator=actuator_of(model.actuator, unit), seed=conditions.seed,
+        effects=effects_of(conditions, fault, model.effects), noise=conditions.noise,
     )
-    return extract(record, kind, nominal)
+    return extract(record, kind, load_actuator())  # as the diagnosis will see it
 
 
 Found = list[tuple[_Plan, dict[str, float], list[tuple[dict[str, float], Fault]]]]
 
 
-def _run(kind: Kind, plans: list[_Plan], file: Path | None) -> Found:
+def _run(kind: Kind, model: Model, plans: list[_Plan], file: Path | None) -> Found:
     """Simulate units and return (plan, baseline, [(test, fault)]) of each, kept in `file`."""
     from threadpoolctl import threadpool_limits
 
@@ -103,13 +104,13 @@ def _run(kind: Kind, plans: list[_Plan], file: Path | None) -> Found:
     with threadpool_limits(limits=1):
         for plan in plans:
             try:
-                base = _features(kind, plan.unit, plan.base, HEALTHY)
+                base = _features(kind, model, plan.unit, plan.base, HEALTHY)
             except RecordError:
                 base = {}
             tests = []
             for k, (conditions, fault) in enumerate(plan.tests if base else ()):
                 try:
-                    tests.append((k, _features(kind, plan.unit, conditions, fault)))
+                    tests.append((k, _features(kind, model, plan.unit, conditions, fault)))
                 except RecordError:
                     continue  # the diagnosis answers "unknown" to such a record
             bases.append(base)
@@ -122,7 +123,7 @@ def _run(kind: Kind, plans: list[_Plan], file: Path | None) -> Found:
 def run_campaign(
     kind: Kind, units: int, seed: int, *, healthy: bool = False, jobs: int = 1,
     progress: Callable[[int, int], None] = lambda _done, _all: None, chunk: int = 10,
-    folder: Path | None = None,
+    folder: Path | None = None, model: Model | None = None,
 ) -> Campaign:
     """Simulate `units` units and return their features.
 
@@ -136,17 +137,21 @@ def run_campaign(
     progress : called with units done and all units.
     chunk : units a job.
     folder : keeps what is done, so that a campaign that was stopped goes on.
+    model : the actuator around which the fleet spreads, with effects that all its units have;
+        default the nominal one.
     """
     from joblib import Parallel, delayed
 
     streams = np.random.SeedSequence([seed, int(healthy)]).spawn(units)
     plans = [_draw(np.random.default_rng(s), healthy) for s in streams]
-    parts = [(plans[i:i + chunk], chunk_file(folder, (kind, seed, healthy, chunk, i)))
+    of = model or load_model_file()
+    parts = [(plans[i:i + chunk], chunk_file(folder, (kind, repr(of), seed, healthy, chunk, i)))
              for i in range(0, units, chunk)]
     base, record, severity, number, friction = [], [], [], [], []
     names: tuple[str, ...] = ()
     unit = done = 0
-    work = Parallel(n_jobs=jobs, return_as="generator")(delayed(_run)(kind, *p) for p in parts)
+    work = Parallel(n_jobs=jobs, return_as="generator")(
+        delayed(_run)(kind, of, *p) for p in parts)
     for part in work:
         for plan, found, tests in part:
             names = tuple(found)

@@ -164,8 +164,8 @@ def actuator_of(nominal: Actuator, unit: Unit) -> Actuator:
     )
 
 
-def effects_of(conditions: Conditions, fault: Fault) -> Effects:
-    """Return the effects of one test: conditions and fault."""
+def effects_of(conditions: Conditions, fault: Fault, own: Effects | None = None) -> Effects:
+    """Return the effects of one test: those of the model, if it has any, conditions, fault."""
     c = conditions
     settings = [
         f"winding_temperature.temperature={c.temperature!r}",
@@ -174,4 +174,4 @@ def effects_of(conditions: Conditions, fault: Fault) -> Effects:
         *(f"current_sensor_offset.phase_{p}={v!r}" for p, v in zip("abc", c.offset)),
         *fault.settings,
     ]
-    return parse_effects(settings)
+    return parse_effects(settings, own)

@@ -20,6 +20,7 @@ from ema_prognostics.train_model import TrainingSettings
 from ema_prognostics.validation_report import validation_report
 from ema_record.errors import UsageError
 from ema_record.profile import load_profile
+from ema_sim.actuator import load_model_file
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
 
@@ -70,6 +71,16 @@ def test_campaign_follows_from_the_seed(campaigns: Campaigns) -> None:
     again = run_campaign("step", 2, 31)
     assert np.array_equal(again.record, campaigns[0].record[: len(again)])
     assert (campaigns[1].severity == 0.0).all()
+
+
+def test_a_campaign_about_another_actuator(campaigns: Campaigns, tmp_path: Path) -> None:
+    file = tmp_path / "model.yaml"
+    file.write_text("effects:\n  cogging_torque: {amplitude: 0.05, periods: 18}\n")
+    other = run_campaign("step", 2, 31, model=load_model_file(file))
+    assert np.array_equal(other.severity, campaigns[0].severity[: len(other)])
+    assert not np.allclose(other.record, campaigns[0].record[: len(other)])
+    same = run_campaign("step", 2, 31, model=load_model_file())
+    assert np.array_equal(same.record, campaigns[0].record[: len(same)])
 
 
 def test_same_seed_same_bytes(campaigns: Campaigns, model: Model) -> None:
