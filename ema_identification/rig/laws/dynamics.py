@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy import signal
@@ -30,13 +30,17 @@ def travel_grid(trajectory: Trajectory) -> Sequence[Shape]:
     return tuple((float(d),) for d in np.geomspace(low, high, 14))
 
 
+def _ways(position: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Yield the first and the last sample of each way between two reversals."""
+    turns = np.nonzero(np.diff(np.sign(np.diff(position))) != 0.0)[0] + 1
+    ends = [0, *turns.tolist(), len(position) - 1]
+    yield from zip(ends[:-1], ends[1:])
+
+
 def _since_reversal(position: np.ndarray, width: float) -> np.ndarray:
     """Return the state of a stop operator: travel since the last reversal, within ± width."""
-    steps = np.diff(position)
-    turns = np.nonzero(np.diff(np.sign(steps)) != 0.0)[0] + 1
-    ends = [0, *turns.tolist(), len(position) - 1]
     state = np.zeros_like(position)
-    for first, last in zip(ends[:-1], ends[1:]):  # one way between reversals
+    for first, last in _ways(position):
         way = position[first:last + 1] - position[first]
         state[first:last + 1] = np.clip(state[first] + way, -width, width)
     return state
@@ -44,11 +48,8 @@ def _since_reversal(position: np.ndarray, width: float) -> np.ndarray:
 
 def _build_up(position: np.ndarray, distance: float) -> np.ndarray:
     """Return the state of Dahl's model, from -1 to 1: it nears the direction over `distance`."""
-    steps = np.diff(position)
-    turns = np.nonzero(np.diff(np.sign(steps)) != 0.0)[0] + 1
-    ends = [0, *turns.tolist(), len(position) - 1]
     state = np.zeros_like(position)
-    for first, last in zip(ends[:-1], ends[1:]):  # one way between reversals
+    for first, last in _ways(position):
         way = position[first:last + 1] - position[first]
         side = np.sign(way[-1])
         state[first:last + 1] = side + (state[first] - side) * np.exp(-np.abs(way) / distance)
