@@ -9,6 +9,7 @@ from scipy import signal
 
 from ema_identification.rig.bandwidth import response_band, speed_noise
 from ema_identification.rig.checks import check_record, check_units, no_motion, too_short
+from ema_identification.rig.clocks import earlier, speed_lag
 from ema_identification.rig.model import Settings
 from ema_identification.rig.trajectory import (
     Segment,
@@ -72,6 +73,8 @@ def prepare(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
     longest = int(np.argmax([len(p["time"]) for p in raw]))
     edge = settings.band or bands[longest].edge
     quiet = speed_noise(bands[longest], is_position=is_position)
+    if first.has(SPEED) and first.has(POSITION):
+        _one_clock(raw, edge, notes)
     segments = tuple(_segment(piece, edge, settings) for piece in raw)
     if sum(len(segment) for segment in segments) > MAX_SAMPLES:
         raise UsageError(
@@ -99,6 +102,17 @@ def prepare(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
         raise too_short(first, f"{len(trajectory.target)} rows of the band and {cycles:.2g} "
                                "cycles of the speed, at least 60 and 1")
     return trajectory
+
+
+def _one_clock(pieces: Sequence[dict[str, np.ndarray]], band: float, notes: list[str]) -> None:
+    """Take out of the speeds what they lag behind the positions."""
+    lag = speed_lag(pieces, band)
+    if lag == 0.0:
+        return
+    for piece in pieces:
+        piece[SPEED] = earlier(piece[SPEED], piece["time"], lag)
+    notes.append(f"speed taken {1e3 * lag:.3g} ms earlier, where it is the slope of the position "
+                 "(a drive filters its speed)")
 
 
 def _alternations(speed: np.ndarray) -> int:

@@ -7,7 +7,7 @@ wave in position or time. They say where something is left, and what it looks li
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import signal
@@ -94,10 +94,24 @@ def smooth_shapes(trajectory: Trajectory) -> list[GenericShape]:
         angles = np.linspace(0.0, 2 * np.pi, 13)
         sets.append(("position", "angle within a turn",
                      plain(lambda s: np.mod(s.position, 2 * np.pi), angles)))
-    return [GenericShape(against=against, label=label, rank=1 + rank,
-                         groups=sides.get(against, (len(columns),)),
-                         columns=np.column_stack([trajectory.reduce(c) for c in columns]))
-            for rank, (against, label, columns) in enumerate(sets)]
+    shapes = [GenericShape(against=against, label=label, rank=1 + rank,
+                           groups=sides.get(against, (len(columns),)),
+                           columns=np.column_stack([trajectory.reduce(c) for c in columns]))
+              for rank, (against, label, columns) in enumerate(sets)]
+    return [_with_plain_speed(trajectory, shapes[0], speed_knots), *shapes[1:]]
+
+
+def _with_plain_speed(
+    trajectory: Trajectory, shape: GenericShape, knots: np.ndarray
+) -> GenericShape:
+    """Return the shape against speed, in which a straight line is the speed as recorded.
+
+    Hats of the smooth speed add up to the smooth speed. Beside viscous friction, which takes the
+    speed as it is, their difference would be a filter that takes a share of any residual.
+    """
+    values = np.concatenate([knots, -knots])
+    line = trajectory.reduce(lambda segment: segment.speed) - shape.columns @ values
+    return replace(shape, columns=shape.columns + np.outer(line, values / (values @ values)))
 
 
 Column = Callable[[Segment], np.ndarray]
