@@ -8,6 +8,7 @@ EFFECT  ?= turn_short.fraction=0.1 turn_short.phase=b
 BIT_OPTIONS ?=
 TESTS   ?= test
 PYTEST_OPTIONS ?=
+WORKERS ?= 2
 
 RUN_EXTRAS  := ros,export
 TEST_EXTRAS := ros,export,dask,test
@@ -17,6 +18,7 @@ RUN_STAMP  := $(VENV)/.installed-run
 TEST_STAMP := $(VENV)/.installed-test
 UNFINISHED := $(VENV)/.installing
 
+PYTEST := $(VENV)/bin/python -m pytest
 PIP := $(VENV)/bin/python -m pip install -qq -c constraints.txt
 EFFECT_OPTIONS := $(foreach effect,$(filter-out none,$(EFFECT)),--effect '$(effect)')
 
@@ -27,7 +29,8 @@ help:
 	@echo 'make bit    run the built-in test: actuator, monitor and prognostics as three processes'
 	@echo '            EFFECT="$(EFFECT)" is hidden in the actuator (EFFECT=none: nothing)'
 	@echo '            PROFILE=$(PROFILE) (or step); BIT_OPTIONS= further options of `ema bit`'
-	@echo 'make test   run all tests; TESTS=test/unit for some, PYTEST_OPTIONS= options of pytest'
+	@echo 'make test   run all tests, those of real ROS processes last; TESTS=test/unit for some,'
+	@echo '            WORKERS=$(WORKERS) at a time, PYTEST_OPTIONS= options of pytest'
 	@echo 'The environment is $(VENV), made by $(PYTHON) (PYTHON= another); delete it to begin anew.'
 
 bit: $(RUN_STAMP)
@@ -41,8 +44,11 @@ bit: $(RUN_STAMP)
 		*) echo "make bit: failed (ema bit: $$status)" >&2; exit $$status ;; \
 	esac
 
+# Tests with real ROS processes run one at a time, after all others. 5: none of that kind among TESTS.
 test: $(TEST_STAMP)
-	@$(VENV)/bin/python -m pytest $(PYTEST_OPTIONS) $(TESTS)
+	@$(PYTEST) -m 'not ros' -n $(WORKERS) --dist loadfile $(PYTEST_OPTIONS) $(TESTS); others=$$?; \
+	$(PYTEST) -m ros $(PYTEST_OPTIONS) $(TESTS); ros=$$?; \
+	case $$others,$$ros in 0,0|0,5|5,0) ;; *) exit 1 ;; esac
 
 # $(call install,EXTRAS): an environment whose last installation was cut short is made anew.
 define install

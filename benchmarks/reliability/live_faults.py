@@ -103,7 +103,8 @@ def one(found: Chain, kind: Kind, rng: Random) -> dict[str, Any]:
     ended = answer["status"] if answer is not None else "no answer"
     expected = kind.ends if fault.done else (*kind.ends, "complete")
     if not wrong and ended not in expected:
-        wrong.append(f"ended {ended}, expected one of {', '.join(expected)}")
+        said = answer["message"] if answer is not None else "nothing"
+        wrong.append(f"ended {ended} ({said}), expected one of {', '.join(expected)}")
     if verdict is not None and (verdict["verdict"], verdict["fault_class"]) != (
         "fault", "turn_short"
     ):

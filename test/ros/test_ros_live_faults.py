@@ -11,6 +11,8 @@ from benchmarks.reliability.live_faults import HIDDEN, one
 from benchmarks.reliability.live_kinds import KINDS
 from ema_cli.domain import local_environment
 
+SILENCE = 3.0
+"""When the acquisition counts as lost (s): longer than a busy machine needs to begin a move."""
 EARLY = 0.3
 """When the fault strikes, since the recording began (s)."""
 
@@ -25,7 +27,7 @@ def live(tmp_path_factory):
         for name, value in {**local_environment(), **clock.environment}.items():
             patch.setenv(name, value)
         parameters = {**HIDDEN, "serial_number": "EMA-1"}
-        with chain(out, simulator=parameters, monitor={"stream_timeout": 1.0}) as found:
+        with chain(out, simulator=parameters, monitor={"stream_timeout": SILENCE}) as found:
             found.clock = clock
             litter = left_in_shared_memory()
             yield found
