@@ -28,6 +28,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     add_common(parser)
     parser.add_argument("--seed", default=None, help="of a new panel that nobody has seen")
+    parser.add_argument("--stratum", choices=["all", "alike"], default="all",
+                        help="of a new panel: alike has look-alikes on the short test only")
     parser.add_argument("--records", nargs="*", default=[], help="only these units")
     parser.add_argument("--pysindy-python", default=None,
                         help="interpreter with requirements.txt; without it no peer")
@@ -35,7 +37,8 @@ def main() -> None:
     common = ["--out", str(given.out), "--part", given.part]
     workers = ["--workers", str(given.workers)]
     chosen = ["--records", *given.records] if given.records else []
-    _run("truth", *common, *workers, *(["--seed", given.seed] if given.seed else []))
+    new = ["--stratum", given.stratum, *(["--seed", given.seed] if given.seed else [])]
+    _run("truth", *common, *workers, *new)
     _run("run", *common, *workers, *chosen)
     _run("truth", *common, "--next")
     _run("run", *common, *workers, "--next", *chosen)

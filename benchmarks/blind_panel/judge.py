@@ -89,7 +89,7 @@ def judge(
         found["right"] = bool(holding) and not found["wrong"]
         found["set_size"] = len(holding[0]) if holding else 0
         found["covered"] = coverage(case, answer)
-        if found["set_size"] > 1 and again is not None:
+        if again is not None and (found["set_size"] > 1 or not sets):
             found["resolved"] = {*case.names} in sets_of(again)
     elif case.group == "pair":
         found["both"] = not found["wrong"] and _each_in_one(case.names, sets)

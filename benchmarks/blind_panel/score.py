@@ -22,18 +22,20 @@ from benchmarks.blind_panel.truth.visible import Floor, make_floor, visible_part
 from ema_cli.console import track
 from ema_record.files import new_file
 
-FLOOR = "floor.npz"
+FLOORS = {"extended": "floor.npz", "step": "floor_step.npz"}
+"""By the command of the first record."""
 VISIBLE = "visible"
 
 
-def visible_of(case: Case, sealed: Path, floors: list[Floor]) -> dict[str, tuple[float, str]]:
+def visible_of(case: Case, sealed: Path, floors: dict[str, Floor]) -> dict[str, tuple[float, str]]:
     """Return the gaps of what is hidden, computed once."""
     path = sealed / VISIBLE / f"{case.id}.json"
     if not path.exists():
-        if not floors:
-            floors.append(make_floor(sealed / FLOOR))
+        if case.first not in floors:
+            floors[case.first] = make_floor(sealed / FLOORS[case.first], case.first)
+        parts = visible_parts(case, floors[case.first])
         with new_file(path) as temporary:
-            temporary.write_text(json.dumps(visible_parts(case, floors[0])), encoding="utf-8")
+            temporary.write_text(json.dumps(parts), encoding="utf-8")
     data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return {name: (float(gap), str(block)) for name, (gap, block) in data.items()}
 
@@ -42,7 +44,7 @@ def judge_all(out: Path, folder: str, cases: list[Case]) -> list[Judgement]:
     """Judge every unit of `cases` that has a result in `folder`."""
     sealed = out / SEALED
     (sealed / VISIBLE).mkdir(exist_ok=True)
-    floors: list[Floor] = []
+    floors: dict[str, Floor] = {}
     judged = []
     for case in track(cases, "score", len(cases)):
         path = out / folder / f"{case.id}.json"

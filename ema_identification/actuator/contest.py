@@ -95,9 +95,8 @@ class Arena:
 
     def _incomplete(self, point: Point) -> bool:
         """Whether a point is still far from what a complete model leaves."""
-        usual = float(np.exp(self.evidence.blocks[0].library.scale.fit[0]))
         cost = self.last.cost(self.evidence, point.mean, point.z)
-        return cost > THOROUGH * usual * self.evidence.size
+        return cost > THOROUGH * self.evidence.usual
 
     def _first(self, start: Start) -> Point | None:
         point = run_point(self.evidence, start.terms, np.clip(start.z, -1.0, 1.0),

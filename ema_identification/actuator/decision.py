@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_identification.actuator.contest import Arena, Start
+from ema_identification.actuator.contest import LAST_RUNS, Arena, Start
 from ema_identification.actuator.evidence import Evidence
-from ema_identification.actuator.naming import pairs_of, propose, seconds
+from ema_identification.actuator.naming import challengers, pairs_of, propose, seconds
 from ema_identification.actuator.recalibration import Recalibration
 from ema_identification.actuator.refit import Fit, Term
 from ema_identification.actuator.runs import Progress, silent
@@ -34,6 +34,10 @@ SECOND_GAIN = 80.0
 LEFT = "what is left is more than noise; no further effect takes it away"
 CLEAR = 2.0
 """Least distance of each of two effects from absent (standard deviations)."""
+SLIGHT = 150.0
+"""Gain up to which an effect counts as small: more of the catalogue is tried against it."""
+LARGEST_SET = 3
+"""More names that the data cannot tell apart are no answer."""
 SET_MARGIN = 14.0
 """Costs that differ by less, in units of the cost a feature, do not tell two effects apart."""
 SET_SHARE = (0.02, 0.15)
@@ -49,7 +53,8 @@ class Answer:
     verdict : of the identification.
     fit : of the effects that are added; None for none.
     fits : all single candidates that were fitted, best first.
-    equivalent : for each term of `fit`, fits that the data cannot tell from it.
+    equivalent : for each term of `fit`, fits that the data cannot tell from it; without `fit`,
+        all fits that cannot be told apart, where they are too many for an answer.
     p_value : for each term, of the hypothesis that it adds nothing.
     gain : of the best candidate on the recalibrated model.
     null_cost : of the recalibrated model, in the metric of the fits.
@@ -82,8 +87,7 @@ class _Case(NamedTuple):
     @property
     def usual(self) -> float:
         """Cost that a complete model leaves."""
-        scale = self.arena.evidence.blocks[0].library.scale
-        return float(np.exp(scale.fit[0])) * self.size
+        return self.arena.evidence.usual
 
     def complete(self, fit: Fit) -> bool:
         return fit.cost < COMPLETE * self.usual
@@ -108,7 +112,8 @@ def decide(
     """Return the answer to a recalibrated model's residual."""
     scale, size = evidence.blocks[0].library.scale, evidence.size
     proposal = propose(evidence, null, without=without, seed=seed)
-    p_gain, p_null = scale.p_gain(proposal.gain), scale.p_fit(null.cost / size)
+    p_gain = scale.p_gain(proposal.gain)
+    p_null = scale.p_fit(null.cost / evidence.usual * float(np.exp(scale.fit[0])))
     if p_gain > LEVEL and p_null > POOR_FIT:
         return Answer(verdict="no disagreement", gain=proposal.gain, null_cost=null.cost, reasons=(
             f"the best effect of the catalogue would lower the misfit by {proposal.gain:.0f}; "
@@ -121,6 +126,10 @@ def decide(
     if singles:  # the fit may gain what the screening, linear, did not see
         gained = (arena.null_cost - singles[0].cost) / max(singles[0].cost / size, 1e-9)
         p_gain = min(p_gain, scale.p_gain(gained))
+        if gained < SLIGHT:
+            finished = [f for f in singles if f.runs == LAST_RUNS]
+            more = challengers(evidence, finished, without=without)
+            singles = sorted([*singles, *arena.fits(more, first=1)], key=lambda f: f.cost)
     case = _Case(arena, null, proposal.gain, p_gain, tuple(without))
     if singles and case.complete(singles[0]):
         return _with_second(case, singles)
@@ -163,21 +172,28 @@ def _rivals(fits: Sequence[Fit], null_cost: float, size: int) -> tuple[Fit, ...]
         if name not in names and fit.cost - best.cost < _margin(best, null_cost, size):
             names.add(name)
             found.append(fit)
-    return tuple(found[:2])
+    return tuple(found)
 
 
 def _one(case: _Case, verdict: Outcome, singles: Sequence[Fit]) -> Answer:
+    rivals = _rivals(singles, case.arena.null_cost, case.size)
+    if len(rivals) >= LARGEST_SET:
+        names = ", ".join(f.terms[0].variant.effect for f in (singles[0], *rivals))
+        return Answer(
+            verdict="unknown effect", fits=tuple(singles), gain=case.gain,
+            null_cost=case.arena.null_cost, equivalent=((singles[0], *rivals),), reasons=(
+                f"something is missing, and {len(rivals) + 1} effects explain it equally well: "
+                f"{names}",))
     return Answer(
         verdict=verdict, fit=singles[0], fits=tuple(singles), gain=case.gain,
-        null_cost=case.arena.null_cost, p_value=(case.p,),
-        equivalent=(_rivals(singles, case.arena.null_cost, case.size),))
+        null_cost=case.arena.null_cost, p_value=(case.p,), equivalent=(rivals,))
 
 
 def _with_second(case: _Case, singles: Sequence[Fit]) -> Answer:
     """Return one effect that explains the record, with a second one where that helps clearly."""
     best, evidence = singles[0], case.arena.evidence
     one = _one(case, "explained", singles)
-    if best.cost < case.usual:
+    if best.cost < case.usual or one.fit is None:
         return one
     more = seconds(evidence, best, without=case.without)[:1]
     if not more:

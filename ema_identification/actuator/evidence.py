@@ -158,6 +158,11 @@ class Evidence:
         """Number of features of all records."""
         return sum(len(b) for b in self.blocks)
 
+    @property
+    def usual(self) -> float:
+        """Cost that a complete model leaves."""
+        return sum(float(np.exp(b.library.scale.fit[0])) * len(b) for b in self.blocks)
+
 
 def evidence(blocks: Sequence[Block]) -> Evidence:
     """Return the evidence of `blocks`."""

@@ -32,6 +32,8 @@ FIRSTS = 6
 PAIRS = 4
 SECONDS = 2
 """Effects that are tried beside a fitted one."""
+CHALLENGERS = 12
+"""Effects that are tried against a small one."""
 
 
 class Proposal(NamedTuple):
@@ -84,6 +86,24 @@ def _start(sized: Sized) -> Start:
 
 def _term(sized: Sized) -> Term:
     return Term(variant=sized.signature.variant, signature=sized.signature, u=sized.u)
+
+
+def challengers(
+    evidence: Evidence, finished: Sequence[Fit], *, without: Sequence[str] = ()
+) -> list[Start]:
+    """Return starts of further effects against a small one, nearest to the measurement first.
+
+    A small effect is easily imitated by tolerances that recalibration moved, so the order of the
+    library means little; effects of `finished` are left out.
+    """
+    names = {t.variant.effect for fit in finished for t in fit.terms}
+    sizing = Sizing(evidence)
+    sized = sorted((sizing.best(stacked(evidence, i))
+                    for i in selectable(evidence, [*without, *names])), key=lambda s: s.cost)
+    found: dict[str, Sized] = {}
+    for s in sized:
+        found.setdefault(s.signature.variant.effect, s)
+    return [_start(s) for s in found.values()][:CHALLENGERS]
 
 
 def pairs_of(

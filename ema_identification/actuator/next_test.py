@@ -15,11 +15,15 @@ from ema_record.profile import Profile, load_profile
 from ema_sim.simulate import simulate
 
 PROFILES = ("extended", "ramps", "speeds", "steps", "deflections")
-"""Shipped commands that may be proposed."""
+"""Shipped commands that may be proposed, the default test first."""
+MOST = 3
+"""Candidates that are compared."""
 RUNS = 3
 """Runs of each candidate on each command."""
 LEAST = 2.0
 """Separation below which a command promises nothing."""
+ENOUGH = 20.0
+"""Separation from which no further command is looked at."""
 
 
 class Proposed(NamedTuple):
@@ -32,17 +36,22 @@ class Proposed(NamedTuple):
 
 
 def separating_test(evidence: Evidence, fits: Sequence[Fit], *, seed: int = 0) -> Proposed | None:
-    """Return the command whose features would differ most between the candidates.
+    """Return a command whose features would differ between the candidates.
+
+    The first one that sets them `ENOUGH` apart, else the one that sets them farthest apart.
 
     Parameters
     ----------
     evidence : the records at hand; their commands are not proposed again.
-    fits : candidates that cannot be told apart.
+    fits : candidates that cannot be told apart; the first `MOST` count.
     seed : of the runs.
     """
     used = {tuple(b.record.profile.points) for b in evidence.blocks}
     best: Proposed | None = None
+    fits = fits[:MOST]
     for name in PROFILES:
+        if best is not None and best.separation >= ENOUGH:
+            break
         profile = load_profile(name)
         if tuple(profile.points) in used:
             continue

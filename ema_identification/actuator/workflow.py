@@ -104,8 +104,8 @@ def _identify(
     fits = [f for f in answer.fits if np.isfinite(f.cost)]
     findings = findings_of(ev, answer, groups, shown.before, shown.after, answer.null_cost)
     ambiguous = next((e for e in answer.equivalent if e), ())
-    proposed = separating_test(ev, [answer.fit, *ambiguous], seed=seed) if (
-        answer.fit is not None and ambiguous) else None
+    alike = ambiguous if answer.fit is None else (answer.fit, *ambiguous)
+    proposed = separating_test(ev, alike, seed=seed) if ambiguous else None
     fit = answer.fit if answer.fit is not None else null
     updated = fit.z[:N_HARDWARE]
     z = np.zeros(len(fit.z))

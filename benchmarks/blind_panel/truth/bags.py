@@ -78,7 +78,7 @@ def make_bags(case: Case, folder: Path) -> None:
     partial = folder / f".{case.id}.{os.getpid()}.tmp"
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
-    profiles = {"measured": load_profile("extended"), "validate": held_out_profile(case.held_out)}
+    profiles = {"measured": load_profile(case.first), "validate": held_out_profile(case.held_out)}
     for test, profile in profiles.items():
         write_bag(record_of(case, profile, test), partial / test, views=False)
     partial.replace(final)

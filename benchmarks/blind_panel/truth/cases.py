@@ -40,6 +40,8 @@ class Case:
     unit: Unit
     held_out: str
     seed: int
+    first: str = "extended"
+    """Command of the record to explain."""
     id: str = field(default="")
 
     def to_dict(self) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 Defined by simulation, apart from the workflow:
 
-1. *Floor*: `N_NULL` effect-free units and conditions on the default test; every number of
+1. *Floor*: `N_NULL` effect-free units and conditions on the first test; every number of
    `views.view` is regressed on what a recalibration may move (tolerances, conditions that
    nobody measures; each also times the measured bus and temperature). The standard deviation
    of what is left is the noise floor of that number.
@@ -77,11 +77,11 @@ class Floor:
         return np.asarray(self.slopes[0] + bus * self.slopes[1] + warm * self.slopes[2])
 
 
-def make_floor(path: Path) -> Floor:
-    """Return the floor, from `path` if it was made before (some two minutes)."""
+def make_floor(path: Path, first: str = "extended") -> Floor:
+    """Return the floor on a test, from `path` if it was made before (some two minutes)."""
     if not path.exists():
         views, moves, known = [], [], []
-        profile = load_profile("extended")
+        profile = load_profile(first)
         for k in range(N_NULL):
             rng = np.random.default_rng([SEED, k])
             unit = draw_unit(rng)
@@ -119,7 +119,7 @@ def _shift(case: Case, seed: int) -> np.ndarray:
     views = []
     for c in (case, bare):
         actuator, effects = truth_of(c)
-        record = simulate(load_profile("extended"), actuator=actuator, effects=effects,
+        record = simulate(load_profile(case.first), actuator=actuator, effects=effects,
                           seed=seed, noise=case.unit.noise)
         found = view(foreign_record(c.foreign, record))
         views.append(np.concatenate(list(found.values())))
