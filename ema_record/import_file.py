@@ -9,6 +9,7 @@ import numpy as np
 
 from ema_record.channels import CHANNELS, Channel
 from ema_record.errors import InvalidRecordError, UsageError
+from ema_record.import_runs import chosen_runs, one_after_another, restarts
 from ema_record.import_table import Table, read_table
 from ema_record.profile import load_profile
 from ema_record.record import Provenance, Record
@@ -79,6 +80,8 @@ def _columns(rig_map: RigMap) -> dict[str, Column]:
 def _table(rig_map: RigMap, path: Path, needed: list[str | int]) -> Table:
     if rig_map.time.column is not None:
         needed = [rig_map.time.column, *needed]
+    if rig_map.run is not None:
+        needed = [rig_map.run.column, *needed]
     return read_table(path, rig_map.format, needed)
 
 
@@ -134,6 +137,13 @@ def _joined(
     chosen = tuple(c for c in channels if c.name == "time" or c.name in columns)
     ordered = [time if c.name == "time" else columns[c.name] for c in chosen]
     samples = np.column_stack(ordered)
+    labels = restarts(time) if rig_map.run is None else table.column(rig_map.run.column, "run")
+    if len(labels) != len(time):
+        raise InvalidRecordError(f"{source}: columns of different length: time {len(time)}, run "
+                                 f"{len(labels)}")
+    if rig_map.run is not None:
+        inside = chosen_runs(labels, rig_map.run.only, source)
+        samples, time, labels = samples[inside], time[inside], labels[inside]
     if rig_map.start is not None or rig_map.end is not None:
         low = -np.inf if rig_map.start is None else rig_map.start
         high = np.inf if rig_map.end is None else rig_map.end
@@ -141,15 +151,19 @@ def _joined(
         if inside.sum() < 2:
             raise UsageError(f"{source}: {inside.sum()} samples between start {low:g} s and end "
                              f"{high:g} s; the file runs from {time[0]:g} to {time[-1]:g} s")
-        samples = samples[inside]
+        samples, labels = samples[inside], labels[inside]
         notes.append(f"{inside.sum()} of {len(time)} samples, from {samples[0, 0]:g} to "
                      f"{samples[-1, 0]:g} s")
-    samples = _without_missing(samples, source, notes)
+    samples, labels = _without_missing(samples, labels, source, notes)
+    samples[:, 0], told = one_after_another(samples[:, 0], labels, source)
+    notes += told
     _describe_time(samples[:, 0], notes)
     return samples, chosen
 
 
-def _without_missing(samples: np.ndarray, source: str, notes: list[str]) -> np.ndarray:
+def _without_missing(
+    samples: np.ndarray, labels: np.ndarray, source: str, notes: list[str]
+) -> tuple[np.ndarray, np.ndarray]:
     """Leave out rows with a value that is missing, if they are few."""
     bad = ~np.isfinite(samples).all(axis=1)
     if bad.mean() > MAX_LOST:
@@ -159,7 +173,7 @@ def _without_missing(samples: np.ndarray, source: str, notes: list[str]) -> np.n
         )
     if bad.any():
         notes.append(f"{bad.sum()} rows without a value left out")
-    return samples[~bad]
+    return samples[~bad], labels[~bad]
 
 
 def _describe_time(time: np.ndarray, notes: list[str]) -> None:

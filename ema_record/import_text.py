@@ -20,6 +20,7 @@ _DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": None}
 _NUMBER = re.compile(
     r"^[+-]?(\d+[.,]?\d*|[.,]\d+)(e[+-]?\d+)?$|^[+-]?(nan|inf)$", re.IGNORECASE
 )
+_COMMA, _POINT = re.compile(r"\d,\d"), re.compile(r"\d\.\d")
 _LOOK = 64 << 10
 
 
@@ -41,18 +42,30 @@ def read_text_table(path: Path, text_format: TextFormat) -> Table:
             raise InvalidRecordError(
                 f"{path}: not text (or text in UTF-16): save it as UTF-8") from None
     lines = text.split("\n", text_format.skip + 2000)
+    text_format = _with_decimal(text_format, lines)
     first, names, notes = _beginning(lines, text_format, path)
     delimiter = _delimiter(lines[first], text_format)
     count = len(_cells(lines[first], delimiter))
     rows = text.count("\n") + 1 - first
     check_shape(rows, count, str(path))
-    values = _numbers(text, first, delimiter, text_format.decimal, path)
+    values = _numbers(text, first, delimiter, text_format.decimal or ".", path)
     labels = names or [str(number) for number in range(count)]
     if len(set(labels)) != len(labels):
         labels = [f"{label}#{k}" if labels.index(label) != k else label
                   for k, label in enumerate(labels)]
     return Table(columns={label: values[:, k] for k, label in enumerate(labels)},
                  source=str(path), notes=tuple(notes))
+
+
+def _with_decimal(text_format: TextFormat, lines: list[str]) -> TextFormat:
+    """Return the format with its decimal mark: a comma where a delimiter leaves it free."""
+    if text_format.decimal is not None:
+        return text_format
+    last = next((line for line in reversed(lines[:-1] or lines) if line.strip()), "")
+    split = text_format.delimiter in ("semicolon", "tab", "space") or (
+        text_format.delimiter is None and (";" in last or "\t" in last))
+    comma = split and _COMMA.search(last) and not _POINT.search(last)
+    return text_format.model_copy(update={"decimal": "," if comma else "."})
 
 
 def _content(path: Path) -> bytes:

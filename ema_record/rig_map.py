@@ -70,11 +70,19 @@ class TimeColumn(_Part):
         return self
 
 
+class RunColumn(_Part):
+    """The column that numbers the runs of a file that holds several."""
+
+    column: ColumnName
+    only: tuple[Finite, ...] = Field(default=(), max_length=1000, strict=False)
+    """Numbers of the runs to take; all where empty."""
+
+
 class TextFormat(_Part):
     """How a text file is laid out, where that is not seen from the file itself."""
 
     delimiter: Literal["comma", "semicolon", "tab", "space"] | None = None
-    decimal: Literal[".", ","] = "."
+    decimal: Literal[".", ","] | None = None
     header: bool | None = None
     """Whether the first line holds the names."""
     skip: int = Field(default=0, ge=0, le=10_000)
@@ -89,6 +97,8 @@ class RigMap(_Part):
     description: str = Field(default="", max_length=1000)
     format: TextFormat = TextFormat()
     time: TimeColumn
+    run: RunColumn | None = None
+    """Where a file holds several runs; a time that starts again is a new run without it."""
     input: InputColumn | None = None
     position: Column | None = None
     speed: Column | None = None

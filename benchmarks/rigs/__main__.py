@@ -1,7 +1,8 @@
 """Identification of the public rigs: what is found, and the residual before and after.
 
 ``python -m benchmarks.rigs`` reads ``../shared/data`` beside the checkout, about two minutes.
-``--synthetic N`` judges N rigs with nothing missing, and every effect on two rigs, instead.
+``--synthetic N`` judges N rigs with nothing missing, and every effect on two rigs, instead;
+``--work FILE`` keeps what is done, and goes on from there.
 """
 
 from __future__ import annotations
@@ -85,11 +86,13 @@ def main() -> None:
     """Run the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--synthetic", type=int, metavar="N")
+    parser.add_argument("--work", type=Path, metavar="FILE", help="of --synthetic, JSON lines")
+    parser.add_argument("--seed", type=int, default=0, help="of --synthetic: other rigs")
     arguments = parser.parse_args()
     if arguments.synthetic is None:
         public()
     else:
-        panel(arguments.synthetic)
+        panel(arguments.synthetic, seed=arguments.seed, work=arguments.work)
 
 
 if __name__ == "__main__":

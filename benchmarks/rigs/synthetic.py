@@ -167,8 +167,8 @@ EFFECTS: dict[str, Effect] = {
         1.0 + np.exp(-((m.speed / (0.15 * rms(m.speed))) ** 2))),
     "presliding_hysteresis": lambda r, m, _p, _s: _play(r, m),
     "control_delay": lambda _r, m, p, _s: np.gradient(p, m.time) / rms(np.gradient(p, m.time)),
+    "periodic_disturbance": lambda r, m, _p, _s: np.sin(2 * np.pi * 9.37 * r.frequency * m.time),
     # Strangers: in no catalogue.
-    "disturbance_in_time": lambda r, m, _p, _s: np.sin(2 * np.pi * 9.37 * r.frequency * m.time),
     "detent": lambda r, m, _p, _s: 2.0 * np.exp(
         -(((m.position - 0.3 * r.stroke) / (0.1 * r.stroke)) ** 2)),
     "friction_hump": lambda _r, m, _p, _s: np.sign(m.speed) * np.exp(
@@ -177,4 +177,4 @@ EFFECTS: dict[str, Effect] = {
         2 * np.pi * m.position / (0.8 * r.stroke)),
 }
 """Force or torque of unit size."""
-STRANGERS = ("disturbance_in_time", "detent", "friction_hump", "friction_ripple")
+STRANGERS = ("detent", "friction_hump", "friction_ripple")

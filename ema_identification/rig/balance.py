@@ -16,6 +16,8 @@ from ema_identification.rig.trajectory import Segment, Trajectory
 
 BASE_LAWS = ("inertia", "viscous_friction", "disturbance")
 """What every axis has."""
+OWN_PREDICTION = 2
+"""Times that regressors made of the prediction are made again of the fit with them."""
 AT_ONCE = 40
 """Terms whose regressors are filtered together."""
 
@@ -131,8 +133,13 @@ class Balance:
 
     @cached_property
     def columns(self) -> np.ndarray:
-        """Regressors, shape (rows, columns)."""
-        return self.design.matrix(self.terms)
+        """Regressors, shape (rows, columns); those of the prediction are of this very fit."""
+        columns = self.design.matrix(self.terms)
+        if any(term.law.of_prediction for term in self.terms):
+            for _ in range(OWN_PREDICTION):
+                found = fit(columns, self.design.trajectory.target, self.bounds).coefficients
+                columns = self.design.matrix(self.terms, found)
+        return columns
 
     @cached_property
     def fit(self) -> Fit:
@@ -230,6 +237,11 @@ class Balance:
         coefficients = self.fit.coefficients
         columns = design.matrix(self.terms, coefficients)
         rest: np.ndarray = design.trajectory.target - columns @ coefficients
+        in_time = np.repeat([term.law.looked_for for term in self.terms],
+                            [len(term.law.coefficients) for term in self.terms])
+        if in_time.any():  # a wave in time has another phase in another record
+            rest = fit(columns[:, in_time],
+                       rest + columns[:, in_time] @ coefficients[in_time]).residual
         return rest
 
 

@@ -113,7 +113,8 @@ def _parameter(term: Term, name: str, value: float, wide: float, unit: str) -> P
 def _slopes(balance: Balance, index: int) -> list[np.ndarray]:
     """Return the regressors that small changes of the shape stand for."""
     term, span = balance.terms[index], balance.span(index)
-    whole = term.law.periodic and balance.design.trajectory.axis.motion == "rotary" \
+    whole = term.law.periodic and not term.law.looked_for \
+        and balance.design.trajectory.axis.motion == "rotary" \
         and term.shape[0] == round(term.shape[0])
     if whole or term.law.name == "position_dependent_friction":
         return []
@@ -122,7 +123,9 @@ def _slopes(balance: Balance, index: int) -> list[np.ndarray]:
     for k, value in enumerate(term.shape):
         fine = term.law.against in ("speed", "frequency")
         step = (STEP if fine else COARSE_STEP) * (abs(value) or 1.0)
-        if term.law.periodic:
+        if term.law.looked_for:
+            step = 0.02 / max(float(np.ptp(trajectory.time)), 1e-9)
+        elif term.law.periodic:
             step = 0.02 / max(trajectory.turns, 1e-9)
         high, low = (balance.design.columns(
             Term(law=term.law, shape=(*term.shape[:k], value + way, *term.shape[k + 1:])),

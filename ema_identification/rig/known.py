@@ -37,6 +37,8 @@ def known_balance(model: RigModel, design: Design) -> tuple[Balance, tuple[str, 
             continue
         values, free = nominal_coefficients(entry)
         room = entry.tolerance * (math.hypot(*values) if values else 0.0)
+        if term.law.looked_for:  # its phase is that of one record
+            room, values = room + math.hypot(*values), [0.0] * len(values)
         terms.append(term)
         least = 0.0 if term.law.positive else -math.inf
         low += [least if free else max(value - room, least) for value in values]

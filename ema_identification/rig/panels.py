@@ -29,7 +29,7 @@ def all_panels(before: Balance, after: Balance, unknown: Left | None) -> tuple[P
     """
     panels = [over_time(before, after), against_speed(before, after),
               against_position(before, after)]
-    orders = [t.shape[0] for t in after.terms if t.law.periodic][:3]
+    orders = [t.shape[0] for t in after.terms if t.law.in_position][:3]
     panels += [folded(before, after, order) for order in dict.fromkeys(orders)]
     panels += [spectrum(before, after), correlation(before, after)]
     if unknown is not None:
@@ -105,7 +105,7 @@ def folded(before: Balance, after: Balance, order: float) -> Panel:
     _, label = _labels(trajectory)
     phase = np.mod(wave(trajectory, order) * trajectory.position, 2 * np.pi)
     index = next(i for i, t in enumerate(after.terms)
-                 if t.law.periodic and t.shape[0] == order)
+                 if t.law.in_position and t.shape[0] == order)
     own = after.columns[:, after.span(index)] @ after.fit.coefficients[after.span(index)]
     words = wave_words(trajectory, order)
     slow = np.hypot(*after.columns[:, after.span(index)].T) > 0.2  # the filter lets it pass
@@ -124,7 +124,7 @@ def spectrum(before: Balance, after: Balance) -> Panel:
     trajectory = before.design.trajectory
     rotary = trajectory.axis.motion == "rotary"
     travel = max(trajectory.turns, 1e-9)
-    orders = [t.shape[0] for t in after.terms if t.law.periodic]
+    orders = [t.shape[0] for t in after.terms if t.law.in_position]
     highest = max([1.3 * o for o in orders] + [50.0 if rotary else 50.0 / travel])
     grid = np.linspace(0.5 / travel, highest, SPECTRUM_BINS)
     grid = np.unique(np.concatenate([grid, orders, np.arange(1.0, highest) if rotary else []]))

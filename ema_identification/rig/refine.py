@@ -31,8 +31,9 @@ def _moved(balance: Balance, term: Term, place: int) -> Term:
     if len(grid) < 2:
         return term
     value = term.shape[place]
+    whole = term.law.periodic and not term.law.looked_for
     turns = trajectory.turns if trajectory.axis.motion == "rotary" else None
-    if term.law.periodic and turns is not None and is_whole(value, turns):
+    if whole and turns is not None and is_whole(value, turns):
         return Term(law=term.law, shape=(float(round(value)),))
     basis = orthonormal(balance.free_columns)
     residual = balance.target - basis @ (basis.T @ balance.target)
@@ -53,6 +54,6 @@ def _moved(balance: Balance, term: Term, place: int) -> Term:
     found = optimize.minimize_scalar(
         left, bounds=(low, high), method="bounded", options={"maxiter": EVALUATIONS})
     best = float(found.x) if found.fun < left(value) else value
-    if term.law.periodic and turns is not None and is_whole(best, turns):
+    if whole and turns is not None and is_whole(best, turns):
         best = float(round(best))
     return at(best)

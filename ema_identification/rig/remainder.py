@@ -146,8 +146,8 @@ def mimics(balance: Balance, blocks: Blocks, left: Left, first: int) -> list[int
     groups: dict[str, list[int]] = {}
     for index in range(first, len(balance.terms)):
         term = balance.terms[index]
-        periods = term.shape[0] * balance.design.trajectory.turns if term.law.periodic else 0.0
-        if periods < WAVE:
+        periods = term.shape[0] * balance.design.trajectory.turns if term.law.in_position else 0.0
+        if periods < WAVE and not term.law.looked_for:
             groups.setdefault(term.law.against, []).append(index)
     found: list[int] = []
     for indices in groups.values():

@@ -1,22 +1,19 @@
-"""Steps `name` and `add`, again and again: forward one law at a time, then prune."""
+"""What a balance lacks: laws with a name, then shapes without one."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ema_identification.rig.balance import Balance
 from ema_identification.rig.blocks import Blocks
+from ema_identification.rig.forward import Look, forward, pruned
 from ema_identification.rig.laws import Term
-from ema_identification.rig.refine import refined
 from ema_identification.rig.remainder import Left, main_shape, mimics, portrait
-from ema_identification.rig.selection import Choice, Trial, choose, prune
+from ema_identification.rig.selection import Choice, Trial
 from ema_identification.rig.shapes import GenericShape, freest_columns, waves_in_time
-from ema_identification.rig.skew import with_whole_delay, without_skew
-
-MAX_ADDED = 12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,8 +62,9 @@ def search(
     """
     smooth = [shape for shape in shapes if shape.order is None]
     freest = freest_columns(start.columns, smooth)
-    stages, choices, trials, dropped = _forward(
-        start, blocks, set(hidden), report, smooth)
+    look = Look(blocks=blocks, hidden=frozenset(hidden), report=report, smooth=smooth,
+                freest=freest)
+    stages, choices, trials, dropped = forward(start, look)
     left = _left(stages[-1], blocks, shapes, freest, report)
     unknown = main_shape(left)
     given_up: list[str] = []
@@ -76,7 +74,7 @@ def search(
         if stand_ins:
             given_up = [stages[-1].terms[index].law.name for index in stand_ins]
             choices = [c for k, c in enumerate(choices) if first + k not in stand_ins]
-            choices, stages, more = _pruned(start, choices, blocks)
+            choices, stages, more = pruned(start, choices, blocks)
             dropped += more
             left = _left(stages[-1], blocks, shapes, freest, report)
             unknown = main_shape(left) or unknown
@@ -92,78 +90,6 @@ def _left(
     report("looking at what is left")
     in_time = waves_in_time(end.design.trajectory, end.fit.residual, freest)
     return portrait(end, blocks, [*shapes, *in_time])
-
-
-def _rebuilt(start: Balance, choices: list[Choice], blocks: Blocks) -> list[Balance]:
-    stages = [start]
-    for choice in choices:
-        stages.append(_added(stages[-1], choice.trial.term, blocks))
-    return stages
-
-
-def _added(balance: Balance, term: Term, blocks: Blocks) -> Balance:
-    """Return the balance with one more term, its input on the clock of the motion."""
-    return without_skew(with_whole_delay(balance.joined(term)), blocks)
-
-
-def _forward(
-    start: Balance, blocks: Blocks, hidden: set[str], report: Callable[[str], None],
-    smooth: list[GenericShape],
-) -> tuple[list[Balance], list[Choice], tuple[Trial, ...], list[Term]]:
-    """Add laws while they help, then drop those that are not missed."""
-    balance, stages = start, [start]
-    choices: list[Choice] = []
-    trials: tuple[Trial, ...] = ()
-    while len(choices) < MAX_ADDED:
-        choice, trials = choose(balance, blocks, hidden, report, smooth)
-        if choice is None:
-            break
-        for one in _one_by_one(choice):
-            report(f"found {one.trial.name}")
-            balance = _added(balance, one.trial.term, blocks)
-            choices.append(one)
-            stages.append(balance)
-        choices, stages = _polished(start, choices, blocks)
-        balance = stages[-1]
-    choices, stages, dropped = _pruned(start, choices, blocks)
-    return stages, choices, trials, dropped
-
-
-def _polished(
-    start: Balance, choices: list[Choice], blocks: Blocks
-) -> tuple[list[Choice], list[Balance]]:
-    """Return choices whose shapes suit one another, and the stages that they make."""
-    stages = _rebuilt(start, choices, blocks)
-    for index, choice in enumerate(choices[:-1]):
-        term = choice.trial.term
-        others = stages[-1].without(len(start.terms) + index)
-        better = refined(others, term)
-        if better.key != term.key:
-            choices[index] = replace(choice, trial=replace(choice.trial, term=better))
-            stages = _rebuilt(start, choices, blocks)
-    return choices, stages
-
-
-def _one_by_one(choice: Choice) -> list[Choice]:
-    """Return a choice of two laws as two steps."""
-    trial = choice.trial
-    if trial.companion is None:
-        return [choice]
-    plain = replace(trial, companion=None)
-    sharper = replace(plain, term=trial.companion, name=trial.companion.law.name)
-    trials = tuple(plain if t is trial else t for t in choice.trials)
-    return [Choice(trial=plain, equivalent=choice.equivalent, trials=trials),
-            Choice(trial=sharper, equivalent=(), trials=(sharper,))]
-
-
-def _pruned(
-    start: Balance, choices: list[Choice], blocks: Blocks
-) -> tuple[list[Choice], list[Balance], list[Term]]:
-    """Return the choices that are missed if taken out, and the stages that they make."""
-    _, dropped = prune(_rebuilt(start, choices, blocks)[-1], blocks, len(start.terms))
-    keys = {term.key for term in dropped}
-    kept = [choice for choice in choices if choice.trial.term.key not in keys]
-    return kept, _rebuilt(start, kept, blocks), dropped
 
 
 def whiteness(balance: Balance) -> tuple[np.ndarray, np.ndarray, float]:

@@ -7,15 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ema_identification.rig.balance import BASE_LAWS, Balance, rms
+from ema_identification.rig.balance import Balance, rms
 from ema_identification.rig.blocks import Blocks
+from ema_identification.rig.candidates import Candidate, candidate_terms
 from ema_identification.rig.estimates import parameters
-from ema_identification.rig.laws import LAWS, Law, Term
+from ema_identification.rig.laws import Term
 from ema_identification.rig.laws.base import LOCATED
 from ema_identification.rig.refine import refined
 from ema_identification.rig.regression import held_out
-from ema_identification.rig.shapes import GenericShape
+from ema_identification.rig.shapes import GenericShape, waves_in_time
 from ema_identification.rig.sign_flips import screen
+from ema_identification.rig.skew import with_whole_delay
 
 LEVEL_OF_CHANCE = 0.005
 """Highest p-value, after all looks of a step, at which something is named."""
@@ -24,6 +26,9 @@ LEVEL_OF_MOST = 0.05
 every flipped residual too, which hides it."""
 LEAST_GAIN = 0.04
 """Least share of the held-out squares that a law must take to be worth naming."""
+LEAST_OF_DYNAMIC = 0.15
+"""Likewise for a law that filters the motion or the prediction, or that is looked for among the
+peaks of the residual: it takes a little of anything."""
 LEAST_SIZE = 0.01
 """Least rms of what it takes, over the rms of the input: less is within the error of scale of
 a good transducer."""
@@ -42,6 +47,8 @@ OVERLAP = 0.2
 OUTDONE = 0.5
 """Share that a law takes, at least, of what a smooth shape against the same quantity takes."""
 PLAIN_SHAPES = ("speed and direction", "position", "angle within a turn")
+PHASE = 1.0
+"""Half the interval of the phase of a wave in position, at most (rad)."""
 MAX_TRIED = 12
 MAX_EQUIVALENT = 2
 
@@ -85,61 +92,14 @@ class Choice:
     equivalent: tuple[str, ...]
     trials: tuple[Trial, ...]
     """All that were held out, best first."""
-
-
-Candidate = tuple[str, tuple[Term, ...]]
-"""The name under which it is reported; a term, and one that sharpens it."""
-
-
-def candidate_terms(balance: Balance, hidden: Collection[str]) -> list[Candidate]:
-    """Return what may be added to a balance."""
-    present = {term.law.name for term in balance.terms}
-    keys = {term.key for term in balance.terms}
-    trajectory = balance.design.trajectory
-    found: list[Candidate] = []
-    for law in LAWS.values():
-        if law.name in BASE_LAWS or (law.name in present and not law.repeats):
-            name = _changed(balance, law)
-            if name and name not in hidden:
-                found.append((name, (_own(balance, law),)))
-            continue
-        if law.name in hidden or not law.applies(trajectory):
-            continue
-        if law.of_prediction and not balance.terms:
-            continue
-        needed = set(law.requires) - present
-        if needed and (not law.sharpens or needed & set(hidden)):
-            continue
-        before = tuple(Term(law=LAWS[name]) for name in sorted(needed))
-        found += [(before[0].law.name if before else law.name,
-                   (*before, Term(law=law, shape=tuple(shape))))
-                  for shape in law.grid(trajectory)
-                  if Term(law=law, shape=tuple(shape)).key not in keys]
-    return found
-
-
-def _own(balance: Balance, law: Law) -> Term:
-    """Return the model's term of a law, or a new one."""
-    return next((term for term in balance.terms if term.law.name == law.name), Term(law=law))
-
-
-def _changed(balance: Balance, law: Law) -> str | None:
-    """Return the name for a known term that is missing, or stands at its bound."""
-    if law.name in balance.names:
-        index = len(balance.terms) - 1 - balance.names[::-1].index(law.name)
-        span = balance.span(index)
-        at_bound = balance.fixed[span] & np.isfinite(balance.bounds.high[span])
-        if not at_bound.any():
-            return None
-        return "inertia_change" if law.name == "inertia" else law.name
-    if law.name == "disturbance" and not balance.design.trajectory.has_disturbance:
-        return None
-    return law.name
+    contested: bool = False
+    """Whether a law that filters the motion took more, and had to wait."""
 
 
 def choose(
     balance: Balance, blocks: Blocks, hidden: Collection[str], report: Reporter,
-    shapes: Sequence[GenericShape] = (),
+    shapes: Sequence[GenericShape] = (), freest: np.ndarray | None = None,
+    plain_first: bool = True,
 ) -> tuple[Choice | None, tuple[Trial, ...]]:
     """Return the law that a balance lacks, None where none is worth naming; and all trials.
 
@@ -156,9 +116,18 @@ def choose(
     shapes : sequence of GenericShape
         Smooth shapes; a law that takes less than half of what such a shape takes against the
         same quantity is not the law.
+    freest : ndarray, shape (rows, k), optional
+        Regressors of the freest model, which say what a wave in time may be of the motion.
+    plain_first : bool
+        Whether laws that filter the motion wait for those that do not.
 
     """
-    candidates = candidate_terms(balance, hidden)
+    peaks = [] if freest is None else waves_in_time(
+        balance.design.trajectory, balance.fit.residual, freest)
+    looks = max((peak.looks for peak in peaks), default=1)
+    candidates = candidate_terms(
+        balance, hidden, [peak.order for peak in peaks
+                          if peak.order is not None and not peak.of_motion])
     if not candidates:
         return None, ()
     report(f"screening {len(candidates)} regressors")
@@ -174,11 +143,13 @@ def choose(
     for index in _worth_trying(candidates, np.where(lawful, found.gain, -np.inf)):
         name, terms = candidates[index]
         p_value = float(found.family_p_value[index])
+        if terms[-1].law.looked_for:
+            p_value = min(1.0, p_value + (looks - 1) * float(found.p_value[index]))
         joined = balance
         for term in terms[:-1]:
             joined = joined.joined(term)
         last = refined(joined, terms[-1])
-        joined = joined.joined(last)
+        joined = with_whole_delay(joined.joined(last))
         own = blocks.sums(joined.held_out(blocks) ** 2)
         taken = float((squares - own).sum())
         trials.append(Trial(
@@ -187,7 +158,8 @@ def choose(
             rows=len(before), gain=taken / float(squares.sum()),
             significant=bool(p_value <= (LEVEL_OF_MOST if taken > 0.5 * squares.sum()
                                          else LEVEL_OF_CHANCE)
-                             and taken >= LEAST_GAIN * squares.sum()
+                             and taken >= squares.sum() * (
+                                 LEAST_OF_DYNAMIC if terms[-1].law.takes_of_all else LEAST_GAIN)
                              and taken >= LEAST_SIZE**2 * size**2 * len(before)
                              and taken > UNCERTAINTY * _standard_error(squares - own)
                              and (joined.lawful or not balance.lawful)
@@ -200,9 +172,11 @@ def choose(
                 if trial.gain >= OUTDONE * most.get(trial.term.law.against, 0.0)]
     if not good:
         return None, tuple(trials)
-    chosen = _simplest(good, {term.law.name for term in balance.terms})
-    return Choice(trial=chosen, equivalent=_equivalent(balance, blocks, chosen, good, squares),
-                  trials=tuple(trials)), tuple(trials)
+    chosen = _simplest(good, {term.law.name for term in balance.terms}, plain_first)
+    return Choice(
+        trial=chosen, equivalent=_equivalent(balance, blocks, chosen, good, squares),
+        trials=tuple(trials), contested=good[0].term.law.dynamic and not chosen.term.law.dynamic,
+    ), tuple(trials)
 
 
 def _taken_by_shapes(
@@ -222,12 +196,18 @@ def _taken_by_shapes(
 def _located(balance: Balance, blocks: Blocks) -> bool:
     """Return whether the last term's law stands where the data say that it is: a resonance.
 
-    A filter of the motion that stands anywhere takes a share of any friction.
+    A filter of the motion that stands anywhere takes a share of any friction; a wave of any phase
+    follows from nothing; a delay that may be below a sampling interval is one of the record.
     """
     law = balance.terms[-1].law
-    if not law.located:
+    if not (law.located or law.in_position or law.name == "control_delay"):
         return True
     found = {p.name.split(".")[1]: p for p in parameters(balance, len(balance.terms) - 1, blocks)}
+    if law.in_position:
+        return found["phase"].high - found["phase"].low <= 2.0 * PHASE
+    if law.name == "control_delay":
+        return found["delay"].low > balance.design.trajectory.interval \
+            or found["delay"].high < -balance.design.trajectory.interval
     own = found[law.located]
     return own.high - own.low <= 2.0 * LOCATED * abs(own.value)
 
@@ -263,14 +243,15 @@ def _standard_error(differences: np.ndarray) -> float:
     return float(np.sqrt(len(differences)) * np.std(differences, ddof=1))
 
 
-def _simplest(good: list[Trial], present: set[str]) -> Trial:
+def _simplest(good: list[Trial], present: set[str], plain_first: bool) -> Trial:
     """Return the simplest law that takes nearly as much as the best; more comes in later steps.
 
     Another wave of a law that the model has is no new mechanism and counts as simplest. Laws
-    that filter the motion wait while a plain one leaves no more than twice the residual.
+    that filter the motion wait while a plain one leaves no more than twice the residual, if
+    `plain_first`.
     """
     plain = [trial for trial in good if not trial.term.law.dynamic]
-    if plain and plain[0].score <= TWICE * good[0].score:
+    if plain_first and plain and plain[0].score <= TWICE * good[0].score:
         good = plain
     best = good[0]
     near = [trial for trial in good
@@ -284,7 +265,7 @@ def _equivalent(
 ) -> tuple[str, ...]:
     """Return other names that the data cannot tell from the chosen one."""
     names = list(chosen.term.law.equivalent(balance.design.trajectory.axis, chosen.term.shape))
-    joined = balance.joined(chosen.term)
+    joined = with_whole_delay(balance.joined(chosen.term))
     if chosen.companion is not None:
         joined = joined.joined(chosen.companion)
     for trial in good:
@@ -304,38 +285,3 @@ def _equivalent(
             names += trial.term.law.equivalent(balance.design.trajectory.axis, trial.term.shape)
     unique = [name for name in dict.fromkeys(names) if name != chosen.name]
     return tuple(unique[:MAX_EQUIVALENT])
-
-
-def prune(
-    balance: Balance, blocks: Blocks, protected: int
-) -> tuple[Balance, list[Term]]:
-    """Return the balance without added terms that held-out blocks do not miss.
-
-    Parameters
-    ----------
-    balance : Balance
-        With all that was added.
-    blocks : Blocks
-        What is held out together.
-    protected : int
-        So many terms at the front are the model's own and stay.
-
-    """
-    dropped: list[Term] = []
-    while len(balance.terms) > protected:
-        squares = blocks.sums(balance.held_out(blocks) ** 2)
-        worst, least = None, 0.5 * LEAST_GAIN
-        for index in range(protected, len(balance.terms)):
-            if any(balance.terms[index].law.name in other.law.requires
-                   for other in balance.terms):
-                continue
-            smaller = balance.without(index)
-            own = blocks.sums(smaller.held_out(blocks) ** 2)
-            loss = own.sum() / squares.sum() - 1.0
-            if loss < least:
-                worst, least = index, loss
-        if worst is None:
-            break
-        dropped.append(balance.terms[worst])
-        balance = balance.without(worst)
-    return balance, dropped

@@ -21,6 +21,10 @@ KNOTS = 9
 PLACES = 21
 MAX_FREQUENCIES = 12
 OF_MOTION = 0.4
+ABOVE_MOTION = 1.2
+"""Waves in time have a name from so many times the band of the speed."""
+RANK_OF_SHARED = 20
+"""Of a wave that the motion has too: any smooth shape that takes nearly as much is named first."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +40,8 @@ class GenericShape:
     """How many shapes this one was picked from by looking; its p-value is multiplied by it."""
     groups: tuple[int, ...] = ()
     """Numbers of columns that follow one another along the abscissa."""
+    of_motion: bool = False
+    """Of a wave in time: whether the motion has it too."""
     rank: int = 0
     """Which of two shapes that take the same is named: the lower."""
     order: float | None = None
@@ -132,8 +138,9 @@ def waves_in_time(
 ) -> list[GenericShape]:
     """Return the strongest frequencies of a residual, as shapes picked from all of them.
 
-    Waves that the motion has too (two fifths of them follow from the `freest` model's
-    regressors) are left out: they may as well depend on the motion.
+    Waves that the motion may have too (two fifths of them follow from the `freest` model's
+    regressors, or they lie within the band of the speed) are marked: they may as well depend on
+    the motion.
     """
     rate = trajectory.row_rate
     start = trajectory.time.min()
@@ -148,14 +155,25 @@ def waves_in_time(
     strongest = peaks[np.argsort(-power[peaks])][:MAX_FREQUENCIES]
     looks = max(1, int(4 * np.ptp(trajectory.time) * trajectory.band))
     basis = freest / np.sqrt(len(freest))
+    own = ABOVE_MOTION * _motion_band(trajectory)
     shapes = []
     for peak in strongest:
         phase = 2 * np.pi * frequency[peak] * (trajectory.time - start)
         pair = np.column_stack([np.cos(phase), np.sin(phase)])
-        if np.sum((basis.T @ pair) ** 2) < OF_MOTION * np.sum(pair**2):
-            shapes.append(GenericShape(against="frequency", label="a wave in time", looks=looks,
-                                       columns=pair, order=float(frequency[peak])))
+        shared = frequency[peak] < own or bool(
+            np.sum((basis.T @ pair) ** 2) >= OF_MOTION * np.sum(pair**2))
+        shapes.append(GenericShape(
+            against="frequency", label="a wave in time", looks=looks, columns=pair,
+            order=float(frequency[peak]), of_motion=shared, rank=RANK_OF_SHARED * shared))
     return shapes
+
+
+def _motion_band(trajectory: Trajectory) -> float:
+    """Return the frequency below which 99 % of the power of the speed lies (Hz)."""
+    longest = max(trajectory.segments, key=len)
+    power = np.cumsum(np.abs(np.fft.rfft(longest.smooth_speed * np.hanning(len(longest)))) ** 2)
+    place = int(np.searchsorted(power, 0.99 * power[-1]))
+    return place / (len(longest) * longest.step)
 
 
 def freest_columns(known: np.ndarray, shapes: list[GenericShape]) -> np.ndarray:

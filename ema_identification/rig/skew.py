@@ -21,6 +21,7 @@ ITERATIONS = 6
 CLOSE = 1e-3
 """Change of a lag at which the iteration ends, in sampling intervals."""
 _DELAY = Term(law=LAWS["control_delay"])
+_LAG = "drive_lag"
 
 
 def delay_index(balance: Balance) -> int | None:
@@ -32,10 +33,10 @@ def delay_index(balance: Balance) -> int | None:
 def without_skew(balance: Balance, blocks: Blocks) -> Balance:
     """Return the balance with its input later by what fits best, up to one interval.
 
-    Only where blocks that are held out agree. A balance that has a delay among its terms is
-    returned as it is.
+    Only where blocks that are held out agree. A balance that has a delay or a lag among its
+    terms is returned as it is.
     """
-    if delay_index(balance) is not None or not balance.terms:
+    if delay_index(balance) is not None or _LAG in balance.names or not balance.terms:
         return balance
     lead = balance.design.lead
     for _ in range(ITERATIONS):

@@ -57,14 +57,21 @@ def where(balance: Balance, index: int, found: Sequence[Parameter]) -> Where:
                                  f"{number(1e3 * values['delay'].value)} ms",
         "presliding_hysteresis": lambda: "after each reversal, within "
                                          f"{_q(values['distance'])} of travel",
+        "periodic_disturbance": lambda: f"a wave in time at {_q(values['frequency'])}, whatever "
+                                        f"the motion, amplitude {_q(values['amplitude'])}",
+        "position_dependent_inertia": lambda: "inertia that changes by "
+        f"±{_q(values['amplitude'])}, {number(term.shape[0])} times a turn",
+        "drive_lag": lambda: "where the input changes fast: time constant "
+                             f"{number(1e3 * values['time_constant'].value)} ms",
         "backlash": lambda: f"after each reversal, while {_q(values['gap'])} are crossed",
     }
-    if term.law.periodic:
+    if term.law.in_position:
         said = (f"periodic in position, {wave_words(trajectory, term.shape[0])}, amplitude "
                 f"{_q(values['amplitude'])}")
     else:
         said = text.get(term.law.name, lambda: f"{term.law.meaning}: {term.law.equation}")()
-    against = "rotor angle" if term.law.periodic and axis.motion == "rotary" else term.law.against
+    in_angle = term.law.in_position and axis.motion == "rotary"
+    against = "rotor angle" if in_angle else term.law.against
     return Where(signal=signal_name(trajectory), against=against,
                  text=f"{said} ({number(share)} {unit} rms)")
 
@@ -164,6 +171,6 @@ def _friction_words(x: np.ndarray, y: np.ndarray, speed: str, unit: str) -> str:
 
 def term_words(term: Term, trajectory: Trajectory) -> str:
     """Return a term's name with its order, for tables."""
-    if term.law.periodic:
+    if term.law.in_position:
         return f"{term.law.name} ({wave_words(trajectory, term.shape[0])})"
     return term.law.name

@@ -47,7 +47,7 @@ from ema_record.rig import RigRecord
 Progress = Callable[[str, float], None]
 """Called with what is being done and how much of all is (0 to 1)."""
 MAX_RIVALS = 8
-MUCH = 0.3
+MUCH = 0.1
 """Share of the input that is not explained without a word."""
 HIDEABLE = (*LAWS, "inertia_change")
 

@@ -9,6 +9,9 @@ from ema_identification.rig.laws.dynamics import (
     DEAD_ZONE,
     DELAY,
     HYSTERESIS,
+    LAG,
+    LOAD_SIDE_COMPLIANCE,
+    PERIODIC_DISTURBANCE,
 )
 from ema_identification.rig.laws.friction import (
     ASYMMETRIC_FRICTION,
@@ -22,7 +25,12 @@ from ema_identification.rig.laws.friction import (
     SUBLINEAR_VISCOUS_FRICTION,
 )
 from ema_identification.rig.laws.motion import DISTURBANCE, INERTIA, VISCOUS_FRICTION
-from ema_identification.rig.laws.position import COGGING_TORQUE, GRAVITY, SPRING
+from ema_identification.rig.laws.position import (
+    COGGING_TORQUE,
+    GRAVITY,
+    POSITION_DEPENDENT_INERTIA,
+    SPRING,
+)
 
 LAWS: dict[str, Law] = {
     law.name: law
@@ -30,7 +38,8 @@ LAWS: dict[str, Law] = {
         INERTIA, VISCOUS_FRICTION, DISTURBANCE, COULOMB_FRICTION, OFFSET, STRIBECK_FRICTION,
         QUADRATIC_DRAG, SUBLINEAR_VISCOUS_FRICTION, ASYMMETRIC_FRICTION, LOAD_DEPENDENT_FRICTION,
         OUTER_LOAD_FRICTION, POSITION_DEPENDENT_FRICTION, SPRING, GRAVITY, COGGING_TORQUE,
-        HYSTERESIS, BACKLASH, COMPLIANCE, DEAD_ZONE, DELAY,
+        HYSTERESIS, BACKLASH, COMPLIANCE, DEAD_ZONE, DELAY, LAG,
+        LOAD_SIDE_COMPLIANCE, PERIODIC_DISTURBANCE, POSITION_DEPENDENT_INERTIA,
     )
 }
 """All laws by name."""

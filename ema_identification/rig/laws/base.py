@@ -55,12 +55,17 @@ class Law:
     of_prediction: bool = False
     """Whether its columns are made of what the other terms predict (`Trajectory` carries it)."""
     periodic: bool = False
+    looked_for: bool = False
+    """Whether its shapes come from peaks of the residual, not from its grid alone."""
     equivalent: Callable[[Axis, Shape], tuple[str, ...]] = field(default=lambda _a, _s: ())
     """Names whose law is the same expression on such an axis."""
     positive: bool = False
     """Whether its coefficients cannot be negative: friction takes energy, inertia is positive."""
     sharpens: bool = False
     """Whether the law that it requires may only be seen together with it."""
+    joins: tuple[str, ...] = ()
+    """Laws together with which it is tried too: neither may be seen alone, of two that bend a
+    friction the other way."""
     dynamic: bool = False
     """Whether it filters the motion or the whole prediction, and so takes a share of anything."""
     part_of: str = ""
@@ -68,8 +73,20 @@ class Law:
     and `MOST_PART` at most."""
     located: str = ""
     """A parameter that must be known within `LOCATED` of itself, or it is not this law."""
+    excludes: tuple[str, ...] = ()
+    """Laws beside which it cannot be told from them."""
     repeats: bool = False
     """Whether several terms of it, with other shapes, make sense."""
+
+    @property
+    def in_position(self) -> bool:
+        """Whether it is a force or torque that is periodic in position."""
+        return self.periodic and self.against == "position"
+
+    @property
+    def takes_of_all(self) -> bool:
+        """Whether it can take a little of any residual: a filter, or picked from the residual."""
+        return self.dynamic or self.of_prediction or self.looked_for
 
     @property
     def complexity(self) -> int:
@@ -104,6 +121,7 @@ def unit_of(pattern: str, axis: Axis) -> str:
         "1/turn": "a turn" if axis.motion == "rotary" else f"1/{length}", "rad": "rad",
         "u/v": f"{base} s/{length}", "u/a": f"{base} s²/{length}", "u/x": f"{base}/{length}",
         "u/v²": f"{base} s²/{length}²", "u/v^0.5": f"{base} (s/{length})^0.5",
+        "u*s²/a": f"{base} s⁴/{length}",
     }
     if pattern == "u/a" and axis.motion == "linear" and axis.input == "force":
         return "kg"

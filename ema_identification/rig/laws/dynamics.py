@@ -106,6 +106,29 @@ def _lagging_load(
     return (load - segment.acceleration,)
 
 
+def _above(segment: Segment, _trajectory: Trajectory, _shape: Shape) -> Sequence[np.ndarray]:
+    return (derivative(derivative(segment.acceleration, segment.step), segment.step),)
+
+
+def frequencies_grid(trajectory: Trajectory) -> Sequence[Shape]:
+    """Return frequencies within the band, half the resolution of the record apart (Hz)."""
+    step = 0.5 / max(float(np.ptp(trajectory.time)), 1e-9)
+    return tuple((float(f),) for f in np.arange(4.0 * step, trajectory.band, step))
+
+
+def _wave_in_time(
+    segment: Segment, _trajectory: Trajectory, shape: Shape
+) -> Sequence[np.ndarray]:
+    phase = 2.0 * np.pi * shape[0] * segment.time
+    return np.cos(phase), np.sin(phase)
+
+
+def _one_clock(trajectory: Trajectory) -> bool:
+    """Return whether all stretches follow one another in time: of one record."""
+    return all(a.time[-1] < b.time[0]
+               for a, b in zip(trajectory.segments[:-1], trajectory.segments[1:]))
+
+
 def _or_inductance(axis: Axis, _shape: Shape) -> tuple[str, ...]:
     return ("winding_inductance",) if axis.input == "voltage" else ()
 
@@ -134,7 +157,15 @@ DELAY = Law(
     meaning="the motion lags behind the recorded input by a constant time",
     equation="u(t) = û(t + τ), to first order û + τ dû/dt", reference="Taylor's theorem",
     against="frequency", coefficients=("delay",), units={"delay": "s"},
-    columns=_derivative_of_prediction, of_prediction=True, dynamic=True, equivalent=_or_inductance,
+    columns=_derivative_of_prediction, of_prediction=True, dynamic=True, excludes=("drive_lag",),
+)
+LAG = Law(
+    name="drive_lag",
+    meaning="the drive follows its command as a lag of first order: its current loop, a winding",
+    equation="u = û + τ dû/dt", reference="Ellis 2012, Control System Design Guide, ch. 6",
+    against="frequency", coefficients=("time_constant",), units={"time_constant": "s"},
+    columns=_derivative_of_prediction, of_prediction=True, dynamic=True, positive=True,
+    equivalent=_or_inductance, excludes=("control_delay",),
 )
 COMPLIANCE = Law(
     name="compliance", meaning="the load hangs on a spring: a belt, a shaft, a gear",
@@ -149,6 +180,22 @@ DEAD_ZONE = Law(
     name="dead_zone", meaning="the drive swallows a part of the input around zero",
     equation="u = û + d sign(û)", reference="Tao, Kokotović 1994, IEEE Trans. Aut. Control 39(1)",
     against="load", coefficients=("width",), units={"width": "u"},
-    columns=_sign_of_prediction, of_prediction=True, applies=_many_levels, dynamic=True,
-    positive=True,
+    columns=_sign_of_prediction, of_prediction=True, applies=_many_levels, positive=True,
+)
+LOAD_SIDE_COMPLIANCE = Law(
+    name="load_side_compliance",
+    meaning="the sensor sits at a load that hangs on a spring: the drive moves before it",
+    equation="u = J a + c a'', c = J_1 J_2 / k; resonance at √(J / c)",
+    reference="Ellis, Lorenz 2000, IEEE IAS Annual Meeting (two-mass drives)",
+    against="frequency", coefficients=("value",), units={"value": "u*s²/a"}, columns=_above,
+    dynamic=True, positive=True,
+)
+PERIODIC_DISTURBANCE = Law(
+    name="periodic_disturbance",
+    meaning="a wave in time whatever the motion: hum, a pump, a fan",
+    equation="u = A cos(2 π f t - φ)",
+    reference="Bodson, Douglas 1997, Automatica 33(12)",
+    against="frequency", coefficients=("cosine", "sine"), shape=("frequency",),
+    units={"amplitude": "u", "phase": "rad", "frequency": "Hz"}, columns=_wave_in_time,
+    grid=frequencies_grid, periodic=True, looked_for=True, repeats=True, applies=_one_clock,
 )

@@ -75,7 +75,7 @@ QUADRATIC_DRAG = Law(
     equation="u = D v |v|", reference="drag equation, turbulent flow",
     against="speed", coefficients=("value",), units={"value": "u/v²"},
     columns=lambda segment, _t, _s: (segment.smooth_speed * np.abs(segment.smooth_speed),),
-    positive=True,
+    positive=True, joins=("coulomb_friction",),
 )
 SUBLINEAR_VISCOUS_FRICTION = Law(
     name="sublinear_viscous_friction",
@@ -85,7 +85,7 @@ SUBLINEAR_VISCOUS_FRICTION = Law(
     against="speed", coefficients=("value",), units={"value": "u/v^0.5"},
     columns=lambda segment, trajectory, _s: (
         sign(segment, trajectory) * np.sqrt(np.abs(segment.smooth_speed)),),
-    requires=("coulomb_friction",), positive=True,
+    requires=("coulomb_friction",), positive=True, sharpens=True,
 )
 LOAD_DEPENDENT_FRICTION = Law(
     name="load_dependent_friction",

@@ -13,6 +13,7 @@ from ema_record.rig import Axis
 
 HIGHEST_ORDER = 400
 MAX_ORDERS = 800
+HIGHEST_INERTIA = 4
 SLOW_SHARE = 0.01
 """An order is looked for where it lies inside the band for so much of the time at least."""
 _TURN = 2.0 * math.pi
@@ -79,6 +80,17 @@ def _rests(trajectory: Trajectory) -> Sequence[Shape]:
     return tuple((float(x),) for x in np.linspace(low - reach, high + reach, 13))
 
 
+def _inertia_columns(
+    segment: Segment, _trajectory: Trajectory, shape: Shape
+) -> Sequence[np.ndarray]:
+    """Return what an inertia ``J(θ)`` asks for: ``J a + dJ/dθ v²/2``, cosine and sine of it."""
+    order, speed = shape[0], segment.speed
+    cosine, sine = np.cos(order * segment.position), np.sin(order * segment.position)
+    half = 0.5 * order * speed**2
+    return (cosine * segment.acceleration - half * sine, sine * segment.acceleration
+            + half * cosine)
+
+
 COGGING_TORQUE = Law(
     name="cogging_torque", meaning="force or torque that is periodic in position",
     equation="u = A cos(n θ - φ), n periods a turn; on a linear axis n periods a m",
@@ -102,4 +114,14 @@ GRAVITY = Law(
     units={"amplitude": "u", "phase": "rad", "order": "1/turn"}, columns=periodic_columns,
     grid=lambda _t: ((1.0,),), periodic=True,
     applies=lambda trajectory: trajectory.axis.motion == "rotary" and trajectory.turns < 1.5,
+)
+POSITION_DEPENDENT_INERTIA = Law(
+    name="position_dependent_inertia",
+    meaning="inertia that changes with the angle: a crank, a linkage",
+    equation="u = J(θ) a + J'(θ) v²/2, J(θ) = A cos(n θ - φ) beside the mean inertia",
+    reference="Lagrange's equation of one degree of freedom; Dresig, Holzweißig 2010, ch. 2",
+    against="load", coefficients=("cosine", "sine"), shape=("order",),
+    units={"amplitude": "u/a", "phase": "rad", "order": "1/turn"}, columns=_inertia_columns,
+    grid=lambda _t: tuple((float(n),) for n in range(1, HIGHEST_INERTIA + 1)), periodic=True,
+    applies=lambda trajectory: trajectory.axis.motion == "rotary" and trajectory.turns > 0.25,
 )

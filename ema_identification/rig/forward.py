@@ -1,0 +1,167 @@
+"""Steps `name` and `add`: forward one law at a time, with exchanges."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ema_identification.rig.balance import Balance
+from ema_identification.rig.blocks import Blocks
+from ema_identification.rig.laws import Term
+from ema_identification.rig.prune import prune
+from ema_identification.rig.refine import refined
+from ema_identification.rig.selection import Choice, Trial, choose
+from ema_identification.rig.shapes import GenericShape
+from ema_identification.rig.skew import with_whole_delay, without_skew
+
+MAX_ADDED = 12
+MAX_EXCHANGES = 4
+MOST_TO_EXCHANGE = 5
+"""Laws of a model above which none is exchanged: a look for each of them costs too much."""
+CLEARLY = 0.8
+"""Share of the held-out squares below which another law, or another order, explains more ..."""
+ALIKE = 1.02
+"""... and below which it explains as much; then fewer parameters win."""
+
+Way = tuple[list[Balance], list[Choice], tuple[Trial, ...], list[Term]]
+"""Stages, choices, what was tried at the end and not taken, what was pruned."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """What every look for a law has in common."""
+
+    blocks: Blocks
+    hidden: frozenset[str]
+    report: Callable[[str], None]
+    smooth: list[GenericShape]
+    freest: np.ndarray
+
+    def at(self, balance: Balance, plain_first: bool) -> tuple[Choice | None, tuple[Trial, ...]]:
+        """Return what a balance lacks, and all that was tried."""
+        return choose(balance, self.blocks, self.hidden, self.report, self.smooth, self.freest,
+                      plain_first)
+
+
+def rebuilt(start: Balance, choices: list[Choice], blocks: Blocks) -> list[Balance]:
+    """Return the start and the balance after each choice."""
+    stages = [start]
+    for choice in choices:
+        stages.append(_added(stages[-1], choice.trial.term, blocks))
+    return stages
+
+
+def _added(balance: Balance, term: Term, blocks: Blocks) -> Balance:
+    """Return the balance with one more term, its input on the clock of the motion."""
+    return without_skew(with_whole_delay(balance.joined(term)), blocks)
+
+
+def forward(start: Balance, look: Look) -> Way:
+    """Add laws while they help, exchange those that another does better, drop the rest.
+
+    Where a law that filters the motion had to wait for a plain one though it took more, the
+    other order is tried too, and taken if it leaves clearly less.
+    """
+    way, contested = _one_way(start, look, plain_first=True)
+    if not contested:
+        return way
+    other, _ = _one_way(start, look, plain_first=False)
+    squares = [float(np.sum(stages[-1].held_out(look.blocks) ** 2))
+               for stages, *_ in (way, other)]
+    sizes = [sum(c.trial.term.law.complexity for c in choices)
+             for _, choices, *_ in (way, other)]
+    clearly = squares[1] < CLEARLY * squares[0]
+    as_well = squares[1] <= ALIKE * squares[0] and sizes[1] < sizes[0]
+    return other if clearly or as_well else way
+
+
+def _one_way(start: Balance, look: Look, *, plain_first: bool) -> tuple[Way, bool]:
+    """Return what one order of the laws leads to, and whether it was contested."""
+    balance, stages = start, [start]
+    choices: list[Choice] = []
+    trials: tuple[Trial, ...] = ()
+    contested = False
+    exchanges = 0
+    while len(choices) < MAX_ADDED:
+        choice, trials = look.at(balance, plain_first)
+        if choice is None:
+            better = _exchanged(start, choices, stages, look, plain_first) \
+                if exchanges < MAX_EXCHANGES else None
+            if better is None:
+                break
+            exchanges += 1
+            choices, stages = better
+            balance = stages[-1]
+            continue
+        contested = contested or choice.contested
+        for one in _one_by_one(choice):
+            look.report(f"found {one.trial.name}")
+            balance = _added(balance, one.trial.term, look.blocks)
+            choices.append(one)
+            stages.append(balance)
+        choices, stages = _polished(start, choices, look.blocks)
+        balance = stages[-1]
+    choices, stages, dropped = pruned(start, choices, look.blocks)
+    return (stages, choices, trials, dropped), contested
+
+
+def _exchanged(
+    start: Balance, choices: list[Choice], stages: list[Balance], look: Look, plain_first: bool
+) -> tuple[list[Choice], list[Balance]] | None:
+    """Return the choices with one law in place of another that explains clearly more."""
+    first = len(start.terms)
+    if not 2 <= len(choices) <= MOST_TO_EXCHANGE:
+        return None
+    before = float(np.sum(stages[-1].held_out(look.blocks) ** 2))
+    for index, old in enumerate(choices):
+        name = old.trial.term.law.name
+        others = choices[:index] + choices[index + 1:]
+        if any(name in other.trial.term.law.requires for other in others):
+            continue
+        choice, _ = look.at(stages[-1].without(first + index), plain_first)
+        if choice is None or choice.trial.term.law.name == name:
+            continue
+        tried = rebuilt(start, [*others, *_one_by_one(choice)], look.blocks)
+        if float(np.sum(tried[-1].held_out(look.blocks) ** 2)) < CLEARLY * before:
+            look.report(f"{choice.trial.name} in place of {name}")
+            return _polished(start, [*others, *_one_by_one(choice)], look.blocks)
+    return None
+
+
+def _polished(
+    start: Balance, choices: list[Choice], blocks: Blocks
+) -> tuple[list[Choice], list[Balance]]:
+    """Return choices whose shapes suit one another, and the stages that they make."""
+    stages = rebuilt(start, choices, blocks)
+    for index, choice in enumerate(choices[:-1]):
+        term = choice.trial.term
+        others = stages[-1].without(len(start.terms) + index)
+        better = refined(others, term)
+        if better.key != term.key:
+            choices[index] = replace(choice, trial=replace(choice.trial, term=better))
+            stages = rebuilt(start, choices, blocks)
+    return choices, stages
+
+
+def _one_by_one(choice: Choice) -> list[Choice]:
+    """Return a choice of two laws as two steps."""
+    trial = choice.trial
+    if trial.companion is None:
+        return [choice]
+    plain = replace(trial, companion=None)
+    sharper = replace(plain, term=trial.companion, name=trial.companion.law.name)
+    trials = tuple(plain if t is trial else t for t in choice.trials)
+    return [Choice(trial=plain, equivalent=choice.equivalent, trials=trials),
+            Choice(trial=sharper, equivalent=(), trials=(sharper,))]
+
+
+def pruned(
+    start: Balance, choices: list[Choice], blocks: Blocks
+) -> tuple[list[Choice], list[Balance], list[Term]]:
+    """Return the choices that are missed if taken out, and the stages that they make."""
+    _, dropped = prune(rebuilt(start, choices, blocks)[-1], blocks, len(start.terms))
+    keys = {term.key for term in dropped}
+    kept = [choice for choice in choices if choice.trial.term.key not in keys]
+    return kept, rebuilt(start, kept, blocks), dropped
