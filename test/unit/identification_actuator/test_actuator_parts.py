@@ -1,14 +1,19 @@
 """Parts of the workflow that need no library: tolerances, cache, model file, least squares."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from ema_identification import cache
 from ema_identification.actuator.bounded import bounded_least_squares
+from ema_identification.actuator.decision import Answer, _Case, _one
 from ema_identification.actuator.effect_library import unpack
 from ema_identification.actuator.evidence import Tolerances, Whitening, solve
+from ema_identification.actuator.held_out import Gap
 from ema_identification.actuator.library_type import Scale
 from ema_identification.actuator.model_file import model_text
+from ema_identification.actuator.refit import Fit, Term
 from ema_identification.actuator.sizes import grid
 from ema_identification.actuator.spread import (
     N_TOLERANCES,
@@ -18,8 +23,21 @@ from ema_identification.actuator.spread import (
     realise,
 )
 from ema_identification.actuator.variants import ALIASES, variants
+from ema_identification.actuator.workflow import settled
 from ema_sim.actuator import load_model_file
 from ema_sim.effects import EFFECTS, Effects, parse_effects
+
+NOTHING = np.zeros(1)
+
+
+def gap(value, floor):
+    return Gap(value=value, floor=floor, residual=())
+
+
+def fit_of(name, cost):
+    variant = next(v for v in variants() if v.effect == name)
+    return Fit(terms=(Term(variant=variant, signature=None, u=NOTHING),), z=NOTHING, cost=cost,
+               covariance=NOTHING, mean=(NOTHING,), runs=10, slopes=NOTHING)
 
 
 def index_of(name):
@@ -178,3 +196,38 @@ def test_an_effect_is_compared_at_all_its_sizes_and_never_at_none():
         for k, levels in enumerate(variant.levels):
             assert max(u[k] for u in points) >= max(levels)
             assert min(u[k] for u in points) <= min(levels)
+
+
+@pytest.mark.parametrize(("after", "verdict"), [(3.0, "explained"), (6.0, "partly explained")])
+def test_a_held_out_record_without_a_gap_settles_what_the_fit_left_open(after, verdict):
+    found = settled(Answer(verdict="partly explained"), gap(20.0, 2.2), gap(after, 2.7))
+    assert found.verdict == verdict
+
+
+def test_a_held_out_record_that_shows_no_gap_settles_nothing():
+    found = settled(Answer(verdict="partly explained"), gap(2.5, 2.2), gap(2.3, 2.2))
+    assert found.verdict == "partly explained"
+
+
+def test_an_unknown_effect_stays_unknown():
+    assert settled(Answer(verdict="unknown effect"), gap(9.0, 2.0), gap(2.0, 2.0)).verdict == (
+        "unknown effect")
+
+
+ALIKE = ("motor_friction", "viscous_friction", "backlash", "surface_load")
+
+
+@pytest.mark.parametrize("names", [1, 2, 3, 4])
+def test_up_to_three_names_are_a_set_and_more_are_no_answer(names):
+    arena = SimpleNamespace(evidence=SimpleNamespace(size=100), null_cost=300.0)
+    fits = [fit_of(name, 100.0 + 40.0 * (k >= names)) for k, name in enumerate(ALIKE)]
+    found = _one(_Case(arena, None, 60.0, 1e-4, ()), "explained", fits)
+    alike = [f.terms[0].variant.effect for f in found.equivalent[0]]
+    if names <= 3:
+        assert found.verdict == "explained"
+        assert found.fit is fits[0]
+        assert alike == list(ALIKE[1:names])
+    else:
+        assert found.verdict == "unknown effect"
+        assert found.fit is None
+        assert alike == list(ALIKE)
