@@ -46,7 +46,8 @@ OVERLAP = 0.2
 """Laws are one set if either, after the other, adds less than this share of its gain."""
 OUTDONE = 0.5
 """Share that a law takes, at least, of what a smooth shape against the same quantity takes."""
-PLAIN_SHAPES = ("speed and direction", "position", "angle within a turn")
+PLAIN_SHAPES = ("speed and direction", "position", "angle within a turn",
+                "acceleration, with the sign of the speed")
 PHASE = 1.0
 """Half the interval of the phase of a wave in position, at most (rad)."""
 MAX_TRIED = 12

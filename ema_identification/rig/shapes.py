@@ -23,6 +23,8 @@ MAX_FREQUENCIES = 12
 OF_MOTION = 0.4
 ABOVE_MOTION = 1.2
 """Waves in time have a name from so many times the band of the speed."""
+REPEATS = 0.97
+"""Least autocorrelation of the speed of a motion that repeats itself."""
 RANK_OF_SHARED = 20
 """Of a wave that the motion has too: any smooth shape that takes nearly as much is named first."""
 
@@ -139,8 +141,8 @@ def waves_in_time(
     """Return the strongest frequencies of a residual, as shapes picked from all of them.
 
     Waves that the motion may have too (two fifths of them follow from the `freest` model's
-    regressors, or they lie within the band of the speed) are marked: they may as well depend on
-    the motion.
+    regressors, or they lie within the band of the speed, or at a multiple of the cycle of a
+    motion that repeats itself) are marked: they may as well depend on the motion.
     """
     rate = trajectory.row_rate
     start = trajectory.time.min()
@@ -155,13 +157,13 @@ def waves_in_time(
     strongest = peaks[np.argsort(-power[peaks])][:MAX_FREQUENCIES]
     looks = max(1, int(4 * np.ptp(trajectory.time) * trajectory.band))
     basis = freest / np.sqrt(len(freest))
-    own = ABOVE_MOTION * _motion_band(trajectory)
+    own, cycle = ABOVE_MOTION * _motion_band(trajectory), cycle_frequency(trajectory)
     shapes = []
     for peak in strongest:
         phase = 2 * np.pi * frequency[peak] * (trajectory.time - start)
         pair = np.column_stack([np.cos(phase), np.sin(phase)])
-        shared = frequency[peak] < own or bool(
-            np.sum((basis.T @ pair) ** 2) >= OF_MOTION * np.sum(pair**2))
+        shared = frequency[peak] < own or _is_multiple(float(frequency[peak]), cycle, trajectory) \
+            or bool(np.sum((basis.T @ pair) ** 2) >= OF_MOTION * np.sum(pair**2))
         shapes.append(GenericShape(
             against="frequency", label="a wave in time", looks=looks, columns=pair,
             order=float(frequency[peak]), of_motion=shared, rank=RANK_OF_SHARED * shared))
@@ -174,6 +176,42 @@ def _motion_band(trajectory: Trajectory) -> float:
     power = np.cumsum(np.abs(np.fft.rfft(longest.smooth_speed * np.hanning(len(longest)))) ** 2)
     place = int(np.searchsorted(power, 0.99 * power[-1]))
     return place / (len(longest) * longest.step)
+
+
+def cycle_frequency(trajectory: Trajectory) -> float | None:
+    """Return how often a motion repeats itself (Hz), None where it does not.
+
+    By the autocorrelation of the speed; its peaks at whole numbers of cycles make it sharp.
+    """
+    longest = max(trajectory.segments, key=len)
+    speed = longest.smooth_speed - longest.smooth_speed.mean()
+    size = 1 << int(np.ceil(np.log2(2 * len(speed))))
+    correlation = np.fft.irfft(np.abs(np.fft.rfft(speed, size)) ** 2)[: len(speed) * 2 // 3]
+    correlation /= max(correlation[0], 1e-300) * (1.0 - np.arange(len(correlation)) / len(speed))
+    peaks, _ = signal.find_peaks(correlation, height=REPEATS)
+    away = np.nonzero(correlation < 0.5)[0]
+    if not len(away):
+        return None
+    peaks = peaks[(peaks > away[0]) & (peaks <= len(speed) // 3)]
+    if not len(peaks):
+        return None
+    lag = float(peaks[0])
+    cycles = 1
+    while 2 * cycles * lag < len(correlation) - 1:
+        cycles *= 2
+        reach = max(2, int(0.1 * lag))
+        near = round(cycles * lag)
+        window = correlation[near - reach:near + reach + 1]
+        lag = (near - reach + int(np.argmax(window))) / cycles
+    return float(1.0 / (lag * longest.step))
+
+
+def _is_multiple(frequency: float, cycle: float | None, trajectory: Trajectory) -> bool:
+    """Return whether a frequency is a multiple of a cycle, within half the resolution."""
+    if cycle is None:
+        return False
+    off = abs(frequency / cycle - round(frequency / cycle)) * cycle
+    return off < 0.5 / float(np.ptp(trajectory.time))
 
 
 def freest_columns(known: np.ndarray, shapes: list[GenericShape]) -> np.ndarray:

@@ -107,8 +107,10 @@ def shape_words(left: Left, trajectory: Trajectory) -> str:
     unit = axis.input_channel.unit
     port = signal_name(trajectory)
     if left.shape.against == "frequency" and left.shape.order is not None:
-        return (f"{port}, a wave in time at {number(left.shape.order, 4)} Hz whatever the motion: "
-                f"a disturbance, amplitude {number(amplitude(left))} {unit}")
+        whose = "where the motion has one too: an effect of the motion, or a disturbance" \
+            if left.shape.of_motion else "whatever the motion: a disturbance"
+        return (f"{port}, a wave in time at {number(left.shape.order, 4)} Hz {whose}, amplitude "
+                f"{number(amplitude(left))} {unit}")
     if left.shape.order is not None:
         return (f"{port}, periodic in position, {wave_words(trajectory, left.shape.order)}, "
                 f"amplitude {number(amplitude(left))} {unit}")
