@@ -12,7 +12,7 @@ from ema_identification.rig.blocks import Blocks
 from ema_identification.rig.laws import Term
 from ema_identification.rig.prune import prune
 from ema_identification.rig.refine import refined
-from ema_identification.rig.selection import Choice, Trial, choose
+from ema_identification.rig.selection import Choice, Trial, choose, located
 from ema_identification.rig.shapes import GenericShape
 from ema_identification.rig.skew import with_whole_delay, without_skew
 
@@ -104,7 +104,17 @@ def _one_way(start: Balance, look: Look, *, plain_first: bool) -> tuple[Way, boo
         choices, stages = _polished(start, choices, look.blocks)
         balance = stages[-1]
     choices, stages, dropped = pruned(start, choices, look.blocks)
+    lost = _not_there(stages[-1], len(start.terms), look.blocks)
+    if lost:
+        return _one_way(start, replace(look, hidden=look.hidden | lost), plain_first=plain_first)
     return (stages, choices, trials, dropped), contested
+
+
+def _not_there(end: Balance, first: int, blocks: Blocks) -> frozenset[str]:
+    """Return laws that filter the motion which, beside all others, need not be there."""
+    return frozenset(
+        term.law.name for index, term in enumerate(end.terms)
+        if index >= first and term.law.dynamic and not located(end, blocks, index))
 
 
 def _exchanged(

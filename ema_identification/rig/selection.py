@@ -164,7 +164,7 @@ def choose(
                              and taken >= LEAST_SIZE**2 * size**2 * len(before)
                              and taken > UNCERTAINTY * _standard_error(squares - own)
                              and (joined.lawful or not balance.lawful)
-                             and _located(joined, blocks))))
+                             and located(joined, blocks))))
     trials.sort(key=lambda trial: -trial.gain)
     good = [trial for trial in trials if trial.significant]
     if good:
@@ -194,21 +194,27 @@ def _taken_by_shapes(
     return most
 
 
-def _located(balance: Balance, blocks: Blocks) -> bool:
-    """Return whether the last term's law stands where the data say that it is: a resonance.
+def located(balance: Balance, blocks: Blocks, index: int = -1) -> bool:
+    """Return whether the law of a term, by default the last, stands where the data say it is.
 
     A filter of the motion that stands anywhere takes a share of any friction; a wave of any phase
-    follows from nothing; a delay that may be below a sampling interval is one of the record.
+    follows from nothing; a filter whose interval holds zero need not be there; a delay that may
+    be below a sampling interval is one of the record.
     """
-    law = balance.terms[-1].law
-    if not (law.located or law.in_position or law.name == "control_delay"):
+    law = balance.terms[index].law
+    if not (law.dynamic or law.in_position):
         return True
-    found = {p.name.split(".")[1]: p for p in parameters(balance, len(balance.terms) - 1, blocks)}
+    found = {p.name.split(".")[1]: p for p in parameters(
+        balance, index % len(balance.terms), blocks)}
     if law.in_position:
         return found["phase"].high - found["phase"].low <= 2.0 * PHASE
     if law.name == "control_delay":
         return found["delay"].low > balance.design.trajectory.interval \
             or found["delay"].high < -balance.design.trajectory.interval
+    if any(found[name].low <= 0.0 <= found[name].high for name in law.coefficients):
+        return False
+    if not law.located:
+        return True
     own = found[law.located]
     return own.high - own.low <= 2.0 * LOCATED * abs(own.value)
 

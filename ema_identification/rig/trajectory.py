@@ -115,7 +115,9 @@ class Trajectory:
         """Return the same trajectory, its segments with a prediction of the input each."""
         segments = tuple(replace(segment, prediction=prediction)
                          for segment, prediction in zip(self.segments, predictions))
-        return replace(self, segments=segments)
+        other = replace(self, segments=segments)
+        other.__dict__["_kept"] = self._kept  # the motion is the same
+        return other
 
     @cached_property
     def _kept(self) -> tuple[np.ndarray, ...]:
