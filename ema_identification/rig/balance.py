@@ -16,8 +16,9 @@ from ema_identification.rig.trajectory import Segment, Trajectory
 
 BASE_LAWS = ("inertia", "viscous_friction", "disturbance")
 """What every axis has."""
-OWN_PREDICTION = 2
-"""Times that regressors made of the prediction are made again of the fit with them."""
+OWN_PREDICTION, SETTLED = 100, 1e-4
+"""Times that regressors made of the prediction are made again of the fit with them, at most; and
+the relative change of its coefficients at which they are settled."""
 AT_ONCE = 40
 """Terms whose regressors are filtered together."""
 
@@ -136,9 +137,13 @@ class Balance:
         """Regressors, shape (rows, columns); those of the prediction are of this very fit."""
         columns = self.design.matrix(self.terms)
         if any(term.law.of_prediction for term in self.terms):
+            before = np.full(columns.shape[1], np.inf)
             for _ in range(OWN_PREDICTION):
                 found = fit(columns, self.design.trajectory.target, self.bounds).coefficients
                 columns = self.design.matrix(self.terms, found)
+                if np.allclose(found, before, rtol=SETTLED, atol=0.0):
+                    break
+                before = found
         return columns
 
     @cached_property

@@ -21,15 +21,15 @@ SURE = 4.0
 """Standard errors by which a lag must differ from none."""
 LEAST = 0.05
 """Sampling intervals; a smaller lag is left."""
-MOST = 0.4
-"""Largest lag, in periods of the band: more is no filter's."""
+MOST = 0.25
+"""Largest lag, in periods of the motion: more is no filter's."""
 ITERATIONS = 4
 
 Piece = dict[str, np.ndarray]
 """Columns by name on an even grid, with ``time`` and ``rate``."""
 
 
-def speed_lag(pieces: Sequence[Piece], band: float) -> float:
+def speed_lag(pieces: Sequence[Piece], band: float, motion: float) -> float:
     """Return by how much the recorded speed lags behind the recorded position (s).
 
     Parameters
@@ -38,6 +38,8 @@ def speed_lag(pieces: Sequence[Piece], band: float) -> float:
         Stretches without a gap, with position and speed.
     band : float
         Where both are looked at (Hz).
+    motion : float
+        Frequency below which the power of the speed lies (Hz).
 
     Returns
     -------
@@ -50,7 +52,7 @@ def speed_lag(pieces: Sequence[Piece], band: float) -> float:
     for _ in range(ITERATIONS):
         change, error = _step(pieces, band, total)
         total += change
-        if abs(total) > MOST / band:
+        if abs(total) * motion > MOST:
             return 0.0
         if abs(change) < 0.01 / rate:
             break

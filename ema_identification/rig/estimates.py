@@ -13,6 +13,9 @@ from ema_identification.rig.known import physical
 from ema_identification.rig.laws import Term, unit_of
 from ema_identification.rig.regression import covariance, half_width
 
+SYSTEMATIC = 0.002
+"""Least standard error, relative: how a record was sampled, held and filtered is not known better,
+and no transducer is."""
 STEP = 1e-3
 """Relative step of the derivative with respect to a shape ..."""
 LEAST_STEADY = 0.3
@@ -66,14 +69,16 @@ def parameters(balance: Balance, index: int, blocks: Blocks) -> tuple[Parameter,
         found += _wave(term, values, variance, own, blocks, units, balance)
     else:
         for k, name in enumerate(term.law.coefficients):
-            wide = half_width(variance[own[k], own[k]], blocks) if len(own) == len(values) else 0.0
+            wide = half_width(variance[own[k], own[k]] + (SYSTEMATIC * float(values[k])) ** 2,
+                              blocks) if len(own) == len(values) else 0.0
             found.append(_parameter(term, name, float(values[k]) + _shift(balance, term), wide,
                                     unit_of(units[name], axis)))
     for k, name in enumerate(term.law.shape):
         wide = 0.0
         if slopes:
             at = columns.shape[1] + k
-            wide = half_width(variance[at, at], blocks)
+            least = 0.0 if term.law.periodic else SYSTEMATIC * term.shape[k]  # a clock is exact
+            wide = half_width(variance[at, at] + least**2, blocks)
             if term.law.against == "test phase":  # a gap is not negative
                 wide = min(wide, abs(term.shape[k]))
         found.append(_parameter(term, name, term.shape[k], wide, unit_of(units[name], axis)))
@@ -147,7 +152,8 @@ def _wave(
         direction = values / size
         across = np.array([-direction[1], direction[0]]) / size
         block = variance[np.ix_(own, own)]
-        wide = half_width(float(direction @ block @ direction), blocks)
+        wide = half_width(
+            float(direction @ block @ direction) + (SYSTEMATIC * size) ** 2, blocks)
         angle = min(half_width(float(across @ block @ across), blocks), math.pi)
     else:
         wide = angle = 0.0

@@ -74,7 +74,7 @@ def prepare(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
     edge = settings.band or bands[longest].edge
     quiet = speed_noise(bands[longest], is_position=is_position)
     if first.has(SPEED) and first.has(POSITION):
-        _one_clock(raw, edge, notes)
+        _one_clock(raw, edge, bands[longest].motion, notes)
     segments = tuple(_segment(piece, edge, settings) for piece in raw)
     if sum(len(segment) for segment in segments) > MAX_SAMPLES:
         raise UsageError(
@@ -104,9 +104,11 @@ def prepare(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
     return trajectory
 
 
-def _one_clock(pieces: Sequence[dict[str, np.ndarray]], band: float, notes: list[str]) -> None:
+def _one_clock(
+    pieces: Sequence[dict[str, np.ndarray]], band: float, motion: float, notes: list[str]
+) -> None:
     """Take out of the speeds what they lag behind the positions."""
-    lag = speed_lag(pieces, band)
+    lag = speed_lag(pieces, band, motion)
     if lag == 0.0:
         return
     for piece in pieces:

@@ -278,10 +278,13 @@ def _equivalent(
     for trial in good:
         if trial is chosen or trial.name == chosen.name or trial.companion is not None:
             continue
+        if chosen.companion is not None and trial.name == chosen.companion.law.name:
+            continue
         difference = trial.squares - chosen.squares
         tied = difference.sum() <= SEPARATED * _standard_error(difference)
         simple = trial.complexity <= chosen.complexity
-        if trial.gain < SAME * chosen.gain or not (tied or simple):
+        near = simple and trial.score <= TWICE * chosen.score
+        if trial.gain < SAME * chosen.gain or not (tied or near):
             continue
         after = held_out(
             np.column_stack([joined.free_columns, _columns(joined, trial.term)]), joined.target,

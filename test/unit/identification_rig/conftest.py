@@ -33,6 +33,18 @@ def rig_record(t, u, axis, *, noise=0.02, seed=1, source="bench", **outputs):
 
 
 @pytest.fixture
+def moving():
+    """Return a function that gives time, position, speed and acceleration of a multi-sine."""
+    return motion
+
+
+@pytest.fixture
+def recorded():
+    """Return a function that makes a record of time, input and outputs."""
+    return rig_record
+
+
+@pytest.fixture
 def axis():
     """Return a rotary axis driven by a torque."""
     return Axis(name="bench", motion="rotary", input="torque")
