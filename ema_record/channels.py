@@ -57,8 +57,8 @@ def check_channel_label(label: str) -> None:
         return
     found = label.split(",")
     for index, channel in enumerate(CHANNELS):
-        if index >= len(found) or found[index].strip() != channel.label:
-            got = found[index].strip()[:60] if index < len(found) else "nothing"
+        if index >= len(found) or found[index] != channel.label:
+            got = found[index][:60] if index < len(found) else "nothing"
             raise InvalidRecordError(
                 f"/ema/samples: channel {index} is {got!r}, expected {channel.label!r}: "
                 "record with an acquisition that publishes the channels of this version, or "

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from ema_cli.domain import local_environment, private_domain
 
@@ -12,6 +13,9 @@ ROOT = Path(__file__).resolve().parents[1]
 
 os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
 os.environ.setdefault("MPLBACKEND", "Agg")
+# The same examples in every run; --hypothesis-profile=default looks for new ones.
+settings.register_profile("repeatable", derandomize=True)
+settings.load_profile("repeatable")
 
 
 @pytest.fixture(scope="session")

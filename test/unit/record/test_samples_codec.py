@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from rosbags.typesys import Stores, get_typestore
 
-from ema_record.channels import CHANNEL_LABEL, N_CHANNELS
+from ema_record.channels import CHANNEL_LABEL, N_CHANNELS, check_channel_label
 from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.samples_codec import MAX_BLOCK_SIZE, decode_block, encode_block
 
@@ -120,6 +120,13 @@ def test_damage_is_an_error_or_the_same_shape(at, damage):
         assert "\n" not in str(error)
     else:
         assert block.shape == (3, N_CHANNELS)
+
+
+@pytest.mark.parametrize("label", [CHANNEL_LABEL + "\t", CHANNEL_LABEL.replace(",", ", "),
+                                   CHANNEL_LABEL + ",", CHANNEL_LABEL[:-1], ""])
+def test_a_label_that_differs_by_a_character_is_refused(label):
+    with pytest.raises(InvalidRecordError, match="/ema/samples"):
+        check_channel_label(label)
 
 
 @settings(max_examples=200, deadline=None)
