@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter, StrMethodFormatter
 
 from ema_identification.identification import Curve, Panel
 
@@ -67,8 +68,10 @@ def draw_panel(panel: Panel) -> bytes:
     axes.set_ylabel(panel.y_label, fontsize=9, color=INK, parse_math=False)
     if panel.log_x:
         axes.set_xscale("log")
+        _plain_numbers(axes.xaxis)
     if panel.log_y:
         axes.set_yscale("log")
+        _plain_numbers(axes.yaxis)
     if len(panel.curves) > 1 or (panel.curves and panel.curves[0].label):
         legend = axes.legend(fontsize=8, frameon=True, framealpha=0.85, edgecolor="none",
                              labelcolor=INK)
@@ -76,6 +79,13 @@ def draw_panel(panel: Panel) -> bytes:
             text.set_parse_math(False)
     axes.margins(x=0.01)
     return to_png(figure)
+
+
+def _plain_numbers(axis: Any) -> None:
+    """Label a logarithmic axis with plain numbers, between decades too where it is short."""
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(LogFormatter(minor_thresholds=(1.5, 0.5)))
+    axis.set_tick_params(which="minor", labelsize=8.5, labelcolor=INK)
 
 
 def _draw(axes: Any, curve: Curve, style: dict[str, Any]) -> None:
