@@ -1,0 +1,95 @@
+"""Several runs in one file, decimal commas that are found, and everyday units."""
+
+import numpy as np
+import pytest
+
+from ema_record.errors import InvalidRecordError, UsageError
+from ema_record.import_file import import_file
+from ema_record.rig_map import map_from
+from ema_record.rig_units import unit_factor
+
+MAP = {"name": "bench", "axis": "rotary", "time": {"column": "t", "unit": "s"},
+       "input": {"column": "u", "unit": "V"}, "position": {"column": "q", "unit": "rad"}}
+STEP = 0.01
+
+
+def runs(count=3, length=50, first=0.0):
+    """Return rows of run, t, u, q; each run begins at the same time."""
+    t = first + STEP * np.arange(length)
+    return np.vstack([np.column_stack([np.full(length, 10 + k), t, np.sin(t + k), t * (k + 1)])
+                      for k in range(count)])
+
+
+def written(path, rows, decimal=".", delimiter=","):
+    body = "\n".join(delimiter.join(f"{x:.9g}" for x in row) for row in rows) + "\n"
+    path.write_text(delimiter.join(["run", "t", "u", "q"]) + "\n" + body.replace(".", decimal))
+    return path
+
+
+def imported(path, **more):
+    return import_file(path, map_from({**MAP, **more}, "map"))
+
+
+@pytest.mark.parametrize("more", [{}, {"run": {"column": "run"}}])
+@pytest.mark.parametrize("first", [0.0, 100.0])
+def test_runs_follow_one_another_with_a_gap(tmp_path, more, first):
+    rows = runs(first=first)
+    record = imported(written(tmp_path / "a.csv", rows), **more)
+    expected = np.concatenate([first + k * (1.0 + 49 * STEP) + STEP * np.arange(50)
+                               for k in range(3)])
+    np.testing.assert_allclose(record.time, expected)
+    np.testing.assert_allclose(record.channel("position"), rows[:, 3], atol=1e-8)
+    assert "3 runs, put one after the other with 1 s between" in record.axis.notes
+
+
+def test_some_runs_are_chosen_by_number(tmp_path):
+    path = written(tmp_path / "a.csv", runs())
+    record = imported(path, run={"column": "run", "only": [12, 10]})
+    np.testing.assert_allclose(
+        record.channel("position"), np.delete(runs(), np.s_[50:100], axis=0)[:, 3], atol=1e-8)
+    with pytest.raises(UsageError, match="no run 13; the file has 10, 11, 12"):
+        imported(path, run={"column": "run", "only": [13]})
+
+
+def test_runs_keep_their_own_part_of_the_time(tmp_path):
+    record = imported(written(tmp_path / "a.csv", runs()), start=0.1, end=0.295)
+    assert len(record.time) == 3 * 20
+    assert (np.diff(record.time) > 1.0).sum() == 0
+    np.testing.assert_allclose(np.sort(np.diff(record.time))[-2:], 1.0)
+
+
+def test_a_time_that_only_steps_back_is_no_run(tmp_path):
+    rows = runs(count=1, length=200)
+    rows[120:, 1] -= 0.5
+    with pytest.raises(InvalidRecordError, match="increase"):
+        imported(written(tmp_path / "a.csv", rows))
+
+
+def test_too_many_runs_are_refused(tmp_path):
+    rows = runs(count=1, length=3000)
+    rows[:, 0] = np.arange(3000) % 2
+    with pytest.raises(UsageError, match="3000 runs, at most 1000"):
+        imported(written(tmp_path / "a.csv", rows), run={"column": "run"})
+
+
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+def test_a_decimal_comma_is_found(tmp_path, delimiter):
+    rows = runs(count=1)
+    record = imported(written(tmp_path / "a.csv", rows, ",", delimiter))
+    np.testing.assert_allclose(record.samples, rows[:, 1:], atol=1e-8)
+
+
+def test_whole_numbers_between_commas_are_no_decimals(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("run,t,u,q\n" + "\n".join(f"1,{k},{k % 7},{2 * k}" for k in range(60)))
+    np.testing.assert_array_equal(imported(path).channel("position"), 2.0 * np.arange(60))
+
+
+@pytest.mark.parametrize(("unit", "quantity", "factor"), [
+    ("km/h", "linear speed", 1.0 / 3.6), ("mph", "linear speed", 1609.344 / 3600.0),
+    ("ft/s", "linear speed", 12 * 0.0254), ("1/min", "angular speed", 2 * np.pi / 60),
+    ("kgf", "force", 9.80665), ("lbf ft", "torque", 4.4482216152605 * 0.3048),
+    ("ozf in", "torque", 4.4482216152605 / 16 * 0.0254), ("h", "time", 3600.0),
+])
+def test_units_by_their_definitions(unit, quantity, factor):
+    assert unit_factor(unit, quantity, "map") == pytest.approx(factor, rel=1e-9)
