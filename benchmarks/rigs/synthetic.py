@@ -138,6 +138,8 @@ def make(
                      channels=channels, axis=axis, source=f"{rig.name}-{seed}")
 
 
+DELAYED = 0.3
+"""Share of the input that a delay changes, about; a delay has no other size."""
 Effect = Callable[[Rig, Motion, np.ndarray, float], np.ndarray]
 
 
@@ -156,6 +158,12 @@ def _play(rig: Rig, motion: Motion) -> np.ndarray:
     return state / width
 
 
+def _later(motion: Motion, plain: np.ndarray) -> np.ndarray:
+    """Return what a delay changes, in units of `DELAYED`: the motion is that of an input before."""
+    delay = DELAYED * rms(plain) / rms(np.gradient(plain, motion.time))
+    return (np.interp(motion.time + delay, motion.time, plain) - plain) / (DELAYED * rms(plain))
+
+
 EFFECTS: dict[str, Effect] = {
     "coulomb_friction": lambda _r, m, _p, _s: np.sign(m.speed),
     "offset": lambda _r, m, _p, _s: np.ones_like(m.time),
@@ -166,7 +174,8 @@ EFFECTS: dict[str, Effect] = {
     "stribeck_friction": lambda _r, m, _p, _s: np.sign(m.speed) * (
         1.0 + np.exp(-((m.speed / (0.15 * rms(m.speed))) ** 2))),
     "presliding_hysteresis": lambda r, m, _p, _s: _play(r, m),
-    "control_delay": lambda _r, m, p, _s: np.gradient(p, m.time) / rms(np.gradient(p, m.time)),
+    "control_delay": lambda _r, m, p, _s: _later(m, p),
+    "drive_lag": lambda _r, m, p, _s: np.gradient(p, m.time) / rms(np.gradient(p, m.time)),
     "periodic_disturbance": lambda r, m, _p, _s: np.sin(2 * np.pi * 9.37 * r.frequency * m.time),
     # Strangers: in no catalogue.
     "detent": lambda r, m, _p, _s: 2.0 * np.exp(

@@ -111,10 +111,11 @@ def _one_way(start: Balance, look: Look, *, plain_first: bool) -> tuple[Way, boo
 
 
 def _not_there(end: Balance, first: int, blocks: Blocks) -> frozenset[str]:
-    """Return laws that filter the motion which, beside all others, need not be there."""
+    """Return laws that filter the motion or follow it which, beside the others, need not be."""
     return frozenset(
         term.law.name for index, term in enumerate(end.terms)
-        if index >= first and term.law.dynamic and not located(end, blocks, index))
+        if index >= first and (term.law.dynamic or term.law.beside)
+        and not located(end, blocks, index))
 
 
 def _exchanged(

@@ -199,10 +199,12 @@ def located(balance: Balance, blocks: Blocks, index: int = -1) -> bool:
 
     A filter of the motion that stands anywhere takes a share of any friction; a wave of any phase
     follows from nothing; a filter whose interval holds zero need not be there; a delay that may
-    be below a sampling interval is one of the record.
+    be below a sampling interval is one of the record; lost motion that lets go of friction alone
+    is a build-up of friction of another shape.
     """
     law = balance.terms[index].law
-    if not (law.dynamic or law.in_position):
+    needed = {law.beside[name] for name in law.beside if name in balance.names}
+    if not (law.dynamic or law.in_position or needed):
         return True
     found = {p.name.split(".")[1]: p for p in parameters(
         balance, index % len(balance.terms), blocks)}
@@ -211,7 +213,8 @@ def located(balance: Balance, blocks: Blocks, index: int = -1) -> bool:
     if law.name == "control_delay":
         return found["delay"].low > balance.design.trajectory.interval \
             or found["delay"].high < -balance.design.trajectory.interval
-    if any(found[name].low <= 0.0 <= found[name].high for name in law.coefficients):
+    needed |= set(law.coefficients) if law.dynamic else set()
+    if any(found[name].low <= 0.0 <= found[name].high for name in needed):
         return False
     if not law.located:
         return True

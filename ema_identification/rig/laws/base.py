@@ -75,6 +75,9 @@ class Law:
     """A parameter that must be known within `LOCATED` of itself, or it is not this law."""
     excludes: tuple[str, ...] = ()
     """Laws beside which it cannot be told from them."""
+    beside: Mapping[str, str] = field(default_factory=dict)
+    """Laws beside which one of its coefficients, named, must differ from zero: without it, what
+    it takes is what their shape lacks."""
     repeats: bool = False
     """Whether several terms of it, with other shapes, make sense."""
 

@@ -150,7 +150,7 @@ BACKLASH = Law(
     reference="Nordin, Gutman 2002, Automatica 38(10)",
     against="test phase", coefficients=("inertia", "friction"), shape=("gap",),
     units={"inertia": "u/a", "friction": "u", "gap": "x"}, columns=_backlash, grid=travel_grid,
-    positive=True,
+    positive=True, beside={"presliding_hysteresis": "inertia"},
 )
 DELAY = Law(
     name="control_delay",
