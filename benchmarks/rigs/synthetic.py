@@ -159,7 +159,7 @@ def _play(rig: Rig, motion: Motion) -> np.ndarray:
 
 
 def _later(motion: Motion, plain: np.ndarray) -> np.ndarray:
-    """Return what a delay changes, in units of `DELAYED`: the motion is that of an input before."""
+    """Return what a delay changes, in units of `DELAYED`."""
     delay = DELAYED * rms(plain) / rms(np.gradient(plain, motion.time))
     return (np.interp(motion.time + delay, motion.time, plain) - plain) / (DELAYED * rms(plain))
 

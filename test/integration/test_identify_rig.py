@@ -21,7 +21,8 @@ QUICK = ("joint", "valve")
 @pytest.mark.parametrize(("rig", "effect"), [
     ("joint", "coulomb_friction"), ("valve", "quadratic_drag"), ("joint", "cogging_torque"),
     ("valve", "spring"), ("joint", "stribeck_friction"), ("valve", "control_delay"),
-    ("joint", "drive_lag"), ("joint", "periodic_disturbance"), ("valve", "detent"), ("joint", "friction_ripple"),
+    ("joint", "drive_lag"), ("joint", "periodic_disturbance"), ("valve", "detent"),
+    ("joint", "friction_ripple"),
 ])
 def test_what_is_hidden_is_named_and_strangers_are_unknown(rig, effect):
     found = identify_rig([make(RIGS[rig], 31, {effect: 0.3})])
