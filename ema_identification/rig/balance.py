@@ -16,7 +16,7 @@ from ema_identification.rig.trajectory import Segment, Trajectory
 
 BASE_LAWS = ("inertia", "viscous_friction", "disturbance")
 """What every axis has."""
-OWN_PREDICTION, SETTLED = 100, 1e-4
+OWN_PREDICTION, SETTLED = 20, 1e-4
 """Times that regressors made of the prediction are made again of the fit with them, at most; and
 the relative change of its coefficients at which they are settled."""
 AT_ONCE = 40
@@ -110,6 +110,26 @@ class Design:
             found = coefficients[keep]
         return self.columns(term, self.predicted(plain, found))
 
+    def of_each(self, term: Term, terms: Sequence[Term]) -> np.ndarray:
+        """Return the regressor of a law that is linear in the prediction, for each regressor.
+
+        Returns
+        -------
+        ndarray, shape (rows, k)
+            Of the k regressors of `terms`, which may not look at the prediction themselves.
+
+        """
+        parts = []
+        for plain in terms:
+            key = (f"{term.law.name} of {plain.law.name}", plain.shape)
+            if key not in self._cache:
+                count = len(plain.law.coefficients)
+                self._cache[key] = np.column_stack([
+                    self.columns(term, self.predicted([plain], np.eye(count)[k]))
+                    for k in range(count)])
+            parts.append(self._cache[key])
+        return np.concatenate(parts, axis=1)
+
     def matrix(
         self, terms: Sequence[Term], coefficients: np.ndarray | None = None
     ) -> np.ndarray:
@@ -135,8 +155,11 @@ class Balance:
     @cached_property
     def columns(self) -> np.ndarray:
         """Regressors, shape (rows, columns); those of the prediction are of this very fit."""
+        looking = [k for k, term in enumerate(self.terms) if term.law.of_prediction]
+        if len(looking) == 1 and self.terms[looking[0]].law.linear and len(self.terms) > 1:
+            return self._of_own_prediction(looking[0])
         columns = self.design.matrix(self.terms)
-        if any(term.law.of_prediction for term in self.terms):
+        if looking:
             before = np.full(columns.shape[1], np.inf)
             for _ in range(OWN_PREDICTION):
                 found = fit(columns, self.design.trajectory.target, self.bounds).coefficients
@@ -145,6 +168,26 @@ class Balance:
                     break
                 before = found
         return columns
+
+    def _of_own_prediction(self, index: int) -> np.ndarray:
+        """Return the regressors with the one of a law that is linear in the prediction.
+
+        The prediction's own coefficients and that of the law, τ, follow together: Gauss and
+        Newton's step of ``u = X c + τ D c``.
+        """
+        term, place = self.terms[index], self.span(index).start
+        plain = [*self.terms[:index], *self.terms[index + 1:]]
+        x, d = self.design.matrix(plain), self.design.of_each(term, plain)
+        target = self.design.trajectory.target
+        found = np.insert(fit(x, target).coefficients, place, 0.0)
+        for _ in range(OWN_PREDICTION):
+            slope = d @ np.delete(found, place)
+            before, found = found, fit(
+                np.insert(x + found[place] * d, place, slope, axis=1),
+                target + found[place] * slope, self.bounds).coefficients
+            if np.allclose(found, before, rtol=SETTLED, atol=0.0):
+                break
+        return np.insert(x, place, d @ np.delete(found, place), axis=1)
 
     @cached_property
     def fit(self) -> Fit:
@@ -173,6 +216,12 @@ class Balance:
     def held_out(self, blocks: Blocks) -> np.ndarray:
         """Return the residual of each row under the fit of all other blocks, shape (rows,)."""
         return held_out(self.free_columns, self.target, blocks)
+
+    def columns_of(self, term: Term) -> np.ndarray:
+        """Return the regressors of a term that might be added, shape (rows, k)."""
+        if term.law.of_prediction:
+            return self.design.of_prediction(term, self.terms)
+        return self.design.columns(term)
 
     def joined(self, term: Term) -> Balance:
         """Return the balance with one more term, free; it takes the place of its like."""

@@ -12,9 +12,10 @@ from ema_identification.rig.blocks import Blocks
 from ema_identification.rig.laws import Term
 from ema_identification.rig.prune import prune
 from ema_identification.rig.refine import refined
-from ema_identification.rig.selection import Choice, Trial, choose, located
+from ema_identification.rig.selection import choose, located
 from ema_identification.rig.shapes import GenericShape
 from ema_identification.rig.skew import with_whole_delay, without_skew
+from ema_identification.rig.trials import Choice, Trial
 
 MAX_ADDED = 12
 MAX_EXCHANGES = 4
@@ -22,8 +23,8 @@ MOST_TO_EXCHANGE = 5
 """Laws of a model above which none is exchanged: a look for each of them costs too much."""
 CLEARLY = 0.8
 """Share of the held-out squares below which another law, or another order, explains more ..."""
-ALIKE = 1.02
-"""... and below which it explains as much; then fewer parameters win."""
+ALIKE, FEWER = 1.02, 0.67
+"""... and below which it explains as much; then it wins with this share of the parameters."""
 
 Way = tuple[list[Balance], list[Choice], tuple[Trial, ...], list[Term]]
 """Stages, choices, what was tried at the end and not taken, what was pruned."""
@@ -73,7 +74,7 @@ def forward(start: Balance, look: Look) -> Way:
     sizes = [sum(c.trial.term.law.complexity for c in choices)
              for _, choices, *_ in (way, other)]
     clearly = squares[1] < CLEARLY * squares[0]
-    as_well = squares[1] <= ALIKE * squares[0] and sizes[1] < sizes[0]
+    as_well = squares[1] <= ALIKE * squares[0] and sizes[1] <= FEWER * sizes[0]
     return other if clearly or as_well else way
 
 

@@ -12,8 +12,8 @@ from ema_identification.rig.blocks import Blocks
 from ema_identification.rig.forward import Look, forward, pruned
 from ema_identification.rig.laws import Term
 from ema_identification.rig.remainder import Left, main_shape, mimics, portrait
-from ema_identification.rig.selection import Choice, Trial
 from ema_identification.rig.shapes import GenericShape, freest_columns, waves_in_time
+from ema_identification.rig.trials import Choice, Trial
 
 
 @dataclass(frozen=True, kw_only=True)

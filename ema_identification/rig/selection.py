@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from ema_identification.rig.balance import Balance, rms
 from ema_identification.rig.blocks import Blocks
 from ema_identification.rig.candidates import Candidate, candidate_terms
+from ema_identification.rig.equivalents import equivalents
 from ema_identification.rig.estimates import parameters
 from ema_identification.rig.laws import Term
 from ema_identification.rig.laws.base import LOCATED
@@ -18,6 +18,7 @@ from ema_identification.rig.regression import held_out
 from ema_identification.rig.shapes import GenericShape, waves_in_time
 from ema_identification.rig.sign_flips import screen
 from ema_identification.rig.skew import with_whole_delay
+from ema_identification.rig.trials import Choice, Trial, standard_error
 
 LEVEL_OF_CHANCE = 0.005
 """Highest p-value, after all looks of a step, at which something is named."""
@@ -38,12 +39,6 @@ PARSIMONY = 0.75
 """A law of fewer parameters is taken first if it takes this share of what the best takes ..."""
 TWICE = 2.0
 """... and leaves no more than so many times the residual of the best."""
-SAME = 0.8
-"""Laws of one set take this share of what the chosen one takes, at least."""
-SEPARATED = 1.645
-"""Standard errors beyond which the data tell two laws apart."""
-OVERLAP = 0.2
-"""Laws are one set if either, after the other, adds less than this share of its gain."""
 OUTDONE = 0.5
 """Share that a law takes, at least, of what a smooth shape against the same quantity takes."""
 PLAIN_SHAPES = ("speed and direction", "position", "angle within a turn",
@@ -51,50 +46,8 @@ PLAIN_SHAPES = ("speed and direction", "position", "angle within a turn",
 PHASE = 1.0
 """Half the interval of the phase of a wave in position, at most (rad)."""
 MAX_TRIED = 12
-MAX_EQUIVALENT = 2
 
 Reporter = Callable[[str], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Trial:
-    """One law that was tried in addition to a balance."""
-
-    term: Term
-    name: str
-    companion: Term | None
-    """A law that sharpens this one, tried and taken together with it."""
-    p_value: float
-    """After all looks of the step."""
-    squares: np.ndarray
-    """Held-out sum of squares of each block with it, shape (blocks,)."""
-    rows: int
-    gain: float
-    """Share of the held-out squares that it takes."""
-    significant: bool
-
-    @property
-    def complexity(self) -> int:
-        """Number of free parameters."""
-        own = self.term.law.complexity
-        return own if self.companion is None else own + self.companion.law.complexity
-
-    @property
-    def score(self) -> float:
-        """Held-out residual with it, rms."""
-        return float(np.sqrt(self.squares.sum() / self.rows))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Choice:
-    """What one step chose, and what it compared."""
-
-    trial: Trial
-    equivalent: tuple[str, ...]
-    trials: tuple[Trial, ...]
-    """All that were held out, best first."""
-    contested: bool = False
-    """Whether a law that filters the motion took more, and had to wait."""
 
 
 def choose(
@@ -132,7 +85,7 @@ def choose(
     if not candidates:
         return None, ()
     report(f"screening {len(candidates)} regressors")
-    columns = [np.concatenate([_columns(balance, term) for term in terms], axis=1)
+    columns = [np.concatenate([balance.columns_of(term) for term in terms], axis=1)
                for _, terms in candidates]
     found = screen(columns, balance.free_columns, balance.fit.residual, blocks)
     before = balance.held_out(blocks)
@@ -162,7 +115,7 @@ def choose(
                              and taken >= squares.sum() * (
                                  LEAST_OF_DYNAMIC if terms[-1].law.takes_of_all else LEAST_GAIN)
                              and taken >= LEAST_SIZE**2 * size**2 * len(before)
-                             and taken > UNCERTAINTY * _standard_error(squares - own)
+                             and taken > UNCERTAINTY * standard_error(squares - own)
                              and (joined.lawful or not balance.lawful)
                              and located(joined, blocks))))
     trials.sort(key=lambda trial: -trial.gain)
@@ -175,7 +128,7 @@ def choose(
         return None, tuple(trials)
     chosen = _simplest(good, {term.law.name for term in balance.terms}, plain_first)
     return Choice(
-        trial=chosen, equivalent=_equivalent(balance, blocks, chosen, good, squares),
+        trial=chosen, equivalent=equivalents(balance, blocks, chosen, good, squares),
         trials=tuple(trials), contested=good[0].term.law.dynamic and not chosen.term.law.dynamic,
     ), tuple(trials)
 
@@ -233,12 +186,6 @@ def _lawful(balance: Balance, terms: Sequence[Term], coefficients: np.ndarray) -
     return True
 
 
-def _columns(balance: Balance, term: Term) -> np.ndarray:
-    if term.law.of_prediction:
-        return balance.design.of_prediction(term, balance.terms)
-    return balance.design.columns(term)
-
-
 def _worth_trying(candidates: list[Candidate], gain: np.ndarray) -> list[int]:
     """Return the best shape of each law, best first."""
     best: dict[tuple[str, str], int] = {}
@@ -246,11 +193,6 @@ def _worth_trying(candidates: list[Candidate], gain: np.ndarray) -> list[int]:
         name, terms = candidates[index]
         best.setdefault((name, terms[-1].law.name), int(index))
     return [index for index in best.values() if np.isfinite(gain[index])][:MAX_TRIED]
-
-
-def _standard_error(differences: np.ndarray) -> float:
-    """Return the standard error of a sum over blocks."""
-    return float(np.sqrt(len(differences)) * np.std(differences, ddof=1))
 
 
 def _simplest(good: list[Trial], present: set[str], plain_first: bool) -> Trial:
@@ -268,33 +210,3 @@ def _simplest(good: list[Trial], present: set[str], plain_first: bool) -> Trial:
             if trial.gain >= PARSIMONY * best.gain and trial.score <= TWICE * best.score]
     return min(near, key=lambda trial: (
         trial.name not in present, trial.complexity, -trial.gain))
-
-
-def _equivalent(
-    balance: Balance, blocks: Blocks, chosen: Trial, good: list[Trial], squares: np.ndarray
-) -> tuple[str, ...]:
-    """Return other names that the data cannot tell from the chosen one."""
-    names = list(chosen.term.law.equivalent(balance.design.trajectory.axis, chosen.term.shape))
-    joined = with_whole_delay(balance.joined(chosen.term))
-    if chosen.companion is not None:
-        joined = joined.joined(chosen.companion)
-    for trial in good:
-        if trial is chosen or trial.name == chosen.name or trial.companion is not None:
-            continue
-        if chosen.companion is not None and trial.name == chosen.companion.law.name:
-            continue
-        difference = trial.squares - chosen.squares
-        tied = difference.sum() <= SEPARATED * _standard_error(difference)
-        simple = trial.complexity <= chosen.complexity
-        near = simple and trial.score <= TWICE * chosen.score
-        if trial.gain < SAME * chosen.gain or not (tied or near):
-            continue
-        after = held_out(
-            np.column_stack([joined.free_columns, _columns(joined, trial.term)]), joined.target,
-            blocks)
-        extra = (chosen.squares.sum() - float(after @ after)) / squares.sum()
-        if extra < OVERLAP * trial.gain:
-            names.append(trial.name)
-            names += trial.term.law.equivalent(balance.design.trajectory.axis, trial.term.shape)
-    unique = [name for name in dict.fromkeys(names) if name != chosen.name]
-    return tuple(unique[:MAX_EQUIVALENT])

@@ -30,7 +30,7 @@ from ema_identification.rig.prepare import prepare
 from ema_identification.rig.regression import fit, held_out
 from ema_identification.rig.remainder import main_shape, portrait
 from ema_identification.rig.search import Search, search
-from ema_identification.rig.selection import LEVEL_OF_CHANCE, Choice
+from ema_identification.rig.selection import LEVEL_OF_CHANCE
 from ema_identification.rig.shapes import (
     GenericShape,
     freest_columns,
@@ -39,6 +39,7 @@ from ema_identification.rig.shapes import (
 )
 from ema_identification.rig.skew import skew_words, without_skew
 from ema_identification.rig.steps import Story, all_steps
+from ema_identification.rig.trials import Choice
 from ema_identification.rig.updated import updated_text
 from ema_identification.rig.words import shape_words, signal_name, where
 from ema_record.errors import unknown_name

@@ -54,6 +54,8 @@ class Law:
     applies: Callable[[Trajectory], bool] = _always
     of_prediction: bool = False
     """Whether its columns are made of what the other terms predict (`Trajectory` carries it)."""
+    linear: bool = True
+    """Whether columns made of a prediction are linear in it."""
     periodic: bool = False
     looked_for: bool = False
     """Whether its shapes come from peaks of the residual, not from its grid alone."""

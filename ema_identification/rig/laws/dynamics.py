@@ -180,7 +180,8 @@ DEAD_ZONE = Law(
     name="dead_zone", meaning="the drive swallows a part of the input around zero",
     equation="u = û + d sign(û)", reference="Tao, Kokotović 1994, IEEE Trans. Aut. Control 39(1)",
     against="load", coefficients=("width",), units={"width": "u"},
-    columns=_sign_of_prediction, of_prediction=True, applies=_many_levels, positive=True,
+    columns=_sign_of_prediction, of_prediction=True, linear=False, applies=_many_levels,
+    positive=True,
 )
 LOAD_SIDE_COMPLIANCE = Law(
     name="load_side_compliance",
