@@ -38,6 +38,8 @@ STAGES = (
     Stage(LAST_SHARE, 3, 4, 3, 3.0),
 )
 LAST_RUNS = 10
+POLISH, WORTH = 4, 0.05
+"""Most times that a fit goes on where it stopped, and what it must gain by that."""
 THOROUGH = 1.4
 """Cost from which slopes to the tolerances are simulated, in units of a complete model's."""
 MOST_VARIANTS = 2
@@ -92,6 +94,15 @@ class Arena:
         found += [finished(self.evidence, self.last, p, seed=self.seed, still=True)
                   for p in left]
         return sorted((f for f in found if np.isfinite(f.cost)), key=lambda f: f.cost)
+
+    def polished(self, fit: Fit) -> Fit:
+        """Return a fit that went on from another as long as that helped."""
+        for _ in range(POLISH):
+            again = self.fits([Start(fit.terms, fit.z)], first=1)
+            if not again or again[0].cost > (1.0 - WORTH) * fit.cost:
+                return min([fit, *again], key=lambda f: f.cost)
+            fit = again[0]
+        return fit
 
     def _incomplete(self, point: Point) -> bool:
         """Whether a point is still far from what a complete model leaves."""

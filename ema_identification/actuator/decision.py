@@ -10,7 +10,14 @@ import numpy as np
 
 from ema_identification.actuator.contest import LAST_RUNS, Arena, Start
 from ema_identification.actuator.evidence import Evidence
-from ema_identification.actuator.naming import challengers, pairs_of, propose, seconds
+from ema_identification.actuator.naming import (
+    challengers,
+    pairs_of,
+    propose,
+    rescaled,
+    seconds,
+)
+from ema_identification.actuator.pruning import absorbed, needed
 from ema_identification.actuator.recalibration import Recalibration
 from ema_identification.actuator.refit import Fit, Term
 from ema_identification.actuator.runs import Progress, silent
@@ -31,9 +38,9 @@ FARTHEST = 8.0
 """Largest cost, in units of a complete model's, of a fit that is named."""
 SECOND_GAIN = 80.0
 """Least gain of a second effect where the first explains the record well."""
+NEARLY = 2.0
+"""Cost of one effect of a pair, in units of the pair's, from which its fit goes on."""
 LEFT = "what is left is more than noise; no further effect takes it away"
-CLEAR = 2.0
-"""Least distance of each of two effects from absent (standard deviations)."""
 SLIGHT = 150.0
 """Gain up to which an effect counts as small: more of the catalogue is tried against it."""
 LARGEST_SET = 3
@@ -55,6 +62,7 @@ class Answer:
     fits : all single candidates that were fitted, best first.
     equivalent : for each term of `fit`, fits that the data cannot tell from it; without `fit`,
         all fits that cannot be told apart, where they are too many for an answer.
+    simpler : where `fit` has two effects, the best fit of one of them alone.
     p_value : for each term, of the hypothesis that it adds nothing.
     gain : of the best candidate on the recalibrated model.
     null_cost : of the recalibrated model, in the metric of the fits.
@@ -65,6 +73,7 @@ class Answer:
     fit: Fit | None = None
     fits: tuple[Fit, ...] = ()
     equivalent: tuple[tuple[Fit, ...], ...] = ()
+    simpler: Fit | None = None
     p_value: tuple[float, ...] = ()
     gain: float = 0.0
     null_cost: float = 0.0
@@ -91,6 +100,16 @@ class _Case(NamedTuple):
 
     def complete(self, fit: Fit) -> bool:
         return fit.cost < COMPLETE * self.usual
+
+    def helps(self, pair: Fit, singles: Sequence[Fit]) -> bool:
+        """Whether two effects lower the misfit clearly below that of the best single one."""
+        single = singles[0].cost if singles else np.inf
+        return single - pair.cost > SECOND_GAIN * pair.cost / self.size
+
+    def distinct(self, pair: Fit) -> bool:
+        """Whether both effects are there, and none of them is what its tolerance could be."""
+        return needed(pair) and all(
+            absorbed(self.arena.evidence, t, pair.z) is None for t in pair.terms)
 
     def stands_out(self, fit: Fit, others: Sequence[Fit]) -> bool:
         """Whether a fit leaves little of what everything else and the model before leave.
@@ -133,18 +152,22 @@ def decide(
     case = _Case(arena, null, proposal.gain, p_gain, tuple(without))
     if singles and case.complete(singles[0]):
         return _with_second(case, singles)
-    found = arena.fits(pairs_of(evidence, singles, without=without), progress=progress,
-                       span=(0.6, 0.9))
-    single = singles[0].cost if singles else np.inf
-    pairs = [f for f in found if _needed(f)
-             and single - f.cost > SECOND_GAIN * f.cost / size]
-    if pairs and (case.complete(pairs[0]) or case.stands_out(pairs[0], [*singles, *found])):
-        whole = case.complete(pairs[0])
-        alone = _pruned(case, pairs[0]) if whole else None
-        if alone is not None:
-            return _one(case, "explained", [alone, *singles])
-        answer = _two(case, pairs, singles)
-        return answer if whole else replace(answer, verdict="partly explained", reasons=(LEFT,))
+    if singles:
+        singles = _at_other_sizes(case, singles, progress, seed)
+        if case.complete(singles[0]):
+            return _with_second(case, singles)
+    found = arena.fits(pairs_of(evidence, singles, without=without, seed=seed),
+                       progress=progress, span=(0.7, 0.9))
+    found = [f for f in found if case.helps(f, singles)]
+    if found:
+        singles = sorted([*_alone(case, found[0]), *singles], key=lambda f: f.cost)
+    pairs = [f for f in found if case.helps(f, singles) and case.distinct(f)]
+    if pairs and case.complete(pairs[0]):
+        return _two(case, pairs, singles)
+    if singles and case.complete(singles[0]):
+        return _one(case, "explained", singles)
+    if pairs and case.stands_out(pairs[0], [*singles, *found]):
+        return replace(_two(case, pairs, singles), verdict="partly explained", reasons=(LEFT,))
     if singles and case.stands_out(singles[0], singles[1:]):
         return replace(_one(case, "partly explained", singles), reasons=(LEFT,))
     return Answer(
@@ -155,6 +178,16 @@ def decide(
             "no effect of the catalogue, and no two, explain it: the best leaves "
             + (f"{singles[0].cost / size:.1f}" if singles else "everything"),
         ))
+
+
+def _at_other_sizes(
+    case: _Case, singles: Sequence[Fit], progress: Progress, seed: int
+) -> list[Fit]:
+    """Return the fits, with further ones of the best effects from other sizes, best first."""
+    arena = case.arena
+    starts = rescaled(arena.evidence, arena.metrics[0], singles, seed=seed)
+    return sorted([*singles, *arena.fits(starts, progress=progress, span=(0.6, 0.7))],
+                  key=lambda f: f.cost)
 
 
 def _margin(best: Fit, null_cost: float, size: int) -> float:
@@ -203,14 +236,14 @@ def _with_second(case: _Case, singles: Sequence[Fit]) -> Answer:
     if not found:
         return one
     both = found[0]
-    fell = (best.cost - both.cost) / max(both.cost / case.size, 1e-9)
-    if fell < SECOND_GAIN or not _needed(both):
+    if not case.helps(both, singles):
         return one
-    alone = _pruned(case, both)
-    if alone is not None:
-        return _one(case, "explained", [alone, *singles[1:]])
+    alone = _alone(case, both)
+    if not case.distinct(both) or not case.helps(both, alone):
+        return _one(case, "explained", sorted([*alone, *singles], key=lambda f: f.cost))
+    fell = (best.cost - both.cost) / max(both.cost / case.size, 1e-9)
     scale = evidence.blocks[0].library.scale
-    return replace(one, fit=both, equivalent=(one.equivalent[0], ()),
+    return replace(one, fit=both, simpler=best, equivalent=(one.equivalent[0], ()),
                    p_value=(case.p, scale.p_gain(fell)))
 
 
@@ -229,30 +262,19 @@ def _two(case: _Case, pairs: Sequence[Fit], singles: Sequence[Fit]) -> Answer:
                 equal[k].append(fit)
     return Answer(verdict="explained", fit=best, fits=tuple(singles), gain=case.gain,
                   null_cost=null_cost, p_value=(case.p, case.p),
+                  simpler=next((f for f in singles if f.terms[0].variant.effect in names), None),
                   equivalent=(tuple(equal[0][:2]), tuple(equal[1][:2])))
 
 
-def _pruned(case: _Case, pair: Fit) -> Fit | None:
-    """Return the fit of one effect of a pair if the other is not needed, else None.
+def _alone(case: _Case, pair: Fit) -> list[Fit]:
+    """Return fits of each effect of a pair alone, best first.
 
-    It starts where the pair ended, so a single fit that had stopped short is mended too.
+    They start where the pair ended, so single fits that had stopped short are mended too.
     """
-    for alone in case.arena.fits([Start((t,), pair.z) for t in pair.terms], first=1):
-        if alone.cost - pair.cost < SECOND_GAIN * pair.cost / case.size:
-            return alone
-    return None
-
-
-def _needed(fit: Fit) -> bool:
-    """Whether every effect of a fit is clearly away from zero (prune)."""
-    at = 0
-    for term in fit.terms:
-        n = term.variant.size
-        known = [k for k in range(n) if len(term.signature.levels[k]) > 1]
-        block = np.ix_([at + k for k in known], [at + k for k in known])
-        u = term.u[known]
-        matrix = fit.covariance[block] + 1e-30 * np.eye(len(known))
-        if float(u @ np.linalg.solve(matrix, u)) < CLEAR**2:
-            return False
-        at += n
-    return True
+    found: list[Fit] = []
+    for term, other in (pair.terms, pair.terms[::-1]):
+        z = absorbed(case.arena.evidence, other, pair.z)
+        for fit in case.arena.fits([Start((term,), pair.z if z is None else z)], first=1):
+            near = fit.cost < NEARLY * pair.cost
+            found.append(case.arena.polished(fit) if near else fit)
+    return sorted(found, key=lambda f: f.cost)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ema_identification.actuator.contest import Start
 from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.metric import Robust
 from ema_identification.actuator.periodic import periodic_candidates
 from ema_identification.actuator.recalibration import Recalibration
 from ema_identification.actuator.refit import Fit, Term
@@ -21,7 +22,7 @@ from ema_identification.actuator.screening import (
     signature_of,
     stacked,
 )
-from ema_identification.actuator.sizes import Sized, Sizing
+from ema_identification.actuator.sizes import Sized, Sizing, grid
 
 SIZED, NEAR = 4, 3
 """Candidates from the comparison at all sizes, and about the recalibrated unit."""
@@ -32,6 +33,10 @@ FIRSTS = 6
 PAIRS = 4
 SECONDS = 2
 """Effects that are tried beside a fitted one."""
+SCANNED, SIZES = 3, 2
+"""Effects that are tried at other sizes where no fit is complete, and sizes of each."""
+FACTORS = (0.25, 0.5, 2.0, 4.0)
+"""Those sizes, in units of the fitted one, of an effect with several coordinates."""
 CHALLENGERS = 12
 """Effects that are tried against a small one."""
 
@@ -59,12 +64,11 @@ def propose(
     sizing = Sizing(evidence)
     sized = sorted((sizing.best(stacked(evidence, i)) for i in selectable(evidence, without)),
                    key=lambda s: s.cost)
-    own = periodic_candidates(evidence, null, local, without=without, seed=seed)
+    own = periodic_candidates(evidence, null, without=without, seed=seed)
     starts = [_start(s) for s in _spread(sized, SIZED)]
     names = {s.terms[0].variant.name for s in starts}
     more: list[Screened] = [s for s in ranked if s.variant.name not in names][:NEAR]
-    starts += [Start((Term(variant=s.variant, signature=signature_of(evidence, s), u=s.u),),
-                     null.z) for s in (*more, *own)]
+    starts += [Start((_screened_term(evidence, s),), null.z) for s in (*more, *own)]
     return Proposal(gain=max(gains, default=0.0), starts=starts)
 
 
@@ -88,6 +92,11 @@ def _term(sized: Sized) -> Term:
     return Term(variant=sized.signature.variant, signature=sized.signature, u=sized.u)
 
 
+def _screened_term(evidence: Evidence, screened: Screened) -> Term:
+    return Term(variant=screened.variant, signature=signature_of(evidence, screened),
+                u=screened.u)
+
+
 def challengers(
     evidence: Evidence, finished: Sequence[Fit], *, without: Sequence[str] = ()
 ) -> list[Start]:
@@ -106,8 +115,47 @@ def challengers(
     return [_start(s) for s in found.values()][:CHALLENGERS]
 
 
+def rescaled(
+    evidence: Evidence, rule: Robust, singles: Sequence[Fit], *, seed: int = 0
+) -> list[Start]:
+    """Return starts of the best effects at other sizes, the best fit itself first.
+
+    A fit may stop at a size at which limit cycles of the simulator happen to resemble those of
+    the unit. The simulator is therefore run over all sizes of the library.
+
+    Parameters
+    ----------
+    evidence : the records.
+    rule : metric by which sizes are compared.
+    singles : fits, best first; none of them is complete.
+    seed : of the runs.
+    """
+    sizing = Sizing(evidence)
+    base = evidence.blocks[0].library.model.effects
+    starts = [Start(singles[0].terms, singles[0].z)]
+    done: set[str] = set()
+    for fit in singles:
+        (term,) = fit.terms
+        if term.variant.effect in done or len(done) == SCANNED:
+            continue
+        done.add(term.variant.effect)
+        points = grid(term.signature) if term.variant.size == 1 else [
+            factor * term.u for factor in FACTORS]
+        costs: list[tuple[float, Start]] = []
+        for u in points:
+            z = sizing.tolerances(term.signature.at(u))
+            mean = evidence.mean(z, term.variant.effects(u, base), runs=rule.runs, seed=seed)
+            if all(np.isfinite(f).all() for f in mean):
+                costs.append((rule.cost(evidence, mean, z), Start((Term(
+                    variant=term.variant, signature=term.signature, u=u),), z)))
+        lowest = [c for k, c in enumerate(costs)
+                  if c[0] <= min(other for other, _ in costs[max(k - 1, 0):k + 2])]
+        starts += [start for _, start in sorted(lowest, key=lambda c: c[0])[:SIZES]]
+    return starts
+
+
 def pairs_of(
-    evidence: Evidence, singles: Sequence[Fit], *, without: Sequence[str] = ()
+    evidence: Evidence, singles: Sequence[Fit], *, without: Sequence[str] = (), seed: int = 0
 ) -> list[Start]:
     """Return pairs of different effects: beside fitted ones, and by superposition."""
     found: list[Start] = []
@@ -120,6 +168,9 @@ def pairs_of(
         done.add(name)
         for second in seconds(evidence, fit, without=without)[:SECONDS]:
             _add(found, seen, (*fit.terms, _term(second)), fit.z)
+        for s in periodic_candidates(evidence, fit, without=[*without, name], seed=seed):
+            _add(found, seen, (*fit.terms, _screened_term(evidence, s)), fit.z)
+    most = len(found) + PAIRS
     sizing = Sizing(evidence)
     indices = selectable(evidence, without)
     firsts = _spread(sorted((sizing.best(stacked(evidence, i)) for i in indices),
@@ -133,7 +184,7 @@ def pairs_of(
                 second = about.best(signature)
                 rows.append((second.cost, first, second))
     for _, first, second in sorted(rows, key=lambda row: row[0])[:3 * PAIRS]:
-        if len(found) < 2 * SECONDS + PAIRS:
+        if len(found) < most:
             _add(found, seen, (_term(first), _term(second)), second.z)
     return found
 

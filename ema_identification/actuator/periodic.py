@@ -12,11 +12,14 @@ from ema_identification.actuator.effect_library import Signature
 from ema_identification.actuator.evidence import Evidence
 from ema_identification.actuator.held_out import whitened
 from ema_identification.actuator.recalibration import Recalibration
-from ema_identification.actuator.screening import Residual, Screened, best_of
+from ema_identification.actuator.refit import Fit
+from ema_identification.actuator.screening import Screened, best_of, residual
 from ema_identification.actuator.variants import ripple
 
 STRONG = 8.0
 """Least residual of a line (standard deviations, re and im)."""
+COHERENT = 0.85
+"""Least part of the power of a line that has one phase in all sections."""
 LOWEST = 3
 """Lower orders belong to windings and commutation."""
 RIPPLES = ("cogging_torque", "gear_mesh_ripple")
@@ -28,38 +31,52 @@ SHAFT_SHARE = 1e-5
 def largest_line(
     evidence: Evidence, residual: Sequence[np.ndarray]
 ) -> tuple[int, float, str] | None:
-    """Return order, amplitude (N m) and segment of the clearest torque line that is left."""
+    """Return order, amplitude (N m) and segment of the clearest torque line that is left.
+
+    A ripple of the machine has one phase in rotor angle in all sections of the test, or one that
+    turns over with the direction; a limit cycle that keeps step with the rotor in one section has
+    neither.
+    """
     block, r = evidence.blocks[0], residual[0]
-    null = block.library.null
-    deviation = null.deviation(block.conditions.noise)
-    texts = {s.name: s.text for s in block.library.fmap.plan.segments}
-    lines: dict[tuple[str, int], list[float]] = defaultdict(list)
-    clear: dict[tuple[str, int], float] = defaultdict(float)
+    deviation = block.library.null.deviation(block.conditions.noise)
+    segments = {s.name: s for s in block.library.fmap.plan.segments}
+    found: dict[int, dict[str, complex]] = defaultdict(lambda: defaultdict(complex))
+    widths: dict[tuple[int, str], float] = defaultdict(float)
     for feature, x, sd in zip(block.library.fmap.features, r, deviation):
-        if ".torque_line_" not in feature.name:
-            continue
-        order = int(feature.name.split("_")[2])
-        lines[feature.place, order].append(float(x * sd) * 2e-3)
-        clear[feature.place, order] += float(x)**2
-    if not clear:
-        return None
-    (place, order), power = max(clear.items(), key=lambda item: item[1])
-    if power < 2.0 * STRONG**2:
-        return None
-    return order, float(np.linalg.norm(lines[place, order])), texts.get(place, place)
+        if ".torque_line_" in feature.name:
+            order = int(feature.name.split("_")[2])
+            found[order][feature.place] += float(x * sd) * (
+                1.0 if feature.name.endswith("_re") else 1j)
+            widths[order, feature.place] += 0.5 * float(sd)**2
+    best: tuple[float, int, float, str] | None = None
+    for order, places in found.items():
+        lines = np.array(list(places.values()))
+        weight = 1.0 / np.array([widths[order, place] for place in places])
+        sense = np.sign([segments[place].speed for place in places])
+        mean = max(abs(weight @ lines), abs((weight * sense) @ lines)) / weight.sum()
+        common, whole = mean**2 * weight.sum(), float(weight @ np.abs(lines)**2)
+        if common > max(2.0 * STRONG**2, COHERENT * whole) and (best is None or common > best[0]):
+            place = list(places)[int(np.argmax(weight * np.abs(lines)**2))]
+            best = float(common), order, 2e-3 * float(mean), place
+    return None if best is None else (best[1], best[2], segments[best[3]].text)
 
 
 def periodic_candidates(
-    evidence: Evidence, null: Recalibration, near: Residual, *, without: Sequence[str] = (),
-    seed: int = 0,
+    evidence: Evidence, about: Recalibration | Fit, *, without: Sequence[str] = (), seed: int = 0,
 ) -> list[Screened]:
-    """Return ripple effects with the order of the clearest line."""
-    line = largest_line(evidence, whitened(evidence, null))
+    """Return ripple effects with the order of the clearest line that `about` leaves."""
+    line = largest_line(evidence, whitened(evidence, about))
     if line is None or line[0] < LOWEST:
         return []
     order, torque, _ = line
     base = evidence.blocks[0].library.model
     turn = order * base.actuator.motor.pole_pairs
+    if isinstance(about, Fit):
+        effects, centre = about.effects(base.effects), about.z
+        free = list(about.slopes[:, :about.free].T)
+    else:
+        effects, centre, free = base.effects, about.centre, []
+    rest = residual(evidence, centre, about.mean, runs=about.runs, free=free)
     found = []
     for effect in RIPPLES:
         if effect in without:
@@ -70,17 +87,15 @@ def periodic_candidates(
         for k in range(2):
             u = np.zeros(2)
             u[k] = level
-            runs = evidence.mean(null.centre, variant.effects(u, base.effects), runs=RUNS,
-                                 seed=seed + 20)
-            values.append(np.concatenate(runs) - np.concatenate(null.mean))
+            runs = evidence.mean(centre, variant.effects(u, effects), runs=RUNS, seed=seed + 20)
+            values.append(np.concatenate(runs) - np.concatenate(about.mean))
         if not np.isfinite(values).all():
             continue
         own = Signature(
             variant=variant, levels=(np.array([-level, 0.0, level]),) * 2,
             values=tuple(np.array([-v, np.zeros_like(v), v]) for v in values))
-        screened = best_of(own, -1, near)
-        scale = math.hypot(*screened.u)
-        if scale > 0.0:
+        screened = best_of(own, -1, rest)
+        if math.hypot(*screened.u) > 0.0:
             found.append(Screened(variant=variant, index=-1, u=screened.u, cost=screened.cost,
-                                  z=null.z, own=own))
+                                  z=about.z, own=own))
     return found

@@ -23,6 +23,12 @@ SENSOR_FEATURES = ("position_step", "speed_step", "position_at_start", "gain_ab"
                    "offset_a", "offset_b", "offset_c", "slip")
 STRONG = 8.0
 """Residual of a feature that by itself settles a port (standard deviations)."""
+SENSOR_SHARE = 0.3
+"""Least residual of a sensor's features, of the largest of all, at which the sensor is given: a
+large effect elsewhere moves them too, since it takes the recalibration astray."""
+STEPS = (24, 0.05)
+"""An order of the torque, and its least power, of that of the sixth, by which the torque steps
+at the commutations instead of running smoothly: they come at another angle."""
 COMMUTATION = 6
 """Periods a turn of the commutation: ripple of windings has its multiples, and lower orders."""
 NEAR = 0.5
@@ -57,7 +63,8 @@ def _ports(
         found.append("supply")
     sensor = max((abs(values.get(n, 0.0)) for n in SENSOR_FEATURES), default=0.0)
     summed = max((g.largest for g in groups if g.signal in SENSOR_SIGNALS), default=0.0)
-    if max(sensor, summed) > STRONG:
+    largest = max((g.largest for g in groups), default=0.0)
+    if max(sensor, summed) > max(STRONG, SENSOR_SHARE * largest):
         found.append("sensor")
     line = largest_line(evidence, residual)
     if line is not None and line[0] > COMMUTATION and line[0] % COMMUTATION:
@@ -67,6 +74,10 @@ def _ports(
         nearest = str(EFFECTS[fit.terms[0].variant.effect].port)
         if nearest not in found:
             found.append(nearest)
+    order, share = STEPS
+    high, first = _line_power(values, order), _line_power(values, COMMUTATION)
+    if high > max(2.0 * STRONG**2, share * first):
+        found.append("commutation")
     for port in _by_physics(values, groups):
         if port not in found:
             found.append(port)
@@ -101,6 +112,11 @@ def _by_physics(values: dict[str, float], groups: Sequence[Group]) -> list[str]:
         elif group.signal == "bus voltage":
             score["supply"] += x
     return [port for port, _ in sorted(score.items(), key=lambda item: -item[1])]
+
+
+def _line_power(values: dict[str, float], order: int) -> float:
+    """Return the sum of squares of the torque lines of one order (standard deviations)."""
+    return sum(x**2 for name, x in values.items() if f".torque_line_{order}_" in name)
 
 
 def _turns_with_direction(values: dict[str, float]) -> float:

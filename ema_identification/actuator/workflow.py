@@ -9,7 +9,7 @@ import numpy as np
 
 from ema_identification.actuator.alignment import align
 from ema_identification.actuator.checks import check_records
-from ema_identification.actuator.decision import Answer, decide
+from ema_identification.actuator.decision import COMPLETE, FARTHEST, FELL, Answer, decide
 from ema_identification.actuator.evidence import Block, Evidence, evidence
 from ema_identification.actuator.findings import candidates_of, findings_of
 from ema_identification.actuator.held_out import Gap, gap_of, whitened
@@ -19,6 +19,7 @@ from ema_identification.actuator.next_test import separating_test
 from ema_identification.actuator.panels import panels_of
 from ema_identification.actuator.parameters import recalibrated_of
 from ema_identification.actuator.ports import unknown_shape
+from ema_identification.actuator.pruning import refuted
 from ema_identification.actuator.recalibration import recalibrate
 from ema_identification.actuator.runs import Progress, silent
 from ema_identification.actuator.steps import steps_of
@@ -101,6 +102,17 @@ def _identify(
     after = before
     if answer.fit is not None:
         after = gap_of(ev, held, answer.fit, effects, seed=seed)
+    if held is not None and answer.fit is not None and answer.simpler is not None:
+        one = answer.simpler
+        gap = gap_of(ev, held, one, one.effects(model.effects), seed=seed)
+        if refuted(gap.residual, after.residual):
+            answer, after = without_second(answer, ev.usual), gap
+            effects = _effects(answer, model)
+    if held is not None and answer.verdict == "unknown effect" and not answer.equivalent:
+        named = predicted(ev, held, answer, before, model, seed)
+        if named is not None:
+            answer, after = named
+            effects = _effects(answer, model)
     if held is not None:
         answer = settled(answer, before, after)
     shown = Shown(before=before, after=after, how="held-out records" if held else
@@ -145,6 +157,49 @@ def settled(answer: Answer, before: Gap, after: Gap) -> Answer:
         "the fitted record holds more than the noise of an effect-free unit, but the held-out "
         f"record holds no more than the updated model's own: {after.value:.1f}, floor "
         f"{after.floor:.1f}",))
+
+
+def predicted(
+    ev: Evidence, held: Evidence, answer: Answer, before: Gap, model: Model, seed: int
+) -> tuple[Answer, Gap] | None:
+    """Return the answer that held-out records give where the fit alone names nothing.
+
+    The best effect is named if it explains most of the record, predicts the held-out records to
+    their floor, and the next best name does not. None if that is not so.
+    """
+    fits = sorted(answer.fits, key=lambda f: f.cost)
+    others = [f for f in fits if f.terms[0].variant.effect != fits[0].terms[0].variant.effect
+              ] if fits else []
+    if not others or before.value < SHOWS * before.floor:
+        return None
+    best = fits[0]
+    above = best.cost - ev.usual
+    if best.cost > FARTHEST * ev.usual or above > FELL * (answer.null_cost - ev.usual):
+        return None
+    gap, rival = (gap_of(ev, held, f, f.effects(model.effects), seed=seed)
+                  for f in (best, others[0]))
+    if gap.value > CLOSED * gap.floor or rival.value < 2.0 * gap.value:
+        return None
+    scale = ev.blocks[0].library.scale
+    p = scale.p_gain((answer.null_cost - best.cost) / max(best.cost / ev.size, 1e-9))
+    return replace(answer, verdict="partly explained", fit=best, equivalent=((),), p_value=(p,)
+                   ), gap
+
+
+def without_second(answer: Answer, usual: float) -> Answer:
+    """Return the answer with one of its two effects, after held-out records spoke against two.
+
+    `usual` is the cost that a complete model leaves.
+    """
+    one, fit = answer.simpler, answer.fit
+    assert one is not None and fit is not None
+    kept = [t.variant.effect for t in fit.terms].index(one.terms[0].variant.effect)
+    return replace(
+        answer, verdict="explained" if one.cost < COMPLETE * usual else "partly explained",
+        fit=one, simpler=None, equivalent=(answer.equivalent[kept],),
+        p_value=(answer.p_value[kept],), reasons=(
+            f"the held-out record is predicted no worse without "
+            f"{fit.terms[1 - kept].variant.effect}, so that is not named",))
 
 
 def _effects(answer: Answer, model: Model) -> Effects:

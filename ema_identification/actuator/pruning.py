@@ -1,0 +1,91 @@
+"""Prune: whether each of two effects is needed, by its size, its band and held-out records."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.refit import Fit, Term
+from ema_identification.actuator.spread import TOLERANCES
+from ema_identification.actuator.variants import ALIASES
+
+CLEAR = 2.0
+"""Least distance of each of two effects from absent (standard deviations)."""
+NOTHING = 0.05
+"""Coordinate that counts as none, of the smallest that the library holds."""
+TELLS = 10.0
+"""Sum of squares by which two models must differ on held-out records before those decide."""
+MOST = 10.0
+"""Most that one held-out feature counts (standard deviations)."""
+
+
+def needed(fit: Fit) -> bool:
+    """Whether every effect of a fit is clearly away from zero."""
+    at = 0
+    for term in fit.terms:
+        n = term.variant.size
+        known = [k for k in range(n) if len(term.signature.levels[k]) > 1]
+        block = np.ix_([at + k for k in known], [at + k for k in known])
+        u = term.u[known]
+        matrix = fit.covariance[block] + 1e-30 * np.eye(len(known))
+        if float(u @ np.linalg.solve(matrix, u)) < CLEAR**2:
+            return False
+        at += n
+    return True
+
+
+def absorbed(evidence: Evidence, term: Term, z: np.ndarray) -> np.ndarray | None:
+    """Return tolerances that do what an effect does, or None if they would leave their bands.
+
+    A friction that is 8 % high is a tolerance; one that is 30 % high is an effect.
+
+    Parameters
+    ----------
+    evidence : the records.
+    term : the effect.
+    z : tolerances beside it, in half widths.
+    """
+    names, places = [t.name for t in TOLERANCES], np.arange(len(z))
+    found = z.copy()
+    for k, u in enumerate(term.u):
+        alias = ALIASES.get((term.variant.name, k))
+        if alias is None:
+            levels = np.abs(term.signature.levels[k])
+            if abs(u) > NOTHING * levels[levels > 0.0].min(initial=np.inf):
+                return None
+            continue
+        j = names.index(alias[0])
+        width = TOLERANCES[j].half_width
+        for record in range(len(evidence.blocks)):
+            place = int(evidence.tolerances.of(record, places)[j])
+            total = _total(term, float(u), alias[1], width * float(z[place]))
+            if abs(total) > width:
+                return None
+            found[place] = total / width
+    return found
+
+
+def _total(term: Term, u: float, sense: float, tolerance: float) -> float:
+    """Return the deviation of a number that an effect and a tolerance move together."""
+    if sense == 0.0:
+        return u + tolerance
+    if sense > 0.0:
+        return (1.0 + u) * (1.0 + tolerance) - 1.0
+    if term.variant.effect == "torque_constant_drop":
+        return (1.0 - u) * (1.0 + tolerance) - 1.0
+    return (1.0 + tolerance) / (1.0 + u) - 1.0
+
+
+def refuted(simpler: Sequence[np.ndarray], fuller: Sequence[np.ndarray]) -> bool:
+    """Whether held-out records speak against an effect more.
+
+    Parameters
+    ----------
+    simpler, fuller : residuals of the held-out records without and with it, in standard
+        deviations. Where the two models predict the same, the records say nothing.
+    """
+    a, b = np.concatenate(list(simpler)), np.concatenate(list(fuller))
+    a, b = np.clip(a, -MOST, MOST), np.clip(b, -MOST, MOST)
+    return bool(np.sum((a - b)**2) > TELLS and np.sum(a**2) <= np.sum(b**2))

@@ -1,0 +1,91 @@
+"""Whether each of two effects is needed: its size, the band of its tolerance, held-out records."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ema_identification.actuator.decision import Answer
+from ema_identification.actuator.evidence import Tolerances
+from ema_identification.actuator.pruning import absorbed, needed, refuted
+from ema_identification.actuator.refit import Fit, Term
+from ema_identification.actuator.spread import TOLERANCES, Conditions, realise
+from ema_identification.actuator.variants import variants
+from ema_identification.actuator.workflow import without_second
+from ema_sim.actuator import load_model_file
+
+BY_NAME = {v.name: v for v in variants()}
+ONE = SimpleNamespace(blocks=(None,), tolerances=Tolerances(1))
+
+
+def term(name, *u):
+    levels = tuple(np.array([*row, 0.0]) for row in BY_NAME[name].levels)
+    return Term(variant=BY_NAME[name], signature=SimpleNamespace(levels=levels), u=np.array(u))
+
+
+def fit(terms, cost=100.0, deviation=0.05):
+    n = sum(len(t.u) for t in terms)
+    return Fit(terms=tuple(terms), z=np.zeros(18), covariance=deviation**2 * np.eye(n + 18),
+               cost=cost, mean=(np.zeros(4),), runs=10, slopes=np.zeros((4, n + 18)))
+
+
+@pytest.mark.parametrize(("name", "part", "field", "factor"), [
+    ("surface_friction", "surface", "dynamic_friction", 1.02),
+    ("motor_friction", "motor", "dynamic_friction", 1.02),
+    ("torque_constant_drop", "motor", "back_emf_constant", 0.98),
+    ("shaft_compliance", "shaft", "stiffness", 1.0 / 1.02),
+    ("inertia_change motor", "motor", "inertia", 1.02),
+    ("inertia_change surface", "surface", "inertia", 1.02),
+])
+def test_a_deviation_within_its_band_is_a_tolerance_of_the_same_number(name, part, field, factor):
+    model, z = load_model_file(), np.zeros(18)
+    found = absorbed(ONE, term(name, 0.02), z)
+    assert found is not None
+    plain, _ = realise(model, z, Conditions())
+    instead, _ = realise(model, found, Conditions())
+    assert getattr(getattr(instead, part), field) == pytest.approx(
+        factor * getattr(getattr(plain, part), field))
+
+
+def test_a_deviation_beyond_its_band_is_no_tolerance():
+    z = np.zeros(18)
+    assert absorbed(ONE, term("surface_friction", 0.3), z) is None
+    assert absorbed(ONE, term("torque_constant_drop", 0.05), z) is None
+    assert absorbed(ONE, term("surface_load", 10.0, 0.0), z) is not None
+    assert absorbed(ONE, term("surface_load", 10.0, 80.0), z) is None
+    assert absorbed(ONE, term("backlash", 1e-4), z) is None  # no tolerance is like it
+
+
+def test_effect_and_tolerance_count_together():
+    z = np.zeros(18)
+    z[[t.name for t in TOLERANCES].index("surface.dry_friction")] = 0.9
+    assert absorbed(ONE, term("surface_friction", 0.05), z) is None
+    assert absorbed(ONE, term("surface_friction", -0.15), z) is not None
+
+
+def test_an_effect_that_is_hardly_there_is_not_needed():
+    assert needed(fit([term("backlash", 1.0), term("viscous_friction", 1.0)]))
+    assert not needed(fit([term("backlash", 1.0), term("viscous_friction", 0.06)]))
+
+
+def test_held_out_records_speak_against_an_effect_only_where_it_matters_there():
+    quiet = np.random.default_rng(1).normal(size=300)
+    off = quiet + np.where(np.arange(300) < 20, 3.0, 0.0)
+    assert refuted([quiet], [off])
+    assert not refuted([off], [quiet])
+    assert not refuted([quiet], [quiet + 1e-3])
+
+
+@pytest.mark.parametrize(("cost", "verdict"), [(120.0, "explained"), (400.0, "partly explained")])
+def test_the_effect_that_is_left_keeps_its_own_set_and_verdict(cost, verdict):
+    first, second = term("backlash", 1e-3), term("viscous_friction", 1e-4)
+    alike = (fit([term("shaft_compliance", 1.0)]),)
+    one = fit([second], cost)
+    answer = Answer(verdict="explained", fit=fit([first, second]), simpler=one,
+                    equivalent=((), alike), p_value=(0.1, 0.2))
+    found = without_second(answer, usual=100.0)
+    assert found.fit is one
+    assert found.equivalent == (alike,)
+    assert found.p_value == (0.2,)
+    assert found.verdict == verdict
+    assert "backlash" in found.reasons[0]
