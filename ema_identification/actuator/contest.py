@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,8 @@ STAGES = (
     Stage(LAST_SHARE, 3, 4, 3, 3.0),
 )
 LAST_RUNS = 10
+REPEATS = 6
+"""Runs of a fitted model that tell its scatter."""
 POLISH, WORTH = 4, 0.05
 """Most times that a fit goes on where it stopped, and what it must gain by that."""
 THOROUGH = 1.4
@@ -94,6 +97,21 @@ class Arena:
         found += [finished(self.evidence, self.last, p, seed=self.seed, still=True)
                   for p in left]
         return sorted((f for f in found if np.isfinite(f.cost)), key=lambda f: f.cost)
+
+    def scattering(self, fit: Fit) -> Robust:
+        """Return the last metric with what runs of a fitted model differ by among themselves.
+
+        A large effect makes limit cycles that repeat less well than an effect-free unit's.
+        """
+        evidence = self.evidence
+        effects = fit.effects(evidence.blocks[0].library.model.effects)
+        runs = [evidence.mean(fit.z, effects, runs=1, seed=self.seed + 90 + k)
+                for k in range(REPEATS)]
+        whole = [r for r in runs if all(np.isfinite(f).all() for f in r)]
+        if len(whole) < 2:
+            return self.last
+        return replace(self.last, scatter=tuple(
+            np.std(parts, axis=0, ddof=1) for parts in zip(*whole)))
 
     def polished(self, fit: Fit) -> Fit:
         """Return a fit that went on from another as long as that helped."""

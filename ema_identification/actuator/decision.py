@@ -106,6 +106,12 @@ class _Case(NamedTuple):
         single = singles[0].cost if singles else np.inf
         return single - pair.cost > SECOND_GAIN * pair.cost / self.size
 
+    def surely(self, pair: Fit, singles: Sequence[Fit]) -> bool:
+        """Whether two effects help more than runs of the single one differ among themselves."""
+        rule, evidence = self.arena.scattering(singles[0]), self.arena.evidence
+        one, two = (rule.cost(evidence, f.mean, f.z) for f in (singles[0], pair))
+        return one - two > SECOND_GAIN * max(two, self.usual) / self.size
+
     def distinct(self, pair: Fit) -> bool:
         """Whether both effects are there, and none of them is what its tolerance could be."""
         return needed(pair) and all(
@@ -162,6 +168,8 @@ def decide(
     if found:
         singles = sorted([*_alone(case, found[0]), *singles], key=lambda f: f.cost)
     pairs = [f for f in found if case.helps(f, singles) and case.distinct(f)]
+    if singles and case.complete(singles[0]):
+        pairs = [f for f in pairs[:1] if case.surely(f, singles)]
     if pairs and case.complete(pairs[0]):
         return _two(case, pairs, singles)
     if singles and case.complete(singles[0]):
@@ -239,7 +247,7 @@ def _with_second(case: _Case, singles: Sequence[Fit]) -> Answer:
     if not case.helps(both, singles):
         return one
     alone = _alone(case, both)
-    if not case.distinct(both) or not case.helps(both, alone):
+    if not (case.distinct(both) and case.helps(both, alone) and case.surely(both, alone)):
         return _one(case, "explained", sorted([*alone, *singles], key=lambda f: f.cost))
     fell = (best.cost - both.cost) / max(both.cost / case.size, 1e-9)
     scale = evidence.blocks[0].library.scale

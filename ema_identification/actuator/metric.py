@@ -163,18 +163,21 @@ class Robust:
     before : features of each record without what is missing (`reference`).
     runs : of the predictions that are judged.
     share : of a residual that is granted as its error.
+    scatter : standard deviation of a further error of each feature of each record.
     """
 
     before: tuple[np.ndarray, ...]
     runs: int
     share: float
+    scatter: tuple[np.ndarray, ...] = ()
 
     def at(self, evidence: Evidence, mean: Sequence[np.ndarray]) -> Metric:
         """Return the metric about a prediction."""
         white, feigned = [], 0.0
-        for block, f0, f in zip(evidence.blocks, self.before, mean):
-            noise = noise_covariance(block, runs=self.runs, error=np.hypot(
-                MODEL_ERROR * (block.values - f0), self.share * (block.values - f)))
+        scatter = self.scatter or tuple(np.zeros_like(f) for f in mean)
+        for block, f0, f, more in zip(evidence.blocks, self.before, mean, scatter):
+            noise = noise_covariance(block, runs=self.runs, error=np.hypot(np.hypot(
+                MODEL_ERROR * (block.values - f0), self.share * (block.values - f)), more))
             feigned += slope_noise(block, noise)
             white.append(Whitening(noise))
         return Metric(white=tuple(white), before=self.before, unit=self.before, bend=np.inf,
