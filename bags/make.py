@@ -25,7 +25,7 @@ HIDDEN: dict[str, tuple[str, ...]] = {
     "friction": ("motor_friction.increase=0.6",),
     "backlash": ("backlash.increase=0.002",),
     "model_gap": (
-        "cogging_torque.amplitude=0.02", "cogging_torque.periods=18", "cogging_torque.phase=0.7",
+        "stribeck_friction.increase=0.8", "stribeck_friction.speed=12",
         "surface_load.constant=11", "winding_temperature.temperature=41",
         "bus_voltage_change.change=-0.04",
     ),
