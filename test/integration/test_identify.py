@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from ema_cli.main import COMMANDS, build_app, run
-from ema_identification.actuator import calibration, effect_library, null_library
+from ema_identification.actuator import calibration, effect_library, naming, null_library
 from ema_identification.actuator.variants import variants
 from ema_identification.identify import identify
 from ema_record.bag import write_bag
@@ -30,6 +30,8 @@ def small_library(tmp_path_factory):
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         patch.setattr(null_library, "UNITS", 190)
         patch.setattr(calibration, "UNITS", 16)
+        for name in ("PAIRS", "SECONDS", "SCANNED"):
+            patch.setattr(naming, name, 1)
         patch.setattr(effect_library, "variants",
                       lambda: tuple(v for v in variants() if v.name in KNOWN))
         yield
