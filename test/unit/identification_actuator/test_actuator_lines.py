@@ -1,0 +1,82 @@
+"""The clearest line that is left, and the port that lines and sensors point to."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ema_identification.actuator.features import Feature
+from ema_identification.actuator.periodic import largest_line
+from ema_identification.actuator.ports import unknown_shape
+from ema_identification.actuator.segments import Segment
+
+SPEEDS = (25.0, -25.0, 200.0, -200.0)
+DEVIATION = 0.5
+
+
+def evidence_of(orders, extra=()):
+    """Return evidence whose features are torque lines, in mA, and `extra` others."""
+    segments = [Segment(name=f"s{k}", kind="ramp", begin=k, end=k + 1.0, speed=v)
+                for k, v in enumerate(SPEEDS)]
+    features = [
+        Feature(f"{s.name}.torque_line_{n}_{part}", s.name, "motor torque", "rotor angle")
+        for s in segments for n in orders for part in ("re", "im")]
+    features += extra
+    null = SimpleNamespace(deviation=lambda _noise: np.full(len(features), DEVIATION))
+    plan = SimpleNamespace(segments=segments, transitions=[])
+    fmap = SimpleNamespace(features=tuple(features), plan=plan)
+    block = SimpleNamespace(library=SimpleNamespace(null=null, fmap=fmap),
+                            conditions=SimpleNamespace(noise=1.0))
+    return SimpleNamespace(blocks=(block,))
+
+
+def residual(lines):
+    """Return residuals in standard deviations of complex lines, shape (segments, orders)."""
+    return np.stack([np.real(lines), np.imag(lines)], axis=-1).ravel() / DEVIATION
+
+
+LINE = 10.0 * np.exp(0.7j)
+QUIET = np.zeros(4)
+
+
+@pytest.mark.parametrize("sense", [np.ones(4), np.sign(SPEEDS)])
+def test_a_ripple_has_one_phase_in_all_sections_or_turns_over_with_the_direction(sense):
+    found = largest_line(evidence_of((5, 9)), [residual(np.stack([QUIET, sense * LINE], axis=1))])
+    assert found is not None
+    assert found[0] == 9
+    assert found[1] == pytest.approx(2e-3 * abs(LINE))
+
+
+def test_a_limit_cycle_in_one_section_or_without_a_common_phase_is_no_ripple():
+    phases = np.exp(1j * np.array([0.0, 2.0, 4.0, 1.0]))
+    for lines in (phases * LINE, np.array([3.0 * LINE, 0.0, 0.0, 0.0])):
+        assert largest_line(evidence_of((5, 9)),
+                            [residual(np.stack([QUIET, lines], axis=1))]) is None
+
+
+def test_a_ripple_wins_over_a_larger_limit_cycle():
+    cycle = np.array([5.0 * LINE, 0.0, 0.0, 0.0])
+    found = largest_line(evidence_of((5, 9)),
+                         [residual(np.stack([cycle, np.full(4, LINE)], axis=1))])
+    assert found is not None
+    assert found[0] == 9
+
+
+def port_of(lines, gain):
+    evidence = evidence_of((6, 24), [
+        Feature("gain_ab", "record", "sum of the phase currents", "load"),
+        Feature("s0.error", "s0", "motor speed", "frequency")])
+    return unknown_shape(evidence, [np.append(residual(lines), [gain, 5.0])], [], 1.0).port
+
+
+def test_a_sensor_is_given_only_where_its_own_features_lead():
+    lines = np.stack([np.full(4, LINE) * np.sign(SPEEDS), QUIET], axis=1)
+    assert port_of(lines, 60.0).startswith("sensor")
+    assert not port_of(20.0 * lines, 60.0).startswith("sensor")
+
+
+def test_torque_that_steps_at_another_angle_is_commutation():
+    smooth = np.stack([np.full(4, LINE) * np.sign(SPEEDS), QUIET], axis=1)
+    steps = np.stack([np.full(4, LINE), np.full(4, 0.6 * LINE)], axis=1)
+    assert "commutation" not in port_of(smooth, 0.0)
+    assert "commutation" in port_of(steps, 0.0)
