@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_identification.rig.balance import Balance, Design
+from ema_identification.rig.balance import Balance
+from ema_identification.rig.design import Design
 from ema_identification.rig.laws import LAWS, Law, Term
 from ema_identification.rig.laws.base import amplitude_phase
 from ema_identification.rig.model import KnownTerm, RigModel

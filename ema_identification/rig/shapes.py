@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import signal
 
-from ema_identification.rig.balance import Design
+from ema_identification.rig.design import Design
 from ema_identification.rig.laws import Term
 from ema_identification.rig.laws.position import COGGING_TORQUE, orders
 from ema_identification.rig.trajectory import Segment, Trajectory

@@ -17,8 +17,9 @@ from ema_identification.identification import (
     Parameter,
     Shape,
 )
-from ema_identification.rig.balance import Balance, Design, rms
+from ema_identification.rig.balance import Balance, rms
 from ema_identification.rig.blocks import Blocks, make_blocks
+from ema_identification.rig.design import Design
 from ema_identification.rig.estimates import parameters, without_modifiers
 from ema_identification.rig.gain import common_factor
 from ema_identification.rig.known import known_balance

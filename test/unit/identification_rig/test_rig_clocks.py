@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from ema_identification.rig.balance import Design
 from ema_identification.rig.clocks import speed_lag
+from ema_identification.rig.design import Design
 from ema_identification.rig.laws import LAWS, Term
 from ema_identification.rig.model import Settings
 from ema_identification.rig.prepare import prepare
@@ -32,7 +32,7 @@ def test_a_filtered_speed_is_put_on_the_clock_of_the_position(axis, moving, reco
     slow = signal.lfilter(*signal.bessel(2, 12.0, fs=1.0 / t[1]), v)
     ripple = 0.3 * np.cos(6 * q - 0.5)
     record = recorded(t, 0.05 * a + 0.4 * v + 0.5 * np.sign(v) + ripple, axis, position=q,
-                        speed=slow)
+                      speed=slow)
     found = identify_rig([record])
     assert sorted(named(found)) == ["cogging_torque", "coulomb_friction"]
     assert any("ms earlier, where it is the slope of the position" in r for r in found.reasons)

@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ema_identification.rig.balance import Design, rms
+from ema_identification.rig.balance import rms
 from ema_identification.rig.bandwidth import response_band
 from ema_identification.rig.blocks import Blocks, correlation_time
+from ema_identification.rig.design import Design
 from ema_identification.rig.known import known_balance
 from ema_identification.rig.laws import LAWS, Term, unit_of
 from ema_identification.rig.laws.dynamics import _since_reversal
