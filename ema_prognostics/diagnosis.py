@@ -13,6 +13,7 @@ from ema_prognostics.paper_cascade import FAULTS, LEVELS
 from ema_prognostics.paper_features import paper_features, paper_turns
 from ema_prognostics.robust.explain import reasons_of_guard
 from ema_prognostics.robust.features import LAST_TIME, extract
+from ema_prognostics.robust.guard import BESIDE_OWN
 from ema_prognostics.robust.report import unknown_verdict, verdict_of_finding
 from ema_prognostics.robust.vector import differences, start_allowed
 from ema_prognostics.segments import ProfileKind, profile_kind
@@ -171,7 +172,8 @@ def verdict_of_features(
                                "inverter off is missing")
     x = _row(features, names)
     finding = cascade.find(x, exact=exact)[0]
-    unusual = reasons_of_guard(cascade, finding)
+    with_own = baseline is not None and own is not None
+    unusual = reasons_of_guard(cascade, finding, BESIDE_OWN if with_own else 1.0)
     if unusual:
         return unknown_verdict("the record is unlike anything the networks were trained on",
                                *unusual)

@@ -11,9 +11,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ema_prognostics.network import Network
+from ema_prognostics.robust.guard_groups import group_columns
 from ema_prognostics.robust.inputs import input_names
 from ema_prognostics.robust.known import KINDS_FOUND, TAIL_RATES
-from ema_prognostics.robust.lines import HARMONICS, SHORT_LINES, SPEEDS, LineFilter
+from ema_prognostics.robust.lines import HARMONICS, SHORT_LINES, SPEEDS, WINDING, LineFilter
 from ema_record.errors import ModelError
 
 DIGITS = 7
@@ -116,21 +117,30 @@ class FamilyPart(MemberPart):
 class SeverityPart(Part):
     """How much: a network on asinh(severity / unit), one on the log of its error, the interval.
 
-    The half width of the 90 % interval is `factor` times the expected error.
+    The half width of the 90 % interval is the expected error times a factor, which is `factors`
+    where the network says `knots`, and linear between; beside another fault `company` times it.
     """
 
     inputs: Names
     network: NetworkPart
     scale: NetworkPart
     unit: Positive
-    factor: Positive
+    knots: Vector
+    factors: Vector
+    company: Positive
     upper: Positive
     """Largest severity trained on."""
+    least: float = Field(ge=0.0)
+    """Smallest severity that is announced."""
 
     @model_validator(mode="after")
     def _sizes(self) -> SeverityPart:
         self.network.check_size(len(self.inputs), 1)
         self.scale.check_size(len(self.inputs), 1)
+        if not 1 <= len(self.knots) == len(self.factors) or sorted(self.knots) != self.knots:
+            raise ValueError("the factors of an interval do not fit its knots")
+        if min(self.factors) <= 0.0:
+            raise ValueError("a factor of an interval is not above 0")
         return self
 
 
@@ -141,19 +151,26 @@ class LinePart(Part):
     deviation: Vector
     template_re: Vector
     template_im: Vector
+    winding_re: Vector
+    winding_im: Vector
+    precision: Matrix
 
     @classmethod
     def of(cls, found: LineFilter) -> LinePart:
         """Return filters as data."""
         return cls(weight=rounded(found.weight), deviation=rounded(found.deviation),
                    template_re=rounded(found.template.real),
-                   template_im=rounded(found.template.imag))
+                   template_im=rounded(found.template.imag),
+                   winding_re=rounded(found.winding.real),
+                   winding_im=rounded(found.winding.imag), precision=rounded(found.precision))
 
     def build(self) -> LineFilter:
         """Return the filters as arrays."""
         return LineFilter(
             weight=np.array(self.weight), deviation=np.array(self.deviation),
             template=np.array(self.template_re) + 1j * np.array(self.template_im),
+            winding=np.array(self.winding_re) + 1j * np.array(self.winding_im),
+            precision=np.array(self.precision),
         )
 
     @model_validator(mode="after")
@@ -163,10 +180,19 @@ class LinePart(Part):
             and all(len(row) == HARMONICS for row in self.weight)
             and len(self.deviation) == HARMONICS and min(self.deviation) > 0.0
             and len(self.template_re) == len(self.template_im) == len(SHORT_LINES)
+            and len(self.winding_re) == len(self.winding_im) == len(WINDING)
+            and [len(row) for row in self.precision] == [len(WINDING)] * len(WINDING)
         )
         if not good:
             raise ValueError("the filters of the lines have another shape")
         return self
+
+
+class GroupPart(Part):
+    """How far the features of one part of the physics may be off together."""
+
+    whitening: Matrix
+    distance: Positive
 
 
 class LimitPart(Part):
@@ -180,6 +206,8 @@ class LimitPart(Part):
     """Largest usual length of the whitened residuals."""
     tail: Vector
     """Worst score of a record that is exceeded at each of `known.TAIL_RATES`; it grows."""
+    groups: dict[str, GroupPart]
+    """Of the features that belong together, see `guard_groups.GROUPS`."""
 
     @model_validator(mode="after")
     def _sizes(self) -> LimitPart:
@@ -200,7 +228,7 @@ class GuardPart(Part):
     checked: Names
     mean: NetworkPart
     scale: NetworkPart
-    limits: dict[Literal["healthy", "mechanical", "electrical", "both"], LimitPart]
+    limits: dict[Literal["healthy", "slight", "mechanical", "electrical", "both"], LimitPart]
     """By what is found in a record: friction and backlash move other features than shorts."""
 
     @model_validator(mode="after")
@@ -211,6 +239,11 @@ class GuardPart(Part):
             raise ValueError("limits of the guard are missing")
         if any(len(part.limit) != len(self.checked) for part in self.limits.values()):
             raise ValueError("one limit a checked feature is needed")
+        sizes = {name: len(columns) for name, columns in group_columns(self.checked).items()}
+        for part in self.limits.values():
+            found = {name: [len(row) for row in g.whitening] for name, g in part.groups.items()}
+            if found != {name: [n] * n for name, n in sizes.items()}:
+                raise ValueError("the groups of the guard are others")
         return self
 
 

@@ -14,7 +14,7 @@ from benchmarks.detection.peers import Called, mlp_columns, paper_columns
 from benchmarks.detection.table import plain
 from ema_prognostics.model_file import Model
 from ema_prognostics.robust.campaign import Campaign
-from ema_prognostics.robust.rates import detection, rate
+from ema_prognostics.robust.rates import ORIGIN, detection, rate
 
 PAPER_UNITS = 60
 """Records a group that the paper's scheme judges; each is simulated again."""
@@ -35,7 +35,7 @@ def _column(tests: Sequence[Tested], called: Sequence[Called], visible: Mapping[
         right += [name in c.outcome.split("+") for (x, c), f in zip(mine, found)
                   if f and x >= visible.get(group, 0.0)]
         curve = detection(np.array([x for x, _ in mine]),
-                          np.array(found, dtype=bool)) if mine else None
+                          np.array(found, dtype=bool), ORIGIN.get(group, 0.0)) if mine else None
         faults[group] = None if curve is None else curve.a90_95
     return {"false alarms": plain(rate(healthy)), "strangers wrong": plain(rate(strangers)),
             "right class": plain(rate(right)), "a90_95": faults}

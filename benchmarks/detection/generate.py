@@ -18,8 +18,8 @@ from benchmarks.detection.fleet import Case, draw, tested
 from ema_prognostics.robust.chunks import sources_hash
 
 COUNTS = {
-    "healthy": 3000, "turn_short": 400, "rotor_eccentricity": 400, "static_eccentricity": 120,
-    "motor_friction": 250, "surface_friction": 250, "backlash": 250, "pair": 240,
+    "healthy": 3000, "turn_short": 600, "rotor_eccentricity": 600, "static_eccentricity": 120,
+    "motor_friction": 500, "surface_friction": 500, "backlash": 250, "pair": 240,
     "stranger": 228, "sensor": 132,
 }
 """Tests of each group; each has the acceptance test of its unit too."""

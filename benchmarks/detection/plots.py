@@ -44,7 +44,7 @@ def plot_detection(
             entry = numbers[view]["faults"][group]
             if entry["curve"] is not None:
                 grid = np.geomspace(x.min(), x.max(), 200)
-                z = entry["curve"][0] + entry["curve"][1] * np.log(grid)
+                z = entry["curve"][0] + entry["curve"][1] * np.log(entry["curve"][2] + grid)
                 axis.plot(scale * grid, 1.0 / (1.0 + np.exp(-z)), color=COLOURS[view],
                           label=f"{NAMES[view]}: a90/95 {scale * entry['a90_95']:.3g}")
                 axis.axvline(scale * entry["a90_95"], color=COLOURS[view], linestyle=":")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.detection.judge import CLASS, Judged, detected, errors, inside, of, severities
-from ema_prognostics.robust.rates import Rate, detection, rate
+from ema_prognostics.robust.rates import ORIGIN, Rate, detection, rate
 
 PHASED = "turn_short"
 MODES = ("paper", "common", "shifted")
@@ -51,7 +51,9 @@ def fault_groups(judged: Sequence[Judged]) -> dict[str, list[Judged]]:
 def fault_numbers(judged: Sequence[Judged]) -> dict[str, Any]:
     """Return detection, class, severity and coverage of the records of one fault."""
     found = detected(judged)
-    curve = detection(severities(judged), found)
+    group = judged[0].case.group if judged else ""
+    curve = detection(severities(judged), found, ORIGIN.get(group, 0.0))
+    in_log = detection(severities(judged), found)
     named = [j for j in judged if j.detected]
     error = errors(judged)
     phases = [j.fault.phase == j.case.detail for j in named
@@ -61,7 +63,8 @@ def fault_numbers(judged: Sequence[Judged]) -> dict[str, Any]:
         "unknown": plain(rate([j.outcome == "unknown" for j in judged])),
         "a90": None if curve is None else curve.a90,
         "a90_95": None if curve is None else curve.a90_95,
-        "curve": None if curve is None else [curve.intercept, curve.slope],
+        "a90_95 in log severity": None if in_log is None else in_log.a90_95,
+        "curve": None if curve is None else [curve.intercept, curve.slope, curve.origin],
         "right class": plain(rate([j.right for j in named])),
         "phase right": plain(rate(phases)),
         "interval holds": plain(rate(inside(judged))),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 COVERAGE = 0.9
+BIN, MOST_BINS = 80, 6
+"""Fewest residuals a bin, and most bins, where a half width depends on a value."""
 
 
 def tail_quantile(score: np.ndarray, rate: float) -> float:
@@ -41,3 +43,24 @@ def conformal_quantile(residual: np.ndarray, coverage: float = COVERAGE) -> floa
     n = len(residual)
     rank = min(n, int(np.ceil((n + 1) * coverage)))
     return float(np.sort(residual)[rank - 1])
+
+
+def local_quantiles(
+    value: np.ndarray, residual: np.ndarray, coverage: float = COVERAGE
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return split-conformal half widths that depend on a value: bins of as many residuals each.
+
+    Parameters
+    ----------
+    value, residual : ndarray, shape (n,). What the width depends on; absolute residuals.
+    coverage : of new residuals.
+
+    Returns
+    -------
+    ndarray, shape (k,), median value of each bin, growing; ndarray, shape (k,), half widths.
+    """
+    bins = min(max(len(value) // BIN, 1), MOST_BINS)
+    order = np.argsort(value, kind="stable")
+    parts = np.array_split(order, bins)
+    return (np.array([np.median(value[p]) for p in parts]),
+            np.array([conformal_quantile(residual[p], coverage) for p in parts]))

@@ -15,6 +15,8 @@ from ema_prognostics.robust.known import kind_found
 from ema_prognostics.robust.vector import rotate
 
 MAX_FAULTS = 2
+LEAST_SEVERITY = 1e-9
+"""Of a fault that is announced."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,10 +38,11 @@ class Finding:
     severity : of each of them.
     probability : ndarray, shape (8,), of the outputs.
     margin : ndarray, shape (5,), logit of each family less its threshold.
-    guard : ndarray, shape (m + 1,), of each feature checked, of all together; above 1:
-        unusual. Empty: no guard.
+    guard : ndarray, shape (m + groups + 1,), of each feature checked, of each group of them,
+        of all together; above 1: unusual. Empty: no guard.
     known : probability that the record is of a kind that the networks know.
-    doubtful : nothing is announced, but healthy is too improbable to be said.
+    doubtful : nothing is announced, but healthy is too improbable to be said, or a fault is
+        seen that is smaller than those announced.
     """
 
     outputs: tuple[str, ...]
@@ -88,15 +91,24 @@ class SeverityNetwork:
     def __init__(self, part: SeverityPart, inputs: Inputs) -> None:
         """Build the network."""
         self._network, self._columns = part.network.build(), inputs.columns(part.inputs)
-        self._scale, self._factor = part.scale.build(), part.factor
-        self._unit, self._upper = part.unit, part.upper
+        self._scale = part.scale.build()
+        self._factors = np.array(part.knots), np.array(part.factors)
+        self._company, self._unit, self._upper = part.company, part.unit, part.upper
+        self.least = part.least
 
     def __call__(self, u: np.ndarray) -> np.ndarray:
-        """Return value, lower and upper bound, shape (n, 3), in the effect's unit."""
+        """Return how much, in the effect's unit, alone and beside another fault.
+
+        Returns
+        -------
+        ndarray, shape (n, 2, 3). Value, lower and upper bound; the value is the same.
+        """
         x = u[:, self._columns]
         y = self._network(x)[:, 0]
-        half = self._factor * np.exp(np.clip(self._scale(x)[:, 0], -12.0, 3.0))
-        bounds = np.stack([y, y - half, y + half], axis=1)
+        error = np.exp(np.clip(self._scale(x)[:, 0], -12.0, 3.0))
+        half = np.outer(np.interp(y, *self._factors) * error, [1.0, self._company])
+        y = np.column_stack([y, y])
+        bounds = np.stack([y, y - half, y + half], axis=2)
         return np.clip(self._unit * np.sinh(bounds), 0.0, 2.0 * self._upper)
 
 
@@ -138,24 +150,38 @@ class Cascade:
         family = np.column_stack([self._families[n](u) for n in FAMILIES])
         margin = logit(family) - self._threshold
         p = self._probabilities(turned, family)
-        outputs_of = [announced(*row) for row in zip(p, margin)]
-        guard, known = np.empty((len(x), 0)), np.ones(len(x))
-        if self.guard is not None:
-            present = np.array([[o in outputs for o in OUTPUTS] for outputs in outputs_of])
-            guard, known = self.guard.scores(u, kind_found(present), exact=exact)
         severity = {
             output: self._severity[SEVERITY_OF[output]](turned[k] if output in SHORTS else u)
             for k, output in enumerate(OUTPUTS)
         }
+        size = np.column_stack([severity[o][:, 0, 0] for o in OUTPUTS])
+        outputs_of = [announced(*row) for row in zip(p, self._announceable(margin, p, size))]
+        guard, known = np.empty((len(x), 0)), np.ones(len(x))
+        if self.guard is not None:
+            present = np.array([[o in outputs for o in OUTPUTS] for outputs in outputs_of])
+            kind = kind_found(np.where(present, np.maximum(size, LEAST_SEVERITY), 0.0))
+            guard, known = self.guard.scores(u, kind, exact=exact)
         found = []
         for row, outputs in enumerate(outputs_of):
+            company = int(len(outputs) > 1)
             values = [Severity(value=float(v), lower=float(low), upper=float(high))
-                      for v, low, high in (severity[o][row] for o in outputs)]
+                      for v, low, high in (severity[o][row, company] for o in outputs)]
             one = Finding(
                 outputs=outputs, severity=tuple(values), probability=p[row], margin=margin[row],
                 guard=guard[row], known=float(known[row]), doubtful=False,
             )
-            found.append(replace(one, doubtful=not outputs and one.healthy < self.view.doubt))
+            seen = bool((margin[row] > 0.0).any()) or one.healthy < self.view.doubt
+            found.append(replace(one, doubtful=seen and not outputs))
+        return found
+
+    def _announceable(self, margin: np.ndarray, p: np.ndarray, size: np.ndarray) -> np.ndarray:
+        """Return the margins, shape (n, 5), -inf where the severity is too small to be told."""
+        enough = size >= [self._severity[SEVERITY_OF[o]].least for o in OUTPUTS]
+        found = np.empty_like(margin)
+        for k, outputs in enumerate(FAMILIES.values()):
+            columns = np.array([OUTPUTS.index(o) for o in outputs])
+            named = columns[p[:, columns].argmax(axis=1)]
+            found[:, k] = np.where(enough[np.arange(len(p)), named], margin[:, k], -np.inf)
         return found
 
     def _probabilities(self, turned: list[np.ndarray], family: np.ndarray) -> np.ndarray:

@@ -9,7 +9,8 @@ import numpy as np
 from ema_prognostics.robust.campaign import Campaign
 from ema_prognostics.robust.cascade import Cascade, Finding
 from ema_prognostics.robust.classes import CLASS_OF, FAULTS, OUTPUTS, SHORTS
-from ema_prognostics.robust.rates import Rate, detection, rate
+from ema_prognostics.robust.guard import BESIDE_OWN
+from ema_prognostics.robust.rates import ORIGIN, Rate, detection, rate
 from ema_prognostics.robust.training import view_inputs
 
 
@@ -52,7 +53,7 @@ def evaluate(
         found = np.array([o not in ("healthy", "unknown") for o in said], dtype=bool)
         right = [name in o.split("+") for o, f in zip(said, found) if f]
         inside, error = _severities(findings, campaign, only, columns)
-        curve = detection(mine[only], found)
+        curve = detection(mine[only], found, ORIGIN.get(name, 0.0))
         result[name] = {
             "detected": _plain(rate(found)), "right class of detected": _plain(rate(right)),
             "interval coverage": _plain(rate(inside)),
@@ -76,12 +77,12 @@ def _judge(
 ) -> tuple[list[Finding], list[str]]:
     _, x = view_inputs(campaign, "fleet")
     findings = fleet.find(x)
-    guarded = [outcome_of(f) == "unknown" for f in findings]
-    if own is not None:
-        _, x = view_inputs(campaign, "baseline")
-        findings = own.find(x)
-    outcomes = ["unknown" if g else outcome_of(f) for g, f in zip(guarded, findings)]
-    return findings, outcomes
+    if own is None:
+        return findings, [outcome_of(f) for f in findings]
+    guarded = [f.guard.size > 0 and f.guard.max() > BESIDE_OWN for f in findings]
+    _, x = view_inputs(campaign, "baseline")
+    findings = own.find(x)
+    return findings, ["unknown" if g else outcome_of(f) for g, f in zip(guarded, findings)]
 
 
 def _severities(

@@ -6,6 +6,7 @@ import numpy as np
 
 from ema_prognostics.robust.cascade import Cascade, Finding
 from ema_prognostics.robust.classes import CLASS_OF
+from ema_prognostics.robust.guard_groups import GROUPS
 
 WORDS = {
     "torque_full": "torque needed at full speed",
@@ -47,6 +48,7 @@ WORDS = {
     "resistance_m1_im": "difference between the resistances of the phases",
     "inductance_m1_re": "difference between the inductances of the phases",
     "inductance_m1_im": "difference between the inductances of the phases",
+    "winding_unlike": "difference between the windings that no short makes",
     "winding_error": "what the voltages leave unexplained",
     "control_delay": "delay of the controller", "control_gain": "gain of the controller",
     "inertia": "inertia of the motor",
@@ -113,16 +115,28 @@ def reasons_of_fault(cascade: Cascade, x: np.ndarray, output: str) -> list[str]:
     return found
 
 
-def reasons_of_guard(cascade: Cascade, finding: Finding) -> list[str]:
-    """Return what is unlike anything trained on, worst first; empty where nothing is."""
+def reasons_of_guard(cascade: Cascade, finding: Finding, bound: float = 1.0) -> list[str]:
+    """Return what is unlike anything trained on, worst first; empty where nothing is.
+
+    Parameters
+    ----------
+    cascade : that found it.
+    finding : what it found.
+    bound : of the guard's scores, above 1 where another guard judges too.
+    """
     guard = cascade.guard
-    if guard is None or finding.guard.max() <= 1.0:
+    if guard is None or finding.guard.max() <= bound:
         return []
     names = cascade.inputs.input_names
-    each, together = finding.guard[:-1], float(finding.guard[-1])
+    m = len(guard.checked)
+    each, groups, together = finding.guard[:m], finding.guard[m:-1], float(finding.guard[-1])
     found = [
         f"{words(names[guard.checked[k]])}: {each[k]:.1f} times the usual bound"
         for k in np.argsort(-each)[:MOST] if each[k] > 1.0
+    ]
+    found += [
+        f"{GROUPS[guard.groups[k]].words}, together: {groups[k]:.1f} times the usual distance"
+        for k in np.argsort(-groups)[:MOST - len(found)] if groups[k] > 1.0
     ]
     if not found:
         worst = words(names[guard.checked[int(np.argmax(each))]])

@@ -1,7 +1,8 @@
 """The guard: whether a record looks like anything that the networks were trained on.
 
 Faults move some features (the drivers: lines, torques, gap). Given these, all others are
-predicted, with their scatter; a record whose others lie elsewhere is of an unknown kind.
+predicted, with their scatter; a record whose others lie elsewhere is of an unknown kind. Judged
+are each feature, the features of each part of the physics together, and all together.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 
 from ema_prognostics.model_body import GuardPart, LimitPart, ViewPart
 from ema_prognostics.network import Network
+from ema_prognostics.robust.guard_groups import group_columns
 from ema_prognostics.robust.inputs import SURFACE, input_names
 from ema_prognostics.robust.known import KINDS_FOUND, probability_known, tail_probability
 from ema_prognostics.robust.lines import DERIVED
@@ -33,13 +35,18 @@ ABSOLUTE_DRIVERS = tuple(f"{ABSOLUTE}{n}" for n in (
     "temperature", "bus_voltage", "torque_quarter", "torque_full", "noise_speed", "gap_width",
     "gap_torque", "load_quarter", "speed_full"))
 """Of the features themselves, beside the differences to a baseline."""
-ONE_SIDED = ("offset_largest", "gain_largest", "sum_rms", "resistance_spread",
+NO_FAULT_MOVES = "winding_unlike"
+"""Of the filtered lines and windings the one that is checked: differences of the windings that no
+short makes, over the lines that such a fault would have."""
+ONE_SIDED = (NO_FAULT_MOVES, "offset_largest", "gain_largest", "sum_rms", "resistance_spread",
              "inductance_spread", "gap_error", "winding_error", "inertia_error")
 """Sizes of errors: less than usual is not strange."""
 MARGIN = 2.0
 """On the limits, where the test is not exactly the one trained on."""
-SQUEEZE = 3.0
-"""Scaled residual beyond which a single feature adds little to the distance."""
+BESIDE_OWN = 1.25
+"""Bound of the scores without the baseline, where there is one and its guard judges too."""
+SQUEEZE, GROUP_SQUEEZE = 3.0, 8.0
+"""Scaled residual beyond which a single feature adds little to the distance of all, of a group."""
 
 
 def drivers_of(names: list[str], kind: str) -> list[str]:
@@ -54,7 +61,7 @@ def drivers_of(names: list[str], kind: str) -> list[str]:
 
 def checked_of(names: list[str], kind: str) -> list[str]:
     """Return the names of the inputs that are checked; with a baseline the differences."""
-    out = {*drivers_of(names, kind), *NOT_CHECKED, *DERIVED, SURFACE}
+    out = {*drivers_of(names, kind), *NOT_CHECKED, *DERIVED, SURFACE} - {NO_FAULT_MOVES}
     return [n for n in names if n not in out and not n.startswith(ABSOLUTE)]
 
 
@@ -63,9 +70,25 @@ def signed(names: list[str]) -> np.ndarray:
     return np.array([n not in ONE_SIDED for n in names])
 
 
-def squeeze(z: np.ndarray) -> np.ndarray:
+def squeeze(z: np.ndarray, bound: float = SQUEEZE) -> np.ndarray:
     """Return scaled residuals, bounded so that one alone does not make the distance."""
-    return SQUEEZE * np.tanh(z / SQUEEZE)
+    return bound * np.tanh(z / bound)
+
+
+class GroupLimit(NamedTuple):
+    """How far features that belong together may be off."""
+
+    columns: np.ndarray
+    """Of them among the checked, shape (g,)."""
+    whitening: np.ndarray
+    """Of their squeezed, scaled residuals, shape (g, g)."""
+    distance: float
+    """Usual bound of the whitened residuals' length."""
+
+    def length(self, z: np.ndarray) -> np.ndarray:
+        """Return the length, shape (n,), of scaled residuals `z`, shape (n, m)."""
+        squeezed = squeeze(z[:, self.columns], GROUP_SQUEEZE)
+        return np.linalg.norm(squeezed @ self.whitening.T, axis=1)
 
 
 class Limits(NamedTuple):
@@ -79,9 +102,11 @@ class Limits(NamedTuple):
     """Usual bound of the whitened residuals' length."""
     tail: np.ndarray
     """Worst scores exceeded at `known.TAIL_RATES`, shape (8,)."""
+    groups: tuple[GroupLimit, ...] = ()
+    """Of the features that belong together, in the order of `guard_groups.GROUPS`."""
 
     def scores(self, z: np.ndarray) -> np.ndarray:
-        """Return how far off each feature is, and all are together; 1: the limit.
+        """Return how far off each feature is, each group, and all together; 1: the limit.
 
         Parameters
         ----------
@@ -89,10 +114,11 @@ class Limits(NamedTuple):
 
         Returns
         -------
-        ndarray, shape (n, m + 1).
+        ndarray, shape (n, m + groups + 1).
         """
         length = np.linalg.norm(squeeze(z) @ self.whitening.T, axis=1)
-        return np.column_stack([np.abs(z) / self.limit, length / self.distance])
+        groups = [g.length(z) / g.distance for g in self.groups]
+        return np.column_stack([np.abs(z) / self.limit, *groups, length / self.distance])
 
     def known(self, scores: np.ndarray) -> np.ndarray:
         """Return the probability that records with these scores are of a known kind."""
@@ -109,6 +135,7 @@ class Guard:
     signed : which of the checked may be off to either side, bool, shape (m,).
     mean, scale : networks from drivers to the checked features, and to the log of the scatter.
     limits : for records by what is found in them, as `known.KINDS_FOUND`.
+    groups : names of the groups of checked features, of `guard_groups.GROUPS`.
     """
 
     drivers: np.ndarray
@@ -117,6 +144,7 @@ class Guard:
     mean: Network
     scale: Network
     limits: tuple[Limits, ...]
+    groups: tuple[str, ...] = ()
 
     def residuals(self, u: np.ndarray) -> np.ndarray:
         """Return the scaled residuals, shape (n, m), of squashed inputs, shape (n, d)."""
@@ -127,7 +155,7 @@ class Guard:
     def scores(
         self, u: np.ndarray, kind: np.ndarray, *, exact: bool = True
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return scores, shape (n, m + 1), and the probability of a known kind, shape (n,).
+        """Return scores, shape (n, m + groups + 1), and the probability of a known kind, (n,).
 
         Parameters
         ----------
@@ -140,8 +168,9 @@ class Guard:
         if not exact:
             widest = np.max([part.limit for part in self.limits], axis=0)
             single = np.abs(z) / (MARGIN * widest)
-            return np.column_stack([single, np.zeros(len(z))]), np.ones(len(z))
-        scores = np.empty((len(z), z.shape[1] + 1))
+            rest = np.zeros((len(z), len(self.groups) + 1))
+            return np.hstack([single, rest]), np.ones(len(z))
+        scores = np.empty((len(z), z.shape[1] + len(self.groups) + 1))
         known = np.empty(len(z))
         for k, part in enumerate(self.limits):
             mine = kind == k
@@ -151,9 +180,13 @@ class Guard:
         return scores, known
 
 
-def _limits(part: LimitPart) -> Limits:
+def limits_of(part: LimitPart, checked: list[str]) -> Limits:
+    """Return the limits of a kind of record for the `checked` features."""
+    groups = tuple(
+        GroupLimit(columns, np.array(part.groups[name].whitening), part.groups[name].distance)
+        for name, columns in group_columns(checked).items())
     return Limits(np.array(part.limit), np.array(part.whitening), part.distance,
-                  np.array(part.tail))
+                  np.array(part.tail), groups)
 
 
 def build_guard(view: ViewPart, data: GuardPart) -> Guard:
@@ -163,5 +196,7 @@ def build_guard(view: ViewPart, data: GuardPart) -> Guard:
         drivers=np.array([names.index(n) for n in data.drivers]),
         checked=np.array([names.index(n) for n in data.checked]),
         signed=signed(data.checked), mean=data.mean.build(), scale=data.scale.build(),
-        limits=tuple(_limits(data.limits[k]) for k in KINDS_FOUND),  # type: ignore[index]
+        limits=tuple(limits_of(data.limits[k], data.checked)  # type: ignore[index]
+                     for k in KINDS_FOUND),
+        groups=tuple(group_columns(data.checked)),
     )

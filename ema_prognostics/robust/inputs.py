@@ -36,13 +36,14 @@ _BALANCE = (
 GROUPS: dict[str, tuple[str, ...]] = {
     "asymmetry": ("amplitude_1", "amplitude_2", "amplitude_3", "amplitude_4",
                   "short_like_best", "short_unlike", "resistance_spread", "inductance_spread",
-                  *_SCATTER),
+                  "winding_like_best", "lines_and_winding_best", *_SCATTER),
     "short": ("short_like_a", "short_like_b", "short_like_c", "short_unlike", "amplitude_1",
-              "amplitude_3", *_WINDING, *_SCATTER),
+              "amplitude_3", "winding_like_", *_WINDING, *_SCATTER),
     "eccentricity": ("amplitude_", "short_unlike", "odd_amplitude", *_SCATTER),
     "static_eccentricity": ("amplitude_1", "amplitude_2", "amplitude_3", "amplitude_4",
                             "short_like_best", "short_unlike", "resistance_spread",
-                            "inductance_spread", *_SCATTER),
+                            "inductance_spread", "winding_like_best", "lines_and_winding_best",
+                            *_SCATTER),
     "motor_friction": _BALANCE,
     "surface_friction": _BALANCE,
     "backlash": ("gap_", "lag_", "shaft_slope", "start_stiffness", "torque_ramp", "load_ramp",
@@ -51,9 +52,16 @@ GROUPS: dict[str, tuple[str, ...]] = {
 """Beginnings of the names of the inputs of each network."""
 
 
+ITSELF = ("eccentricity",)
+"""Groups that see the record itself with a baseline too, not the difference: no tolerance makes
+the lines of an eccentricity, so a baseline would only add its noise."""
+
+
 def group_inputs(group: str, input_names: Sequence[str]) -> list[str]:
     """Return the names of the inputs of a network, the absolute ones with a baseline too."""
-    return [n for n in input_names if n.removeprefix(ABSOLUTE).startswith(GROUPS[group])]
+    found = [n for n in input_names if n.removeprefix(ABSOLUTE).startswith(GROUPS[group])]
+    own = [n for n in found if n.startswith(ABSOLUTE)]
+    return own if own and group in ITSELF else found
 
 
 def input_names(names: Sequence[str]) -> list[str]:

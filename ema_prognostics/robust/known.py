@@ -9,20 +9,33 @@ from __future__ import annotations
 
 import numpy as np
 
-KINDS_FOUND = ("healthy", "mechanical", "electrical", "both")
-"""What may be found in a record: no fault, friction or backlash, asymmetry or eccentricity."""
+from ema_prognostics.robust.classes import CLASS_OF, OUTPUTS
+
+KINDS_FOUND = ("healthy", "slight", "mechanical", "electrical", "both")
+"""What may be found in a record: no fault, none that is clear, and where one is: friction or
+backlash, a short or eccentricity, both."""
 TAIL_RATES = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
 STRANGERS = 0.04
 """Odds of a stranger before the record is seen."""
 ELECTRICAL = 5
 """The first outputs, of `classes.OUTPUTS`, are shorts and eccentricity."""
+CLEAR = {"turn_short": 0.03, "rotor_eccentricity": 0.01, "friction": 0.3, "backlash": 4e-4}
+"""Severity from which a fault is clear, and the guard's limits are wider: it then moves features
+beside its own (the last two), or nothing but a fault looks like that (the first two)."""
+_CLEAR = np.array([CLEAR[CLASS_OF[output]] for output in OUTPUTS])
 
 
-def kind_found(present: np.ndarray) -> np.ndarray:
-    """Return which of `KINDS_FOUND`, shape (n,), the outputs `present`, shape (n, 8), are."""
-    electrical = present[:, :ELECTRICAL].any(axis=1)
-    mechanical = present[:, ELECTRICAL:].any(axis=1)
-    return mechanical.astype(int) + 2 * electrical.astype(int)
+def kind_found(severity: np.ndarray) -> np.ndarray:
+    """Return which of `KINDS_FOUND`, shape (n,), records with faults of `severity` are.
+
+    Parameters
+    ----------
+    severity : ndarray, shape (n, 8). Of each output; 0: it is not there.
+    """
+    electrical = (severity[:, :ELECTRICAL] > 0.0).any(axis=1)
+    mechanical = (severity[:, ELECTRICAL:] > 0.0).any(axis=1)
+    clear = (severity >= _CLEAR).any(axis=1)
+    return np.where(clear, 1 + mechanical + 2 * electrical, electrical | mechanical)
 
 
 def tail_probability(score: np.ndarray, tail: np.ndarray) -> np.ndarray:

@@ -1,10 +1,11 @@
-"""Matched filters on the torque lines: how strong each line is, and how much like a short.
+"""Matched filters on lines and windings: how strong each line is, how much like a short it all is.
 
 A fault changes the torque constants, so line h of the torque residual is the same part of the
 torque at every speed (DESIGN, section 4): the lines of the slews are averaged with the weights
 that scatter least over healthy units, and counted in healthy deviations σ_h. A short in phase k
 has lines 2 and 4 in fixed proportion, turned by −h k 120°; an eccentricity has lines 1 and 3 in
-any direction, so there the amplitude is what tells.
+any direction, so there the amplitude is what tells. A short also takes turns from its winding:
+resistance and inductance of the phases then differ, in the direction of the phase (line 1).
 """
 
 from __future__ import annotations
@@ -17,11 +18,14 @@ import numpy as np
 HARMONICS = 6
 SPEEDS = ("quarter", "full")
 SHORT_LINES = (2, 4)
+WINDING = ("resistance_m1", "inductance_m1")
+"""How the windings of the phases differ, complex."""
 FLOOR = 1e-6
 DERIVED = (
     *(f"amplitude_{h}" for h in range(1, HARMONICS + 1)),
     "short_like_a", "short_like_b", "short_like_c", "short_like_best", "short_unlike",
-    "odd_amplitude",
+    "odd_amplitude", "winding_like_a", "winding_like_b", "winding_like_c", "winding_like_best",
+    "lines_and_winding_best", "winding_unlike",
 )
 """Names of what `LineFilter.derive` returns, in order."""
 
@@ -45,6 +49,16 @@ def even_lines(names: Sequence[str], x: np.ndarray, part: str = "even") -> np.nd
     return found
 
 
+def winding_differences(names: Sequence[str], x: np.ndarray) -> np.ndarray:
+    """Return `WINDING` of features `x`, complex, shape (n, 2); zero where not among `names`."""
+    found = np.zeros((len(x), len(WINDING)), dtype=complex)
+    for k, stem in enumerate(WINDING):
+        if f"{stem}_re" in names:
+            place = list(names).index(f"{stem}_re")
+            found[:, k] = x[:, place] + 1j * x[:, place + 1]
+    return found
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineFilter:
     """The filters of one view.
@@ -54,11 +68,15 @@ class LineFilter:
     weight : ndarray, shape (speeds, 6). Of each speed's line, summing to 1.
     deviation : ndarray, shape (6,). Healthy standard deviation of the weighted lines.
     template : ndarray, complex, shape (2,). Lines 2 and 4 of a short in phase a, per fraction.
+    winding : ndarray, complex, shape (2,). `WINDING` of a short in phase a, per fraction.
+    precision : ndarray, shape (2, 2). Inverse covariance of `WINDING` over healthy units.
     """
 
     weight: np.ndarray
     deviation: np.ndarray
     template: np.ndarray
+    winding: np.ndarray
+    precision: np.ndarray
 
     def derive(self, names: Sequence[str], x: np.ndarray) -> np.ndarray:
         """Return `DERIVED` for features `x`, shape (n, d), in healthy deviations."""
@@ -67,15 +85,42 @@ class LineFilter:
         measured = lines[:, pick]
         turns = np.exp(-2j * np.pi / 3.0 * np.outer(np.arange(3), SHORT_LINES))
         patterns = turns * self.template / self.deviation[pick]
-        patterns = patterns / np.sqrt((np.abs(patterns) ** 2).sum(axis=1))[:, None]
-        like = (measured @ patterns.conj().T).real
+        strength = np.sqrt((np.abs(patterns) ** 2).sum(axis=1))[0]
+        like = (measured @ patterns.conj().T).real / strength
         best = np.maximum(like.max(axis=1), 0.0)
         rest = np.maximum((np.abs(measured) ** 2).sum(axis=1) - best**2, 0.0)
         odd = even_lines(names, x, "odd")
         run_out = (np.abs(odd).max(axis=(1, 2)) if odd.shape[1] else np.zeros(len(x)))
+        wound, wound_strength, wound_rest = self._winding_like(names, x)
+        both = (strength * like + wound_strength * wound) / np.hypot(strength, wound_strength)
         return np.column_stack([
-            np.abs(lines), like, best, np.sqrt(rest), run_out / self.deviation.min()
+            np.abs(lines), like, best, np.sqrt(rest), run_out / self.deviation.min(),
+            wound, np.maximum(wound.max(axis=1), 0.0), np.maximum(both.max(axis=1), 0.0),
+            wound_rest / np.sqrt(1.0 + (np.abs(measured) ** 2).sum(axis=1)),
         ])
+
+    def _winding_like(
+        self, names: Sequence[str], x: np.ndarray
+    ) -> tuple[np.ndarray, float, np.ndarray]:
+        """Return how much like a short of each phase the windings differ, and the rest.
+
+        Resistance and inductance of a phase with a short fall together. What is left of their
+        differences beside the best such fall, no short makes.
+
+        Returns
+        -------
+        ndarray, shape (n, 3), in healthy deviations; deviations per fraction of turns; ndarray,
+        shape (n,), what no short makes, in healthy deviations.
+        """
+        weight = self.precision @ self.winding
+        strength = float(np.sqrt(max((self.winding.conj() @ weight).real, FLOOR)))
+        turns = np.exp(-2j * np.pi / 3.0 * np.arange(3))
+        unlike = winding_differences(names, x)
+        seen = unlike @ weight.conj()
+        like = (seen[:, None] * turns.conj()).real / strength
+        power = np.einsum("ni,ij,nj->n", unlike.conj(), self.precision, unlike).real
+        rest = np.sqrt(np.maximum(power - np.maximum(like.max(axis=1), 0.0) ** 2, 0.0))
+        return like, strength, rest
 
 
 def fit_line_filter(
@@ -101,5 +146,11 @@ def fit_line_filter(
         deviation[h] = np.sqrt(weight[:, h] @ covariance @ weight[:, h])
     lines = (even_lines(names, shorted) * weight).sum(axis=1)[:, [h - 1 for h in SHORT_LINES]]
     small = fraction < 0.15
-    template = (fraction[small] @ lines[small]) / max(float((fraction[small] ** 2).sum()), FLOOR)
-    return LineFilter(weight=weight, deviation=deviation, template=template)
+    power = max(float((fraction[small] ** 2).sum()), FLOOR)
+    unlike = winding_differences(names, healthy)
+    covariance = (unlike.conj().T @ unlike).real / len(unlike) + FLOOR * np.eye(len(WINDING))
+    return LineFilter(
+        weight=weight, deviation=deviation, template=(fraction[small] @ lines[small]) / power,
+        winding=fraction[small] @ winding_differences(names, shorted)[small] / power,
+        precision=np.linalg.inv(covariance),
+    )

@@ -38,7 +38,7 @@ def rate(hits: Sequence[bool] | np.ndarray) -> Rate:
 
 
 class Detection(NamedTuple):
-    """Probability of detection against severity: log-odds linear in the log of severity."""
+    """Probability of detection: log-odds linear in the log of severity, shifted by an origin."""
 
     intercept: float
     slope: float
@@ -46,28 +46,38 @@ class Detection(NamedTuple):
     """Severity found in nine of ten records."""
     a90_95: float
     """Its upper 95 % confidence bound."""
+    origin: float = 0.0
+    """Added to the severity before its logarithm."""
 
     def probability(self, severity: np.ndarray) -> np.ndarray:
         """Return the probability of detection at severities, shape (n,)."""
         from scipy.special import expit
 
-        return expit(self.intercept + self.slope * np.log(severity))
+        return expit(self.intercept + self.slope * np.log(self.origin + severity))
 
 
-def detection(severity: np.ndarray, found: np.ndarray) -> Detection | None:
+ORIGIN = {"friction": 1.0, "motor_friction": 1.0, "surface_friction": 1.0}
+"""Of the curves of detection, see `detection`; others: 0. Chosen on the training's own fleets."""
+
+
+def detection(
+    severity: np.ndarray, found: np.ndarray, origin: float = 0.0
+) -> Detection | None:
     """Fit the probability of detection; None where it cannot be (all or none found).
 
     Parameters
     ----------
     severity : ndarray, shape (n,), positive.
     found : ndarray of bool, shape (n,).
+    origin : added to the severity: 1 for a growth that multiplies what is there already, such
+        as friction, since it is the logarithm of 1 + growth that adds to the units' own spread.
 
     The bound follows from the fit's covariance by the delta method, one-sided.
     """
     from scipy.optimize import minimize
     from scipy.special import expit
 
-    x, y = np.log(severity), np.asarray(found, dtype=float)
+    x, y = np.log(origin + severity), np.asarray(found, dtype=float)
     if y.sum() < 3 or len(y) - y.sum() < 3:
         return None
     center, scale = x.mean(), max(float(x.std()), 1e-9)
@@ -86,6 +96,6 @@ def detection(severity: np.ndarray, found: np.ndarray) -> Detection | None:
     u = (target - b[0]) / b[1]
     gradient = np.array([-1.0 / b[1], -u / b[1]])
     error = float(np.sqrt(gradient @ covariance @ gradient))
-    a90, bound = (float(np.exp(center + scale * v)) for v in (u, u + 1.645 * error))
+    a90, bound = (float(np.exp(center + scale * v)) - origin for v in (u, u + 1.645 * error))
     slope = b[1] / scale
-    return Detection(float(b[0] - slope * center), float(slope), a90, bound)
+    return Detection(float(b[0] - slope * center), float(slope), a90, bound, origin)

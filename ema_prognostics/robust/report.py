@@ -32,15 +32,25 @@ def unknown_verdict(*reasons: str) -> Verdict:
     return Verdict(outcome="unknown", probabilities={"unknown": 1.0}, reasons=reasons)
 
 
-def _doubt(probabilities: dict[str, float]) -> Verdict:
-    """Return the verdict where no fault is certain enough, nor that there is none."""
+def _doubt(probabilities: dict[str, float], *, small: bool) -> Verdict:
+    """Return the verdict where no fault is certain enough, nor that there is none.
+
+    Parameters
+    ----------
+    probabilities : of the classes.
+    small : whether a fault is certain, but too small to be told from a side of something else.
+    """
     classes = sorted(FAULTS, key=lambda name: -probabilities[name])
     likely = [n for n in classes if probabilities[n] >= 0.5 * probabilities[classes[0]]]
+    healthy = f"{100 * probabilities['healthy']:.0f} %"
+    reason = (
+        f"signs of {likely[0].replace('_', ' ')}, too small to be told from something else: "
+        "look again after some flights" if small else
+        f"no fault is certain, and healthy is too improbable to be said ({healthy}): repeat the "
+        "test, or give a baseline")
     return Verdict(
         outcome="unknown", probabilities=probabilities, alternatives=tuple(likely),
-        reasons=(f"no fault is certain, and healthy is too improbable to be said "
-                 f"({100 * probabilities['healthy']:.0f} %): repeat the test, or give a "
-                 "baseline",),
+        reasons=(reason,),
     )
 
 
@@ -58,7 +68,7 @@ def verdict_of_finding(
     """
     probabilities = finding.class_probability
     if finding.doubtful:
-        return _doubt(probabilities)
+        return _doubt(probabilities, small=bool((finding.margin > 0.0).any()))
     if not finding.outputs:
         reasons = ["no feature lies outside what the healthy fleet shows"]
         if kind == "step":

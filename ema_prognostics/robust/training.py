@@ -18,15 +18,16 @@ from ema_prognostics.model_body import (
     rounded,
 )
 from ema_prognostics.network import Network, logit
-from ema_prognostics.robust.calibration import conformal_quantile, tail_quantile
+from ema_prognostics.robust.calibration import tail_quantile
 from ema_prognostics.robust.campaign import Campaign
 from ema_prognostics.robust.cascade import Cascade
 from ema_prognostics.robust.classes import FAMILIES, FAMILY_OF, OUTPUTS, SEVERITY_OF
 from ema_prognostics.robust.guard_training import GuardRecords, train_guard
-from ema_prognostics.robust.inputs import Inputs, derive, group_inputs
+from ema_prognostics.robust.inputs import ITSELF, Inputs, derive, group_inputs
 from ema_prognostics.robust.known import kind_found
 from ema_prognostics.robust.lines import LineFilter, fit_line_filter
 from ema_prognostics.robust.networks import MEMBERS, as_classifier, fit_classifier, fit_regressor
+from ema_prognostics.robust.severity_training import train_severity
 from ema_prognostics.robust.vector import (
     ABSOLUTE,
     difference_names,
@@ -37,22 +38,20 @@ from ema_prognostics.robust.vector import (
 
 FRICTIONS = ("motor_friction", "surface_friction")
 """Families that are found by how large a quantity is, in the order of `Campaign.friction`."""
-UNITS = {"short": 2e-3, "eccentricity": 2e-3, "static_eccentricity": 2e-3,
-         "motor_friction": 0.05, "surface_friction": 0.05, "backlash": 3e-5}
-"""Severity below which a network's target is linear (of each class)."""
-FALSE_ALARMS = {"asymmetry": 0.002, "eccentricity": 0.0003, "motor_friction": 0.0007,
-                "surface_friction": 0.0007, "backlash": 0.0002}
-"""Rate of healthy records of which each family may be announced."""
-SEVERITY_DECAY: dict[View, float] = {"fleet": 3.0, "baseline": 0.7}
-"""Penalty on the weights of the severities' networks."""
-LEAST_ERROR = 0.01
-"""Floor of a severity's error, in the network's output."""
+FALSE_ALARMS: dict[View, dict[str, float]] = {
+    "fleet": {"asymmetry": 0.003, "eccentricity": 0.0003, "motor_friction": 0.0005,
+              "surface_friction": 0.0005, "backlash": 0.0002},
+    "baseline": {"asymmetry": 0.002, "eccentricity": 0.001, "motor_friction": 0.0002,
+                 "surface_friction": 0.0002, "backlash": 0.0002},
+}
+"""Rate of healthy records of which each family may be announced: most to those that need it."""
+STEP_FALSE_ALARMS = {"asymmetry": 0.002, "eccentricity": 0.0003, "motor_friction": 0.0007,
+                     "surface_friction": 0.0007, "backlash": 0.0002}
+"""The same of a single step, in either view."""
 DOUBT = 0.004
 """Rate of healthy records that may be called unknown because healthy is improbable."""
 LEAST_SPREAD = 1e-3
 """Floor of a feature's spread, in its own unit."""
-FEWEST = 40
-"""Announced records that an interval needs; of fewer, all with the fault set it."""
 HELD_BACK = 5
 """One unit in this many calibrates instead of training."""
 
@@ -94,13 +93,14 @@ def train_view(
     fit = campaign.unit % HELD_BACK != 0
     _, sound = view_inputs(healthy, view)
     reference = x[fit & (y == 0.0).all(axis=1)]
-    extra = np.empty((0, x.shape[1]))
-    if view == "fleet":
-        extra = start_allowed(campaign.baseline[fit], names)
+    accepted = start_allowed(campaign.baseline[fit], list(campaign.names))
+    extra, itself = np.empty((0, x.shape[1])), np.empty((0, x.shape[1]))
     if view == "fleet":  # every acceptance record is a healthy one
+        extra = accepted
         reference = np.vstack([reference, extra])
         sound = np.vstack([sound, start_allowed(healthy.baseline, names)])
     else:  # either of two healthy records may be the baseline
+        itself = differences(accepted, accepted)
         swapped = replace(healthy, baseline=healthy.record, record=healthy.baseline)
         sound = np.vstack([sound, view_inputs(swapped, view)[1]])
     lines, absolute = _filters(names, reference, x[fit], y[fit], view)
@@ -111,7 +111,9 @@ def train_view(
     xs = np.vstack([x[fit], extra])
     ys = np.vstack([y[fit], np.zeros((len(extra), y.shape[1]))])
     own = np.vstack([campaign.friction[fit]] * 2) if view == "fleet" else None
-    work = _Work(inputs, xs, ys, own, seed, hidden, iterations)
+    rates = STEP_FALSE_ALARMS if kind == "step" else FALSE_ALARMS[view]
+    work = _Work(inputs, xs, ys, itself, own, rates, seed, hidden, iterations)
+    parts = campaign.unit % HELD_BACK
     families, members = {}, {}
     for name, outputs in FAMILIES.items():
         progress(name)
@@ -122,11 +124,11 @@ def train_view(
     severity = {}
     for group in dict.fromkeys(SEVERITY_OF.values()):
         progress(f"severity, {group.replace('_', ' ')}")
-        severity[group] = work.severity(group, x[~fit], y[~fit], families)
+        severity[group] = work.severity(group, x, y, parts, families)
     progress("guard")
     guard = train_guard(
-        GuardRecords(known=inputs(xs), other=inputs(x[~fit]), kind=kind_found(y[~fit] > 0.0),
-                     healthy=inputs(sound)),
+        GuardRecords(known=inputs(xs), known_kind=kind_found(ys), other=inputs(x[~fit]),
+                     kind=kind_found(y[~fit]), healthy=inputs(sound)),
         inputs.input_names, kind, seed=seed, iterations=iterations,
     )
     part = ViewPart(
@@ -144,10 +146,13 @@ class _Work:
     """Records that train, and the training of each network on them."""
 
     def __init__(
-        self, inputs: Inputs, x: np.ndarray, y: np.ndarray, own: np.ndarray | None, seed: int,
-        hidden: int, iterations: int,
+        self, inputs: Inputs, x: np.ndarray, y: np.ndarray, itself: np.ndarray,
+        own: np.ndarray | None, rates: dict[str, float], seed: int, hidden: int, iterations: int,
     ) -> None:
+        """Keep what trains; `itself`: healthy records for groups that see the record itself."""
         self._inputs, self._x, self._y, self._own = inputs, x, y, own
+        self._itself = itself
+        self._rates = rates
         self._settings = {"hidden": hidden, "seed": seed}
         self._iterations = iterations
         self._view: View = "baseline" if own is None else "fleet"
@@ -178,15 +183,17 @@ class _Work:
 
     def family(self, name: str, sound: np.ndarray) -> FamilyPart:
         """Return the network that says whether, its threshold set on healthy records."""
-        there = self._y[:, [OUTPUTS.index(o) for o in FAMILIES[name]]].max(axis=1) > 0.0
+        x = np.vstack([self._x, self._itself]) if name in ITSELF else self._x
+        there = np.zeros(len(x), dtype=bool)
+        there[:len(self._y)] = self._y[:, [OUTPUTS.index(o) for o in FAMILIES[name]]].any(axis=1)
         if name in FRICTIONS and self._own is not None:
             network = self._friction(self._own[:, FRICTIONS.index(name)], name, there)
         else:
             network = fit_classifier(
-                self._see(name, self._x), there, iterations=self._iterations, **self._settings)
+                self._see(name, x), there, iterations=self._iterations, **self._settings)
         part = NetworkPart.of(network)
         score = logit(part.build()(self._see(name, sound))[:, 0])
-        threshold = float(f"{tail_quantile(score, FALSE_ALARMS[name]):.6g}")
+        threshold = float(f"{tail_quantile(score, self._rates[name]):.6g}")
         return FamilyPart(inputs=group_inputs(name, self._inputs.input_names), network=part,
                           threshold=threshold)
 
@@ -213,40 +220,27 @@ class _Work:
                           network=NetworkPart.of(network))
 
     def severity(
-        self, group: str, x: np.ndarray, y: np.ndarray, families: dict[str, FamilyPart]
+        self, group: str, x: np.ndarray, y: np.ndarray, part: np.ndarray,
+        families: dict[str, FamilyPart],
     ) -> SeverityPart:
-        """Return the network that says how much.
+        """Return the network that says how much, see `train_severity`.
 
-        Its intervals are set on those held-back records in which the fault is announced, since
-        only of these is a severity told.
+        Parameters
+        ----------
+        group : of outputs.
+        x, y : features and severities of all records, those held back too.
+        part : ndarray of int, shape (n,). Part of the units; 0: held back.
+        families : networks that say whether, of this view.
         """
-        unit, label = UNITS[group], self._label(group, self._y)
-        rows = label > 0.0
-        network = fit_regressor(
-            self._see(group, self._x)[rows], np.arcsinh(label[rows] / unit)[:, None],
-            iterations=2 * self._iterations, members=3, decay=SEVERITY_DECAY[self._view],
-            **self._settings
-        )
-        part = NetworkPart.of(network)
-        error = np.abs(np.arcsinh(label[rows] / unit)
-                       - part.build()(self._see(group, self._x)[rows])[:, 0])
-        scale = NetworkPart.of(fit_regressor(
-            self._see(group, self._x)[rows], np.log(error + LEAST_ERROR)[:, None],
-            iterations=self._iterations, members=2, hidden=6, seed=self._settings["seed"],
-            decay=30.0,
-        ))
-        truth = self._label(group, y)
-        there = truth > 0.0
-        said = there & self._announced(group, x, families)
-        if np.count_nonzero(said) >= FEWEST:
-            there = said
-        seen = self._see(group, x)[there]
-        error = np.abs(np.arcsinh(truth[there] / unit) - part.build()(seen)[:, 0])
-        factor = conformal_quantile(error / np.exp(scale.build()(seen)[:, 0]))
-        return SeverityPart(
-            inputs=group_inputs(group, self._inputs.input_names), network=part, scale=scale,
-            unit=unit, factor=float(f"{factor:.6g}"), upper=float(f"{label.max():.6g}"),
-        )
+        label = self._label(group, y)
+        there = label > 0.0
+        turns = 3 if group == "short" else 1
+        parts, alone = np.tile(part, turns), np.tile((y > 0.0).sum(axis=1) == 1, turns)
+        return train_severity(
+            group, self._view, self._see(group, x)[there], label[there], parts[there],
+            self._announced(group, x, families)[there], alone[there],
+            group_inputs(group, self._inputs.input_names), iterations=self._iterations,
+            **self._settings)
 
 
 def _filters(

@@ -127,7 +127,7 @@ def other_view(body):
 
 
 def zero_width(body):
-    fleet_of(body)["severity"]["short"]["factor"] = 0.0
+    fleet_of(body)["severity"]["short"]["factors"][0] = 0.0
 
 
 def lose_limit(body):

@@ -5,10 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ema_prognostics.model_body import NetworkPart, SeverityPart
 from ema_prognostics.network import Network, logit
-from ema_prognostics.robust.cascade import announced
+from ema_prognostics.robust.cascade import SeverityNetwork, announced
 from ema_prognostics.robust.classes import FAMILIES, OUTPUTS, level_of
-from ema_prognostics.robust.guard import SQUEEZE, Guard, Limits, squeeze
+from ema_prognostics.robust.guard import (
+    GROUP_SQUEEZE,
+    SQUEEZE,
+    GroupLimit,
+    Guard,
+    Limits,
+    squeeze,
+)
+from ema_prognostics.robust.guard_groups import GROUPS, group_columns
+from ema_prognostics.robust.inputs import Inputs, group_inputs, input_names
 from ema_prognostics.robust.known import (
     KINDS_FOUND,
     STRANGERS,
@@ -17,6 +27,7 @@ from ema_prognostics.robust.known import (
     probability_known,
     tail_probability,
 )
+from ema_prognostics.robust.lines import LineFilter
 
 
 def say(margins: dict[str, float], **probability: float) -> tuple[str, ...]:
@@ -52,6 +63,16 @@ def test_levels_of_a_short(severity: float, level: str) -> None:
     assert level_of("turn_short", severity) == level
 
 
+def test_eccentricity_is_seen_in_the_record_itself_with_a_baseline_too() -> None:
+    names = ["torque_full", "absolute_torque_full"]
+    seen = {group: group_inputs(group, input_names(names))
+            for group in ("eccentricity", "asymmetry")}
+    assert all(n.startswith("absolute_") for n in seen["eccentricity"])
+    assert {"amplitude_2", "absolute_amplitude_2"} <= set(seen["asymmetry"])
+    alone = group_inputs("eccentricity", input_names(names[:1]))
+    assert [n.removeprefix("absolute_") for n in seen["eccentricity"]] == alone
+
+
 def constant(value: float, inputs: int, outputs: int) -> Network:
     """Return a network that always gives `value`."""
     return Network(
@@ -84,12 +105,51 @@ def test_guard_has_limits_of_its_own_for_what_is_found() -> None:
     assert (known == 1.0).all()
 
 
+def test_group_is_unusual_where_none_of_its_features_is() -> None:
+    group = GroupLimit(np.array([0, 2]), np.eye(2), 2.0)
+    limits = Limits(np.full(3, 3.0), np.zeros((3, 3)), 1.0, TAIL, (group,))
+    scores = limits.scores(np.array([[2.0, 0.0, 2.0], [2.0, 2.0, 0.0]]))
+    assert scores[:, :3].max() < 1.0
+    expected = np.sqrt(2.0) * squeeze(np.array(2.0), GROUP_SQUEEZE) / 2.0
+    assert scores[0, 3] == pytest.approx(expected)
+    assert scores[0, 3] > 1.0 > scores[1, 3]
+
+
+def test_groups_hold_features_of_one_part_of_the_physics() -> None:
+    checked = ["shaft_bend", "control_gain", "lag_ramp", "inertia", "rise_time"]
+    found = group_columns(checked)
+    assert found["transmission"].tolist() == [0, 2]
+    assert found["acceleration"].tolist() == [3, 4]
+    assert "commutation" not in found  # nothing to be together with
+    assert set(found) < set(GROUPS)
+
+
 def test_what_is_found_in_a_record() -> None:
-    present = np.zeros((4, len(OUTPUTS)), dtype=bool)
-    present[1, OUTPUTS.index("backlash")] = True
-    present[2, OUTPUTS.index("short_b")] = True
-    present[3, [OUTPUTS.index("eccentricity"), OUTPUTS.index("motor_friction")]] = True
-    assert [KINDS_FOUND[k] for k in kind_found(present)] == list(KINDS_FOUND)
+    severity = np.zeros((5, len(OUTPUTS)))
+    severity[1, OUTPUTS.index("short_b")] = 0.02
+    severity[1, OUTPUTS.index("motor_friction")] = 0.2
+    severity[2, OUTPUTS.index("backlash")] = 2e-3
+    severity[3, OUTPUTS.index("short_b")] = 0.04
+    severity[4, OUTPUTS.index("eccentricity")] = 0.01
+    severity[4, OUTPUTS.index("motor_friction")] = 0.6
+    assert [KINDS_FOUND[k] for k in kind_found(severity)] == list(KINDS_FOUND)
+
+
+def test_interval_is_wider_beside_another_fault() -> None:
+    """The half width is factor times expected error, at what the network says."""
+    names = ["noise_speed", "torque_full"]
+    part = SeverityPart(
+        inputs=names, network=NetworkPart.of(constant(0.5, 2, 1)),
+        scale=NetworkPart.of(constant(np.log(0.1), 2, 1)), unit=0.01, knots=[0.0, 1.0],
+        factors=[1.0, 3.0], company=1.5, upper=0.2, least=0.0,
+    )
+    filters = LineFilter(weight=np.empty((0, 6)), deviation=np.ones(6), template=np.ones(2),
+                         winding=np.ones(2), precision=np.eye(2))
+    size = len(input_names(names))
+    inputs = Inputs(names, filters, None, np.zeros(size), np.ones(size))
+    alone, beside = SeverityNetwork(part, inputs)(np.zeros((1, size)))[0]
+    assert alone == pytest.approx(0.01 * np.sinh([0.5, 0.3, 0.7]))
+    assert beside == pytest.approx(0.01 * np.sinh([0.5, 0.2, 0.8]))
 
 
 def test_probability_of_a_known_kind_falls_with_the_tail() -> None:

@@ -73,3 +73,40 @@ def test_run_out_of_the_speed_sensor_changes_sign_with_the_direction(found: Line
     values = dict(zip(DERIVED, found.derive(NAMES, features(np.zeros((1, 2, 6)), odd))[0]))
     assert values["odd_amplitude"] > 10.0
     assert values["amplitude_1"] == 0.0
+
+
+def test_short_takes_turns_from_its_winding() -> None:
+    names = [*NAMES, *(f"{what}_m1_{side}" for what in ("resistance", "inductance")
+                       for side in ("re", "im"))]
+    rng = np.random.default_rng(2)
+
+    def seen(lines: np.ndarray, winding: np.ndarray) -> np.ndarray:
+        return np.hstack([features(lines), winding.view(float).reshape(len(winding), -1)])
+
+    noise = rng.normal(size=(4000, 2, 6, 2)) @ np.array([1.0, 1.0j])
+    unlike = (rng.normal(size=(4000, 2, 2)) @ np.array([1.0, 1.0j])) * [0.5, 1.0]
+    taken = np.array([-100.0 + 0.0j, -50.0 + 0.0j])  # percent a fraction
+    fraction = np.linspace(0.01, 0.1, 40)
+    shorted = np.vstack([short(0, x) for x in fraction])
+    filters = fit_line_filter(names, seen(noise, unlike),
+                              seen(shorted, fraction[:, None] * taken), fraction)
+    for phase in range(3):
+        turned = 0.05 * taken[None] * np.exp(-2j * np.pi / 3.0 * phase)
+        row = filters.derive(names, seen(short(phase, 0.05), turned))[0]
+        values = dict(zip(DERIVED, row))
+        like = [values[f"winding_like_{p}"] for p in "abc"]
+        assert int(np.argmax(like)) == phase
+        # Two normal deviates a complex number: the variance is twice that of one side.
+        expected = 5.0 * np.sqrt((1.0 / 0.5) ** 2 / 2.0 + 0.5**2 / 2.0)
+        assert like[phase] == values["winding_like_best"] == pytest.approx(expected, rel=0.06)
+        both = np.hypot(values["short_like_best"], values["winding_like_best"])
+        assert values["lines_and_winding_best"] == pytest.approx(both, rel=1e-6)
+        assert values["winding_unlike"] < 1e-3
+    # An inductance alone is no short: the resistance would have to fall with it.
+    for size in (-10.0, 10.0):
+        row = filters.derive(names, seen(np.zeros((1, 2, 6)), np.array([[0.0, size + 0.0j]])))[0]
+        values = dict(zip(DERIVED, row))
+        power = size**2 / 2.0
+        assert np.hypot(values["winding_unlike"], values["winding_like_best"]) == pytest.approx(
+            np.sqrt(power), rel=0.05)
+        assert values["winding_unlike"] > 0.9 * np.sqrt(power)

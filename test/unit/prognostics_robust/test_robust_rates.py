@@ -44,3 +44,14 @@ def test_nothing_can_be_said_where_all_or_none_is_found() -> None:
 def test_detection_that_falls_with_severity_has_no_a90() -> None:
     x = np.linspace(0.01, 0.1, 50)
     assert detection(x, x < 0.05) is None
+
+
+def test_growth_that_multiplies_is_counted_from_one() -> None:
+    """What adds to a spread of log 1.1 is the logarithm of 1 + growth."""
+    rng = np.random.default_rng(6)
+    x = np.exp(rng.uniform(np.log(0.015), 0.0, 4000))
+    own = rng.logistic(scale=0.04, size=len(x))
+    found = detection(x, np.log1p(x) + own > np.log(1.12), origin=1.0)
+    assert found is not None
+    assert found.a90 == pytest.approx(1.12 * 9.0**0.04 - 1.0, rel=0.05)
+    assert found.probability(np.array([found.a90])) == pytest.approx(0.9)

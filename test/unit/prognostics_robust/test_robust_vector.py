@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ema_prognostics.robust.calibration import conformal_quantile, tail_quantile
+from ema_prognostics.robust.calibration import conformal_quantile, local_quantiles, tail_quantile
 from ema_prognostics.robust.vector import difference_names, differences, rotate, squash
 
 NAMES = ["quarter_even_m1_re", "quarter_even_m1_im", "quarter_even_m2_re", "quarter_even_m2_im",
@@ -48,3 +48,15 @@ def test_conformal_width_covers() -> None:
     rng = np.random.default_rng(2)
     width = conformal_quantile(np.abs(rng.normal(size=4000)))
     assert np.mean(np.abs(rng.normal(size=40_000)) <= width) == pytest.approx(0.9, abs=0.02)
+
+
+def test_width_follows_what_the_residual_depends_on() -> None:
+    rng = np.random.default_rng(5)
+    value = rng.uniform(0.0, 1.0, 6000)
+    residual = np.abs(rng.normal(size=6000)) * (1.0 + value)
+    knots, width = local_quantiles(value, residual)
+    assert (np.diff(knots) > 0.0).all()
+    assert width == pytest.approx(1.645 * (1.0 + knots), rel=0.12)
+    inside = residual <= np.interp(value, knots, width)
+    for low in (0.0, 0.4, 0.8):
+        assert inside[(value >= low) & (value < low + 0.2)].mean() == pytest.approx(0.9, abs=0.04)

@@ -1,0 +1,60 @@
+"""Features of the guard that belong together: one part of the physics, measured several ways.
+
+A change that moves several features of one part a little shows in their common distance long
+before any of them, or the distance of all hundred features, is unusual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+FEWEST = 2
+"""Features that make a group."""
+
+
+class Group(NamedTuple):
+    """Features that belong together."""
+
+    beginnings: tuple[str, ...]
+    """Of the features' names."""
+    words: str
+    """What they tell of, for a person."""
+
+
+GROUPS: dict[str, Group] = {
+    "transmission": Group(
+        ("shaft_", "stiffness_agreement", "compliance", "lag_", "gap_load", "gap_error",
+         "torque_ramp", "torque_quarter_over_ramp", "start_stiffness"),
+        "torque, wind-up and stiffness of the transmission"),
+    "commutation": Group(
+        ("sensor_angle", "quarter_even_m6", "quarter_odd_m6", "full_even_m6", "full_odd_m6",
+         "high_low"),
+        "angle of the commutation and its torque ripple"),
+    "speed_sensor": Group(
+        ("quarter_odd_m1", "full_odd_m1", "quarter_odd_m2", "full_odd_m2", "overshoot",
+         "inertia_error"),
+        "ripple of the speed sensor"),
+    "motor_constant": Group(
+        ("winding_back_emf", "rise_full", "rise_quarter", "viscous_torque", "torque_full",
+         "inertia", "winding_resistance", "winding_inductance", "switch_drop"),
+        "torque, voltage and current of the motor"),
+    "acceleration": Group(
+        ("inertia", "rise_time", "overshoot"), "acceleration of the motor"),
+    "vibration": Group(
+        ("high_", "speed_rms", "torque_rms", "gap_load", "gap_error"),
+        "fine ripple of torque and speed"),
+}
+"""By physics, not by what a stranger moves. Differences between the windings make no group: a
+short moves them itself, and the drivers do not tell how much."""
+
+
+def group_columns(checked: Sequence[str]) -> dict[str, np.ndarray]:
+    """Return where the features of each group stand among the `checked` ones."""
+    found = {
+        name: np.array([k for k, n in enumerate(checked) if n.startswith(group.beginnings)])
+        for name, group in GROUPS.items()
+    }
+    return {name: columns for name, columns in found.items() if len(columns) >= FEWEST}
