@@ -24,6 +24,8 @@ LOWEST = 3
 """Lower orders belong to windings and commutation."""
 RIPPLES = ("cogging_torque", "gear_mesh_ripple")
 RUNS = 4
+SHARE = 0.05
+"""Of the size of an effect found before, by which it may give way (times 100, `residual`)."""
 SHAFT_SHARE = 1e-5
 """Transmission error (rad) that makes a ripple of some 0.01 N m."""
 
@@ -61,6 +63,17 @@ def largest_line(
     return None if best is None else (best[1], best[2], segments[best[3]].text)
 
 
+def free_columns(fit: Fit) -> list[np.ndarray]:
+    """Return what a share of each fitted coordinate adds, shape (d,) each.
+
+    In units of the features, not of the coordinate: a transmission error of 1 rad would move them
+    by so much that nothing else counted.
+    """
+    sizes = np.repeat([float(np.linalg.norm(t.u)) for t in fit.terms],
+                      [t.variant.size for t in fit.terms])
+    return list((SHARE * fit.slopes[:, :fit.free] * sizes).T)
+
+
 def periodic_candidates(
     evidence: Evidence, about: Recalibration | Fit, *, without: Sequence[str] = (), seed: int = 0,
 ) -> list[Screened]:
@@ -73,7 +86,7 @@ def periodic_candidates(
     turn = order * base.actuator.motor.pole_pairs
     if isinstance(about, Fit):
         effects, centre = about.effects(base.effects), about.z
-        free = list(about.slopes[:, :about.free].T)
+        free = free_columns(about)
     else:
         effects, centre, free = base.effects, about.centre, []
     rest = residual(evidence, centre, about.mean, runs=about.runs, free=free)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ema_identification.actuator.features import Feature
-from ema_identification.actuator.periodic import largest_line
+from ema_identification.actuator.periodic import free_columns, largest_line
 from ema_identification.actuator.ports import unknown_shape
 from ema_identification.actuator.segments import Segment
 
@@ -80,3 +80,11 @@ def test_torque_that_steps_at_another_angle_is_commutation():
     steps = np.stack([np.full(4, LINE), np.full(4, 0.6 * LINE)], axis=1)
     assert "commutation" not in port_of(smooth, 0.0)
     assert "commutation" in port_of(steps, 0.0)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-6])
+def test_what_an_effect_may_give_way_by_does_not_depend_on_its_unit(unit):
+    term = SimpleNamespace(u=np.array([3.0 * unit, 4.0 * unit]),
+                           variant=SimpleNamespace(size=2))
+    fit = SimpleNamespace(terms=(term,), free=2, slopes=np.array([[2.0, 1.0, 9.0]]) / unit)
+    assert np.array(free_columns(fit)) == pytest.approx(np.array([[0.5], [0.25]]))
