@@ -78,11 +78,11 @@ def identify_actuator(
     from threadpoolctl import threadpool_limits
 
     check_records(measured, validate, model, without)
-    ready = _blocks(measured, model, signatures=True, seed=seed, workers=workers,
-                    progress=progress)
-    held_blocks = _blocks(validate, model, signatures=False, seed=seed, workers=workers,
-                          progress=progress)
-    with threadpool_limits(limits=1):
+    with threadpool_limits(limits=1):  # sums in one order: the last digit grows in limit cycles
+        ready = _blocks(measured, model, signatures=True, seed=seed, workers=workers,
+                        progress=progress)
+        held_blocks = _blocks(validate, model, signatures=False, seed=seed, workers=workers,
+                              progress=progress)
         return _identify(evidence(ready), evidence(held_blocks) if held_blocks else None, model,
                          tuple(without), progress, seed)
 
