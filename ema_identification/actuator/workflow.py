@@ -9,10 +9,11 @@ import numpy as np
 
 from ema_identification.actuator.alignment import align
 from ema_identification.actuator.checks import check_records
-from ema_identification.actuator.decision import COMPLETE, FARTHEST, FELL, Answer, decide
+from ema_identification.actuator.decision import Answer, decide
 from ema_identification.actuator.evidence import Block, Evidence, evidence
 from ema_identification.actuator.findings import candidates_of, findings_of
 from ema_identification.actuator.held_out import Gap, gap_of, whitened
+from ema_identification.actuator.judged import predicted, settled, without_second
 from ema_identification.actuator.library import library
 from ema_identification.actuator.model_file import model_text
 from ema_identification.actuator.next_test import separating_test
@@ -31,8 +32,6 @@ from ema_sim.effects import Effects
 
 GAP_UNIT = ("rms of the worst tenth of the held-out features, in standard deviations of what the "
             "model may be off when nothing is missing")
-SHOWS, CLOSED = 1.5, 1.2
-"""Noise floors at which a held-out record shows a gap, and up to which it is closed."""
 N_HARDWARE = 11
 """Tolerances that belong to the model file; the others belong to sensors and the day."""
 
@@ -142,64 +141,6 @@ def _identify(
     return replace(
         found, steps=steps_of(ev, null, answer, groups, found, shown.how),
         panels=panels_of(ev, null, answer, held, shown.before, shown.after, seed=seed))
-
-
-def settled(answer: Answer, before: Gap, after: Gap) -> Answer:
-    """Return the answer after the held-out record: it may show that nothing is left.
-
-    A large effect makes limit cycles that repeat less well than those of an effect-free unit, so
-    its fit can look incomplete; the noise floor of the updated model itself knows of that.
-    """
-    closed = before.value >= SHOWS * before.floor and after.value <= CLOSED * after.floor
-    if answer.verdict != "partly explained" or not closed:
-        return answer
-    return replace(answer, verdict="explained", reasons=(
-        "the fitted record holds more than the noise of an effect-free unit, but the held-out "
-        f"record holds no more than the updated model's own: {after.value:.1f}, floor "
-        f"{after.floor:.1f}",))
-
-
-def predicted(
-    ev: Evidence, held: Evidence, answer: Answer, before: Gap, model: Model, seed: int
-) -> tuple[Answer, Gap] | None:
-    """Return the answer that held-out records give where the fit alone names nothing.
-
-    The best effect is named if it explains most of the record, predicts the held-out records to
-    their floor, and the next best name does not. None if that is not so.
-    """
-    fits = sorted(answer.fits, key=lambda f: f.cost)
-    others = [f for f in fits if f.terms[0].variant.effect != fits[0].terms[0].variant.effect
-              ] if fits else []
-    if not others or before.value < SHOWS * before.floor:
-        return None
-    best = fits[0]
-    above = best.cost - ev.usual
-    if best.cost > FARTHEST * ev.usual or above > FELL * (answer.null_cost - ev.usual):
-        return None
-    gap, rival = (gap_of(ev, held, f, f.effects(model.effects), seed=seed)
-                  for f in (best, others[0]))
-    if gap.value > CLOSED * gap.floor or rival.value < 2.0 * gap.value:
-        return None
-    scale = ev.blocks[0].library.scale
-    p = scale.p_gain((answer.null_cost - best.cost) / max(best.cost / ev.size, 1e-9))
-    return replace(answer, verdict="partly explained", fit=best, equivalent=((),), p_value=(p,)
-                   ), gap
-
-
-def without_second(answer: Answer, usual: float) -> Answer:
-    """Return the answer with one of its two effects, after held-out records spoke against two.
-
-    `usual` is the cost that a complete model leaves.
-    """
-    one, fit = answer.simpler, answer.fit
-    assert one is not None and fit is not None
-    kept = [t.variant.effect for t in fit.terms].index(one.terms[0].variant.effect)
-    return replace(
-        answer, verdict="explained" if one.cost < COMPLETE * usual else "partly explained",
-        fit=one, simpler=None, equivalent=(answer.equivalent[kept],),
-        p_value=(answer.p_value[kept],), reasons=(
-            f"the held-out record is predicted no worse without "
-            f"{fit.terms[1 - kept].variant.effect}, so that is not named",))
 
 
 def _effects(answer: Answer, model: Model) -> Effects:

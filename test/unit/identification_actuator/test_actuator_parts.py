@@ -11,6 +11,7 @@ from ema_identification.actuator.decision import Answer, _Case, _one
 from ema_identification.actuator.effect_library import unpack
 from ema_identification.actuator.evidence import Tolerances, Whitening, solve
 from ema_identification.actuator.held_out import Gap
+from ema_identification.actuator.judged import settled
 from ema_identification.actuator.library_type import Scale
 from ema_identification.actuator.model_file import model_text
 from ema_identification.actuator.refit import Fit, Term
@@ -23,7 +24,6 @@ from ema_identification.actuator.spread import (
     realise,
 )
 from ema_identification.actuator.variants import ALIASES, variants
-from ema_identification.actuator.workflow import settled
 from ema_sim.actuator import load_model_file
 from ema_sim.effects import EFFECTS, Effects, parse_effects
 

@@ -7,11 +7,11 @@ import pytest
 
 from ema_identification.actuator.decision import Answer
 from ema_identification.actuator.evidence import Tolerances
+from ema_identification.actuator.judged import without_second
 from ema_identification.actuator.pruning import absorbed, needed, refuted
 from ema_identification.actuator.refit import Fit, Term
 from ema_identification.actuator.spread import TOLERANCES, Conditions, realise
 from ema_identification.actuator.variants import variants
-from ema_identification.actuator.workflow import without_second
 from ema_sim.actuator import load_model_file
 
 BY_NAME = {v.name: v for v in variants()}
