@@ -8,12 +8,10 @@ from ema_identification.rig.balance import Balance
 from ema_identification.rig.blocks import Blocks
 from ema_identification.rig.regression import held_out
 from ema_identification.rig.skew import with_whole_delay
-from ema_identification.rig.trials import Trial, standard_error
+from ema_identification.rig.trials import TWICE, Trial, standard_error
 
 SAME = 0.8
-"""Laws of one set take this share of what the chosen one takes, at least ..."""
-TWICE = 2.0
-"""... and leave no more than so many times its residual."""
+"""Laws of one set take this share of what the chosen one takes, at least."""
 SEPARATED = 1.645
 """Standard errors beyond which the data tell two laws apart."""
 OVERLAP = 0.2

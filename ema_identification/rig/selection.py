@@ -18,7 +18,7 @@ from ema_identification.rig.regression import held_out
 from ema_identification.rig.shapes import GenericShape, waves_in_time
 from ema_identification.rig.sign_flips import screen
 from ema_identification.rig.skew import with_whole_delay
-from ema_identification.rig.trials import Choice, Trial, standard_error
+from ema_identification.rig.trials import TWICE, Choice, Trial, standard_error
 
 LEVEL_OF_CHANCE = 0.005
 """Highest p-value, after all looks of a step, at which something is named."""
@@ -36,9 +36,8 @@ a good transducer."""
 UNCERTAINTY = 2.0
 """Standard errors by which a law must better the held-out residual."""
 PARSIMONY = 0.75
-"""A law of fewer parameters is taken first if it takes this share of what the best takes ..."""
-TWICE = 2.0
-"""... and leaves no more than so many times the residual of the best."""
+"""A law of fewer parameters is taken first if it takes this share of what the best takes, and
+leaves no more than `TWICE` its residual."""
 OUTDONE = 0.5
 """Share that a law takes, at least, of what a smooth shape against the same quantity takes."""
 PLAIN_SHAPES = ("speed and direction", "position", "angle within a turn",

@@ -8,6 +8,9 @@ import numpy as np
 
 from ema_identification.rig.laws import Term
 
+TWICE = 2.0
+"""Times the residual of one law that another may leave and still do instead of it."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
