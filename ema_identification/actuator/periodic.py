@@ -20,6 +20,8 @@ STRONG = 8.0
 """Least residual of a line (standard deviations, re and im)."""
 COHERENT = 0.85
 """Least part of the power of a line that has one phase in all sections."""
+ALONE = 20.0, 0.95
+"""The same two for the sections of one speed alone: two of them agree by chance more often."""
 LOWEST = 3
 """Lower orders belong to windings and commutation."""
 RIPPLES = ("cogging_torque", "gear_mesh_ripple")
@@ -50,17 +52,27 @@ def largest_line(
             found[order][feature.place] += float(x * sd) * (
                 1.0 if feature.name.endswith("_re") else 1j)
             widths[order, feature.place] += 0.5 * float(sd)**2
-    best: tuple[float, int, float, str] | None = None
-    for order, places in found.items():
-        lines = np.array(list(places.values()))
-        weight = 1.0 / np.array([widths[order, place] for place in places])
-        sense = np.sign([segments[place].speed for place in places])
-        mean = max(abs(weight @ lines), abs((weight * sense) @ lines)) / weight.sum()
-        common, whole = mean**2 * weight.sum(), float(weight @ np.abs(lines)**2)
-        if common > max(2.0 * STRONG**2, COHERENT * whole) and (best is None or common > best[0]):
-            place = list(places)[int(np.argmax(weight * np.abs(lines)**2))]
-            best = float(common), order, 2e-3 * float(mean), place
-    return None if best is None else (best[1], best[2], segments[best[3]].text)
+    groups = [(list(segments), STRONG, COHERENT)] + [
+        ([n for n, s in segments.items() if round(abs(s.speed), 3) == v], *ALONE)
+        for v in sorted({round(abs(s.speed), 3) for s in segments.values()}, reverse=True)]
+    for among, strong, coherent in groups:
+        best: tuple[float, int, float, str] | None = None
+        for order, places in found.items():
+            chosen = [p for p in among if p in places]
+            if len(chosen) < 2:
+                continue
+            lines = np.array([places[p] for p in chosen])
+            weight = 1.0 / np.array([widths[order, p] for p in chosen])
+            sense = np.sign([segments[p].speed for p in chosen])
+            mean = max(abs(weight @ lines), abs((weight * sense) @ lines)) / weight.sum()
+            common, whole = mean**2 * weight.sum(), float(weight @ np.abs(lines)**2)
+            if common > max(2.0 * strong**2, coherent * whole) and (
+                    best is None or common > best[0]):
+                place = chosen[int(np.argmax(weight * np.abs(lines)**2))]
+                best = float(common), order, 2e-3 * float(mean), place
+        if best is not None:
+            return best[1], best[2], segments[best[3]].text
+    return None
 
 
 def free_columns(fit: Fit) -> list[np.ndarray]:

@@ -48,10 +48,20 @@ def test_a_ripple_has_one_phase_in_all_sections_or_turns_over_with_the_direction
 
 
 def test_a_limit_cycle_in_one_section_or_without_a_common_phase_is_no_ripple():
-    phases = np.exp(1j * np.array([0.0, 2.0, 4.0, 1.0]))
+    phases = np.exp(1j * np.array([0.0, 2.0, 4.0, 5.0]))
     for lines in (phases * LINE, np.array([3.0 * LINE, 0.0, 0.0, 0.0])):
         assert largest_line(evidence_of((5, 9)),
                             [residual(np.stack([QUIET, lines], axis=1))]) is None
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_ripple_clear_at_one_speed_counts_where_limit_cycles_hide_it_at_another(sense):
+    locked = np.exp(1j * np.array([0.0, 2.0])) * LINE
+    lines = np.concatenate([locked, np.array([1.0, sense]) * 2.0 * LINE])
+    found = largest_line(evidence_of((5, 9)), [residual(np.stack([QUIET, lines], axis=1))])
+    assert found is not None
+    assert found[0] == 9
+    assert found[1] == pytest.approx(2e-3 * 2.0 * abs(LINE))
 
 
 def test_a_ripple_wins_over_a_larger_limit_cycle():
