@@ -11,6 +11,7 @@ import numpy as np
 
 from ema_identification.actuator.descent import Point, descend, finished, run_point
 from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.look_around import approached, compass
 from ema_identification.actuator.metric import Robust, reference
 from ema_identification.actuator.recalibration import Recalibration
 from ema_identification.actuator.refit import Fit, Term
@@ -43,6 +44,8 @@ REPEATS = 6
 """Runs of a fitted model that tell its scatter."""
 POLISH, WORTH = 4, 0.05
 """Most times that a fit goes on where it stopped, and what it must gain by that."""
+AROUND = 3
+"""Most times that is looked around a fit that is not complete."""
 THOROUGH = 1.4
 """Cost from which slopes to the tolerances are simulated, in units of a complete model's."""
 MOST_VARIANTS = 2
@@ -121,6 +124,29 @@ class Arena:
                 return min([fit, *again], key=lambda f: f.cost)
             fit = again[0]
         return fit
+
+    def refined(self, fit: Fit) -> Fit:
+        """Return a fit that is looked for around another that is not complete.
+
+        The tolerances may be far off, since an effect that was missing moved them; they begin
+        half way to nominal.
+        """
+        terms, z = approached(self.evidence, self.last, fit.terms, 0.5 * fit.z,
+                              seed=self.seed + 30)
+        best = fit
+        for _ in range(AROUND):
+            point = run_point(self.evidence, terms, z, runs=self.metrics[-1].runs, seed=self.seed)
+            if not point.finite:
+                break
+            point = compass(self.evidence, self.metrics[-1], point, seed=self.seed)
+            found = self.fits([Start(point.terms, point.z)], first=len(STAGES) - 1)
+            if not found:
+                break
+            best = min(best, found[0], key=lambda f: f.cost)
+            if best.cost < self.evidence.usual * THOROUGH:
+                break
+            terms, z = found[0].terms, found[0].z
+        return best
 
     def _incomplete(self, point: Point) -> bool:
         """Whether a point is still far from what a complete model leaves."""

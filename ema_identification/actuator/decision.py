@@ -165,6 +165,8 @@ def decide(
     found = arena.fits(pairs_of(evidence, singles, without=without, seed=seed),
                        progress=progress, span=(0.7, 0.9))
     found = [f for f in found if case.helps(f, singles)]
+    if found and not case.complete(found[0]):
+        found = sorted([arena.refined(found[0]), *found], key=lambda f: f.cost)
     if found:
         singles = sorted([*_alone(case, found[0]), *singles], key=lambda f: f.cost)
     pairs = [f for f in found if case.helps(f, singles) and case.distinct(f)]

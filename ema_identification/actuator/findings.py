@@ -50,7 +50,7 @@ def findings_of(
             equal += sorted(others)
         found.append(Finding(
             effect=name, equivalent=tuple(dict.fromkeys(equal))[:2],
-            parameters=parameters_of(answer.fit, k), where=where_of(groups),
+            parameters=parameters_of(answer.fit, k, evidence.usual), where=where_of(groups),
             p_value=answer.p_value[k], gap_before=before.value, gap_after=after.value,
             candidates=candidates_of(evidence, answer.fits, null_cost, "fitted"),
         ))

@@ -19,19 +19,29 @@ INFLATION = 2.5
 """On standard deviations: the slopes of the library are themselves estimates."""
 SYSTEMATIC = 0.012
 """Relative error of a coordinate that no noise explains (integration, slopes)."""
+ABOVE, INCOMPLETE, MOST = 1.2, 0.1, 0.25
+"""A fit that leaves more than `ABOVE` times what a complete one does is off by a further
+`INCOMPLETE` for each time more, at most `MOST`."""
 
 
-def parameters_of(fit: Fit, index: int) -> tuple[Parameter, ...]:
+def parameters_of(fit: Fit, index: int, usual: float) -> tuple[Parameter, ...]:
     """Return the parameters of term `index` of a fit with intervals of 90 %.
 
     Coordinates are drawn from their covariance and turned into parameters, so that an amplitude
     and a phase get intervals too.
+
+    Parameters
+    ----------
+    fit : of all effects.
+    index : of the effect.
+    usual : cost that a complete model leaves.
     """
     begin = sum(t.variant.size for t in fit.terms[:index])
     term = fit.terms[index]
     part = slice(begin, begin + term.variant.size)
+    error = SYSTEMATIC + float(np.clip(INCOMPLETE * (fit.cost / usual - ABOVE), 0.0, MOST))
     covariance = fit.covariance[part, part] * (INFLATION * max(1.0, fit.spread))**2
-    covariance = covariance + np.eye(len(term.u)) * (SYSTEMATIC * np.linalg.norm(term.u))**2
+    covariance = covariance + np.eye(len(term.u)) * (error * np.linalg.norm(term.u))**2
     rng = np.random.default_rng(0)
     draws = rng.multivariate_normal(term.u, covariance, size=DRAWS)
     draws = np.clip(draws, term.variant.low, term.variant.high)

@@ -6,15 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ema_identification.actuator.aliases import ALIASES, TAKES_AWAY
 from ema_identification.actuator.evidence import Evidence
 from ema_identification.actuator.refit import Fit, Term
 from ema_identification.actuator.spread import TOLERANCES
-from ema_identification.actuator.variants import ALIASES
 
 CLEAR = 2.0
 """Least distance of each of two effects from absent (standard deviations)."""
 NOTHING = 0.05
 """Coordinate that counts as none, of the smallest that the library holds."""
+SUFFICIENT = 2.0
+"""Cost, in units of a complete model's, up to which one effect may do without a second."""
 TELLS = 10.0
 """Sum of squares by which two models must differ on held-out records before those decide."""
 MOST = 10.0
@@ -73,9 +75,18 @@ def _total(term: Term, u: float, sense: float, tolerance: float) -> float:
         return u + tolerance
     if sense > 0.0:
         return (1.0 + u) * (1.0 + tolerance) - 1.0
-    if term.variant.effect == "torque_constant_drop":
+    if term.variant.effect in TAKES_AWAY:
         return (1.0 - u) * (1.0 + tolerance) - 1.0
     return (1.0 + tolerance) / (1.0 + u) - 1.0
+
+
+def sufficient(evidence: Evidence, simpler: Fit) -> bool:
+    """Whether a fit with one effect is so good that held-out records may speak for it.
+
+    Where it leaves much of the fitted record, the second effect is there, however little of it
+    a held-out record shows.
+    """
+    return simpler.cost < SUFFICIENT * evidence.usual
 
 
 def refuted(simpler: Sequence[np.ndarray], fuller: Sequence[np.ndarray]) -> bool:

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ema_identification.actuator.aliases import ALIASES, TAKES_AWAY
 from ema_identification.actuator.effect_library import Signature
 from ema_identification.actuator.evidence import Evidence
 from ema_identification.actuator.spread import N_TOLERANCES, TOLERANCES
-from ema_identification.actuator.variants import ALIASES, Variant
+from ema_identification.actuator.variants import Variant
 from ema_sim.effects import Effects
 
 PART = 0.2
@@ -169,7 +170,7 @@ def slopes_with_aliases(
                     own = np.zeros((len(slope), N_TOLERANCES))
                     value = evidence.tolerances.of(record, z)[j]
                     factor = width if alias[1] == 0.0 else alias[1] * width * (
-                        1.0 + (u if term.variant.effect != "torque_constant_drop" else -u)
+                        1.0 + (-u if term.variant.effect in TAKES_AWAY else u)
                     ) / (1.0 + width * value)
                     own[:, j] = factor * slope_u[at:at + len(slope), column]
                     spread = evidence.tolerances.spread(record, own)

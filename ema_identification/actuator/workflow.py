@@ -20,7 +20,7 @@ from ema_identification.actuator.next_test import separating_test
 from ema_identification.actuator.panels import panels_of
 from ema_identification.actuator.parameters import recalibrated_of
 from ema_identification.actuator.ports import unknown_shape
-from ema_identification.actuator.pruning import refuted
+from ema_identification.actuator.pruning import refuted, sufficient
 from ema_identification.actuator.recalibration import recalibrate
 from ema_identification.actuator.runs import Progress, silent
 from ema_identification.actuator.steps import steps_of
@@ -101,8 +101,8 @@ def _identify(
     after = before
     if answer.fit is not None:
         after = gap_of(ev, held, answer.fit, effects, seed=seed)
-    if held is not None and answer.fit is not None and answer.simpler is not None:
-        one = answer.simpler
+    one = answer.simpler
+    if held is not None and answer.fit is not None and one is not None and sufficient(ev, one):
         gap = gap_of(ev, held, one, one.effects(model.effects), seed=seed)
         if refuted(gap.residual, after.residual):
             answer, after = without_second(answer, ev.usual), gap

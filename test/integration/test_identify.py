@@ -2,11 +2,20 @@
 
 import json
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from ema_cli.main import COMMANDS, build_app, run
 from ema_identification.actuator import calibration, effect_library, naming, null_library
+from ema_identification.actuator.alignment import align
+from ema_identification.actuator.contest import Arena
+from ema_identification.actuator.descent import run_point
+from ema_identification.actuator.evidence import Block, evidence
+from ema_identification.actuator.library import library
+from ema_identification.actuator.look_around import approached, compass
+from ema_identification.actuator.recalibration import recalibrate
+from ema_identification.actuator.refit import Term
 from ema_identification.actuator.variants import variants
 from ema_identification.identify import identify
 from ema_record.bag import write_bag
@@ -115,3 +124,35 @@ def test_the_updated_model_leaves_no_disagreement(offset, tmp_path):
     assert second.verdict == "no disagreement"
     assert second.findings == ()
     assert second.gap_before < 0.5 * offset.gap_before
+
+
+@pytest.fixture(scope="module")
+def viscous():
+    """Return evidence with a viscous friction hidden, what recalibration leaves, its candidate."""
+    measured = record(VISCOUS)
+    model = load_model_file()
+    known = library(model, measured.profile)
+    block = Block(record=measured, library=known, conditions=align(measured, model),
+                  values=known.fmap.extract(measured))
+    found = evidence([block])
+    signature = next(s for s in known.signatures if s.variant.name == "viscous_friction")
+    return found, recalibrate(found), signature
+
+
+def test_regression_on_runs_all_around_comes_near_from_far_away(viscous):
+    found, null, signature = viscous
+    rule = Arena(found, null).last
+    far = Term(variant=signature.variant, signature=signature, u=np.array([1.5e-4]))
+    (near,), z = approached(found, rule, (far,), np.zeros(len(null.z)), seed=1)
+    assert near.u[0] == pytest.approx(4e-4, rel=0.2)
+    assert np.abs(z).max() <= 1.0
+
+
+def test_compass_search_goes_down_to_the_size_that_is_hidden(viscous):
+    found, null, signature = viscous
+    rule = Arena(found, null).metrics[-1]
+    off = Term(variant=signature.variant, signature=signature, u=np.array([2.5e-4]))
+    start = run_point(found, (off,), np.zeros(len(null.z)), runs=rule.runs, seed=1)
+    end = compass(found, rule, start, seed=1)
+    assert abs(end.terms[0].u[0] - 4e-4) < 0.6 * abs(off.u[0] - 4e-4)
+    assert rule.cost(found, end.mean, end.z) < rule.cost(found, start.mean, start.z)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ema_identification import cache
+from ema_identification.actuator.aliases import ALIASES
 from ema_identification.actuator.bounded import bounded_least_squares
 from ema_identification.actuator.decision import Answer, _Case, _one
 from ema_identification.actuator.effect_library import unpack
@@ -23,7 +24,7 @@ from ema_identification.actuator.spread import (
     draw_tolerances,
     realise,
 )
-from ema_identification.actuator.variants import ALIASES, variants
+from ema_identification.actuator.variants import variants
 from ema_sim.actuator import load_model_file
 from ema_sim.effects import EFFECTS, Effects, parse_effects
 
