@@ -230,9 +230,13 @@ class GuardPart(Part):
     scale: NetworkPart
     limits: dict[Literal["healthy", "slight", "mechanical", "electrical", "both"], LimitPart]
     """By what is found in a record: friction and backlash move other features than shorts."""
+    seen: dict[str, tuple[Number, Number]]
+    """Least and largest value of each measured condition in training, squashed."""
 
     @model_validator(mode="after")
     def _sizes(self) -> GuardPart:
+        if not set(self.seen) <= set(self.drivers):
+            raise ValueError("a measured condition is no driver of the guard")
         self.mean.check_size(len(self.drivers), len(self.checked))
         self.scale.check_size(len(self.drivers), len(self.checked))
         if set(self.limits) != set(KINDS_FOUND):

@@ -79,7 +79,8 @@ def main() -> None:
             for name, only in (("units", False), ("healthy", True)))
         visible = result["views"]["fleet"]["visible from"]
         result["left out"] = left_out(
-            campaign, healthy, fleet, visible, seed=model.training["seed"],
+            campaign, healthy, fleet,
+            {v: result["views"][v]["visible from"] for v in VIEWS}, seed=model.training["seed"],
             progress=lambda name: _progress(f"left out: {name}", started))
         _progress("peers", started)
         result["comparison"] = comparison(campaign, fleet, judged, visible, model,

@@ -1,7 +1,8 @@
 """A condition left out of training: accuracy there, beside the rest.
 
 The networks are trained again on the records of the campaign that do not have the condition,
-baselines included, and judge the whole held-out fleet.
+baselines included, and judge the whole held-out fleet, with the fleet model only and with each
+unit's own baseline.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.detection.generate import Tested
-from benchmarks.detection.judge import CLASS, Judged, inside, judge, of
+from benchmarks.detection.judge import CLASS, VIEWS, Judged, View, inside, judge, of
 from benchmarks.detection.table import accuracy, plain
 from ema_prognostics.model_body import Body
 from ema_prognostics.model_file import model_of
@@ -53,34 +54,43 @@ def _without(campaign: Campaign, feature: str, rule: Callable[[np.ndarray], np.n
 
 def left_out(
     campaign: Campaign, healthy: Campaign, fleet: Sequence[Tested],
-    visible: dict[str, float], *, seed: int, progress: Callable[[str], None] = lambda _: None,
+    visible: dict[View, dict[str, float]], *, seed: int,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
-    """Return, for each condition, accuracy and coverage in it and in the rest.
+    """Return, for each view and condition, accuracy and coverage in it and in the rest.
 
     Parameters
     ----------
     campaign, healthy : those of the shipped model.
     fleet : the held-out fleet.
-    visible : severity of each group from which a fault counts.
+    visible : for each view, severity of each group from which a fault counts.
     seed : of the networks.
     progress : called with each condition.
     """
-    result = {}
+    result: dict[str, Any] = {view: {} for view in VIEWS}
     for name, (feature, rule, there) in CONDITIONS.items():
         progress(name)
-        view = train_view(_without(campaign, feature, rule), _without(healthy, feature, rule),
-                          "extended", "fleet", seed=seed)
-        model = model_of(Body(views={"extended/fleet": view}, paper=None, training={}))
-        judged = [j for j in judge(fleet, model, "fleet")
-                  if j.case.group in ("healthy", *CLASS)]
-        parts = {"in it": [j for j in judged if there(j)],
-                 "elsewhere": [j for j in judged if not there(j)]}
-        result[name] = {
-            label: {
-                "accuracy": plain(accuracy(part, visible)),
-                "false alarms": plain(rate([j.detected for j in of(part, "healthy")])),
-                "unknown": plain(rate([j.outcome == "unknown" for j in part])),
-                "interval holds": plain(rate(inside(of(part, *CLASS)))),
-            } for label, part in parts.items()
-        }
+        rest = _without(campaign, feature, rule), _without(healthy, feature, rule)
+        model = model_of(Body(
+            views={f"extended/{view}": train_view(*rest, "extended", view, seed=seed)
+                   for view in VIEWS}, paper=None, training={}))
+        for view in VIEWS:
+            judged = judge(fleet, model, view)
+            parts = {"in it": [j for j in judged if there(j)],
+                     "elsewhere": [j for j in judged if not there(j)]}
+            result[view][name] = {where: _numbers(part, visible[view])
+                                  for where, part in parts.items()}
     return result
+
+
+def _numbers(judged: Sequence[Judged], visible: dict[str, float]) -> dict[str, Any]:
+    known = of(judged, "healthy", *CLASS)
+    strangers = of(judged, "stranger", "sensor")
+    return {
+        "accuracy": plain(accuracy(known, visible)),
+        "false alarms": plain(rate([j.detected for j in of(judged, "healthy")])),
+        "unknown": plain(rate([j.outcome == "unknown" for j in known])),
+        "interval holds": plain(rate(inside(of(judged, *CLASS)))),
+        "strangers wrong": plain(rate([
+            j.detected or j.outcome == "healthy" for j in strangers])),
+    }

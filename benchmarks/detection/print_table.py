@@ -87,13 +87,13 @@ def print_tables(result: dict[str, Any]) -> None:
             table.add_row(name, *(percent(row[k]) for k in
                                   ("false alarms", "accuracy", "interval holds")))
         console.print(table)
-    if "left out" in result:
-        table = _table("Condition left out of training (fleet view)", "condition", "where",
-                       "accuracy", "false alarms", "unknown", "interval holds")
-        for name, parts in result["left out"].items():
+    for view, conditions in result.get("left out", {}).items():
+        columns = ("accuracy", "false alarms", "unknown", "interval holds", "strangers wrong")
+        table = _table(f"{NAMES[view]}: condition left out of training", "condition", "where",
+                       *columns)
+        for name, parts in conditions.items():
             for where, row in parts.items():
-                table.add_row(name, where, *(percent(row[k]) for k in (
-                    "accuracy", "false alarms", "unknown", "interval holds")))
+                table.add_row(name, where, *(percent(row[k]) for k in columns))
         console.print(table)
     if "comparison" in result:
         table = _table("Comparison on the same records", "scheme", "false alarms",

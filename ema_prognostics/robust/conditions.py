@@ -17,7 +17,7 @@ from ema_sim.effects import Effects, parse_effects
 from ema_sim.parameters import Actuator
 
 SEVERITY: dict[str, tuple[float, float]] = {
-    "turn_short": (1e-3, 0.4), "rotor_eccentricity": (1.5e-3, 0.2), "friction": (0.01, 2.0),
+    "turn_short": (1e-3, 0.4), "rotor_eccentricity": (5e-4, 0.2), "friction": (0.01, 2.0),
     "backlash": (2e-5, 4e-3),
 }
 """Least and largest severity, drawn evenly in its logarithm (1, 1, 1, rad)."""
@@ -117,7 +117,7 @@ def draw_fault(rng: np.random.Generator, fault: str) -> Fault:
         ))
     if fault == "rotor_eccentricity":
         z = _severity(rng, fault)
-        mode = ("paper", "paper", "common", "shifted")[int(rng.integers(4))]
+        mode = MODES[int(rng.integers(3))]
         sign = (-1.0, 1.0)[int(rng.integers(2))]
         return Fault(severity={"eccentricity": z}, settings=(
             f"rotor_eccentricity.zeta={sign * z!r}", f"rotor_eccentricity.mode={mode}",

@@ -7,7 +7,7 @@ are each feature, the features of each part of the physics together, and all tog
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +26,9 @@ DRIVERS = (*(f"quarter_even_m{h}_" for h in (1, 2, 3, 4)), "torque_quarter", "ga
 STEP_DRIVERS = (*(f"full_even_m{h}_" for h in (1, 2, 3, 4)), "torque_", "temp", "bus_voltage",
                 "speed_full", "noise_current_least")
 """Features that faults move."""
-NOT_CHECKED = ("gap_width_difference",)
+NOT_CHECKED = ("gap_width_difference", "overshoot")
+"""The peak of the speed depends on what the supply can still drive at full speed, and grows
+tenfold where that is little: a low bus, a hot winding. Inertia and rise time tell the rest."""
 FLOOR = 0.02
 """Least scatter, in the squashed unit."""
 
@@ -43,6 +45,13 @@ ONE_SIDED = (NO_FAULT_MOVES, "offset_largest", "gain_largest", "sum_rms", "resis
 """Sizes of errors: less than usual is not strange."""
 MARGIN = 2.0
 """On the limits, where the test is not exactly the one trained on."""
+MEASURED = tuple(prefix + n for prefix in ("", ABSOLUTE)
+                 for n in ("temperature", "bus_voltage", "load_quarter"))
+"""Conditions of the test that no fault makes: two that the aircraft measures, and the load, which
+the torque forward less that back tells."""
+BEYOND, MOST_BEYOND = 0.5, 1.0
+"""Part by which all limits grow a healthy deviation outside the measured conditions that were
+seen, where what is expected of the features is but a continuation; and the most of it."""
 BESIDE_OWN = 1.25
 """Bound of the scores without the baseline, where there is one and its guard judges too."""
 SQUEEZE, GROUP_SQUEEZE = 3.0, 8.0
@@ -136,6 +145,8 @@ class Guard:
     mean, scale : networks from drivers to the checked features, and to the log of the scatter.
     limits : for records by what is found in them, as `known.KINDS_FOUND`.
     groups : names of the groups of checked features, of `guard_groups.GROUPS`.
+    measured, seen : columns of the measured conditions, shape (c,), and their least and largest
+        values in training, shape (c, 2).
     """
 
     drivers: np.ndarray
@@ -145,12 +156,20 @@ class Guard:
     scale: Network
     limits: tuple[Limits, ...]
     groups: tuple[str, ...] = ()
+    measured: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=int))
+    seen: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
 
     def residuals(self, u: np.ndarray) -> np.ndarray:
         """Return the scaled residuals, shape (n, m), of squashed inputs, shape (n, d)."""
         x = u[:, self.drivers]
         z = (u[:, self.checked] - self.mean(x)) / (np.exp(self.scale(x)) + FLOOR)
-        return np.where(self.signed, z, np.maximum(z, 0.0))
+        return np.where(self.signed, z, np.maximum(z, 0.0)) / self.beyond(u)[:, None]
+
+    def beyond(self, u: np.ndarray) -> np.ndarray:
+        """Return by what the limits grow, shape (n,): 1 within the measured conditions seen."""
+        there = u[:, self.measured]
+        outside = np.maximum(self.seen[:, 0] - there, there - self.seen[:, 1])
+        return 1.0 + np.clip(BEYOND * outside.max(axis=1, initial=0.0), 0.0, MOST_BEYOND)
 
     def scores(
         self, u: np.ndarray, kind: np.ndarray, *, exact: bool = True
@@ -199,4 +218,6 @@ def build_guard(view: ViewPart, data: GuardPart) -> Guard:
         limits=tuple(limits_of(data.limits[k], data.checked)  # type: ignore[index]
                      for k in KINDS_FOUND),
         groups=tuple(group_columns(data.checked)),
+        measured=np.array([names.index(n) for n in data.seen], dtype=int),
+        seen=np.array(list(data.seen.values())).reshape(-1, 2),
     )

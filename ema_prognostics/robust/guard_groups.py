@@ -34,15 +34,14 @@ GROUPS: dict[str, Group] = {
          "high_low"),
         "angle of the commutation and its torque ripple"),
     "speed_sensor": Group(
-        ("quarter_odd_m1", "full_odd_m1", "quarter_odd_m2", "full_odd_m2", "overshoot",
-         "inertia_error"),
+        ("quarter_odd_m1", "full_odd_m1", "quarter_odd_m2", "full_odd_m2", "inertia_error"),
         "ripple of the speed sensor"),
     "motor_constant": Group(
         ("winding_back_emf", "rise_full", "rise_quarter", "viscous_torque", "torque_full",
          "inertia", "winding_resistance", "winding_inductance", "switch_drop"),
         "torque, voltage and current of the motor"),
     "acceleration": Group(
-        ("inertia", "rise_time", "overshoot"), "acceleration of the motor"),
+        ("inertia", "rise_time"), "acceleration of the motor"),
     "vibration": Group(
         ("high_", "speed_rms", "torque_rms", "gap_load", "gap_error"),
         "fine ripple of torque and speed"),

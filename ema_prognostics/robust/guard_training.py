@@ -11,6 +11,7 @@ from ema_prognostics.robust.calibration import tail_quantile
 from ema_prognostics.robust.guard import (
     FLOOR,
     GROUP_SQUEEZE,
+    MEASURED,
     NO_FAULT_MOVES,
     checked_of,
     drivers_of,
@@ -27,7 +28,7 @@ GUARD_RATE, GROUP_RATE = 0.001, 0.0005
 together, and each group of them."""
 SHRINKAGE = 0.02
 """Part of the variances added to the diagonal of the covariance."""
-MARGINS = {"healthy": 1.05, "slight": 1.15, "mechanical": 1.1, "electrical": 1.5, "both": 1.4}
+MARGINS = {"healthy": 1.07, "slight": 1.15, "mechanical": 1.1, "electrical": 1.5, "both": 1.4}
 """On the limits of records with a fault, which few units set."""
 WOUND = ("resistance_", "inductance_", "winding_")
 WOUND_MARGIN, TAIL_MARGIN = 3.0, 1.3
@@ -155,7 +156,9 @@ def train_guard(
     for name, within in WITHIN.items():
         parts[name] = limits(seen[np.isin(records.known_kind, within)],
                              other[np.isin(records.kind, within)], name, healthy)
+    measured = {n: known[:, k] for k, n in enumerate(names) if n in MEASURED}
     return GuardPart(
+        seen={n: (float(f"{v.min():.6g}"), float(f"{v.max():.6g}")) for n, v in measured.items()},
         drivers=drivers, checked=checked, mean=NetworkPart.of(mean), scale=NetworkPart.of(scale),
         limits=parts,  # type: ignore[arg-type]
     )

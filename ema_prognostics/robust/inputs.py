@@ -39,7 +39,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
                   "winding_like_best", "lines_and_winding_best", *_SCATTER),
     "short": ("short_like_a", "short_like_b", "short_like_c", "short_unlike", "amplitude_1",
               "amplitude_3", "winding_like_", *_WINDING, *_SCATTER),
-    "eccentricity": ("amplitude_", "short_unlike", "odd_amplitude", *_SCATTER),
+    "eccentricity": ("amplitude_", "third_line_", "short_unlike", "odd_amplitude", *_SCATTER),
     "static_eccentricity": ("amplitude_1", "amplitude_2", "amplitude_3", "amplitude_4",
                             "short_like_best", "short_unlike", "resistance_spread",
                             "inductance_spread", "winding_like_best", "lines_and_winding_best",

@@ -25,7 +25,7 @@ DERIVED = (
     *(f"amplitude_{h}" for h in range(1, HARMONICS + 1)),
     "short_like_a", "short_like_b", "short_like_c", "short_like_best", "short_unlike",
     "odd_amplitude", "winding_like_a", "winding_like_b", "winding_like_c", "winding_like_best",
-    "lines_and_winding_best", "winding_unlike",
+    "lines_and_winding_best", "winding_unlike", "third_line_along", "third_line_across",
 )
 """Names of what `LineFilter.derive` returns, in order."""
 
@@ -97,6 +97,7 @@ class LineFilter:
             np.abs(lines), like, best, np.sqrt(rest), run_out / self.deviation.min(),
             wound, np.maximum(wound.max(axis=1), 0.0), np.maximum(both.max(axis=1), 0.0),
             wound_rest / np.sqrt(1.0 + (np.abs(measured) ** 2).sum(axis=1)),
+            np.abs(lines[:, 2].real), np.abs(lines[:, 2].imag),
         ])
 
     def _winding_like(

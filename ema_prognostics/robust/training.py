@@ -39,7 +39,7 @@ from ema_prognostics.robust.vector import (
 FRICTIONS = ("motor_friction", "surface_friction")
 """Families that are found by how large a quantity is, in the order of `Campaign.friction`."""
 FALSE_ALARMS: dict[View, dict[str, float]] = {
-    "fleet": {"asymmetry": 0.003, "eccentricity": 0.0003, "motor_friction": 0.0005,
+    "fleet": {"asymmetry": 0.004, "eccentricity": 0.0003, "motor_friction": 0.0005,
               "surface_friction": 0.0005, "backlash": 0.0002},
     "baseline": {"asymmetry": 0.002, "eccentricity": 0.001, "motor_friction": 0.0002,
                  "surface_friction": 0.0002, "backlash": 0.0002},
