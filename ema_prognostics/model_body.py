@@ -14,7 +14,14 @@ from ema_prognostics.network import Network
 from ema_prognostics.robust.guard_groups import group_columns
 from ema_prognostics.robust.inputs import input_names
 from ema_prognostics.robust.known import KINDS_FOUND, TAIL_RATES
-from ema_prognostics.robust.lines import HARMONICS, SHORT_LINES, SPEEDS, WINDING, LineFilter
+from ema_prognostics.robust.lines import (
+    ECCENTRIC_LINES,
+    HARMONICS,
+    SHORT_LINES,
+    SPEEDS,
+    WINDING,
+    LineFilter,
+)
 from ema_record.errors import ModelError
 
 DIGITS = 7
@@ -154,6 +161,8 @@ class LinePart(Part):
     winding_re: Vector
     winding_im: Vector
     precision: Matrix
+    floor: Matrix
+    by_noise: Matrix
 
     @classmethod
     def of(cls, found: LineFilter) -> LinePart:
@@ -162,7 +171,8 @@ class LinePart(Part):
                    template_re=rounded(found.template.real),
                    template_im=rounded(found.template.imag),
                    winding_re=rounded(found.winding.real),
-                   winding_im=rounded(found.winding.imag), precision=rounded(found.precision))
+                   winding_im=rounded(found.winding.imag), precision=rounded(found.precision),
+                   floor=rounded(found.floor), by_noise=rounded(found.by_noise))
 
     def build(self) -> LineFilter:
         """Return the filters as arrays."""
@@ -170,7 +180,8 @@ class LinePart(Part):
             weight=np.array(self.weight), deviation=np.array(self.deviation),
             template=np.array(self.template_re) + 1j * np.array(self.template_im),
             winding=np.array(self.winding_re) + 1j * np.array(self.winding_im),
-            precision=np.array(self.precision),
+            precision=np.array(self.precision), floor=np.array(self.floor),
+            by_noise=np.array(self.by_noise),
         )
 
     @model_validator(mode="after")
@@ -182,6 +193,8 @@ class LinePart(Part):
             and len(self.template_re) == len(self.template_im) == len(SHORT_LINES)
             and len(self.winding_re) == len(self.winding_im) == len(WINDING)
             and [len(row) for row in self.precision] == [len(WINDING)] * len(WINDING)
+            and all([len(row) for row in part] == [len(self.weight)] * len(ECCENTRIC_LINES)
+                    and min(map(min, part)) > 0.0 for part in (self.floor, self.by_noise))
         )
         if not good:
             raise ValueError("the filters of the lines have another shape")

@@ -150,13 +150,14 @@ def shifted(actuator: Actuator, unknown: Unknown, value: float) -> Actuator:
     return actuator
 
 
-def runs(effects: dict[str, float | str], actuator: Actuator, seeds: Iterable[int]
-         ) -> list[Record]:
-    """Simulate one setting over seeds, at nominal noise."""
+def runs(effects: dict[str, float | str], actuator: Actuator, seeds: Iterable[int],
+         noise: float = 1.0) -> list[Record]:
+    """Simulate one setting over seeds, at `noise` times the nominal noise."""
     profile = load_profile("extended")
     merged = {"winding_temperature.temperature": TEMPERATURE, **effects}
     parsed = effects_from_mapping(merged)
-    return [simulate(profile, actuator=actuator, effects=parsed, seed=s) for s in seeds]
+    return [simulate(profile, actuator=actuator, effects=parsed, seed=s, noise=noise)
+            for s in seeds]
 
 
 def paper_noise(record: Record, rng: np.random.Generator, rate: float) -> Record:
@@ -174,11 +175,12 @@ def paper_noise(record: Record, rng: np.random.Generator, rate: float) -> Record
 class Library:
     """Features of repeated runs: the noise's covariance, and derivatives."""
 
-    def __init__(self, repeats: int, base_repeats: int) -> None:
-        """Simulate the nominal unit; the rest when asked for."""
+    def __init__(self, repeats: int, base_repeats: int, noise: float = 1.0) -> None:
+        """Simulate the nominal unit at `noise` times the nominal; the rest when asked for."""
         self.nominal = load_actuator()
-        self.repeats = repeats
-        self.records = runs({}, self.nominal, range(FIRST_SEED, FIRST_SEED + base_repeats))
+        self.repeats, self.noise = repeats, noise
+        seeds = range(FIRST_SEED, FIRST_SEED + base_repeats)
+        self.records = runs({}, self.nominal, seeds, noise)
         first = extract(self.records[0], "extended")
         self.names = [n for n in first if n.startswith(USED) and DERIVED not in n]
         self.base = self.features(self.records)
@@ -193,7 +195,8 @@ class Library:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return mean difference / step and its standard error, shape (d,) each."""
         seeds = range(FIRST_SEED, FIRST_SEED + self.repeats)
-        difference = self.features(runs(effects, actuator, seeds)) - self.base[:self.repeats]
+        found = self.features(runs(effects, actuator, seeds, self.noise))
+        difference = found - self.base[:self.repeats]
         error = difference.std(axis=0, ddof=1) / np.sqrt(self.repeats)
         return difference.mean(axis=0) / step, error / abs(step)
 

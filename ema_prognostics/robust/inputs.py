@@ -39,7 +39,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
                   "winding_like_best", "lines_and_winding_best", *_SCATTER),
     "short": ("short_like_a", "short_like_b", "short_like_c", "short_unlike", "amplitude_1",
               "amplitude_3", "winding_like_", *_WINDING, *_SCATTER),
-    "eccentricity": ("amplitude_", "third_line_", "short_unlike", "odd_amplitude", *_SCATTER),
+    "eccentricity": ("first_line_strength", "third_line_strength"),
     "static_eccentricity": ("amplitude_1", "amplitude_2", "amplitude_3", "amplitude_4",
                             "short_like_best", "short_unlike", "resistance_spread",
                             "inductance_spread", "winding_like_best", "lines_and_winding_best",
@@ -50,6 +50,11 @@ GROUPS: dict[str, tuple[str, ...]] = {
                  "torque_full", "noise_speed"),
 }
 """Beginnings of the names of the inputs of each network."""
+SIZES = {
+    "eccentricity": ("amplitude_", "third_line_along", "third_line_across", "short_unlike",
+                     "odd_amplitude", *_SCATTER),
+}
+"""The same, of networks that say how much and see other inputs than those that say whether."""
 
 
 ITSELF = ("eccentricity",)
@@ -57,9 +62,17 @@ ITSELF = ("eccentricity",)
 the lines of an eccentricity, so a baseline would only add its noise."""
 
 
-def group_inputs(group: str, input_names: Sequence[str]) -> list[str]:
-    """Return the names of the inputs of a network, the absolute ones with a baseline too."""
-    found = [n for n in input_names if n.removeprefix(ABSOLUTE).startswith(GROUPS[group])]
+def group_inputs(group: str, input_names: Sequence[str], *, size: bool = False) -> list[str]:
+    """Return the names of the inputs of a network, the absolute ones with a baseline too.
+
+    Parameters
+    ----------
+    group : of `GROUPS`.
+    input_names : of all inputs.
+    size : of the network that says how much.
+    """
+    beginnings = SIZES.get(group, GROUPS[group]) if size else GROUPS[group]
+    found = [n for n in input_names if n.removeprefix(ABSOLUTE).startswith(beginnings)]
     own = [n for n in found if n.startswith(ABSOLUTE)]
     return own if own and group in ITSELF else found
 

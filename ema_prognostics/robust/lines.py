@@ -4,8 +4,10 @@ A fault changes the torque constants, so line h of the torque residual is the sa
 torque at every speed (DESIGN, section 4): the lines of the slews are averaged with the weights
 that scatter least over healthy units, and counted in healthy deviations σ_h. A short in phase k
 has lines 2 and 4 in fixed proportion, turned by −h k 120°; an eccentricity has lines 1 and 3 in
-any direction, so there the amplitude is what tells. A short also takes turns from its winding:
-resistance and inductance of the phases then differ, in the direction of the phase (line 1).
+any direction, so there the amplitude is what tells; no tolerance of a unit makes them, so it is
+weighed against the scatter that control and sensor noise of the very record give them. A short
+also takes turns from its winding: resistance and inductance of the phases then differ, in the
+direction of the phase (line 1).
 """
 
 from __future__ import annotations
@@ -18,6 +20,9 @@ import numpy as np
 HARMONICS = 6
 SPEEDS = ("quarter", "full")
 SHORT_LINES = (2, 4)
+ECCENTRIC_LINES = (1, 3)
+NOISE = "noise_speed"
+"""Feature that tells the sensor noise, as a logarithm."""
 WINDING = ("resistance_m1", "inductance_m1")
 """How the windings of the phases differ, complex."""
 FLOOR = 1e-6
@@ -26,6 +31,7 @@ DERIVED = (
     "short_like_a", "short_like_b", "short_like_c", "short_like_best", "short_unlike",
     "odd_amplitude", "winding_like_a", "winding_like_b", "winding_like_c", "winding_like_best",
     "lines_and_winding_best", "winding_unlike", "third_line_along", "third_line_across",
+    "first_line_strength", "third_line_strength",
 )
 """Names of what `LineFilter.derive` returns, in order."""
 
@@ -59,6 +65,13 @@ def winding_differences(names: Sequence[str], x: np.ndarray) -> np.ndarray:
     return found
 
 
+def sensor_noise(names: Sequence[str], x: np.ndarray) -> np.ndarray:
+    """Return the noise of the speed of features `x` (rad/s), shape (n,); 1 where not measured."""
+    if NOISE not in names:
+        return np.ones(len(x))
+    return np.exp(x[:, list(names).index(NOISE)])
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineFilter:
     """The filters of one view.
@@ -70,6 +83,8 @@ class LineFilter:
     template : ndarray, complex, shape (2,). Lines 2 and 4 of a short in phase a, per fraction.
     winding : ndarray, complex, shape (2,). `WINDING` of a short in phase a, per fraction.
     precision : ndarray, shape (2, 2). Inverse covariance of `WINDING` over healthy units.
+    floor, by_noise : ndarray, shape (2, speeds). Healthy standard deviation of `ECCENTRIC_LINES`
+        at each speed: what is always there, and what comes with a unit of sensor noise.
     """
 
     weight: np.ndarray
@@ -77,6 +92,8 @@ class LineFilter:
     template: np.ndarray
     winding: np.ndarray
     precision: np.ndarray
+    floor: np.ndarray
+    by_noise: np.ndarray
 
     def derive(self, names: Sequence[str], x: np.ndarray) -> np.ndarray:
         """Return `DERIVED` for features `x`, shape (n, d), in healthy deviations."""
@@ -97,8 +114,18 @@ class LineFilter:
             np.abs(lines), like, best, np.sqrt(rest), run_out / self.deviation.min(),
             wound, np.maximum(wound.max(axis=1), 0.0), np.maximum(both.max(axis=1), 0.0),
             wound_rest / np.sqrt(1.0 + (np.abs(measured) ** 2).sum(axis=1)),
-            np.abs(lines[:, 2].real), np.abs(lines[:, 2].imag),
+            np.abs(lines[:, 2].real), np.abs(lines[:, 2].imag), self._strength(names, x),
         ])
+
+    def _strength(self, names: Sequence[str], x: np.ndarray) -> np.ndarray:
+        """Return the amplitude of `ECCENTRIC_LINES` in deviations of the record, shape (n, 2).
+
+        Speeds are weighed by how little the line scatters there at the record's noise.
+        """
+        noise = sensor_noise(names, x)[:, None, None]
+        weight = 1.0 / (self.floor**2 + (self.by_noise * noise) ** 2)
+        lines = even_lines(names, x)[:, :, [h - 1 for h in ECCENTRIC_LINES]].swapaxes(1, 2)
+        return np.abs((lines * weight).sum(axis=2)) / np.sqrt(weight.sum(axis=2))
 
     def _winding_like(
         self, names: Sequence[str], x: np.ndarray
@@ -153,5 +180,23 @@ def fit_line_filter(
     return LineFilter(
         weight=weight, deviation=deviation, template=(fraction[small] @ lines[small]) / power,
         winding=fraction[small] @ winding_differences(names, shorted)[small] / power,
-        precision=np.linalg.inv(covariance),
+        precision=np.linalg.inv(covariance), **_scatter(sound, sensor_noise(names, healthy)),
     )
+
+
+def _scatter(lines: np.ndarray, noise: np.ndarray) -> dict[str, np.ndarray]:
+    """Return `floor` and `by_noise` of healthy lines, shape (n, speeds, 6): most likely values."""
+    from scipy.optimize import minimize
+
+    found = np.empty((2, len(ECCENTRIC_LINES), lines.shape[1]))
+    for i, h in enumerate(ECCENTRIC_LINES):
+        for k in range(lines.shape[1]):
+            power = 0.5 * np.abs(lines[:, k, h - 1]) ** 2 + FLOOR
+
+            def loss(logs: np.ndarray, power: np.ndarray = power) -> float:
+                variance = np.exp(2.0 * logs[0]) + np.exp(2.0 * logs[1]) * noise**2
+                return float(np.sum(np.log(variance) + power / variance))
+
+            start = 0.5 * np.log(0.5 * power.mean() / np.array([1.0, np.mean(noise**2)]))
+            found[:, i, k] = np.exp(minimize(loss, start, method="Nelder-Mead").x)
+    return {"floor": found[0], "by_noise": found[1]}

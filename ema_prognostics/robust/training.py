@@ -39,9 +39,9 @@ from ema_prognostics.robust.vector import (
 FRICTIONS = ("motor_friction", "surface_friction")
 """Families that are found by how large a quantity is, in the order of `Campaign.friction`."""
 FALSE_ALARMS: dict[View, dict[str, float]] = {
-    "fleet": {"asymmetry": 0.004, "eccentricity": 0.0003, "motor_friction": 0.0005,
+    "fleet": {"asymmetry": 0.004, "eccentricity": 0.001, "motor_friction": 0.0005,
               "surface_friction": 0.0005, "backlash": 0.0002},
-    "baseline": {"asymmetry": 0.002, "eccentricity": 0.001, "motor_friction": 0.0002,
+    "baseline": {"asymmetry": 0.002, "eccentricity": 0.0015, "motor_friction": 0.0002,
                  "surface_friction": 0.0002, "backlash": 0.0002},
 }
 """Rate of healthy records of which each family may be announced: most to those that need it."""
@@ -157,9 +157,10 @@ class _Work:
         self._iterations = iterations
         self._view: View = "baseline" if own is None else "fleet"
 
-    def _see(self, group: str, x: np.ndarray) -> np.ndarray:
+    def _see(self, group: str, x: np.ndarray, *, size: bool = False) -> np.ndarray:
         """Return the inputs of a group; for the shorts those seen from each phase."""
-        columns = self._inputs.columns(group_inputs(group, self._inputs.input_names))
+        columns = self._inputs.columns(
+            group_inputs(group, self._inputs.input_names, size=size))
         turns = 3 if group == "short" else 1
         return np.vstack([
             self._inputs(rotate(x, self._inputs.names, k))[:, columns] for k in range(turns)
@@ -237,10 +238,10 @@ class _Work:
         turns = 3 if group == "short" else 1
         parts, alone = np.tile(part, turns), np.tile((y > 0.0).sum(axis=1) == 1, turns)
         return train_severity(
-            group, self._view, self._see(group, x)[there], label[there], parts[there],
-            self._announced(group, x, families)[there], alone[there],
-            group_inputs(group, self._inputs.input_names), iterations=self._iterations,
-            **self._settings)
+            group, self._view, self._see(group, x, size=True)[there], label[there],
+            parts[there], self._announced(group, x, families)[there], alone[there],
+            group_inputs(group, self._inputs.input_names, size=True),
+            iterations=self._iterations, **self._settings)
 
 
 def _filters(
