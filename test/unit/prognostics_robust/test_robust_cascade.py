@@ -105,6 +105,19 @@ def test_guard_has_limits_of_its_own_for_what_is_found() -> None:
     assert (known == 1.0).all()
 
 
+def test_limits_grow_beyond_the_conditions_that_were_seen() -> None:
+    guard = Guard(
+        drivers=np.array([0]), checked=np.array([1]), signed=np.array([True]),
+        mean=constant(0.0, 1, 1), scale=constant(0.0, 1, 1),
+        limits=(Limits(np.ones(1), np.eye(1), 1.0, TAIL),),
+        measured=np.array([0]), seen=np.array([[-1.0, 1.0]]),
+    )
+    u = np.array([[0.0, 3.0], [1.0, 3.0], [2.0, 3.0], [-1.4, 3.0], [90.0, 3.0]])
+    assert guard.beyond(u) == pytest.approx([1.0, 1.0, 1.5, 1.2, 2.0])
+    inside = guard.residuals(u)[0, 0]
+    assert guard.residuals(u)[:, 0] == pytest.approx(inside / guard.beyond(u))
+
+
 def test_group_is_unusual_where_none_of_its_features_is() -> None:
     group = GroupLimit(np.array([0, 2]), np.eye(2), 2.0)
     limits = Limits(np.full(3, 3.0), np.zeros((3, 3)), 1.0, TAIL, (group,))
@@ -144,7 +157,8 @@ def test_interval_is_wider_beside_another_fault() -> None:
         factors=[1.0, 3.0], company=1.5, upper=0.2, least=0.0,
     )
     filters = LineFilter(weight=np.empty((0, 6)), deviation=np.ones(6), template=np.ones(2),
-                         winding=np.ones(2), precision=np.eye(2))
+                         winding=np.ones(2), precision=np.eye(2), floor=np.ones((2, 0)),
+                         by_noise=np.ones((2, 0)))
     size = len(input_names(names))
     inputs = Inputs(names, filters, None, np.zeros(size), np.ones(size))
     alone, beside = SeverityNetwork(part, inputs)(np.zeros((1, size)))[0]

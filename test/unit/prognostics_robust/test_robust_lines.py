@@ -110,3 +110,34 @@ def test_short_takes_turns_from_its_winding() -> None:
         assert np.hypot(values["winding_unlike"], values["winding_like_best"]) == pytest.approx(
             np.sqrt(power), rel=0.05)
         assert values["winding_unlike"] > 0.9 * np.sqrt(power)
+
+
+def test_line_is_weighed_against_the_noise_of_its_own_record() -> None:
+    rng = np.random.default_rng(3)
+    noise = np.exp(rng.uniform(-0.7, 0.7, 6000))
+    names = [*NAMES, "noise_speed"]
+
+    def seen(lines: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        return np.hstack([features(lines), np.log(noise)[:, None]])
+
+    spread = np.sqrt(np.array([[0.5], [0.2]]) ** 2 + (np.array([[1.0], [3.0]]) * noise) ** 2)
+    lines = spread.T[:, :, None] * (rng.normal(size=(6000, 2, 6, 2)) @ np.array([1.0, 1.0j]))
+    shorted = np.vstack([short(0, x) for x in (0.05, 0.1)])
+    filters = fit_line_filter(names, seen(lines, noise), seen(shorted, np.ones(2)),
+                              np.array([0.05, 0.1]))
+    assert filters.by_noise == pytest.approx(np.array([[1.0, 3.0]] * 2), rel=0.05)
+    assert filters.floor[:, 0] == pytest.approx([0.5, 0.5], rel=0.15)
+    values = filters.derive(names, seen(lines, noise))[:, DERIVED.index("third_line_strength")]
+    quiet = noise < 1.0
+    for part in (values[quiet], values[~quiet]):  # the same law at every noise: Rayleigh's
+        assert np.mean(part**2) == pytest.approx(2.0, rel=0.06)
+        assert np.quantile(part, 0.99) == pytest.approx(np.sqrt(-2.0 * np.log(0.01)), rel=0.06)
+
+
+def test_third_line_along_and_across_the_phase(found: LineFilter) -> None:
+    lines = np.zeros((1, 2, 6), complex)
+    lines[:, :, 2] = -3.0 + 4.0j
+    values = dict(zip(DERIVED, found.derive(NAMES, features(lines))[0]))
+    assert values["third_line_along"] == pytest.approx(3.0 / found.deviation[2])
+    assert values["third_line_across"] == pytest.approx(4.0 / found.deviation[2])
+    assert values["amplitude_3"] == pytest.approx(5.0 / found.deviation[2])

@@ -5,6 +5,7 @@ import pytest
 from scipy.special import ndtri
 
 from benchmarks.detection.bounds import UNIT, shifted
+from benchmarks.detection.bounds_by_angle import benchmark, bound, found_at
 from benchmarks.detection.detectability import (
     inverse_covariance,
     linear_bound,
@@ -24,6 +25,17 @@ def test_a_known_shift():
     assert needed_shift() == pytest.approx(KNOWN)
     assert needed_shift(directions=3) > needed_shift()
     assert needed_shift(freedoms=2) > needed_shift()
+
+
+def test_a_line_of_unknown_direction():
+    """One strength: the bound of two freedoms; no shift: the rate of false alarms."""
+    assert found_at(np.zeros(1), 0.01)[0] == pytest.approx(0.01, rel=1e-3)
+    assert bound(np.array([250.0]), 0.01) == pytest.approx(needed_shift(freedoms=2) / 250.0,
+                                                           rel=2e-3)
+    mixed = np.array([100.0, 300.0])
+    assert bound(mixed[1:], 0.01) < bound(mixed, 0.01) < bound(mixed[:1], 0.01)
+    low, middle, high = benchmark(mixed, 0.01, 200, fleets=20)
+    assert bound(mixed, 0.01) < middle < high and low < middle
 
 
 def test_a_tolerance_alone():
