@@ -49,7 +49,8 @@ def test_turn_short_with_its_phase_and_size(model, profile, mode, phase, fractio
     found = verdict.to_dict()
     assert found["fault_class"] == "turn_short", verdict.reasons
     assert found["phase"] == phase
-    assert found["severity"] == pytest.approx(fraction, rel=0.15, abs=0.006)
+    # Without a baseline the fleet's ±0.5 % of k a phase leaves ±0.7 % of the turns (90 %).
+    assert found["severity"] == pytest.approx(fraction, rel=0.15, abs=0.008)
     low, high = found["severity_interval"]
     assert low <= found["severity"] <= high
     assert found["level"] == {0.03: "small", 0.10: "medium", 0.25: "large"}[fraction]
