@@ -53,6 +53,7 @@ def test_turn_short_with_its_phase_and_size(model, profile, mode, phase, fractio
     assert found["severity"] == pytest.approx(fraction, rel=0.15, abs=0.008)
     low, high = found["severity_interval"]
     assert low <= found["severity"] <= high
+    assert low <= fraction <= high
     assert found["level"] == {0.03: "small", 0.10: "medium", 0.25: "large"}[fraction]
     assert "rotor_eccentricity" in found["alternatives"]
     assert verdict.exit_status == 1
