@@ -125,7 +125,8 @@ class SeverityPart(Part):
     """How much: a network on asinh(severity / unit), one on the log of its error, the interval.
 
     The half width of the 90 % interval is the expected error times a factor, which is `factors`
-    where the network says `knots`, and linear between; beside another fault `company` times it.
+    where the network says `knots`, and linear between, times `noise_factors`, which in the same
+    manner depend on the noise of the record; beside another fault `company` times it.
     """
 
     inputs: Names
@@ -134,6 +135,9 @@ class SeverityPart(Part):
     unit: Positive
     knots: Vector
     factors: Vector
+    noise_knots: Vector = [0.0]
+    """Noise of the speed sensor, squashed in healthy deviations."""
+    noise_factors: Vector = [1.0]
     company: Positive
     upper: Positive
     """Largest severity trained on."""
@@ -144,10 +148,12 @@ class SeverityPart(Part):
     def _sizes(self) -> SeverityPart:
         self.network.check_size(len(self.inputs), 1)
         self.scale.check_size(len(self.inputs), 1)
-        if not 1 <= len(self.knots) == len(self.factors) or sorted(self.knots) != self.knots:
-            raise ValueError("the factors of an interval do not fit its knots")
-        if min(self.factors) <= 0.0:
-            raise ValueError("a factor of an interval is not above 0")
+        for knots, factors in ((self.knots, self.factors),
+                               (self.noise_knots, self.noise_factors)):
+            if not 1 <= len(knots) == len(factors) or sorted(knots) != knots:
+                raise ValueError("the factors of an interval do not fit its knots")
+            if min(factors) <= 0.0:
+                raise ValueError("a factor of an interval is not above 0")
         return self
 
 

@@ -46,7 +46,8 @@ def conformal_quantile(residual: np.ndarray, coverage: float = COVERAGE) -> floa
 
 
 def local_quantiles(
-    value: np.ndarray, residual: np.ndarray, coverage: float = COVERAGE
+    value: np.ndarray, residual: np.ndarray, coverage: float = COVERAGE,
+    most_bins: int = MOST_BINS,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return split-conformal half widths that depend on a value: bins of as many residuals each.
 
@@ -54,12 +55,13 @@ def local_quantiles(
     ----------
     value, residual : ndarray, shape (n,). What the width depends on; absolute residuals.
     coverage : of new residuals.
+    most_bins : however many the residuals.
 
     Returns
     -------
     ndarray, shape (k,), median value of each bin, growing; ndarray, shape (k,), half widths.
     """
-    bins = min(max(len(value) // BIN, 1), MOST_BINS)
+    bins = min(max(len(value) // BIN, 1), most_bins)
     order = np.argsort(value, kind="stable")
     parts = np.array_split(order, bins)
     return (np.array([np.median(value[p]) for p in parts]),

@@ -91,8 +91,9 @@ class SeverityNetwork:
     def __init__(self, part: SeverityPart, inputs: Inputs) -> None:
         """Build the network."""
         self._network, self._columns = part.network.build(), inputs.columns(part.inputs)
-        self._scale = part.scale.build()
+        self._scale, self._noise = part.scale.build(), inputs.noise
         self._factors = np.array(part.knots), np.array(part.factors)
+        self._noise_factors = np.array(part.noise_knots), np.array(part.noise_factors)
         self._company, self._unit, self._upper = part.company, part.unit, part.upper
         self.least = part.least
 
@@ -106,7 +107,8 @@ class SeverityNetwork:
         x = u[:, self._columns]
         y = self._network(x)[:, 0]
         error = np.exp(np.clip(self._scale(x)[:, 0], -12.0, 3.0))
-        half = np.outer(np.interp(y, *self._factors) * error, [1.0, self._company])
+        factor = np.interp(y, *self._factors) * np.interp(self._noise(u), *self._noise_factors)
+        half = np.outer(factor * error, [1.0, self._company])
         y = np.column_stack([y, y])
         bounds = np.stack([y, y - half, y + half], axis=2)
         return np.clip(self._unit * np.sinh(bounds), 0.0, 2.0 * self._upper)

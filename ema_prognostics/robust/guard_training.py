@@ -28,7 +28,7 @@ GUARD_RATE, GROUP_RATE = 0.001, 0.0005
 together, and each group of them."""
 SHRINKAGE = 0.02
 """Part of the variances added to the diagonal of the covariance."""
-MARGINS = {"healthy": 1.07, "slight": 1.15, "mechanical": 1.1, "electrical": 1.5, "both": 1.4}
+MARGINS = {"healthy": 1.07, "slight": 1.15, "mechanical": 1.25, "electrical": 1.5, "both": 1.4}
 """On the limits of records with a fault, which few units set."""
 WOUND = ("resistance_", "inductance_", "winding_")
 WOUND_MARGIN, TAIL_MARGIN = 3.0, 1.3

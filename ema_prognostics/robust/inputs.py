@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_prognostics.robust.lines import DERIVED, LineFilter
+from ema_prognostics.robust.lines import DERIVED, NOISE, LineFilter
 from ema_prognostics.robust.vector import ABSOLUTE, squash
 
 SURFACE = "surface_torque"
@@ -158,6 +158,11 @@ class Inputs:
         """Return all inputs, squashed, shape (n, inputs), of features `x`, shape (n, d)."""
         raw = derive(self.names, x, self._lines, self._absolute)
         return squash(raw, self._center, self._spread)
+
+    def noise(self, u: np.ndarray) -> np.ndarray:
+        """Return the noise of the records themselves, shape (n,), of all inputs `u`, squashed."""
+        own = ABSOLUTE + NOISE
+        return u[:, self.columns([own if own in self.input_names else NOISE])[0]]
 
     def columns(self, inputs: Sequence[str]) -> np.ndarray:
         """Return where `inputs` stand; ValueError if one is unknown."""

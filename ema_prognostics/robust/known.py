@@ -19,7 +19,7 @@ STRANGERS = 0.04
 """Odds of a stranger before the record is seen."""
 ELECTRICAL = 5
 """The first outputs, of `classes.OUTPUTS`, are shorts and eccentricity."""
-CLEAR = {"turn_short": 0.03, "rotor_eccentricity": 0.01, "friction": 0.3, "backlash": 4e-4}
+CLEAR = {"turn_short": 0.03, "rotor_eccentricity": 0.01, "friction": 0.2, "backlash": 3e-4}
 """Severity from which a fault is clear, and the guard's limits are wider: it then moves features
 beside its own (the last two), or nothing but a fault looks like that (the first two)."""
 _CLEAR = np.array([CLEAR[CLASS_OF[output]] for output in OUTPUTS])

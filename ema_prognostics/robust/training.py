@@ -237,10 +237,11 @@ class _Work:
         there = label > 0.0
         turns = 3 if group == "short" else 1
         parts, alone = np.tile(part, turns), np.tile((y > 0.0).sum(axis=1) == 1, turns)
+        noise = np.tile(self._inputs.noise(self._inputs(x)), turns)
         return train_severity(
             group, self._view, self._see(group, x, size=True)[there], label[there],
             parts[there], self._announced(group, x, families)[there], alone[there],
-            group_inputs(group, self._inputs.input_names, size=True),
+            noise[there], group_inputs(group, self._inputs.input_names, size=True),
             iterations=self._iterations, **self._settings)
 
 

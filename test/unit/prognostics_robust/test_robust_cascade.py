@@ -20,6 +20,7 @@ from ema_prognostics.robust.guard import (
 from ema_prognostics.robust.guard_groups import GROUPS, group_columns
 from ema_prognostics.robust.inputs import Inputs, group_inputs, input_names
 from ema_prognostics.robust.known import (
+    CLEAR,
     KINDS_FOUND,
     STRANGERS,
     TAIL_RATES,
@@ -139,31 +140,48 @@ def test_groups_hold_features_of_one_part_of_the_physics() -> None:
 
 def test_what_is_found_in_a_record() -> None:
     severity = np.zeros((5, len(OUTPUTS)))
-    severity[1, OUTPUTS.index("short_b")] = 0.02
-    severity[1, OUTPUTS.index("motor_friction")] = 0.2
-    severity[2, OUTPUTS.index("backlash")] = 2e-3
+    severity[1, OUTPUTS.index("short_b")] = 0.99 * CLEAR["turn_short"]
+    severity[1, OUTPUTS.index("motor_friction")] = 0.99 * CLEAR["friction"]
+    severity[2, OUTPUTS.index("backlash")] = CLEAR["backlash"]
     severity[3, OUTPUTS.index("short_b")] = 0.04
     severity[4, OUTPUTS.index("eccentricity")] = 0.01
     severity[4, OUTPUTS.index("motor_friction")] = 0.6
     assert [KINDS_FOUND[k] for k in kind_found(severity)] == list(KINDS_FOUND)
 
 
-def test_interval_is_wider_beside_another_fault() -> None:
-    """The half width is factor times expected error, at what the network says."""
-    names = ["noise_speed", "torque_full"]
+def severity_of(u: np.ndarray, names: list[str], **more: list[float]) -> np.ndarray:
+    """Return what a network says that always says 0.5, at all inputs `u`, shape (n, inputs)."""
     part = SeverityPart(
-        inputs=names, network=NetworkPart.of(constant(0.5, 2, 1)),
+        inputs=names[:2], network=NetworkPart.of(constant(0.5, 2, 1)),
         scale=NetworkPart.of(constant(np.log(0.1), 2, 1)), unit=0.01, knots=[0.0, 1.0],
-        factors=[1.0, 3.0], company=1.5, upper=0.2, least=0.0,
+        factors=[1.0, 3.0], company=1.5, upper=0.2, least=0.0, **more,
     )
     filters = LineFilter(weight=np.empty((0, 6)), deviation=np.ones(6), template=np.ones(2),
                          winding=np.ones(2), precision=np.eye(2), floor=np.ones((2, 0)),
                          by_noise=np.ones((2, 0)))
     size = len(input_names(names))
     inputs = Inputs(names, filters, None, np.zeros(size), np.ones(size))
-    alone, beside = SeverityNetwork(part, inputs)(np.zeros((1, size)))[0]
+    rows = np.zeros((len(u), size))
+    rows[:, :u.shape[1]] = u
+    return SeverityNetwork(part, inputs)(rows)
+
+
+def test_interval_is_wider_beside_another_fault() -> None:
+    """The half width is factor times expected error, at what the network says."""
+    alone, beside = severity_of(np.zeros((1, 2)), ["noise_speed", "torque_full"])[0]
     assert alone == pytest.approx(0.01 * np.sinh([0.5, 0.3, 0.7]))
     assert beside == pytest.approx(0.01 * np.sinh([0.5, 0.2, 0.8]))
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_interval_grows_with_the_noise_of_the_record(own: bool) -> None:
+    """The noise is that of the record itself, with a baseline too; none beyond the knots."""
+    names = ["torque_full", "noise_speed", *(["absolute_noise_speed"] if own else [])]
+    u = np.zeros((4, len(names)))
+    u[:, -1] = [-9.0, -1.0, 0.0, 1.0]
+    found = severity_of(u, names, noise_knots=[-1.0, 1.0], noise_factors=[0.5, 1.5])[:, 0]
+    half = np.arcsinh(found[:, 2] / 0.01) - 0.5
+    assert half == pytest.approx([0.1, 0.1, 0.2, 0.3])
 
 
 def test_probability_of_a_known_kind_falls_with_the_tail() -> None:

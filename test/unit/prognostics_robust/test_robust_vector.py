@@ -57,6 +57,7 @@ def test_width_follows_what_the_residual_depends_on() -> None:
     knots, width = local_quantiles(value, residual)
     assert (np.diff(knots) > 0.0).all()
     assert width == pytest.approx(1.645 * (1.0 + knots), rel=0.12)
+    assert len(local_quantiles(value, residual, most_bins=3)[0]) == 3
     inside = residual <= np.interp(value, knots, width)
     for low in (0.0, 0.4, 0.8):
         assert inside[(value >= low) & (value < low + 0.2)].mean() == pytest.approx(0.9, abs=0.04)
