@@ -114,7 +114,7 @@ class _Case(NamedTuple):
 
     def distinct(self, pair: Fit) -> bool:
         """Whether both effects are there, and none of them is what its tolerance could be."""
-        return needed(pair) and all(
+        return needed(pair, self.usual) and all(
             absorbed(self.arena.evidence, t, pair.z) is None for t in pair.terms)
 
     def stands_out(self, fit: Fit, others: Sequence[Fit]) -> bool:

@@ -24,6 +24,19 @@ ABOVE, INCOMPLETE, MOST = 1.2, 0.1, 0.25
 `INCOMPLETE` for each time more, at most `MOST`."""
 
 
+def covariance_of(fit: Fit, index: int, usual: float) -> np.ndarray:
+    """Return the covariance of the coordinates of term `index`, errors of the model included.
+
+    Parameters as of `parameters_of`.
+    """
+    begin = sum(t.variant.size for t in fit.terms[:index])
+    u = fit.terms[index].u
+    part = slice(begin, begin + len(u))
+    error = SYSTEMATIC + float(np.clip(INCOMPLETE * (fit.cost / usual - ABOVE), 0.0, MOST))
+    noise = fit.covariance[part, part] * (INFLATION * max(1.0, fit.spread))**2
+    return np.asarray(noise + np.eye(len(u)) * (error * np.linalg.norm(u))**2)
+
+
 def parameters_of(fit: Fit, index: int, usual: float) -> tuple[Parameter, ...]:
     """Return the parameters of term `index` of a fit with intervals of 90 %.
 
@@ -36,12 +49,7 @@ def parameters_of(fit: Fit, index: int, usual: float) -> tuple[Parameter, ...]:
     index : of the effect.
     usual : cost that a complete model leaves.
     """
-    begin = sum(t.variant.size for t in fit.terms[:index])
-    term = fit.terms[index]
-    part = slice(begin, begin + term.variant.size)
-    error = SYSTEMATIC + float(np.clip(INCOMPLETE * (fit.cost / usual - ABOVE), 0.0, MOST))
-    covariance = fit.covariance[part, part] * (INFLATION * max(1.0, fit.spread))**2
-    covariance = covariance + np.eye(len(term.u)) * (error * np.linalg.norm(term.u))**2
+    term, covariance = fit.terms[index], covariance_of(fit, index, usual)
     rng = np.random.default_rng(0)
     draws = rng.multivariate_normal(term.u, covariance, size=DRAWS)
     draws = np.clip(draws, term.variant.low, term.variant.high)

@@ -8,11 +8,10 @@ import numpy as np
 
 from ema_identification.actuator.aliases import ALIASES, TAKES_AWAY
 from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.parameters import QUANTILE, covariance_of
 from ema_identification.actuator.refit import Fit, Term
 from ema_identification.actuator.spread import TOLERANCES
 
-CLEAR = 2.0
-"""Least distance of each of two effects from absent (standard deviations)."""
 NOTHING = 0.05
 """Coordinate that counts as none, of the smallest that the library holds."""
 SUFFICIENT = 2.0
@@ -23,18 +22,17 @@ MOST = 10.0
 """Most that one held-out feature counts (standard deviations)."""
 
 
-def needed(fit: Fit) -> bool:
-    """Whether every effect of a fit is clearly away from zero."""
-    at = 0
-    for term in fit.terms:
-        n = term.variant.size
-        known = [k for k in range(n) if len(term.signature.levels[k]) > 1]
-        block = np.ix_([at + k for k in known], [at + k for k in known])
+def needed(fit: Fit, usual: float) -> bool:
+    """Whether every effect of a fit is clearly there: none within the interval of its size.
+
+    `usual` is the cost that a complete model leaves.
+    """
+    for index, term in enumerate(fit.terms):
+        known = [k for k, levels in enumerate(term.signature.levels) if len(levels) > 1]
+        matrix = covariance_of(fit, index, usual)[np.ix_(known, known)]
         u = term.u[known]
-        matrix = fit.covariance[block] + 1e-30 * np.eye(len(known))
-        if float(u @ np.linalg.solve(matrix, u)) < CLEAR**2:
+        if float(u @ np.linalg.solve(matrix + 1e-30 * np.eye(len(u)), u)) < QUANTILE**2:
             return False
-        at += n
     return True
 
 

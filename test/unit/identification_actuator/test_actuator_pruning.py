@@ -8,6 +8,7 @@ import pytest
 from ema_identification.actuator.decision import Answer
 from ema_identification.actuator.evidence import Tolerances
 from ema_identification.actuator.judged import without_second
+from ema_identification.actuator.parameters import QUANTILE, covariance_of
 from ema_identification.actuator.pruning import absorbed, needed, refuted
 from ema_identification.actuator.refit import Fit, Term
 from ema_identification.actuator.spread import TOLERANCES, Conditions, realise
@@ -64,8 +65,16 @@ def test_effect_and_tolerance_count_together():
 
 
 def test_an_effect_that_is_hardly_there_is_not_needed():
-    assert needed(fit([term("backlash", 1.0), term("viscous_friction", 1.0)]))
-    assert not needed(fit([term("backlash", 1.0), term("viscous_friction", 0.06)]))
+    assert needed(fit([term("backlash", 1.0), term("viscous_friction", 1.0)], 4.0), 4.0)
+    assert not needed(fit([term("backlash", 1.0), term("viscous_friction", 0.06)], 4.0), 4.0)
+
+
+def test_an_effect_whose_interval_holds_none_is_not_needed():
+    for size in (0.1, 0.3, 1.0):
+        found = fit([term("backlash", 1.0), term("viscous_friction", size)], 4.0)
+        covariance = covariance_of(found, 1, found.cost)
+        above = size > QUANTILE * float(np.sqrt(covariance[0, 0]))
+        assert needed(found, found.cost) == above
 
 
 def test_held_out_records_speak_against_an_effect_only_where_it_matters_there():
