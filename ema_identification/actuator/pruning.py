@@ -23,7 +23,7 @@ MOST = 10.0
 
 
 def needed(fit: Fit, usual: float) -> bool:
-    """Whether every effect of a fit is clearly there: none within the interval of its size.
+    """Whether every effect of a fit is clearly there: away from none by more than its error.
 
     `usual` is the cost that a complete model leaves.
     """

@@ -69,7 +69,7 @@ def test_an_effect_that_is_hardly_there_is_not_needed():
     assert not needed(fit([term("backlash", 1.0), term("viscous_friction", 0.06)], 4.0), 4.0)
 
 
-def test_an_effect_whose_interval_holds_none_is_not_needed():
+def test_an_effect_within_its_error_of_none_is_not_needed():
     for size in (0.1, 0.3, 1.0):
         found = fit([term("backlash", 1.0), term("viscous_friction", size)], 4.0)
         covariance = covariance_of(found, 1, found.cost)
