@@ -36,12 +36,14 @@ FELL = 0.3
 """The same, of that without an effect."""
 FARTHEST = 8.0
 """Largest cost, in units of a complete model's, of a fit that is named."""
-SECOND_GAIN = 80.0
-"""Least gain of a second effect where the first explains the record well."""
+SECOND_GAIN = 250.0
+"""Least gain of a second effect: the costs of complete models differ by some 170 among units."""
 NEARLY = 2.0
 """Cost of one effect of a pair, in units of the pair's, from which its fit goes on."""
 LEFT = "what is left is more than noise; no further effect takes it away"
-SLIGHT = 150.0
+TIE = 1.3
+"""Cost, in units of the best one's, up to which a fit goes on before the two are compared."""
+SLIGHT = 400.0
 """Gain up to which an effect counts as small: more of the catalogue is tried against it."""
 LARGEST_SET = 3
 """More names that the data cannot tell apart are no answer."""
@@ -157,7 +159,7 @@ def decide(
             singles = sorted([*singles, *arena.fits(more, first=1)], key=lambda f: f.cost)
     case = _Case(arena, null, proposal.gain, p_gain, tuple(without))
     if singles and case.complete(singles[0]):
-        return _with_second(case, singles)
+        return _with_second(case, _close_ones_polished(case, singles))
     if singles:
         singles = _at_other_sizes(case, singles, progress, seed)
         if case.complete(singles[0]):
@@ -198,6 +200,19 @@ def _at_other_sizes(
     starts = rescaled(arena.evidence, arena.metrics[0], singles, seed=seed)
     return sorted([*singles, *arena.fits(starts, progress=progress, span=(0.6, 0.7))],
                   key=lambda f: f.cost)
+
+
+def _close_ones_polished(case: _Case, singles: Sequence[Fit]) -> list[Fit]:
+    """Return the fits, those that nearly tie for the first place gone on with, best first."""
+    first: dict[str, Fit] = {}
+    for fit in singles:
+        if fit.cost < TIE * singles[0].cost:
+            first.setdefault(fit.terms[0].variant.effect, fit)
+    close = list(first.values())[:LARGEST_SET]
+    if len(close) < 2:
+        return list(singles)
+    others = [f for f in singles if all(f is not c for c in close)]
+    return sorted([*map(case.arena.polished, close), *others], key=lambda f: f.cost)
 
 
 def _margin(best: Fit, null_cost: float, size: int) -> float:

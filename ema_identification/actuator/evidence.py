@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from ema_identification.actuator.library_type import Library
 from ema_identification.actuator.runs import Case, run_case
@@ -45,17 +45,37 @@ class Block:
     library: Library
     conditions: Conditions
     values: np.ndarray
+    _repeats: dict[int, np.ndarray] = field(
+        init=False, repr=False, compare=False, default_factory=dict)
 
     def __len__(self) -> int:
         """Return the number of features."""
         return len(self.values)
+
+    def repeat(self, runs: int) -> np.ndarray:
+        """Return what `noise_covariance` is away from its diagonal, shape (d, d).
+
+        It depends on the number of runs only and is kept, so it must not be changed.
+        """
+        if runs not in self._repeats:
+            null, factor = self.library.null, self.library.scale.factor
+            deviation = null.deviation(self.conditions.noise)
+            covariance = null.correlation * np.outer(deviation, deviation)
+            if runs:
+                covariance *= 1.0 + 1.0 / runs
+            covariance *= np.sqrt(np.outer(factor, factor))
+            louder = null.noise_slope(self.conditions) * NOISE_ERROR
+            covariance += np.outer(louder, louder)
+            self._repeats[runs] = covariance
+        return self._repeats[runs]
 
 
 class Whitening:
     """Inverse root of a covariance of residuals."""
 
     def __init__(self, covariance: np.ndarray) -> None:
-        self._root = cholesky(covariance, lower=True, check_finite=False)
+        # Of the transpose: LAPACK takes columns, and a symmetric matrix is then not copied twice.
+        self._root, _ = cho_factor(covariance.T, lower=True, check_finite=False)
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """Return `values`, shape (d,) or (d, m), in units of the noise."""
@@ -77,23 +97,19 @@ def noise_covariance(
     runs : how many simulated runs the prediction is the mean of; 0: it is the quadratic's.
     error : ndarray, shape (d,). Standard deviation of a further error of each prediction.
     """
-    null = block.library.null
+    null, factor = block.library.null, block.library.scale.factor
     deviation = null.deviation(block.conditions.noise)
-    covariance = null.correlation * np.outer(deviation, deviation)
     share: np.ndarray | float = 1.0
     if runs:
-        covariance *= 1.0 + 1.0 / runs
         low, high = LARGE_MISFIT
         large = np.clip((np.sqrt(null.misfit) / deviation - low) / (high - low), 0.0, 1.0)
         share = CARRIED + (CARRIED_MOST - CARRIED) * large
-    extra = share**2 * null.misfit
-    if error is not None:  # not scaled again below
-        extra = extra + error**2 / block.library.scale.factor
+    extra = share**2 * null.misfit * factor
+    if error is not None:
+        extra = extra + error**2
+    covariance = block.repeat(runs).copy()
     covariance[np.diag_indices_from(covariance)] += extra
-    covariance *= np.sqrt(np.outer(block.library.scale.factor, block.library.scale.factor))
-    louder = null.noise_slope(block.conditions) * NOISE_ERROR
-    covariance += np.outer(louder, louder)
-    return np.asarray(covariance)
+    return covariance
 
 
 class Tolerances:

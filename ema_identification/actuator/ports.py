@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.law_check import Law
 from ema_identification.actuator.periodic import largest_line
 from ema_identification.actuator.refit import Fit
 from ema_identification.actuator.where import Group, groups_of
@@ -36,7 +37,8 @@ NEAR = 0.5
 
 
 def unknown_shape(
-    evidence: Evidence, residual: Sequence[np.ndarray], fits: Sequence[Fit], null_cost: float
+    evidence: Evidence, residual: Sequence[np.ndarray], fits: Sequence[Fit], null_cost: float,
+    law: Law | None = None,
 ) -> Shape:
     """Return port and shape of what is left.
 
@@ -46,16 +48,19 @@ def unknown_shape(
     residual : of the recalibrated model, in standard deviations, a record.
     fits : the catalogue's candidates, best first; none of them explains the residual.
     null_cost : cost without any of them.
+    law : what the control law by itself says.
     """
     groups = groups_of(evidence, residual)
-    ports = _ports(evidence, residual, groups, fits, null_cost)
+    ports = _ports(evidence, residual, groups, fits, null_cost, law)
     text = f"{', '.join(ports)}: {_words(evidence, residual, groups)}"
+    if law is not None and not law.holds:
+        text = f"{text}; {law.text}"
     return Shape(port=", ".join(ports), text=text, panel=_panel(evidence, residual))
 
 
 def _ports(
     evidence: Evidence, residual: Sequence[np.ndarray], groups: Sequence[Group],
-    fits: Sequence[Fit], null_cost: float,
+    fits: Sequence[Fit], null_cost: float, law: Law | None,
 ) -> list[str]:
     found: list[str] = []
     values = _by_name(evidence, residual)
@@ -66,6 +71,8 @@ def _ports(
     largest = max((g.largest for g in groups), default=0.0)
     if max(sensor, summed) > max(STRONG, SENSOR_SHARE * largest):
         found.append("sensor")
+    if law is not None and not law.holds:
+        found.append("controller")
     line = largest_line(evidence, residual)
     if line is not None and line[0] > COMMUTATION and line[0] % COMMUTATION:
         found += ["motor torque", "transmission"]
@@ -79,7 +86,7 @@ def _ports(
     if high > max(2.0 * STRONG**2, share * first):
         found.append("commutation")
     for port in _by_physics(values, groups):
-        if port not in found:
+        if port not in found and not (port == "controller" and law is not None and law.holds):
             found.append(port)
     return found[:2] or ["controller"]
 

@@ -12,6 +12,9 @@ from ema_identification.actuator.parameters import QUANTILE, covariance_of
 from ema_identification.actuator.refit import Fit, Term
 from ema_identification.actuator.spread import TOLERANCES
 
+CLEARLY = 4.0
+"""Standard deviations by which an effect among two is away from none: it was picked from the whole
+catalogue, at all sizes and phases, so that 1.6 of them mean little."""
 NOTHING = 0.05
 """Coordinate that counts as none, of the smallest that the library holds."""
 SUFFICIENT = 2.0
@@ -25,13 +28,15 @@ MOST = 10.0
 def needed(fit: Fit, usual: float) -> bool:
     """Whether every effect of a fit is clearly there: away from none by more than its error.
 
-    `usual` is the cost that a complete model leaves.
+    `usual` is the cost that a complete model leaves. An effect that acts on the number of a
+    tolerance has the width of that in its error; `absorbed` asks whether it leaves it.
     """
     for index, term in enumerate(fit.terms):
         known = [k for k, levels in enumerate(term.signature.levels) if len(levels) > 1]
         matrix = covariance_of(fit, index, usual)[np.ix_(known, known)]
         u = term.u[known]
-        if float(u @ np.linalg.solve(matrix + 1e-30 * np.eye(len(u)), u)) < QUANTILE**2:
+        least = QUANTILE if (term.variant.name, 0) in ALIASES else CLEARLY
+        if float(u @ np.linalg.solve(matrix + 1e-30 * np.eye(len(u)), u)) < least**2:
             return False
     return True
 

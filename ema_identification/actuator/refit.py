@@ -20,6 +20,8 @@ STRONG = 4.0
 """Rms of an effect's signature from which its slope is simulated (standard deviations)."""
 TOLERANCE_STEP = 0.5
 """By which a tolerance is moved for its slope (half widths)."""
+TOLERANCE_RUNS = 1
+"""Runs for it: there are eighteen of them, and what they scatter is weighed."""
 UNKNOWN_STEP = 0.3
 """Of a coordinate that the library does not know."""
 
@@ -188,17 +190,18 @@ def simulated_tolerances(
     """Return slopes to the tolerances, mended where the simulator clearly says another.
 
     A large effect changes what a tolerance does: half the torque constant, twice the current a
-    friction needs. The library's slopes are those of the unit without the effect.
+    friction needs. The library's slopes are those of the unit without the effect. `mean` is of
+    `runs` runs.
     """
     base = evidence.blocks[0].library.model.effects
     effects, here = with_terms(terms, base), np.concatenate(mean)
-    noise = deviation_of(evidence) * np.sqrt(2.0 / runs) / TOLERANCE_STEP
+    noise = deviation_of(evidence) * np.sqrt(1.0 / runs + 1.0 / TOLERANCE_RUNS) / TOLERANCE_STEP
     found = slopes.copy()
     for k in range(len(z)):
         moved_z = z.copy()
         step = TOLERANCE_STEP if z[k] < 0.0 else -TOLERANCE_STEP
         moved_z[k] += step
-        run = np.concatenate(evidence.mean(moved_z, effects, runs=runs, seed=seed))
+        run = np.concatenate(evidence.mean(moved_z, effects, runs=TOLERANCE_RUNS, seed=seed))
         if not np.isfinite(run).all():
             continue
         missed = (run - here) / step - slopes[:, k]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numba import njit
 
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_record.record import Record
@@ -63,14 +65,33 @@ def trapezoid(theta: np.ndarray, flat_top: float) -> np.ndarray:
     return np.where(np.mod(theta, TURN) < np.pi, 1.0, -1.0) * np.minimum(half / ramp, 1.0)
 
 
-def _torque_current(theta: np.ndarray, currents: np.ndarray, flat_top: float) -> np.ndarray:
-    """Return q, shape (n,) (A), by a table of the trapezoid."""
-    table = 0.5 * trapezoid((np.arange(TABLE) + 0.5) * (TURN / TABLE), flat_top)
-    place = np.floor(theta * (TABLE / TURN)).astype(np.int64)
-    q = np.zeros(len(theta))
-    for k in range(3):
-        q += table[(place - k * (TABLE // 3)) % TABLE] * currents[:, k]
-    return q
+@lru_cache(maxsize=8)
+def _table(flat_top: float) -> np.ndarray:
+    """Return half the trapezoid at the middles of `TABLE` parts of a turn."""
+    return 0.5 * trapezoid((np.arange(TABLE) + 0.5) * (TURN / TABLE), flat_top)
+
+
+@njit(cache=True)
+def _currents(
+    theta: np.ndarray, samples: np.ndarray, first: int, offset: np.ndarray, gain: np.ndarray,
+    table: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return torque current and sum of the currents in columns `first` on, each (n,) (A).
+
+    The sum is of the currents without offset, the torque current of those corrected by the gain
+    too, by a table of the trapezoid.
+    """
+    n, third = len(table), len(table) // 3
+    q, total = np.empty(len(theta)), np.empty(len(theta))
+    for i in range(len(theta)):
+        place = int(np.floor(theta[i] * (n / TURN))) % n
+        q[i] = total[i] = 0.0
+        for k in range(3):
+            current = samples[i, first + k] - offset[k]
+            total[i] += current
+            q[i] += table[place] * (current / gain[k])
+            place += n - third if place < third else -third
+    return q, total
 
 
 def sensor_errors(record: Record) -> tuple[np.ndarray, np.ndarray]:
@@ -80,9 +101,9 @@ def sensor_errors(record: Record) -> tuple[np.ndarray, np.ndarray]:
     currents vanish, as it does in a star (smallest eigenvector of ⟨i iᵀ⟩).
     """
     currents = record.samples[:, PHASE_CURRENTS]
-    off = record.time < record.profile.inverter_off - OFF_GUARD
-    offset = currents[off].mean(axis=0) if off.any() else np.zeros(3)
-    on = currents[~off] - offset
+    off = int(np.searchsorted(record.time, record.profile.inverter_off - OFF_GUARD))
+    offset = currents[:off].mean(axis=0) if off else np.zeros(3)
+    on = currents[off:] - offset
     _, vectors = np.linalg.eigh(on.T @ on)
     normal = np.abs(vectors[:, 0])
     gain = 1.0 / normal if normal.min() > 0.2 else np.ones(3)
@@ -93,19 +114,17 @@ def prepare(record: Record, actuator: Actuator) -> Signals:
     """Return the signals of a record; `actuator` gives flat top, gear and pole pairs."""
     samples = record.samples
     offset, gain = sensor_errors(record)
-    read = samples[:, PHASE_CURRENTS]
-    centred = read - offset
-    corrected = centred / gain
     theta = np.unwrap(record.channel("rotor_angle"))
-    q = _torque_current(theta, corrected, actuator.motor.flat_top)
+    q, total = _currents(theta, samples, PHASE_CURRENTS.start, offset, gain,
+                         _table(actuator.motor.flat_top))
     position = record.channel("surface_position")
     travel = theta / (actuator.motor.pole_pairs * actuator.gear.ratio)
     lag = travel - position
     still = record.time < record.profile.inverter_off
     return Signals(
         time=record.time, speed=record.channel("motor_speed"), theta=theta, position=position,
-        error=read - samples[:, REFERENCE_CURRENTS], total=centred.sum(axis=1),
-        torque_current=np.asarray(q), offset=offset, gain=gain,
+        error=samples[:, PHASE_CURRENTS] - samples[:, REFERENCE_CURRENTS], total=total,
+        torque_current=q, offset=offset, gain=gain,
         lag=lag - (lag[still].mean() if still.any() else lag[0]),
         pole_pairs=actuator.motor.pole_pairs,
     )

@@ -8,6 +8,7 @@ import numpy as np
 
 from ema_identification.actuator.decision import Answer
 from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.law_check import Law
 from ema_identification.actuator.recalibration import Recalibration
 from ema_identification.actuator.spread import TOLERANCES
 from ema_identification.actuator.where import Group, where_step
@@ -15,12 +16,12 @@ from ema_identification.identification import Identification, Step
 
 
 def steps_of(
-    evidence: Evidence, null: Recalibration, answer: Answer, groups: Sequence[Group],
-    found: Identification, how: str,
+    evidence: Evidence, null: Recalibration, answer: Answer, law: Law | None,
+    groups: Sequence[Group], found: Identification, how: str,
 ) -> tuple[Step, ...]:
     """Return the steps in order."""
     steps = [_align(evidence), _recalibrate(evidence, null), where_step(groups),
-             _name(evidence, answer)]
+             _name(evidence, answer, law)]
     if answer.fit is not None:
         steps.append(_add(found))
     steps.append(Step(
@@ -63,7 +64,7 @@ def _recalibrate(evidence: Evidence, null: Recalibration) -> Step:
         f"{np.exp(evidence.blocks[0].library.scale.fit[0]):.2f} when nothing is missing)."))
 
 
-def _name(evidence: Evidence, answer: Answer) -> Step:
+def _name(evidence: Evidence, answer: Answer, law: Law | None) -> Step:
     rows = [("candidate", "coordinates", "misfit a feature")]
     for fit in answer.fits:
         term = fit.terms[-1]
@@ -77,6 +78,8 @@ def _name(evidence: Evidence, answer: Answer) -> Step:
             + ("nothing is named. " if not answer.fits else
                f"{len(answer.fits)} candidates were fitted with the simulator. ")
             + " ".join(answer.reasons))
+    if law is not None and law.holds:
+        text += f" By itself the control law holds: {law.text}; no effect of the controller."
     return Step(name="name", text=text.strip(), rows=tuple(rows) if answer.fits else ())
 
 

@@ -9,11 +9,12 @@ import numpy as np
 
 from ema_identification.actuator.alignment import align
 from ema_identification.actuator.checks import check_records
-from ema_identification.actuator.decision import Answer, decide
+from ema_identification.actuator.decision import Answer
 from ema_identification.actuator.evidence import Block, Evidence, evidence
 from ema_identification.actuator.findings import candidates_of, findings_of
 from ema_identification.actuator.held_out import Gap, gap_of, whitened
 from ema_identification.actuator.judged import predicted, settled, without_second
+from ema_identification.actuator.lawful import decide_lawfully
 from ema_identification.actuator.library import library
 from ema_identification.actuator.model_file import model_text
 from ema_identification.actuator.next_test import separating_test
@@ -94,7 +95,7 @@ def _identify(
     null = recalibrate(ev, seed=seed)
     groups = groups_of(ev, whitened(ev, null))
     progress("name", 0.2)
-    answer = decide(ev, null, without=without, progress=progress, seed=seed)
+    answer, law = decide_lawfully(ev, null, without=without, progress=progress, seed=seed)
     progress("show", 0.9)
     effects = _effects(answer, model)
     before = gap_of(ev, held, null, None, seed=seed)
@@ -134,12 +135,12 @@ def _identify(
         next_test=None if proposed is None else proposed.text,
         next_profile=None if proposed is None else proposed.profile,
         recalibrated=recalibrated_of(fit, ev), reasons=answer.reasons,
-        unknown=unknown_shape(ev, whitened(ev, null), fits, answer.null_cost)
+        unknown=unknown_shape(ev, whitened(ev, null), fits, answer.null_cost, law)
         if answer.verdict == "unknown effect" else None,
         model_text=model_text(model, z, effects),
     )
     return replace(
-        found, steps=steps_of(ev, null, answer, groups, found, shown.how),
+        found, steps=steps_of(ev, null, answer, law, groups, found, shown.how),
         panels=panels_of(ev, null, answer, held, shown.before, shown.after, seed=seed))
 
 

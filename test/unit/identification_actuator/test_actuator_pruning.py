@@ -9,7 +9,7 @@ from ema_identification.actuator.decision import Answer
 from ema_identification.actuator.evidence import Tolerances
 from ema_identification.actuator.judged import without_second
 from ema_identification.actuator.parameters import QUANTILE, covariance_of
-from ema_identification.actuator.pruning import absorbed, needed, refuted
+from ema_identification.actuator.pruning import CLEARLY, absorbed, needed, refuted
 from ema_identification.actuator.refit import Fit, Term
 from ema_identification.actuator.spread import TOLERANCES, Conditions, realise
 from ema_identification.actuator.variants import variants
@@ -73,8 +73,17 @@ def test_an_effect_within_its_error_of_none_is_not_needed():
     for size in (0.1, 0.3, 1.0):
         found = fit([term("backlash", 1.0), term("viscous_friction", size)], 4.0)
         covariance = covariance_of(found, 1, found.cost)
-        above = size > QUANTILE * float(np.sqrt(covariance[0, 0]))
+        above = size > CLEARLY * float(np.sqrt(covariance[0, 0]))
         assert needed(found, found.cost) == above
+
+
+def test_an_effect_on_the_number_of_a_tolerance_has_the_width_of_that_in_its_error():
+    wide = fit([term("backlash", 1.0), term("surface_friction", 1.0)], 4.0)
+    error = float(np.sqrt(covariance_of(wide, 1, wide.cost)[0, 0]))
+    for size in (1.2 * QUANTILE * error, 0.8 * QUANTILE * error):
+        found = fit([term("backlash", 1.0), term("surface_friction", size)], 4.0)
+        least = QUANTILE * float(np.sqrt(covariance_of(found, 1, found.cost)[0, 0]))
+        assert needed(found, found.cost) == (size > least)
 
 
 def test_held_out_records_speak_against_an_effect_only_where_it_matters_there():

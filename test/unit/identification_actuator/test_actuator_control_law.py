@@ -1,0 +1,101 @@
+"""The control law as measured on records: its gains, and what they say about the controller."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ema_identification.actuator.control_law import measured_gains
+from ema_identification.actuator.law_check import check_law
+from ema_identification.actuator.spread import Conditions
+from ema_record.channels import MOTOR_SPEED
+from ema_record.profile import load_profile
+from ema_sim.actuator import load_model_file
+from ema_sim.effects import EFFECTS, Effects
+from ema_sim.simulate import simulate
+
+MODEL = load_model_file(None)
+PROFILE = load_profile("extended")
+
+
+def effect(name, **settings):
+    return Effects()._replace(**{name: getattr(Effects(), name)._replace(**settings)})
+
+
+def record(effects=None, *, seed=1, **control):
+    actuator = MODEL.actuator
+    actuator = actuator._replace(control=actuator.control._replace(**control))
+    return simulate(PROFILE, actuator=actuator, effects=effects, seed=seed)
+
+
+@pytest.mark.parametrize("effects", [
+    None, effect("motor_friction", increase=1.0), effect("backlash", increase=3e-3),
+    effect("hall_misalignment", angle=0.15), effect("quantisation", speed_bits_lost=3),
+])
+def test_whatever_the_drive_does_the_controller_measures_as_it_is(effects):
+    found = measured_gains(record(effects), MODEL.actuator)
+    assert found.proportional == pytest.approx(0.30, rel=0.1)
+    assert found.integral == pytest.approx(60.0, rel=0.15)
+
+
+@pytest.mark.parametrize(("gain", "integral"), [(0.12, 60.0), (0.30, 18.0), (0.45, 90.0)])
+def test_other_gains_are_measured(gain, integral):
+    changed = record(proportional_gain=gain, integral_gain=integral)
+    found = measured_gains(changed, MODEL.actuator)
+    assert found.proportional == pytest.approx(gain, rel=0.1)
+    assert found.integral == pytest.approx(integral, rel=0.15)
+
+
+def test_a_record_of_another_rate_or_without_motion_tells_nothing():
+    actuator = MODEL.actuator
+    faster = simulate(PROFILE, actuator=actuator, seed=1, rate=40e3)
+    assert measured_gains(faster, actuator) is None
+    still = record()
+    assert measured_gains(replace(still, samples=still.samples[:50]), actuator) is None
+
+
+def law_of(measured, without=()):
+    signatures = tuple(
+        SimpleNamespace(levels=(np.array([0.0, *levels]),), variant=SimpleNamespace(
+            effect=name, size=1, effects=lambda u, base, name=name, field=field: effect(
+                name, **{field: float(u[0])})))
+        for name, field, levels in (("control_delay", "delay", (1e-4, 4e-4)),
+                                    ("motor_friction", "increase", (1.0,))))
+    library = SimpleNamespace(
+        model=MODEL, signatures=signatures, fmap=SimpleNamespace(profile=PROFILE))
+    conditions = Conditions(
+        temperature=20.0, bus=0.0, noise=1.0, start_angle=0.3,
+        measured=frozenset({"temperature", "bus"}))
+    block = SimpleNamespace(record=measured, library=library, conditions=conditions)
+    return check_law(SimpleNamespace(blocks=(block,)), without=without)
+
+
+def test_where_the_law_holds_no_effect_of_the_controller_is_a_candidate():
+    law = law_of(record(effect("motor_friction", increase=1.0)))
+    assert law.holds
+    assert law.excluded == ("control_delay",)
+    assert EFFECTS["control_delay"].port == "controller"
+
+
+def test_a_delay_is_a_suspect_unless_it_is_not_considered():
+    delayed = record(effect("control_delay", delay=3e-4))
+    assert not law_of(delayed).holds
+    assert law_of(delayed).suspects == ("control_delay",)
+    assert law_of(delayed, without=["control_delay"]).suspects == ()
+
+
+@pytest.mark.parametrize("control", [
+    {"integral_gain": 18.0}, {"proportional_gain": 0.12}, {"speed_limit": 650.0}])
+def test_another_controller_has_no_suspect(control):
+    law = law_of(record(**control))
+    assert not law.holds
+    assert law.suspects == ()
+    assert "the model's are 0.30 and 60" in law.text
+
+
+def test_a_speed_that_the_record_holds_otherwise_than_the_loop_read_it_breaks_the_law():
+    read = record()
+    samples = read.samples.copy()
+    samples[:, MOTOR_SPEED] *= 1.04
+    assert not law_of(replace(read, samples=samples)).holds
