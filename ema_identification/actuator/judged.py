@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ema_identification.actuator.decision import COMPLETE, FARTHEST, FELL, Answer
+from ema_identification.actuator.answer import Answer
+from ema_identification.actuator.case import COMPLETE, FARTHEST, FELL
 from ema_identification.actuator.evidence import Evidence
 from ema_identification.actuator.held_out import Gap, gap_of
 from ema_sim.actuator import Model

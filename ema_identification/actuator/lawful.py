@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ema_identification.actuator.decision import Answer, decide
+from ema_identification.actuator.answer import Answer
+from ema_identification.actuator.decision import decide
 from ema_identification.actuator.evidence import Evidence
 from ema_identification.actuator.law_check import Law, check_law
 from ema_identification.actuator.recalibration import Recalibration

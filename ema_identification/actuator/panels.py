@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_identification.actuator.decision import Answer
+from ema_identification.actuator.answer import Answer
 from ema_identification.actuator.evidence import Evidence
 from ema_identification.actuator.held_out import Gap, whitened
 from ema_identification.actuator.lines import TURN, turns_of

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_identification.actuator.decision import Answer
+from ema_identification.actuator.answer import Answer
 from ema_identification.actuator.evidence import Evidence
 from ema_identification.actuator.law_check import Law
 from ema_identification.actuator.recalibration import Recalibration

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ema_identification.actuator.alignment import align
+from ema_identification.actuator.answer import Answer
 from ema_identification.actuator.checks import check_records
-from ema_identification.actuator.decision import Answer
 from ema_identification.actuator.evidence import Block, Evidence, evidence
 from ema_identification.actuator.findings import candidates_of, findings_of
 from ema_identification.actuator.held_out import Gap, gap_of, whitened

@@ -7,8 +7,9 @@ import pytest
 
 from ema_identification import cache
 from ema_identification.actuator.aliases import ALIASES
+from ema_identification.actuator.answer import Answer, one_effect
 from ema_identification.actuator.bounded import bounded_least_squares
-from ema_identification.actuator.decision import Answer, _Case, _one
+from ema_identification.actuator.case import Case
 from ema_identification.actuator.effect_library import unpack
 from ema_identification.actuator.evidence import Tolerances, Whitening, solve
 from ema_identification.actuator.held_out import Gap
@@ -222,7 +223,7 @@ ALIKE = ("motor_friction", "viscous_friction", "backlash", "surface_load")
 def test_up_to_three_names_are_a_set_and_more_are_no_answer(names):
     arena = SimpleNamespace(evidence=SimpleNamespace(size=100), null_cost=300.0)
     fits = [fit_of(name, 100.0 + 40.0 * (k >= names)) for k, name in enumerate(ALIKE)]
-    found = _one(_Case(arena, None, 60.0, 1e-4, ()), "explained", fits)
+    found = one_effect(Case(arena, None, 60.0, 1e-4, ()), "explained", fits)
     alike = [f.terms[0].variant.effect for f in found.equivalent[0]]
     if names <= 3:
         assert found.verdict == "explained"

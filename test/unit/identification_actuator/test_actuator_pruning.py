@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ema_identification.actuator.decision import Answer
+from ema_identification.actuator.answer import Answer
 from ema_identification.actuator.evidence import Tolerances
 from ema_identification.actuator.judged import without_second
 from ema_identification.actuator.parameters import QUANTILE, covariance_of
