@@ -20,8 +20,8 @@ from ema_sim.effects.settings import effects_from_mapping
 from ema_sim.parameters import Actuator
 from ema_sim.simulate import simulate
 
-ROOT = 777_007
-"""Of all seeds of the fleet; 777_001 to 777_006 were looked at while the cascade was made."""
+ROOT = 777_008
+"""Of all seeds of the fleet; 777_001 to 777_007 were looked at while the cascade was made."""
 RANGES = {  # evenly in the logarithm, around the targets
     "turn_short": (1e-3, 0.1), "rotor_eccentricity": (1e-3, 0.05),
     "static_eccentricity": (1e-3, 0.1), "motor_friction": (0.015, 1.0),

@@ -18,11 +18,12 @@ from benchmarks.detection.fleet import Case, draw, tested
 from ema_prognostics.robust.chunks import sources_hash
 
 COUNTS = {
-    "healthy": 3000, "turn_short": 600, "rotor_eccentricity": 600, "static_eccentricity": 120,
-    "motor_friction": 500, "surface_friction": 500, "backlash": 250, "pair": 240,
+    "healthy": 3000, "turn_short": 1500, "rotor_eccentricity": 600, "static_eccentricity": 120,
+    "motor_friction": 1000, "surface_friction": 1000, "backlash": 250, "pair": 240,
     "stranger": 228, "sensor": 132,
 }
-"""Tests of each group; each has the acceptance test of its unit too."""
+"""Tests of each group; each has the acceptance test of its unit too. Shorts and frictions are the
+groups whose detection ends near the target: there the bound must not be wide for want of units."""
 CHECKED = ("stranger", "sensor")
 """Groups whose records go through the record checks; of the healthy ones one in ten does."""
 PART = 12
