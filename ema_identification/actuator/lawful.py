@@ -26,7 +26,7 @@ def decide_lawfully(
     if law is None:
         return decide(evidence, null, without=without, progress=progress, seed=seed), None
     unknown = Answer(verdict="unknown effect", null_cost=null.cost, reasons=(
-        f"{law.text}; no effect of the catalogue does that",))
+        "no effect of the catalogue changes the control law as it was measured",))
     if not law.holds and not law.suspects:
         return unknown, law
     answer = decide(evidence, null, without=(*without, *law.excluded), progress=progress,
@@ -35,4 +35,5 @@ def decide_lawfully(
             t.variant.effect in law.suspects for t in answer.fit.terms)):
         return answer, law
     return replace(unknown, null_cost=answer.null_cost, gain=answer.gain, reasons=(
-        f"{law.text}; no model with {' or '.join(law.suspects)} explains the record",)), law
+        f"the control law is not the model's; no model with {' or '.join(law.suspects)} explains "
+        "the record",)), law

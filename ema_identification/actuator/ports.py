@@ -52,9 +52,10 @@ def unknown_shape(
     """
     groups = groups_of(evidence, residual)
     ports = _ports(evidence, residual, groups, fits, null_cost, law)
-    text = f"{', '.join(ports)}: {_words(evidence, residual, groups)}"
+    words = _words(evidence, residual, groups)
     if law is not None and not law.holds:
-        text = f"{text}; {law.text}"
+        words = f"{law.text}; {words}"
+    text = f"{', '.join(ports)}: {words}"
     return Shape(port=", ".join(ports), text=text, panel=_panel(evidence, residual))
 
 
@@ -71,8 +72,8 @@ def _ports(
     largest = max((g.largest for g in groups), default=0.0)
     if max(sensor, summed) > max(STRONG, SENSOR_SHARE * largest):
         found.append("sensor")
-    if law is not None and not law.holds:
-        found.append("controller")
+    if law is not None and not law.holds:  # nothing else breaks the law
+        found += ["controller", *(["sensor"] if "sensor" not in found else [])]
     line = largest_line(evidence, residual)
     if line is not None and line[0] > COMMUTATION and line[0] % COMMUTATION:
         found += ["motor torque", "transmission"]

@@ -28,6 +28,14 @@ ROLES: dict[str, dict[str, Any]] = {
     "floor": {"color": "#8a929c", "linewidth": 1.2, "linestyle": (0, (4, 2)), "zorder": 2},
 }
 OTHERS = ("#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+MARKERS = (".", "^", "s", "x")
+"""Of points, the next one where the colours begin again."""
+SMALLER = 0.6
+"""Of their sizes, relative to that of a point."""
+HIGHER = 1.3
+"""Of a figure with its legend below the axes."""
+FEW = 5
+"""Most entries of a legend that stands within the axes."""
 
 
 def new_figure(title: str, size: tuple[float, float] = SIZE) -> tuple[Figure, Any]:
@@ -56,12 +64,14 @@ def to_png(figure: Figure) -> bytes:
 
 def draw_panel(panel: Panel) -> bytes:
     """Return the PNG of a panel."""
-    figure, axes = new_figure(panel.title)
+    many = len(panel.curves) > FEW
+    figure, axes = new_figure(panel.title, (SIZE[0], SIZE[1] * HIGHER) if many else SIZE)
     others = 0
     for curve in panel.curves:
         style = dict(ROLES.get(curve.role, {}))
         if not style:
-            style = {"color": OTHERS[others % len(OTHERS)], "linewidth": 1.2, "zorder": 2}
+            style = {"color": OTHERS[others % len(OTHERS)], "linewidth": 1.2, "zorder": 2,
+                     "marker": MARKERS[others // len(OTHERS) % len(MARKERS)]}
             others += 1
         _draw(axes, curve, style)
     axes.set_xlabel(panel.x_label, fontsize=9, color=INK, parse_math=False)
@@ -73,8 +83,10 @@ def draw_panel(panel: Panel) -> bytes:
         axes.set_yscale("log")
         _plain_numbers(axes.yaxis)
     if len(panel.curves) > 1 or (panel.curves and panel.curves[0].label):
-        legend = axes.legend(fontsize=8, frameon=True, framealpha=0.85, edgecolor="none",
-                             labelcolor=INK)
+        look = {"fontsize": 8, "frameon": True, "framealpha": 0.85, "edgecolor": "none",
+                "labelcolor": INK}
+        legend = (figure.legend(loc="outside lower left", ncols=2, **look) if many
+                  else axes.legend(**look))
         for text in legend.get_texts():
             text.set_parse_math(False)
     axes.margins(x=0.01)
@@ -94,7 +106,11 @@ def _draw(axes: Any, curve: Curve, style: dict[str, Any]) -> None:
     x, y = x[::every], y[::every]
     if curve.style == "points":
         style = {"color": style["color"], "zorder": style.get("zorder", 2), "linestyle": "none",
-                 "marker": ".", "markersize": 6.0 if len(x) < 500 else 1.5}
-    elif curve.style == "steps":
+                 "marker": style.get("marker", "."),
+                 "markersize": (6.0 if len(x) < 500 else 1.5) * (
+                     1.0 if style.get("marker", ".") == "." else SMALLER)}
+    else:
+        style.pop("marker", None)
+    if curve.style == "steps":
         style["drawstyle"] = "steps-mid"
     axes.plot(x, y, label=curve.label or None, **style)
