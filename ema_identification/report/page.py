@@ -87,6 +87,9 @@ def advice(identification: Identification) -> list[str]:
     if identification.verdict in ("partly explained", "unknown effect"):
         found.append("Do not rely on the model where the gap is left (see below) until the "
                      "cause is known.")
+    if identification.unknown is not None and "controller" in identification.unknown.port:
+        found.append("Compare gains, limits and delay of the controller with those of the model, "
+                     "and what the record holds with what the controller reads.")
     if identification.next_test:
         found.append(f"Run next: {identification.next_test}")
     return found

@@ -6,11 +6,14 @@ import json
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import yaml
 
-from ema_identification.report import MODEL_FILE, NEXT_TEST_FILE, write_report
+from ema_identification.identification import Curve, Panel
+from ema_identification.report import MODEL_FILE, NEXT_TEST_FILE, plots, write_report
 from ema_identification.report import write as writing
+from ema_identification.report.page import advice
 from ema_record.errors import OutputError, UsageError
 from ema_record.profile import load_profile
 from ema_sim.actuator import load_model_file
@@ -89,6 +92,26 @@ def test_unknown_effect_shows_its_shape(unknown, tmp_path):
     assert (found.parent / "plots" / "shape.png").exists()
     assert not (found.parent / MODEL_FILE).exists()
     assert json.loads((found.parent / "identification.json").read_text())["model"] is None
+
+
+@pytest.mark.parametrize("port", ["controller, sensor", "winding"])
+def test_only_another_controller_is_to_be_compared(unknown, port):
+    found = replace(unknown, unknown=replace(unknown.unknown, port=port))
+    assert any("controller" in line for line in advice(found)) == port.startswith("controller")
+
+
+def test_curves_of_one_colour_have_different_markers_and_the_legend_hides_none(monkeypatch):
+    x = np.arange(5.0)
+    panel = Panel(name="many", title="Many.", x_label="x", y_label="y", step="where", curves=tuple(
+        Curve(label=f"curve {k}", x=x, y=x + k, style="points") for k in range(11)))
+    figures = []
+    monkeypatch.setattr(plots, "to_png", lambda figure: figures.append(figure) or b"")
+    plots.draw_panel(panel)
+    (figure,) = figures
+    figure.draw_without_rendering()
+    lines = figure.axes[0].lines
+    assert len({(line.get_color(), line.get_marker()) for line in lines}) == 11
+    assert figure.legends[0].get_window_extent().y1 < figure.axes[0].get_window_extent().y0
 
 
 def test_no_disagreement(explained, tmp_path):
