@@ -55,13 +55,16 @@ def measured_gains(record: Record, actuator: Actuator) -> Gains | None:
     (DESIGN, section 3), so Δi = Kp Δe + Ki ∫ e dt over any time in which it is not limited. Both
     gains come from a robust regression over all such times.
 
-    None if the record has another rate than the controller, or too few samples are left.
+    None if the record has another rate than the controller or no reference current, or if too few
+    samples are left.
     """
     c = actuator.control
     time = record.time
     if len(time) < FEWEST or abs(float(np.median(np.diff(time))) / c.period - 1.0) > 1e-3:
         return None
     if c.proportional_gain <= 0.0 or c.integral_gain <= 0.0:
+        return None
+    if not record.samples[:, REFERENCE_CURRENTS].any():
         return None
     current = _reference(record, actuator.motor.flat_top)
     goal = record.profile.command(time - 0.5 * c.period + 1e-9)

@@ -9,7 +9,7 @@ import pytest
 from ema_identification.actuator.control_law import measured_gains
 from ema_identification.actuator.law_check import check_law
 from ema_identification.actuator.spread import Conditions
-from ema_record.channels import MOTOR_SPEED
+from ema_record.channels import MOTOR_SPEED, REFERENCE_CURRENTS
 from ema_record.profile import load_profile
 from ema_sim.actuator import load_model_file
 from ema_sim.effects import EFFECTS, Effects
@@ -47,12 +47,15 @@ def test_other_gains_are_measured(gain, integral):
     assert found.integral == pytest.approx(integral, rel=0.15)
 
 
-def test_a_record_of_another_rate_or_without_motion_tells_nothing():
+def test_a_record_of_another_rate_too_short_or_without_references_tells_nothing():
     actuator = MODEL.actuator
     faster = simulate(PROFILE, actuator=actuator, seed=1, rate=40e3)
     assert measured_gains(faster, actuator) is None
-    still = record()
-    assert measured_gains(replace(still, samples=still.samples[:50]), actuator) is None
+    whole = record()
+    assert measured_gains(replace(whole, samples=whole.samples[:50]), actuator) is None
+    silent = whole.samples.copy()
+    silent[:, REFERENCE_CURRENTS] = 0.0
+    assert measured_gains(replace(whole, samples=silent), actuator) is None
 
 
 def law_of(measured, without=()):
