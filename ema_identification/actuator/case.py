@@ -21,6 +21,8 @@ FELL = 0.3
 """The same, of that without an effect."""
 FARTHEST = 8.0
 """Largest cost, in units of a complete model's, of a fit that is named."""
+EITHER = 2.0
+"""Cost of the better effect of a pair alone, in units of the pair's, that shows both."""
 SECOND_GAIN = 250.0
 """Least gain of a second effect: the costs of complete models differ by some 170 among units."""
 
@@ -59,9 +61,16 @@ class Case(NamedTuple):
         one, two = (rule.cost(evidence, f.mean, f.z) for f in (singles[0], pair))
         return one - two > SECOND_GAIN * max(two, self.usual) / self.size
 
-    def distinct(self, pair: Fit) -> bool:
-        """Whether both effects are there, and none of them is what its tolerance could be."""
-        return needed(pair, self.usual) and all(
+    def distinct(self, pair: Fit, singles: Sequence[Fit]) -> bool:
+        """Whether both effects are there, and none of them is what its tolerance could be.
+
+        Where either of them alone leaves much more than the pair, no error of the coordinates
+        says otherwise.
+        """
+        names = {t.variant.effect for t in pair.terms}
+        alone = [f.cost for f in singles if f.terms[0].variant.effect in names]
+        clear = bool(alone) and min(alone) > EITHER * pair.cost
+        return (clear or needed(pair, self.usual)) and all(
             absorbed(self.arena.evidence, t, pair.z) is None for t in pair.terms)
 
     def stands_out(self, fit: Fit, others: Sequence[Fit]) -> bool:

@@ -29,6 +29,10 @@ POOR_FIT = 1e-7
 LEFT = "what is left is more than noise; no further effect takes it away"
 TIE = 1.3
 """Cost, in units of the best one's, up to which a fit goes on before the two are compared."""
+PROMISING = 0.98
+"""Cost of the best pair, in units of the best effect's alone, from which it is looked around."""
+LOOKED_AROUND = 2
+"""Pairs that are looked around where they nearly tie."""
 SLIGHT = 400.0
 """Gain up to which an effect counts as small: more of the catalogue is tried against it."""
 
@@ -67,12 +71,14 @@ def decide(
             return with_second(case, singles)
     found = arena.fits(pairs_of(evidence, singles, without=without, seed=seed),
                        progress=progress, span=(0.7, 0.9))
-    found = [f for f in found if case.helps(f, singles)]
+    if found and singles and found[0].cost > PROMISING * singles[0].cost:
+        found = []
     if found and not case.complete(found[0]):
-        found = sorted([arena.refined(found[0]), *found], key=lambda f: f.cost)
+        found = sorted([*_refined(case, found), *found], key=lambda f: f.cost)
+    found = [f for f in found if case.helps(f, singles)]
     if found:
         singles = sorted([*each_alone(case, found[0]), *singles], key=lambda f: f.cost)
-    pairs = [f for f in found if case.helps(f, singles) and case.distinct(f)]
+    pairs = [f for f in found if case.helps(f, singles) and case.distinct(f, singles)]
     if singles and case.complete(singles[0]):
         pairs = [f for f in pairs[:1] if case.surely(f, singles)]
     if pairs and case.complete(pairs[0]):
@@ -102,6 +108,20 @@ def _at_other_sizes(
     starts = rescaled(arena.evidence, arena.metrics[0], singles, seed=seed)
     return sorted([*singles, *arena.fits(starts, progress=progress, span=(0.6, 0.7))],
                   key=lambda f: f.cost)
+
+
+def _refined(case: Case, pairs: Sequence[Fit]) -> list[Fit]:
+    """Return the best pair looked around, and the next best where the two nearly tie."""
+    found: list[Fit] = []
+    first: dict[frozenset[str], Fit] = {}
+    for fit in pairs:
+        if fit.cost < TIE * pairs[0].cost:
+            first.setdefault(frozenset(t.variant.effect for t in fit.terms), fit)
+    for fit in list(first.values())[:LOOKED_AROUND]:
+        found.append(case.arena.refined(fit))
+        if case.complete(found[-1]):
+            break
+    return found
 
 
 def _close_ones_polished(case: Case, singles: Sequence[Fit]) -> list[Fit]:

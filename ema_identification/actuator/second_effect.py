@@ -33,7 +33,7 @@ def with_second(case: Case, singles: Sequence[Fit]) -> Answer:
     if not case.helps(both, singles):
         return one
     alone = each_alone(case, both)
-    if not (case.distinct(both) and case.helps(both, alone) and case.surely(both, alone)):
+    if not (case.distinct(both, alone) and case.helps(both, alone) and case.surely(both, alone)):
         return one_effect(case, "explained", sorted([*alone, *singles], key=lambda f: f.cost))
     fell = (best.cost - both.cost) / max(both.cost / case.size, 1e-9)
     scale = evidence.blocks[0].library.scale

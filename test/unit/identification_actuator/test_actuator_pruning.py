@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ema_identification.actuator.answer import Answer
+from ema_identification.actuator.case import Case
 from ema_identification.actuator.evidence import Tolerances
 from ema_identification.actuator.judged import without_second
 from ema_identification.actuator.parameters import QUANTILE, covariance_of
@@ -107,3 +108,14 @@ def test_the_effect_that_is_left_keeps_its_own_set_and_verdict(cost, verdict):
     assert found.p_value == (0.2,)
     assert found.verdict == verdict
     assert "backlash" in found.reasons[0]
+
+
+@pytest.mark.parametrize(("alone", "both"), [(150.0, False), (250.0, True)])
+def test_what_either_effect_alone_leaves_shows_both_where_the_errors_do_not(alone, both):
+    arena = SimpleNamespace(evidence=SimpleNamespace(blocks=ONE.blocks, tolerances=ONE.tolerances,
+                                                     size=100, usual=100.0), null_cost=900.0)
+    first, second = term("backlash", 1e-3), term("viscous_friction", 1e-4)
+    pair = fit([first, second], 100.0, deviation=1.0)
+    assert not needed(pair, 100.0)
+    singles = [fit([first], alone), fit([second], 400.0)]
+    assert Case(arena, None, 60.0, 1e-4, ()).distinct(pair, singles) == both
