@@ -2,7 +2,7 @@
 
     python -m benchmarks.detection --out detection
 
-Needs about 20 minutes on two cores; parts that are done are kept in ``--work`` and read again.
+Needs about 30 minutes on two cores; parts that are done are kept in ``--work`` and read again.
 The comparison with a plain perceptron and the left-out conditions need the features of the
 training campaign: give its folder (``ema train --work``) with ``--campaign``, or it is simulated.
 """
