@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numba import njit
 
 from ema_record.channels import (
     DEFAULT_RATE,
     MOTOR_SPEED,
+    N_CHANNELS,
     PHASE_CURRENTS,
     REFERENCE_CURRENTS,
     ROTOR_ANGLE,
@@ -60,18 +64,38 @@ def convert(c: Converters, means: np.ndarray, current_noise: np.ndarray) -> np.n
     means : ndarray, shape (n, 10), from the kernel; rotor angle not wrapped.
     current_noise : ndarray, shape (n, 3) (A).
     """
-    samples = means.copy()
-    samples[:, PHASE_CURRENTS] += current_noise
-    samples[:, ROTOR_ANGLE] = np.mod(samples[:, ROTOR_ANGLE], 2.0 * np.pi)
-    for columns, span, bits in (
+    spans, bits = np.full(N_CHANNELS, math.inf), np.zeros(N_CHANNELS)
+    for columns, span, depth in (
         (MOTOR_SPEED, c.speed_range, c.speed_bits),
         (PHASE_CURRENTS, c.current_range, c.current_bits),
         (REFERENCE_CURRENTS, c.current_range, c.current_bits),
+        (ROTOR_ANGLE, c.angle_range, c.angle_bits),
         (SURFACE_POSITION, c.position_range, c.position_bits),
     ):
-        step = span / 2.0**bits
-        half = 0.5 * span
-        samples[:, columns] = np.clip(np.round(samples[:, columns] / step) * step, -half, half)
-    step = c.angle_range / 2.0**c.angle_bits
-    samples[:, ROTOR_ANGLE] = np.floor(samples[:, ROTOR_ANGLE] / step) * step
-    return samples + 0.0
+        spans[columns], bits[columns] = span, depth
+    return _converted(means, current_noise, PHASE_CURRENTS.start, spans / 2.0**bits, 0.5 * spans)
+
+
+@njit(cache=True, error_model="numpy")
+def _converted(
+    means: np.ndarray, noise: np.ndarray, first: int, step: np.ndarray, half: np.ndarray
+) -> np.ndarray:
+    """Return `means` with `noise` in columns `first` on, in steps and within ± `half` a column.
+
+    The rotor angle is wrapped and rounded down; a column with an infinite step is left alone.
+    """
+    samples = means + 0.0
+    rows = means.shape[0]
+    for k in range(noise.shape[1]):
+        for i in range(rows):
+            samples[i, first + k] += noise[i, k]
+    for k in range(means.shape[1]):
+        one, most = step[k], half[k]
+        if k == ROTOR_ANGLE:
+            for i in range(rows):
+                samples[i, k] = math.floor(samples[i, k] % (2.0 * math.pi) / one) * one + 0.0
+        elif one < math.inf:
+            for i in range(rows):
+                value = np.rint(samples[i, k] / one) * one
+                samples[i, k] = min(max(value, -most), most) + 0.0
+    return samples

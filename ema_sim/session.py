@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -19,6 +20,8 @@ RATES = (1_000.0, 1_000_000.0)
 """Bounds of the acquisition rate (1/s)."""
 NOISE_LEVELS = (0.0, 100.0)
 SETTLE_TIME = 1.0
+NOTHING_READ = (0, np.empty(0))
+"""First control period, and commanded positions from it on (rad)."""
 
 
 class ActuatorSession:
@@ -72,6 +75,7 @@ class ActuatorSession:
         self._max_step = max_step
         self._settle = settle
         self._traces: list[np.ndarray] = []
+        self._read = NOTHING_READ
         self.last_bus = (self._bus_voltage(0.0), 0.0)
         """Bus voltage (V) and mean current (A) of the last block."""
         self.final_state = self._state.copy()
@@ -115,7 +119,7 @@ class ActuatorSession:
             self._state = st.restart(self._state, self.actuator)
             self._begin = 0.0
             self._inverter_on = profile.inverter_off
-        self._profile = profile
+        self._profile, self._read = profile, NOTHING_READ
 
     def advance(self, n_samples: int) -> np.ndarray:
         """Return the next samples, shape (k, 10), k <= n_samples; k = 0 when idle.
@@ -159,8 +163,7 @@ class ActuatorSession:
         periods = max(0, last - first) + 1
         if abs(last * control.period - (self._state[st.SAMPLE] + n) / self.rate) < 1e-9:
             periods -= 1  # the period that begins with the next block belongs to that block
-        times = (first + np.arange(max(1, periods))) * control.period
-        command = self._profile.command(times - self._begin + 1e-9)
+        command = self._commanded(first, max(1, periods))
         noise = self._noise.inside(periods) if periods else np.zeros((1, 2))
         out = np.empty((n, N_CHANNELS))
         trace = np.empty((n if self._keep_trace else 0, len(k.TRACE_NAMES)))
@@ -178,17 +181,42 @@ class ActuatorSession:
             self._traces.append(trace)
         return out
 
+    def _commanded(self, first: int, periods: int) -> np.ndarray:
+        """Return the commanded position at control periods from `first` on, shape (periods,).
+
+        The profile is read once for all that is left of it.
+        """
+        assert self._profile is not None
+        begin, read = self._read
+        if not begin <= first <= begin + len(read) - periods:
+            period = self.actuator.control.period
+            end = math.ceil((self._begin + self._profile.duration) / period)
+            begin, read = first, _positions(
+                self._profile, first, max(periods, end - first), period, self._begin)
+            self._read = begin, read
+        return read[first - begin:first - begin + periods]
+
     def _finish(self) -> None:
         """Let the drive reach its last command, unrecorded, and switch it off."""
         assert self._profile is not None
         keep, self._keep_trace = self._keep_trace, False
         target = self._profile.points[-1][1]
         self._profile = Profile(name="settle", points=((0.0, target), (SETTLE_TIME, target)))
-        self._begin = self.time
+        self._begin, self._read = self.time, NOTHING_READ
         self.final_state = self._state.copy()
         if self._settle:
             self._run(round(SETTLE_TIME * self.rate))
         self._profile, self._keep_trace = None, keep
+
+
+@lru_cache(maxsize=8)
+def _positions(
+    profile: Profile, first: int, periods: int, period: float, begin: float
+) -> np.ndarray:
+    """Return what `profile`, begun at `begin` (s), commands at control periods from `first` on."""
+    found = profile.command((first + np.arange(periods)) * period - begin + 1e-9)
+    found.flags.writeable = False
+    return found
 
 
 def check_bounds(name: str, value: float, lower: float, upper: float, unit: str) -> None:

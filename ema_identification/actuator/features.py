@@ -6,8 +6,9 @@ Which numbers there are follows from the profile's plan, so they exist for any p
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -48,6 +49,8 @@ BANDS = ((25, 40), (41, 64))
 """Bands of higher lines of the torque, from which the largest is kept."""
 THIRD = np.exp(2j * np.pi / 3.0 * np.arange(3))
 TINY = 1e-12
+WHOLE = "record"
+"""Place of a feature of the record as a whole."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,32 +64,35 @@ class FeatureMap:
 
     def extract(self, record: Record) -> np.ndarray:
         """Return the feature vector of a record, shape (d,)."""
-        return np.array([value for _, value in _walk(record, self.plan, self.actuator)])
+        return np.array([entry[3] for _, entry in _walk(record, self.plan, self.actuator)])
 
 
 def feature_map(profile: Profile, actuator: Actuator, example: Record) -> FeatureMap:
     """Return the map of a profile; `example` is any record of it."""
     steps = plan(profile, actuator)
-    features = tuple(feature for feature, _ in _walk(example, steps, actuator))
+    features = tuple(
+        Feature(key if place == WHOLE else f"{place}.{key}", place, signal, against)
+        for place, (key, signal, against, _) in _walk(example, steps, actuator))
     return FeatureMap(profile=profile, actuator=actuator, plan=steps, features=features)
 
 
-def _walk(record: Record, steps: Plan, actuator: Actuator) -> Iterator[tuple[Feature, float]]:
+Entry = tuple[str, str, str, float]
+"""Name within its place, signal, abscissa and value of a feature."""
+
+
+def _walk(record: Record, steps: Plan, actuator: Actuator) -> Iterator[tuple[str, Entry]]:
+    """Yield place and entry of each feature."""
     signals = prepare(record, actuator)
     for key, value in consistency(record, signals, actuator).items():
-        signal, against = CONSISTENCY[key]
-        yield Feature(key, "record", signal, against), value
+        yield WHOLE, (key, *CONSISTENCY[key], value)
     for segment in steps.segments:
         source = _hold(record, signals, segment) if segment.kind == "hold" else _moving(
             signals, segment, actuator)
-        for key, signal, against, value in source:
-            yield Feature(f"{segment.name}.{key}", segment.name, signal, against), value
+        for entry in source:
+            yield segment.name, entry
     for transition in steps.transitions:
-        for key, signal, against, value in transition_features(signals, transition, actuator):
-            yield Feature(f"{transition.name}.{key}", transition.name, signal, against), value
-
-
-Entry = tuple[str, str, str, float]
+        for entry in transition_features(signals, transition, actuator):
+            yield transition.name, entry
 
 
 def _log(value: float) -> float:
@@ -168,8 +174,13 @@ def _locked(
 
 
 def _complex(
-    name: str, orders: Iterable[int], values: np.ndarray, scale: float, signal: str
+    name: str, orders: range, values: np.ndarray, scale: float, signal: str
 ) -> Iterator[Entry]:
-    for h in orders:
-        yield f"{name}_{h}_re", signal, "rotor angle", scale * float(values[h].real)
-        yield f"{name}_{h}_im", signal, "rotor angle", scale * float(values[h].imag)
+    parts = scale * np.ascontiguousarray(values[orders.start:orders.stop]).view(float)
+    for key, value in zip(_line_names(name, orders), parts.tolist()):
+        yield key, signal, "rotor angle", value
+
+
+@cache
+def _line_names(name: str, orders: range) -> list[str]:
+    return [f"{name}_{h}_{part}" for h in orders for part in ("re", "im")]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 TURN = 2.0 * np.pi
 BINS = 2048
@@ -69,11 +70,20 @@ def lines(turns: Turns, signals: np.ndarray, highest: int) -> np.ndarray:
     slope = (turns.window * arm) @ signals / ((turns.window * arm) @ arm)
     level = turns.window @ signals
     bins = np.floor(turns.theta * (BINS / TURN) + 0.5).astype(np.int64) % BINS
-    folded = np.column_stack([
-        np.bincount(bins, weights=(column - level[m] - slope[m] * arm) * turns.window,
-                    minlength=BINS)
-        for m, column in enumerate(signals.T)
-    ])
+    folded = _folded(signals, bins, level, slope, arm, turns.window)
     found = np.fft.rfft(folded, axis=0)[:highest + 1]
     found[0] = mean
     return np.asarray(found)
+
+
+@njit(cache=True)
+def _folded(
+    signals: np.ndarray, bins: np.ndarray, level: np.ndarray, slope: np.ndarray, arm: np.ndarray,
+    window: np.ndarray,
+) -> np.ndarray:
+    """Return the weighted signals, without mean and slope, summed in bins, shape (BINS, m)."""
+    found = np.zeros((BINS, signals.shape[1]))
+    for i in range(signals.shape[0]):
+        for m in range(signals.shape[1]):
+            found[bins[i], m] += (signals[i, m] - level[m] - slope[m] * arm[i]) * window[i]
+    return found

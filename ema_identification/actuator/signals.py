@@ -94,6 +94,23 @@ def _currents(
     return q, total
 
 
+@njit(cache=True, error_model="numpy")
+def unwrapped(angle: np.ndarray) -> np.ndarray:
+    """Return an angle without jumps of a turn, shape (n,) (rad): `numpy.unwrap` in one pass."""
+    found = np.empty(len(angle))
+    correction = 0.0
+    for i in range(len(angle)):
+        if i > 0:
+            step = angle[i] - angle[i - 1]
+            if abs(step) >= np.pi:
+                wrapped = (step + np.pi) % TURN - np.pi
+                if wrapped == -np.pi and step > 0.0:
+                    wrapped = np.pi
+                correction += wrapped - step
+        found[i] = angle[i] + correction
+    return found
+
+
 def sensor_errors(record: Record) -> tuple[np.ndarray, np.ndarray]:
     """Return offsets (A) and relative gains of the current sensors, each of shape (3,).
 
@@ -114,15 +131,16 @@ def prepare(record: Record, actuator: Actuator) -> Signals:
     """Return the signals of a record; `actuator` gives flat top, gear and pole pairs."""
     samples = record.samples
     offset, gain = sensor_errors(record)
-    theta = np.unwrap(record.channel("rotor_angle"))
+    theta = unwrapped(record.channel("rotor_angle"))
     q, total = _currents(theta, samples, PHASE_CURRENTS.start, offset, gain,
                          _table(actuator.motor.flat_top))
-    position = record.channel("surface_position")
+    position = np.ascontiguousarray(record.channel("surface_position"))
     travel = theta / (actuator.motor.pole_pairs * actuator.gear.ratio)
     lag = travel - position
     still = record.time < record.profile.inverter_off
     return Signals(
-        time=record.time, speed=record.channel("motor_speed"), theta=theta, position=position,
+        time=record.time, speed=np.ascontiguousarray(record.channel("motor_speed")), theta=theta,
+        position=position,
         error=samples[:, PHASE_CURRENTS] - samples[:, REFERENCE_CURRENTS], total=total,
         torque_current=q, offset=offset, gain=gain,
         lag=lag - (lag[still].mean() if still.any() else lag[0]),
