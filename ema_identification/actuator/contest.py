@@ -32,12 +32,14 @@ class Stage(NamedTuple):
     """Most candidates that go on."""
     behind: float
     """A candidate whose cost is so many times the best one's does not go on."""
+    worth: float
+    """Fall of the cost that is worth a step, in units of the cost a feature."""
 
 
 STAGES = (
-    Stage(0.3, 2, 3, 4, 2.0),
-    Stage(0.15, 3, 3, 3, 2.5),
-    Stage(LAST_SHARE, 3, 4, 3, 3.0),
+    Stage(0.3, 2, 3, 4, 2.0, 20.0),
+    Stage(0.15, 3, 3, 3, 2.0, 5.0),
+    Stage(LAST_SHARE, 3, 4, 3, 2.0, 1.0),
 )
 LAST_RUNS = 10
 REPEATS = 6
@@ -45,9 +47,11 @@ REPEATS = 6
 POLISH, WORTH = 4, 0.05
 """Most times that a fit goes on where it stopped, and what it must gain by that."""
 AROUND = 3
-"""Most times that is looked around a fit that is not complete."""
+"""Most times that is looked around a fit that is not complete, as long as that helps."""
 THOROUGH = 1.4
 """Cost from which slopes to the tolerances are simulated, in units of a complete model's."""
+NEAR_BEST = 2.0
+"""The same, in units of the cost of the best candidate."""
 MOST_VARIANTS = 2
 """Of one effect that go on."""
 
@@ -83,10 +87,13 @@ class Arena:
             if k < first:
                 continue
             costs = []
+            last = [self.last.cost(self.evidence, p.mean, p.z) for p in points] if (
+                k == len(STAGES) - 1) else []
             for i, point in enumerate(points):
                 points[i] = descend(
                     self.evidence, rule, point, steps=stage.steps, seed=self.seed,
-                    thorough=k == len(STAGES) - 1 and self._incomplete(point))
+                    worth=stage.worth, thorough=bool(last) and THOROUGH * self.evidence.usual
+                    < last[i] < NEAR_BEST * min(last))
                 costs.append(rule.cost(self.evidence, points[i].mean, points[i].z))
                 share = (k + (i + 1) / len(points)) / len(STAGES)
                 progress("name", span[0] + share * (span[1] - span[0]))
@@ -142,16 +149,12 @@ class Arena:
             found = self.fits([Start(point.terms, point.z)], first=len(STAGES) - 1)
             if not found:
                 break
+            better = found[0].cost < (1.0 - WORTH) * best.cost
             best = min(best, found[0], key=lambda f: f.cost)
-            if best.cost < self.evidence.usual * THOROUGH:
+            if best.cost < self.evidence.usual * THOROUGH or not better:
                 break
             terms, z = found[0].terms, found[0].z
         return best
-
-    def _incomplete(self, point: Point) -> bool:
-        """Whether a point is still far from what a complete model leaves."""
-        cost = self.last.cost(self.evidence, point.mean, point.z)
-        return cost > THOROUGH * self.evidence.usual
 
     def _first(self, start: Start) -> Point | None:
         point = run_point(self.evidence, start.terms, np.clip(start.z, -1.0, 1.0),

@@ -29,6 +29,8 @@ POOR_FIT = 1e-7
 LEFT = "what is left is more than noise; no further effect takes it away"
 TIE = 1.3
 """Cost, in units of the best one's, up to which a fit goes on before the two are compared."""
+OTHER_FORM = 2.0
+"""The same for another form of the same effects."""
 PROMISING = 0.98
 """Cost of the best pair, in units of the best effect's alone, from which it is looked around."""
 LOOKED_AROUND = 2
@@ -111,12 +113,17 @@ def _at_other_sizes(
 
 
 def _refined(case: Case, pairs: Sequence[Fit]) -> list[Fit]:
-    """Return the best pair looked around, and the next best where the two nearly tie."""
+    """Return the best pair looked around, and the next best where the two nearly tie.
+
+    Another form of the same two effects (a short with and without its resistance) is next too.
+    """
     found: list[Fit] = []
     first: dict[frozenset[str], Fit] = {}
+    best = {t.variant.effect for t in pairs[0].terms}
     for fit in pairs:
-        if fit.cost < TIE * pairs[0].cost:
-            first.setdefault(frozenset(t.variant.effect for t in fit.terms), fit)
+        same = {t.variant.effect for t in fit.terms} == best
+        if fit.cost < (OTHER_FORM if same else TIE) * pairs[0].cost:
+            first.setdefault(frozenset(t.variant.name for t in fit.terms), fit)
     for fit in list(first.values())[:LOOKED_AROUND]:
         found.append(case.arena.refined(fit))
         if case.complete(found[-1]):

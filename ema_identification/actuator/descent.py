@@ -29,7 +29,7 @@ TRIALS = 2
 LONGEST = 1.0
 """Step of a coordinate, of its size, and of a tolerance (half widths)."""
 SMALL = 1.0
-"""Promised fall of the cost, in units of the cost a feature, that is not worth a run."""
+"""Fall of the cost, in units of the cost a feature, that is worth a step."""
 CLEAR = 4.0
 """Mean square of what a step did unforeseen, in units of a repeat, from which it is learnt."""
 
@@ -71,7 +71,7 @@ def run_point(
 
 def descend(
     evidence: Evidence, metric: Robust, point: Point, *, steps: int, seed: int,
-    thorough: bool = False,
+    worth: float = SMALL, thorough: bool = False,
 ) -> Point:
     """Return a point of lower cost, at most `steps` steps away.
 
@@ -82,6 +82,7 @@ def descend(
     point : to start from; must be finite.
     steps : most steps.
     seed : of the runs, the same for all points that are compared.
+    worth : fall of the cost that is worth a step, in units of the cost a feature.
     thorough : whether the slopes to the tolerances are simulated too.
     """
     if point.runs != metric.runs:
@@ -95,13 +96,13 @@ def descend(
         if fresh or point.slopes is None:
             point = _with_slopes(evidence, point, metric.runs, seed, thorough)
             thorough = False
-        following, lower = _step(evidence, metric, point, cost, seed)
+        following, lower = _step(evidence, metric, point, cost, seed, worth)
         if following is point:
             break
         size = np.linalg.norm(coordinates(point.terms))
         change = np.linalg.norm(coordinates(following.terms) - coordinates(point.terms))
         fresh = bool(change > 0.1 * size)
-        done = cost - lower < SMALL * lower / evidence.size
+        done = cost - lower < worth * lower / evidence.size
         point, cost = following, lower
         if done:
             break
@@ -123,7 +124,7 @@ def _with_slopes(
 
 
 def _step(
-    evidence: Evidence, metric: Robust, point: Point, cost: float, seed: int
+    evidence: Evidence, metric: Robust, point: Point, cost: float, seed: int, worth: float
 ) -> tuple[Point, float]:
     """Return the next point and its cost; `point` itself if no step lowers it."""
     local = metric.at(evidence, point.mean)
@@ -133,7 +134,7 @@ def _step(
     for _ in range(TRIALS):
         step, promised = bounded_step(
             local.columns(evidence, slopes, point.mean), rest, point, damping)
-        if promised < 0.2 * SMALL * cost / evidence.size:
+        if promised < 0.2 * worth * cost / evidence.size:
             break
         free = len(coordinates(point.terms))
         terms = moved(point.terms, coordinates(point.terms) + step[:free])
