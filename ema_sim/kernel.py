@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 from numba import njit
 
-from ema_sim import ports
+from ema_sim import neutral, ports
 from ema_sim import state as st
 from ema_sim.compile import source_hash
 from ema_sim.control import clip, delayed, quantise, reference_current
@@ -93,6 +93,9 @@ def _build(sources: str) -> Callable[..., int]:
         varies = ports.inductance_varies(e)
         curvature = 0.5 * motor.phase_resistance / motor.phase_inductance
         top = ports.flat_top(e, motor)
+        plain, steady = neutral.winding_is_plain(e), neutral.friction_is_steady(e)
+        smooth, ideal = neutral.rotation_is_smooth(e), neutral.inverter_is_ideal(e)
+        dyn_0, sta_0 = ports.motor_dry_friction(e, motor, 0.0, 0.0)
         stiffness, backlash = ports.shaft_stiffness(e, shaft), ports.lost_motion(e, shaft)
         j_m, j_s = 1.0 / ports.motor_inertia(e, motor), 1.0 / ports.surface_inertia(e, a.surface)
         dyn_s, sta_s = ports.surface_dry_friction(e, a.surface)
@@ -121,9 +124,9 @@ def _build(sources: str) -> Callable[..., int]:
         charge, e_terminal, e_copper, e_motor = 0.0, 0.0, 0.0, 0.0
         e_friction_m, e_friction_s, e_shaft, e_load = 0.0, 0.0, 0.0, 0.0
 
-        k_a = ports.back_emf_constant(e, motor, top, 0, q_e, q_m + q_0, i_a)
-        k_b = ports.back_emf_constant(e, motor, top, 1, q_e, q_m + q_0, i_b)
-        k_c = ports.back_emf_constant(e, motor, top, 2, q_e, q_m + q_0, i_c)
+        k_a = ports.back_emf_constant(e, motor, top, 0, q_e, q_m + q_0, i_a, plain)
+        k_b = ports.back_emf_constant(e, motor, top, 1, q_e, q_m + q_0, i_b, plain)
+        k_c = ports.back_emf_constant(e, motor, top, 2, q_e, q_m + q_0, i_c, plain)
         t_m = clip(k_a * i_a + k_b * i_b + k_c * i_c, motor.torque_limit)
         t_m += ports.added_motor_torque(e, motor, k_a, k_b, k_c, w_m, q_m + q_0)
         slope = ports.gear_slope(e, gear, q_m + q_0)
@@ -173,10 +176,13 @@ def _build(sources: str) -> Callable[..., int]:
                         g_b = 1.0 / ports.phase_inductance(e, motor, 1, i_b)
                         g_c = 1.0 / ports.phase_inductance(e, motor, 2, i_c)
                         g_n = 1.0 / (g_a + g_b + g_c)
-                    v = v_leg - ports.rail_drop(e, 0.5 * (s_a * i_a + s_b * i_b + s_c * i_c))
-                    v_a = v * s_a - ports.switch_drop(e, i_a)
-                    v_b = v * s_b - ports.switch_drop(e, i_b)
-                    v_c = v * s_c - ports.switch_drop(e, i_c)
+                    if ideal:
+                        v_a, v_b, v_c = v_leg * s_a, v_leg * s_b, v_leg * s_c
+                    else:
+                        v = v_leg - ports.rail_drop(e, 0.5 * (s_a * i_a + s_b * i_b + s_c * i_c))
+                        v_a = v * s_a - ports.switch_drop(e, i_a)
+                        v_b = v * s_b - ports.switch_drop(e, i_b)
+                        v_c = v * s_c - ports.switch_drop(e, i_c)
                     d_a, d_b, d_c = current_slopes(
                         v_a, v_b, v_c, r_a, r_b, r_c, i_a, i_b, i_c,
                         k_a * w_m, k_b * w_m, k_c * w_m, g_a, g_b, g_c, g_n,
@@ -216,13 +222,13 @@ def _build(sources: str) -> Callable[..., int]:
                 elif q_e1 < 0.0:
                     q_e1 += TURN
                 k_a1 = ports.back_emf_constant(
-                    e, motor, top, 0, q_e1, q_r1, i_a + h * d_a
+                    e, motor, top, 0, q_e1, q_r1, i_a + h * d_a, plain
                 )
                 k_b1 = ports.back_emf_constant(
-                    e, motor, top, 1, q_e1, q_r1, i_b + h * d_b
+                    e, motor, top, 1, q_e1, q_r1, i_b + h * d_b, plain
                 )
                 k_c1 = ports.back_emf_constant(
-                    e, motor, top, 2, q_e1, q_r1, i_c + h * d_c
+                    e, motor, top, 2, q_e1, q_r1, i_c + h * d_c, plain
                 )
                 if on:
                     d_a1, d_b1, d_c1 = current_slopes(
@@ -236,16 +242,20 @@ def _build(sources: str) -> Callable[..., int]:
                 else:
                     i_a1, i_b1, i_c1 = i_a, i_b, i_c
                 t_m1 = clip(k_a1 * i_a1 + k_b1 * i_b1 + k_c1 * i_c1, motor.torque_limit)
-                t_m1 += ports.added_motor_torque(e, motor, k_a1, k_b1, k_c1, w_p, q_r1)
-                slope1 = ports.gear_slope(e, gear, q_r1)
+                if smooth:
+                    q_out, slope1 = q_m1 / gear.ratio, slope
+                else:
+                    t_m1 += ports.added_motor_torque(e, motor, k_a1, k_b1, k_c1, w_p, q_r1)
+                    q_out = ports.gear_output(e, gear, q_m1, q_r1)
+                    slope1 = ports.gear_slope(e, gear, q_r1)
                 t_sh1 = shaft_torque(
-                    ports.gear_output(e, gear, q_m1, q_r1) - q_s1, w_p * slope1 - ws_p,
-                    stiffness, shaft.damping, backlash,
-                )
+                    q_out - q_s1, w_p * slope1 - ws_p, stiffness, shaft.damping, backlash)
                 driving = gear.efficiency if t_sh1 * w_p < 0.0 else 1.0 / gear.efficiency
                 load_m = t_sh1 * driving * slope1
                 load_s = ports.load_torque(e, q_s1)
-                dyn_m, sta_m = ports.motor_dry_friction(e, motor, w_p, load_m)
+                dyn_m, sta_m = dyn_0, sta_0
+                if not steady:
+                    dyn_m, sta_m = ports.motor_dry_friction(e, motor, w_p, load_m)
                 visc_m = ports.motor_viscous_friction(e, motor, w_p)
                 visc_s = a.surface.viscous_friction * ws_p
                 al_m1 = net_torque(w_p, t_m1 - load_m - visc_m, dyn_m, sta_m) * j_m

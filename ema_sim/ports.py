@@ -89,12 +89,22 @@ def unit_factor(motor: Motor, phase: int) -> float:
 @law
 def back_emf_constant(
     e: Effects, motor: Motor, top: float, phase: int, theta_e: float, theta_r: float,
-    current: float,
+    current: float, plain: bool = False,
 ) -> float:
-    """k_k(θ) of a phase (V s/rad) at electrical and mechanical rotor angle (rad), current (A)."""
+    """k_k(θ) of a phase (V s/rad) at electrical and mechanical rotor angle (rad), current (A).
+
+    `plain` leaves out what `neutral.winding_is_plain` says is absent.
+    """
     theta = theta_e - phase * THIRD
     if theta < 0.0:
         theta += TURN
+    if plain:
+        return (
+            motor.back_emf_constant
+            * unit_factor(motor, phase)
+            * trapezoid(theta, top)
+            * winding_temperature.k_factor(e.winding_temperature)
+        )
     return (
         motor.back_emf_constant
         * unit_factor(motor, phase)
