@@ -124,9 +124,8 @@ def _build(sources: str) -> Callable[..., int]:
         charge, e_terminal, e_copper, e_motor = 0.0, 0.0, 0.0, 0.0
         e_friction_m, e_friction_s, e_shaft, e_load = 0.0, 0.0, 0.0, 0.0
 
-        k_a = ports.back_emf_constant(e, motor, top, 0, q_e, q_m + q_0, i_a, plain)
-        k_b = ports.back_emf_constant(e, motor, top, 1, q_e, q_m + q_0, i_b, plain)
-        k_c = ports.back_emf_constant(e, motor, top, 2, q_e, q_m + q_0, i_c, plain)
+        k_a, k_b, k_c = ports.back_emf_constants(
+            e, motor, top, q_e, q_m + q_0, i_a, i_b, i_c, plain)
         t_m = clip(k_a * i_a + k_b * i_b + k_c * i_c, motor.torque_limit)
         t_m += ports.added_motor_torque(e, motor, k_a, k_b, k_c, w_m, q_m + q_0)
         slope = ports.gear_slope(e, gear, q_m + q_0)
@@ -176,13 +175,8 @@ def _build(sources: str) -> Callable[..., int]:
                         g_b = 1.0 / ports.phase_inductance(e, motor, 1, i_b)
                         g_c = 1.0 / ports.phase_inductance(e, motor, 2, i_c)
                         g_n = 1.0 / (g_a + g_b + g_c)
-                    if ideal:
-                        v_a, v_b, v_c = v_leg * s_a, v_leg * s_b, v_leg * s_c
-                    else:
-                        v = v_leg - ports.rail_drop(e, 0.5 * (s_a * i_a + s_b * i_b + s_c * i_c))
-                        v_a = v * s_a - ports.switch_drop(e, i_a)
-                        v_b = v * s_b - ports.switch_drop(e, i_b)
-                        v_c = v * s_c - ports.switch_drop(e, i_c)
+                    v_a, v_b, v_c = ports.leg_voltages(
+                        e, v_leg, s_a, s_b, s_c, i_a, i_b, i_c, ideal)
                     d_a, d_b, d_c = current_slopes(
                         v_a, v_b, v_c, r_a, r_b, r_c, i_a, i_b, i_c,
                         k_a * w_m, k_b * w_m, k_c * w_m, g_a, g_b, g_c, g_n,
@@ -221,15 +215,8 @@ def _build(sources: str) -> Callable[..., int]:
                     q_e1 -= TURN
                 elif q_e1 < 0.0:
                     q_e1 += TURN
-                k_a1 = ports.back_emf_constant(
-                    e, motor, top, 0, q_e1, q_r1, i_a + h * d_a, plain
-                )
-                k_b1 = ports.back_emf_constant(
-                    e, motor, top, 1, q_e1, q_r1, i_b + h * d_b, plain
-                )
-                k_c1 = ports.back_emf_constant(
-                    e, motor, top, 2, q_e1, q_r1, i_c + h * d_c, plain
-                )
+                k_a1, k_b1, k_c1 = ports.back_emf_constants(
+                    e, motor, top, q_e1, q_r1, i_a + h * d_a, i_b + h * d_b, i_c + h * d_c, plain)
                 if on:
                     d_a1, d_b1, d_c1 = current_slopes(
                         v_a, v_b, v_c, r_a, r_b, r_c,

@@ -117,6 +117,19 @@ def back_emf_constant(
     )
 
 
+@law
+def back_emf_constants(
+    e: Effects, motor: Motor, top: float, theta_e: float, theta_r: float,
+    i_a: float, i_b: float, i_c: float, plain: bool,
+) -> tuple[float, float, float]:  # fmt: skip
+    """k_k(θ) of the three phases, as `back_emf_constant`."""
+    return (
+        back_emf_constant(e, motor, top, 0, theta_e, theta_r, i_a, plain),
+        back_emf_constant(e, motor, top, 1, theta_e, theta_r, i_b, plain),
+        back_emf_constant(e, motor, top, 2, theta_e, theta_r, i_c, plain),
+    )
+
+
 # --- motor torque --------------------------------------------------------------------------
 
 
@@ -254,6 +267,20 @@ def rail_drop(e: Effects, bus_current: float) -> float:
 def switch_drop(e: Effects, current: float) -> float:
     """Fall of a leg's voltage in its switches (V) at its current (A)."""
     return inverter_voltage_drop.voltage(e.inverter_voltage_drop, current)
+
+
+@law
+def leg_voltages(
+    e: Effects, v_leg: float, s_a: float, s_b: float, s_c: float,
+    i_a: float, i_b: float, i_c: float, ideal: bool,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Voltages of the legs (V) at their states ±1 and currents (A); `ideal`: without drops."""
+    if ideal:
+        return v_leg * s_a, v_leg * s_b, v_leg * s_c
+    v = v_leg - rail_drop(e, 0.5 * (s_a * i_a + s_b * i_b + s_c * i_c))
+    return (
+        v * s_a - switch_drop(e, i_a), v * s_b - switch_drop(e, i_b), v * s_c - switch_drop(e, i_c)
+    )
 
 
 # --- sensors, commutation, controller ------------------------------------------------------
