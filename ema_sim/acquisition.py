@@ -17,6 +17,7 @@ from ema_record.channels import (
     SURFACE_POSITION,
 )
 from ema_sim.effects import Effects
+from ema_sim.normals import Normals
 from ema_sim.parameters import Actuator, Converters
 
 
@@ -28,9 +29,7 @@ class SensorNoise:
 
     def __init__(self, actuator: Actuator, seed: int, level: float, rate: float) -> None:
         """Start the generators."""
-        inside, record = np.random.SeedSequence(seed).spawn(2)
-        self._inside = np.random.Generator(np.random.PCG64(inside))
-        self._record = np.random.Generator(np.random.PCG64(record))
+        self._inside, self._record = Normals(seed, 0), Normals(seed, 1)
         period_scale = np.sqrt(1.0 / (actuator.control.period * DEFAULT_RATE))
         self._inside_sigma = level * period_scale * np.array(
             [actuator.noise.speed, actuator.noise.position]
@@ -39,11 +38,11 @@ class SensorNoise:
 
     def inside(self, n: int) -> np.ndarray:
         """Return noise of speed (rad/s) and position (rad), shape (n, 2), one a period."""
-        return self._inside.standard_normal((n, 2)) * self._inside_sigma
+        return self._inside.take((n, 2)) * self._inside_sigma
 
     def currents(self, n: int) -> np.ndarray:
         """Return noise of the phase currents, shape (n, 3) (A), a sample each."""
-        return self._record.standard_normal((n, 3)) * self._current_sigma
+        return self._record.take((n, 3)) * self._current_sigma
 
 
 def effective_converters(nominal: Converters, effects: Effects) -> Converters:

@@ -1,8 +1,8 @@
 """The reference: a plain fixed-step loop that anyone can check by reading it once.
 
-Semi-implicit Euler at 0.1 µs: currents, then speeds, then angles; everything is looked at in
-every step, nothing is predicted, located or kept from the step before. It shares the laws and
-the ports with `kernel` and none of its logic; it is some twenty times slower.
+Semi-implicit Euler at 0.1 µs: currents, then speeds, then angles; whatever may change is looked
+at in every step, nothing is predicted, located or kept from the step before. It shares the laws
+and the ports with `kernel` and none of its logic; it is some twenty times slower.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ema_record.errors import SimulationError, UsageError
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record
 from ema_record.version import VERSION
-from ema_sim import ports
+from ema_sim import neutral, ports
 from ema_sim import state as st
 from ema_sim.acquisition import SensorNoise, convert, effective_converters
 from ema_sim.actuator import load_actuator
@@ -65,23 +65,35 @@ def _build(sources: str) -> Callable[..., None]:
         _ = sources
         motor, shaft, gear, control = a.motor, a.shaft, a.gear, a.control
         legs, signs = np.ones(3), np.zeros(3)
-        i, x, k, sensed = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-        v, g = np.zeros(3), np.zeros(3)
+        i, x, k = np.zeros(3), np.zeros(3), np.zeros(3)
+        g, r = np.zeros(3), np.zeros(3)
+        gain, offset, mean = np.zeros(3), np.zeros(3), np.zeros(N_CHANNELS + 1)
         omega_m, omega_s = state[st.OMEGA_M], state[st.OMEGA_S]
         theta_m, theta_s = state[st.THETA_M], state[st.THETA_S]
         theta_0 = state[st.THETA_0]
-        top = ports.flat_top(e, motor)
+        # What no step changes.
+        top, plain = ports.flat_top(e, motor), neutral.winding_is_plain(e)
+        varies = ports.inductance_varies(e)
+        for j in range(3):
+            r[j] = ports.phase_resistance(e, motor, j)
+            g[j] = 1.0 / ports.phase_inductance(e, motor, j, 0.0)
+            gain[j], offset[j] = ports.current_gain(e, j), ports.current_offset(e, j)
+        inertia_m, inertia_s = ports.motor_inertia(e, motor), ports.surface_inertia(e, a.surface)
+        dynamic_s, static_s = ports.surface_dry_friction(e, a.surface)
+        stiffness, backlash = ports.shaft_stiffness(e, shaft), ports.lost_motion(e, shaft)
         delay = ports.delay_periods(e, a)
         asked = np.zeros(len(command))
         integral, i_set, noise_w, noise_q = 0.0, 0.0, 0.0, 0.0
 
+        period, row, left = 0, 0, steps_a_sample
         for n in range(len(out) * steps_a_sample):
             theta_r = theta_m + theta_0
             theta_e = wrap(motor.pole_pairs * theta_r)
 
             # Position and speed control, once a period; its reference may be late.
-            if n % steps_a_period == 0:
-                p = n // steps_a_period
+            if n == period * steps_a_period:
+                p = period
+                period += 1
                 noise_w, noise_q = noise[p]
                 if n >= inverter_on:
                     position = quantise(
@@ -108,25 +120,27 @@ def _build(sources: str) -> Callable[..., None]:
             sector = sector_of(theta_e + ports.commutation_angle(e))
             signs[0], signs[1], signs[2] = reference_signs(sector)
             for j in range(3):
-                sensed[j] = i[j] * ports.current_gain(e, j) + ports.current_offset(e, j)
-                if sensed[j] >= signs[j] * i_set + a.inverter.hysteresis:
+                sensed = i[j] * gain[j] + offset[j]
+                if sensed >= signs[j] * i_set + a.inverter.hysteresis:
                     legs[j] = -1.0
-                elif sensed[j] <= signs[j] * i_set - a.inverter.hysteresis:
+                elif sensed <= signs[j] * i_set - a.inverter.hysteresis:
                     legs[j] = 1.0
 
             # Electrical: L di/dt = v - v_n - R i - k ω, star point floating.
             bus_current = 0.0
             for j in range(3):
-                k[j] = ports.back_emf_constant(e, motor, top, j, theta_e, theta_r, i[j])
+                k[j] = ports.back_emf_constant(
+                    e, motor, top, j, theta_e, theta_r, i[j], plain)
             if n >= inverter_on:
                 bus_current = 0.5 * (legs[0] * i[0] + legs[1] * i[1] + legs[2] * i[2])
                 rail = ports.leg_voltage(e, a.inverter.bus_voltage)
                 rail -= ports.rail_drop(e, bus_current)
                 above, below = 0.0, 0.0
                 for j in range(3):
-                    v[j] = rail * legs[j] - ports.switch_drop(e, i[j])
-                    x[j] = v[j] - ports.phase_resistance(e, motor, j) * i[j] - k[j] * omega_m
-                    g[j] = 1.0 / ports.phase_inductance(e, motor, j, i[j])
+                    v = rail * legs[j] - ports.switch_drop(e, i[j])
+                    x[j] = v - r[j] * i[j] - k[j] * omega_m
+                    if varies:
+                        g[j] = 1.0 / ports.phase_inductance(e, motor, j, i[j])
                     above += x[j] * g[j]
                     below += g[j]
                 for j in range(3):
@@ -139,7 +153,7 @@ def _build(sources: str) -> Callable[..., None]:
             on_shaft = shaft_torque(
                 ports.gear_output(e, gear, theta_m, theta_r) - theta_s,
                 omega_m * slope - omega_s,
-                ports.shaft_stiffness(e, shaft), shaft.damping, ports.lost_motion(e, shaft),
+                stiffness, shaft.damping, backlash,
             )
             back_driven = on_shaft * omega_m < 0.0
             loss = gear.efficiency if back_driven else 1.0 / gear.efficiency
@@ -147,18 +161,13 @@ def _build(sources: str) -> Callable[..., None]:
             dynamic, static = ports.motor_dry_friction(e, motor, omega_m, on_motor)
             active = torque - on_motor - ports.motor_viscous_friction(e, motor, omega_m)
             before = omega_m
-            omega_m += dt * net_torque(omega_m, active, dynamic, static) / ports.motor_inertia(
-                e, motor
-            )
+            omega_m += dt * net_torque(omega_m, active, dynamic, static) / inertia_m
             if before * omega_m < 0.0:
                 omega_m = 0.0
-            dynamic, static = ports.surface_dry_friction(e, a.surface)
             active = on_shaft - ports.load_torque(e, theta_s)
             active -= a.surface.viscous_friction * omega_s
             before = omega_s
-            omega_s += dt * net_torque(omega_s, active, dynamic, static) / ports.surface_inertia(
-                e, a.surface
-            )
+            omega_s += dt * net_torque(omega_s, active, dynamic_s, static_s) / inertia_s
             if before * omega_s < 0.0:
                 omega_s = 0.0
             theta_m += dt * omega_m
@@ -167,20 +176,22 @@ def _build(sources: str) -> Callable[..., None]:
                 theta_s = math.copysign(a.surface.end_stop, theta_s)
                 omega_s = 0.0
 
-            # Acquisition: sums over the sample.
-            row = n // steps_a_sample
+            # Acquisition: means over the sample.
             theta_r = theta_m + theta_0
-            out[row, 1] += omega_m * ports.speed_factor(e, theta_r) + noise_w
+            mean[1] += omega_m * ports.speed_factor(e, theta_r) + noise_w
             for j in range(3):
-                out[row, 2 + j] += i[j] * ports.current_gain(e, j) + ports.current_offset(e, j)
-                out[row, 5 + j] += signs[j] * i_set
-            out[row, 8] += motor.pole_pairs * theta_r + ports.commutation_angle(e)
-            out[row, 9] += theta_s + ports.position_offset(e) + noise_q
-            out[row, 10] += bus_current
+                mean[2 + j] += i[j] * gain[j] + offset[j]
+                mean[5 + j] += signs[j] * i_set
+            mean[8] += motor.pole_pairs * theta_r + ports.commutation_angle(e)
+            mean[9] += theta_s + ports.position_offset(e) + noise_q
+            mean[10] += bus_current
+            left -= 1
+            if left == 0:
+                out[row] = mean / steps_a_sample
+                out[row, 0] = (row + 0.5) * steps_a_sample * dt
+                mean[:] = 0.0
+                row, left = row + 1, steps_a_sample
 
-        out /= steps_a_sample
-        for row in range(len(out)):
-            out[row, 0] = (row + 0.5) * steps_a_sample * dt
         state[st.OMEGA_M], state[st.OMEGA_S] = omega_m, omega_s
         state[st.THETA_M], state[st.THETA_S] = theta_m, theta_s
         state[st.I_A], state[st.I_B], state[st.I_C] = i

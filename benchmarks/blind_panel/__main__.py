@@ -44,7 +44,7 @@ def main() -> None:
     _run("run", *common, *workers, "--next", *chosen)
     if given.pysindy_python:
         _run("peer", *common, "--python", given.pysindy_python)
-    _run("score", *common, "--mistakes")
+    _run("score", *common, *workers, "--mistakes")
 
 
 if __name__ == "__main__":

@@ -12,6 +12,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from joblib import Parallel, delayed
+from threadpoolctl import threadpool_limits
+
 from benchmarks.blind_panel.judge import Judgement, judge
 from benchmarks.blind_panel.layout import PEER, PEER_CV, RESULTS, SEALED, add_common, part_of
 from benchmarks.blind_panel.table import breakdown, mistakes, table
@@ -27,33 +30,42 @@ FLOORS = {"extended": "floor.npz", "step": "floor_step.npz"}
 VISIBLE = "visible"
 
 
-def visible_of(case: Case, sealed: Path, floors: dict[str, Floor]) -> dict[str, tuple[float, str]]:
-    """Return the gaps of what is hidden, computed once."""
+def make_visible(cases: list[Case], sealed: Path, workers: int) -> None:
+    """Compute the gaps of what is hidden in `cases`, those that are not there yet."""
+    (sealed / VISIBLE).mkdir(exist_ok=True)
+    todo = [case for case in cases if not (sealed / VISIBLE / f"{case.id}.json").exists()]
+    floors = {first: make_floor(sealed / FLOORS[first], first) for first in
+              sorted({case.first for case in todo})}
+    done = Parallel(n_jobs=workers, return_as="generator")(
+        delayed(_write_visible)(case, floors[case.first], sealed) for case in todo)
+    for _ in track(done, "visible", len(todo)):
+        pass
+
+
+def _write_visible(case: Case, floor: Floor, sealed: Path) -> None:
+    with threadpool_limits(limits=1):
+        parts = visible_parts(case, floor)
+    with new_file(sealed / VISIBLE / f"{case.id}.json") as temporary:
+        temporary.write_text(json.dumps(parts), encoding="utf-8")
+
+
+def visible_of(case: Case, sealed: Path) -> dict[str, tuple[float, str]]:
+    """Return the gaps of what is hidden in a case."""
     path = sealed / VISIBLE / f"{case.id}.json"
-    if not path.exists():
-        if case.first not in floors:
-            floors[case.first] = make_floor(sealed / FLOORS[case.first], case.first)
-        parts = visible_parts(case, floors[case.first])
-        with new_file(path) as temporary:
-            temporary.write_text(json.dumps(parts), encoding="utf-8")
     data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return {name: (float(gap), str(block)) for name, (gap, block) in data.items()}
 
 
-def judge_all(out: Path, folder: str, cases: list[Case]) -> list[Judgement]:
+def judge_all(out: Path, folder: str, cases: list[Case], workers: int = 1) -> list[Judgement]:
     """Judge every unit of `cases` that has a result in `folder`."""
-    sealed = out / SEALED
-    (sealed / VISIBLE).mkdir(exist_ok=True)
-    floors: dict[str, Floor] = {}
+    answered = [case for case in cases if (out / folder / f"{case.id}.json").exists()]
+    make_visible(answered, out / SEALED, workers)
     judged = []
-    for case in track(cases, "score", len(cases)):
-        path = out / folder / f"{case.id}.json"
-        if not path.exists():
-            continue
-        answer = json.loads(path.read_text(encoding="utf-8"))
+    for case in answered:
+        answer = json.loads((out / folder / f"{case.id}.json").read_text(encoding="utf-8"))
         again = out / folder / f"{case.id}.next.json"
         second = json.loads(again.read_text(encoding="utf-8")) if again.exists() else None
-        judged.append(judge(case, answer, visible_of(case, sealed, floors), second))
+        judged.append(judge(case, answer, visible_of(case, out / SEALED), second))
     return judged
 
 
@@ -66,7 +78,7 @@ def main() -> None:
     cases = share(unseal(given.out / SEALED), part_of(given.part))
     print(f"answers as committed, SHA-256 {commitment_of(given.out / SEALED)}")
     columns = {
-        name: judge_all(given.out, folder, cases)
+        name: judge_all(given.out, folder, cases, given.workers)
         for name, folder in (("ema identify", RESULTS), ("STLSQ, calibrated", PEER),
                              ("STLSQ, cross-validated", PEER_CV))
         if (given.out / folder).exists()
