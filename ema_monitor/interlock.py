@@ -38,6 +38,13 @@ class Interlock:
         if not value:
             self._opened = now
 
+    def is_undecided(self, now: float, asked: float) -> bool:
+        """Whether a test asked for at clock `asked` (s) should wait for the first message.
+
+        The request may overtake it: the middleware matches each topic on its own.
+        """
+        return self._received is None and now - asked <= self.timeout
+
     def reason(self, now: float, since: float | None = None) -> str:
         """Return why the actuator must not move at clock `now` (s); empty: it may.
 

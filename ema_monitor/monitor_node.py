@@ -81,6 +81,7 @@ class Request:
 
     def __init__(self) -> None:
         """Begin to wait."""
+        self.asked = time.monotonic()
         self.done = threading.Event()
         self.reason = ""
         self.statuses: list[DiagnosticStatus] = []
@@ -172,7 +173,9 @@ class MonitorNode(Node):
         if problem:
             self._perform(self._sequence.fail(problem, seen))
         self._perform(self._sequence.step(seen))
-        while self._waiting:
+        while self._waiting and not self._interlock.is_undecided(
+            time.monotonic(), self._waiting[0].asked
+        ):
             request = self._waiting.pop(0)
             if self._sequence.stage is Stage.IDLE and self._request is None:
                 self._request, self._foreign = request, False

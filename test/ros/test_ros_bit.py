@@ -147,8 +147,12 @@ def start_and_wait_for_samples(out):
         [sys.executable, "-m", "ema_cli", "bit", "--out", str(out)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )
-    wait_for(lambda: any(f.stat().st_size > 20_000 for f in out.glob("*/*.mcap")), 200.0,
-             "a record under way")
+
+    def under_way():
+        assert process.poll() is None, process.communicate()
+        return any(f.stat().st_size > 20_000 for f in out.glob("*/*.mcap"))
+
+    wait_for(under_way, 200.0, "a record under way")
     children = psutil.Process(process.pid).children(recursive=True)
     assert {name for name in NODES for c in children if name in " ".join(c.cmdline())} == set(
         NODES)

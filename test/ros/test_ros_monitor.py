@@ -65,6 +65,30 @@ def test_refused_without_weight_on_wheels(chain, watcher, tmp_path):
     assert watcher.blocks == [], "the actuator moved"
 
 
+def test_a_request_that_overtakes_weight_on_wheels_waits_for_it(chain, watcher):
+    watcher.node.send = False
+    chain()
+    begin = time.monotonic()
+
+    def arrive():
+        watcher.node.send = time.monotonic() - begin > 0.4
+
+    answer = watcher.self_test(during=arrive)
+    assert answer["passed"], answer
+
+
+def test_refused_when_no_weight_on_wheels_ever_comes(chain, watcher, tmp_path):
+    watcher.node.send = False
+    chain(weight_on_wheels_timeout=0.5)
+    begin = time.monotonic()
+    answer = watcher.self_test()
+    assert answer["by_name"]["test"]["message"] == (
+        "refused: no weight-on-wheels signal from the aircraft"
+    )
+    assert time.monotonic() - begin > 0.5, "the first message was not waited for"
+    assert records(tmp_path) == []
+
+
 def test_refused_when_weight_on_wheels_is_stale(chain, watcher, tmp_path):
     chain()
     watcher.wait(lambda: watcher.node.stage == "idle")

@@ -7,6 +7,14 @@ def test_refuses_without_any_message():
     assert "no weight-on-wheels signal" in Interlock().reason(0.0)
 
 
+def test_a_request_waits_for_the_first_message_as_long_as_one_stays_fresh():
+    interlock = Interlock(1.0)
+    assert interlock.is_undecided(10.9, asked=10.0)
+    assert not interlock.is_undecided(11.1, asked=10.0), "nothing came: it is to be refused"
+    interlock.update(False, 10.9)
+    assert not interlock.is_undecided(10.9, asked=10.0), "a first message decides, either way"
+
+
 def test_true_and_fresh_is_allowed_until_it_is_stale():
     interlock = Interlock(1.0)
     interlock.update(True, 10.0)
