@@ -48,6 +48,9 @@ class Judgement:
     set_size: int = 0
     """Of the finding that holds the truth."""
     resolved: bool | None = None
+    """A set, by the proposed next test; None where it says that no test would do."""
+    without_test: bool | None = None
+    """A set: whether it says that no test would do."""
     seconds: float = 0.0
     answer: str = ""
     error: bool = False
@@ -89,6 +92,8 @@ def judge(
         found["right"] = bool(holding) and not found["wrong"]
         found["set_size"] = len(holding[0]) if holding else 0
         found["covered"] = coverage(case, answer)
+        if found["set_size"] > 1:
+            found["without_test"] = not answer.get("next_profile")
         if again is not None and (found["set_size"] > 1 or not sets):
             found["resolved"] = {*case.names} in sets_of(again)
     elif case.group == "pair":

@@ -52,6 +52,8 @@ ROWS: tuple[tuple[str, str, Callable[[Judged], str]], ...] = (
      lambda js: str(rate(c for j in js if j.visible for c in j.covered))),
     ("set resolved by the proposed next test", ">= 80 %",
      lambda js: str(rate(j.resolved for j in js))),
+    ("  set that is said to need more than a test", "",
+     lambda js: str(rate(j.without_test for j in js))),
     ("no answer (error)", "", lambda js: str(rate(j.error for j in js))),
     ("time a record (s), median", "<= 60", lambda js: _median([j.seconds for j in js], 1)),
 )

@@ -9,6 +9,7 @@ import numpy as np
 
 from ema_identification.actuator.evidence import Evidence
 from ema_identification.actuator.features import feature_map
+from ema_identification.actuator.inseparable import inseparable
 from ema_identification.actuator.refit import Fit
 from ema_identification.actuator.runs import Case, run_case
 from ema_record.profile import Profile, load_profile
@@ -29,7 +30,8 @@ ENOUGH = 20.0
 class Proposed(NamedTuple):
     """A test and how far it would set the candidates apart."""
 
-    profile: Profile
+    profile: Profile | None
+    """None where only a measurement that is no command would do."""
     separation: float
     """Rms over the features that differ most, in standard deviations of a repeat."""
     text: str
@@ -46,6 +48,9 @@ def separating_test(evidence: Evidence, fits: Sequence[Fit], *, seed: int = 0) -
     fits : candidates that cannot be told apart; the first `MOST` count.
     seed : of the runs.
     """
+    one = inseparable(fits, evidence.blocks[0].library.model.effects)
+    if one:
+        return Proposed(None, 0.0, one)
     used = {tuple(b.record.profile.points) for b in evidence.blocks}
     best: Proposed | None = None
     fits = fits[:MOST]

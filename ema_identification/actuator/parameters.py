@@ -15,8 +15,6 @@ from ema_sim.effects.base import Quantity
 QUANTILE = 1.645
 """Of the normal distribution, for an interval of 90 %."""
 DRAWS = 400
-INFLATION = 2.5
-"""On standard deviations: the slopes of the library are themselves estimates."""
 SYSTEMATIC = 0.012
 """Relative error of a coordinate that no noise explains (integration, slopes)."""
 WIDER = 1.3
@@ -36,7 +34,7 @@ def covariance_of(fit: Fit, index: int, usual: float) -> np.ndarray:
     u = fit.terms[index].u
     part = slice(begin, begin + len(u))
     error = SYSTEMATIC + float(np.clip(INCOMPLETE * (fit.cost / usual - ABOVE), 0.0, MOST))
-    noise = fit.covariance[part, part] * (INFLATION * max(1.0, fit.spread))**2
+    noise = fit.covariance[part, part] * (fit.inflation * max(1.0, fit.spread))**2
     return np.asarray(noise + np.eye(len(u)) * (error * np.linalg.norm(u))**2)
 
 

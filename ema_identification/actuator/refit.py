@@ -24,6 +24,8 @@ TOLERANCE_RUNS = 1
 """Runs for it: there are eighteen of them, and what they scatter is weighed."""
 UNKNOWN_STEP = 0.3
 """Of a coordinate that the library does not know."""
+INFLATION = 2.5
+"""On standard deviations: the slopes of the library are themselves estimates."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,6 +51,7 @@ class Fit:
     mean : features of each record as predicted at the fit.
     runs : how many runs `mean` stands on.
     slopes : ndarray, shape (d, coordinates + tolerances). Of the stacked features, at the fit.
+    inflation : of standard deviations, for the errors of the slopes.
     """
 
     terms: tuple[Term, ...]
@@ -58,6 +61,7 @@ class Fit:
     mean: tuple[np.ndarray, ...]
     runs: int
     slopes: np.ndarray
+    inflation: float = INFLATION
 
     @property
     def free(self) -> int:

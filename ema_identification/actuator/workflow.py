@@ -10,6 +10,8 @@ import numpy as np
 from ema_identification.actuator.alignment import align
 from ema_identification.actuator.answer import Answer
 from ema_identification.actuator.checks import check_records
+from ema_identification.actuator.contest import Arena
+from ema_identification.actuator.estimation import estimate_again, is_entangled
 from ema_identification.actuator.evidence import Block, Evidence, evidence
 from ema_identification.actuator.findings import candidates_of, findings_of
 from ema_identification.actuator.held_out import Gap, gap_of, whitened
@@ -115,6 +117,12 @@ def _identify(
             effects = _effects(answer, model)
     if held is not None:
         answer = settled(answer, before, after)
+    if answer.fit is not None and is_entangled(answer.fit):
+        progress("estimate", 0.92)
+        again = estimate_again(ev, Arena(ev, null, seed=seed).last, answer.fit, seed=seed + 60)
+        answer = replace(answer, fit=again)
+        effects = _effects(answer, model)
+        after = gap_of(ev, held, again, effects, seed=seed)
     shown = Shown(before=before, after=after, how="held-out records" if held else
                   "no held-out record: each tenth of the features predicted from the others")
     fits = [f for f in answer.fits if np.isfinite(f.cost)]

@@ -46,11 +46,12 @@ def small_library(tmp_path_factory):
         yield
 
 
-def record(settings=(), seed=11):
+def record(settings=(), seed=11, **deviations):
     effects = parse_effects(["winding_temperature.temperature=45", "surface_load.constant=8",
                              *settings])
     actuator = load_model_file().actuator
-    motor = actuator.motor._replace(phase_resistance=1.03 * actuator.motor.phase_resistance)
+    motor = actuator.motor._replace(
+        phase_resistance=1.03 * actuator.motor.phase_resistance, **deviations)
     return simulate(load_profile("step"), actuator=actuator._replace(motor=motor),
                     effects=effects, seed=seed)
 
@@ -80,6 +81,16 @@ def test_a_hidden_effect_is_named_with_its_size_and_the_gap_shrinks(offset):
     assert value.low <= 0.4 <= value.high
     assert {s.name for s in found.steps} >= {"align", "recalibrate", "where", "name", "add",
                                              "show"}
+
+
+def test_the_interval_of_a_short_allows_for_the_constant_that_its_phase_had():
+    found = identify([record(["turn_short.fraction=0.06", "turn_short.phase=a"],
+                             back_emf_deviation_a=0.004)])
+    (finding,) = found.findings
+    assert finding.effect == "turn_short"
+    (fraction,) = (p for p in finding.parameters if p.name == "turn_short.fraction")
+    assert fraction.low <= 0.06 <= fraction.high
+    assert 0.002 < fraction.high - fraction.low < 0.03
 
 
 def test_the_same_seed_gives_the_same_answer(offset):

@@ -99,6 +99,16 @@ def test_a_set_is_resolved_by_the_right_name_alone(cases):
     assert judge(cases["short"], again, SEEN, again).resolved is None
 
 
+def test_a_set_without_a_proposed_test_is_counted_apart(cases):
+    given = answer(finding("turn_short", "rotor_eccentricity"))
+    assert judge(cases["short"], given, SEEN).without_test is True
+    assert judge(cases["short"], given, SEEN).resolved is None
+    assert judge(cases["short"], {**given, "next_profile": {}}, SEEN).without_test is True
+    assert judge(cases["short"], {**given, "next_profile": {"name": "ramps"}}, SEEN).without_test \
+        is False
+    assert judge(cases["short"], answer(finding("turn_short")), SEEN).without_test is None
+
+
 def test_bounds_are_exact():
     assert Rate(0, 200).bounds == pytest.approx((0.0, 1.0 - 0.025 ** (1 / 200)))
     assert Rate(200, 200).bounds == pytest.approx((0.025 ** (1 / 200), 1.0))
