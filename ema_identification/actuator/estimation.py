@@ -1,8 +1,8 @@
 """Estimate again what tolerances of the unit can hide: slopes by a designed experiment.
 
 The resistance of one phase and that of all, a short and the constant of its phase, the drop of
-the inverter and the resistance, friction with load and without: along such a pair the features
-hardly change. Slopes that hold an error make that valley look like a well determined point. Here
+the inverter and the resistance, friction in proportion to speed or load and the dry one: along
+such a pair the features hardly change. Slopes that hold an error make that valley look like a well determined point. Here
 all parameters are moved at once by a two-level design (Plackett and Burman, Biometrika 33, 1946;
 folded over, so that products of two drop out), each slope then stands on all runs, and what noise
 the slopes still hold is taken off the information (errors in variables: Fuller, Measurement Error
@@ -24,7 +24,7 @@ from ema_identification.actuator.refit import Fit, Term, bounds, coordinates, mo
 from ema_identification.actuator.spread import PRIOR
 
 ENTANGLED = ("turn_short", "phase_resistance_imbalance", "inverter_voltage_drop",
-             "load_dependent_friction")
+             "load_dependent_friction", "viscous_friction")
 """Effects whose size trades against tolerances along more than one parameter (`aliases` holds
 those that trade against a single one)."""
 TOLERANCE_STEP = 0.5
@@ -64,7 +64,7 @@ def two_level_design(factors: int) -> np.ndarray:
     return np.vstack([half, -half])
 
 
-def regressed(moves: np.ndarray, features: np.ndarray) -> Slopes:
+def slopes_by_regression(moves: np.ndarray, features: np.ndarray) -> Slopes:
     """Return slopes by least squares, with what the residual says of their errors.
 
     Parameters
@@ -186,7 +186,7 @@ def _experiment(
             features.append(run)
     if len(moves) < len(signs) // 2 + len(step) // 2:
         return None
-    return regressed(np.array(moves), np.array(features))
+    return slopes_by_regression(np.array(moves), np.array(features))
 
 
 def _average(slopes: Sequence[Slopes]) -> Slopes:

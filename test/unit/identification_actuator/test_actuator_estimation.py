@@ -8,7 +8,7 @@ import pytest
 from ema_identification.actuator.estimation import (
     LEAST_KNOWN,
     covariance_without_noise,
-    regressed,
+    slopes_by_regression,
     two_level_design,
 )
 from ema_identification.actuator.inseparable import WITHIN, inseparable, phase_constants
@@ -35,7 +35,7 @@ def test_regression_finds_slopes_and_how_far_they_are_off():
     true = RNG.normal(size=(500, 19))
     moves = 0.5 * two_level_design(19)
     noise = 0.3 * RNG.normal(size=(len(moves), 500))
-    found = regressed(moves, 7.0 + moves @ true.T + noise)
+    found = slopes_by_regression(moves, 7.0 + moves @ true.T + noise)
     off = (found.value - true) / np.sqrt(found.variance)
     assert np.sqrt(np.mean(off**2)) == pytest.approx(1.0, abs=0.03)
     assert found.variance.mean() == pytest.approx(0.3**2 / (64 * 0.25), rel=0.05)
@@ -44,7 +44,7 @@ def test_regression_finds_slopes_and_how_far_they_are_off():
 def test_a_parameter_that_cannot_move_has_no_slope_and_spoils_no_other():
     moves = two_level_design(3)
     moves[:, 1] = 0.0
-    found = regressed(moves, moves @ np.array([[2.0], [9.0], [-1.0]]))
+    found = slopes_by_regression(moves, moves @ np.array([[2.0], [9.0], [-1.0]]))
     assert found.value[0] == pytest.approx([2.0, 0.0, -1.0])
     assert np.isfinite(found.variance).all()
 
