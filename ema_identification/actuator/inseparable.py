@@ -49,7 +49,7 @@ def inseparable(fits: Sequence[Fit], base: Effects) -> str:
         return ""
     phase, part = PHASES[short.turn_short.phase], 100.0 * short.turn_short.fraction
     return (
-        f"no test tells turn_short of phase {phase} and rotor_eccentricity along its axis apart: "
-        "both change the same constants; measure the resistance of the three phases at "
-        f"standstill: a short makes that of phase {phase} {part:.1f} % lower than the others'"
+        "measure the resistance of the three phases at standstill (a short makes that of phase "
+        f"{phase} {part:.1f} % lower than the others'); no test tells turn_short of phase {phase} "
+        "and rotor_eccentricity along its axis apart, both change the same constants"
     )
