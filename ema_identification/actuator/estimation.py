@@ -2,11 +2,11 @@
 
 The resistance of one phase and that of all, a short and the constant of its phase, the drop of
 the inverter and the resistance, friction in proportion to speed or load and the dry one: along
-such a pair the features hardly change. Slopes that hold an error make that valley look like a well determined point. Here
-all parameters are moved at once by a two-level design (Plackett and Burman, Biometrika 33, 1946;
-folded over, so that products of two drop out), each slope then stands on all runs, and what noise
-the slopes still hold is taken off the information (errors in variables: Fuller, Measurement Error
-Models, 1987, section 2.2).
+such a pair the features hardly change. Slopes that hold an error make that valley look like a
+well determined point. Here all parameters are moved at once by a two-level design (Plackett and
+Burman, Biometrika 33, 1946; folded over, so that products of two drop out), each slope then
+stands on all runs, and what noise the slopes still hold is taken off the information (errors in
+variables: Fuller, Measurement Error Models, 1987, section 2.2).
 """
 
 from __future__ import annotations
