@@ -20,7 +20,7 @@ from scipy.linalg import hadamard
 from ema_identification.actuator.descent import Point, bounded_step, run_point
 from ema_identification.actuator.evidence import Evidence
 from ema_identification.actuator.metric import Robust
-from ema_identification.actuator.refit import Fit, Term, bounds, coordinates, moved, with_terms
+from ema_identification.actuator.refit import Fit, Term, coordinates, moved, runs_around
 from ema_identification.actuator.spread import PRIOR
 
 ENTANGLED = ("turn_short", "phase_resistance_imbalance", "inverter_voltage_drop",
@@ -166,27 +166,16 @@ def _experiment(
     evidence: Evidence, terms: tuple[Term, ...], z: np.ndarray, *, seed: int
 ) -> Slopes | None:
     """Return slopes about a point; None where too few runs succeed."""
-    u = coordinates(terms)
-    low, high = bounds(terms)
     step = np.concatenate([*(
         np.where([len(levels) > 1 for levels in t.signature.levels],
                  PART * np.linalg.norm(t.u), UNKNOWN_STEP) for t in terms),
         np.full(len(z), TOLERANCE_STEP)])
-    base = evidence.blocks[0].library.model.effects
     signs = two_level_design(len(step))
-    moves, features = [], []
-    for k, row in enumerate(signs):
-        v = np.clip(u + row[:len(u)] * step[:len(u)], low, high)
-        y = z + row[len(u):] * step[len(u):]
-        run = np.concatenate(evidence.mean(
-            y, with_terms(moved(terms, v), base), runs=1,
-            seed=seed * len(signs) + k % (len(signs) // 2)))
-        if np.isfinite(run).all():
-            moves.append(np.concatenate([v - u, y - z]))
-            features.append(run)
+    seeds = [seed * len(signs) + k % (len(signs) // 2) for k in range(len(signs))]
+    moves, features = runs_around(evidence, terms, z, signs * step, seeds)
     if len(moves) < len(signs) // 2 + len(step) // 2:
         return None
-    return slopes_by_regression(np.array(moves), np.array(features))
+    return slopes_by_regression(moves, features)
 
 
 def _average(slopes: Sequence[Slopes]) -> Slopes:

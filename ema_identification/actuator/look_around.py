@@ -26,7 +26,7 @@ from ema_identification.actuator.refit import (
     coordinates,
     deviation_of,
     moved,
-    with_terms,
+    runs_around,
 )
 
 MEMBERS = 64
@@ -132,19 +132,10 @@ def _ensemble(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the moves from the centre, shape (n, unknowns), and the features, shape (n, d)."""
     rng = np.random.default_rng([seed, 11])
-    start, free = coordinates(terms), len(coordinates(terms))
-    base = evidence.blocks[0].library.model.effects
     half = rng.uniform(-1.0, 1.0, size=(MEMBERS // 2, len(wide)))
-    moves, runs = [], []
-    for row in np.vstack([half, -half]) * wide:
-        there = moved(terms, start + row[:free])
-        tolerances = np.clip(z + row[free:], -BAND, BAND)
-        found = np.concatenate(evidence.mean(
-            tolerances, with_terms(there, base), runs=1, seed=int(rng.integers(2**31))))
-        if np.isfinite(found).all():
-            moves.append(np.concatenate([coordinates(there) - start, tolerances - z]))
-            runs.append(found)
-    return np.array(moves).reshape(-1, len(wide)), np.array(runs)
+    moves = np.vstack([half, -half]) * wide
+    seeds = [int(rng.integers(2**31)) for _ in moves]
+    return runs_around(evidence, terms, z, moves, seeds, band=BAND)
 
 
 def compass(evidence: Evidence, metric: Robust, point: Point, *, seed: int) -> Point:

@@ -107,6 +107,33 @@ def moved(terms: Sequence[Term], u: np.ndarray) -> tuple[Term, ...]:
     return tuple(found)
 
 
+def runs_around(
+    evidence: Evidence, terms: Sequence[Term], z: np.ndarray, moves: np.ndarray,
+    seeds: Sequence[int], *, band: float = np.inf,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the moves that were made, shape (n, unknowns), and the features, shape (n, d).
+
+    Parameters
+    ----------
+    evidence : the records.
+    terms, z : the point.
+    moves : ndarray, shape (m, unknowns). From the point; cut off at the bounds.
+    seeds : of each run. Those that leave the simulator's domain are left out.
+    band : of the tolerances (half widths).
+    """
+    start, base = coordinates(terms), evidence.blocks[0].library.model.effects
+    made, runs = [], []
+    for row, seed in zip(moves, seeds):
+        there = moved(terms, start + row[:len(start)])
+        tolerances = np.clip(z + row[len(start):], -band, band)
+        found = np.concatenate(evidence.mean(
+            tolerances, with_terms(there, base), runs=1, seed=seed))
+        if np.isfinite(found).all():
+            made.append(np.concatenate([coordinates(there) - start, tolerances - z]))
+            runs.append(found)
+    return np.array(made).reshape(-1, len(start) + len(z)), np.array(runs)
+
+
 def deviation_of(evidence: Evidence) -> np.ndarray:
     """Return the standard deviation of a repeat of the stacked features."""
     return np.concatenate([
