@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import combine_pvalues
 
 from ema_identification.actuator.answer import (
     LARGEST_SET,
@@ -26,17 +27,24 @@ LEVEL = 0.002
 """A gain that useless effects reach more often names nothing."""
 POOR_FIT = 1e-7
 """A cost this improbable is a disagreement even if no effect of the catalogue helps."""
+TOGETHER = 1e-4
+"""A gain and a cost that are as improbable together are one (Fisher's method), neither alone."""
+TINY = 1e-300
 LEFT = "what is left is more than noise; no further effect takes it away"
 TIE = 1.3
 """Cost, in units of the best one's, up to which a fit goes on before the two are compared."""
 OTHER_FORM = 2.0
 """The same for another form of the same effects."""
+AHEAD = 0.8
+"""Cost of the best effect, in units of the next one's, up to which it is looked around."""
 PROMISING = 0.98
 """Cost of the best pair, in units of the best effect's alone, from which it is looked around."""
 LOOKED_AROUND = 2
 """Pairs that are looked around where they nearly tie."""
 SLIGHT = 400.0
 """Gain up to which an effect counts as small: more of the catalogue is tried against it."""
+SLIGHT_COST = 4.0
+"""Cost without an effect, in units of a complete model's, up to which the same holds."""
 
 
 def decide(
@@ -48,7 +56,8 @@ def decide(
     proposal = propose(evidence, null, without=without, seed=seed)
     p_gain = scale.p_gain(proposal.gain)
     p_null = scale.p_fit(null.cost / evidence.usual * float(np.exp(scale.fit[0])))
-    if p_gain > LEVEL and p_null > POOR_FIT:
+    together = combine_pvalues(np.maximum([p_gain, p_null], TINY)).pvalue
+    if p_gain > LEVEL and p_null > POOR_FIT and together > TOGETHER:
         return Answer(verdict="no disagreement", gain=proposal.gain, null_cost=null.cost, reasons=(
             f"the best effect of the catalogue would lower the misfit by {proposal.gain:.0f}; "
             f"useless effects reach that with probability {p_gain:.2g}",
@@ -60,7 +69,7 @@ def decide(
     if singles:  # the fit may gain what the screening, linear, did not see
         gained = (arena.null_cost - singles[0].cost) / max(singles[0].cost / size, 1e-9)
         p_gain = min(p_gain, scale.p_gain(gained))
-        if gained < SLIGHT:
+        if gained < SLIGHT and arena.null_cost < SLIGHT_COST * evidence.usual:
             finished = [f for f in singles if f.runs == LAST_RUNS]
             more = challengers(evidence, finished, without=without)
             singles = sorted([*singles, *arena.fits(more, first=1)], key=lambda f: f.cost)
@@ -69,6 +78,8 @@ def decide(
         return with_second(case, _close_ones_polished(case, singles))
     if singles:
         singles = _at_other_sizes(case, singles, progress, seed)
+        if not case.complete(singles[0]) and singles[0].cost < AHEAD * _next_name(singles):
+            singles = sorted([arena.refined(singles[0]), *singles], key=lambda f: f.cost)
         if case.complete(singles[0]):
             return with_second(case, singles)
     found = arena.fits(pairs_of(evidence, singles, without=without, seed=seed),
@@ -100,6 +111,12 @@ def decide(
             "no effect of the catalogue, and no two, explain it: the best leaves "
             + (f"{singles[0].cost / size:.1f}" if singles else "everything"),
         ))
+
+
+def _next_name(singles: Sequence[Fit]) -> float:
+    """Return the cost of the best fit of another effect than the first one's."""
+    first = singles[0].terms[0].variant.effect
+    return min((f.cost for f in singles if f.terms[0].variant.effect != first), default=np.inf)
 
 
 def _at_other_sizes(

@@ -65,6 +65,7 @@ def propose(
     sized = sorted((sizing.best(stacked(evidence, i)) for i in selectable(evidence, without)),
                    key=lambda s: s.cost)
     own = periodic_candidates(evidence, null, without=without, seed=seed)
+    gains += bounded_gains(evidence, null.centre, null.mean, null.runs, own)
     starts = [_start(s) for s in _spread(sized, SIZED)]
     names = {s.terms[0].variant.name for s in starts}
     more: list[Screened] = [s for s in ranked if s.variant.name not in names][:NEAR]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,6 +33,18 @@ SHAFT_SHARE = 1e-5
 """Transmission error (rad) that makes a ripple of some 0.01 N m."""
 
 
+class _Line(NamedTuple):
+    """A line of one order in the sections of one group."""
+
+    common: float
+    """Power of one phase (variances, re and im)."""
+    coherence: float
+    """The same, of all its power."""
+    amplitude: float
+    """N m."""
+    place: str
+
+
 def largest_line(
     evidence: Evidence, residual: Sequence[np.ndarray]
 ) -> tuple[int, float, str] | None:
@@ -55,8 +68,8 @@ def largest_line(
     groups = [(list(segments), STRONG, COHERENT)] + [
         ([n for n, s in segments.items() if round(abs(s.speed), 3) == v], *ALONE)
         for v in sorted({round(abs(s.speed), 3) for s in segments.values()}, reverse=True)]
+    clear: dict[int, list[_Line]] = defaultdict(list)
     for among, strong, coherent in groups:
-        best: tuple[float, int, float, str] | None = None
         for order, places in found.items():
             chosen = [p for p in among if p in places]
             if len(chosen) < 2:
@@ -64,15 +77,32 @@ def largest_line(
             lines = np.array([places[p] for p in chosen])
             weight = 1.0 / np.array([widths[order, p] for p in chosen])
             sense = np.sign([segments[p].speed for p in chosen])
-            mean = max(abs(weight @ lines), abs((weight * sense) @ lines)) / weight.sum()
-            common, whole = mean**2 * weight.sum(), float(weight @ np.abs(lines)**2)
-            if common > max(2.0 * strong**2, coherent * whole) and (
-                    best is None or common > best[0]):
-                place = chosen[int(np.argmax(weight * np.abs(lines)**2))]
-                best = float(common), order, 2e-3 * float(mean), place
-        if best is not None:
-            return best[1], best[2], segments[best[3]].text
-    return None
+            along = max((_along(lines, weight), _along(sense * lines, weight)), key=np.sum)
+            power = weight * np.abs(lines)**2
+            common = float(along.sum())
+            if (common > max(2.0 * strong**2, coherent * power.sum())
+                    and common - along.max() > strong**2):
+                clear[order].append(_Line(
+                    common=common, coherence=common / float(power.sum()),
+                    amplitude=2e-3 * float(power @ np.abs(lines) / power.sum()),
+                    place=chosen[int(np.argmax(power))]))
+    if not clear:
+        return None
+    order = max(clear, key=lambda o: max(line.common for line in clear[o]))
+    line = max(clear[order], key=lambda x: x.coherence)
+    return order, line.amplitude, segments[line.place].text
+
+
+def _along(lines: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the power of each line along the phase that most of their power has.
+
+    How large a line is may differ among sections: at low speed the shaft holds the rotor, and the
+    current sees less of the same ripple.
+    """
+    whole = weight * np.abs(lines) @ lines
+    if whole == 0.0:
+        return np.zeros(len(lines))
+    return np.asarray(weight * np.maximum(0.0, (lines * np.conj(whole / abs(whole))).real)**2)
 
 
 def free_columns(fit: Fit) -> list[np.ndarray]:
