@@ -29,7 +29,8 @@ def identify(
         help="The test that was commanded (name or YAML file), in place of the bags' own."
     )] = None,
     workers: Annotated[int, typer.Option(
-        min=1, max=256, help="Processes that build what depends only on model and profile."
+        min=1, max=256,
+        help="Processes that share the simulations; their number does not change the answer."
     )] = 2,
     seed: Annotated[int, typer.Option(
         min=0, max=2**31 - 1, help="Of all simulations; the same seed, the same answer.")] = 0,

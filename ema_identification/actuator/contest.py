@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_identification.actuator.descent import Point, descend, finished, run_point
-from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.descent import Point, descend, finished, run_point, run_points
+from ema_identification.actuator.evidence import Asked, Evidence
 from ema_identification.actuator.look_around import approached, compass
 from ema_identification.actuator.metric import Robust, reference
 from ema_identification.actuator.recalibration import Recalibration
@@ -81,7 +81,7 @@ class Arena:
         (0.0, 1.0), first: int = 0,
     ) -> list[Fit]:
         """Return a fit of every candidate, best first; those left behind as far as they came."""
-        points = [p for p in (self._first(start) for start in starts) if p is not None]
+        points = self._first(starts)
         left: list[Point] = []
         for k, (stage, rule) in enumerate(zip(STAGES, self.metrics)):
             if k < first:
@@ -115,8 +115,8 @@ class Arena:
         """
         evidence = self.evidence
         effects = fit.effects(evidence.blocks[0].library.model.effects)
-        runs = [evidence.mean(fit.z, effects, runs=1, seed=self.seed + 90 + k)
-                for k in range(REPEATS)]
+        runs = evidence.means([Asked(fit.z, effects, 1, self.seed + 90 + k)
+                               for k in range(REPEATS)])
         whole = [r for r in runs if all(np.isfinite(f).all() for f in r)]
         if len(whole) < 2:
             return self.last
@@ -156,10 +156,11 @@ class Arena:
             terms, z = found[0].terms, found[0].z
         return best
 
-    def _first(self, start: Start) -> Point | None:
-        point = run_point(self.evidence, start.terms, np.clip(start.z, -1.0, 1.0),
-                          runs=STAGES[0].runs, seed=self.seed)
-        return point if point.finite else None
+    def _first(self, starts: Sequence[Start]) -> list[Point]:
+        points = run_points(
+            self.evidence, [(s.terms, np.clip(s.z, -1.0, 1.0)) for s in starts],
+            runs=STAGES[0].runs, seed=self.seed)
+        return [p for p in points if p.finite]
 
 
 def _kept(ranked: Sequence[tuple[float, Point]], stage: Stage) -> list[int]:

@@ -47,6 +47,12 @@ SLIGHT_COST = 4.0
 """Cost without an effect, in units of a complete model's, up to which the same holds."""
 
 
+def agrees(p_gain: float, p_null: float) -> bool:
+    """Whether nothing is missing, by two probabilities when nothing is: of gain and of cost."""
+    together = combine_pvalues(np.maximum([p_gain, p_null], TINY)).pvalue
+    return bool(p_gain > LEVEL and p_null > POOR_FIT and together > TOGETHER)
+
+
 def decide(
     evidence: Evidence, null: Recalibration, *, without: Sequence[str] = (),
     progress: Progress = silent, seed: int = 0,
@@ -56,8 +62,7 @@ def decide(
     proposal = propose(evidence, null, without=without, seed=seed)
     p_gain = scale.p_gain(proposal.gain)
     p_null = scale.p_fit(null.cost / evidence.usual * float(np.exp(scale.fit[0])))
-    together = combine_pvalues(np.maximum([p_gain, p_null], TINY)).pvalue
-    if p_gain > LEVEL and p_null > POOR_FIT and together > TOGETHER:
+    if agrees(p_gain, p_null):
         return Answer(verdict="no disagreement", gain=proposal.gain, null_cost=null.cost, reasons=(
             f"the best effect of the catalogue would lower the misfit by {proposal.gain:.0f}; "
             f"useless effects reach that with probability {p_gain:.2g}",

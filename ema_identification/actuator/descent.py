@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ema_identification.actuator.bounded import bounded_least_squares
-from ema_identification.actuator.evidence import Evidence, solve
+from ema_identification.actuator.evidence import Asked, Evidence, solve
 from ema_identification.actuator.metric import Robust
 from ema_identification.actuator.recalibration import BAND, WEIGHT
 from ema_identification.actuator.refit import (
@@ -64,9 +65,18 @@ def run_point(
     evidence: Evidence, terms: tuple[Term, ...], z: np.ndarray, *, runs: int, seed: int
 ) -> Point:
     """Return a point with its features."""
+    return run_points(evidence, [(terms, z)], runs=runs, seed=seed)[0]
+
+
+def run_points(
+    evidence: Evidence, places: Sequence[tuple[tuple[Term, ...], np.ndarray]], *, runs: int,
+    seed: int,
+) -> list[Point]:
+    """Return points at effects and tolerances with their features."""
     base = evidence.blocks[0].library.model.effects
-    mean = evidence.mean(z, with_terms(terms, base), runs=runs, seed=seed)
-    return Point(terms=terms, z=z, mean=tuple(mean), runs=runs)
+    means = evidence.means([Asked(z, with_terms(terms, base), runs, seed) for terms, z in places])
+    return [Point(terms=terms, z=z, mean=tuple(mean), runs=runs)
+            for (terms, z), mean in zip(places, means)]
 
 
 def descend(

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from ema_identification.actuator.library_type import Library
-from ema_identification.actuator.runs import Case, run_case
-from ema_identification.actuator.spread import N_TOLERANCES, PRIOR, TOLERANCES, Conditions
+from ema_identification.actuator.processes import Processes
+from ema_identification.actuator.runs import Case
+from ema_identification.actuator.spread import PRIOR, Conditions
+from ema_identification.actuator.tolerances import Tolerances
 from ema_record.record import Record
 from ema_sim.effects import Effects
 
@@ -26,7 +29,6 @@ NOISE_ERROR = 0.04
 """Error of the noise factor that a record tells, in units of its regressor (a factor of two)."""
 SLOPE_VARIANCE = 0.1
 """Variance of a slope of the library, of the variance about the quadratic, tails included."""
-SHARED = np.array([t.shared for t in TOLERANCES])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,53 +114,44 @@ def noise_covariance(
     return covariance
 
 
-class Tolerances:
-    """Tolerances of several records: shared ones once, the others once a record."""
+class Asked(NamedTuple):
+    """What is to be simulated: the mean of `runs` runs."""
 
-    def __init__(self, records: int) -> None:
-        n_shared = int(SHARED.sum())
-        self.size = n_shared + records * (N_TOLERANCES - n_shared)
-        self._columns = []
-        own = n_shared
-        for _ in range(records):
-            columns = np.empty(N_TOLERANCES, dtype=int)
-            columns[SHARED] = np.arange(n_shared)
-            columns[~SHARED] = np.arange(own, own + N_TOLERANCES - n_shared)
-            own += N_TOLERANCES - n_shared
-            self._columns.append(columns)
-
-    def of(self, record: int, z: np.ndarray) -> np.ndarray:
-        """Return the tolerances of one record, shape (18,), from all, shape (size,)."""
-        return np.asarray(z[self._columns[record]])
-
-    def spread(self, record: int, slope: np.ndarray) -> np.ndarray:
-        """Return columns for all tolerances, shape (d, size), from those of one record."""
-        found = np.zeros((len(slope), self.size))
-        found[:, self._columns[record]] = slope
-        return found
+    z: np.ndarray
+    effects: Effects | None
+    runs: int
+    seed: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
-    """Records of one unit."""
+    """Records of one unit, and where runs on it are made."""
 
     blocks: tuple[Block, ...]
     tolerances: Tolerances
+    processes: Processes = field(repr=False, compare=False, default_factory=Processes)
 
     def mean(
         self, z: np.ndarray, effects: Effects | None, *, runs: int, seed: int
     ) -> list[np.ndarray]:
         """Return the mean simulated features of each record at tolerances `z`."""
-        found = []
+        return self.means([Asked(z, effects, runs, seed)])[0]
+
+    def means(self, asked: Sequence[Asked]) -> list[list[np.ndarray]]:
+        """Return the mean simulated features of each record for all that is asked."""
+        found: list[list[np.ndarray]] = [[] for _ in asked]
+        ends = np.cumsum([a.runs for a in asked])[:-1]
         for k, block in enumerate(self.blocks):
-            seeds = np.random.default_rng([seed, 3, k]).integers(2**31, size=runs)
-            values = [
-                run_case(block.library.model, Case(
-                    z=self.tolerances.of(k, z), conditions=block.conditions, seed=int(s),
-                    effects=effects), block.library.fmap)
-                for s in seeds
+            cases = [
+                Case(z=self.tolerances.of(k, a.z), conditions=block.conditions, seed=int(s),
+                     effects=a.effects)
+                for a in asked
+                for s in np.random.default_rng([a.seed, 3, k]).integers(2**31, size=a.runs)
             ]
-            found.append(np.mean(values, axis=0))
+            if cases:
+                values = self.processes.run(block.library.model, cases, block.library.fmap)
+                for row, part in zip(found, np.split(values, ends)):
+                    row.append(np.mean(part, axis=0))
         return found
 
     def slopes(self, z: np.ndarray) -> list[np.ndarray]:
@@ -180,9 +173,10 @@ class Evidence:
         return sum(float(np.exp(b.library.scale.fit[0])) * len(b) for b in self.blocks)
 
 
-def evidence(blocks: Sequence[Block]) -> Evidence:
-    """Return the evidence of `blocks`."""
-    return Evidence(blocks=tuple(blocks), tolerances=Tolerances(len(blocks)))
+def evidence(blocks: Sequence[Block], processes: Processes | None = None) -> Evidence:
+    """Return the evidence of `blocks`; runs are made here or on `processes`."""
+    return Evidence(blocks=tuple(blocks), tolerances=Tolerances(len(blocks)),
+                    processes=processes or Processes())
 
 
 def slope_noise(block: Block, covariance: np.ndarray) -> float:

@@ -14,13 +14,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.evidence import (
-    SHARED,
+    Asked,
     Evidence,
     noise_covariance,
     solve,
 )
 from ema_identification.actuator.recalibration import Recalibration
 from ema_identification.actuator.refit import Fit
+from ema_identification.actuator.tolerances import SHARED
 from ema_sim.effects import Effects
 
 RUNS = 8
@@ -116,14 +117,14 @@ class _Prediction:
         """
         rng = np.random.default_rng([seed, 6])
         n = len(self.known)
-        found = []
+        asked = []
         for k in range(DRAWS):
             z = self.z.copy()
             z[:n] = np.clip(rng.multivariate_normal(z[:n], self.known), -1.0, 1.0)
             z[n:] = rng.uniform(-1.0, 1.0, len(z) - n)
-            values = self.held.mean(z, self.effects, runs=1, seed=seed + 200 + k)
-            if all(np.isfinite(f).all() for f in values):
-                found.append(_worst(self.residual(values)))
+            asked.append(Asked(z, self.effects, 1, seed + 200 + k))
+        found = [_worst(self.residual(values)) for values in self.held.means(asked)
+                 if all(np.isfinite(f).all() for f in values)]
         return float(np.median(found)) if found else FLOOR
 
 

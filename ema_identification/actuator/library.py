@@ -28,8 +28,8 @@ FEATURE_CODE = ("segments", "signals", "lines", "consistency", "transitions", "f
                 "runs")
 SOURCES = {"null": (*FEATURE_CODE, "null_library"),
            "effects": (*FEATURE_CODE, "variants", "effect_library"),
-           "scale": (*FEATURE_CODE, "null_library", "alignment", "evidence", "bounded",
-                     "recalibration", "screening", "calibration")}
+           "scale": (*FEATURE_CODE, "null_library", "alignment", "evidence", "tolerances",
+                     "bounded", "recalibration", "screening", "calibration")}
 """Files of this package that decide what is kept."""
 
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.bounded import bounded_least_squares
-from ema_identification.actuator.descent import Point, run_point
+from ema_identification.actuator.descent import Point, run_points
 from ema_identification.actuator.evidence import Evidence
 from ema_identification.actuator.metric import Robust
 from ema_identification.actuator.recalibration import BAND, WEIGHT
@@ -152,15 +152,16 @@ def compass(evidence: Evidence, metric: Robust, point: Point, *, seed: int) -> P
     for share in TRIED:
         for _ in range(MOVES):
             best: tuple[float, Point] | None = None
-            for direction in _directions(point.terms):
-                for move in (share * direction, -share * direction):
-                    terms = moved(point.terms, coordinates(point.terms) + move)
-                    trial = run_point(evidence, terms, point.z, runs=metric.runs, seed=seed)
-                    if not trial.finite:
-                        continue
-                    lower = metric.cost(evidence, trial.mean, trial.z)
-                    if lower < (best[0] if best else cost - cost / evidence.size):
-                        best = lower, trial
+            moves = [sign * share * d for d in _directions(point.terms) for sign in (1.0, -1.0)]
+            trials = run_points(
+                evidence, [(moved(point.terms, coordinates(point.terms) + m), point.z)
+                           for m in moves], runs=metric.runs, seed=seed)
+            for trial in trials:
+                if not trial.finite:
+                    continue
+                lower = metric.cost(evidence, trial.mean, trial.z)
+                if lower < (best[0] if best else cost - cost / evidence.size):
+                    best = lower, trial
             if best is None:
                 break
             cost, point = best

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.contest import Start
-from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.evidence import Asked, Evidence
 from ema_identification.actuator.metric import Robust
 from ema_identification.actuator.periodic import periodic_candidates
 from ema_identification.actuator.recalibration import Recalibration
@@ -143,9 +143,9 @@ def rescaled(
         points = grid(term.signature) if term.variant.size == 1 else [
             factor * term.u for factor in FACTORS]
         costs: list[tuple[float, Start]] = []
-        for u in points:
-            z = sizing.tolerances(term.signature.at(u))
-            mean = evidence.mean(z, term.variant.effects(u, base), runs=rule.runs, seed=seed)
+        asked = [Asked(sizing.tolerances(term.signature.at(u)), term.variant.effects(u, base),
+                       rule.runs, seed) for u in points]
+        for u, (z, *_), mean in zip(points, asked, evidence.means(asked)):
             if all(np.isfinite(f).all() for f in mean):
                 costs.append((rule.cost(evidence, mean, z), Start((Term(
                     variant=term.variant, signature=term.signature, u=u),), z)))

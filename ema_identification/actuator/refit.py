@@ -9,7 +9,7 @@ import numpy as np
 
 from ema_identification.actuator.aliases import ALIASES, TAKES_AWAY
 from ema_identification.actuator.effect_library import Signature
-from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.evidence import Asked, Evidence
 from ema_identification.actuator.spread import N_TOLERANCES, TOLERANCES
 from ema_identification.actuator.variants import Variant
 from ema_sim.effects import Effects
@@ -122,12 +122,13 @@ def runs_around(
     band : of the tolerances (half widths).
     """
     start, base = coordinates(terms), evidence.blocks[0].library.model.effects
+    places = [(moved(terms, start + row[:len(start)]),
+               np.clip(z + row[len(start):], -band, band)) for row in moves]
+    means = evidence.means([Asked(tolerances, with_terms(there, base), 1, seed)
+                            for (there, tolerances), seed in zip(places, seeds)])
     made, runs = [], []
-    for row, seed in zip(moves, seeds):
-        there = moved(terms, start + row[:len(start)])
-        tolerances = np.clip(z + row[len(start):], -band, band)
-        found = np.concatenate(evidence.mean(
-            tolerances, with_terms(there, base), runs=1, seed=seed))
+    for (there, tolerances), mean in zip(places, means):
+        found = np.concatenate(mean)
         if np.isfinite(found).all():
             made.append(np.concatenate([coordinates(there) - start, tolerances - z]))
             runs.append(found)
@@ -159,6 +160,7 @@ def simulated_slopes(
     base = evidence.blocks[0].library.model.effects
     low, high = bounds(terms)
     start, k = coordinates(terms), 0
+    places: list[tuple[int, np.ndarray]] = []
     for term in terms:
         strong = float(np.sqrt(np.mean((term.signature.at(term.u) / deviation)**2))) > STRONG
         size = float(np.linalg.norm(term.u))
@@ -168,11 +170,14 @@ def simulated_slopes(
             if (strong and step > 0.0) or not known:
                 u = start.copy()
                 u[k] += step if u[k] + step <= high[k] else -step
-                run = evidence.mean(z, with_terms(moved(terms, u), base), runs=runs, seed=seed)
-                change = np.concatenate(run) - here
-                if np.isfinite(change).all() and u[k] >= low[k]:
-                    found[:, k] = change / (u[k] - start[k])
+                places.append((k, u))
             k += 1
+    means = evidence.means([Asked(z, with_terms(moved(terms, u), base), runs, seed)
+                            for _, u in places])
+    for (k, u), there in zip(places, means):
+        change = np.concatenate(there) - here
+        if np.isfinite(change).all() and u[k] >= low[k]:
+            found[:, k] = change / (u[k] - start[k])
     return found
 
 
@@ -228,14 +233,14 @@ def simulated_tolerances(
     effects, here = with_terms(terms, base), np.concatenate(mean)
     noise = deviation_of(evidence) * np.sqrt(1.0 / runs + 1.0 / TOLERANCE_RUNS) / TOLERANCE_STEP
     found = slopes.copy()
-    for k in range(len(z)):
-        moved_z = z.copy()
-        step = TOLERANCE_STEP if z[k] < 0.0 else -TOLERANCE_STEP
-        moved_z[k] += step
-        run = np.concatenate(evidence.mean(moved_z, effects, runs=TOLERANCE_RUNS, seed=seed))
+    steps = np.where(z < 0.0, TOLERANCE_STEP, -TOLERANCE_STEP)
+    means = evidence.means([Asked(z + move, effects, TOLERANCE_RUNS, seed)
+                            for move in np.diag(steps)])
+    for k, there in enumerate(means):
+        run = np.concatenate(there)
         if not np.isfinite(run).all():
             continue
-        missed = (run - here) / step - slopes[:, k]
+        missed = (run - here) / steps[k] - slopes[:, k]
         ratio = (missed / (2.0 * noise))**2
         found[:, k] += missed * ratio / (1.0 + ratio)
     return found

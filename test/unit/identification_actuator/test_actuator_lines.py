@@ -64,6 +64,22 @@ def test_a_ripple_clear_at_one_speed_counts_where_limit_cycles_hide_it_at_anothe
     assert found[1] == pytest.approx(2e-3 * 2.0 * abs(LINE))
 
 
+@pytest.mark.parametrize("sense", [np.ones(4), np.sign(SPEEDS)])
+def test_a_ripple_may_be_smaller_where_the_shaft_holds_the_rotor(sense):
+    lines = sense * np.array([0.1, 0.4, 1.0, 0.9]) * LINE
+    found = largest_line(evidence_of((5, 9)), [residual(np.stack([QUIET, lines], axis=1))])
+    assert found is not None
+    assert found[0] == 9
+    assert found[1] == pytest.approx(2e-3 * abs(LINE), rel=0.1)
+
+
+def test_the_strongest_ripple_counts_even_if_a_weak_one_is_in_all_sections():
+    weak, strong = np.full(4, LINE), 5.0 * np.exp(1j * np.array([2.0, 4.0, 0.0, 0.0])) * LINE
+    found = largest_line(evidence_of((5, 9)), [residual(np.stack([weak, strong], axis=1))])
+    assert found is not None
+    assert found[0] == 9
+
+
 def test_a_ripple_wins_over_a_larger_limit_cycle():
     cycle = np.array([5.0 * LINE, 0.0, 0.0, 0.0])
     found = largest_line(evidence_of((5, 9)),

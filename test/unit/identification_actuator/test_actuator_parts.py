@@ -10,8 +10,9 @@ from ema_identification.actuator.aliases import ALIASES
 from ema_identification.actuator.answer import Answer, one_effect
 from ema_identification.actuator.bounded import bounded_least_squares
 from ema_identification.actuator.case import Case
+from ema_identification.actuator.decision import agrees
 from ema_identification.actuator.effect_library import unpack
-from ema_identification.actuator.evidence import Tolerances, Whitening, solve
+from ema_identification.actuator.evidence import Whitening, solve
 from ema_identification.actuator.held_out import Gap
 from ema_identification.actuator.judged import settled
 from ema_identification.actuator.library_type import Scale
@@ -25,6 +26,7 @@ from ema_identification.actuator.spread import (
     draw_tolerances,
     realise,
 )
+from ema_identification.actuator.tolerances import Tolerances
 from ema_identification.actuator.variants import variants
 from ema_sim.actuator import load_model_file
 from ema_sim.effects import EFFECTS, Effects, parse_effects
@@ -233,3 +235,14 @@ def test_up_to_three_names_are_a_set_and_more_are_no_answer(names):
         assert found.verdict == "unknown effect"
         assert found.fit is None
         assert alike == list(ALIKE)
+
+
+@pytest.mark.parametrize(("p_gain", "p_null", "expected"), [
+    (0.5, 0.5, True), (0.16, 2e-4, True),
+    (0.001, 0.5, False), (1.0, 1e-8, False),  # either alone
+    (0.05, 1e-5, False), (0.004, 4e-4, False),  # both together
+    (0.0, 0.0, False),
+])
+def test_a_gain_and_a_cost_that_are_improbable_together_are_a_disagreement(
+        p_gain, p_null, expected):
+    assert agrees(p_gain, p_null) is expected
