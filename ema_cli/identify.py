@@ -30,7 +30,7 @@ def identify(
     )] = None,
     workers: Annotated[int, typer.Option(
         min=1, max=256,
-        help="Processes that share the simulations; their number does not change the answer."
+        help="Simulations that run at a time; their number does not change the answer."
     )] = 2,
     seed: Annotated[int, typer.Option(
         min=0, max=2**31 - 1, help="Of all simulations; the same seed, the same answer.")] = 0,

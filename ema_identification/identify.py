@@ -31,7 +31,7 @@ def identify(
     validate : records of the same unit that take no part in the fit.
     without : effects of the catalogue that are not to be considered.
     progress : called with what is being done and how much of it is (0 to 1).
-    workers : processes that share the simulations; their number does not change the answer.
+    workers : how many simulations run at a time; their number does not change the answer.
     seed : of all simulations; the same seed gives the same answer.
 
     Raises

@@ -75,7 +75,7 @@ def convert(c: Converters, means: np.ndarray, current_noise: np.ndarray) -> np.n
     return _converted(means, current_noise, PHASE_CURRENTS.start, spans / 2.0**bits, 0.5 * spans)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _converted(
     means: np.ndarray, noise: np.ndarray, first: int, step: np.ndarray, half: np.ndarray
 ) -> np.ndarray:

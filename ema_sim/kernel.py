@@ -48,7 +48,7 @@ def kernel() -> Callable[..., int]:
 
 
 def _build(sources: str) -> Callable[..., int]:
-    @njit(cache=True, error_model="numpy")
+    @njit(cache=True, error_model="numpy", nogil=True)
     def advance(
         a: Actuator,
         e: Effects,

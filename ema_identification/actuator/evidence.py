@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from ema_identification.actuator.library_type import Library
-from ema_identification.actuator.processes import Processes
+from ema_identification.actuator.runner import Runner
 from ema_identification.actuator.runs import Case
 from ema_identification.actuator.spread import PRIOR, Conditions
 from ema_identification.actuator.tolerances import Tolerances
@@ -129,7 +129,7 @@ class Evidence:
 
     blocks: tuple[Block, ...]
     tolerances: Tolerances
-    processes: Processes = field(repr=False, compare=False, default_factory=Processes)
+    runner: Runner = field(repr=False, compare=False, default_factory=Runner)
 
     def mean(
         self, z: np.ndarray, effects: Effects | None, *, runs: int, seed: int
@@ -149,7 +149,7 @@ class Evidence:
                 for s in np.random.default_rng([a.seed, 3, k]).integers(2**31, size=a.runs)
             ]
             if cases:
-                values = self.processes.run(block.library.model, cases, block.library.fmap)
+                values = self.runner.run(block.library.model, cases, block.library.fmap)
                 for row, part in zip(found, np.split(values, ends)):
                     row.append(np.mean(part, axis=0))
         return found
@@ -173,10 +173,10 @@ class Evidence:
         return sum(float(np.exp(b.library.scale.fit[0])) * len(b) for b in self.blocks)
 
 
-def evidence(blocks: Sequence[Block], processes: Processes | None = None) -> Evidence:
-    """Return the evidence of `blocks`; runs are made here or on `processes`."""
+def evidence(blocks: Sequence[Block], runner: Runner | None = None) -> Evidence:
+    """Return the evidence of `blocks`; runs are made by `runner`."""
     return Evidence(blocks=tuple(blocks), tolerances=Tolerances(len(blocks)),
-                    processes=processes or Processes())
+                    runner=runner or Runner())
 
 
 def slope_noise(block: Block, covariance: np.ndarray) -> float:

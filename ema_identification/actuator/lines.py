@@ -76,7 +76,7 @@ def lines(turns: Turns, signals: np.ndarray, highest: int) -> np.ndarray:
     return np.asarray(found)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _folded(
     signals: np.ndarray, bins: np.ndarray, level: np.ndarray, slope: np.ndarray, arm: np.ndarray,
     window: np.ndarray,

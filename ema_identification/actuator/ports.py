@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.largest_line import largest_line
 from ema_identification.actuator.law_check import Law
-from ema_identification.actuator.periodic import largest_line
 from ema_identification.actuator.refit import Fit
 from ema_identification.actuator.where import Group, groups_of
 from ema_identification.identification import Curve, Panel, Shape

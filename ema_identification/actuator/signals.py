@@ -71,7 +71,7 @@ def _table(flat_top: float) -> np.ndarray:
     return 0.5 * trapezoid((np.arange(TABLE) + 0.5) * (TURN / TABLE), flat_top)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _currents(
     theta: np.ndarray, samples: np.ndarray, first: int, offset: np.ndarray, gain: np.ndarray,
     table: np.ndarray,
@@ -94,7 +94,7 @@ def _currents(
     return q, total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def unwrapped(angle: np.ndarray) -> np.ndarray:
     """Return an angle without jumps of a turn, shape (n,) (rad): `numpy.unwrap` in one pass."""
     found = np.empty(len(angle))

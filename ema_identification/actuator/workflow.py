@@ -23,9 +23,9 @@ from ema_identification.actuator.next_test import separating_test
 from ema_identification.actuator.panels import panels_of
 from ema_identification.actuator.parameters import recalibrated_of
 from ema_identification.actuator.ports import unknown_shape
-from ema_identification.actuator.processes import Processes
 from ema_identification.actuator.pruning import refuted, sufficient
 from ema_identification.actuator.recalibration import recalibrate
+from ema_identification.actuator.runner import Runner
 from ema_identification.actuator.runs import Progress, silent
 from ema_identification.actuator.steps import steps_of
 from ema_identification.actuator.where import groups_of
@@ -75,7 +75,7 @@ def identify_actuator(
     validate : held-out records of the same unit.
     without : effects of the catalogue that are not to be considered.
     progress : called with what is being done and how much of it is.
-    workers : processes that build libraries and share the runs.
+    workers : processes that build libraries, threads that share the runs.
     seed : of all simulations.
     """
     from threadpoolctl import threadpool_limits
@@ -86,9 +86,9 @@ def identify_actuator(
                         progress=progress)
         held_blocks = _blocks(validate, model, signatures=False, seed=seed, workers=workers,
                               progress=progress)
-        processes = Processes(workers)
-        held = evidence(held_blocks, processes) if held_blocks else None
-        return _identify(evidence(ready, processes), held, model, tuple(without), progress, seed)
+        runner = Runner(workers)
+        held = evidence(held_blocks, runner) if held_blocks else None
+        return _identify(evidence(ready, runner), held, model, tuple(without), progress, seed)
 
 
 def _identify(

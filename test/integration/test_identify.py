@@ -7,13 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from ema_cli.main import COMMANDS, build_app, run
-from ema_identification.actuator import (
-    calibration,
-    effect_library,
-    naming,
-    null_library,
-    processes,
-)
+from ema_identification.actuator import calibration, effect_library, naming, null_library
 from ema_identification.actuator.alignment import align
 from ema_identification.actuator.contest import Arena
 from ema_identification.actuator.descent import run_point
@@ -99,8 +93,7 @@ def test_the_interval_of_a_short_allows_for_the_constant_that_its_phase_had():
     assert 0.002 < fraction.high - fraction.low < 0.03
 
 
-def test_the_same_seed_gives_the_same_answer_on_any_number_of_processes(offset, monkeypatch):
-    monkeypatch.setattr(processes, "FIRST", 0)
+def test_the_same_seed_gives_the_same_answer_in_any_number_of_threads(offset):
     assert identify([record(OFFSET)], workers=2).to_dict() == offset.to_dict()
     assert offset.findings[0].effect == "current_sensor_offset"
 

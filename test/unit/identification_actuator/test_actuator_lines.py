@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ema_identification.actuator.features import Feature
-from ema_identification.actuator.periodic import free_columns, largest_line
+from ema_identification.actuator.largest_line import largest_line
+from ema_identification.actuator.periodic import free_columns
 from ema_identification.actuator.ports import unknown_shape
 from ema_identification.actuator.segments import Segment
 
