@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ema_identification.actuator.case import Case
-from ema_identification.actuator.refit import Fit
+from ema_identification.actuator.fit import Fit
 from ema_identification.identification import Outcome
 
 LARGEST_SET = 3

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.contest import Arena
+from ema_identification.actuator.fit import Fit
 from ema_identification.actuator.pruning import absorbed, needed
 from ema_identification.actuator.recalibration import Recalibration
-from ema_identification.actuator.refit import Fit
 
 COMPLETE = 1.45
 """Cost up to which a model counts as complete, in units of what an effect-free unit leaves."""

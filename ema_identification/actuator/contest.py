@@ -9,12 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_identification.actuator.descent import Point, descend, finished, run_point, run_points
+from ema_identification.actuator.descent import descend, finished
 from ema_identification.actuator.evidence import Asked, Evidence
+from ema_identification.actuator.fit import Fit, Term
 from ema_identification.actuator.look_around import approached, compass
 from ema_identification.actuator.metric import Robust, reference
+from ema_identification.actuator.point import Point, run_point, run_points
 from ema_identification.actuator.recalibration import Recalibration
-from ema_identification.actuator.refit import Fit, Term
 from ema_identification.actuator.runs import Progress, silent
 
 LAST_SHARE = 0.1

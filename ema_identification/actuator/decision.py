@@ -17,9 +17,9 @@ from ema_identification.actuator.answer import (
 from ema_identification.actuator.case import Case
 from ema_identification.actuator.contest import LAST_RUNS, Arena
 from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.fit import Fit
 from ema_identification.actuator.naming import challengers, pairs_of, propose, rescaled
 from ema_identification.actuator.recalibration import Recalibration
-from ema_identification.actuator.refit import Fit
 from ema_identification.actuator.runs import Progress, silent
 from ema_identification.actuator.second_effect import each_alone, with_second
 

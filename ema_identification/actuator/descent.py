@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ema_identification.actuator.bounded import bounded_least_squares
-from ema_identification.actuator.evidence import Asked, Evidence, solve
+from ema_identification.actuator.evidence import Evidence, solve
+from ema_identification.actuator.fit import Fit, bounds, coordinates, moved
 from ema_identification.actuator.metric import Robust
+from ema_identification.actuator.point import Point, run_point
 from ema_identification.actuator.recalibration import BAND, WEIGHT
-from ema_identification.actuator.refit import (
-    Fit,
-    Term,
-    bounds,
-    coordinates,
+from ema_identification.actuator.slopes import (
     deviation_of,
-    moved,
     simulated_slopes,
     simulated_tolerances,
     slopes_with_aliases,
-    with_terms,
 )
 from ema_identification.actuator.spread import PRIOR
 
@@ -33,50 +28,6 @@ SMALL = 1.0
 """Fall of the cost, in units of the cost a feature, that is worth a step."""
 CLEAR = 4.0
 """Mean square of what a step did unforeseen, in units of a repeat, from which it is learnt."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Point:
-    """Effects and tolerances with the features that the simulator gives there.
-
-    Attributes
-    ----------
-    terms : the effects at their coordinates.
-    z : ndarray. Tolerances in half widths.
-    mean : features of each record, means of `runs` runs.
-    slopes : ndarray or None, shape (d, coordinates + tolerances). As learnt so far.
-    damping : of the next step.
-    """
-
-    terms: tuple[Term, ...]
-    z: np.ndarray
-    mean: tuple[np.ndarray, ...]
-    runs: int
-    slopes: np.ndarray | None = None
-    damping: float = 1e-3
-
-    @property
-    def finite(self) -> bool:
-        """Whether the simulator could run it."""
-        return all(bool(np.isfinite(f).all()) for f in self.mean)
-
-
-def run_point(
-    evidence: Evidence, terms: tuple[Term, ...], z: np.ndarray, *, runs: int, seed: int
-) -> Point:
-    """Return a point with its features."""
-    return run_points(evidence, [(terms, z)], runs=runs, seed=seed)[0]
-
-
-def run_points(
-    evidence: Evidence, places: Sequence[tuple[tuple[Term, ...], np.ndarray]], *, runs: int,
-    seed: int,
-) -> list[Point]:
-    """Return points at effects and tolerances with their features."""
-    base = evidence.blocks[0].library.model.effects
-    means = evidence.means([Asked(z, with_terms(terms, base), runs, seed) for terms, z in places])
-    return [Point(terms=terms, z=z, mean=tuple(mean), runs=runs)
-            for (terms, z), mean in zip(places, means)]
 
 
 def descend(

@@ -17,10 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import hadamard
 
-from ema_identification.actuator.descent import Point, bounded_step, run_point
+from ema_identification.actuator.descent import bounded_step
 from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.fit import Fit, Term, coordinates, moved
 from ema_identification.actuator.metric import Robust
-from ema_identification.actuator.refit import Fit, Term, coordinates, moved, runs_around
+from ema_identification.actuator.point import Point, run_point, runs_around
 from ema_identification.actuator.spread import PRIOR
 
 ENTANGLED = ("turn_short", "phase_resistance_imbalance", "inverter_voltage_drop",

@@ -8,9 +8,9 @@ import numpy as np
 
 from ema_identification.actuator.answer import Answer
 from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.fit import Fit
 from ema_identification.actuator.held_out import Gap
 from ema_identification.actuator.parameters import parameters_of
-from ema_identification.actuator.refit import Fit
 from ema_identification.actuator.where import Group, where_of
 from ema_identification.identification import Candidate, Finding
 

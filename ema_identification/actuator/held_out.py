@@ -19,8 +19,8 @@ from ema_identification.actuator.evidence import (
     noise_covariance,
     solve,
 )
+from ema_identification.actuator.fit import Fit
 from ema_identification.actuator.recalibration import Recalibration
-from ema_identification.actuator.refit import Fit
 from ema_identification.actuator.tolerances import SHARED
 from ema_sim.effects import Effects
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_identification.actuator.refit import Fit
+from ema_identification.actuator.fit import Fit
 from ema_identification.actuator.spread import TOLERANCES
 from ema_sim.effects import Effects, rotor_eccentricity, turn_short
 from ema_sim.effects.rotor_eccentricity import STATIC

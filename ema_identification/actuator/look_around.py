@@ -16,18 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.bounded import bounded_least_squares
-from ema_identification.actuator.descent import Point, run_points
 from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.fit import Term, bounds, coordinates, moved
 from ema_identification.actuator.metric import Robust
+from ema_identification.actuator.point import Point, run_points, runs_around
 from ema_identification.actuator.recalibration import BAND, WEIGHT
-from ema_identification.actuator.refit import (
-    Term,
-    bounds,
-    coordinates,
-    deviation_of,
-    moved,
-    runs_around,
-)
+from ema_identification.actuator.slopes import deviation_of
 
 MEMBERS = 64
 """Runs of a regression, half of them mirrored to the other half."""

@@ -9,10 +9,10 @@ import numpy as np
 
 from ema_identification.actuator.contest import Start
 from ema_identification.actuator.evidence import Asked, Evidence
+from ema_identification.actuator.fit import Fit, Term
 from ema_identification.actuator.metric import Robust
 from ema_identification.actuator.periodic import periodic_candidates
 from ema_identification.actuator.recalibration import Recalibration
-from ema_identification.actuator.refit import Fit, Term
 from ema_identification.actuator.screening import (
     Screened,
     bounded_gains,

@@ -9,8 +9,8 @@ import numpy as np
 
 from ema_identification.actuator.evidence import Evidence
 from ema_identification.actuator.features import feature_map
+from ema_identification.actuator.fit import Fit
 from ema_identification.actuator.inseparable import inseparable
-from ema_identification.actuator.refit import Fit
 from ema_identification.actuator.runs import Case, run_case
 from ema_record.profile import Profile, load_profile
 from ema_sim.simulate import simulate

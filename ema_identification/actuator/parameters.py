@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.fit import Fit
 from ema_identification.actuator.recalibration import Recalibration
-from ema_identification.actuator.refit import Fit
 from ema_identification.actuator.spread import TOLERANCES
 from ema_identification.identification import Parameter
 from ema_sim.effects import EFFECTS

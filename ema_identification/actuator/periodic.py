@@ -9,10 +9,10 @@ import numpy as np
 
 from ema_identification.actuator.effect_library import Signature
 from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.fit import Fit
 from ema_identification.actuator.held_out import whitened
 from ema_identification.actuator.largest_line import largest_line
 from ema_identification.actuator.recalibration import Recalibration
-from ema_identification.actuator.refit import Fit
 from ema_identification.actuator.screening import Screened, best_of, residual
 from ema_identification.actuator.variants import ripple
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from ema_identification.actuator.aliases import ALIASES, TAKES_AWAY
 from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.fit import Fit, Term
 from ema_identification.actuator.parameters import QUANTILE, covariance_of
-from ema_identification.actuator.refit import Fit, Term
 from ema_identification.actuator.spread import TOLERANCES
 
 CLEARLY = 4.0

@@ -8,9 +8,9 @@ from dataclasses import replace
 from ema_identification.actuator.answer import Answer, one_effect
 from ema_identification.actuator.case import Case
 from ema_identification.actuator.contest import Start
+from ema_identification.actuator.fit import Fit, Term
 from ema_identification.actuator.naming import seconds
 from ema_identification.actuator.pruning import absorbed
-from ema_identification.actuator.refit import Fit, Term
 
 NEARLY = 2.0
 """Cost of one effect of a pair, in units of the pair's, from which its fit goes on."""

@@ -15,9 +15,9 @@ import numpy as np
 from ema_identification.actuator.bounded import bounded_least_squares
 from ema_identification.actuator.effect_library import Signature
 from ema_identification.actuator.evidence import Evidence
+from ema_identification.actuator.fit import Fit
 from ema_identification.actuator.metric import BEND, BENT_ERROR, Metric, metric, nominal
 from ema_identification.actuator.recalibration import BAND, WEIGHT
-from ema_identification.actuator.refit import Fit
 
 ANGLES = 12
 SPREAD = (0.1, 0.3, 0.5, 0.7, 1.0, 1.4)

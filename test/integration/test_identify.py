@@ -10,12 +10,12 @@ from ema_cli.main import COMMANDS, build_app, run
 from ema_identification.actuator import calibration, effect_library, naming, null_library
 from ema_identification.actuator.alignment import align
 from ema_identification.actuator.contest import Arena
-from ema_identification.actuator.descent import run_point
 from ema_identification.actuator.evidence import Block, evidence
+from ema_identification.actuator.fit import Term
 from ema_identification.actuator.library import library
 from ema_identification.actuator.look_around import approached, compass
+from ema_identification.actuator.point import run_point
 from ema_identification.actuator.recalibration import recalibrate
-from ema_identification.actuator.refit import Term
 from ema_identification.actuator.variants import variants
 from ema_identification.identify import identify
 from ema_record.bag import write_bag

@@ -13,11 +13,11 @@ from ema_identification.actuator.case import Case
 from ema_identification.actuator.decision import agrees
 from ema_identification.actuator.effect_library import unpack
 from ema_identification.actuator.evidence import Whitening, solve
+from ema_identification.actuator.fit import Fit, Term
 from ema_identification.actuator.held_out import Gap
 from ema_identification.actuator.judged import settled
 from ema_identification.actuator.library_type import Scale
 from ema_identification.actuator.model_file import model_text
-from ema_identification.actuator.refit import Fit, Term
 from ema_identification.actuator.sizes import grid
 from ema_identification.actuator.spread import (
     N_TOLERANCES,

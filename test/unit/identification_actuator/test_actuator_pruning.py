@@ -7,10 +7,10 @@ import pytest
 
 from ema_identification.actuator.answer import Answer
 from ema_identification.actuator.case import Case
+from ema_identification.actuator.fit import Fit, Term
 from ema_identification.actuator.judged import without_second
 from ema_identification.actuator.parameters import QUANTILE, covariance_of
 from ema_identification.actuator.pruning import CLEARLY, absorbed, needed, refuted
-from ema_identification.actuator.refit import Fit, Term
 from ema_identification.actuator.spread import TOLERANCES, Conditions, realise
 from ema_identification.actuator.tolerances import Tolerances
 from ema_identification.actuator.variants import variants
