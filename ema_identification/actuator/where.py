@@ -29,7 +29,7 @@ class Group(NamedTuple):
 
 
 def groups_of(evidence: Evidence, residual: Sequence[np.ndarray]) -> list[Group]:
-    """Return residuals (standard deviations) by signal, abscissa and place, largest first."""
+    """Return residuals (standard deviations) by signal, abscissa and place, most excess first."""
     found: dict[tuple[str, str, str], list[float]] = defaultdict(list)
     for block, r in zip(evidence.blocks, residual):
         plan = block.library.fmap.plan
@@ -63,4 +63,6 @@ def where_step(groups: Sequence[Group]) -> Step:
     return Step(
         name="where", rows=tuple(rows),
         text="Residuals of the recalibrated model by signal and part of the test, in standard "
-             "deviations of what it may be off when nothing is missing.")
+             "deviations of what it may be off when nothing is missing. The first row is the one "
+             "where most of its features disagree; a single huge value, as a limit cycle out of "
+             "phase gives, counts by its logarithm only.")

@@ -30,6 +30,8 @@ ROLES: dict[str, dict[str, Any]] = {
 OTHERS = ("#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 MARKERS = (".", "^", "s", "x")
 """Of points, the next one where the colours begin again."""
+FEW_POINTS = 500
+"""Below which points are drawn large, and those that were measured as rings about the model's."""
 SMALLER = 0.6
 """Of their sizes, relative to that of a point."""
 HIGHER = 1.3
@@ -106,11 +108,16 @@ def _draw(axes: Any, curve: Curve, style: dict[str, Any]) -> None:
     x, y = x[::every], y[::every]
     if curve.style == "points":
         style = {"color": style["color"], "zorder": style.get("zorder", 2), "linestyle": "none",
-                 "marker": style.get("marker", "."),
-                 "markersize": (6.0 if len(x) < 500 else 1.5) * (
-                     1.0 if style.get("marker", ".") == "." else SMALLER)}
+                 **_marker(curve.role, style.get("marker", "."), few=len(x) < FEW_POINTS)}
     else:
         style.pop("marker", None)
     if curve.style == "steps":
         style["drawstyle"] = "steps-mid"
     axes.plot(x, y, label=curve.label or None, **style)
+
+
+def _marker(role: str, marker: str, *, few: bool) -> dict[str, Any]:
+    if role == "measured" and few:
+        return {"marker": "o", "markersize": 7.0, "markerfacecolor": "none"}
+    return {"marker": marker, "markersize": (6.0 if few else 1.5) * (
+        1.0 if marker == "." else SMALLER)}
