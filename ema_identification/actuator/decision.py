@@ -22,6 +22,7 @@ from ema_identification.actuator.naming import challengers, pairs_of, propose, r
 from ema_identification.actuator.recalibration import Recalibration
 from ema_identification.actuator.runs import Progress, silent
 from ema_identification.actuator.second_effect import each_alone, with_second
+from ema_identification.actuator.twins import twins
 
 LEVEL = 0.002
 """A gain that useless effects reach more often names nothing."""
@@ -80,13 +81,13 @@ def decide(
             singles = sorted([*singles, *arena.fits(more, first=1)], key=lambda f: f.cost)
     case = Case(arena, null, proposal.gain, p_gain, tuple(without))
     if singles and case.complete(singles[0]):
-        return with_second(case, _close_ones_polished(case, singles))
+        return with_second(case, _close_ones_polished(case, _with_twins(case, singles)))
     if singles:
         singles = _at_other_sizes(case, singles, progress, seed)
         if not case.complete(singles[0]) and singles[0].cost < AHEAD * _next_name(singles):
             singles = sorted([arena.refined(singles[0]), *singles], key=lambda f: f.cost)
         if case.complete(singles[0]):
-            return with_second(case, singles)
+            return with_second(case, _with_twins(case, singles))
     found = arena.fits(pairs_of(evidence, singles, without=without, seed=seed),
                        progress=progress, span=(0.7, 0.9))
     if found and singles and found[0].cost > PROMISING * singles[0].cost:
@@ -151,6 +152,18 @@ def _refined(case: Case, pairs: Sequence[Fit]) -> list[Fit]:
         if case.complete(found[-1]):
             break
     return found
+
+
+def _with_twins(case: Case, singles: Sequence[Fit]) -> list[Fit]:
+    """Return the fits, with those of an effect that makes nearly the best one's machine.
+
+    Of several records only, of which the later ones are there to tell such effects apart. On one
+    record the two fits differ by less than either may be off.
+    """
+    if len(case.arena.evidence.blocks) == 1:
+        return list(singles)
+    starts = twins(case.arena.evidence, singles[0], without=case.without)
+    return sorted([*singles, *case.arena.fits(starts, first=1)], key=lambda f: f.cost)
 
 
 def _close_ones_polished(case: Case, singles: Sequence[Fit]) -> list[Fit]:
