@@ -18,8 +18,8 @@ from ema_identification.actuator.inseparable import PHASES, phase_constants
 from ema_identification.actuator.recalibration import BAND
 from ema_identification.actuator.screening import selectable, stacked
 from ema_identification.actuator.spread import TOLERANCES
+from ema_sim.effects.rotor_eccentricity import THIRD
 
-THIRD = 2.0 * np.pi / 3.0
 ECCENTRIC = "rotor_eccentricity static"
 
 
