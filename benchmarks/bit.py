@@ -22,11 +22,11 @@ from typing import Any
 
 import psutil
 
-from ema_cli.bit import MONITOR, PROGNOSTICS, SIMULATOR, summarise
-from ema_cli.domain import enter_domain, private_domain
-from ema_cli.supervisor import Supervisor
+from ema_cli.commands.bit import MONITOR, PROGNOSTICS, SIMULATOR, summarise
 from ema_monitor.aircraft_node import AircraftNode, aircraft, answer_of
 from ema_record.profile import load_profile
+from ema_ros.domain import enter_domain, private_domain
+from ema_ros.supervisor import Supervisor
 
 LIMITS = {"step": 8.0, "extended": 12.0}
 """Of a warm `ema bit` (s)."""

@@ -18,8 +18,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from ema_sim.campaign import run_campaign
-from ema_sim.campaign_file import Plan, plan_from
+from ema_sim.campaign.plan import Plan, plan_from
+from ema_sim.campaign.run import run_campaign
 
 FULL = 5_000
 LIMIT, AIM = 90.0, 45.0

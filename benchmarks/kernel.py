@@ -25,7 +25,7 @@ from rich.table import Table
 from ema_record.profile import load_profile, step_profile
 from ema_record.record import Record
 from ema_sim.effects import parse_effects
-from ema_sim.kernel import MAX_STEP
+from ema_sim.plant.kernel import MAX_STEP
 from ema_sim.reference import STEP, simulate_reference
 from ema_sim.simulate import simulate_traced
 

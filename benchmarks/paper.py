@@ -8,8 +8,8 @@ from __future__ import annotations
 import sys
 import time
 
-from ema_prognostics.paper_experiment import PaperSettings, run_experiment
-from ema_prognostics.paper_report import paper_report
+from ema_prognostics.paper.experiment import PaperSettings, run_experiment
+from ema_prognostics.paper.report import paper_report
 
 
 def main() -> int:

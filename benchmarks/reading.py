@@ -21,13 +21,13 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from ema_record.bag import read_bag, write_bag
+from ema_record.bag.read import read_bag, write_bag
+from ema_record.bag.writer import BagWriter
 from ema_record.channels import N_CHANNELS
 from ema_record.profile import load_profile
 from ema_record.record import Record
-from ema_record.samples_codec import BLOCK_SIZE, decode_block, encode_block
-from ema_record.topics import SAMPLES
-from ema_record.writer import BagWriter
+from ema_record.wire.samples import BLOCK_SIZE, decode_block, encode_block
+from ema_record.wire.topics import SAMPLES
 from ema_sim.simulate import simulate
 
 BOUND = 2.0

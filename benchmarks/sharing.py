@@ -17,12 +17,11 @@ from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from ema_identification.actuator.features import feature_map
-from ema_identification.actuator.runner import Runner
-from ema_identification.actuator.runs import Case, run_cases
-from ema_identification.actuator.spread import N_TOLERANCES, Conditions
+from ema_identification.actuator.measure.features import feature_map
+from ema_identification.actuator.measure.runs import Case, Runner, run_cases
+from ema_identification.actuator.measure.tolerances import N_TOLERANCES, Conditions
 from ema_record.profile import load_profile
-from ema_sim.actuator import load_model_file
+from ema_sim.model_file import load_model_file
 from ema_sim.simulate import simulate
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ema_prognostics.diagnosis import Mode
-    from ema_prognostics.verdict import Verdict
+    from ema_prognostics.verdict.diagnose import Mode
+    from ema_prognostics.verdict.verdict import Verdict
 
     Judge = Callable[[Path], tuple[Verdict, str, int]]
     """From a bag to its verdict, serial number and start time (ns); answers for any bag."""
@@ -34,11 +34,11 @@ def bag_judge(
     """
     from dataclasses import replace
 
-    from ema_prognostics.baseline import check_same_actuator, load_baseline
-    from ema_prognostics.diagnosis import diagnose, verdict_of_error
-    from ema_prognostics.guarded import guarded
-    from ema_prognostics.model_file import load_model
-    from ema_record.bag import read_bag
+    from ema_prognostics.cascade.model_file import load_model
+    from ema_prognostics.verdict.baseline import check_same_actuator, load_baseline
+    from ema_prognostics.verdict.diagnose import diagnose, verdict_of_error
+    from ema_prognostics.verdict.guarded import guarded
+    from ema_record.bag.read import read_bag
     from ema_record.errors import RecordError, UsageError
     from ema_record.profile import load_profile
 

@@ -30,7 +30,7 @@ class Command(NamedTuple):
     def load(self) -> Callable[..., object]:
         """Import the function of this command."""
         name = f"{self.name}_" if keyword.iskeyword(self.name) else self.name
-        module = importlib.import_module(f"ema_cli.{name}")
+        module = importlib.import_module(f"ema_cli.commands.{name}")
         function: Callable[..., object] = getattr(module, name)
         return function
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ema_sim.compile import source_hash
+from ema_sim.effects.compile import source_hash
 
 FOLDER = "ema_phm"
 LARGEST = 500_000_000

@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from ema_identification.identification import Identification
+from ema_identification.result import Identification
 from ema_record.errors import UsageError
 from ema_record.record import Record
 
 if TYPE_CHECKING:
-    from ema_record.rig import RigRecord
-    from ema_sim.actuator import Model
+    from ema_rig.record import RigRecord
+    from ema_sim.model_file import Model
 
 Progress = Callable[[str, float], None]
 
@@ -54,9 +54,9 @@ def identify(
         return identify_rig(
             cast("Sequence[RigRecord]", measured), model,
             validate=cast("Sequence[RigRecord]", validate), without=without, progress=progress)
-    from ema_identification.actuator.runs import silent
+    from ema_identification.actuator.measure.runs import silent
     from ema_identification.actuator.workflow import identify_actuator
-    from ema_sim.actuator import load_model_file
+    from ema_sim.model_file import load_model_file
 
     if model is None or isinstance(model, str | Path):
         model = load_model_file(model)

@@ -22,15 +22,15 @@ from ema_monitor.messages import (
     make_polled_subscription,
     take_all,
 )
-from ema_record.messages import make_publisher, make_timer
-from ema_record.node_process import QUIET, prepare_environment
-from ema_record.topics import (
+from ema_record.wire.topics import (
     DIAGNOSTICS,
     SAMPLES,
     SELF_TEST_SERVICE,
     VERDICT,
     WEIGHT_ON_WHEELS,
 )
+from ema_ros.messages import make_publisher, make_timer
+from ema_ros.process import QUIET, prepare_environment
 
 NODE_NAME = "aircraft"
 PERIOD = 0.1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from ema_record.standard_messages import NANOSECONDS
+from ema_record.wire.types import NANOSECONDS
 
 
 class LogClock:

@@ -12,10 +12,10 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from ema_monitor.checks import CheckResult, Level
 from ema_monitor.sequence import ActuatorStatus
-from ema_record.messages import diagnostic_status, message_class, qos_profile
-from ema_record.topics import TOPICS
+from ema_record.checks.live import CheckResult, Level
+from ema_record.wire.topics import TOPICS
+from ema_ros.messages import diagnostic_status, message_class, qos_profile
 
 ACTUATOR_STATUS = "ema_sim: actuator"
 """Name of the status in which the actuator reports."""

@@ -19,7 +19,6 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import Bool, String
 from trajectory_msgs.msg import JointTrajectory
 
-from ema_monitor.checks import CheckResult, Level, check_counters, check_record, worst
 from ema_monitor.interlock import Interlock
 from ema_monitor.messages import (
     PolledGroup,
@@ -44,18 +43,10 @@ from ema_monitor.sequence import (
     TestSequence,
 )
 from ema_monitor.settings import SPECS
+from ema_record.checks.live import CheckResult, Level, check_counters, check_record, worst
 from ema_record.errors import EmaError, UsageError
-from ema_record.messages import (
-    declare_parameters,
-    given_parameters,
-    make_publisher,
-    make_timer,
-)
-from ema_record.node_parameters import check_values
-from ema_record.node_process import StopSignal, run_node
 from ema_record.profile import load_profile
-from ema_record.standard_messages import stamp_of
-from ema_record.topics import (
+from ema_record.wire.topics import (
     BAG_TOPICS,
     BIT_RECORD,
     COMMAND,
@@ -64,7 +55,11 @@ from ema_record.topics import (
     SELF_TEST_SERVICE,
     WEIGHT_ON_WHEELS,
 )
-from ema_record.trajectory import encode_command
+from ema_record.wire.trajectory import encode_command
+from ema_record.wire.types import stamp_of
+from ema_ros.messages import declare_parameters, given_parameters, make_publisher, make_timer
+from ema_ros.parameters import check_values
+from ema_ros.process import StopSignal, run_node
 
 NODE_NAME = "ema_monitor"
 POLL_PERIOD = 0.02

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from ema_monitor.log_clock import LogClock
+from ema_record.bag.writer import BagWriter
 from ema_record.channels import N_CHANNELS, TIME
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record, Status
-from ema_record.samples_codec import decode_block
-from ema_record.topics import BAG_TOPICS, SAMPLES
 from ema_record.version import VERSION
-from ema_record.writer import BagWriter
+from ema_record.wire.samples import decode_block
+from ema_record.wire.topics import BAG_TOPICS, SAMPLES
 
 _IN_BAG = frozenset(topic.name for topic in BAG_TOPICS)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ema_monitor.interlock import DEFAULT_TIMEOUT
-from ema_record.node_parameters import ParameterSpec
+from ema_ros.parameters import ParameterSpec
 
 SPECS = (
     ParameterSpec(

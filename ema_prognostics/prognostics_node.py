@@ -14,11 +14,12 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
-from ema_prognostics.assembler import TOPICS, RecordAssembler
-from ema_prognostics.messages import severity_message, verdict_status
-from ema_prognostics.prognosis import Prognosis
+from ema_prognostics.node.assembler import TOPICS, RecordAssembler
+from ema_prognostics.node.messages import severity_message, verdict_status
+from ema_prognostics.verdict.prognosis import Prognosis
 from ema_record.errors import EmaError
-from ema_record.messages import (
+from ema_record.wire.topics import BIT_RECORD, SEVERITY, VERDICT
+from ema_ros.messages import (
     OK,
     DiagnosticsPublisher,
     declare_parameters,
@@ -29,9 +30,8 @@ from ema_record.messages import (
     make_subscription,
     make_timer,
 )
-from ema_record.node_parameters import ParameterSpec, check_values
-from ema_record.node_process import StopSignal, run_node
-from ema_record.topics import BIT_RECORD, SEVERITY, VERDICT
+from ema_ros.parameters import ParameterSpec, check_values
+from ema_ros.process import StopSignal, run_node
 
 NODE_NAME = "ema_prognostics"
 POLL_PERIOD = 0.05

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
+from ema_record.actuator import Actuator, Converters
 from ema_record.channels import (
     DEFAULT_RATE,
     MOTOR_SPEED,
@@ -18,7 +19,6 @@ from ema_record.channels import (
 )
 from ema_sim.effects import Effects
 from ema_sim.normals import Normals
-from ema_sim.parameters import Actuator, Converters
 
 
 class SensorNoise:

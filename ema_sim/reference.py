@@ -14,21 +14,21 @@ from functools import cache
 import numpy as np
 from numba import njit
 
+from ema_record.actuator import Actuator
 from ema_record.channels import DEFAULT_RATE, N_CHANNELS
 from ema_record.errors import SimulationError, UsageError
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record
 from ema_record.version import VERSION
-from ema_sim import neutral, ports
-from ema_sim import state as st
 from ema_sim.acquisition import SensorNoise, convert, effective_converters
-from ema_sim.actuator import load_actuator
-from ema_sim.compile import source_hash
-from ema_sim.control import clip, quantise, speed_control
 from ema_sim.effects import Effects
-from ema_sim.electrical import reference_signs, sector_of, wrap
-from ema_sim.mechanics import net_torque, shaft_torque
-from ema_sim.parameters import Actuator
+from ema_sim.effects.compile import source_hash
+from ema_sim.model_file import load_actuator
+from ema_sim.plant import neutral, ports
+from ema_sim.plant import state as st
+from ema_sim.plant.control import clip, quantise, speed_control
+from ema_sim.plant.electrical import reference_signs, sector_of, wrap
+from ema_sim.plant.mechanics import net_torque, shaft_torque
 
 STEP = 1e-7
 """Default step (s)."""

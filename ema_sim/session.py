@@ -7,14 +7,14 @@ from functools import lru_cache
 
 import numpy as np
 
+from ema_record.actuator import Actuator
 from ema_record.channels import DEFAULT_RATE, N_CHANNELS, TIME
 from ema_record.errors import SimulationError, UsageError
 from ema_record.profile import Profile
-from ema_sim import kernel as k
-from ema_sim import state as st
 from ema_sim.acquisition import SensorNoise, convert, effective_converters
 from ema_sim.effects import Effects
-from ema_sim.parameters import Actuator
+from ema_sim.plant import kernel as k
+from ema_sim.plant import state as st
 
 RATES = (1_000.0, 1_000_000.0)
 """Bounds of the acquisition rate (1/s)."""
@@ -108,7 +108,7 @@ class ActuatorSession:
 
     @property
     def state(self) -> np.ndarray:
-        """A copy of the state, indices in `ema_sim.state`."""
+        """A copy of the state, indices in `ema_sim.plant.state`."""
         return self._state.copy()
 
     def command(self, profile: Profile) -> None:

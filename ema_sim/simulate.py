@@ -7,14 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ema_record.actuator import Actuator
 from ema_record.channels import DEFAULT_RATE
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record
 from ema_record.version import VERSION
-from ema_sim.actuator import load_actuator
 from ema_sim.effects import Effects
-from ema_sim.kernel import MAX_STEP
-from ema_sim.parameters import Actuator
+from ema_sim.model_file import load_actuator
+from ema_sim.plant.kernel import MAX_STEP
 from ema_sim.session import ActuatorSession
 
 AUXILIARY_PERIOD = 0.1
@@ -28,7 +28,7 @@ class Simulation(NamedTuple):
     trace: np.ndarray
     """Shape (n, 3): motor torque (N m), shaft torque (N m), surface speed (rad/s)."""
     state: np.ndarray
-    """State at the end of the record, indices in `ema_sim.state`."""
+    """State at the end of the record, indices in `ema_sim.plant.state`."""
 
 
 def simulate(

@@ -12,7 +12,17 @@ from rclpy.node import Node
 from trajectory_msgs.msg import JointTrajectory
 
 from ema_record.errors import EmaError, UsageError
-from ema_record.messages import (
+from ema_record.wire.topics import (
+    COMMAND,
+    DC_BUS,
+    JOINT_STATES,
+    PHASE_CURRENTS,
+    SAMPLES,
+    WINDING_TEMPERATURE,
+)
+from ema_record.wire.trajectory import command_points
+from ema_record.wire.types import stamp_of
+from ema_ros.messages import (
     ERROR,
     OK,
     WARN,
@@ -24,21 +34,11 @@ from ema_record.messages import (
     make_subscription,
     make_timer,
 )
-from ema_record.node_parameters import ParameterSpec, Value, check_values
-from ema_record.node_process import StopSignal, report, run_node
-from ema_record.standard_messages import stamp_of
-from ema_record.topics import (
-    COMMAND,
-    DC_BUS,
-    JOINT_STATES,
-    PHASE_CURRENTS,
-    SAMPLES,
-    WINDING_TEMPERATURE,
-)
-from ema_record.trajectory import command_points
-from ema_sim.messages import on_parameters
-from ema_sim.node_settings import MODEL_FILE, load_model, parameter_specs, settings_from
-from ema_sim.server import ActuatorServer
+from ema_ros.parameter_events import on_parameters
+from ema_ros.parameters import ParameterSpec, Value, check_values
+from ema_ros.process import StopSignal, report, run_node
+from ema_sim.node.server import ActuatorServer
+from ema_sim.node.settings import MODEL_FILE, load_model, parameter_specs, settings_from
 
 NODE_NAME = "ema_sim"
 TICK = 0.005

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from ema_cli.domain import local_environment, private_domain
+from ema_ros.domain import local_environment, private_domain
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -28,8 +28,8 @@ from ema_record.files import new_file
 def identify_unit(task: Task, folder: Path, tests: tuple[str, ...]) -> dict[str, Any]:
     """Return the JSON object of one unit: what `identify` says, and how long it took."""
     from ema_identification.identify import identify
-    from ema_record.bag import read_bag
-    from ema_sim.actuator import load_model_file
+    from ema_record.bag.read import read_bag
+    from ema_sim.model_file import load_model_file
 
     measured = [read_bag(folder / test) for test in tests]
     validate = [read_bag(folder / "validate")]

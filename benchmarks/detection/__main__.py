@@ -24,8 +24,8 @@ from benchmarks.detection.paper_noise import paper_noise
 from benchmarks.detection.plots import plot_detection, plot_reliability
 from benchmarks.detection.print_table import print_tables
 from benchmarks.detection.table import TARGETS, fault_groups, numbers
-from ema_prognostics.model_file import load_model
-from ema_prognostics.robust.campaign import run_campaign
+from ema_prognostics.cascade.model_file import load_model
+from ema_prognostics.training.campaign import run_campaign
 
 NOISE_UNITS = 40
 

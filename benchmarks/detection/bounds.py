@@ -37,14 +37,14 @@ from benchmarks.detection.detectability import (
     noise_bound,
     own_spread_bound,
 )
-from ema_prognostics.robust.features import extract
+from ema_prognostics.features.extract import extract
+from ema_record.actuator import Actuator
 from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_record.files import new_file
 from ema_record.profile import load_profile
 from ema_record.record import Record
-from ema_sim.actuator import load_actuator
 from ema_sim.effects.settings import effects_from_mapping
-from ema_sim.parameters import Actuator
+from ema_sim.model_file import load_actuator
 from ema_sim.simulate import simulate
 
 USED = ("quarter_even_m", "full_even_m", "torque_", "gap_width", "gap_torque", "gap_load",

@@ -22,7 +22,7 @@ from scipy.stats import chi2, ncx2
 
 from benchmarks.detection.bounds import Fault, Library
 from benchmarks.detection.detectability import FALSE_ALARMS, FOUND, inverse_covariance
-from ema_prognostics.robust.rates import detection
+from ema_prognostics.training.rates import detection
 
 LINES = tuple(f"{speed}_even_m{h}_" for speed in ("quarter", "full") for h in (1, 3))
 """Lines that an eccentricity makes, and no tolerance."""

@@ -12,9 +12,9 @@ from benchmarks.detection.generate import COUNTS, Tested
 from benchmarks.detection.judge import CLASS, Judged, View
 from benchmarks.detection.peers import Called, mlp_columns, paper_columns
 from benchmarks.detection.table import plain
-from ema_prognostics.model_file import Model
-from ema_prognostics.robust.campaign import Campaign
-from ema_prognostics.robust.rates import ORIGIN, detection, rate
+from ema_prognostics.cascade.model_file import Model
+from ema_prognostics.training.campaign import Campaign
+from ema_prognostics.training.rates import ORIGIN, detection, rate
 
 PAPER_UNITS = 60
 """Records a group that the paper's scheme judges; each is simulated again."""

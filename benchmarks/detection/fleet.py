@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ema_prognostics.robust.features import extract
+from ema_prognostics.features.extract import extract
+from ema_record.actuator import Actuator
+from ema_record.checks.guard import guard_findings, outcome_of
 from ema_record.errors import RecordError
-from ema_record.lint.guard import guard_findings, outcome_of
 from ema_record.profile import load_profile
 from ema_record.record import Record
-from ema_sim.actuator import load_actuator
 from ema_sim.effects.settings import effects_from_mapping
-from ema_sim.parameters import Actuator
+from ema_sim.model_file import load_actuator
 from ema_sim.simulate import simulate
 
 ROOT = 777_008

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ema_prognostics.robust.rates import Rate, rate
-from ema_prognostics.trend import UnitTrend, trend_of
-from ema_prognostics.trend_flights import Flight, in_order
-from ema_prognostics.verdict import Verdict
+from ema_prognostics.training.rates import Rate, rate
+from ema_prognostics.trend.flights import Flight, in_order
+from ema_prognostics.trend.trend import UnitTrend, trend_of
+from ema_prognostics.verdict.verdict import Verdict
 
 VIEWS = ("fleet", "baseline")
 CLASS_OF = {"motor_friction": "friction", "surface_friction": "friction"}

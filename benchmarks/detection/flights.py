@@ -27,15 +27,15 @@ from benchmarks.detection import sequences
 from benchmarks.detection.flight_scores import VIEWS, Flown, Score, score_units
 from benchmarks.detection.sequences import draw_course, record_of
 from ema_cli.console import progress
-from ema_prognostics.diagnosis import verdict_of_features
-from ema_prognostics.model_file import Model, load_model
-from ema_prognostics.robust.chunks import sources_hash
-from ema_prognostics.robust.features import extract
-from ema_prognostics.robust.rates import Rate
-from ema_prognostics.verdict import Verdict
+from ema_prognostics.cascade.model_file import Model, load_model
+from ema_prognostics.features.extract import extract
+from ema_prognostics.training.chunks import sources_hash
+from ema_prognostics.training.rates import Rate
+from ema_prognostics.verdict.diagnose import verdict_of_features
+from ema_prognostics.verdict.verdict import Verdict
+from ema_record.checks.guard import guard_findings, outcome_of
 from ema_record.errors import RecordError
 from ema_record.files import new_file
-from ema_record.lint.guard import guard_findings, outcome_of
 
 TARGETS = {
     "fleet": {"turn_short": 0.015, "rotor_eccentricity": 0.008, "motor_friction": 0.30,

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.detection.flight_scores import VIEWS, Flown, Score
-from ema_cli.plots import BLACK, STYLE, VERMILION
+from ema_cli.views.record_plots import BLACK, STYLE, VERMILION
 from ema_record.files import new_file
 
 TITLES = {"fleet": "without a baseline", "baseline": "with the own baseline"}

@@ -15,7 +15,7 @@ from joblib import Parallel, delayed
 
 from benchmarks.detection import fleet
 from benchmarks.detection.fleet import Case, draw, tested
-from ema_prognostics.robust.chunks import sources_hash
+from ema_prognostics.training.chunks import sources_hash
 
 COUNTS = {
     "healthy": 3000, "turn_short": 1500, "rotor_eccentricity": 600, "static_eccentricity": 120,

@@ -10,10 +10,10 @@ import numpy as np
 
 from benchmarks.detection.fleet import Case
 from benchmarks.detection.generate import Tested
-from ema_prognostics.diagnosis import verdict_of_features
-from ema_prognostics.model_file import Model
-from ema_prognostics.robust.report import unknown_verdict
-from ema_prognostics.verdict import Fault, Verdict
+from ema_prognostics.cascade.model_file import Model
+from ema_prognostics.verdict.diagnose import verdict_of_features
+from ema_prognostics.verdict.report import unknown_verdict
+from ema_prognostics.verdict.verdict import Fault, Verdict
 
 View = Literal["fleet", "baseline"]
 VIEWS: tuple[View, ...] = ("fleet", "baseline")

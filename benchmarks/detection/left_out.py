@@ -16,11 +16,11 @@ import numpy as np
 from benchmarks.detection.generate import Tested
 from benchmarks.detection.judge import CLASS, VIEWS, Judged, View, inside, judge, of
 from benchmarks.detection.table import accuracy, plain
-from ema_prognostics.model_body import Body
-from ema_prognostics.model_file import model_of
-from ema_prognostics.robust.campaign import Campaign
-from ema_prognostics.robust.rates import rate
-from ema_prognostics.robust.training import train_view
+from ema_prognostics.cascade.model_body import Body
+from ema_prognostics.cascade.model_file import model_of
+from ema_prognostics.training.campaign import Campaign
+from ema_prognostics.training.rates import rate
+from ema_prognostics.training.training import train_view
 
 CONDITIONS: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray],
                             Callable[[Judged], bool]]] = {

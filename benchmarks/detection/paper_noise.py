@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.detection.fleet import draw, record_of
-from ema_prognostics.diagnosis import diagnose
-from ema_prognostics.model_file import Model
+from ema_prognostics.cascade.model_file import Model
+from ema_prognostics.verdict.diagnose import diagnose
 from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS
 from ema_record.record import Record
 

@@ -20,14 +20,14 @@ import numpy as np
 
 from benchmarks.detection.fleet import Case, record_of
 from benchmarks.detection.generate import Tested
-from ema_prognostics.diagnosis import diagnose, verdict_of_error
-from ema_prognostics.model_body import View
-from ema_prognostics.model_file import Model, load_model
-from ema_prognostics.robust.campaign import Campaign
-from ema_prognostics.robust.classes import CLASS_OF, OUTPUTS, SHORTS
-from ema_prognostics.robust.vector import differences
+from ema_prognostics.cascade.classes import CLASS_OF, OUTPUTS, SHORTS
+from ema_prognostics.cascade.model_body import View
+from ema_prognostics.cascade.model_file import Model, load_model
+from ema_prognostics.features.vector import differences
+from ema_prognostics.training.campaign import Campaign
+from ema_prognostics.verdict.diagnose import diagnose, verdict_of_error
+from ema_record.actuator import Actuator
 from ema_record.errors import RecordError
-from ema_sim.parameters import Actuator
 
 HIDDEN = (64,)
 ITERATIONS = 300

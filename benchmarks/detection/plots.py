@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.detection.judge import CLASS, Judged, View, detected, of, severities
-from ema_prognostics.robust.rates import rate
+from ema_prognostics.training.rates import rate
 
 UNITS = {
     "turn_short": (100.0, "% of the turns"), "rotor_eccentricity": (100.0, "% of the air gap"),

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ema_record.actuator import Actuator
 from ema_record.profile import load_profile
 from ema_record.record import Record
-from ema_sim.actuator import load_actuator
 from ema_sim.effects.settings import effects_from_mapping
-from ema_sim.parameters import Actuator
+from ema_sim.model_file import load_actuator
 from ema_sim.simulate import simulate
 
 SEED = 31_337_001

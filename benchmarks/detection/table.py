@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.detection.judge import CLASS, Judged, detected, errors, inside, of, severities
-from ema_prognostics.robust.rates import ORIGIN, Rate, detection, rate
+from ema_prognostics.training.rates import ORIGIN, Rate, detection, rate
 
 PHASED = "turn_short"
 MODES = ("paper", "common", "shifted")

@@ -16,13 +16,9 @@ import numpy as np
 
 from benchmarks.reliability.recording import Recording
 from ema_record.profile import load_profile, step_profile
-from ema_record.samples_codec import BLOCK_SIZE
-from ema_record.sensor_messages import encode_bool, encode_dc_bus
-from ema_record.topics import (
-    DC_BUS,
-    WEIGHT_ON_WHEELS,
-    WINDING_TEMPERATURE,
-)
+from ema_record.wire.samples import BLOCK_SIZE
+from ema_record.wire.sensors import encode_bool, encode_dc_bus
+from ema_record.wire.topics import DC_BUS, WEIGHT_ON_WHEELS, WINDING_TEMPERATURE
 from ema_sim.simulate import simulate
 
 MOTION, SPEED, POSITION, ANGLE = (1, 8, 9), 1, 9, 8
@@ -292,7 +288,7 @@ def slow_units(r: Recording, rng: Random) -> None:
         r.others = [m for m in r.others if m[1] != DC_BUS]
         r.others += [(int(t), DC_BUS, m) for t, m in zip(times, messages)]
     else:
-        from ema_record.sensor_messages import encode_temperature
+        from ema_record.wire.sensors import encode_temperature
 
         times = np.array([t for t, topic, _ in r.others if topic == WINDING_TEMPERATURE])
         messages = encode_temperature(times, np.full(len(times), 298.0))

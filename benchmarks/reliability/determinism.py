@@ -24,12 +24,12 @@ from random import Random
 from std_msgs.msg import String
 
 from benchmarks.reliability.ledger import Ledger, options_of
-from ema_cli.domain import enter_domain, private_domain
-from ema_cli.supervisor import Supervisor
 from ema_monitor.aircraft_node import AircraftNode, aircraft
-from ema_record.messages import make_publisher
 from ema_record.resources import share_path
-from ema_record.topics import BIT_RECORD
+from ema_record.wire.topics import BIT_RECORD
+from ema_ros.domain import enter_domain, private_domain
+from ema_ros.messages import make_publisher
+from ema_ros.supervisor import Supervisor
 
 BAG = "bags/sim_0001_extended"
 OTHERS = ("bags/sim_0000_step", "bags/sim_0003_step")

@@ -18,21 +18,21 @@ import yaml
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
-from ema_prognostics.model_file import FORMAT, SHIPPED, load_model
-from ema_record.bag import read_bag, write_bag
+from ema_prognostics.cascade.model_file import FORMAT, SHIPPED, load_model
+from ema_record.bag.container import read_content
+from ema_record.bag.metadata import END, START
+from ema_record.bag.read import read_bag, write_bag
+from ema_record.bag.recover import recover_bag
+from ema_record.checks import lint_bag
 from ema_record.errors import EmaError
-from ema_record.lint import lint_bag
-from ema_record.metadata import END, START
 from ema_record.profile import load_profile
-from ema_record.reader import read_content
 from ema_record.record import Provenance, Record
-from ema_record.recover import recover_bag
 from ema_record.resources import share_path
-from ema_record.samples_codec import decode_block, encode_block
-from ema_record.schemas import definition
-from ema_record.topics import BAG_TOPICS, TOPICS
-from ema_sim.actuator import NOMINAL, load_model_file
+from ema_record.wire.samples import decode_block, encode_block
+from ema_record.wire.schemas import definition
+from ema_record.wire.topics import BAG_TOPICS, TOPICS
 from ema_sim.effects import EFFECTS, parse_effects
+from ema_sim.model_file import NOMINAL, load_model_file
 
 
 class Target(NamedTuple):

@@ -29,15 +29,15 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.reliability.ledger import Ledger, options_of
-from ema_record.bag import read_bag
+from ema_record.bag.read import read_bag
+from ema_record.bag.recover import recover_bag
+from ema_record.bag.writer import BagWriter
 from ema_record.errors import OutputError, RecordError
 from ema_record.profile import load_profile
 from ema_record.record import Record
-from ema_record.recover import recover_bag
-from ema_record.samples_codec import BLOCK_SIZE, encode_block
-from ema_record.topics import COMMAND, SAMPLES
-from ema_record.trajectory import encode_command
-from ema_record.writer import BagWriter
+from ema_record.wire.samples import BLOCK_SIZE, encode_block
+from ema_record.wire.topics import COMMAND, SAMPLES
+from ema_record.wire.trajectory import encode_command
 from ema_sim.simulate import simulate
 
 PARALLEL = 6

@@ -21,8 +21,8 @@ from benchmarks.reliability.defects import DEFECTS
 from benchmarks.reliability.good_bags import good_record
 from benchmarks.reliability.ledger import Ledger, options_of
 from benchmarks.reliability.recording import Recording
-from ema_record.bag import read_bag, write_bag
-from ema_record.lint import guard_findings, lint_bag
+from ema_record.bag.read import read_bag, write_bag
+from ema_record.checks import guard_findings, lint_bag
 
 
 def good(number: int, seed: int, folder: Path) -> dict[str, Any]:

@@ -33,10 +33,10 @@ from benchmarks.reliability.chain import (
 )
 from benchmarks.reliability.ledger import Ledger, options_of
 from benchmarks.reliability.live_kinds import KINDS, Kind
-from ema_cli.bit import PROGNOSTICS
-from ema_record.bag import read_bag
+from ema_cli.commands.bit import PROGNOSTICS
+from ema_record.bag.read import read_bag
+from ema_record.checks import guard_findings
 from ema_record.errors import IncompleteRecordError, RecordError
-from ema_record.lint import guard_findings
 
 HIDDEN = {"turn_short.fraction": 0.1, "turn_short.phase": "b"}
 SAMPLES_OF_A_TEST = 62_600

@@ -12,7 +12,7 @@ from random import Random
 from typing import NamedTuple
 
 from benchmarks.reliability.chain import Chain, slow_reader
-from ema_cli.bit import MONITOR, PROGNOSTICS, SIMULATOR
+from ema_cli.commands.bit import MONITOR, PROGNOSTICS, SIMULATOR
 
 NEIGHBOUR = "EMA-NEIGHBOUR"
 

@@ -8,16 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ema_record.bag import write_bag
+from ema_record.bag.container import read_content
+from ema_record.bag.read import write_bag
+from ema_record.bag.writer import BagWriter
 from ema_record.profile import Profile
-from ema_record.reader import read_content
 from ema_record.record import Provenance, Record, Status
-from ema_record.samples_codec import decode_block, encode_block
-from ema_record.topics import (
-    BAG_TOPICS,
-    SAMPLES,
-)
-from ema_record.writer import BagWriter
+from ema_record.wire.samples import decode_block, encode_block
+from ema_record.wire.topics import BAG_TOPICS, SAMPLES
 
 
 @dataclass

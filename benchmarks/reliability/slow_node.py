@@ -7,8 +7,8 @@ import time
 import rclpy
 
 from ema_monitor.messages import PolledGroup, make_polled_subscription
-from ema_record.node_process import QUIET, prepare_environment
-from ema_record.topics import SAMPLES
+from ema_record.wire.topics import SAMPLES
+from ema_ros.process import QUIET, prepare_environment
 
 
 def main() -> None:

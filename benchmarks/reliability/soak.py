@@ -22,7 +22,7 @@ import psutil
 
 from benchmarks.reliability.chain import Chain, chain
 from benchmarks.reliability.ledger import Ledger, options_of
-from ema_cli.bit import MONITOR, PROGNOSTICS, SIMULATOR
+from ema_cli.commands.bit import MONITOR, PROGNOSTICS, SIMULATOR
 
 NODES = {"simulator": SIMULATOR, "monitor": MONITOR, "prognostics": PROGNOSTICS}
 PERIOD = 2.0

@@ -13,11 +13,11 @@ import time
 from pathlib import Path
 
 from benchmarks.rigs.panel import panel
-from ema_identification.identification import Identification
+from ema_identification.result import Identification
 from ema_identification.rig.workflow import identify_rig
-from ema_record.import_file import import_file
-from ema_record.rig import RigRecord
-from ema_record.rig_map import load_map
+from ema_rig.import_file import import_file
+from ema_rig.map import load_map
+from ema_rig.record import RigRecord
 
 HERE = Path(__file__).resolve().parent
 DATA = HERE.parents[2] / "shared" / "data"

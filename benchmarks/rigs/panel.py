@@ -7,7 +7,7 @@ from collections import Counter
 from pathlib import Path
 
 from benchmarks.rigs.synthetic import EFFECTS, RIGS, STRANGERS, Rig, make
-from ema_identification.identification import Identification
+from ema_identification.result import Identification
 from ema_identification.rig.workflow import identify_rig
 
 SIZE = 0.3

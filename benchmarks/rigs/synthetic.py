@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ema_record.rig import Axis, RigRecord
+from ema_rig.record import Axis, RigRecord
 
 Law = Callable[["Motion"], np.ndarray]
 

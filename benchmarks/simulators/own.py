@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.simulators.drive import standard_error
 from ema_record.profile import load_profile
 from ema_record.record import Record
-from ema_sim.campaign_summary import summary
+from ema_sim.campaign.reductions import summary
 from ema_sim.effects import parse_effects
 from ema_sim.reference import simulate_reference
 from ema_sim.simulate import simulate, simulate_traced

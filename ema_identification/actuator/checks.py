@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_identification.actuator.lines import TURN
-from ema_identification.actuator.segments import path
+from ema_identification.actuator.measure.segments import path
+from ema_identification.actuator.measure.signals import TURN
 from ema_record.channels import CHANNEL_NAMES, PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_record.errors import (
     IncompleteRecordError,
@@ -17,8 +17,8 @@ from ema_record.errors import (
     unknown_name,
 )
 from ema_record.record import Record
-from ema_sim.actuator import Model
 from ema_sim.effects import EFFECTS
+from ema_sim.model_file import Model
 
 SHORTEST = 0.15
 """s."""

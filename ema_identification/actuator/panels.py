@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_identification.actuator.answer import Answer
-from ema_identification.actuator.evidence import Evidence
-from ema_identification.actuator.held_out import Gap, whitened
-from ema_identification.actuator.lines import TURN, turns_of
-from ema_identification.actuator.recalibration import Recalibration
-from ema_identification.actuator.runs import Case, simulate_case
-from ema_identification.actuator.signals import Signals, prepare
-from ema_identification.identification import Curve, Panel
+from ema_identification.actuator.measure.runs import Case, simulate_case
+from ema_identification.actuator.measure.signals import TURN, Signals, prepare, turns_of
+from ema_identification.actuator.naming.answer import Answer
+from ema_identification.actuator.naming.gap import Gap, whitened
+from ema_identification.actuator.surrogate.evidence import Evidence
+from ema_identification.actuator.surrogate.likelihood import Recalibration
+from ema_identification.result import Curve, Panel
 from ema_record.record import Record
 
 BINS = 90

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_identification.actuator.evidence import Evidence
-from ema_identification.actuator.fit import Fit
-from ema_identification.actuator.largest_line import largest_line
-from ema_identification.actuator.law_check import Law
-from ema_identification.actuator.where import Group, groups_of
-from ema_identification.identification import Curve, Panel, Shape
+from ema_identification.actuator.naming.law_check import Law
+from ema_identification.actuator.naming.ripple import largest_line
+from ema_identification.actuator.surrogate.evidence import Evidence
+from ema_identification.actuator.surrogate.fit import Fit
+from ema_identification.actuator.words import Group, groups_of
+from ema_identification.result import Curve, Panel, Shape
 from ema_sim.effects import EFFECTS
 
 SENSOR_SIGNALS = {"sum of the phase currents", "measured speed minus speed of the rotor angle"}

@@ -7,32 +7,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ema_identification.actuator.alignment import align
-from ema_identification.actuator.answer import Answer
 from ema_identification.actuator.checks import check_records
-from ema_identification.actuator.contest import Arena
-from ema_identification.actuator.estimation import estimate_again, is_entangled
-from ema_identification.actuator.evidence import Block, Evidence, evidence
-from ema_identification.actuator.findings import candidates_of, findings_of
-from ema_identification.actuator.held_out import Gap, gap_of, whitened
-from ema_identification.actuator.judged import predicted, settled, without_second
-from ema_identification.actuator.lawful import decide_lawfully
-from ema_identification.actuator.library import library
-from ema_identification.actuator.model_file import model_text
-from ema_identification.actuator.next_test import separating_test
+from ema_identification.actuator.measure.runs import Progress, Runner, silent
+from ema_identification.actuator.measure.tolerances import align
+from ema_identification.actuator.naming.answer import Answer, refuted, sufficient
+from ema_identification.actuator.naming.contest import Arena
+from ema_identification.actuator.naming.decision import decide_lawfully
+from ema_identification.actuator.naming.estimates import (
+    estimate_again,
+    is_entangled,
+    model_text,
+    recalibrated_of,
+)
+from ema_identification.actuator.naming.gap import Gap, gap_of, separating_test, whitened
+from ema_identification.actuator.naming.judged import predicted, settled, without_second
 from ema_identification.actuator.panels import panels_of
-from ema_identification.actuator.parameters import recalibrated_of
 from ema_identification.actuator.ports import unknown_shape
-from ema_identification.actuator.pruning import refuted, sufficient
-from ema_identification.actuator.recalibration import recalibrate
-from ema_identification.actuator.runner import Runner
-from ema_identification.actuator.runs import Progress, silent
-from ema_identification.actuator.steps import steps_of
-from ema_identification.actuator.where import groups_of
-from ema_identification.identification import Identification
+from ema_identification.actuator.surrogate.evidence import Block, Evidence, evidence
+from ema_identification.actuator.surrogate.library import library
+from ema_identification.actuator.surrogate.likelihood import recalibrate
+from ema_identification.actuator.words import candidates_of, findings_of, groups_of, steps_of
+from ema_identification.result import Identification
 from ema_record.record import Record
-from ema_sim.actuator import Model
 from ema_sim.effects import Effects
+from ema_sim.model_file import Model
 
 GAP_UNIT = ("rms of the worst tenth of the held-out features, in standard deviations of what the "
             "model may be off when nothing is missing")

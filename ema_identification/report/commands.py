@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ema_identification.identification import Identification
+from ema_identification.result import Identification
 
 MODEL = "model.yaml"
 

@@ -5,16 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ema_identification.identification import (
-    LEVEL,
-    Candidate,
-    Finding,
-    Identification,
-    Panel,
-    Parameter,
-)
 from ema_identification.report import words
 from ema_identification.report.commands import as_list
+from ema_identification.result import LEVEL, Candidate, Finding, Identification, Panel, Parameter
 from ema_record.version import VERSION
 
 MAX_CANDIDATES = 12

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ema_identification.identification import Finding, Identification, Parameter
+from ema_identification.result import Finding, Identification, Parameter
 from ema_sim.effects import EFFECTS
 
 

@@ -16,11 +16,10 @@ import yaml
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from ema_identification.identification import Identification, Panel
 from ema_identification.report.commands import next_commands
-from ema_identification.report.gap_plot import draw_gap
 from ema_identification.report.page import page_context
-from ema_identification.report.plots import draw_panel
+from ema_identification.report.plots import draw_gap, draw_panel
+from ema_identification.result import Identification, Panel
 from ema_record.errors import UsageError
 from ema_record.files import cannot_write, exists, make_new_directory, sync_directory
 

@@ -9,42 +9,36 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ema_identification.identification import (
-    Candidate,
-    Finding,
-    Identification,
-    Outcome,
-    Parameter,
-    Shape,
-)
-from ema_identification.rig.balance import Balance, rms
-from ema_identification.rig.blocks import Blocks, make_blocks
-from ema_identification.rig.design import Design
-from ema_identification.rig.estimates import parameters, without_modifiers
-from ema_identification.rig.gain import common_factor
-from ema_identification.rig.known import known_balance
+from ema_identification.result import Candidate, Finding, Identification, Outcome, Parameter, Shape
+from ema_identification.rig.fit.balance import Balance, Design, rms
+from ema_identification.rig.fit.estimates import parameters, without_modifiers
+from ema_identification.rig.fit.known import common_factor, known_balance
+from ema_identification.rig.fit.model import RigModel, Settings, load_rig_model
+from ema_identification.rig.fit.regression import Blocks, fit, held_out, make_blocks
 from ema_identification.rig.laws import LAWS
-from ema_identification.rig.model import RigModel, Settings, load_rig_model
-from ema_identification.rig.next_test import for_unknown, next_test, one_direction
-from ema_identification.rig.panels import all_panels, unknown_panel
 from ema_identification.rig.prepare import prepare
-from ema_identification.rig.regression import fit, held_out
-from ema_identification.rig.remainder import main_shape, portrait
-from ema_identification.rig.search import Search, search
-from ema_identification.rig.selection import LEVEL_OF_CHANCE
-from ema_identification.rig.shapes import (
+from ema_identification.rig.report.panels import all_panels, unknown_panel
+from ema_identification.rig.report.steps import Story, all_steps, updated_text
+from ema_identification.rig.report.words import (
+    for_unknown,
+    next_test,
+    one_direction,
+    shape_words,
+    signal_name,
+    where,
+)
+from ema_identification.rig.search.alternatives import Choice, skew_words, without_skew
+from ema_identification.rig.search.remainder import main_shape, portrait
+from ema_identification.rig.search.search import Search, search
+from ema_identification.rig.search.selection import LEVEL_OF_CHANCE
+from ema_identification.rig.search.shapes import (
     GenericShape,
     freest_columns,
     smooth_shapes,
     waves_in_position,
 )
-from ema_identification.rig.skew import skew_words, without_skew
-from ema_identification.rig.steps import Story, all_steps
-from ema_identification.rig.trials import Choice
-from ema_identification.rig.updated import updated_text
-from ema_identification.rig.words import shape_words, signal_name, where
 from ema_record.errors import unknown_name
-from ema_record.rig import RigRecord
+from ema_rig.record import RigRecord
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and how much of all is (0 to 1)."""

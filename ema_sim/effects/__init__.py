@@ -1,6 +1,6 @@
 """The catalogue of physical effects: faults, disturbances, what a model may lack.
 
-To add one: its file, one field of `Effects` here, one term at its port in `ema_sim.ports`.
+To add one: its file, one field of `Effects` here, one term at its port in `ema_sim.plant.ports`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What an effect declares: parameters with units, bounds and neutral defaults; port; source.
 
 An effect is one file with a NamedTuple of parameters, one `EFFECT` description and the laws
-(numba functions) that `ema_sim.ports` sums at the effect's port. An effect is neutral while
+(numba functions) that `ema_sim.plant.ports` sums at the effect's port. An effect is neutral while
 its severity parameters hold their defaults.
 """
 

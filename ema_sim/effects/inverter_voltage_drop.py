@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from ema_sim.compile import law
 from ema_sim.effects.base import Effect, Quantity
+from ema_sim.effects.compile import law
 
 KNEE = 0.1
 """Current at which the drop is fully there (A)."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from ema_sim.compile import law
 from ema_sim.effects.base import Choice, Effect, Quantity
+from ema_sim.effects.compile import law
 
 PAPER, COMMON, SHIFTED, STATIC = 0, 1, 2, 3
 THIRD = 2.0 * math.pi / 3.0

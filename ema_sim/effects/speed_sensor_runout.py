@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from ema_sim.compile import law
 from ema_sim.effects.base import Effect, Quantity
+from ema_sim.effects.compile import law
 
 
 class SpeedSensorRunout(NamedTuple):

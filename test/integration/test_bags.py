@@ -10,8 +10,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from ema_cli.main import run
-from ema_monitor.checks import Level, check_record
-from ema_record.bag import read_bag
+from ema_record.bag.read import read_bag
+from ema_record.checks.live import Level, check_record
 from ema_record.profile import load_profile
 from ema_record.resources import share_path
 from ema_sim.effects import parse_effects

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from ema_cli.main import run as ema
-from ema_record.bag import read_bag
+from ema_record.bag.read import read_bag
 from ema_record.errors import OutputError, UsageError
 from ema_record.profile import load_profile
-from ema_sim.campaign import run_campaign
-from ema_sim.campaign_file import load_plan
-from ema_sim.campaign_runs import prepare
-from ema_sim.campaign_store import load_campaign
-from ema_sim.campaign_summary import summary
+from ema_sim.campaign.plan import load_plan
+from ema_sim.campaign.reductions import summary
+from ema_sim.campaign.run import run_campaign
+from ema_sim.campaign.runs import prepare
+from ema_sim.campaign.store import load_campaign
 from ema_sim.simulate import simulate
 
 PLAN = """
@@ -104,7 +104,7 @@ def test_a_cluster_gives_the_same_bytes(plan, tmp_path, cluster):
 
 
 def test_a_cluster_that_is_not_there(plan, monkeypatch):
-    monkeypatch.setattr("ema_sim.campaign.ANSWER_TIME", 0.5)
+    monkeypatch.setattr("ema_sim.campaign.run.ANSWER_TIME", 0.5)
     with pytest.raises(UsageError, match="no scheduler answers"):
         run_campaign(plan(), dask="tcp://127.0.0.1:9")
 
@@ -199,7 +199,7 @@ def test_options_of_one_run_do_not_mix(plan, tmp_path, capsys):
 
 def test_a_run_that_fails_does_not_stop_the_others(plan, monkeypatch):
     from ema_record.errors import SimulationError
-    from ema_sim import campaign_runs
+    from ema_sim.campaign import runs as campaign_runs
 
     real = campaign_runs.simulate
 

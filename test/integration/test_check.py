@@ -5,11 +5,11 @@ import json
 import pytest
 
 from ema_cli.main import run
-from ema_prognostics import diagnosis
-from ema_prognostics.model_file import load_model
-from ema_prognostics.prognosis import Prognosis
-from ema_prognostics.robust.features import extract
-from ema_record.bag import write_bag
+from ema_prognostics.cascade.model_file import load_model
+from ema_prognostics.features.extract import extract
+from ema_prognostics.verdict import diagnose as diagnosis
+from ema_prognostics.verdict.prognosis import Prognosis
+from ema_record.bag.read import write_bag
 from ema_record.errors import UsageError
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects

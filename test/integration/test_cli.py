@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from ema_cli.main import run
-from ema_record.bag import read_bag, write_bag
+from ema_record.bag.read import read_bag, write_bag
 from ema_record.channels import CHANNEL_LABEL, CHANNEL_NAMES
 from ema_record.errors import InvalidRecordError
 from ema_record.profile import load_profile

@@ -5,14 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from ema_prognostics.diagnosis import diagnose
-from ema_prognostics.model_file import load_model
+from ema_prognostics.cascade.model_file import load_model
+from ema_prognostics.verdict.diagnose import diagnose
 from ema_record.channels import TIME
 from ema_record.errors import UsageError
 from ema_record.profile import load_profile, load_profile_dict, step_profile
 from ema_record.record import Provenance, Record
-from ema_sim.actuator import load_actuator
 from ema_sim.effects import parse_effects
+from ema_sim.model_file import load_actuator
 from ema_sim.simulate import simulate
 
 PROFILES = ("step", "extended")

@@ -16,10 +16,10 @@ from benchmarks.detection.flights import (
     measure_all,
 )
 from ema_cli.main import run
-from ema_prognostics.diagnosis import diagnose
-from ema_prognostics.model_file import load_model
-from ema_prognostics.robust.features import extract
-from ema_record.bag import write_bag
+from ema_prognostics.cascade.model_file import load_model
+from ema_prognostics.features.extract import extract
+from ema_prognostics.verdict.diagnose import diagnose
+from ema_record.bag.read import write_bag
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate

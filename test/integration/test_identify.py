@@ -7,21 +7,29 @@ import pytest
 from typer.testing import CliRunner
 
 from ema_cli.main import COMMANDS, build_app, run
-from ema_identification.actuator import calibration, effect_library, naming, null_library
-from ema_identification.actuator.alignment import align
-from ema_identification.actuator.contest import Arena
-from ema_identification.actuator.evidence import Block, evidence
-from ema_identification.actuator.fit import Term
-from ema_identification.actuator.library import library
-from ema_identification.actuator.look_around import approached, compass
-from ema_identification.actuator.point import run_point
-from ema_identification.actuator.recalibration import recalibrate
-from ema_identification.actuator.variants import variants
+from ema_identification.actuator.measure.tolerances import align
+from ema_identification.actuator.naming import proposal as naming
+from ema_identification.actuator.naming.contest import Arena
+from ema_identification.actuator.naming.ensemble_search import approached, compass
+from ema_identification.actuator.surrogate import (
+    library as calibration,
+)
+from ema_identification.actuator.surrogate import (
+    signatures as effect_library,
+)
+from ema_identification.actuator.surrogate import (
+    signatures as null_library,
+)
+from ema_identification.actuator.surrogate.catalogue import variants
+from ema_identification.actuator.surrogate.evidence import Block, evidence
+from ema_identification.actuator.surrogate.fit import Term, run_point
+from ema_identification.actuator.surrogate.library import library
+from ema_identification.actuator.surrogate.likelihood import recalibrate
 from ema_identification.identify import identify
-from ema_record.bag import write_bag
+from ema_record.bag.read import write_bag
 from ema_record.profile import load_profile
-from ema_sim.actuator import load_model_file
 from ema_sim.effects import parse_effects
+from ema_sim.model_file import load_model_file
 from ema_sim.simulate import simulate
 
 KNOWN = {"turn_short a physical", "turn_short b physical", "viscous_friction",

@@ -10,10 +10,10 @@ from ema_identification.identify import identify
 from ema_identification.rig.laws import LAWS
 from ema_identification.rig.workflow import identify_rig
 from ema_record.channels import Channel
-from ema_record.import_file import import_file
-from ema_record.rig import Axis, RigRecord
-from ema_record.rig_bag import read_rig_bag
-from ema_record.rig_map import load_map
+from ema_rig.bag import read_rig_bag
+from ema_rig.import_file import import_file
+from ema_rig.map import load_map
+from ema_rig.record import Axis, RigRecord
 
 QUICK = ("joint", "valve")
 

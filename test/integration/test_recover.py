@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from ema_cli.main import run
-from ema_record.bag import read_bag, write_bag
+from ema_record.bag.read import read_bag, write_bag
+from ema_record.bag.recover import recover_bag
+from ema_record.bag.writer import BagWriter
 from ema_record.errors import IncompleteRecordError, OutputError, RecordError, UsageError
 from ema_record.profile import load_profile
-from ema_record.recover import recover_bag
-from ema_record.samples_codec import encode_block
-from ema_record.topics import COMMAND, SAMPLES
-from ema_record.trajectory import encode_command
-from ema_record.writer import BagWriter
+from ema_record.wire.samples import encode_block
+from ema_record.wire.topics import COMMAND, SAMPLES
+from ema_record.wire.trajectory import encode_command
 from ema_sim.simulate import simulate
 
 RECORDER = """

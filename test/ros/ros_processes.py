@@ -12,10 +12,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 
 from ema_monitor.aircraft_node import answer_of
 from ema_monitor.messages import PolledGroup, make_polled_subscription, take_all
-from ema_record.messages import make_publisher
-from ema_record.samples_codec import decode_block
-from ema_record.topics import COMMAND, DIAGNOSTICS, SAMPLES, VERDICT
-from ema_record.trajectory import encode_command
+from ema_record.wire.samples import decode_block
+from ema_record.wire.topics import COMMAND, DIAGNOSTICS, SAMPLES, VERDICT
+from ema_record.wire.trajectory import encode_command
+from ema_ros.messages import make_publisher
 
 SIMULATOR = "ema_sim.simulator_node"
 MONITOR = "ema_monitor.monitor_node"

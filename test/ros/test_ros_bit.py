@@ -12,7 +12,7 @@ import psutil
 import pytest
 from ros_processes import PROGNOSTICS, SIMULATOR
 
-from ema_record.bag import read_bag
+from ema_record.bag.read import read_bag
 
 HIDDEN = ("--effect", "turn_short.fraction=0.1", "--effect", "turn_short.phase=b")
 EXAMPLE = "bags/sim_0000_step"

@@ -7,7 +7,7 @@ import pytest
 from ros_processes import MONITOR, SIMULATOR
 
 from ema_monitor.sequence import step_to
-from ema_record.bag import read_bag
+from ema_record.bag.read import read_bag
 
 
 @pytest.fixture

@@ -10,11 +10,11 @@ from ros_processes import PROGNOSTICS
 from std_msgs.msg import Float64, String
 
 from ema_monitor.messages import PolledGroup, make_polled_subscription, take_all
-from ema_prognostics.prognosis import Prognosis
-from ema_record.bag import write_bag
-from ema_record.messages import make_publisher
+from ema_prognostics.verdict.prognosis import Prognosis
+from ema_record.bag.read import write_bag
 from ema_record.profile import load_profile
-from ema_record.topics import BIT_RECORD, SEVERITY, VERDICT
+from ema_record.wire.topics import BIT_RECORD, SEVERITY, VERDICT
+from ema_ros.messages import make_publisher
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
 

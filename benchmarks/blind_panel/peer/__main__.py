@@ -22,7 +22,7 @@ from benchmarks.blind_panel.peer.null_units import null_records
 from benchmarks.blind_panel.peer.solve import NULL_UNITS, calibrated_thresholds, call
 from benchmarks.blind_panel.tasks import Task, read_tasks, share
 from ema_cli.console import track
-from ema_record.bag import read_bag
+from ema_record.bag.read import read_bag
 from ema_record.files import new_file
 
 

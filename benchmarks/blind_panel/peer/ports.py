@@ -15,8 +15,8 @@ from scipy.optimize import lsq_linear
 from scipy.signal import firwin, oaconvolve
 
 from ema_record.record import Record
-from ema_sim.actuator import load_actuator
-from ema_sim.control import speed_control
+from ema_sim.model_file import load_actuator
+from ema_sim.plant.control import speed_control
 
 CUT_OFF = 900.0
 """Of the filter (Hz): keeps 24 a turn at a quarter of the slew speed."""

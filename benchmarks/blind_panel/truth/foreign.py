@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ema_record.actuator import Actuator
 from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS, ROTOR_ANGLE, SURFACE_POSITION
 from ema_record.record import Record
-from ema_sim.parameters import Actuator
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,23 +13,23 @@ from ema_identification.rig.laws.dynamics import (
     LOAD_SIDE_COMPLIANCE,
     PERIODIC_DISTURBANCE,
 )
-from ema_identification.rig.laws.friction import (
+from ema_identification.rig.laws.static import (
     ASYMMETRIC_FRICTION,
+    COGGING_TORQUE,
     COULOMB_FRICTION,
+    DISTURBANCE,
+    GRAVITY,
+    INERTIA,
     LOAD_DEPENDENT_FRICTION,
     OFFSET,
     OUTER_LOAD_FRICTION,
     POSITION_DEPENDENT_FRICTION,
+    POSITION_DEPENDENT_INERTIA,
     QUADRATIC_DRAG,
+    SPRING,
     STRIBECK_FRICTION,
     SUBLINEAR_VISCOUS_FRICTION,
-)
-from ema_identification.rig.laws.motion import DISTURBANCE, INERTIA, VISCOUS_FRICTION
-from ema_identification.rig.laws.position import (
-    COGGING_TORQUE,
-    GRAVITY,
-    POSITION_DEPENDENT_INERTIA,
-    SPRING,
+    VISCOUS_FRICTION,
 )
 
 LAWS: dict[str, Law] = {

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ema_identification.rig.trajectory import Segment, Trajectory
-from ema_record.rig import Axis
+from ema_identification.rig.signals.trajectory import Segment, Trajectory
+from ema_rig.record import Axis
 
 Shape = tuple[float, ...]
 """Values of the parameters in which a law is not linear, in the order of `Law.shape`."""

@@ -8,8 +8,8 @@ import numpy as np
 from scipy import signal
 
 from ema_identification.rig.laws.base import Law, Shape, sign
-from ema_identification.rig.trajectory import Segment, Trajectory, derivative
-from ema_record.rig import Axis
+from ema_identification.rig.signals.trajectory import Segment, Trajectory, derivative
+from ema_rig.record import Axis
 
 TWO_LEVELS = 0.2
 """Spread of the size of an input over its mean, below which it has two levels only."""

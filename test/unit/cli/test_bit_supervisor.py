@@ -6,10 +6,10 @@ import time
 import psutil
 import pytest
 
-from ema_cli.bit import effect_parameters, exit_status, summarise
-from ema_cli.domain import private_domain
-from ema_cli.supervisor import NodeDiedError, Supervisor
+from ema_cli.commands.bit import effect_parameters, exit_status, summarise
 from ema_record.errors import UsageError
+from ema_ros.domain import private_domain
+from ema_ros.supervisor import NodeDiedError, Supervisor
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def failure(supervisor):
 
 
 def test_a_process_that_ignores_the_request_is_killed(modules, tmp_path, monkeypatch):
-    monkeypatch.setattr("ema_cli.supervisor.GENTLE_STOP", 0.3)
+    monkeypatch.setattr("ema_ros.supervisor.GENTLE_STOP", 0.3)
     others = set(psutil.Process().children())
     with Supervisor(tmp_path / "log") as supervisor:
         supervisor.start("stubborn", {})

@@ -3,8 +3,8 @@
 import re
 from typing import get_args, get_type_hints
 
+from ema_record.actuator import Actuator
 from ema_sim.effects import EFFECTS
-from ema_sim.parameters import Actuator
 
 
 def rows(text, heading):

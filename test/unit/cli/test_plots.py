@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from ema_cli import plot_data, plots
 from ema_cli.main import run
+from ema_cli.views import record_curves as plot_data
+from ema_cli.views import record_plots as plots
 from ema_record.channels import N_CHANNELS
 from ema_record.errors import OutputError
 from ema_record.profile import load_profile

@@ -6,13 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ema_identification.actuator.control_law import measured_gains
-from ema_identification.actuator.law_check import check_law
-from ema_identification.actuator.spread import Conditions
+from ema_identification.actuator.measure.controller import measured_gains
+from ema_identification.actuator.measure.tolerances import Conditions
+from ema_identification.actuator.naming.law_check import check_law
 from ema_record.channels import MOTOR_SPEED, REFERENCE_CURRENTS
 from ema_record.profile import load_profile
-from ema_sim.actuator import load_model_file
 from ema_sim.effects import EFFECTS, Effects
+from ema_sim.model_file import load_model_file
 from ema_sim.simulate import simulate
 
 MODEL = load_model_file(None)

@@ -5,17 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from ema_identification.actuator.estimation import (
+from ema_identification.actuator.measure.tolerances import PRIOR
+from ema_identification.actuator.naming.estimates import (
     LEAST_KNOWN,
     covariance_without_noise,
     slopes_by_regression,
     two_level_design,
 )
-from ema_identification.actuator.inseparable import WITHIN, inseparable, phase_constants
-from ema_identification.actuator.spread import PRIOR
+from ema_identification.actuator.naming.gap import WITHIN, inseparable, phase_constants
 from ema_record.profile import load_profile
-from ema_sim.actuator import load_model_file
 from ema_sim.effects import parse_effects
+from ema_sim.model_file import load_model_file
 from ema_sim.simulate import simulate
 
 RNG = np.random.default_rng(5)

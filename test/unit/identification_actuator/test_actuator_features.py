@@ -5,14 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from ema_identification.actuator.consistency import converter_step
-from ema_identification.actuator.features import feature_map
-from ema_identification.actuator.lines import TURN, lines, turns_of
-from ema_identification.actuator.segments import plan
-from ema_identification.actuator.signals import prepare, trapezoid
+from ema_identification.actuator.measure.features import converter_step, feature_map
+from ema_identification.actuator.measure.segments import plan
+from ema_identification.actuator.measure.signals import TURN, lines, prepare, trapezoid, turns_of
 from ema_record.profile import load_profile, profile_names
-from ema_sim.actuator import load_actuator
 from ema_sim.effects import parse_effects
+from ema_sim.model_file import load_actuator
 from ema_sim.simulate import simulate
 
 

@@ -5,11 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ema_identification.actuator.features import Feature
-from ema_identification.actuator.largest_line import largest_line
-from ema_identification.actuator.periodic import free_columns
+from ema_identification.actuator.measure.features import Feature
+from ema_identification.actuator.measure.segments import Segment
+from ema_identification.actuator.naming.ripple import free_columns, largest_line
 from ema_identification.actuator.ports import unknown_shape
-from ema_identification.actuator.segments import Segment
 
 SPEEDS = (25.0, -25.0, 200.0, -200.0)
 DEVIATION = 0.5

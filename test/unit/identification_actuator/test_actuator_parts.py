@@ -6,30 +6,27 @@ import numpy as np
 import pytest
 
 from ema_identification import cache
-from ema_identification.actuator.aliases import ALIASES
-from ema_identification.actuator.answer import Answer, one_effect
-from ema_identification.actuator.bounded import bounded_least_squares
-from ema_identification.actuator.case import Case
-from ema_identification.actuator.decision import agrees
-from ema_identification.actuator.effect_library import unpack
-from ema_identification.actuator.evidence import Whitening, solve
-from ema_identification.actuator.fit import Fit, Term
-from ema_identification.actuator.held_out import Gap
-from ema_identification.actuator.judged import settled
-from ema_identification.actuator.library_type import Scale
-from ema_identification.actuator.model_file import model_text
-from ema_identification.actuator.sizes import grid
-from ema_identification.actuator.spread import (
+from ema_identification.actuator.measure.tolerances import (
     N_TOLERANCES,
     TOLERANCES,
     Conditions,
+    Tolerances,
     draw_tolerances,
     realise,
 )
-from ema_identification.actuator.tolerances import Tolerances
-from ema_identification.actuator.variants import variants
-from ema_sim.actuator import load_model_file
+from ema_identification.actuator.naming.answer import Answer, Case, one_effect
+from ema_identification.actuator.naming.decision import agrees
+from ema_identification.actuator.naming.estimates import model_text
+from ema_identification.actuator.naming.gap import Gap
+from ema_identification.actuator.naming.judged import settled
+from ema_identification.actuator.naming.sizes import grid
+from ema_identification.actuator.surrogate.catalogue import ALIASES, variants
+from ema_identification.actuator.surrogate.evidence import Whitening, solve
+from ema_identification.actuator.surrogate.fit import Fit, Term
+from ema_identification.actuator.surrogate.likelihood import bounded_least_squares
+from ema_identification.actuator.surrogate.signatures import Scale, unpack
 from ema_sim.effects import EFFECTS, Effects, parse_effects
+from ema_sim.model_file import load_model_file
 
 NOTHING = np.zeros(1)
 

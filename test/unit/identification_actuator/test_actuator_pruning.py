@@ -5,16 +5,25 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ema_identification.actuator.answer import Answer
-from ema_identification.actuator.case import Case
-from ema_identification.actuator.fit import Fit, Term
-from ema_identification.actuator.judged import without_second
-from ema_identification.actuator.parameters import QUANTILE, covariance_of
-from ema_identification.actuator.pruning import CLEARLY, absorbed, needed, refuted
-from ema_identification.actuator.spread import TOLERANCES, Conditions, realise
-from ema_identification.actuator.tolerances import Tolerances
-from ema_identification.actuator.variants import variants
-from ema_sim.actuator import load_model_file
+from ema_identification.actuator.measure.tolerances import (
+    TOLERANCES,
+    Conditions,
+    Tolerances,
+    realise,
+)
+from ema_identification.actuator.naming.answer import (
+    CLEARLY,
+    Answer,
+    Case,
+    absorbed,
+    needed,
+    refuted,
+)
+from ema_identification.actuator.naming.estimates import QUANTILE, covariance_of
+from ema_identification.actuator.naming.judged import without_second
+from ema_identification.actuator.surrogate.catalogue import variants
+from ema_identification.actuator.surrogate.fit import Fit, Term
+from ema_sim.model_file import load_model_file
 
 BY_NAME = {v.name: v for v in variants()}
 ONE = SimpleNamespace(blocks=(None,), tolerances=Tolerances(1))

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ema_identification.actuator.inseparable import phase_constants
-from ema_identification.actuator.spread import N_TOLERANCES, Conditions, realise
-from ema_identification.actuator.twins import ECCENTRIC, twins
-from ema_identification.actuator.variants import variants
-from ema_sim.actuator import load_model_file
+from ema_identification.actuator.measure.tolerances import N_TOLERANCES, Conditions, realise
+from ema_identification.actuator.naming.gap import phase_constants
+from ema_identification.actuator.naming.proposal import ECCENTRIC, twins
+from ema_identification.actuator.surrogate.catalogue import variants
+from ema_sim.model_file import load_model_file
 
 MODEL = load_model_file()
 VARIANTS = variants()

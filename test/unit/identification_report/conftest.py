@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ema_identification.identification import (
+from ema_identification.result import (
     Candidate,
     Curve,
     Finding,

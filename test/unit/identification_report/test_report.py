@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import yaml
 
-from ema_identification.identification import Curve, Panel
 from ema_identification.report import MODEL_FILE, NEXT_TEST_FILE, plots, write_report
 from ema_identification.report import write as writing
 from ema_identification.report.page import advice
+from ema_identification.result import Curve, Panel
 from ema_record.errors import OutputError, UsageError
 from ema_record.profile import load_profile
-from ema_sim.actuator import load_model_file
+from ema_sim.model_file import load_model_file
 
 INPUTS = {"measured": ["unit_extended"], "validate": "unit_step", "model": "nominal"}
 

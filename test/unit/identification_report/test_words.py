@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from ema_identification.identification import Parameter
 from ema_identification.report import words
+from ema_identification.result import Parameter
 
 
 @pytest.mark.parametrize(("value", "text"), [

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ema_record.channels import Channel
-from ema_record.rig import Axis, RigRecord
+from ema_rig.record import Axis, RigRecord
 
 RATE = 250.0
 

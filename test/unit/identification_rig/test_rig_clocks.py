@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from ema_identification.rig.clocks import speed_lag
-from ema_identification.rig.design import Design
+from ema_identification.rig.fit.balance import Design
+from ema_identification.rig.fit.model import Settings
 from ema_identification.rig.laws import LAWS, Term
-from ema_identification.rig.model import Settings
 from ema_identification.rig.prepare import prepare
-from ema_identification.rig.shapes import cycle_frequency, smooth_shapes
-from ema_identification.rig.trajectory import derivative
+from ema_identification.rig.search.shapes import cycle_frequency, smooth_shapes
+from ema_identification.rig.signals.clocks import speed_lag
+from ema_identification.rig.signals.trajectory import derivative
 from ema_identification.rig.workflow import identify_rig
-from ema_record.rig import Axis
+from ema_rig.record import Axis
 
 
 def named(found):

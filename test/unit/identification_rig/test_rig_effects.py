@@ -7,13 +7,13 @@ import pytest
 import yaml
 from scipy import interpolate, signal
 
-from ema_identification.rig.bandwidth import response_band
+from ema_identification.rig.fit.model import RigModel, Settings
 from ema_identification.rig.laws.dynamics import _build_up
-from ema_identification.rig.model import RigModel, Settings
 from ema_identification.rig.prepare import prepare
-from ema_identification.rig.trajectory import monotone_low_pass, windowed
+from ema_identification.rig.signals.clocks import response_band
+from ema_identification.rig.signals.trajectory import monotone_low_pass, windowed
 from ema_identification.rig.workflow import identify_rig
-from ema_record.rig import RigRecord
+from ema_rig.record import RigRecord
 
 
 def values(found, name):

@@ -5,20 +5,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ema_identification.rig.balance import rms
-from ema_identification.rig.bandwidth import response_band
-from ema_identification.rig.blocks import Blocks, correlation_time
-from ema_identification.rig.design import Design
-from ema_identification.rig.known import known_balance
+from ema_identification.rig.fit.balance import Design, rms
+from ema_identification.rig.fit.known import known_balance
+from ema_identification.rig.fit.model import DEFAULT_MODEL, RigModel, Settings, load_rig_model
+from ema_identification.rig.fit.regression import (
+    Blocks,
+    Bounds,
+    correlation_time,
+    covariance,
+    fit,
+    half_width,
+    held_out,
+)
+from ema_identification.rig.fit.sign_flips import screen
 from ema_identification.rig.laws import LAWS, Term, unit_of
 from ema_identification.rig.laws.dynamics import _since_reversal
-from ema_identification.rig.model import DEFAULT_MODEL, RigModel, Settings, load_rig_model
 from ema_identification.rig.prepare import prepare
-from ema_identification.rig.regression import Bounds, covariance, fit, half_width, held_out
-from ema_identification.rig.sign_flips import screen
-from ema_identification.rig.trajectory import derivative, low_pass
+from ema_identification.rig.signals.clocks import response_band
+from ema_identification.rig.signals.trajectory import derivative, low_pass
 from ema_record.errors import UsageError
-from ema_record.rig import Axis
+from ema_rig.record import Axis
 
 
 def even_blocks(rows, count):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ema_identification.rig.model import Settings
+from ema_identification.rig.fit.model import Settings
 from ema_identification.rig.prepare import prepare
 from ema_identification.rig.workflow import identify_rig
 from ema_record.errors import EmaError, IncompleteRecordError, InvalidRecordError, UsageError
-from ema_record.rig import Axis, RigRecord
+from ema_rig.record import Axis, RigRecord
 
 
 def changed(record, **columns):

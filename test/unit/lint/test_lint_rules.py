@@ -9,8 +9,8 @@ import pytest
 from benchmarks.reliability.defects import DEFECTS
 from benchmarks.reliability.recording import Recording
 from ema_cli.main import run
-from ema_record.bag import write_bag
-from ema_record.lint import RULES, lint_bag
+from ema_record.bag.read import write_bag
+from ema_record.checks import RULES, lint_bag
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate

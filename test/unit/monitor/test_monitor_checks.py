@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ema_monitor.checks import Level, check_counters, check_record, expected_course, worst
+from ema_record.checks.live import Level, check_counters, check_record, expected_course, worst
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate

@@ -5,11 +5,11 @@ import pytest
 
 from ema_monitor.log_clock import LogClock
 from ema_monitor.recorder import BitRecorder, new_bag_path
-from ema_record.bag import read_bag
+from ema_record.bag.read import read_bag
 from ema_record.errors import InvalidRecordError
 from ema_record.profile import load_profile
-from ema_record.samples_codec import encode_block
-from ema_record.topics import DIAGNOSTICS, SAMPLES
+from ema_record.wire.samples import encode_block
+from ema_record.wire.topics import DIAGNOSTICS, SAMPLES
 from ema_sim.simulate import simulate
 
 STAMP = 1_700_000_000_000_000_000

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from ema_monitor.replay_bag import load_messages
-from ema_record.bag import write_bag
+from ema_record.bag.read import write_bag
 from ema_record.errors import IncompleteRecordError, InvalidRecordError
 from ema_record.profile import load_profile
-from ema_record.samples_codec import decode_block
-from ema_record.topics import COMMAND, SAMPLES, WEIGHT_ON_WHEELS
-from ema_record.trajectory import decode_command
+from ema_record.wire.samples import decode_block
+from ema_record.wire.topics import COMMAND, SAMPLES, WEIGHT_ON_WHEELS
+from ema_record.wire.trajectory import decode_command
+from ema_ros.replay_bag import load_messages
 from ema_sim.simulate import simulate
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from records import TURN, slewing_record
 
-from ema_prognostics.current_sensors import current_sensors
-from ema_prognostics.robust.balance import torque_balance
-from ema_prognostics.robust.signals import prepare, trapezoid
-from ema_prognostics.segments import profile_kind
+from ema_prognostics.features.balance import torque_balance
+from ema_prognostics.features.current_sensors import current_sensors
+from ema_prognostics.features.segments import profile_kind
+from ema_prognostics.features.signals import prepare, trapezoid
 from ema_record.profile import load_profile, load_profile_dict, step_profile
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import approx_fprime
 from sklearn.utils.estimator_checks import estimator_checks_generator
 
-from ema_prognostics.levenberg_marquardt import (
+from ema_prognostics.networks.levenberg_marquardt import (
     LevenbergMarquardtClassifier,
     LevenbergMarquardtRegressor,
     jacobian,

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from ema_prognostics.model_file import (
+from ema_prognostics.cascade.model_file import (
     MAX_BYTES,
     load_model,
     model_text,

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from records import slewing_record
 
-from ema_prognostics.concavity import HALF_PORTION, concavity, portion_centre
-from ema_prognostics.envelope import envelopes, symmetry
-from ema_prognostics.paper_cascade import EXTENTS, level_target
-from ema_prognostics.paper_features import (
+from ema_prognostics.paper.cascade import EXTENTS, level_target
+from ema_prognostics.paper.concavity import HALF_PORTION, concavity, portion_centre
+from ema_prognostics.paper.envelope import envelopes, symmetry
+from ema_prognostics.paper.features import (
     ANN_A_INPUTS,
     ECCENTRICITY_INPUTS,
     TURN_SHORT_INPUTS,
     paper_features,
     paper_turns,
 )
-from ema_prognostics.paper_noise import add_noise
+from ema_prognostics.paper.noise import add_noise
 
 
 def curvature(h, amplitude, phase, centre):

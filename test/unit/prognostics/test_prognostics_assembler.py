@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from ema_prognostics.assembler import RecordAssembler
+from ema_prognostics.node.assembler import RecordAssembler
 from ema_record.errors import IncompleteRecordError, InvalidRecordError
 from ema_record.profile import load_profile
-from ema_record.samples_codec import encode_block
-from ema_record.sensor_messages import encode_dc_bus, encode_temperature
-from ema_record.topics import COMMAND, DC_BUS, SAMPLES, WINDING_TEMPERATURE
-from ema_record.trajectory import encode_command
+from ema_record.wire.samples import encode_block
+from ema_record.wire.sensors import encode_dc_bus, encode_temperature
+from ema_record.wire.topics import COMMAND, DC_BUS, SAMPLES, WINDING_TEMPERATURE
+from ema_record.wire.trajectory import encode_command
 from ema_sim.simulate import simulate
 
 EPOCH = 1_700_000_000_000_000_000

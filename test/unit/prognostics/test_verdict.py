@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from ema_prognostics.verdict import Fault, Verdict, worst_status
+from ema_prognostics.verdict.verdict import Fault, Verdict, worst_status
 
 KEYS = [
     "bag", "verdict", "fault_class", "phase", "severity", "severity_unit", "severity_interval",

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ema_prognostics.model_body import NetworkPart, SeverityPart
-from ema_prognostics.network import Network, logit
-from ema_prognostics.robust.cascade import SeverityNetwork, announced
-from ema_prognostics.robust.classes import FAMILIES, OUTPUTS, level_of
-from ema_prognostics.robust.guard import (
+from ema_prognostics.cascade.classes import FAMILIES, OUTPUTS, level_of
+from ema_prognostics.cascade.find import SeverityNetwork, announced
+from ema_prognostics.cascade.guard import (
     GROUP_SQUEEZE,
     SQUEEZE,
     GroupLimit,
@@ -17,9 +15,9 @@ from ema_prognostics.robust.guard import (
     Limits,
     squeeze,
 )
-from ema_prognostics.robust.guard_groups import GROUPS, group_columns
-from ema_prognostics.robust.inputs import Inputs, group_inputs, input_names
-from ema_prognostics.robust.known import (
+from ema_prognostics.cascade.guard_groups import GROUPS, group_columns
+from ema_prognostics.cascade.inputs import Inputs, group_inputs, input_names
+from ema_prognostics.cascade.known import (
     CLEAR,
     KINDS_FOUND,
     STRANGERS,
@@ -28,7 +26,9 @@ from ema_prognostics.robust.known import (
     probability_known,
     tail_probability,
 )
-from ema_prognostics.robust.lines import LineFilter
+from ema_prognostics.cascade.lines import LineFilter
+from ema_prognostics.cascade.model_body import NetworkPart, SeverityPart
+from ema_prognostics.networks.network import Network, logit
 
 
 def say(margins: dict[str, float], **probability: float) -> tuple[str, ...]:

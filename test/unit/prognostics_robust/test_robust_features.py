@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from ema_prognostics.robust.features import extract
+from ema_prognostics.features.extract import extract
 from ema_record.errors import IncompleteRecordError
 from ema_record.profile import load_profile
 from ema_record.record import Record

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ema_prognostics.robust.lines import DERIVED, LineFilter, fit_line_filter
+from ema_prognostics.cascade.lines import DERIVED, LineFilter, fit_line_filter
 
 NAMES = [f"{speed}_{part}_m{h}_{side}" for speed in ("quarter", "full")
          for part in ("even", "odd") for h in range(1, 7) for side in ("re", "im")]

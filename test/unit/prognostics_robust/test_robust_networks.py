@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ema_prognostics.robust.networks import _merged, fit_classifier, fit_regressor
+from ema_prognostics.networks.fitting import _merged, fit_classifier, fit_regressor
 
 
 class Member:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-from ema_prognostics.robust.rates import detection, rate
+from ema_prognostics.training.rates import detection, rate
 
 
 def test_bounds_of_a_rate() -> None:

@@ -8,20 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ema_prognostics.diagnosis import diagnose
-from ema_prognostics.model_body import Body
-from ema_prognostics.model_file import Model, load_model, model_of, model_text, save_model
-from ema_prognostics.robust.campaign import Campaign, run_campaign
-from ema_prognostics.robust.cascade import Cascade
-from ema_prognostics.robust.classes import OUTPUTS
-from ema_prognostics.robust.evaluation import evaluate
-from ema_prognostics.robust.training import train_view
-from ema_prognostics.train_model import TrainingSettings
-from ema_prognostics.validation_report import validation_report
+from ema_prognostics.cascade.classes import OUTPUTS
+from ema_prognostics.cascade.find import Cascade
+from ema_prognostics.cascade.model_body import Body
+from ema_prognostics.cascade.model_file import Model, load_model, model_of, model_text, save_model
+from ema_prognostics.training.campaign import Campaign, run_campaign
+from ema_prognostics.training.evaluation import evaluate
+from ema_prognostics.training.train_model import TrainingSettings
+from ema_prognostics.training.training import train_view
+from ema_prognostics.training.validation_report import validation_report
+from ema_prognostics.verdict.diagnose import diagnose
 from ema_record.errors import UsageError
 from ema_record.profile import load_profile
-from ema_sim.actuator import load_model_file
 from ema_sim.effects import parse_effects
+from ema_sim.model_file import load_model_file
 from ema_sim.simulate import simulate
 
 Campaigns = tuple[Campaign, Campaign]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ema_prognostics.robust.calibration import conformal_quantile, local_quantiles, tail_quantile
-from ema_prognostics.robust.vector import difference_names, differences, rotate, squash
+from ema_prognostics.features.vector import difference_names, differences, rotate, squash
+from ema_prognostics.training.calibration import conformal_quantile, local_quantiles, tail_quantile
 
 NAMES = ["quarter_even_m1_re", "quarter_even_m1_im", "quarter_even_m2_re", "quarter_even_m2_im",
          "torque_quarter"]

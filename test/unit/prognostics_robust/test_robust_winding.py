@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from ema_prognostics.robust.features import extract
-from ema_prognostics.robust.inputs import MECHANICAL, mechanical
-from ema_prognostics.robust.vector import rotate, start_allowed
+from ema_prognostics.cascade.inputs import MECHANICAL, mechanical
+from ema_prognostics.features.extract import extract
+from ema_prognostics.features.vector import rotate, start_allowed
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate

@@ -1,7 +1,7 @@
 """Flights made of a short notation, for the tests of the trend."""
 
-from ema_prognostics.trend_flights import Flight, in_order
-from ema_prognostics.verdict import Fault, Verdict
+from ema_prognostics.trend.flights import Flight, in_order
+from ema_prognostics.verdict.verdict import Fault, Verdict
 
 HALF = 0.05
 

@@ -6,14 +6,8 @@ import numpy as np
 import pytest
 from flights import flights_of
 
-from ema_prognostics.trend_announcement import (
-    DEFAULT_RULE,
-    episodes,
-    falls,
-    histories,
-    parse_rule,
-)
-from ema_prognostics.trend_flights import in_order
+from ema_prognostics.trend.announcement import DEFAULT_RULE, episodes, falls, histories, parse_rule
+from ema_prognostics.trend.flights import in_order
 from ema_record.errors import UsageError
 
 

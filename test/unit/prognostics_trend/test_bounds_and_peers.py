@@ -14,9 +14,9 @@ from benchmarks.detection.detectability import (
     own_spread_bound,
 )
 from benchmarks.detection.peers import Perceptron
-from ema_prognostics.robust.campaign import Campaign
-from ema_prognostics.robust.classes import OUTPUTS
-from ema_sim.actuator import load_actuator
+from ema_prognostics.cascade.classes import OUTPUTS
+from ema_prognostics.training.campaign import Campaign
+from ema_sim.model_file import load_actuator
 
 KNOWN = float(ndtri(0.99) + ndtri(0.90))  # 3.608 standard deviations
 

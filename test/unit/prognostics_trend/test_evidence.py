@@ -5,8 +5,7 @@ import pytest
 from flights import flights_of
 from scipy.special import ndtri
 
-from ema_prognostics.trend import trend_of
-from ema_prognostics.trend_evidence import (
+from ema_prognostics.trend.evidence import (
     ALLOWANCE,
     LIMIT,
     cumulative_sum,
@@ -14,6 +13,7 @@ from ema_prognostics.trend_evidence import (
     sequential_scores,
     suspicion,
 )
+from ema_prognostics.trend.trend import trend_of
 
 
 def test_scores_are_ranks_among_those_so_far():

@@ -3,7 +3,7 @@
 import pytest
 from flights import flights_of, verdict_of
 
-from ema_prognostics.trend_flights import (
+from ema_prognostics.trend.flights import (
     Flight,
     bags_of,
     by_unit,
@@ -12,7 +12,7 @@ from ema_prognostics.trend_flights import (
     natural,
     read_flights,
 )
-from ema_prognostics.verdict import Verdict
+from ema_prognostics.verdict.verdict import Verdict
 
 
 def flight(bag, time=0, unit="SN-1", outcome="healthy"):

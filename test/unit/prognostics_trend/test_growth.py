@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import invgauss
 
-from ema_prognostics.trend_growth import (
+from ema_prognostics.trend.growth import (
     HORIZON,
     MIN_FLIGHTS,
     Growth,

@@ -5,8 +5,8 @@ import json
 import pytest
 from flights import flights_of
 
-from ema_prognostics.robust.classes import LEVELS
-from ema_prognostics.trend import trend_of
+from ema_prognostics.cascade.classes import LEVELS
+from ema_prognostics.trend.trend import trend_of
 
 MEDIUM, LARGE = LEVELS["turn_short"]
 

@@ -44,7 +44,7 @@ def record():
 @pytest.fixture(scope="session")
 def bag(record, tmp_path_factory):
     """A bag that no test may change."""
-    from ema_record.bag import write_bag
+    from ema_record.bag.read import write_bag
 
     return write_bag(record, tmp_path_factory.mktemp("bag") / "healthy")
 

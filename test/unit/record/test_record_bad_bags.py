@@ -16,19 +16,19 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
 
-from ema_record.bag import read_bag, write_bag
+from ema_record.bag.mcap_stream import MAGIC
+from ema_record.bag.read import read_bag, write_bag
+from ema_record.bag.writer import BagWriter
 from ema_record.channels import CHANNEL_LABEL, MOTOR_SPEED, TIME
 from ema_record.errors import IncompleteRecordError, InvalidRecordError, RecordError
 from ema_record.limits import MAX_CHUNK_BYTES
-from ema_record.mcap_stream import MAGIC
 from ema_record.profile import load_profile
 from ema_record.record import Provenance
-from ema_record.samples_codec import encode_block
-from ema_record.schemas import definition
-from ema_record.sensor_messages import encode_bool
-from ema_record.topics import COMMAND, SAMPLES, TOPICS, WEIGHT_ON_WHEELS
-from ema_record.trajectory import encode_command
-from ema_record.writer import BagWriter
+from ema_record.wire.samples import encode_block
+from ema_record.wire.schemas import definition
+from ema_record.wire.sensors import encode_bool
+from ema_record.wire.topics import COMMAND, SAMPLES, TOPICS, WEIGHT_ON_WHEELS
+from ema_record.wire.trajectory import encode_command
 
 
 @pytest.fixture
@@ -390,7 +390,7 @@ def test_bombs(tmp_path, name):
 
 def test_whole_file_bomb(tmp_path, bag):
     """A compressed file is unpacked with a bound as well."""
-    from ema_record.compression import unpack_zstd_stream
+    from ema_record.bag.compression import unpack_zstd_stream
 
     with pytest.raises(InvalidRecordError, match="more than 1000 bytes"):
         unpack_zstd_stream(zstandard.compress(ZEROS), 1000, "a.mcap.zstd")

@@ -14,14 +14,14 @@ import yaml
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from ema_record.bag import read_bag, write_bag
-from ema_record.mcap_stream import McapMetadata, McapStream
-from ema_record.metadata import END, START
+from ema_record.bag.mcap_stream import McapMetadata, McapStream
+from ema_record.bag.metadata import END, START
+from ema_record.bag.read import read_bag, write_bag
 from ema_record.profile import Profile, step_profile
-from ema_record.samples_codec import encode_block
-from ema_record.schemas import definition
-from ema_record.sensor_messages import encode_bool
-from ema_record.topics import (
+from ema_record.wire.samples import encode_block
+from ema_record.wire.schemas import definition
+from ema_record.wire.sensors import encode_bool
+from ema_record.wire.topics import (
     COMMAND,
     DC_BUS,
     JOINT_STATES,
@@ -30,7 +30,7 @@ from ema_record.topics import (
     TOPICS,
     WEIGHT_ON_WHEELS,
 )
-from ema_record.trajectory import encode_command
+from ema_record.wire.trajectory import encode_command
 
 START_NS = 1_790_000_000_000_000_000
 
@@ -266,7 +266,7 @@ def test_the_command_before_the_samples_is_the_profile(tmp_path, make):
 
 
 def test_times_of_foreign_sensors_count_from_the_command(tmp_path, make):
-    from ema_record.sensor_messages import encode_temperature
+    from ema_record.wire.sensors import encode_temperature
 
     record = make(1000)
     stamps = START_NS + np.array([0, 500_000_000])
@@ -296,7 +296,7 @@ def test_renamed_bag(tmp_path, bag, record):
 def test_reads_without_ros(bag):
     """Reading loads neither rclpy nor a message package."""
     code = (
-        "import sys; from ema_record.bag import read_bag; read_bag(sys.argv[1]); "
+        "import sys; from ema_record.bag.read import read_bag; read_bag(sys.argv[1]); "
         "print([m for m in sys.modules if m.split('.')[0] in "
         "('rclpy', 'std_msgs', 'sensor_msgs', 'trajectory_msgs')])"
     )

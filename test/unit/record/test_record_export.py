@@ -9,11 +9,11 @@ import pyarrow.parquet as pq
 import pytest
 from rosbags.highlevel import AnyReader
 
+from ema_record.bag.export import FORMATS, REFERENCE_CURRENTS_TOPIC, default_path, export_record
 from ema_record.channels import CHANNELS
 from ema_record.errors import OutputError, UsageError
-from ema_record.export import FORMATS, REFERENCE_CURRENTS_TOPIC, default_path, export_record
 from ema_record.profile import Profile
-from ema_record.topics import JOINT_STATES, PHASE_CURRENTS
+from ema_record.wire.topics import JOINT_STATES, PHASE_CURRENTS
 
 
 @pytest.fixture

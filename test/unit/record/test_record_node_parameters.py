@@ -3,7 +3,7 @@
 import pytest
 
 from ema_record.errors import UsageError
-from ema_record.node_parameters import ParameterSpec, check_values
+from ema_ros.parameters import ParameterSpec, check_values
 
 FACTOR = ParameterSpec(name="factor", default=1.0, text="speed", lower=0.0, upper=10.0)
 PHASE = ParameterSpec(name="short.phase", default="a", text="phase", options=("a", "b", "c"))

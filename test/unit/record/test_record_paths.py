@@ -7,12 +7,12 @@ import pytest
 import yaml
 
 from ema_monitor.recorder import new_bag_path
-from ema_record.bag import read_bag, write_bag
+from ema_record.bag.read import read_bag, write_bag
+from ema_record.bag.recover import recover_bag
+from ema_record.bag.writer import BagWriter
 from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.profile import load_profile, load_profile_dict
 from ema_record.record import Provenance
-from ema_record.recover import recover_bag
-from ema_record.writer import BagWriter
 
 
 def everything(folder):

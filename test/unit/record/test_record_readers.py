@@ -18,10 +18,10 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader as Rosbag2Reader
 
+from ema_record.bag.metadata import END, ROSBAG2, START
 from ema_record.channels import CHANNEL_LABEL, N_CHANNELS
-from ema_record.metadata import END, ROSBAG2, START
-from ema_record.schemas import type_hash
-from ema_record.topics import (
+from ema_record.wire.schemas import type_hash
+from ema_record.wire.topics import (
     BAG_TOPICS,
     COMMAND,
     DC_BUS,

@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 
 from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.profile import MAX_POSITION, Profile, load_profile, profile_names, step_profile
-from ema_record.standard_messages import deserialize, message_class, serialize
-from ema_record.trajectory import (
+from ema_record.wire.trajectory import (
     JOINT_TRAJECTORY,
     command_points,
     decode_command,
     encode_command,
     profile_from_points,
 )
+from ema_record.wire.types import deserialize, message_class, serialize
 
 POSITIONS = st.floats(-MAX_POSITION, MAX_POSITION)
 TIMES = st.integers(0, 60_000_000_000)

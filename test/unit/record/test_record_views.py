@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ema_record.channels import N_CHANNELS, ROTOR_ANGLE
-from ema_record.sensor_messages import encode_dc_bus, encode_temperature
-from ema_record.views import ViewDecimator, views_of
+from ema_record.wire.sensors import encode_dc_bus, encode_temperature
+from ema_record.wire.views import ViewDecimator, views_of
 
 RATE = 20_000.0
 

@@ -16,16 +16,16 @@ import pytest
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 
-from ema_record.bag import read_bag, write_bag
+from ema_record.bag.mcap_stream import McapMessage, McapStream
+from ema_record.bag.read import read_bag, write_bag
+from ema_record.bag.writer import BagWriter
 from ema_record.errors import IncompleteRecordError, OutputError, UsageError
 from ema_record.limits import MAX_MESSAGE_BYTES
-from ema_record.mcap_stream import McapMessage, McapStream
 from ema_record.profile import load_profile
 from ema_record.record import Provenance
-from ema_record.samples_codec import encode_block
-from ema_record.topics import COMMAND, SAMPLES, WEIGHT_ON_WHEELS
-from ema_record.trajectory import encode_command
-from ema_record.writer import BagWriter
+from ema_record.wire.samples import encode_block
+from ema_record.wire.topics import COMMAND, SAMPLES, WEIGHT_ON_WHEELS
+from ema_record.wire.trajectory import encode_command
 
 ROOT = Path(__file__).resolve().parents[3]
 

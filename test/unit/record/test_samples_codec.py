@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from ema_record.channels import CHANNEL_LABEL, N_CHANNELS, check_channel_label
 from ema_record.errors import InvalidRecordError, UsageError
-from ema_record.samples_codec import MAX_BLOCK_SIZE, decode_block, encode_block
+from ema_record.wire.samples import MAX_BLOCK_SIZE, decode_block, encode_block
 
 TYPE = "std_msgs/msg/Float64MultiArray"
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -10,16 +10,16 @@ import scipy.io
 import yaml
 
 from ema_cli.main import run
-from ema_record.bag import read_bag, write_bag
+from ema_record.bag.read import read_bag, write_bag
 from ema_record.channels import CHANNELS
 from ema_record.errors import InvalidRecordError, OutputError, UsageError
-from ema_record.import_file import import_file
-from ema_record.import_table import read_table
 from ema_record.profile import load_profile
-from ema_record.rig import RigRecord
-from ema_record.rig_bag import is_rig_bag, read_rig_bag, write_rig_bag
-from ema_record.rig_map import TextFormat, load_map, map_from
-from ema_record.rig_units import UNITS, unit_factor
+from ema_rig.bag import is_rig_bag, read_rig_bag, write_rig_bag
+from ema_rig.import_file import import_file
+from ema_rig.map import TextFormat, load_map, map_from
+from ema_rig.record import RigRecord
+from ema_rig.table import read_table
+from ema_rig.units import UNITS, unit_factor
 from ema_sim.simulate import simulate
 
 MAP = {
@@ -231,11 +231,11 @@ def test_bad_files_are_one_line(tmp_path, name, make, match):
 
 
 def test_a_bomb_is_not_unpacked(tmp_path, monkeypatch):
-    monkeypatch.setattr("ema_record.import_text.MAX_TEXT_BYTES", 10_000)
+    monkeypatch.setattr("ema_rig.text.MAX_TEXT_BYTES", 10_000)
     (tmp_path / "a.csv.gz").write_bytes(gzip.compress(b"1,2,3\n" * 100_000))
     with pytest.raises(InvalidRecordError, match="more than 10000 bytes"):
         read_table(tmp_path / "a.csv.gz", TextFormat(), [])
-    monkeypatch.setattr("ema_record.import_npz.MAX_FILE_BYTES", 1000)
+    monkeypatch.setattr("ema_rig.npz.MAX_FILE_BYTES", 1000)
     np.savez_compressed(tmp_path / "a.npz", t=np.zeros(10_000))
     with pytest.raises(InvalidRecordError, match="once unpacked, at most 1000"):
         read_table(tmp_path / "a.npz", TextFormat(), ["t"])

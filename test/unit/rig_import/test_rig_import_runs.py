@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ema_record.errors import InvalidRecordError, UsageError
-from ema_record.import_file import import_file
-from ema_record.rig_map import map_from
-from ema_record.rig_units import unit_factor
+from ema_rig.import_file import import_file
+from ema_rig.map import map_from
+from ema_rig.units import unit_factor
 
 MAP = {"name": "bench", "axis": "rotary", "time": {"column": "t", "unit": "s"},
        "input": {"column": "u", "unit": "V"}, "position": {"column": "q", "unit": "rad"}}

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ema_record.actuator import Actuator
 from ema_record.channels import N_CHANNELS
-from ema_sim import kernel as k
-from ema_sim import state as st
 from ema_sim.effects import Effects
-from ema_sim.parameters import Actuator
+from ema_sim.plant import kernel as k
+from ema_sim.plant import state as st
 
 NEVER = math.inf
 

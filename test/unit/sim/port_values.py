@@ -7,10 +7,10 @@ from functools import cache
 import numpy as np
 from numba import njit
 
-from ema_sim import ports
-from ema_sim.compile import source_hash
+from ema_record.actuator import Actuator
 from ema_sim.effects import Effects
-from ema_sim.parameters import Actuator
+from ema_sim.effects.compile import source_hash
+from ema_sim.plant import ports
 
 # Rows of `evaluate`: port and what is read there.
 ROWS = [

@@ -15,11 +15,11 @@ from port_values import ROWS, port_values
 
 from ema_record.errors import SimulationError, UsageError
 from ema_record.profile import step_profile
-from ema_sim import ports
-from ema_sim import state as st
 from ema_sim.effects import EFFECTS, Choice, Effects, parse_effects
 from ema_sim.effects import base as effect_base
 from ema_sim.effects.settings import active_settings
+from ema_sim.plant import ports
+from ema_sim.plant import state as st
 from ema_sim.simulate import simulate
 
 NAMES = list(EFFECTS)

@@ -10,8 +10,8 @@ from kernel_run import changed, run, state_of
 from scipy.optimize import least_squares
 
 from ema_record.profile import Profile
-from ema_sim import state as st
 from ema_sim.effects import parse_effects
+from ema_sim.plant import state as st
 from ema_sim.simulate import simulate
 
 FREE = {"backlash": 0.1}  # motor and surface do not touch

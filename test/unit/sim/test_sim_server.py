@@ -5,11 +5,11 @@ import itertools
 import numpy as np
 import pytest
 
+from ema_record.actuator import Actuator
 from ema_record.errors import UsageError
 from ema_record.profile import load_profile
-from ema_record.samples_codec import decode_block
-from ema_record.standard_messages import deserialize, stamp_of
-from ema_record.topics import (
+from ema_record.wire.samples import decode_block
+from ema_record.wire.topics import (
     DC_BUS,
     JOINT_STATES,
     PHASE_CURRENTS,
@@ -17,11 +17,11 @@ from ema_record.topics import (
     TOPICS,
     WINDING_TEMPERATURE,
 )
-from ema_sim.actuator import load_model_file
-from ema_sim.command import INVERTER_OFF, profile_of_command
-from ema_sim.node_settings import parameter_specs, settings_from
-from ema_sim.parameters import Actuator
-from ema_sim.server import ActuatorServer
+from ema_record.wire.types import deserialize, stamp_of
+from ema_sim.model_file import load_model_file
+from ema_sim.node.command import INVERTER_OFF, profile_of_command
+from ema_sim.node.server import ActuatorServer
+from ema_sim.node.settings import parameter_specs, settings_from
 from ema_sim.simulate import simulate
 
 EPOCH = 1_700_000_000_000_000_000

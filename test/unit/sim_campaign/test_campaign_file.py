@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from ema_record.errors import UsageError
-from ema_sim.campaign_file import load_plan, plan_from
-from ema_sim.campaign_runs import prepare
-from ema_sim.campaign_summary import named_reduction
+from ema_sim.campaign.plan import load_plan, plan_from
+from ema_sim.campaign.reductions import named_reduction
+from ema_sim.campaign.runs import prepare
 from ema_sim.effects import EFFECTS
 
 STEP = {"profile": "step", "runs": 100}
@@ -150,8 +150,8 @@ def test_plan_file(tmp_path):
 
 @pytest.mark.parametrize(
     "name",
-    ["os:getcwd", "ema_record.bag:write_bag", "ema_sim.campaign_summary:nothing",
-     "ema_sim.nothing:summary", "ema_sim.campaign_summary:np.load", "summary2", "a.b",
+    ["os:getcwd", "ema_record.bag.read:write_bag", "ema_sim.campaign.reductions:nothing",
+     "ema_sim.nothing:summary", "ema_sim.campaign.reductions:np.load", "summary2", "a.b",
      "ema_sim._x:y", "subprocess:run"],
 )
 def test_files_name_only_reductions_of_this_software(name):
@@ -160,5 +160,5 @@ def test_files_name_only_reductions_of_this_software(name):
 
 
 def test_the_named_reduction_is_found():
-    found = named_reduction("ema_sim.campaign_summary:summary")
+    found = named_reduction("ema_sim.campaign.reductions:summary")
     assert found is named_reduction("summary")

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from ema_record.errors import OutputError, UsageError
-from ema_sim.campaign_store import CampaignFolder, load_campaign, manifest_of, merge
+from ema_sim.campaign.store import CampaignFolder, load_campaign, manifest_of, merge
 
 MANIFEST = manifest_of("abc", {}, "summary", "def", 4, 2)
 

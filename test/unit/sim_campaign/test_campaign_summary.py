@@ -5,7 +5,7 @@ from ema_record.channels import MOTOR_SPEED, REFERENCE_CURRENTS, ROTOR_ANGLE
 from ema_record.errors import UsageError
 from ema_record.profile import load_profile
 from ema_record.record import Record
-from ema_sim.campaign_summary import SUMMARY_UNITS, as_columns, summary
+from ema_sim.campaign.reductions import SUMMARY_UNITS, as_columns, summary
 
 RATE, SPEED = 20_000.0, 790.6
 

@@ -1,0 +1,1 @@
+"""The commands of `ema`: options in, one call, answer out."""

@@ -1,0 +1,134 @@
+"""`ema identify`: what a model lacks, with evidence, and the model with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ema_cli.console import check_new, note, print_json, progress_of, stdout
+
+if TYPE_CHECKING:
+    from ema_identification.result import Identification
+
+
+def identify(
+    measured: Annotated[list[Path], typer.Argument(
+        metavar="MEASURED...", help="Records of one unit: bags, or what 'ema import' made of a "
+        "rig's data.")],
+    out: Annotated[Path, typer.Option(help="Directory to make: report.html, plots, JSON, model.")],
+    validate: Annotated[list[Path] | None, typer.Option(
+        metavar="BAG", help="A record of the same unit that takes no part in the fit, of another "
+        "command; repeatable.")] = None,
+    model: Annotated[Path | None, typer.Option(
+        metavar="FILE.yaml", help="The model, default the nominal actuator.")] = None,
+    without: Annotated[list[str] | None, typer.Option(
+        metavar="NAME", help="An effect of the catalogue to leave out; repeatable.")] = None,
+    profile: Annotated[str | None, typer.Option(
+        help="The test that was commanded (name or YAML file), in place of the bags' own."
+    )] = None,
+    workers: Annotated[int, typer.Option(
+        min=1, max=256,
+        help="Simulations that run at a time; their number does not change the answer."
+    )] = 2,
+    seed: Annotated[int, typer.Option(
+        min=0, max=2**31 - 1, help="Of all simulations; the same seed, the same answer.")] = 0,
+    json: Annotated[bool, typer.Option("--json", help="The result as one JSON object.")] = False,
+) -> int:
+    """Find the disagreement between a model and measured records, and name what is missing.
+
+    Known parameters are recalibrated within their tolerances first; only what is left can be a
+    missing effect. The report says where the records disagree, what was tried, what cannot be
+    told apart and which test would, and shows the gap before and after on held-out data.
+
+    The first run with a model and a profile simulates their library (some minutes); it is kept in
+    the user's cache directory.
+
+    Exit status: 0 no disagreement or explained, 3 partly explained or unknown, 2 wrong use or data
+    that cannot be used.
+
+    Example: ema identify bags/sim_0004_extended --validate bags/sim_0004_step --out report
+    """
+    check_new(out)
+    from ema_identification.identify import identify as run
+    from ema_identification.report import write_report
+
+    records = [_read(path, profile) for path in measured]
+    held = [_read(path, None) for path in validate or ()]
+    with progress_of("identify") as advance:
+        shown: list[str] = []
+
+        def step(what: str, share: float) -> None:
+            if what not in shown:
+                shown.append(what)
+                if what.endswith(("runs", "catalogue", "units")):
+                    note(f"simulating {what}; kept in the cache directory for the next time")
+            advance(what, share)
+
+        found = run(records, model, validate=held, without=without or (), progress=step,
+                    workers=workers, seed=seed)
+    inputs: dict[str, str | list[str]] = {
+        "measured": [str(p) for p in measured],
+        "model": "nominal" if model is None else str(model),
+    }
+    if validate:
+        inputs["validate"] = [str(p) for p in validate]
+    if without:
+        inputs["without"] = list(without)
+    page = write_report(found, out, title=_title(records[0], measured[0]), inputs=inputs)
+    result = found.to_dict()
+    if found.model_text:
+        result["model"] = str(out / "model.yaml")
+    if json:
+        print_json(result)
+    else:
+        _print(found, page)
+    return found.exit_status
+
+
+def _read(path: Path, profile: str | None) -> Any:
+    """Return the record of a bag, of the actuator or of a rig."""
+    from dataclasses import replace
+
+    from ema_record.bag.read import read_bag
+    from ema_record.profile import load_profile
+    from ema_rig.bag import is_rig_bag, read_rig_bag
+
+    if is_rig_bag(path):
+        return read_rig_bag(path)
+    record = read_bag(path)
+    return record if profile is None else replace(record, profile=load_profile(profile))
+
+
+def _title(record: Any, path: Path) -> str:
+    provenance = getattr(record, "provenance", None)
+    serial = getattr(provenance, "serial_number", "unknown")
+    return path.name if serial == "unknown" else f"{serial}: {path.name}"
+
+
+def _print(found: Identification, page: Path) -> None:
+    """Print the answer for people."""
+    console = stdout()
+    console.print(f"[bold]{found.verdict}[/bold]")
+    console.print(f"gap {found.gap_before:.3g} before, {found.gap_after:.3g} after, floor "
+                  f"{found.noise_floor:.3g}: {found.gap_unit}")
+    for finding in found.findings:
+        names = " or ".join((finding.effect, *finding.equivalent))
+        console.print(f"  [bold]{names}[/bold]  (p {_probability(finding.p_value)})")
+        for p in finding.parameters:
+            unit = "" if p.unit == "1" else f" {p.unit}"
+            console.print(f"    {p.name} = {p.value:.4g}{unit}  "
+                          f"(90 %: {p.low:.4g} to {p.high:.4g})")
+        console.print(f"    where: {finding.where.text}")
+    if found.unknown is not None:
+        console.print(f"  unknown: {found.unknown.text}")
+    for reason in found.reasons:
+        console.print(f"  {reason}")
+    if found.next_test is not None:
+        console.print(f"  next test: {found.next_test}")
+    console.print(f"report: {page}")
+
+
+def _probability(p: float) -> str:
+    return "< 0.001" if p < 1e-3 else f"{p:.2g}"

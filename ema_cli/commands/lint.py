@@ -1,0 +1,52 @@
+"""`ema lint`: defects of recordings, with time, size and remedy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ema_cli.console import error_line, print_json, track
+
+if TYPE_CHECKING:
+    from ema_record.checks import LintReport
+
+
+def lint(
+    bags: Annotated[
+        list[Path], typer.Argument(metavar="BAG...", help="Bag directories or .mcap files.")
+    ],
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object a bag.")
+    ] = False,
+) -> int:
+    """Look for defects of a recording, whatever the actuator's health.
+
+    Gaps, clock jumps, duplicate or reordered blocks, saturation, stuck channels, swapped
+    phases, wrong units, sign flips, missing topics, wrong profile or rate, aborted tests,
+    foreign software; each with time, size and remedy. Exit status: 0 clean, 1 findings, 2 a
+    bag cannot be read.
+    """
+    from ema_record.checks import lint_bag
+
+    status = 0
+    for bag in track(bags, "reading", len(bags)):
+        report = lint_bag(bag)
+        status = max(status, report.exit_status)
+        if as_json:
+            print_json(report.to_dict())
+        else:
+            _print(report)
+    return status
+
+
+def _print(report: LintReport) -> None:
+    if report.unreadable is not None:
+        error_line(report.unreadable)
+    elif not report.findings:
+        print(f"{report.bag}: clean")
+    for finding in report.findings:
+        at = f" at {finding.time:.4f} s" if finding.time is not None else ""
+        print(f"{report.bag}: {finding.level}: {finding.rule}{at}: {finding.message}; "
+              f"{finding.remedy}")

@@ -1,0 +1,199 @@
+"""`ema simulate`: a test on the emulated actuator, without ROS, into a bag."""
+
+from __future__ import annotations
+
+import inspect
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ema_cli.console import check_new, note, print_json, progress
+from ema_record.errors import UsageError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ema_record.profile import Profile
+
+DEFAULT_PROFILE = "extended"
+TRACE_LABELS = ("motor_torque[N m]", "shaft_torque[N m]", "surface_speed[rad/s]")
+
+
+def simulate(
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="BAG", help="Directory to make.")
+    ],
+    campaign: Annotated[
+        Path | None,
+        typer.Option(
+            "--campaign", metavar="FILE.yaml",
+            help="Make all runs of a campaign; --out is the folder of its results.",
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option("--jobs", help="Campaign: worker processes, default one a core."),
+    ] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option("--dask", metavar="ADDRESS", help="Campaign: scheduler of a dask cluster."),
+    ] = None,
+    run: Annotated[
+        int | None,
+        typer.Option("--run", metavar="NUMBER", help="Campaign: this run alone, into a bag."),
+    ] = None,
+    profile: Annotated[
+        str | None,
+        typer.Option(
+            "--profile", "-p", metavar="NAME|FILE.yaml", show_default=DEFAULT_PROFILE,
+            help="Test profile: step, extended, or a file.",
+        ),
+    ] = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--effect", "-e", metavar="NAME.PARAMETER=VALUE",
+            help="Effect to hide in the actuator; repeatable. 'ema effects' lists them.",
+        ),
+    ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model", metavar="FILE.yaml", help="Actuator parameters, default the nominal ones."
+        ),
+    ] = None,
+    seed: Annotated[
+        int, typer.Option("--seed", help="Of noise and start angle; same seed, same bytes.")
+    ] = 0,
+    noise: Annotated[
+        float, typer.Option("--noise", help="Factor on the sensor noise, 0 for none.")
+    ] = 1.0,
+    rate: Annotated[float, typer.Option("--rate", help="Samples a second.")] = 20_000.0,
+    step: Annotated[
+        float | None,
+        typer.Option(
+            "--step", metavar="AMPLITUDE",
+            help="Instead of a profile: one step of this size (rad) from -0.4 rad.",
+        ),
+    ] = None,
+    start_angle: Annotated[
+        float | None,
+        typer.Option(
+            "--start-angle", metavar="RAD",
+            help="Electrical rotor angle at the start, default drawn from the seed.",
+        ),
+    ] = None,
+    serial_number: Annotated[
+        str, typer.Option("--serial-number", metavar="TEXT", help="Of the actuator.")
+    ] = "SIM-0000",
+    trace: Annotated[
+        Path | None,
+        typer.Option(
+            "--trace", metavar="FILE.csv",
+            help="Also write what no sensor sees: motor and shaft torque, surface speed.",
+        ),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", metavar="DIR", help="Also plot the test, as PNG into DIR."),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print a summary as JSON.")
+    ] = False,
+) -> int:
+    """Run a test on the emulated actuator, without ROS, into a bag.
+
+    What was hidden in the actuator is not told by the bag. Outputs that exist are never
+    overwritten.
+    """
+    from ema_record.bag.read import write_bag
+    from ema_sim.effects import parse_effects
+    from ema_sim.model_file import load_model_file
+    from ema_sim.simulate import simulate_traced
+
+    if campaign is not None:
+        return _campaign(campaign, out, locals())
+    if jobs is not None or dask is not None or run is not None:
+        raise UsageError("--jobs, --dask and --run belong to a campaign: give --campaign FILE")
+    check_new(out, trace)
+    chosen = choose_profile(profile, step)
+    loaded = load_model_file(model)
+    effects = parse_effects(effect or [], loaded.effects)
+    if plot is not None:
+        from ema_cli.views.record_plots import check_plot_folder
+
+        check_plot_folder(plot)
+    begin = time.perf_counter()
+    with progress(f"simulating {chosen.name}, {chosen.duration:g} s"):
+        result = simulate_traced(
+            chosen, actuator=loaded.actuator, effects=effects, seed=seed, noise=noise, rate=rate,
+            start_angle=start_angle, serial_number=serial_number, start_time=time.time_ns(),
+            trace=trace is not None or plot is not None,
+        )
+    wall = time.perf_counter() - begin
+    written = write_bag(result.record, out)
+    if trace is not None:
+        write_trace(trace, result.record.time, result.trace)
+    plots: list[Path] = []
+    if plot is not None:
+        from ema_cli.views.record_plots import plot_record
+
+        with progress("plotting"):
+            plots = plot_record(result.record, plot, trace=result.trace)
+    if as_json:
+        print_json({
+            "bag": str(written), "profile": chosen.name, "samples": len(result.record),
+            "rate": rate, "duration": chosen.duration, "serial_number": serial_number,
+            "wall_time": wall, "trace": None if trace is None else str(trace),
+            "plots": [str(path) for path in plots],
+        })
+        return 0
+    print(f"{written}: {chosen.name}, {chosen.duration:g} s, {len(result.record)} samples")
+    for path in plots:
+        print(path)
+    note(f"simulated {chosen.duration:g} s in {wall:.2f} s; next: ema check {written}")
+    return 0
+
+
+def _campaign(file: Path, out: Path, options: dict[str, Any]) -> int:
+    """Run a campaign; the options of a single run are refused, the file gives them."""
+    from ema_cli.commands.campaign import simulate_campaign
+
+    own = inspect.signature(simulate).parameters
+    for name in ("profile", "effect", "model", "seed", "noise", "rate", "step", "start_angle",
+                 "serial_number", "trace", "plot"):
+        if options[name] != own[name].default:
+            raise UsageError(
+                f"--{name.replace('_', '-')} and --campaign exclude each other: write it into "
+                f"{file}"
+            )
+    return simulate_campaign(
+        file, out, jobs=options["jobs"], dask=options["dask"], run=options["run"],
+        as_json=options["as_json"],
+    )
+
+
+def choose_profile(name: str | None, step: float | None) -> Profile:
+    """Return the profile of that name or file, or a step; UsageError if both are given."""
+    from ema_record.profile import load_profile, step_profile
+
+    if step is None:
+        return load_profile(name or DEFAULT_PROFILE)
+    if name is not None:
+        raise UsageError(f"--profile {name} and --step {step:g} exclude each other: give one")
+    return step_profile(step)
+
+
+def write_trace(path: Path, time: np.ndarray, trace: np.ndarray) -> None:
+    """Write time, shape (n,) (s), and the trace, shape (n, 3), as CSV with units."""
+    import numpy as np
+
+    from ema_record.files import new_file
+
+    with new_file(path) as temporary:
+        np.savetxt(
+            temporary, np.column_stack([time, trace]), fmt="%.9g", delimiter=",", comments="",
+            header=",".join(["time[s]", *TRACE_LABELS]),
+        )

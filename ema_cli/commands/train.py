@@ -1,0 +1,59 @@
+"""`ema train`: the model file again, from nothing but the simulator and a seed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ema_cli.console import check_new, note, print_json, progress_of, stdout
+
+
+def train(
+    out: Annotated[Path, typer.Option(help="New model file; one that exists is not touched.")],
+    seed: Annotated[int, typer.Option(
+        min=0, max=2**31 - 1, help="Of units, noise and initial weights.")] = 1,
+    quick: Annotated[bool, typer.Option(
+        "--quick", help="A small training in one to two minutes, to try the way.")] = False,
+    jobs: Annotated[int, typer.Option(
+        min=-1, max=256, help="Processes that simulate, -1 for all cores.")] = -1,
+    work: Annotated[Path | None, typer.Option(
+        help="Folder that keeps what was simulated: a training that was stopped goes on."
+    )] = None,
+    model: Annotated[Path | None, typer.Option(
+        "--model", metavar="FILE.yaml",
+        help="Actuator around which the fleets spread, default the nominal one.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="The validation as JSON.")] = False,
+) -> int:
+    """Train the cascade of networks and write its model file and the report of its validation.
+
+    The validation stands beside the model file, as Markdown. The same seed gives the same
+    bytes, on any number of processes.
+
+    Example: ema train --out model.json --seed 1
+    """
+    from ema_prognostics.cascade.model_file import load_model, save_model
+    from ema_prognostics.training.train_model import train_model
+    from ema_prognostics.training.validation_report import validation_report
+    from ema_sim.model_file import load_model_file
+
+    report = out.with_suffix(".validation.md")
+    check_new(out)
+    check_new(report)
+    actuator = None if model is None else load_model_file(model)
+    with progress_of("training") as advance:
+        trained = train_model(seed, quick=quick, jobs=jobs or -1, progress=advance, folder=work,
+                              actuator=actuator)
+    save_model(trained, out)
+    loaded = load_model(out)  # what was written is what can be read
+    text = validation_report(loaded)
+    with report.open("x", encoding="utf-8") as file:
+        file.write(text)
+    if json:
+        print_json({"out": str(out), "report": str(report), "sha256": loaded.sha256,
+                    "seed": seed, "quick": quick, "held_out": loaded.training["held_out"]})
+    else:
+        stdout().print(text, markup=False)
+        note(f"wrote {out} (sha256 {loaded.sha256[:16]}...) and {report}")
+    return 0

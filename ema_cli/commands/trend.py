@@ -1,0 +1,152 @@
+"""`ema trend`: how the faults of an actuator grow from flight to flight."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ema_cli.console import check_new, note, print_json, stdout
+from ema_cli.judge import bag_judge
+from ema_cli.views.flights import (
+    counted,
+    episode_text,
+    fall_lines,
+    fault_name,
+    judged_flights,
+    number_list,
+    only_one,
+    verdict_object,
+)
+from ema_cli.views.verdict import NAMES, SCALES
+from ema_record.errors import UsageError
+
+if TYPE_CHECKING:
+    from ema_prognostics.trend.trend import FaultTrend, UnitTrend
+
+
+def trend(
+    bags: Annotated[list[Path], typer.Argument(
+        metavar="DIR|BAG...", help="Bags of an actuator, one a flight, or directories of them.")],
+    rule: Annotated[str, typer.Option(
+        metavar="K/N", help="A fault is confirmed when K of the last N flights find it."
+    )] = "2/3",
+    profile: Annotated[str | None, typer.Option(
+        help="The test that was commanded (name or YAML file), in place of the bags' own."
+    )] = None,
+    model: Annotated[Path | None, typer.Option(
+        help="Model file of 'ema train', in place of the shipped one.")] = None,
+    baseline: Annotated[Path | None, typer.Option(
+        metavar="BAG", help="A healthy bag of the same actuator and test, from its acceptance: "
+        "sharpens the verdicts.")] = None,
+    plot: Annotated[Path | None, typer.Option(
+        metavar="FILE.png", help="Plot severities, announcements and growth.")] = None,
+    json: Annotated[bool, typer.Option(
+        "--json", help="One JSON object an actuator and line.")] = False,
+) -> int:
+    """Say how the faults of an actuator grow over its flights, and when they reach a level.
+
+    Flights are ordered by the start times in the bags, equal or unknown ones by name. Bags of
+    several actuators are told apart by serial number, each has its own trend.
+
+    Exit status: 0 no fault confirmed at the end, 1 a confirmed one, 3 one that is announced or
+    suspected and not confirmed, or a last flight without an answer; 2 wrong use, or no bag that
+    can be read.
+    """
+    from ema_prognostics.trend.announcement import parse_rule
+    from ema_prognostics.trend.trend import trend_of
+
+    chosen = parse_rule(rule)
+    check_new(plot)
+    for bag in bags:
+        if not bag.exists():
+            raise UsageError(f"{bag}: no such file or directory: give a bag, or a directory of "
+                             "them")
+    units = judged_flights(bags, bag_judge(profile=profile, model=model, baseline=baseline))
+    if plot is not None:
+        only_one(units, "a plot shows one")
+    trends = [trend_of(unit, flights, chosen) for unit, flights in units.items()]
+    for found in trends:
+        if json:
+            print_json(verdict_object(found))
+            continue
+        console = stdout()
+        for line in trend_lines(found):
+            console.print(line, markup=False, soft_wrap=True)
+    if plot is not None:
+        from ema_cli.views.flights_plot import plot_trend
+
+        note(f"plot: {plot_trend(trends[0], plot)}")
+    statuses = [exit_status(found) for found in trends]
+    return next(s for s in (2, 1, 3, 0) if s in statuses)
+
+
+def exit_status(found: UnitTrend) -> int:
+    """Return the exit status that the trend of one actuator amounts to."""
+    if all(f.verdict.outcome in ("invalid", "incomplete") for f in found.flights):
+        return 2
+    if any(f.present for f in found.faults):
+        return 1
+    pending = any(f.episodes[-1].cleared is None for f in found.faults)
+    copies = [f for f in found.flights if f.repeat_of is None]
+    return 3 if pending or found.suspected or not copies[-1].answered else 0
+
+
+def trend_lines(found: UnitTrend) -> list[str]:
+    """Return the trend of an actuator in words, a fact a line."""
+    name = found.serial_number or "of which no bag tells the serial number"
+    answered = len(found.flights) - len(found.unanswered)
+    lines = [f"Actuator {name}: {counted(len(found.flights))}, {answered} of them gave an answer"]
+    if found.unanswered:
+        lines.append(
+            f"  no answer, counted neither as healthy nor as faulty: "
+            f"{number_list(found.unanswered)}"
+        )
+        for flight in found.flights:
+            if flight.repeat_of is None and not flight.answered:
+                verdict = flight.verdict
+                lines.append(f"    flight {flight.number}, {verdict.outcome}: "
+                             f"{next(iter(verdict.reasons), 'no reason given')}")
+    if not found.faults and not found.suspected and answered:
+        lines.append("  no fault announced, no growth seen")
+    for fault in found.faults:
+        lines.append(f"  {fault_name(fault.history.fault_class, fault.history.phase)}")
+        lines += [f"    {episode_text(e)}" for e in fault.episodes]
+        lines += [f"    {line.partition(': ')[2]}" for line in fall_lines(fault)]
+        lines += [f"    {line}" for line in growth_lines(fault)]
+    for fault_class, at in found.suspected.items():
+        lines += [
+            f"  {NAMES.get(fault_class, fault_class)}",
+            f"    suspected from flight {at}: its probability rises from flight to flight, "
+            "though no flight had announced it by then",
+        ]
+    return lines
+
+
+def growth_lines(fault: FaultTrend) -> list[str]:
+    """Return rate and forecast of one fault, or why there is none."""
+    if fault.episodes[-1].cleared is not None:
+        return []
+    rise = fault.growth
+    if rise is None:
+        return ["too few flights with a severity for a rate"]
+    scale, unit = SCALES.get(fault.history.fault_class, (1.0, ""))
+    low, high = (scale * v for v in rise.rate_interval)
+    rate = (
+        f"{scale * rise.rate:+.2g} {unit} a flight ({low:+.2g} to {high:+.2g}), "
+        f"from {rise.count} flights"
+    )
+    now = f"severity now {scale * rise.severity:.3g} {unit}"
+    if not rise.growing:
+        return [f"{now}; no growth: {rate}"]
+    lines = [f"{now}; grows by {rate}"]
+    for level in fault.forecasts:
+        first, last = level.interval
+        until = f"to {last}" if last is not None else "or later, no end in sight"
+        middle = f"at flight {level.flight} " if level.flight is not None else ""
+        lines.append(
+            f"{level.level} ({scale * level.severity:.3g} {unit}) expected {middle}"
+            f"(90 %: {first} {until})"
+        )
+    return lines

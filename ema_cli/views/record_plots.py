@@ -1,0 +1,210 @@
+"""Plots of one record, as PNG: speed, folded currents, spectrum, surface motion, torque.
+
+Colours are those of Okabe and Ito, told apart by colour-blind readers; line styles tell the
+same apart in black and white. Angles are in degrees, all else in SI units.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ema_cli.console import check_new
+from ema_cli.views.record_curves import (
+    Fold,
+    analysis_turns,
+    command_of,
+    fold_currents,
+    speed_spectrum,
+    torque_estimate,
+)
+from ema_prognostics.features.turns import Turns, paper_window
+from ema_record.errors import OutputError
+from ema_record.files import cannot_write
+from ema_record.record import Record
+
+BLACK, ORANGE, GREEN = "#000000", "#E69F00", "#009E73"
+BLUE, VERMILION, GREY = "#0072B2", "#D55E00", "#7F7F7F"
+PHASE_COLOURS = {"a": BLUE, "b": VERMILION, "c": GREEN}
+
+STYLE: dict[Any, Any] = {
+    "font.size": 10.0, "axes.labelsize": 10.0, "axes.titlesize": 11.0, "legend.fontsize": 9.0,
+    "axes.grid": True, "grid.color": "#DDDDDD", "grid.linewidth": 0.6, "lines.linewidth": 1.2,
+    "axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False,
+    "savefig.dpi": 150, "figure.constrained_layout.use": True, "agg.path.chunksize": 10_000,
+}
+SIZE = (7.2, 4.4)
+"""Width and height (inch): a page between its margins."""
+NAMES = ("speed", "currents", "spectrum", "surface", "torque")
+"""The plots; each makes one PNG of that name."""
+
+
+def check_plot_folder(folder: Path) -> None:
+    """Raise OutputError unless the plots can be made in `folder`; nothing is overwritten."""
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(f"{folder}: is no folder: choose another name for the plots")
+    check_new(*(folder / f"{name}.png" for name in NAMES))
+
+
+def plot_record(record: Record, folder: Path, *, trace: np.ndarray | None = None) -> list[Path]:
+    """Plot a record.
+
+    Parameters
+    ----------
+    record : Record
+        What is shown.
+    folder : Path
+        Where the PNG go; made if it does not exist.
+    trace : ndarray, shape (n, 3), optional
+        Motor torque (N m), shaft torque (N m), surface speed (rad/s) from the simulation.
+        Without it the torque is estimated from the currents, and labelled so.
+
+    Returns
+    -------
+    list of Path
+        The files, in the order of `NAMES`. Those that need turns of the rotor are left out
+        of a record without any.
+
+    Raises
+    ------
+    OutputError
+        A plot exists, or cannot be written.
+
+    """
+    check_plot_folder(folder)
+    turns = analysis_turns(record)
+    with mpl.rc_context(STYLE):
+        figures = {"speed": _speed(record)}
+        if turns is not None:
+            figures["currents"] = _currents(record, turns)
+            figures["spectrum"] = _spectrum(turns)
+        figures["surface"] = _surface(record)
+        figures["torque"] = _torque(record, trace)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            return [_save(figures[name], folder / f"{name}.png") for name in figures]
+        except OSError as error:
+            raise cannot_write(folder, error) from None
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    with path.open("xb") as file:
+        figure.savefig(file, format="png")
+    return path
+
+
+def _title(record: Record, what: str) -> str:
+    return f"{what}: profile {record.profile.name}, actuator {record.provenance.serial_number}"
+
+
+def _mark_window(axes: Axes, record: Record) -> None:
+    first, last = paper_window(record.profile)
+    if last <= record.time[-1] + 0.01:
+        axes.axvspan(first, last, color=ORANGE, alpha=0.15, lw=0.0, label="analysis window")
+
+
+def _speed(record: Record) -> Figure:
+    figure = Figure(figsize=SIZE)
+    axes = figure.subplots()
+    _mark_window(axes, record)
+    axes.plot(record.time, record.channel("motor_speed"), color=BLUE, lw=0.7, label="measured")
+    axes.set(xlabel="time (s)", ylabel="motor speed (rad/s)", title=_title(record, "Motor speed"))
+    figure.legend(loc="outside lower center", ncols=2)
+    return figure
+
+
+def _currents(record: Record, turns: Turns) -> Figure:
+    figure = Figure(figsize=(SIZE[0], 6.2))
+    panels = figure.subplots(3, 1, sharex=True, sharey=True)
+    for axes, fold in zip(panels, fold_currents(turns)):
+        _fold_panel(axes, fold)
+    panels[0].set_title(
+        f"{_title(record, 'Phase currents')}\nfolded over {turns.count} turns, "
+        f"$f_e$ = {turns.frequency:.1f} Hz"
+    )
+    panels[-1].set(xlabel="electrical rotor angle (°)", xlim=(0.0, 360.0))
+    panels[-1].set_xticks(np.arange(0, 361, 30))
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, markerscale=5.0)
+    return figure
+
+
+def _fold_panel(axes: Axes, fold: Fold) -> None:
+    colour = PHASE_COLOURS[fold.phase]
+    axes.plot(fold.angle, fold.current, ".", ms=1.2, color=GREY, alpha=0.35, rasterized=True,
+              label="samples")
+    axes.plot(fold.bins, fold.mean_current, color=colour, lw=1.8,
+              label="mean of the current (solid, coloured)")
+    axes.plot(fold.bins, fold.mean_reference, color=BLACK, lw=1.2, ls="--",
+              label="mean of the reference")
+    axes.set_ylabel(f"phase {fold.phase} (A)")
+
+
+def _spectrum(turns: Turns) -> Figure:
+    order, amplitude = speed_spectrum(turns)
+    figure = Figure(figsize=SIZE)
+    axes = figure.subplots()
+    axes.semilogy(order, amplitude, color=GREY, lw=0.8, label="between the lines")
+    whole = (np.abs(order - np.rint(order)) < 1e-9) & (order > 0.5)
+    even = whole & (np.rint(order) % 2 == 0)
+    odd = whole & ~even
+    for chosen, colour, marker, label in (
+        (odd, VERMILION, "D", "odd multiples"), (even, BLUE, "o", "even multiples"),
+    ):
+        axes.vlines(order[chosen], 1e-12, amplitude[chosen], color=colour, lw=1.5)
+        axes.plot(order[chosen], amplitude[chosen], marker, color=colour, ms=5.0, label=label)
+    top = float(amplitude[order > 0.5].max())
+    bottom = float(np.median(amplitude[order > 0.5]))
+    axes.set_ylim(0.3 * bottom, 3.0 * top)
+    axes.set_xlim(0.0, order[-1] + 0.3)
+    axes.set_xticks(np.arange(0, int(order[-1]) + 1))
+    axes.set(
+        xlabel=f"multiple of the electrical frequency $f_e$ = {turns.frequency:.2f} Hz",
+        ylabel="amplitude of motor speed (rad/s)",
+        title=f"Speed against rotor angle: lines over {turns.count} turns",
+    )
+    figure.legend(loc="outside lower center", ncols=3)
+    return figure
+
+
+def _surface(record: Record) -> Figure:
+    figure = Figure(figsize=(SIZE[0], 5.4))
+    position, error = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    command = command_of(record)
+    measured = record.channel("surface_position")
+    position.plot(record.time, command, color=BLACK, ls="--", label="command")
+    position.plot(record.time, measured, color=BLUE, label="measured")
+    position.set(ylabel="surface position (rad)", title=_title(record, "Surface"))
+    position.legend(loc="lower right")
+    difference = 1e3 * (command - measured)
+    error.plot(record.time, difference, color=VERMILION, lw=0.7)
+    error.set_yscale("symlog", linthresh=1.0)
+    error.set_yticks([-1000, -100, -10, -1, 0, 1, 10, 100, 1000])
+    error.set_yticklabels(["−1000", "", "−10", "", "0", "", "10", "", "1000"])
+    error.set(xlabel="time (s)", ylabel="command − measured\n(mrad, linear to ±1)")
+    return figure
+
+
+def _torque(record: Record, trace: np.ndarray | None) -> Figure:
+    time = record.time
+    if trace is None:
+        figure = Figure(figsize=SIZE)
+        axes = figure.subplots()
+        axes.plot(time, torque_estimate(record), color=GREEN, lw=0.7,
+                  label="estimate from currents and nominal back-EMF constants; not measured")
+        axes.set(xlabel="time (s)", ylabel="motor torque, estimate (N m)",
+                 title=_title(record, "Torque"))
+        figure.legend(loc="outside lower center")
+        return figure
+    figure = Figure(figsize=(SIZE[0], 5.4))
+    motor, shaft = figure.subplots(2, 1, sharex=True)
+    motor.plot(time, trace[:, 0], color=BLUE, lw=0.7)
+    motor.set(ylabel="motor torque (N m)", title=_title(record, "Torque, simulated"))
+    shaft.plot(time, trace[:, 1], color=VERMILION, lw=0.7)
+    shaft.set(xlabel="time (s)", ylabel="shaft torque on surface (N m)")
+    return figure

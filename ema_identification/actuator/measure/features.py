@@ -1,0 +1,323 @@
+"""Features of a record: numbers that do not depend on where a limit cycle happens to be.
+
+Features of the sensors and the supply, of a record as a whole.
+
+Features of a change of speed: how speed, torque current and lag run through it.
+
+After a slow reversal they are read against the motor's travel instead of time: the gap in which
+the shaft carries nothing, its width and the torque that the motor side then needs.
+
+The feature vector of a record: what two runs with the same physics have in common.
+
+Waveforms of two runs differ, because the current relays make them chaotic; these numbers do not.
+Which numbers there are follows from the profile's plan, so they exist for any profile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from ema_identification.actuator.measure.segments import SLOW, Plan, Segment, Transition, plan
+from ema_identification.actuator.measure.signals import TURN, Signals, lines, prepare, turns_of
+from ema_record.actuator import Actuator
+from ema_record.profile import Profile
+from ema_record.record import Record
+
+CONSISTENCY = {
+    "offset_a": ("phase current a", "test phase"),
+    "offset_b": ("phase current b", "test phase"),
+    "offset_c": ("phase current c", "test phase"),
+    "gain_ab": ("sum of the phase currents", "load"),
+    "gain_ac": ("sum of the phase currents", "load"),
+    "position_step": ("surface position", "test phase"),
+    "speed_step": ("motor speed", "test phase"),
+    "position_at_start": ("surface position", "test phase"),
+    "bus_slope": ("bus voltage", "load"),
+    "slip": ("measured speed minus speed of the rotor angle", "speed"),
+}
+"""Signal and abscissa of each feature of the record as a whole."""
+LEAST_STEP = 0.25
+"""Least step of a converter that is told from a finer one, relative to nominal."""
+
+
+def converter_step(values: np.ndarray) -> float:
+    """Return the step of the converter that gave `values`: their smallest difference."""
+    steps = np.abs(np.diff(values))
+    steps = steps[steps > 1e-12]
+    return float(steps.min()) if len(steps) else 0.0
+
+
+def _bus_slope(record: Record) -> float:
+    """Return by how much the bus falls a bus current (V/A); 0 if the record does not tell."""
+    if len(record.dc_bus) < 3:
+        return 0.0
+    voltage, current = record.dc_bus[:, 1], record.dc_bus[:, 2]
+    centred = current - current.mean()
+    power = float(centred @ centred)
+    return float(-(centred @ voltage) / power) if power > 1e-6 else 0.0
+
+
+def _log_step(found: float, nominal: float) -> float:
+    return float(np.log2(max(found / nominal, LEAST_STEP)))
+
+
+def consistency(record: Record, signals: Signals, actuator: Actuator) -> dict[str, float]:
+    """Return the features of `CONSISTENCY`."""
+    c = actuator.converters
+    off = record.time < record.profile.inverter_off
+    start = signals.position[off].mean() if off.any() else signals.position[0]
+    travel = signals.theta[-1] - signals.theta[0]
+    middle = 0.5 * (signals.speed[1:] + signals.speed[:-1])
+    read = float(middle @ np.diff(signals.time))
+    length = float(np.abs(np.diff(signals.theta)).sum()) + 1.0
+    return {
+        "offset_a": float(signals.offset[0]), "offset_b": float(signals.offset[1]),
+        "offset_c": float(signals.offset[2]),
+        "gain_ab": float(signals.gain[0] - signals.gain[1]),
+        "gain_ac": float(signals.gain[0] - signals.gain[2]),
+        "position_step": _log_step(converter_step(signals.position),
+                                   c.position_range / 2.0**c.position_bits),
+        "speed_step": _log_step(converter_step(signals.speed),
+                                c.speed_range / 2.0**c.speed_bits),
+        "position_at_start": 1e3 * (float(start) - record.profile.start),
+        "bus_slope": _bus_slope(record),
+        "slip": 1e3 * (read * signals.pole_pairs - travel) / length,
+    }
+
+
+STEP_EDGES = 1e-3 * np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 12.0,
+                              15.0, 20.0, 30.0])
+START_EDGES = 1e-3 * np.array([0.0, 1.0, 2.0, 4.0, 7.0, 11.0, 16.0, 25.0, 40.0])
+STOP_EDGES = 1e-3 * np.array([-40.0, -20.0, -8.0, 0.0, 10.0, 25.0, 45.0])
+TRAVEL_EDGES = 1e-4 * np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0,
+                                13.0, 14.0, 16.0, 18.0, 20.0, 24.0, 28.0, 33.0, 40.0])
+"""At the surface (rad)."""
+LOOK = (-0.010, 0.040)
+"""Where the turning point of a reversal is looked for (s)."""
+LEAST_ROOM = 5e-3
+"""A transition with less time before the next one gives no features (s)."""
+
+Entry = tuple[str, str, str, float]
+LAG = "motor travel minus surface position"
+
+
+def transition_features(
+    signals: Signals, transition: Transition, actuator: Actuator
+) -> Iterator[Entry]:
+    """Yield (name, signal, against, value)."""
+    if transition.room < LEAST_ROOM:
+        return
+    slow = abs(transition.before) < SLOW and abs(transition.after) < SLOW
+    if transition.kind == "reversal" and slow:
+        yield from _gap(signals, transition, actuator)
+        return
+    edges = (STEP_EDGES if transition.stepped else
+             STOP_EDGES if transition.kind == "stop" else START_EDGES)
+    edges = edges[edges <= transition.room + 1e-9] + transition.time
+    for name, values, signal, scale in (
+        ("speed", signals.speed, "motor speed", 1.0),
+        ("current", signals.torque_current, "motor torque", 1.0),
+        ("lag", signals.lag, LAG, 1e3),
+    ):
+        for index, mean in enumerate(_means(signals.time, values, edges)):
+            yield f"{name}_{index}", signal, "test phase", scale * mean
+
+
+def _means(x: np.ndarray, values: np.ndarray, edges: np.ndarray) -> Iterator[float]:
+    """Yield the mean of `values` between edges of the rising `x`."""
+    bounds = np.searchsorted(x, edges)
+    total = np.concatenate([[0.0], np.cumsum(values[bounds[0]:bounds[-1]])])
+    bounds = bounds - bounds[0]
+    for a, b in zip(bounds, bounds[1:]):
+        yield float((total[b] - total[a]) / (b - a)) if b > a else 0.0
+
+
+def _gap(signals: Signals, transition: Transition, actuator: Actuator) -> Iterator[Entry]:
+    sense = 1.0 if transition.after > 0.0 else -1.0
+    ratio = actuator.gear.ratio * actuator.motor.pole_pairs
+    near = signals.between(transition.time + LOOK[0], transition.time + LOOK[1])
+    if near.stop <= near.start:
+        return
+    turning = near.start + int(np.argmin(sense * signals.theta[near]))
+    end = signals.between(0.0, transition.time + transition.room).stop
+    part = slice(turning, max(end, turning + 2))
+    travel = np.maximum.accumulate(
+        sense * (signals.theta[part] - signals.theta[turning]) / ratio)
+    moved = 1e3 * sense * (signals.position[part] - signals.position[turning])
+    current = sense * signals.torque_current[part]
+    for name, values, signal in (
+        ("gap_current", current, "motor torque"), ("gap_position", moved, "surface position"),
+    ):
+        last = float(values[0])
+        for index, (a, b) in enumerate(zip(TRAVEL_EDGES, TRAVEL_EDGES[1:])):
+            inside = values[(travel >= a) & (travel < b)]
+            last = float(inside.mean()) if len(inside) else last
+            yield f"{name}_{index}", signal, "position", last
+    yield "turning_time", "motor speed", "test phase", 1e3 * float(
+        signals.time[turning] - transition.time)
+
+
+class Feature(NamedTuple):
+    """What one number of the vector is."""
+
+    name: str
+    place: str
+    """Segment or transition (`Plan`), or ``record``."""
+    signal: str
+    against: str
+    """As `identification.Where.against`."""
+
+
+class Lines(NamedTuple):
+    """How many lines a segment gives."""
+
+    torque: int
+    speed: int
+    current: int
+
+
+FAST = Lines(12, 4, 13)
+MIDDLE = Lines(24, 4, 7)
+RAMP = Lines(24, 2, 3)
+BANDS = ((25, 40), (41, 64))
+"""Bands of higher lines of the torque, from which the largest is kept."""
+THIRD = np.exp(2j * np.pi / 3.0 * np.arange(3))
+TINY = 1e-12
+WHOLE = "record"
+"""Place of a feature of the record as a whole."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FeatureMap:
+    """How a record of one profile becomes a vector."""
+
+    profile: Profile
+    actuator: Actuator
+    plan: Plan
+    features: tuple[Feature, ...]
+
+    def extract(self, record: Record) -> np.ndarray:
+        """Return the feature vector of a record, shape (d,)."""
+        return np.array([entry[3] for _, entry in _walk(record, self.plan, self.actuator)])
+
+
+def feature_map(profile: Profile, actuator: Actuator, example: Record) -> FeatureMap:
+    """Return the map of a profile; `example` is any record of it."""
+    steps = plan(profile, actuator)
+    features = tuple(
+        Feature(key if place == WHOLE else f"{place}.{key}", place, signal, against)
+        for place, (key, signal, against, _) in _walk(example, steps, actuator))
+    return FeatureMap(profile=profile, actuator=actuator, plan=steps, features=features)
+
+
+
+
+def _walk(record: Record, steps: Plan, actuator: Actuator) -> Iterator[tuple[str, Entry]]:
+    """Yield place and entry of each feature."""
+    signals = prepare(record, actuator)
+    for key, value in consistency(record, signals, actuator).items():
+        yield WHOLE, (key, *CONSISTENCY[key], value)
+    for segment in steps.segments:
+        source = _hold(record, signals, segment) if segment.kind == "hold" else _moving(
+            signals, segment, actuator)
+        for entry in source:
+            yield segment.name, entry
+    for transition in steps.transitions:
+        for entry in transition_features(signals, transition, actuator):
+            yield transition.name, entry
+
+
+def _log(value: float) -> float:
+    return float(np.log(value + TINY))
+
+
+def _hold(record: Record, signals: Signals, segment: Segment) -> Iterator[Entry]:
+    part = signals.between(segment.begin, segment.end)
+    q, speed, lag = signals.torque_current[part], signals.speed[part], signals.lag[part]
+    goal = record.profile.command(signals.time[part])
+    yield "current", "motor torque", "test phase", float(q.mean())
+    yield "current_spread", "motor torque", "test phase", _log(q.std())
+    yield "speed_spread", "motor speed", "test phase", _log(speed.std())
+    yield "lag", "motor travel minus surface position", "test phase", 1e3 * float(lag.mean())
+    yield "error", "surface position", "test phase", 1e3 * float(
+        (signals.position[part] - goal).mean())
+
+
+def _moving(signals: Signals, segment: Segment, actuator: Actuator) -> Iterator[Entry]:
+    part = signals.between(segment.begin, segment.end)
+    q, speed = signals.torque_current[part], signals.speed[part]
+    position, lag = signals.position[part], signals.lag[part]
+    yield "current", "motor torque", "speed", float(q.mean())
+    yield "speed", "motor speed", "speed", float(speed.mean())
+    yield "lag", "motor travel minus surface position", "load", 1e3 * float(lag.mean())
+    centred = position - position.mean()
+    yield "slope", "motor torque", "position", float(
+        (centred @ (q - q.mean())) / (centred @ centred + TINY))
+    yield "lag_slope", "motor travel minus surface position", "position", 1e3 * float(
+        (centred @ (lag - lag.mean())) / (centred @ centred + TINY))
+    yield "current_ripple", "motor torque", "frequency", _log(np.diff(q).std())
+    yield "speed_ripple", "motor speed", "frequency", _log(np.diff(speed).std())
+    smooth = np.add.reduceat(speed[:len(speed) // 8 * 8], np.arange(0, len(speed) // 8 * 8, 8))
+    yield "speed_hunting", "motor speed", "frequency", _log(np.diff(smooth).std() / 8.0)
+    for k, phase in enumerate("abc"):
+        yield (f"ripple_{phase}", f"phase current {phase}", "frequency",
+               _log(np.diff(signals.error[part, k]).std()))
+    turns_planned = abs(segment.speed) * (segment.end - segment.begin) / TURN
+    if turns_planned * signals.pole_pairs >= 1.2:
+        yield from _locked(signals, segment, part, actuator)
+
+
+def _locked(
+    signals: Signals, segment: Segment, part: slice, actuator: Actuator
+) -> Iterator[Entry]:
+    """Yield lines locked to the rotor angle."""
+    wanted = RAMP if segment.kind == "ramp" else MIDDLE if abs(segment.speed) < 400.0 else FAST
+    top = BANDS[-1][1] if wanted is not FAST else wanted.current
+    turns = turns_of(signals.theta, part)
+    if turns is None:  # it did not move: no lines
+        found = np.zeros((top + 1, 7), dtype=complex)
+    else:
+        p = turns.part
+        dt = np.gradient(signals.time[p])
+        slip = np.cumsum(signals.speed[p] * dt) * signals.pole_pairs - turns.theta
+        slip -= np.linspace(0.0, 1.0, len(slip)) * (slip[-1] - slip[0]) + slip[0]
+        stack = np.column_stack([signals.torque_current[p], signals.speed[p],
+                                 signals.error[p], signals.total[p], slip])
+        found = lines(turns, stack, top)
+    k2 = 2.0 * actuator.motor.back_emf_constant
+    h = np.arange(top + 1)
+    accelerating = 1j * h * actuator.motor.inertia * found[0, 1].real * signals.pole_pairs
+    torque = k2 * found[:, 0] - accelerating * found[:, 1]
+    yield from _complex("torque_line", range(1, wanted.torque + 1), torque, 1e3, "motor torque")
+    yield from _complex("speed_line", range(1, wanted.speed + 1), found[:, 1], 1.0, "motor speed")
+    yield from _complex("slip_line", range(1, 3), found[:, 6], 1e3,
+                        "measured speed minus speed of the rotor angle")
+    yield from _complex("sum_line", range(1, 3), found[:, 5], 1e3, "sum of the phase currents")
+    yield "sum_mean", "sum of the phase currents", "test phase", 1e3 * float(found[0, 5].real)
+    forward = 2.0 / 3.0 * found[:wanted.current + 1, 2:5] @ THIRD
+    backward = 2.0 / 3.0 * found[:wanted.current + 1, 2:5].conj() @ THIRD
+    yield from _complex("error_line", range(wanted.current + 1), forward, 1e3, "phase currents")
+    yield from _complex("error_line_back", range(1, wanted.current + 1), backward, 1e3,
+                        "phase currents")
+    if wanted is not FAST:
+        for low, high in BANDS:
+            yield (f"torque_band_{low}_{high}", "motor torque", "rotor angle",
+                   _log(1e3 * float(np.abs(torque[low:high + 1]).max()) + 1e-2))
+
+
+def _complex(
+    name: str, orders: range, values: np.ndarray, scale: float, signal: str
+) -> Iterator[Entry]:
+    parts = scale * np.ascontiguousarray(values[orders.start:orders.stop]).view(float)
+    for key, value in zip(_line_names(name, orders), parts.tolist()):
+        yield key, signal, "rotor angle", value
+
+
+@cache
+def _line_names(name: str, orders: range) -> list[str]:
+    return [f"{name}_{h}_{part}" for h in orders for part in ("re", "im")]

@@ -1,0 +1,222 @@
+"""What varies between healthy units and tests, and what a record tells of it.
+
+What may differ between two healthy units and two days: tolerances and conditions.
+
+A tolerance is estimated from the record within its band (recalibration). A condition is measured
+in the record (temperature, bus voltage, rotor angle at the start, noise) and simply used.
+
+Where the tolerances of several records of one unit are in one vector.
+
+Align: what a record measures of its own conditions, so that the simulator can start alike.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from ema_identification.actuator.measure.signals import OFF_GUARD, TURN
+from ema_record.actuator import Actuator
+from ema_record.channels import PHASE_CURRENTS
+from ema_record.record import Record
+from ema_sim.effects import Effects
+from ema_sim.model_file import Model
+
+
+class Tolerance(NamedTuple):
+    """A parameter of the unit, or of the day, that is not known exactly."""
+
+    name: str
+    half_width: float
+    """Of the band in which it lies; relative, or in `unit`."""
+    unit: str
+    shared: bool = True
+    """Whether all records of one unit have the same value."""
+
+
+TOLERANCES: tuple[Tolerance, ...] = (
+    Tolerance("motor.phase_resistance", 0.10, "1"),
+    Tolerance("motor.phase_inductance", 0.10, "1"),
+    Tolerance("motor.dry_friction", 0.10, "1"),
+    Tolerance("surface.dry_friction", 0.10, "1"),
+    Tolerance("motor.back_emf_constant", 0.03, "1"),
+    Tolerance("motor.back_emf_deviation_a", 0.005, "1"),
+    Tolerance("motor.back_emf_deviation_b", 0.005, "1"),
+    Tolerance("motor.back_emf_deviation_c", 0.005, "1"),
+    Tolerance("motor.inertia", 0.10, "1"),
+    Tolerance("surface.inertia", 0.10, "1"),
+    Tolerance("shaft.stiffness", 0.10, "1"),
+    Tolerance("current_sensor_gain.phase_a", 0.01, "1"),
+    Tolerance("current_sensor_gain.phase_b", 0.01, "1"),
+    Tolerance("current_sensor_gain.phase_c", 0.01, "1"),
+    Tolerance("current_sensor_offset.phase_a", 0.05, "A"),
+    Tolerance("current_sensor_offset.phase_b", 0.05, "A"),
+    Tolerance("current_sensor_offset.phase_c", 0.05, "A"),
+    Tolerance("surface_load.constant", 19.0, "N m", shared=False),
+)
+"""Bands of the fleet; uniform inside."""
+N_TOLERANCES = len(TOLERANCES)
+PRIOR = 1.0 / math.sqrt(3.0)
+"""Standard deviation of a tolerance, in half widths."""
+REFERENCE_TEMPERATURE = 20.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conditions:
+    """What is known of one test."""
+
+    temperature: float = REFERENCE_TEMPERATURE
+    """Of the winding (degC)."""
+    bus: float = 0.0
+    """Relative deviation of the bus voltage without load."""
+    noise: float = 1.0
+    """Factor on the sensor noise."""
+    start_angle: float = 0.0
+    """Electrical rotor angle at the start (rad)."""
+    measured: frozenset[str] = field(default_factory=frozenset)
+    """Which of ``temperature`` and ``bus`` the record measures."""
+
+    def regressors(self) -> np.ndarray:
+        """Return temperature, bus and noise, each about -1 to 1, shape (3,)."""
+        return np.array([
+            (self.temperature - 15.0) / 55.0, self.bus / 0.1, math.log(self.noise) / math.log(2.0),
+        ])
+
+
+def draw_tolerances(rng: np.random.Generator) -> np.ndarray:
+    """Return a unit of the fleet, in half widths."""
+    return rng.uniform(-1.0, 1.0, N_TOLERANCES)
+
+
+def draw_conditions(rng: np.random.Generator) -> Conditions:
+    """Return the conditions of a test somewhere, some day."""
+    return Conditions(
+        temperature=float(rng.uniform(-40.0, 70.0)), bus=float(rng.uniform(-0.1, 0.1)),
+        noise=float(np.exp(rng.uniform(math.log(0.5), math.log(2.0)))),
+        start_angle=float(rng.uniform(0.0, 2.0 * math.pi)),
+    )
+
+
+def realise(
+    model: Model, z: np.ndarray, conditions: Conditions, effects: Effects | None = None
+) -> tuple[Actuator, Effects]:
+    """Return the actuator and effects of a unit under conditions.
+
+    Parameters
+    ----------
+    model : the model under test.
+    z : ndarray, shape (18,), tolerances in half widths.
+    conditions : of the test.
+    effects : in place of those of the model.
+    """
+    value = {t.name: t.half_width * float(x) for t, x in zip(TOLERANCES, z)}
+    a, e = model.actuator, model.effects if effects is None else effects
+    motor, surface = a.motor, a.surface
+    dry_m, dry_s = 1.0 + value["motor.dry_friction"], 1.0 + value["surface.dry_friction"]
+    a = a._replace(
+        motor=motor._replace(
+            phase_resistance=motor.phase_resistance * (1.0 + value["motor.phase_resistance"]),
+            phase_inductance=motor.phase_inductance * (1.0 + value["motor.phase_inductance"]),
+            back_emf_constant=motor.back_emf_constant * (1.0 + value["motor.back_emf_constant"]),
+            **{name: getattr(motor, name) + value[f"motor.{name}"]
+               for name in (f"back_emf_deviation_{p}" for p in "abc")},
+            inertia=motor.inertia * (1.0 + value["motor.inertia"]),
+            dynamic_friction=motor.dynamic_friction * dry_m,
+            static_friction=motor.static_friction * dry_m,
+        ),
+        surface=surface._replace(
+            inertia=surface.inertia * (1.0 + value["surface.inertia"]),
+            dynamic_friction=surface.dynamic_friction * dry_s,
+            static_friction=surface.static_friction * dry_s,
+        ),
+        shaft=a.shaft._replace(stiffness=a.shaft.stiffness * (1.0 + value["shaft.stiffness"])),
+    )
+    gain, offset, load = e.current_sensor_gain, e.current_sensor_offset, e.surface_load
+    e = e._replace(
+        current_sensor_gain=gain._replace(**{
+            f: getattr(gain, f) + value[f"current_sensor_gain.{f}"] for f in gain._fields}),
+        current_sensor_offset=offset._replace(**{
+            f: getattr(offset, f) + value[f"current_sensor_offset.{f}"] for f in offset._fields}),
+        surface_load=load._replace(constant=load.constant + value["surface_load.constant"]),
+    )
+    if "temperature" in conditions.measured or e.winding_temperature == (20.0, -1.1e-3):
+        e = e._replace(winding_temperature=e.winding_temperature._replace(
+            temperature=conditions.temperature))
+    if "bus" in conditions.measured or e.bus_voltage_change.change == 0.0:
+        e = e._replace(bus_voltage_change=e.bus_voltage_change._replace(change=conditions.bus))
+    return a, e
+
+
+SHARED = np.array([t.shared for t in TOLERANCES])
+"""Those of the unit; the others belong to the record."""
+
+
+class Tolerances:
+    """Tolerances of several records: shared ones once, the others once a record."""
+
+    def __init__(self, records: int) -> None:
+        n_shared = int(SHARED.sum())
+        self.size = n_shared + records * (N_TOLERANCES - n_shared)
+        self._columns = []
+        own = n_shared
+        for _ in range(records):
+            columns = np.empty(N_TOLERANCES, dtype=int)
+            columns[SHARED] = np.arange(n_shared)
+            columns[~SHARED] = np.arange(own, own + N_TOLERANCES - n_shared)
+            own += N_TOLERANCES - n_shared
+            self._columns.append(columns)
+
+    def of(self, record: int, z: np.ndarray) -> np.ndarray:
+        """Return the tolerances of one record, shape (18,), from all, shape (size,)."""
+        return np.asarray(z[self._columns[record]])
+
+    def spread(self, record: int, slope: np.ndarray) -> np.ndarray:
+        """Return columns for all tolerances, shape (d, size), from those of one record."""
+        found = np.zeros((len(slope), self.size))
+        found[:, self._columns[record]] = slope
+        return found
+
+
+NOISE_RANGE = (0.1, 20.0)
+"""Factors on the sensor noise that are believed."""
+
+
+def align(record: Record, model: Model) -> Conditions:
+    """Return the conditions of a test, read off its record."""
+    measured = set()
+    temperature = REFERENCE_TEMPERATURE
+    if len(record.winding_temperature):
+        temperature = float(np.mean(record.winding_temperature[:, 1]))
+        measured.add("temperature")
+    bus = 0.0
+    if len(record.dc_bus):
+        bus = _open_circuit(record) / (2.0 * model.actuator.inverter.bus_voltage) - 1.0
+        measured.add("bus")
+    off = record.time < record.profile.inverter_off - OFF_GUARD
+    still = off if off.any() else np.arange(len(record)) < 20
+    turned = np.exp(1j * record.channel("rotor_angle")[still]).mean()
+    return Conditions(
+        temperature=temperature, bus=bus, noise=_noise(record, model, off),
+        start_angle=float(np.angle(turned)) % TURN, measured=frozenset(measured),
+    )
+
+
+def _open_circuit(record: Record) -> float:
+    """Return the voltage between the rails at no current (V)."""
+    voltage, current = record.dc_bus[:, 1], record.dc_bus[:, 2]
+    if len(voltage) < 3 or float(np.ptp(current)) < 0.5:
+        return float(voltage.mean())
+    slope, level = np.polyfit(current, voltage, 1)
+    return float(level) if abs(slope) < 2.0 else float(voltage.mean())
+
+
+def _noise(record: Record, model: Model, off: np.ndarray) -> float:
+    """Return the factor on the noise, from the currents while the inverter is off."""
+    nominal = model.actuator.noise.current * np.sqrt(record.rate / 20_000.0)
+    if off.sum() < 40 or nominal <= 0.0:
+        return 1.0
+    spread = float(np.sqrt(record.samples[off, PHASE_CURRENTS].var(axis=0, ddof=1).mean()))
+    return float(np.clip(spread / nominal, *NOISE_RANGE))

@@ -1,0 +1,1 @@
+"""From a residual to a name: proposals, fits with the simulator, decision, estimates."""

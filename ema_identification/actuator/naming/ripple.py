@@ -1,0 +1,190 @@
+"""Ripple candidates: the clearest line of the residual, and effects of its period.
+
+The clearest torque line that a model leaves: one phase in rotor angle, in many sections.
+
+Ripple of any period: the clearest torque line that is left makes a candidate of its order.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ema_identification.actuator.naming.gap import whitened
+from ema_identification.actuator.surrogate.catalogue import ripple
+from ema_identification.actuator.surrogate.evidence import Block, Evidence
+from ema_identification.actuator.surrogate.fit import Fit
+from ema_identification.actuator.surrogate.likelihood import Recalibration
+from ema_identification.actuator.surrogate.screening import Screened, best_of, residual
+from ema_identification.actuator.surrogate.signatures import Signature
+
+STRONG = 8.0
+"""Least residual of a line (standard deviations, re and im)."""
+COHERENT = 0.85
+"""Least part of the power of a line that has one phase in all sections."""
+ALONE = 20.0, 0.95
+"""The same two for the sections of one speed alone: two of them agree by chance more often."""
+
+
+class _Line(NamedTuple):
+    """A line of one order in the sections of one group."""
+
+    common: float
+    """Power of one phase (variances, re and im)."""
+    coherence: float
+    """The same, of all its power."""
+    amplitude: float
+    """N m."""
+    place: str
+
+
+class _Left(NamedTuple):
+    """A line of one order that is left in one section."""
+
+    line: complex
+    """mA."""
+    weight: float
+    """1 / variance of its parts."""
+
+
+def largest_line(
+    evidence: Evidence, residual: Sequence[np.ndarray]
+) -> tuple[int, float, str] | None:
+    """Return order, amplitude (N m) and segment of the clearest torque line that is left.
+
+    A ripple of the machine has one phase in rotor angle in all sections of the test, or one that
+    turns over with the direction; a limit cycle that keeps step with the rotor in one section has
+    neither.
+    """
+    block = evidence.blocks[0]
+    speeds = {s.name: s.speed for s in block.library.fmap.plan.segments}
+    sizes = {name: round(abs(v), 3) for name, v in speeds.items()}
+    groups = [(list(speeds), STRONG, COHERENT)] + [
+        ([n for n in speeds if sizes[n] == v], *ALONE)
+        for v in sorted(set(sizes.values()), reverse=True)]
+    left = _left(block, residual[0])
+    clear = {order: [line for group in groups if (line := _clear(places, speeds, *group))]
+             for order, places in left.items()}
+    clear = {order: lines for order, lines in clear.items() if lines}
+    if not clear:
+        return None
+    order = max(clear, key=lambda o: max(line.common for line in clear[o]))
+    line = max(clear[order], key=lambda x: x.coherence)
+    (text,) = (s.text for s in block.library.fmap.plan.segments if s.name == line.place)
+    return order, line.amplitude, text
+
+
+def _left(block: Block, residual: np.ndarray) -> dict[int, dict[str, _Left]]:
+    """Return the torque lines that are left, by order and place."""
+    deviation = block.library.null.deviation(block.conditions.noise)
+    lines: dict[tuple[int, str], complex] = defaultdict(complex)
+    variances: dict[tuple[int, str], float] = defaultdict(float)
+    for feature, x, sd in zip(block.library.fmap.features, residual, deviation):
+        if ".torque_line_" in feature.name:
+            key = int(feature.name.split("_")[2]), feature.place
+            lines[key] += float(x * sd) * (1.0 if feature.name.endswith("_re") else 1j)
+            variances[key] += 0.5 * float(sd)**2
+    found: dict[int, dict[str, _Left]] = defaultdict(dict)
+    for (order, place), line in lines.items():
+        found[order][place] = _Left(line, 1.0 / variances[order, place])
+    return found
+
+
+def _clear(
+    places: Mapping[str, _Left], speeds: Mapping[str, float], among: Sequence[str],
+    strong: float, coherent: float,
+) -> _Line | None:
+    """Return what the sections `among` have in common, where that is clear."""
+    chosen = [p for p in among if p in places]
+    if len(chosen) < 2:
+        return None
+    lines = np.array([places[p].line for p in chosen])
+    weight = np.array([places[p].weight for p in chosen])
+    sense = np.sign([speeds[p] for p in chosen])
+    along = max((_power_along(lines, weight), _power_along(sense * lines, weight)), key=np.sum)
+    power = weight * np.abs(lines)**2
+    common, whole = float(along.sum()), float(power.sum())
+    if (common > max(2.0 * strong**2, coherent * whole)
+            and common - along.max() > strong**2):
+        return _Line(
+            common=common, coherence=common / whole,
+            amplitude=2e-3 * float(power @ np.abs(lines) / power.sum()),
+            place=chosen[int(np.argmax(power))])
+    return None
+
+
+def _power_along(lines: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the power of each line along the phase that most of their power has.
+
+    How large a line is may differ among sections: at low speed the shaft holds the rotor, and the
+    current sees less of the same ripple.
+    """
+    whole = weight * np.abs(lines) @ lines
+    if whole == 0.0:
+        return np.zeros(len(lines))
+    return np.asarray(weight * np.maximum(0.0, (lines * np.conj(whole / abs(whole))).real)**2)
+
+
+LOWEST = 3
+"""Lower orders belong to windings and commutation."""
+RIPPLES = ("cogging_torque", "gear_mesh_ripple")
+RUNS = 4
+SHARE = 0.05
+"""Of the size of an effect found before, by which it may give way (times 100, `residual`)."""
+SHAFT_SHARE = 1e-5
+"""Transmission error (rad) that makes a ripple of some 0.01 N m."""
+
+
+def free_columns(fit: Fit) -> list[np.ndarray]:
+    """Return what a share of each fitted coordinate adds, shape (d,) each.
+
+    In units of the features, not of the coordinate: a transmission error of 1 rad would move them
+    by so much that nothing else counted.
+    """
+    sizes = np.repeat([float(np.linalg.norm(t.u)) for t in fit.terms],
+                      [t.variant.size for t in fit.terms])
+    return list((SHARE * fit.slopes[:, :fit.free] * sizes).T)
+
+
+def periodic_candidates(
+    evidence: Evidence, about: Recalibration | Fit, *, without: Sequence[str] = (), seed: int = 0,
+) -> list[Screened]:
+    """Return ripple effects with the order of the clearest line that `about` leaves."""
+    line = largest_line(evidence, whitened(evidence, about))
+    if line is None or line[0] < LOWEST:
+        return []
+    order, torque, _ = line
+    base = evidence.blocks[0].library.model
+    turn = order * base.actuator.motor.pole_pairs
+    if isinstance(about, Fit):
+        effects, centre = about.effects(base.effects), about.z
+        free = free_columns(about)
+    else:
+        effects, centre, free = base.effects, about.centre, []
+    rest = residual(evidence, centre, about.mean, runs=about.runs, free=free)
+    found = []
+    for effect in RIPPLES:
+        if effect in without:
+            continue
+        level = torque if effect == "cogging_torque" else SHAFT_SHARE
+        variant = ripple(effect, turn, level)
+        values = []
+        for k in range(2):
+            u = np.zeros(2)
+            u[k] = level
+            runs = evidence.mean(centre, variant.effects(u, effects), runs=RUNS, seed=seed + 20)
+            values.append(np.concatenate(runs) - np.concatenate(about.mean))
+        if not np.isfinite(values).all():
+            continue
+        own = Signature(
+            variant=variant, levels=(np.array([-level, 0.0, level]),) * 2,
+            values=tuple(np.array([-v, np.zeros_like(v), v]) for v in values))
+        screened = best_of(own, -1, rest)
+        if math.hypot(*screened.u) > 0.0:
+            found.append(Screened(variant=variant, index=-1, u=screened.u, cost=screened.cost,
+                                  z=about.z, own=own))
+    return found

@@ -1,0 +1,1 @@
+"""The simulator replaced by surrogates: candidate effects, libraries, likelihood, fits."""

@@ -1,0 +1,218 @@
+"""Candidate effects: every effect of the catalogue in the variants that can be named.
+
+The catalogue as candidates: each effect with the coordinates that the data must tell.
+
+A coordinate is a number that is zero where the effect is absent and in which the features change
+nearly in proportion: a severity, or the cosine and sine parts of an amplitude with a phase.
+
+Coordinates of effects that act on the same number as a tolerance of the unit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ema_sim.effects import EFFECTS, Effects
+from ema_sim.effects.base import Quantity
+
+Settings = Mapping[str, float | int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Variant:
+    """One way in which an effect of the catalogue may be present.
+
+    Attributes
+    ----------
+    name : unique, for example ``turn_short b physical``.
+    effect : name in the catalogue.
+    levels : for each coordinate the values at which the library simulates it.
+    settings : parameters of the effect from the coordinates.
+    fixed : nonlinear parameters that the refit may move too, with their start, bounds and step.
+    """
+
+    name: str
+    effect: str
+    levels: tuple[tuple[float, ...], ...]
+    settings: Callable[[np.ndarray], Settings]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    condition: str = ""
+    """Of a record: the effect is no candidate where the record measures it."""
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return len(self.levels)
+
+    def effects(self, u: np.ndarray, base: Effects) -> Effects:
+        """Return `base` with the effect at the coordinates `u`, shape (size,)."""
+        values = getattr(base, self.effect)
+        moved = {}
+        known = {f.name: f.kind for f in EFFECTS[self.effect].fields}
+        for name, value in self.settings(u).items():
+            kind = known[name]
+            moved[name] = (float(np.clip(value, kind.lower, kind.upper))
+                           if isinstance(kind, Quantity) else int(value))
+        return base._replace(**{self.effect: values._replace(**moved)})
+
+
+def _both(*levels: float) -> tuple[float, ...]:
+    return (*(-x for x in reversed(levels)), *levels)
+
+
+def _one(
+    effect: str, parameter: str, levels: Sequence[float], *, label: str = "", condition: str = "",
+    neutral: float = 0.0, **others: float,
+) -> Variant:
+    """Return a variant with one severity."""
+    kind = {f.name: f.kind for f in EFFECTS[effect].fields}[parameter]
+    assert isinstance(kind, Quantity)
+
+    def settings(u: np.ndarray) -> Settings:
+        return {parameter: neutral + float(u[0]), **others}
+
+    return Variant(
+        name=f"{effect} {label}".strip(), effect=effect, levels=(tuple(levels),),
+        settings=settings, low=(kind.lower - neutral,), high=(kind.upper - neutral,),
+        condition=condition,
+    )
+
+
+def _many(effect: str, levels: Mapping[str, Sequence[float]]) -> Variant:
+    """Return a variant with several severities."""
+    names = tuple(levels)
+    kinds = {f.name: f.kind for f in EFFECTS[effect].fields}
+
+    def settings(u: np.ndarray) -> Settings:
+        return {name: float(x) for name, x in zip(names, u)}
+
+    bounds = [kinds[name] for name in names]
+    return Variant(
+        name=effect, effect=effect, levels=tuple(tuple(levels[n]) for n in names),
+        settings=settings,
+        low=tuple(b.lower for b in bounds if isinstance(b, Quantity)),
+        high=tuple(b.upper for b in bounds if isinstance(b, Quantity)),
+    )
+
+
+def _vector(
+    effect: str, amplitude: str, angle: str, levels: Sequence[float], *, label: str = "",
+    quarter: float = 0.0, **others: float,
+) -> Variant:
+    """Return a variant with an amplitude and a phase, as its cosine and sine parts.
+
+    `quarter` is the phase at which the parameter `angle` has a cosine (π/2 for laws in sine).
+    """
+    kind = {f.name: f.kind for f in EFFECTS[effect].fields}[amplitude]
+    assert isinstance(kind, Quantity)
+
+    def settings(u: np.ndarray) -> Settings:
+        return {amplitude: math.hypot(u[0], u[1]), **others,
+                angle: _wrap(quarter + math.atan2(u[1], u[0]))}
+
+    return Variant(
+        name=f"{effect} {label}".strip(), effect=effect, levels=(_both(*levels),) * 2,
+        settings=settings, low=(-kind.upper,) * 2, high=(kind.upper,) * 2,
+    )
+
+
+def ripple(effect: str, periods: float, level: float) -> Variant:
+    """Return cogging or mesh ripple of `periods` a turn, near the amplitude `level`."""
+    return _vector(effect, "amplitude", "phase", (level,), label=f"{periods:g} a turn",
+                   quarter=0.5 * math.pi, periods=periods)
+
+
+def _wrap(angle: float) -> float:
+    return math.remainder(angle, 2.0 * math.pi)
+
+
+def _stribeck(speed: float) -> Variant:
+    def settings(u: np.ndarray) -> Settings:
+        return {"increase": float(u[0]), "speed": speed * math.exp(float(u[1]))}
+
+    return Variant(
+        name=f"stribeck_friction at {speed:g} rad/s", effect="stribeck_friction",
+        levels=((-0.4, -0.1, 0.1, 0.4, 1.2), ()), settings=settings,
+        low=(-0.5, math.log(0.5 / speed)), high=(3.0, math.log(500.0 / speed)),
+    )
+
+
+def variants() -> tuple[Variant, ...]:
+    """Return all candidates."""
+    found: list[Variant] = []
+    for k, phase in enumerate("abc"):
+        for mode, text in ((1, "physical"), (0, "paper")):
+            found.append(_one("turn_short", "fraction", (0.01, 0.04, 0.15, 0.4),
+                              label=f"{phase} {text}", phase=k, mode=mode))
+        found.append(_one("phase_resistance_imbalance", "increase",
+                          (-0.3, -0.08, 0.08, 0.3, 1.0, 2.5), label=phase, phase=k))
+        found.append(_vector("rotor_eccentricity", "zeta", "angle", (0.01, 0.05, 0.2),
+                             label=f"paper {phase}", mode=0, phase=k))
+    for mode, text in ((1, "common"), (2, "shifted"), (3, "static")):
+        found.append(_vector("rotor_eccentricity", "zeta", "angle", (0.01, 0.05, 0.2), label=text,
+                             mode=mode))
+    found += [
+        _one("back_emf_shape", "flat_top_change", _both(0.05, 0.2, 0.6), label="flat top"),
+        _one("back_emf_shape", "fifth_harmonic", _both(0.01, 0.05, 0.2), label="5th harmonic"),
+        _one("back_emf_shape", "sine_share", (0.05, 0.2, 0.5, 1.0), label="sine"),
+        _one("torque_constant_drop", "drop", (-0.3, -0.1, 0.05, 0.15, 0.3)),
+        _one("winding_temperature", "temperature", (-50.0, -20.0, 20.0, 60.0, 120.0),
+             neutral=20.0, condition="temperature"),
+        _one("magnetic_saturation", "inverse_current", (0.01, 0.02, 0.04, 0.08)),
+        _one("hall_misalignment", "angle", _both(0.02, 0.1, 0.3)),
+        _one("control_delay", "delay", (3e-5, 1e-4, 3e-4, 1e-3)),
+        _vector("cogging_torque", "amplitude", "phase", (0.005, 0.02, 0.08),
+                label="12 a turn", quarter=0.5 * math.pi, periods=12.0),
+        _one("motor_friction", "increase", (-0.4, -0.15, 0.15, 0.4, 1.0)),
+        _one("surface_friction", "increase", (-0.4, -0.15, 0.15, 0.4, 1.0, 2.0)),
+        _one("viscous_friction", "coefficient", (-1e-4, 5e-5, 2e-4, 5e-4, 1e-3)),
+        _stribeck(5.0), _stribeck(20.0), _stribeck(100.0),
+        _one("load_dependent_friction", "coefficient", (0.03, 0.1, 0.3, 0.6)),
+        _one("backlash", "increase", (-1e-4, 1e-4, 3e-4, 1e-3, 3e-3, 8e-3)),
+        _one("shaft_compliance", "increase", (-0.5, -0.2, 0.2, 0.6, 2.0, 6.0)),
+        _vector("gear_mesh_ripple", "amplitude", "phase", (3e-6, 1.5e-5, 6e-5),
+                label="17 a turn", quarter=0.5 * math.pi, periods=17.0),
+        _one("inverter_voltage_drop", "drop", (0.5, 1.5, 4.0, 8.0)),
+        _one("bus_voltage_sag", "resistance", (0.05, 0.2, 0.6, 1.5)),
+        _one("bus_voltage_change", "change", _both(0.1, 0.3), condition="bus"),
+        _many("current_sensor_offset", {f"phase_{p}": _both(0.1, 0.5, 2.0) for p in "abc"}),
+        _many("current_sensor_gain", {f"phase_{p}": _both(0.02, 0.08, 0.25) for p in "abc"}),
+        _vector("speed_sensor_runout", "amplitude", "angle", (0.002, 0.01, 0.05)),
+        _one("position_sensor_offset", "offset", _both(5e-4, 5e-3, 0.05)),
+        _one("quantisation", "position_bits_lost", (1.0, 2.0, 3.0, 5.0), label="position"),
+        _one("quantisation", "speed_bits_lost", (1.0, 2.0, 3.0, 5.0), label="speed"),
+        _one("inertia_change", "motor", (-0.4, -0.15, 0.15, 0.5, 1.5), label="motor"),
+        _one("inertia_change", "surface", (-0.5, 0.5, 2.0, 6.0, 15.0), label="surface"),
+        _many("surface_load", {"constant": _both(40.0, 120.0, 300.0),
+                               "slope": _both(100.0, 400.0, 1200.0)}),
+    ]
+    return tuple(found)
+
+
+ALIASES: dict[tuple[str, int], tuple[str, float]] = {
+    ("motor_friction", 0): ("motor.dry_friction", 1.0),
+    ("surface_friction", 0): ("surface.dry_friction", 1.0),
+    ("torque_constant_drop", 0): ("motor.back_emf_constant", -1.0),
+    **{(f"turn_short {p} {mode}", 0): (f"motor.back_emf_deviation_{p}", -1.0)
+       for p in "abc" for mode in ("physical", "paper")},
+    ("shaft_compliance", 0): ("shaft.stiffness", -1.0),
+    ("inertia_change motor", 0): ("motor.inertia", 1.0),
+    ("inertia_change surface", 0): ("surface.inertia", 1.0),
+    **{("current_sensor_gain", k): (f"current_sensor_gain.phase_{p}", 0.0)
+       for k, p in enumerate("abc")},
+    **{("current_sensor_offset", k): (f"current_sensor_offset.phase_{p}", 0.0)
+       for k, p in enumerate("abc")},
+    ("surface_load", 0): ("surface_load.constant", 0.0),
+}
+"""Coordinates that act on the same number as a tolerance.
+
+By variant and coordinate: the tolerance, and +1 where the number is in proportion to (1 + u),
+-1 where to 1 - u (`TAKES_AWAY`) or 1 / (1 + u), 0 where u adds to it. Of a short it is the
+constant of its phase; what resistance and inductance tell beside that is left to the fit.
+"""
+TAKES_AWAY = ("torque_constant_drop", "turn_short")

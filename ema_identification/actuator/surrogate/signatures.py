@@ -1,0 +1,300 @@
+"""Surrogates of the simulator: mean, covariance and signatures of the features.
+
+What effect-free runs look like: mean over tolerances and conditions, and repeatability.
+
+Units are drawn from the fleet, each is run twice with other noise. The mean of the pairs gives
+the dependence of the features on tolerances and conditions (quadratic, ridge); the differences
+give the covariance of a repeat, which grows with the noise of the sensors.
+
+Signatures of the catalogue: what each effect adds to the features, over its coordinates.
+
+Simulated on the nominal unit at a few rotor angles, against runs without the effect. They are for
+screening; what they propose is fitted again with the simulator on the unit at hand.
+
+What is known about records of one profile from one model: the type of it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ema_identification.actuator.measure.features import FeatureMap
+from ema_identification.actuator.measure.runs import Case, Progress, run_cases, silent
+from ema_identification.actuator.measure.tolerances import (
+    N_TOLERANCES,
+    Conditions,
+    draw_conditions,
+    draw_tolerances,
+)
+from ema_identification.actuator.surrogate.catalogue import Variant, variants
+from ema_record.record import Record
+from ema_sim.effects import EFFECTS
+from ema_sim.model_file import Model
+
+UNITS = 450
+"""Units of a library; each is run twice."""
+RIDGE = 1.0
+SHRINK = 0.3
+"""Share of the identity in the correlation of a repeat."""
+FLOORS = {"position_step": 0.05, "speed_step": 0.05, "bus_slope": 2e-3}
+"""Least standard deviation of features that repeat exactly."""
+FLOOR = 2e-4
+"""Least standard deviation of any feature, of its root mean square."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NullLibrary:
+    """Statistics of runs without a missing effect.
+
+    Attributes
+    ----------
+    weights : ndarray, shape (c, d). Of the columns of `design`.
+    quiet, noisy : ndarrays, shape (d,). Variance of a repeat = quiet + noisy × (noise factor)².
+    correlation : ndarray, shape (d, d). Of a repeat, shrunk.
+    misfit : ndarray, shape (d,). Variance of the mean about the quadratic.
+    """
+
+    weights: np.ndarray
+    quiet: np.ndarray
+    noisy: np.ndarray
+    correlation: np.ndarray
+    misfit: np.ndarray
+
+    def mean(self, z: np.ndarray, conditions: Conditions) -> np.ndarray:
+        """Return the mean feature vector, shape (d,)."""
+        return np.asarray(design(np.concatenate([z, conditions.regressors()])[None])[0]
+                          @ self.weights)
+
+    def slope(self, z: np.ndarray, conditions: Conditions) -> np.ndarray:
+        """Return the derivative of the mean to the tolerances, shape (d, 18)."""
+        v = np.concatenate([z, conditions.regressors()])
+        step = 0.5 * np.eye(N_TOLERANCES, len(v))
+        return np.asarray((design(v + step) - design(v - step)) @ self.weights).T
+
+    def noise_slope(self, conditions: Conditions) -> np.ndarray:
+        """Return the derivative of the mean to the regressor of the noise, shape (d,)."""
+        v = np.concatenate([np.zeros(N_TOLERANCES), conditions.regressors()])
+        step = np.zeros_like(v)
+        step[-1] = 0.5
+        return np.asarray((design((v + step)[None]) - design((v - step)[None]))[0] @ self.weights)
+
+    def deviation(self, noise: float) -> np.ndarray:
+        """Return the standard deviation of a repeat at a noise factor, shape (d,)."""
+        return np.sqrt(self.quiet + self.noisy * min(max(noise, 0.3), 4.0)**2)
+
+
+def design(v: np.ndarray) -> np.ndarray:
+    """Return constant, linear, square and cross terms of `v`, shape (n, 21) -> (n, c)."""
+    n, size = v.shape
+    cross = [v[:, i] * v[:, j] for j in range(N_TOLERANCES, size) for i in range(j)]
+    cross += [v[:, i] * v[:, j] for i in (2, 3, 4) for j in range(N_TOLERANCES)
+              if j > i or j < 2]
+    return np.column_stack([np.ones(n), v, v**2 - 1.0 / 3.0, *cross])
+
+
+def build_null_library(
+    model: Model, fmap: FeatureMap, *, seed: int = 0, workers: int = 1,
+    progress: Progress = silent, units: int | None = None,
+) -> NullLibrary:
+    """Simulate the units and return their statistics."""
+    cases: list[Case] = []
+    for k in range(UNITS if units is None else units):
+        rng = np.random.default_rng([seed, 1, k])
+        case = Case(z=draw_tolerances(rng), conditions=draw_conditions(rng),
+                    seed=int(rng.integers(2**31)))
+        cases += [case, replace(case, seed=int(rng.integers(2**31)))]
+    found = run_cases(model, cases, fmap, workers=workers, progress=progress,
+                      what="effect-free runs")
+    first, second = found[0::2], found[1::2]
+    good = np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)
+    pairs = [c for c, g in zip(cases[0::2], good) if g]
+    v = np.array([np.concatenate([c.z, c.conditions.regressors()]) for c in pairs])
+    noise = np.array([c.conditions.noise for c in pairs])
+    mean, difference = 0.5 * (first + second)[good], ((first - second) / np.sqrt(2.0))[good]
+    columns = design(v)
+    penalty = RIDGE * np.eye(columns.shape[1])
+    penalty[0, 0] = 0.0
+    weights = np.linalg.solve(columns.T @ columns + penalty, columns.T @ mean)
+    floor = (FLOOR * np.sqrt((mean**2).mean(axis=0)) + 1e-6)**2
+    for k, feature in enumerate(fmap.features):
+        floor[k] = max(floor[k], FLOORS.get(feature.name, 0.0)**2)
+    quiet, noisy = _noise_law(difference, noise)
+    quiet = np.maximum(quiet, floor)
+    scaled = difference / np.sqrt(quiet + noisy * noise[:, None]**2)
+    correlation = np.clip(scaled, -6.0, 6.0).T @ np.clip(scaled, -6.0, 6.0) / len(scaled)
+    root = np.sqrt(np.maximum(np.diag(correlation), 1e-3))
+    correlation = (1.0 - SHRINK) * correlation / np.outer(root, root)
+    np.fill_diagonal(correlation, 1.0)
+    rest = mean - columns @ weights
+    freedom = max(1, len(mean) - columns.shape[1])
+    misfit = (rest**2).sum(axis=0) / freedom - 0.5 * (difference**2).mean(axis=0)
+    return NullLibrary(weights=weights, quiet=quiet, noisy=noisy, correlation=correlation,
+                       misfit=np.maximum(misfit, 0.0))
+
+
+def _noise_law(difference: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a, b >= 0 of variance = a + b noise², from a quiet and a noisy half."""
+    half = noise < np.median(noise)
+    low, high = (difference[half]**2).mean(axis=0), (difference[~half]**2).mean(axis=0)
+    n_low, n_high = float((noise[half]**2).mean()), float((noise[~half]**2).mean())
+    slope = np.clip((high - low) / (n_high - n_low), 0.0, high / n_high)
+    return np.maximum(high - slope * n_high, 0.0), slope
+
+
+START_ANGLES = (0.4, 2.0, 3.5, 5.1)
+BASE_RUNS = 4
+"""Runs without an effect at each start angle."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signature:
+    """Features that a variant adds, along each of its coordinates.
+
+    Attributes
+    ----------
+    variant : what it is.
+    levels : for each coordinate, sorted, with 0 among them.
+    values : for each coordinate, ndarray of shape (levels, d).
+    """
+
+    variant: Variant
+    levels: tuple[np.ndarray, ...]
+    values: tuple[np.ndarray, ...]
+
+    def at(self, u: np.ndarray) -> np.ndarray:
+        """Return the added features at coordinates `u`, shape (d,)."""
+        total = np.zeros(self.values[0].shape[1])
+        for x, levels, values in zip(u, self.levels, self.values):
+            total += self._along(float(x), levels, values)
+        return total
+
+    def slope(self, u: np.ndarray) -> np.ndarray:
+        """Return the derivative to the coordinates, shape (d, size); zero where unknown."""
+        found = np.zeros((self.values[0].shape[1], len(u)))
+        for k, (x, levels, values) in enumerate(zip(u, self.levels, self.values)):
+            if len(levels) > 1:
+                place = _interval(float(x), levels)
+                found[:, k] = (values[place + 1] - values[place]) / (
+                    levels[place + 1] - levels[place])
+        return found
+
+    @staticmethod
+    def _along(x: float, levels: np.ndarray, values: np.ndarray) -> np.ndarray:
+        if len(levels) < 2:
+            return np.zeros(values.shape[1])
+        k = _interval(x, levels)
+        part = (x - levels[k]) / (levels[k + 1] - levels[k])
+        return np.asarray(values[k] + part * (values[k + 1] - values[k]))
+
+
+def _interval(x: float, levels: np.ndarray) -> int:
+    return int(np.clip(np.searchsorted(levels, x) - 1, 0, len(levels) - 2))
+
+
+def candidates(model: Model) -> tuple[Variant, ...]:
+    """Return the variants of effects that the model does not have yet."""
+    return tuple(v for v in variants()
+                 if EFFECTS[v.effect].is_neutral(getattr(model.effects, v.effect)))
+
+
+def build_effect_library(
+    model: Model, fmap: FeatureMap, *, seed: int = 0, workers: int = 1,
+    progress: Progress = silent,
+) -> tuple[Signature, ...]:
+    """Simulate the catalogue and return the signatures."""
+    found = candidates(model)
+    z = np.zeros(N_TOLERANCES)
+    cases: list[Case] = []
+    seeds = np.random.default_rng([seed, 2]).integers(2**31, size=(len(START_ANGLES), BASE_RUNS))
+    for k, angle in enumerate(START_ANGLES):
+        cases += [Case(z=z, conditions=Conditions(start_angle=angle), seed=int(s))
+                  for s in seeds[k]]
+    for variant in found:
+        for j, levels in enumerate(variant.levels):
+            for level in levels:
+                u = np.zeros(variant.size)
+                u[j] = level
+                cases += [
+                    Case(z=z, conditions=Conditions(start_angle=angle), seed=int(seeds[k, 0]),
+                         effects=variant.effects(u, model.effects))
+                    for k, angle in enumerate(START_ANGLES)
+                ]
+    runs = run_cases(model, cases, fmap, workers=workers, progress=progress,
+                     what="signatures of the catalogue")
+    n = len(START_ANGLES)
+    base = runs[:n * BASE_RUNS].reshape(n, BASE_RUNS, -1).mean(axis=1)
+    added = (runs[n * BASE_RUNS:].reshape(-1, n, runs.shape[1]) - base).mean(axis=1)
+    return unpack(found, added)
+
+
+def unpack(found: tuple[Variant, ...], added: np.ndarray) -> tuple[Signature, ...]:
+    """Return signatures from the rows of all levels in order, shape (rows, d)."""
+    result, row = [], 0
+    for variant in found:
+        all_levels, all_values = [], []
+        for levels in variant.levels:
+            values = added[row:row + len(levels)]
+            row += len(levels)
+            good = np.isfinite(values).all(axis=1)
+            x = np.append(np.array(levels, dtype=float)[good], 0.0)
+            y = np.vstack([values[good], np.zeros(added.shape[1])])
+            order = np.argsort(x)
+            all_levels.append(x[order])
+            all_values.append(y[order])
+        result.append(Signature(variant=variant, levels=tuple(all_levels),
+                                values=tuple(all_values)))
+    return tuple(result)
+
+
+def pack(signatures: tuple[Signature, ...]) -> np.ndarray:
+    """Return the rows that `unpack` reads; NaN for levels that could not be simulated."""
+    rows = []
+    for signature in signatures:
+        for levels, known, values in zip(
+                signature.variant.levels, signature.levels, signature.values):
+            for level in levels:
+                at = np.flatnonzero(known == level)
+                rows.append(values[at[0]] if len(at) else np.full(values.shape[1], np.nan))
+    return np.array(rows)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scale:
+    """What residuals and scores look like when nothing is hidden (`calibration`).
+
+    Attributes
+    ----------
+    factor : ndarray, shape (d,). On the variance of each feature.
+    fit : mean and standard deviation of the logarithm of the cost a feature.
+    gain : median of the best candidate's gain, and the scale of its exponential tail.
+    """
+
+    factor: np.ndarray
+    fit: tuple[float, float] = (0.3, 0.25)
+    gain: tuple[float, float] = (10.0, 5.0)
+
+    def p_gain(self, gain: float) -> float:
+        """Return the probability of a larger best gain when nothing is hidden."""
+        return min(1.0, 0.5 * math.exp(min(1.0, -(gain - self.gain[0]) / self.gain[1])))
+
+    def p_fit(self, cost_a_feature: float) -> float:
+        """Return the probability of a larger cost when the model is complete."""
+        x = (math.log(max(cost_a_feature, 1e-9)) - self.fit[0]) / self.fit[1]
+        return 0.5 * math.erfc(x / math.sqrt(2.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Library:
+    """Features, effect-free statistics and signatures for one model and profile."""
+
+    model: Model
+    fmap: FeatureMap
+    null: NullLibrary
+    signatures: tuple[Signature, ...]
+    """Empty for a record that is only predicted."""
+    scale: Scale
+    example: Record
+    """Any record of the profile."""

@@ -1,0 +1,1 @@
+"""Fitting laws to a rig: balance, regression, null by sign flips, estimates."""

@@ -1,0 +1,253 @@
+"""A rig's answer in words, and the next test.
+
+Findings and remainders in words, with numbers and units.
+
+Which test would separate what a record left open.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ema_identification.result import Parameter, Where
+from ema_identification.rig.fit.balance import Balance
+from ema_identification.rig.laws import Term
+from ema_identification.rig.search.remainder import Left
+from ema_identification.rig.signals.trajectory import Trajectory
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number with so many digits that count."""
+    text = f"{value:.{digits}g}"
+    return text if "e+" not in text else f"{value:.0f}"
+
+
+def signal_name(trajectory: Trajectory) -> str:
+    """Return the port in words: ``input force``."""
+    return f"input {trajectory.axis.input}"
+
+
+def where(balance: Balance, index: int, found: Sequence[Parameter]) -> Where:
+    """Return where the effect of a term lives, in words and numbers."""
+    term, trajectory = balance.terms[index], balance.design.trajectory
+    axis = trajectory.axis
+    unit = axis.input_channel.unit
+    column = balance.columns[:, balance.span(index)] @ balance.fit.coefficients[
+        balance.span(index)]
+    share = float(np.sqrt(np.mean(column**2)))
+    if term.law.name == "control_delay":
+        slope = balance.columns[:, balance.span(index)]
+        share = float(np.sqrt(np.mean(slope**2))) * abs(found[0].value)
+    values = {p.name.split(".")[1]: p for p in found}
+    fast = float(np.quantile(np.abs(trajectory.speed), 0.98))
+    text = {
+        "coulomb_friction": lambda: f"±{_q(values['level'])} with the direction of motion, at "
+                                    "all speeds",
+        "offset": lambda: f"{_q(values['value'])} in both directions, at all speeds",
+        "asymmetric_friction": lambda: _asymmetric(values, fast, axis.speed_unit, unit),
+        "stribeck_friction": lambda: f"{_q(values['increase'])} more towards standstill, gone "
+                                     f"above about {_q(values['speed'])}",
+        "quadratic_drag": lambda: "rises with the square of the speed, to "
+                                  f"{number(values['value'].value * fast**2)} {unit} at "
+                                  f"{number(fast)} {axis.speed_unit}",
+        "sublinear_viscous_friction": lambda: "rises with the root of the speed, to "
+        f"{number(values['value'].value * math.sqrt(fast))} {unit} at {number(fast)} "
+        f"{axis.speed_unit}",
+        "spring": lambda: f"{_q(values['stiffness'])} about rest at "
+                          f"{_q(values['rest'])}",
+        "control_delay": lambda: "where the input changes fast: the motion lags by "
+                                 f"{number(1e3 * values['delay'].value)} ms",
+        "presliding_hysteresis": lambda: "after each reversal, within "
+                                         f"{_q(values['distance'])} of travel",
+        "periodic_disturbance": lambda: f"a wave in time at {_q(values['frequency'])}, whatever "
+                                        f"the motion, amplitude {_q(values['amplitude'])}",
+        "position_dependent_inertia": lambda: "inertia that changes by "
+        f"±{_q(values['amplitude'])}, {number(term.shape[0])} times a turn",
+        "drive_lag": lambda: "where the input changes fast: time constant "
+                             f"{number(1e3 * values['time_constant'].value)} ms",
+        "backlash": lambda: f"after each reversal, while {_q(values['gap'])} are crossed",
+    }
+    if term.law.in_position:
+        said = (f"periodic in position, {wave_words(trajectory, term.shape[0])}, amplitude "
+                f"{_q(values['amplitude'])}")
+    else:
+        said = text.get(term.law.name, lambda: f"{term.law.meaning}: {term.law.equation}")()
+    in_angle = term.law.in_position and axis.motion == "rotary"
+    against = "rotor angle" if in_angle else term.law.against
+    return Where(signal=signal_name(trajectory), against=against,
+                 text=f"{said} ({number(share)} {unit} rms)")
+
+
+def _q(parameter: Parameter) -> str:
+    return f"{number(parameter.value)} {parameter.unit}"
+
+
+def _asymmetric(values: dict[str, Parameter], fast: float, speed: str, unit: str) -> str:
+    size = values["viscous_difference"].value * fast
+    return (f"grows with speed, by {number(size)} {unit} one way and {number(-size)} {unit} the "
+            f"other in friction, at {number(fast)} {speed}")
+
+
+def wave_words(trajectory: Trajectory, order: float) -> str:
+    """Return an order in words: a turn, or as a period in length."""
+    if trajectory.axis.motion == "rotary":
+        return f"{number(order, 4)} a turn"
+    return f"period {number(1e3 / order, 4)} mm"
+
+
+def amplitude(left: Left) -> float:
+    """Return the amplitude of a wave, or the rms of a smooth shape."""
+    if left.shape.order is not None:
+        return float(math.hypot(*left.coefficients[:2]))
+    values = left.shape.columns @ left.coefficients
+    return float(np.std(values))
+
+
+def shape_words(left: Left, trajectory: Trajectory) -> str:
+    """Return what a nameless shape looks like."""
+    axis = trajectory.axis
+    unit = axis.input_channel.unit
+    port = signal_name(trajectory)
+    if left.shape.against == "frequency" and left.shape.order is not None:
+        whose = "where the motion has one too: an effect of the motion, or a disturbance" \
+            if left.shape.of_motion else "whatever the motion: a disturbance"
+        return (f"{port}, a wave in time at {number(left.shape.order, 4)} Hz {whose}, amplitude "
+                f"{number(amplitude(left))} {unit}")
+    if left.shape.order is not None:
+        return (f"{port}, periodic in position, {wave_words(trajectory, left.shape.order)}, "
+                f"amplitude {number(amplitude(left))} {unit}")
+    x, y = curve(left, trajectory)
+    if left.shape.label == "speed and direction":
+        return f"{port}, friction against speed: {_friction_words(x, y, axis.speed_unit, unit)}"
+    low, high = float(np.min(y)), float(np.max(y))
+    x_unit = {"position": axis.position_unit, "test phase": "s"}.get(
+        left.shape.against, f"{axis.speed_unit}²" if axis.motion == "rotary" else "m/s²")
+    return (f"{port}, depends on {left.shape.label}: {number(low)} {unit} at "
+            f"{number(float(x[np.argmin(y)]))} {x_unit} to {number(high)} {unit} at "
+            f"{number(float(x[np.argmax(y)]))} {x_unit}")
+
+
+def curve(left: Left, trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Return a nameless shape as means over bins of its abscissa."""
+    against, label = left.shape.against, left.shape.label
+    values = left.shape.columns @ left.coefficients
+    quantity = {
+        "speed": trajectory.speed, "position": trajectory.position,
+        "load": trajectory.acceleration, "test phase": trajectory.time,
+        "frequency": trajectory.time,
+    }[against]
+    if label == "angle within a turn":
+        quantity = np.mod(quantity, 2 * np.pi)
+    return binned(quantity, values, 40)
+
+
+def binned(x: np.ndarray, y: np.ndarray, bins: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return means of x and y over bins of equal width in x that hold enough rows."""
+    low, high = np.quantile(x, [0.002, 0.998])
+    if high <= low:
+        return x[:1], y[:1]
+    place = np.clip(((x - low) / (high - low) * bins).astype(int), 0, bins - 1)
+    count = np.bincount(place, minlength=bins)
+    good = count >= max(3, 0.05 * len(x) / bins)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean_x = np.bincount(place, x, bins) / count
+        mean_y = np.bincount(place, y, bins) / count
+    return mean_x[good], mean_y[good]
+
+
+def _friction_words(x: np.ndarray, y: np.ndarray, speed: str, unit: str) -> str:
+    """Return how a force against speed behaves on both sides of zero."""
+    parts = []
+    for word, side in (("forward", x > 0), ("backward", x < 0)):
+        if side.sum() < 2:
+            continue
+        order = np.argsort(np.abs(x[side]))
+        near, far = y[side][order][0], y[side][order][-1]
+        trend = "constant"
+        if abs(far - near) > 0.2 * max(abs(far), abs(near)):
+            trend = "rises" if abs(far) > abs(near) else "falls"
+        parts.append(
+            f"{word} {trend} from {number(float(near))} {unit} at "
+            f"{number(float(np.abs(x[side][order][0])))} {speed} to {number(float(far))} {unit} "
+            f"at {number(float(np.abs(x[side][order][-1])))} {speed}")
+    return ", ".join(parts)
+
+
+def term_words(term: Term, trajectory: Trajectory) -> str:
+    """Return a term's name with its order, for tables."""
+    if term.law.in_position:
+        return f"{term.law.name} ({wave_words(trajectory, term.shape[0])})"
+    return term.law.name
+
+
+_TESTS: tuple[tuple[frozenset[str], str], ...] = (
+    (frozenset({"offset", "asymmetric_friction"}),
+     "constant-speed runs in both directions at three speeds or more: an offset stays the same, "
+     "direction-dependent friction changes with speed; and one record with the drive on and the "
+     "axis held, where only the offset is left"),
+    (frozenset({"coulomb_friction", "offset"}),
+     "a run in both directions: Coulomb friction changes its sign, an offset does not"),
+    (frozenset({"viscous_friction", "back_emf"}),
+     "record the current beside the voltage: the back-EMF needs no current"),
+    (frozenset({"control_delay", "winding_inductance"}),
+     "a step of voltage with the axis held: the inductance shows in the current alone"),
+    (frozenset({"presliding_hysteresis", "backlash"}),
+     "slow triangles with an amplitude of a few times the lost motion: in a gap the input is "
+     "free, in presliding it rises at once"),
+    (frozenset({"cogging_torque", "gear_mesh_ripple"}),
+     "a full turn at slow constant speed in both directions, with the gear's ratio known: mesh "
+     "ripple has a whole number of periods a turn of a gear"),
+    (frozenset({"unbalance", "cogging_torque", "speed_sensor_runout"}),
+     "the same slow turn with the axis tilted: only the weight of an unbalance changes; "
+     "two constant speeds: run-out of a sensor grows with the square of the speed"),
+    (frozenset({"gravity", "spring", "cogging_torque"}),
+     "a slow run over more than one turn or the whole travel: a wave repeats, a spring does not"),
+)
+_BY_SPEED = frozenset({"coulomb_friction", "stribeck_friction", "quadratic_drag",
+                       "viscous_friction", "sublinear_viscous_friction", "asymmetric_friction"})
+
+
+def next_test(names: Sequence[str], trajectory: Trajectory) -> str | None:
+    """Return the excitation that would separate `names`, or None for a single name."""
+    if len(names) < 2:
+        return None
+    given = frozenset(names)
+    fast = float(np.quantile(np.abs(trajectory.speed), 0.98))
+    unit = trajectory.axis.speed_unit
+    best = max(_TESTS, key=lambda row: len(row[0] & given))
+    if len(best[0] & given) >= 2:
+        return best[1]
+    if given <= _BY_SPEED:
+        return (f"slow constant-speed runs in both directions, at two speeds or more between "
+                f"{0.02 * fast:.3g} and {fast:.3g} {unit}")
+    return (f"a slow constant-speed run in both directions at {0.05 * fast:.3g} {unit} over the "
+            "whole travel, then a run at twice the speed")
+
+
+def for_unknown(against: str, trajectory: Trajectory) -> str:
+    """Return the test that would show an unknown effect more clearly."""
+    fast = float(np.quantile(np.abs(trajectory.speed), 0.98))
+    unit = trajectory.axis.speed_unit
+    if against == "speed":
+        return (f"constant-speed runs in both directions at five speeds between "
+                f"{0.02 * fast:.3g} and {fast:.3g} {unit}")
+    if against in ("position", "rotor angle"):
+        return ("a slow constant-speed run in both directions over the whole travel or a full "
+                f"turn, at {0.05 * fast:.3g} {unit} or less")
+    if against == "frequency":
+        return "a record with the axis at rest and the drive on: a disturbance in time stays"
+    if against == "load":
+        return "the same motion at twice and at half the acceleration"
+    return "the same motion repeated ten times without a pause: what changes is heat or wear"
+
+
+def one_direction(trajectory: Trajectory) -> str | None:
+    """Return a note where the record moves one way only."""
+    forward = float(np.mean(trajectory.speed > 0))
+    if 0.02 < forward < 0.98:
+        return None
+    return ("the axis moves one way only: Coulomb friction and an offset look alike; record both "
+            "directions")

@@ -1,0 +1,263 @@
+"""Trials of a law: refined shapes, clock skew, and laws that the data cannot tell apart.
+
+What a step of the search tried, and what it chose.
+
+The shape of a law between the points of its grid.
+
+Lag of the motion behind the recorded input: taken out where it is below one interval.
+
+A command that a digital controller holds acts half an interval after it was recorded, and
+a multiplexer reads its channels one after the other. That is how a record was made, not an
+effect of the axis; a lag of more than one interval is, and is named ``control_delay``.
+
+Which other laws the data cannot tell from a chosen one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import optimize
+
+from ema_identification.rig.fit.balance import Balance
+from ema_identification.rig.fit.regression import Blocks, held_out
+from ema_identification.rig.fit.sign_flips import orthonormal
+from ema_identification.rig.laws import LAWS, Term
+from ema_identification.rig.laws.static import is_whole
+
+TWICE = 2.0
+"""Times the residual of one law that another may leave and still do instead of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """One law that was tried in addition to a balance."""
+
+    term: Term
+    name: str
+    companion: Term | None
+    """A law that sharpens this one, tried and taken together with it."""
+    p_value: float
+    """After all looks of the step."""
+    squares: np.ndarray
+    """Held-out sum of squares of each block with it, shape (blocks,)."""
+    rows: int
+    gain: float
+    """Share of the held-out squares that it takes."""
+    significant: bool
+
+    @property
+    def complexity(self) -> int:
+        """Number of free parameters."""
+        own = self.term.law.complexity
+        return own if self.companion is None else own + self.companion.law.complexity
+
+    @property
+    def score(self) -> float:
+        """Held-out residual with it, rms."""
+        return float(np.sqrt(self.squares.sum() / self.rows))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """What one step chose, and what it compared."""
+
+    trial: Trial
+    equivalent: tuple[str, ...]
+    trials: tuple[Trial, ...]
+    """All that were held out, best first."""
+    contested: bool = False
+    """Whether a law that filters the motion took more, and had to wait."""
+
+
+def standard_error(differences: np.ndarray) -> float:
+    """Return the standard error of a sum over blocks, of their differences, shape (blocks,)."""
+    return float(np.sqrt(len(differences)) * np.std(differences, ddof=1))
+
+
+EVALUATIONS = 14
+
+
+def refined(balance: Balance, term: Term) -> Term:
+    """Return the term with its shape moved between the neighbours on the grid.
+
+    One parameter after the other. Whole numbers a turn stay whole; a parameter with one point
+    on its grid is returned as it is.
+    """
+    for place in range(len(term.shape)):
+        term = _shape_moved(balance, term, place)
+    return term
+
+
+def _shape_moved(balance: Balance, term: Term, place: int) -> Term:
+    """Return the term with one parameter of its shape moved."""
+    trajectory = balance.design.trajectory
+    grid = sorted({shape[place] for shape in term.law.grid(trajectory)})
+    if len(grid) < 2:
+        return term
+    value = term.shape[place]
+    whole = term.law.periodic and not term.law.looked_for
+    turns = trajectory.turns if trajectory.axis.motion == "rotary" else None
+    if whole and turns is not None and is_whole(value, turns):
+        return Term(law=term.law, shape=(float(round(value)),))
+    basis = orthonormal(balance.free_columns)
+    residual = balance.target - basis @ (basis.T @ balance.target)
+    below = [g for g in grid if g < value]
+    above = [g for g in grid if g > value]
+    spacing = min(b - a for a, b in zip(grid[:-1], grid[1:]))
+    low = below[-1] if below else value - min(spacing, 0.9 * abs(value))
+    high = above[0] if above else value + spacing
+
+    def at(candidate: float) -> Term:
+        return Term(law=term.law, shape=(*term.shape[:place], candidate, *term.shape[place + 1:]))
+
+    def left(candidate: float) -> float:
+        columns = balance.design.columns(at(candidate), trajectory)
+        columns = orthonormal(columns - basis @ (basis.T @ columns))
+        return -float(np.sum((columns.T @ residual) ** 2))
+
+    found = optimize.minimize_scalar(
+        left, bounds=(low, high), method="bounded", options={"maxiter": EVALUATIONS})
+    best = float(found.x) if found.fun < left(value) else value
+    if whole and turns is not None and is_whole(best, turns):
+        best = float(round(best))
+    return at(best)
+
+
+MOST = 1.0
+"""Sampling intervals that a lag may have to be one of the record."""
+ITERATIONS = 6
+SHIFTS = (-0.2, -0.1, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6)
+"""Shifts tried, in units of rms speed over rms acceleration: a radian of the motion."""
+CLOSE = 1e-3
+"""Change of a lag at which the iteration ends, in sampling intervals."""
+_DELAY = Term(law=LAWS["control_delay"])
+_LAG = "drive_lag"
+
+
+def delay_index(balance: Balance) -> int | None:
+    """Return the index of the model's own delay, None where it has none."""
+    names = [term.law.name for term in balance.terms]
+    return names.index(_DELAY.law.name) if _DELAY.law.name in names else None
+
+
+def without_skew(balance: Balance, blocks: Blocks) -> Balance:
+    """Return the balance with its input later by what fits best, up to one interval.
+
+    Only where blocks that are held out agree. A balance that has a delay or a lag among its
+    terms is returned as it is.
+    """
+    if delay_index(balance) is not None or _LAG in balance.names or not balance.terms:
+        return balance
+    lead = balance.design.lead
+    for _ in range(ITERATIONS):
+        joined = balance.led(lead).joined(_DELAY)
+        if joined.fixed[-1]:
+            break
+        change = float(joined.fit.coefficients[-1])
+        lead += change
+        if abs(change) < CLOSE * balance.design.trajectory.interval:
+            break
+    plain = balance.led(0.0)
+    if abs(lead) > MOST * balance.design.trajectory.interval:
+        return plain
+    moved = balance.led(lead)
+    squares = [float(np.sum(b.held_out(blocks) ** 2)) for b in (plain, moved)]
+    return moved if squares[1] < squares[0] else plain
+
+
+def with_whole_delay(balance: Balance) -> Balance:
+    """Return the balance with its delay as a shift in time, not as a slope.
+
+    What is left to the slope's coefficient is a small correction of that shift. A delay that is
+    new is first looked for among shifts: its slope alone may be taken for inertia.
+    """
+    index = delay_index(balance)
+    if index is None:
+        return balance
+    place = balance.span(index).start
+    interval = balance.design.trajectory.interval
+    if abs(balance.design.lead) <= MOST * interval:
+        balance = _moved(balance, place, _best_shift(balance, index))
+    for _ in range(ITERATIONS):
+        change = float(balance.fit.coefficients[place])
+        balance = _moved(balance, place, change)
+        if abs(change) < CLOSE * interval:
+            break
+    return balance
+
+
+def _moved(balance: Balance, place: int, change: float) -> Balance:
+    """Return the balance with its input later by `change` (s), and its delay smaller by that."""
+    if change == 0.0:
+        return balance
+    bounds = replace(balance.bounds, low=balance.bounds.low.copy(),
+                     high=balance.bounds.high.copy())
+    bounds.low[place] -= change
+    bounds.high[place] -= change
+    return replace(balance.led(balance.design.lead + change), bounds=bounds)
+
+
+def _best_shift(balance: Balance, index: int) -> float:
+    """Return the change of the input's lead (s), of a few within bounds, that fits best."""
+    place = balance.span(index).start
+    trajectory = balance.design.trajectory
+    hard = float(np.sqrt(np.mean(trajectory.acceleration**2)))
+    slow = float(np.sqrt(np.mean(trajectory.speed**2))) / max(hard, 1e-300)
+    low, high = balance.bounds.low[place], balance.bounds.high[place]
+    changes = [0.0, *(float(share * slow) for share in SHIFTS if low <= share * slow <= high)]
+    plain = balance.without(index)
+    residuals = [plain.led(balance.design.lead + change).fit.residual for change in changes]
+    return changes[int(np.argmin([float(residual @ residual) for residual in residuals]))]
+
+
+def skew_words(balance: Balance) -> tuple[str, ...]:
+    """Return what was done to the clock of the input, for people."""
+    lead = balance.design.lead
+    if lead == 0.0 or delay_index(balance) is not None:
+        return ()
+    share = lead / balance.design.trajectory.interval
+    return (f"input taken {1e3 * lead:.3g} ms later ({share:.2f} of a sampling interval), where "
+            "it agrees best with the motion",)
+
+
+SAME = 0.8
+"""Laws of one set take this share of what the chosen one takes, at least."""
+SEPARATED = 1.645
+"""Standard errors beyond which the data tell two laws apart."""
+OVERLAP = 0.2
+"""Laws are one set if either, after the other, adds less than this share of its gain."""
+MAX_EQUIVALENT = 2
+
+
+def equivalents(
+    balance: Balance, blocks: Blocks, chosen: Trial, good: list[Trial], squares: np.ndarray
+) -> tuple[str, ...]:
+    """Return other names that the data cannot tell from the chosen one."""
+    names = list(chosen.term.law.equivalent(balance.design.trajectory.axis, chosen.term.shape))
+    joined = with_whole_delay(balance.joined(chosen.term))
+    if chosen.companion is not None:
+        joined = joined.joined(chosen.companion)
+    for trial in good:
+        if trial is chosen or trial.name == chosen.name or trial.companion is not None:
+            continue
+        if trial.term.law.dynamic and not chosen.term.law.dynamic:
+            continue  # a filter takes a little of anything: no rival of what is plain
+        if chosen.companion is not None and trial.name == chosen.companion.law.name:
+            continue
+        difference = trial.squares - chosen.squares
+        tied = difference.sum() <= SEPARATED * standard_error(difference)
+        simple = trial.complexity <= chosen.complexity
+        near = simple and trial.score <= TWICE * chosen.score
+        if trial.gain < SAME * chosen.gain or not (tied or near):
+            continue
+        after = held_out(
+            np.column_stack([joined.free_columns, joined.columns_of(trial.term)]), joined.target,
+            blocks)
+        extra = (chosen.squares.sum() - float(after @ after)) / squares.sum()
+        if extra < OVERLAP * trial.gain:
+            names.append(trial.name)
+            names += trial.term.law.equivalent(balance.design.trajectory.axis, trial.term.shape)
+    unique = [name for name in dict.fromkeys(names) if name != chosen.name]
+    return tuple(unique[:MAX_EQUIVALENT])

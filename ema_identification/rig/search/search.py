@@ -1,0 +1,315 @@
+"""The search over laws: forward, exchange, prune.
+
+Step `prune`: laws that nothing misses once the others are there.
+
+Steps `name` and `add`: forward one law at a time, with exchanges.
+
+What a balance lacks: laws with a name, then shapes without one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ema_identification.rig.fit.balance import Balance
+from ema_identification.rig.fit.regression import Blocks
+from ema_identification.rig.laws import Term
+from ema_identification.rig.search.alternatives import (
+    Choice,
+    Trial,
+    refined,
+    with_whole_delay,
+    without_skew,
+)
+from ema_identification.rig.search.remainder import Left, main_shape, mimics, portrait
+from ema_identification.rig.search.selection import choose, located
+from ema_identification.rig.search.shapes import GenericShape, freest_columns, waves_in_time
+
+LEAST_LOSS = 0.02
+"""Share of the held-out squares by which they rise, at least, without a law that stays."""
+
+
+def prune(
+    balance: Balance, blocks: Blocks, protected: int
+) -> tuple[Balance, list[Term]]:
+    """Return the balance without added terms that held-out blocks do not miss.
+
+    Parameters
+    ----------
+    balance : Balance
+        With all that was added.
+    blocks : Blocks
+        What is held out together.
+    protected : int
+        So many terms at the front are the model's own and stay.
+
+    """
+    dropped: list[Term] = []
+    while len(balance.terms) > protected:
+        squares = blocks.sums(balance.held_out(blocks) ** 2)
+        worst, least = None, LEAST_LOSS
+        for index in range(protected, len(balance.terms)):
+            if any(balance.terms[index].law.name in other.law.requires
+                   for other in balance.terms):
+                continue
+            smaller = balance.without(index)
+            own = blocks.sums(smaller.held_out(blocks) ** 2)
+            loss = own.sum() / squares.sum() - 1.0
+            if loss < least:
+                worst, least = index, loss
+        if worst is None:
+            break
+        dropped.append(balance.terms[worst])
+        balance = balance.without(worst)
+    return balance, dropped
+
+
+MAX_ADDED = 12
+MAX_EXCHANGES = 4
+MOST_TO_EXCHANGE = 5
+"""Laws of a model above which none is exchanged: a look for each of them costs too much."""
+CLEARLY = 0.8
+"""Share of the held-out squares below which another law, or another order, explains more ..."""
+ALIKE, FEWER = 1.02, 0.67
+"""... and below which it explains as much; then it wins with this share of the parameters."""
+
+Way = tuple[list[Balance], list[Choice], tuple[Trial, ...], list[Term]]
+"""Stages, choices, what was tried at the end and not taken, what was pruned."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """What every look for a law has in common."""
+
+    blocks: Blocks
+    hidden: frozenset[str]
+    report: Callable[[str], None]
+    smooth: list[GenericShape]
+    freest: np.ndarray
+
+    def at(self, balance: Balance, plain_first: bool) -> tuple[Choice | None, tuple[Trial, ...]]:
+        """Return what a balance lacks, and all that was tried."""
+        return choose(balance, self.blocks, self.hidden, self.report, self.smooth, self.freest,
+                      plain_first)
+
+
+def rebuilt(start: Balance, choices: list[Choice], blocks: Blocks) -> list[Balance]:
+    """Return the start and the balance after each choice."""
+    stages = [start]
+    for choice in choices:
+        stages.append(_added(stages[-1], choice.trial.term, blocks))
+    return stages
+
+
+def _added(balance: Balance, term: Term, blocks: Blocks) -> Balance:
+    """Return the balance with one more term, its input on the clock of the motion."""
+    return without_skew(with_whole_delay(balance.joined(term)), blocks)
+
+
+def forward(start: Balance, look: Look) -> Way:
+    """Add laws while they help, exchange those that another does better, drop the rest.
+
+    Where a law that filters the motion had to wait for a plain one though it took more, the
+    other order is tried too, and taken if it leaves clearly less.
+    """
+    way, contested = _one_way(start, look, plain_first=True)
+    if not contested:
+        return way
+    other, _ = _one_way(start, look, plain_first=False)
+    squares = [float(np.sum(stages[-1].held_out(look.blocks) ** 2))
+               for stages, *_ in (way, other)]
+    sizes = [sum(c.trial.term.law.complexity for c in choices)
+             for _, choices, *_ in (way, other)]
+    clearly = squares[1] < CLEARLY * squares[0]
+    as_well = squares[1] <= ALIKE * squares[0] and sizes[1] <= FEWER * sizes[0]
+    return other if clearly or as_well else way
+
+
+def _one_way(start: Balance, look: Look, *, plain_first: bool) -> tuple[Way, bool]:
+    """Return what one order of the laws leads to, and whether it was contested."""
+    balance, stages = start, [start]
+    choices: list[Choice] = []
+    trials: tuple[Trial, ...] = ()
+    contested = False
+    exchanges = 0
+    while len(choices) < MAX_ADDED:
+        choice, trials = look.at(balance, plain_first)
+        if choice is None:
+            better = _exchanged(start, choices, stages, look, plain_first) \
+                if exchanges < MAX_EXCHANGES else None
+            if better is None:
+                break
+            exchanges += 1
+            choices, stages = better
+            balance = stages[-1]
+            continue
+        contested = contested or choice.contested
+        for one in _one_by_one(choice):
+            look.report(f"found {one.trial.name}")
+            balance = _added(balance, one.trial.term, look.blocks)
+            choices.append(one)
+            stages.append(balance)
+        choices, stages = _polished(start, choices, look.blocks)
+        balance = stages[-1]
+    choices, stages, dropped = pruned(start, choices, look.blocks)
+    lost = _not_there(stages[-1], len(start.terms), look.blocks)
+    if lost:
+        return _one_way(start, replace(look, hidden=look.hidden | lost), plain_first=plain_first)
+    return (stages, choices, trials, dropped), contested
+
+
+def _not_there(end: Balance, first: int, blocks: Blocks) -> frozenset[str]:
+    """Return laws that filter the motion or follow it which, beside the others, need not be."""
+    return frozenset(
+        term.law.name for index, term in enumerate(end.terms)
+        if index >= first and (term.law.dynamic or term.law.beside)
+        and not located(end, blocks, index))
+
+
+def _exchanged(
+    start: Balance, choices: list[Choice], stages: list[Balance], look: Look, plain_first: bool
+) -> tuple[list[Choice], list[Balance]] | None:
+    """Return the choices with one law in place of another that explains clearly more."""
+    first = len(start.terms)
+    if not 2 <= len(choices) <= MOST_TO_EXCHANGE:
+        return None
+    before = float(np.sum(stages[-1].held_out(look.blocks) ** 2))
+    for index, old in enumerate(choices):
+        name = old.trial.term.law.name
+        others = choices[:index] + choices[index + 1:]
+        if any(name in other.trial.term.law.requires for other in others):
+            continue
+        choice, _ = look.at(stages[-1].without(first + index), plain_first)
+        if choice is None or choice.trial.term.law.name == name:
+            continue
+        tried = rebuilt(start, [*others, *_one_by_one(choice)], look.blocks)
+        if float(np.sum(tried[-1].held_out(look.blocks) ** 2)) < CLEARLY * before:
+            look.report(f"{choice.trial.name} in place of {name}")
+            return _polished(start, [*others, *_one_by_one(choice)], look.blocks)
+    return None
+
+
+def _polished(
+    start: Balance, choices: list[Choice], blocks: Blocks
+) -> tuple[list[Choice], list[Balance]]:
+    """Return choices whose shapes suit one another, and the stages that they make."""
+    stages = rebuilt(start, choices, blocks)
+    for index, choice in enumerate(choices[:-1]):
+        term = choice.trial.term
+        others = stages[-1].without(len(start.terms) + index)
+        better = refined(others, term)
+        if better.key != term.key:
+            choices[index] = replace(choice, trial=replace(choice.trial, term=better))
+            stages = rebuilt(start, choices, blocks)
+    return choices, stages
+
+
+def _one_by_one(choice: Choice) -> list[Choice]:
+    """Return a choice of two laws as two steps."""
+    trial = choice.trial
+    if trial.companion is None:
+        return [choice]
+    plain = replace(trial, companion=None)
+    sharper = replace(plain, term=trial.companion, name=trial.companion.law.name)
+    trials = tuple(plain if t is trial else t for t in choice.trials)
+    return [Choice(trial=plain, equivalent=choice.equivalent, trials=trials),
+            Choice(trial=sharper, equivalent=(), trials=(sharper,))]
+
+
+def pruned(
+    start: Balance, choices: list[Choice], blocks: Blocks
+) -> tuple[list[Choice], list[Balance], list[Term]]:
+    """Return the choices that are missed if taken out, and the stages that they make."""
+    _, dropped = prune(rebuilt(start, choices, blocks)[-1], blocks, len(start.terms))
+    keys = {term.key for term in dropped}
+    kept = [choice for choice in choices if choice.trial.term.key not in keys]
+    return kept, rebuilt(start, kept, blocks), dropped
+
+
+@dataclass(frozen=True, kw_only=True)
+class Search:
+    """What was added to a balance, step by step, and what is left."""
+
+    stages: tuple[Balance, ...]
+    """The balance at the start and after each step that was kept."""
+    choices: tuple[Choice, ...]
+    """One a step."""
+    last_trials: tuple[Trial, ...]
+    """What was tried at the end and not taken."""
+    left: tuple[Left, ...]
+    """Shapes of the residual at the end."""
+    unknown: Left | None
+    """What no law holds."""
+    dropped: tuple[Term, ...]
+    """Pruned, or given up as stand-ins for something unknown."""
+    given_up: tuple[str, ...]
+
+    @property
+    def balance(self) -> Balance:
+        """The balance at the end."""
+        return self.stages[-1]
+
+
+def search(
+    start: Balance, blocks: Blocks, shapes: list[GenericShape], hidden: Collection[str],
+    report: Callable[[str], None],
+) -> Search:
+    """Return what a balance lacks.
+
+    Parameters
+    ----------
+    start : Balance
+        The known terms.
+    blocks : Blocks
+        What is held out together.
+    shapes : list of GenericShape
+        Nameless shapes in speed, position, load and time.
+    hidden : collection of str
+        Names that may not be used.
+    report : callable
+        Takes a line for the person who waits.
+
+    """
+    smooth = [shape for shape in shapes if shape.order is None]
+    freest = freest_columns(start.columns, smooth)
+    look = Look(blocks=blocks, hidden=frozenset(hidden), report=report, smooth=smooth,
+                freest=freest)
+    stages, choices, trials, dropped = forward(start, look)
+    left = _left(stages[-1], blocks, shapes, freest, report)
+    unknown = main_shape(left)
+    given_up: list[str] = []
+    if unknown is not None:
+        first = len(start.terms)
+        stand_ins = mimics(stages[-1], blocks, unknown, first)
+        if stand_ins:
+            given_up = [stages[-1].terms[index].law.name for index in stand_ins]
+            choices = [c for k, c in enumerate(choices) if first + k not in stand_ins]
+            choices, stages, more = pruned(start, choices, blocks)
+            dropped += more
+            left = _left(stages[-1], blocks, shapes, freest, report)
+            unknown = main_shape(left) or unknown
+    return Search(
+        stages=tuple(stages), choices=tuple(choices), last_trials=trials, left=tuple(left),
+        unknown=unknown, dropped=tuple(dropped), given_up=tuple(dict.fromkeys(given_up)))
+
+
+def _left(
+    end: Balance, blocks: Blocks, shapes: list[GenericShape], freest: np.ndarray,
+    report: Callable[[str], None],
+) -> list[Left]:
+    report("looking at what is left")
+    in_time = waves_in_time(end.design.trajectory, end.fit.residual, freest)
+    return portrait(end, blocks, [*shapes, *in_time])
+
+
+def whiteness(balance: Balance) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return lags (s), autocorrelation of the residual, and the bound of white noise."""
+    residual = balance.fit.residual - balance.fit.residual.mean()
+    count = min(200, len(residual) // 4)
+    size = 1 << int(np.ceil(np.log2(2 * len(residual))))
+    full = np.fft.irfft(np.abs(np.fft.rfft(residual, size)) ** 2)[:count]
+    return (np.arange(count) / balance.design.trajectory.row_rate,
+            full / max(full[0], 1e-300), 1.96 / float(np.sqrt(len(residual))))

@@ -1,0 +1,1 @@
+"""Signals of a rig record: even, filtered, gated; their band and clocks."""

@@ -1,0 +1,1 @@
+"""The robust cascade: inputs, networks, guard, and the model file that holds them."""

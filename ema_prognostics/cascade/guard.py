@@ -1,0 +1,223 @@
+"""The guard: whether a record looks like anything that the networks were trained on.
+
+Faults move some features (the drivers: lines, torques, gap). Given these, all others are
+predicted, with their scatter; a record whose others lie elsewhere is of an unknown kind. Judged
+are each feature, the features of each part of the physics together, and all together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from ema_prognostics.cascade.guard_groups import group_columns
+from ema_prognostics.cascade.inputs import SURFACE, input_names
+from ema_prognostics.cascade.known import KINDS_FOUND, probability_known, tail_probability
+from ema_prognostics.cascade.lines import DERIVED
+from ema_prognostics.cascade.model_body import GuardPart, LimitPart, ViewPart
+from ema_prognostics.features.vector import ABSOLUTE
+from ema_prognostics.networks.network import Network
+
+DRIVERS = (*(f"quarter_even_m{h}_" for h in (1, 2, 3, 4)), "torque_quarter", "gap_torque",
+           "gap_width", "load_quarter", "temperature", "bus_voltage", "speed_full",
+           "full_even_m1", "full_even_m2", "full_even_m3", "noise_current_least")
+STEP_DRIVERS = (*(f"full_even_m{h}_" for h in (1, 2, 3, 4)), "torque_", "temp", "bus_voltage",
+                "speed_full", "noise_current_least")
+"""Features that faults move."""
+NOT_CHECKED = ("gap_width_difference", "overshoot")
+"""The peak of the speed depends on what the supply can still drive at full speed, and grows
+tenfold where that is little: a low bus, a hot winding. Inertia and rise time tell the rest."""
+FLOOR = 0.02
+"""Least scatter, in the squashed unit."""
+
+
+ABSOLUTE_DRIVERS = tuple(f"{ABSOLUTE}{n}" for n in (
+    "temperature", "bus_voltage", "torque_quarter", "torque_full", "noise_speed", "gap_width",
+    "gap_torque", "load_quarter", "speed_full"))
+"""Of the features themselves, beside the differences to a baseline."""
+NO_FAULT_MOVES = "winding_unlike"
+"""Of the filtered lines and windings the one that is checked: differences of the windings that no
+short makes, over the lines that such a fault would have."""
+ONE_SIDED = (NO_FAULT_MOVES, "offset_largest", "gain_largest", "sum_rms", "resistance_spread",
+             "inductance_spread", "gap_error", "winding_error", "inertia_error")
+"""Sizes of errors: less than usual is not strange."""
+MARGIN = 2.0
+"""On the limits, where the test is not exactly the one trained on."""
+MEASURED = tuple(prefix + n for prefix in ("", ABSOLUTE)
+                 for n in ("temperature", "bus_voltage", "load_quarter"))
+"""Conditions of the test that no fault makes: two that the aircraft measures, and the load, which
+the torque forward less that back tells."""
+BEYOND, MOST_BEYOND = 0.5, 1.0
+"""Part by which all limits grow a healthy deviation outside the measured conditions that were
+seen, where what is expected of the features is but a continuation; and the most of it."""
+BESIDE_OWN = 1.25
+"""Bound of the scores without the baseline, where there is one and its guard judges too."""
+SQUEEZE, GROUP_SQUEEZE = 3.0, 8.0
+"""Scaled residual beyond which a single feature adds little to the distance of all, of a group."""
+
+
+def drivers_of(names: list[str], kind: str) -> list[str]:
+    """Return the names of the drivers."""
+    if kind == "step":
+        own = [n for n in names if n.startswith(STEP_DRIVERS)]
+    else:
+        own = [n for n in names if n.startswith(DRIVERS) and n not in {
+            "torque_quarter_over_ramp", *NOT_CHECKED}]
+    return [*own, *(n for n in names if n in ABSOLUTE_DRIVERS)]
+
+
+def checked_of(names: list[str], kind: str) -> list[str]:
+    """Return the names of the inputs that are checked; with a baseline the differences."""
+    out = {*drivers_of(names, kind), *NOT_CHECKED, *DERIVED, SURFACE} - {NO_FAULT_MOVES}
+    return [n for n in names if n not in out and not n.startswith(ABSOLUTE)]
+
+
+def signed(names: list[str]) -> np.ndarray:
+    """Return which of the checked inputs may be off to either side, bool, shape (m,)."""
+    return np.array([n not in ONE_SIDED for n in names])
+
+
+def squeeze(z: np.ndarray, bound: float = SQUEEZE) -> np.ndarray:
+    """Return scaled residuals, bounded so that one alone does not make the distance."""
+    return bound * np.tanh(z / bound)
+
+
+class GroupLimit(NamedTuple):
+    """How far features that belong together may be off."""
+
+    columns: np.ndarray
+    """Of them among the checked, shape (g,)."""
+    whitening: np.ndarray
+    """Of their squeezed, scaled residuals, shape (g, g)."""
+    distance: float
+    """Usual bound of the whitened residuals' length."""
+
+    def length(self, z: np.ndarray) -> np.ndarray:
+        """Return the length, shape (n,), of scaled residuals `z`, shape (n, m)."""
+        squeezed = squeeze(z[:, self.columns], GROUP_SQUEEZE)
+        return np.linalg.norm(squeezed @ self.whitening.T, axis=1)
+
+
+class Limits(NamedTuple):
+    """How far a kind of record may be off."""
+
+    limit: np.ndarray
+    """Usual bound of |residual| / scatter, shape (m,)."""
+    whitening: np.ndarray
+    """Of the squeezed, scaled residuals, shape (m, m)."""
+    distance: float
+    """Usual bound of the whitened residuals' length."""
+    tail: np.ndarray
+    """Worst scores exceeded at `known.TAIL_RATES`, shape (8,)."""
+    groups: tuple[GroupLimit, ...] = ()
+    """Of the features that belong together, in the order of `guard_groups.GROUPS`."""
+
+    def scores(self, z: np.ndarray) -> np.ndarray:
+        """Return how far off each feature is, each group, and all together; 1: the limit.
+
+        Parameters
+        ----------
+        z : ndarray, shape (n, m). Scaled residuals.
+
+        Returns
+        -------
+        ndarray, shape (n, m + groups + 1).
+        """
+        length = np.linalg.norm(squeeze(z) @ self.whitening.T, axis=1)
+        groups = [g.length(z) / g.distance for g in self.groups]
+        return np.column_stack([np.abs(z) / self.limit, *groups, length / self.distance])
+
+    def known(self, scores: np.ndarray) -> np.ndarray:
+        """Return the probability that records with these scores are of a known kind."""
+        return probability_known(tail_probability(scores.max(axis=1), self.tail))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Guard:
+    """The guard at work.
+
+    Attributes
+    ----------
+    drivers, checked : columns of the inputs.
+    signed : which of the checked may be off to either side, bool, shape (m,).
+    mean, scale : networks from drivers to the checked features, and to the log of the scatter.
+    limits : for records by what is found in them, as `known.KINDS_FOUND`.
+    groups : names of the groups of checked features, of `guard_groups.GROUPS`.
+    measured, seen : columns of the measured conditions, shape (c,), and their least and largest
+        values in training, shape (c, 2).
+    """
+
+    drivers: np.ndarray
+    checked: np.ndarray
+    signed: np.ndarray
+    mean: Network
+    scale: Network
+    limits: tuple[Limits, ...]
+    groups: tuple[str, ...] = ()
+    measured: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=int))
+    seen: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
+
+    def residuals(self, u: np.ndarray) -> np.ndarray:
+        """Return the scaled residuals, shape (n, m), of squashed inputs, shape (n, d)."""
+        x = u[:, self.drivers]
+        z = (u[:, self.checked] - self.mean(x)) / (np.exp(self.scale(x)) + FLOOR)
+        return np.where(self.signed, z, np.maximum(z, 0.0)) / self.beyond(u)[:, None]
+
+    def beyond(self, u: np.ndarray) -> np.ndarray:
+        """Return by what the limits grow, shape (n,): 1 within the measured conditions seen."""
+        there = u[:, self.measured]
+        outside = np.maximum(self.seen[:, 0] - there, there - self.seen[:, 1])
+        return 1.0 + np.clip(BEYOND * outside.max(axis=1, initial=0.0), 0.0, MOST_BEYOND)
+
+    def scores(
+        self, u: np.ndarray, kind: np.ndarray, *, exact: bool = True
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return scores, shape (n, m + groups + 1), and the probability of a known kind, (n,).
+
+        Parameters
+        ----------
+        u : ndarray, shape (n, d). Squashed features.
+        kind : ndarray of int, shape (n,). What is found in the record, of `KINDS_FOUND`.
+        exact : whether the test is exactly the one trained on; of others only single features
+            are judged, by the widest limits and with a margin.
+        """
+        z = self.residuals(u)
+        if not exact:
+            widest = np.max([part.limit for part in self.limits], axis=0)
+            single = np.abs(z) / (MARGIN * widest)
+            rest = np.zeros((len(z), len(self.groups) + 1))
+            return np.hstack([single, rest]), np.ones(len(z))
+        scores = np.empty((len(z), z.shape[1] + len(self.groups) + 1))
+        known = np.empty(len(z))
+        for k, part in enumerate(self.limits):
+            mine = kind == k
+            if mine.any():
+                scores[mine] = part.scores(z[mine])
+                known[mine] = part.known(scores[mine])
+        return scores, known
+
+
+def limits_of(part: LimitPart, checked: list[str]) -> Limits:
+    """Return the limits of a kind of record for the `checked` features."""
+    groups = tuple(
+        GroupLimit(columns, np.array(part.groups[name].whitening), part.groups[name].distance)
+        for name, columns in group_columns(checked).items())
+    return Limits(np.array(part.limit), np.array(part.whitening), part.distance,
+                  np.array(part.tail), groups)
+
+
+def build_guard(view: ViewPart, data: GuardPart) -> Guard:
+    """Return the guard of a view."""
+    names = input_names(view.names)
+    return Guard(
+        drivers=np.array([names.index(n) for n in data.drivers]),
+        checked=np.array([names.index(n) for n in data.checked]),
+        signed=signed(data.checked), mean=data.mean.build(), scale=data.scale.build(),
+        limits=tuple(limits_of(data.limits[k], data.checked)  # type: ignore[index]
+                     for k in KINDS_FOUND),
+        groups=tuple(group_columns(data.checked)),
+        measured=np.array([names.index(n) for n in data.seen], dtype=int),
+        seen=np.array(list(data.seen.values())).reshape(-1, 2),
+    )

@@ -1,0 +1,173 @@
+"""From the features of a record to the inputs of each network.
+
+Each network sees what physics says its fault moves, and what may be mistaken for it, and no
+more: given all features at once, networks of the same size trained on the same records found
+shorts and eccentricities three to ten times larger only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ema_prognostics.cascade.lines import DERIVED, NOISE, LineFilter
+from ema_prognostics.features.vector import ABSOLUTE, squash
+
+SURFACE = "surface_torque"
+MECHANICAL = (SURFACE, "compliance", "stiffness_agreement", "viscous_torque")
+"""Names of what `mechanical` returns, in order."""
+LEAST_TORQUE = 1e-2
+"""Floor of the surface's torque, referred to the motor (N m)."""
+LEAST_LAG = 0.3
+"""Floor of the wind-up (0.1 mrad)."""
+WIND_UP = 100.0
+"""Twice the wind-up of the nominal shaft by 1 N m at the motor (0.1 mrad)."""
+_WINDING = ("resistance_", "inductance_")
+"""How the windings of the phases differ."""
+_SCATTER = ("noise_speed", "torque_quarter", "torque_full")
+"""What the scatter of the lines depends on."""
+_BALANCE = (
+    "torque_", "gap_torque", SURFACE, "gap_load", "gap_width", "load_", "temperature",
+    "bus_voltage", "lag_", "shaft_slope", "start_stiffness", "short_like_best",
+    "amplitude_1", "amplitude_3", "noise_speed", "winding_back_emf", "inertia",
+)
+"""What the mean torque depends on."""
+GROUPS: dict[str, tuple[str, ...]] = {
+    "asymmetry": ("amplitude_1", "amplitude_2", "amplitude_3", "amplitude_4",
+                  "short_like_best", "short_unlike", "resistance_spread", "inductance_spread",
+                  "winding_like_best", "lines_and_winding_best", *_SCATTER),
+    "short": ("short_like_a", "short_like_b", "short_like_c", "short_unlike", "amplitude_1",
+              "amplitude_3", "winding_like_", *_WINDING, *_SCATTER),
+    "eccentricity": ("first_line_strength", "third_line_strength"),
+    "static_eccentricity": ("amplitude_1", "amplitude_2", "amplitude_3", "amplitude_4",
+                            "short_like_best", "short_unlike", "resistance_spread",
+                            "inductance_spread", "winding_like_best", "lines_and_winding_best",
+                            *_SCATTER),
+    "motor_friction": _BALANCE,
+    "surface_friction": _BALANCE,
+    "backlash": ("gap_", "lag_", "shaft_slope", "start_stiffness", "torque_ramp", "load_ramp",
+                 "torque_full", "noise_speed"),
+}
+"""Beginnings of the names of the inputs of each network."""
+SIZES = {
+    "eccentricity": ("amplitude_", "third_line_along", "third_line_across", "short_unlike",
+                     "odd_amplitude", *_SCATTER),
+}
+"""The same, of networks that say how much and see other inputs than those that say whether."""
+
+
+ITSELF = ("eccentricity",)
+"""Groups that see the record itself with a baseline too, not the difference: no tolerance makes
+the lines of an eccentricity, so a baseline would only add its noise."""
+
+
+def group_inputs(group: str, input_names: Sequence[str], *, size: bool = False) -> list[str]:
+    """Return the names of the inputs of a network, the absolute ones with a baseline too.
+
+    Parameters
+    ----------
+    group : of `GROUPS`.
+    input_names : of all inputs.
+    size : of the network that says how much.
+    """
+    beginnings = SIZES.get(group, GROUPS[group]) if size else GROUPS[group]
+    found = [n for n in input_names if n.removeprefix(ABSOLUTE).startswith(beginnings)]
+    own = [n for n in found if n.startswith(ABSOLUTE)]
+    return own if own and group in ITSELF else found
+
+
+def input_names(names: Sequence[str]) -> list[str]:
+    """Return the names of all inputs for features `names`."""
+    surface = list(MECHANICAL) if "gap_torque" in names else []
+    own = [f"{ABSOLUTE}{n}" for n in (*DERIVED, *surface)] if _absolute(names) else []
+    return [*names, *DERIVED, *surface, *own]
+
+
+def mechanical(names: Sequence[str], x: np.ndarray) -> np.ndarray:
+    """Return `MECHANICAL` of features `x`, shape (n, d); shape (n, 0) for a test without gap.
+
+    The torque on the slow ramp is that of motor and surface, the torque in the gap of zero
+    shaft torque that of the motor alone, so their difference is what the surface takes (log of
+    N m). That torque winds the shaft up, one way on the ramp forward, the other way on the ramp
+    back: the lag between them less the lost motion is twice the compliance times the torque
+    (log, over nominal). Compliance and stiffness from the reversals must agree (log of their
+    product). Dry friction falls out of the torque at full less that at a quarter of the speed
+    (N m).
+    """
+    if "gap_torque" not in names:
+        return np.empty((len(x), 0))
+    found = {n: x[:, names.index(n)] for n in (
+        "torque_ramp", "gap_torque", "lag_ramp", "gap_width", "shaft_slope", "torque_full",
+        "torque_quarter")}
+    torque = np.maximum(np.exp(found["torque_ramp"]) - np.exp(found["gap_torque"]),
+                        LEAST_TORQUE)
+    wound = np.maximum(found["lag_ramp"] - found["gap_width"], LEAST_LAG)
+    compliance = np.log(wound / (WIND_UP * torque))
+    return np.column_stack([
+        np.log(torque), compliance, compliance + np.log(np.maximum(found["shaft_slope"], 0.05)),
+        np.exp(found["torque_full"]) - np.exp(found["torque_quarter"]),
+    ])
+
+
+def _absolute(names: Sequence[str]) -> bool:
+    return any(n.startswith(ABSOLUTE) for n in names)
+
+
+def derive(
+    names: Sequence[str], x: np.ndarray, lines: LineFilter, absolute: LineFilter | None
+) -> np.ndarray:
+    """Return features and filtered lines, shape (n, inputs), not squashed.
+
+    Parameters
+    ----------
+    names : of the features; with a baseline the absolute ones follow the differences.
+    x : ndarray, shape (n, d).
+    lines, absolute : filters of the lines, and with a baseline those of the absolute lines.
+    """
+    parts = [x, lines.derive(names, x)]
+    if absolute is None:
+        return np.hstack([*parts, mechanical(names, x)])
+    own = [k for k, n in enumerate(names) if n.startswith(ABSOLUTE)]
+    bare = [names[k].removeprefix(ABSOLUTE) for k in own]
+    record = x[:, own]
+    baseline = record - x[:, [names.index(n) for n in bare]]
+    now, then = mechanical(bare, record), mechanical(bare, baseline)
+    return np.hstack([*parts, now - then, absolute.derive(bare, record), now])
+
+
+class Inputs:
+    """The inputs of all networks of one view."""
+
+    def __init__(
+        self, names: Sequence[str], lines: LineFilter, absolute: LineFilter | None,
+        center: np.ndarray, spread: np.ndarray,
+    ) -> None:
+        """Keep what one view needs; `center` and `spread` have shape (inputs,)."""
+        self.names = list(names)
+        self.input_names = input_names(names)
+        self._lines, self._absolute = lines, absolute
+        self._center, self._spread = center, spread
+
+    def deviations(self, x: np.ndarray) -> np.ndarray:
+        """Return all inputs in healthy deviations, shape (n, inputs), of features `x`."""
+        raw = derive(self.names, x, self._lines, self._absolute)
+        return (raw - self._center) / self._spread
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Return all inputs, squashed, shape (n, inputs), of features `x`, shape (n, d)."""
+        raw = derive(self.names, x, self._lines, self._absolute)
+        return squash(raw, self._center, self._spread)
+
+    def noise(self, u: np.ndarray) -> np.ndarray:
+        """Return the noise of the records themselves, shape (n,), of all inputs `u`, squashed."""
+        own = ABSOLUTE + NOISE
+        return u[:, self.columns([own if own in self.input_names else NOISE])[0]]
+
+    def columns(self, inputs: Sequence[str]) -> np.ndarray:
+        """Return where `inputs` stand; ValueError if one is unknown."""
+        place = {n: k for k, n in enumerate(self.input_names)}
+        missing = [n for n in inputs if n not in place]
+        if missing:
+            raise ValueError(f"unknown input {missing[0]!r}")
+        return np.array([place[n] for n in inputs])

@@ -1,0 +1,156 @@
+"""The model file: plain JSON with version and hash, checked before anything is used.
+
+``{"format": "ema_phm model", "version": 2, "sha256": ..., "body": {...}}``; the hash is that of
+the body as canonical JSON (sorted keys, no spaces). Arrays are nested lists, rounded to seven
+digits, so the same training writes the same bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ema_prognostics.cascade.find import Cascade
+from ema_prognostics.cascade.model_body import Body, Kind, PaperPart, View
+from ema_prognostics.paper.cascade import ANN_B_INPUTS, FAULTS, PaperCascade
+from ema_prognostics.paper.features import ANN_A_INPUTS
+from ema_record.errors import ModelError, OutputError
+from ema_record.resources import share_path
+
+FORMAT = "ema_phm model"
+VERSION = 3
+SHIPPED = "config/models/cascade.json"
+MAX_BYTES = 16 << 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Model:
+    """Everything that a diagnosis needs.
+
+    Attributes
+    ----------
+    body : what the file holds.
+    cascades : by kind of test and view, e.g. ``extended/fleet``.
+    paper : the paper's literal cascade, or None.
+    sha256 : hash of the body.
+    """
+
+    body: Body
+    cascades: dict[str, Cascade] = field(repr=False)
+    paper: PaperCascade | None
+    sha256: str
+
+    @property
+    def training(self) -> dict[str, Any]:
+        """How it was trained and what the held-back units gave; plain values."""
+        return self.body.training
+
+    def cascade(self, kind: Kind, view: View) -> Cascade | None:
+        """Return the cascade for a kind of test, None where it was not trained."""
+        return self.cascades.get(f"{kind}/{view}")
+
+
+def model_of(body: Body, where: str = "model") -> Model:
+    """Return the model of a body; ModelError if the parts do not fit the software."""
+    try:
+        cascades = {name: Cascade(part) for name, part in body.views.items()}
+        paper = None if body.paper is None else _paper_of(body.paper)
+    except ValueError as error:
+        raise ModelError(f"{where}: {error}: train again") from None
+    text = _canonical(body.model_dump(mode="json"))
+    return Model(body=body, cascades=cascades, paper=paper, sha256=_hash(text))
+
+
+def _paper_of(part: PaperPart) -> PaperCascade:
+    part.ann_a.check_size(len(ANN_A_INPUTS), len(FAULTS))
+    if set(part.ann_b) != set(FAULTS):
+        raise ValueError("paper: one ann_b a fault is needed")
+    for fault in FAULTS:
+        part.ann_b[fault].check_size(len(ANN_B_INPUTS[fault]), 3)
+    return PaperCascade(
+        ann_a=part.ann_a.build(), ann_b={name: b.build() for name, b in part.ann_b.items()}
+    )
+
+
+def _canonical(body: object) -> str:
+    return json.dumps(body, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def model_text(model: Model) -> str:
+    """Return the model file as text."""
+    text = _canonical(model.body.model_dump(mode="json"))
+    return (
+        f'{{"format":"{FORMAT}","version":{VERSION},"sha256":"{_hash(text)}",\n"body":{text}}}\n'
+    )
+
+
+def save_model(model: Model, path: str | Path) -> Path:
+    """Write a new model file; OutputError if there is one already."""
+    target = Path(path)
+    text = model_text(model)
+    try:
+        with target.open("x", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+    except FileExistsError:
+        raise OutputError(f"{target}: exists already: choose another name") from None
+    except OSError as error:
+        raise OutputError(
+            f"{target}: {error.strerror or error}: choose a place that can be written to"
+        ) from None
+    return target
+
+
+def load_model(path: str | Path | None = None) -> Model:
+    """Return the model of a file, default the shipped one; ModelError in one line."""
+    try:
+        target = share_path(SHIPPED) if path is None else Path(path)
+        size = target.stat().st_size
+        if size > MAX_BYTES:
+            raise ModelError(f"{target}: {size} bytes, at most {MAX_BYTES}: not a model file")
+        text = target.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise ModelError(f"{path}: not UTF-8 text: not a model file") from None
+    except OSError as error:
+        raise ModelError(
+            f"{path or SHIPPED}: {error.strerror or error}: 'ema train --out FILE' makes one"
+        ) from None
+    return parse_model(text, str(target))
+
+
+def parse_model(text: str, where: str) -> Model:
+    """Return the model that `text` holds; `where` names it in errors."""
+    try:
+        data = json.loads(text, parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:
+        raise ModelError(
+            f"{where}: not JSON ({str(error)[:80]}): train again with 'ema train'"
+        ) from None
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise ModelError(f"{where}: not a model file of this software: use 'ema train'")
+    if data.get("version") != VERSION:
+        raise ModelError(
+            f"{where}: version {str(data.get('version'))[:20]}, this software reads {VERSION}: "
+            "train again with 'ema train'"
+        )
+    body = data.get("body")
+    found = _hash(_canonical(body))
+    if found != data.get("sha256"):
+        raise ModelError(
+            f"{where}: the hash is {found[:12]}..., the file says "
+            f"{str(data.get('sha256'))[:12]}...: it was changed or damaged, train again"
+        )
+    return model_of(Body.parse(body, where), where)
+
+
+def _refuse_constant(name: str) -> float:
+    raise ValueError(f"{name} is not a number")

@@ -1,0 +1,68 @@
+"""How late and how strongly the controller answers to what it measures.
+
+The noise of the speed sensor goes round the loop: the controller answers each reading with its
+proportional gain, and the record holds both reading and reference current. Reading and reference
+less their neighbours are the noise alone; regressed on each other over several samples they give
+the answer, sample by sample, hence its delay and the gain.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ema_prognostics.features.signals import Signals
+from ema_record.channels import REFERENCE_CURRENTS
+from ema_sim.plant.electrical import FIRST_EDGE, SECTOR
+
+LONGEST = 1.5e-3
+"""Longest delay that is sought (s)."""
+MOST_LAGS = 50
+LEAST_POWER = 1e-6
+RIDGE = 0.03
+"""Added to the powers: what the filter has taken out of the noise cannot be told."""
+FLOOR = 0.02
+"""Delay below which all are alike (ms)."""
+_SIGNS = np.array([[1, -1, 0], [1, 0, -1], [0, 1, -1], [-1, 1, 0], [-1, 0, 1], [0, -1, 1]])
+
+
+def _command(signals: Signals) -> np.ndarray:
+    """Return the reference of the torque current, shape (n,) (A), NaN at commutations."""
+    place = (signals.theta - FIRST_EDGE) / SECTOR
+    reach = 0.5 * np.abs(np.gradient(place)) + 1e-3
+    whole = np.floor(place - reach) == np.floor(place + reach)
+    signs = _SIGNS[np.floor(place).astype(int) % 6]
+    value = 0.5 * (signs * signals.record.samples[:, REFERENCE_CURRENTS]).sum(axis=1)
+    return np.where(whole, value, np.nan)
+
+
+def control_loop(signals: Signals, windows: tuple[tuple[float, float], ...]) -> dict[str, float]:
+    """Return the delay of the control, log of ms, and its gain, log of that of the model.
+
+    Parameters
+    ----------
+    signals : of the record.
+    windows : slews at the limit of the speed, where the position does not act (s after the
+        first command).
+    """
+    lags = min(MOST_LAGS, int(LONGEST * signals.rate))
+    command = _command(signals)
+    rows, sides = [], []
+    for begin, end in windows:
+        part = signals.between(begin, end)
+        speed, wanted = signals.speed[part], command[part]
+        noise = speed[1:-1] - 0.5 * (speed[2:] + speed[:-2])
+        answer = wanted[1:-1] - 0.5 * (wanted[2:] + wanted[:-2])
+        late = np.lib.stride_tricks.sliding_window_view(noise, lags + 1)[:, ::-1]
+        known = np.isfinite(answer[lags:])
+        rows.append(late[known])
+        sides.append(answer[lags:][known])
+    x, y = np.vstack(rows), np.concatenate(sides)
+    power = x.T @ x
+    power += np.diag(RIDGE * np.diag(power) + LEAST_POWER)
+    answer = -np.linalg.solve(power, x.T @ y)
+    strength = np.maximum(answer, 0.0) ** 2
+    total = max(float(strength.sum()), 1e-9)
+    delay = float(strength @ np.arange(lags + 1)) / total / signals.rate
+    gain = np.sqrt(total) / signals.actuator.control.proportional_gain
+    return {"control_delay": float(np.log(1e3 * delay + FLOOR)),
+            "control_gain": float(np.log(gain))}

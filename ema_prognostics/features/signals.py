@@ -1,0 +1,100 @@
+"""What the features are computed from: corrected signals of a whole record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ema_prognostics.features.current_sensors import CurrentSensors, current_sensors
+from ema_record.actuator import Actuator
+from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS, ROTOR_ANGLE, SURFACE_POSITION
+from ema_record.errors import IncompleteRecordError
+from ema_record.record import Record
+from ema_sim.effects.winding_temperature import REFERENCE, WindingTemperature
+from ema_sim.model_file import load_actuator
+
+THIRD = 2.0 * np.pi / 3.0
+MAX_SAMPLES = 4_000_000
+
+
+def trapezoid(theta: np.ndarray, flat_top: float) -> np.ndarray:
+    """Return the unit trapezoid at `theta` (rad), its flat top `flat_top` wide (rad)."""
+    half = np.mod(theta, np.pi)
+    ramp = 0.5 * (np.pi - flat_top)
+    value = np.minimum(np.minimum(half, np.pi - half) / ramp, 1.0)
+    return np.where(np.mod(theta, 2.0 * np.pi) < np.pi, value, -value)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signals:
+    """Signals of a record, corrected with what the record itself tells.
+
+    Attributes
+    ----------
+    rate : samples a second.
+    time, speed, theta, position : ndarray, shape (n,). s; rad/s; rad, unwrapped; rad.
+    currents : ndarray, shape (n, 3). Phase currents without sensor offset and gain (A).
+    torque_current : ndarray, shape (n,). q = Σ k_k(θ) i_k / 2k (A).
+    sensors : errors of the current sensors.
+    torque_constant : 2k at the measured winding temperature (N m/A).
+    temperature : of the winding (degC), 20 where not measured.
+    bus_voltage : between the rails (V), nominal where not measured.
+    """
+
+    record: Record
+    actuator: Actuator
+    rate: float
+    time: np.ndarray
+    speed: np.ndarray
+    theta: np.ndarray
+    position: np.ndarray
+    currents: np.ndarray
+    torque_current: np.ndarray
+    sensors: CurrentSensors
+    torque_constant: float
+    temperature: float
+    bus_voltage: float
+
+    def between(self, begin: float, end: float) -> slice:
+        """Return the samples between two times after the first command (s)."""
+        t0 = self.record.profile.command_time
+        first, last = np.searchsorted(self.time, (t0 + begin, t0 + end))
+        if last - first < 20:
+            raise IncompleteRecordError(
+                f"{last - first} samples between {t0 + begin:.3f} and {t0 + end:.3f} s, at "
+                "least 20: repeat the test"
+            )
+        return slice(int(first), int(last))
+
+
+def prepare(record: Record, actuator: Actuator | None = None) -> Signals:
+    """Return the corrected signals of `record`; `actuator` is the nominal model."""
+    if len(record) > MAX_SAMPLES:
+        raise IncompleteRecordError(f"{len(record)} samples, at most {MAX_SAMPLES}")
+    nominal = actuator if actuator is not None else load_actuator()
+    samples = record.samples
+    sensors = current_sensors(record)
+    currents = sensors.correct(samples[:, PHASE_CURRENTS])
+    theta = np.unwrap(samples[:, ROTOR_ANGLE])
+    top = nominal.motor.flat_top
+    q = np.zeros(len(theta))
+    for phase in range(3):
+        q += trapezoid(theta - phase * THIRD, top) * currents[:, phase]
+    temperature = (
+        float(np.median(record.winding_temperature[:, 1]))
+        if len(record.winding_temperature) else REFERENCE
+    )
+    bus = (
+        float(np.median(record.dc_bus[:, 1]))
+        if len(record.dc_bus) else 2.0 * nominal.inverter.bus_voltage
+    )
+    factor = 1.0 + WindingTemperature().magnet_coefficient * (temperature - REFERENCE)
+    return Signals(
+        record=record, actuator=nominal, rate=record.rate, time=samples[:, 0],
+        speed=samples[:, MOTOR_SPEED], theta=theta, position=samples[:, SURFACE_POSITION],
+        currents=currents,
+        torque_current=0.5 * q, sensors=sensors,
+        torque_constant=2.0 * nominal.motor.back_emf_constant * factor,
+        temperature=temperature, bus_voltage=bus,
+    )

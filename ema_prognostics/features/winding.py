@@ -1,0 +1,147 @@
+"""What the voltage equation tells of winding, supply and commutation sensor.
+
+While two phases have not reached their references their legs stand still, one on each rail, so
+the voltage between them is the whole bus, whatever the third phase and the neutral do::
+
+    L d(i_j − i_k)/dt = V − R_j i_j + R_k i_k − k ω (τ_j − τ_k) − U (sgn i_j − sgn i_k)
+
+That is so at the beginning of every commutation and whenever the actuator accelerates. Over all
+such pairs of samples, least squares give 1/L and, each over L, the bus, R of each phase, k, the
+drop U of the switches and the angle by which the commutation sensor is off (to first order the
+back-EMF is then k ω (τ − δ τ')). The derivative carries the noise, so it is the side explained.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ema_prognostics.features.signals import THIRD, Signals, trapezoid
+from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
+from ema_sim.effects.winding_temperature import COPPER, REFERENCE
+
+MARGIN = 0.3
+"""Of a current to the edge of the relay's band within which its leg may switch (A)."""
+DROP_CURRENT = 0.5
+"""Current at which the drop of a switch counts as fully there (A)."""
+STEP = 1e-3
+"""Angle over which the slope of the trapezoid is taken (rad)."""
+MIN_PAIRS = 60
+ROUNDS = 8
+LEAST_ERROR = 0.05
+"""Least size of the errors (V)."""
+PAIRS = ((0, 1), (1, 2), (2, 0))
+FEATURES = ("winding_inductance", "winding_resistance", "winding_back_emf", "switch_drop",
+            "sensor_angle", "resistance_m1_re", "resistance_m1_im", "inductance_m1_re",
+            "inductance_m1_im", "resistance_spread", "inductance_spread", "winding_error")
+LENGTH = 2.03
+"""Time after the first command that is used: all but the slow ramps (s)."""
+PHASES = np.exp(-1j * THIRD * np.arange(3))
+"""Weights that make one complex number of three phases; turns with them like a line 1."""
+SPREAD_FLOOR = 0.02
+
+
+def _saturated(signals: Signals) -> np.ndarray:
+    """Return where each leg stands still from a sample to the next, shape (n - 1, 3).
+
+    +1: on the upper rail, -1: on the lower, 0: not certain.
+    """
+    samples = signals.record.samples
+    reading, reference = samples[:, PHASE_CURRENTS], samples[:, REFERENCE_CURRENTS]
+    band = signals.actuator.inverter.hysteresis
+    half = 0.5 * np.diff(reading, axis=0)
+    begin, end = reading[:-1] - half, reading[1:] + half
+    low = np.minimum(reference[:-1], reference[1:])
+    high = np.maximum(reference[:-1], reference[1:])
+    up = (begin < low - band - MARGIN) & (end < low + band - MARGIN)
+    down = (begin > high + band + MARGIN) & (end > high - band + MARGIN)
+    turned = signals.actuator.motor.pole_pairs * np.diff(signals.theta)
+    place = (signals.theta - np.pi / 6.0) / (np.pi / 3.0)
+    reach = 0.5 * turned / (np.pi / 3.0)
+    same = np.floor(place[:-1] - reach) == np.floor(place[1:] + reach)
+    on = signals.time[:-1] > signals.record.profile.inverter_off + 2.0 / signals.rate
+    on &= signals.time[1:] < signals.record.profile.command_time + LENGTH
+    return np.where((same & on)[:, None], up.astype(int) - down.astype(int), 0)
+
+
+def _equations(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
+    """Return L0 di/dt, shape (n,), and what explains it, shape (n, 9), of all pairs (V).
+
+    Columns: bus, fall over each winding (3), back-EMF, drop of a volt, angle of a radian,
+    inductances that differ (cosine and sine of `PHASES`).
+    """
+    actuator = signals.actuator
+    motor = actuator.motor
+    state = _saturated(signals)
+    middle = 0.5 * (signals.currents[1:] + signals.currents[:-1])
+    rise = np.diff(signals.currents, axis=0) / np.diff(signals.time)[:, None]
+    warm = signals.temperature - REFERENCE
+    resistance = motor.phase_resistance * (1.0 + COPPER * warm)
+    sign = np.clip(middle / DROP_CURRENT, -1.0, 1.0)
+    rows, sides = [], []
+    for j, k in PAIRS:
+        used = np.flatnonzero(state[:, j] * state[:, k] < 0)
+        s = state[used, j].astype(float)
+        fall = np.zeros((len(used), 3))
+        fall[:, j] = -resistance * s * middle[used, j]
+        fall[:, k] = resistance * s * middle[used, k]
+        speed = 0.5 * (signals.speed[used] + signals.speed[used + 1])
+        shape = slope = 0.0
+        for phase, part in ((j, 0.5), (k, -0.5)):
+            for at in (used, used + 1):
+                angle = signals.theta[at] - phase * THIRD
+                ahead = trapezoid(angle + STEP, motor.flat_top)
+                behind = trapezoid(angle - STEP, motor.flat_top)
+                shape = shape + part * 0.5 * (ahead + behind)
+                slope = slope + part * (ahead - behind) / (2.0 * STEP)
+        emf = 0.5 * signals.torque_constant * s * speed
+        change = motor.phase_inductance * s[:, None] * rise[used][:, [j, k]] * [1.0, -1.0]
+        unlike = -change @ PHASES[[j, k]]
+        rows.append(np.column_stack([
+            np.full(len(used), signals.bus_voltage), fall, -emf * shape,
+            -s * (sign[used, j] - sign[used, k]), emf * slope, unlike.real, unlike.imag,
+        ]))
+        sides.append(change.sum(axis=1))
+    return np.concatenate(sides), np.vstack(rows)
+
+
+def _fit(rows: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the solution of rows x = side, and the error's size, freed of stray equations.
+
+    A leg that switched unseen makes an equation wrong by some ten volts. Weights of Cauchy and
+    the median of the errors leave such out (iteratively reweighted least squares).
+    """
+    found = np.array([1.0] * 5 + [0.0] * 4)
+    scale = 0.0
+    for _ in range(ROUNDS):
+        error = np.abs(side - rows @ found)
+        scale = max(1.5 * float(np.median(error)), LEAST_ERROR)
+        root = 1.0 / np.sqrt(1.0 + (error / (2.0 * scale)) ** 2)
+        found = np.linalg.lstsq(rows * root[:, None], side * root, rcond=None)[0]
+    return found, scale
+
+
+def winding(signals: Signals) -> dict[str, float]:
+    """Return `FEATURES`: logarithms of L, R and k over nominal, U (V), angle (mrad), errors.
+
+    Zero where the record has fewer than `MIN_PAIRS` pairs of samples to tell from. Lines 1:
+    percent by which the phases differ.
+    """
+    side, rows = _equations(signals)
+    if len(side) < MIN_PAIRS:
+        return dict.fromkeys(FEATURES, 0.0)
+    found, error = _fit(rows, side)
+    gain = max(float(found[0]), 0.1)
+    r = found[1:4] / gain
+    resistance, inductance = complex(r @ PHASES), 1.5 * complex(*found[7:9])
+    return {
+        "winding_inductance": -float(np.log(gain)),
+        "winding_resistance": float(np.log(max(r.mean(), 0.1))),
+        "winding_back_emf": float(np.log(max(found[4] / gain, 0.1))),
+        "switch_drop": float(found[5]) / gain,
+        "sensor_angle": 1e3 * float(found[6]) / gain,
+        "resistance_m1_re": 1e2 * resistance.real, "resistance_m1_im": 1e2 * resistance.imag,
+        "inductance_m1_re": 1e2 * inductance.real, "inductance_m1_im": 1e2 * inductance.imag,
+        "resistance_spread": float(np.log(abs(resistance) + SPREAD_FLOOR)),
+        "inductance_spread": float(np.log(abs(inductance) + SPREAD_FLOOR)),
+        "winding_error": float(np.log(error + 0.1)),
+    }

@@ -1,0 +1,1 @@
+"""What the prognostics node does besides judging: assembling a record, filling messages."""

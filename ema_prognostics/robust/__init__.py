@@ -1,4 +1,0 @@
-"""The robust cascade: features from the physics, networks, guard, baseline, verdict.
-
-Every file has one part; `diagnosis.diagnose_robust` joins them.
-"""

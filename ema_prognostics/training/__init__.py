@@ -1,0 +1,1 @@
+"""Training: simulated fleets, fits, calibration, error rates on fresh fleets."""

@@ -1,0 +1,102 @@
+"""How a cascade does on units that it was not trained on: the validation of a training."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ema_prognostics.cascade.classes import CLASS_OF, FAULTS, OUTPUTS, SHORTS
+from ema_prognostics.cascade.find import Cascade, Finding
+from ema_prognostics.cascade.guard import BESIDE_OWN
+from ema_prognostics.training.campaign import Campaign
+from ema_prognostics.training.rates import ORIGIN, Rate, detection, rate
+from ema_prognostics.training.training import view_inputs
+
+
+def outcome_of(finding: Finding) -> str:
+    """Return the verdict in one word: healthy, unknown or the classes, joined by ``+``."""
+    if finding.guard.size and finding.guard.max() > 1.0:
+        return "unknown"
+    if finding.doubtful:
+        return "unknown"
+    return "+".join(sorted(CLASS_OF[o] for o in finding.outputs)) or "healthy"
+
+
+def _plain(found: Rate) -> dict[str, float | int]:
+    return {"count": found.hits, "total": found.total, "lower": round(found.lower, 5),
+            "upper": round(found.upper, 5)}
+
+
+def evaluate(
+    fleet: Cascade, own: Cascade | None, campaign: Campaign, healthy: Campaign
+) -> dict[str, Any]:
+    """Return the validation of one view as plain values.
+
+    Parameters
+    ----------
+    fleet : the cascade without baseline; its guard judges every record first.
+    own : the cascade with a baseline, None to evaluate `fleet`.
+    campaign, healthy : units that neither trained nor calibrated anything.
+    """
+    cascade = fleet if own is None else own
+    result: dict[str, Any] = {}
+    findings, outcomes = _judge(fleet, own, healthy)
+    result["false alarms"] = _plain(rate([o not in ("healthy", "unknown") for o in outcomes]))
+    result["healthy called unknown"] = _plain(rate([o == "unknown" for o in outcomes]))
+    findings, outcomes = _judge(fleet, own, campaign)
+    for name in FAULTS:
+        columns = [k for k, o in enumerate(OUTPUTS) if CLASS_OF[o] == name]
+        mine = campaign.severity[:, columns].max(axis=1)
+        only = (mine > 0.0) & ((campaign.severity > 0.0).sum(axis=1) == 1)
+        said = [outcomes[k] for k in np.flatnonzero(only)]
+        found = np.array([o not in ("healthy", "unknown") for o in said], dtype=bool)
+        right = [name in o.split("+") for o, f in zip(said, found) if f]
+        inside, error = _severities(findings, campaign, only, columns)
+        curve = detection(mine[only], found, ORIGIN.get(name, 0.0))
+        result[name] = {
+            "detected": _plain(rate(found)), "right class of detected": _plain(rate(right)),
+            "interval coverage": _plain(rate(inside)),
+            "median relative error": round(float(np.median(error)), 4) if error else None,
+            **{key: None if curve is None or value > mine.max() else float(f"{value:.3g}")
+               for key, value in (("a90", curve and curve.a90), ("a90/95", curve and curve.a90_95))
+               },
+        }
+    pairs = (campaign.severity > 0.0).sum(axis=1) == 2
+    result["pairs both named"] = _plain(rate([
+        set(outcomes[k].split("+")) == {
+            CLASS_OF[OUTPUTS[c]] for c in np.flatnonzero(campaign.severity[k])}
+        for k in np.flatnonzero(pairs)
+    ]))
+    result["features"] = len(cascade.view.names)
+    return result
+
+
+def _judge(
+    fleet: Cascade, own: Cascade | None, campaign: Campaign
+) -> tuple[list[Finding], list[str]]:
+    _, x = view_inputs(campaign, "fleet")
+    findings = fleet.find(x)
+    if own is None:
+        return findings, [outcome_of(f) for f in findings]
+    guarded = [f.guard.size > 0 and f.guard.max() > BESIDE_OWN for f in findings]
+    _, x = view_inputs(campaign, "baseline")
+    findings = own.find(x)
+    return findings, ["unknown" if g else outcome_of(f) for g, f in zip(guarded, findings)]
+
+
+def _severities(
+    findings: list[Finding], campaign: Campaign, rows: np.ndarray, columns: list[int]
+) -> tuple[list[bool], list[float]]:
+    """Return whether the interval holds the truth, and the relative error, where named."""
+    inside, error = [], []
+    for k in np.flatnonzero(rows):
+        column = next(c for c in columns if campaign.severity[k, c] > 0.0)
+        truth = float(campaign.severity[k, column])
+        for output, s in zip(findings[k].outputs, findings[k].severity):
+            same = output == OUTPUTS[column] or (
+                output in SHORTS and OUTPUTS[column] in SHORTS)
+            if same:
+                inside.append(s.lower <= truth <= s.upper)
+                error.append(abs(s.value - truth) / truth)
+    return inside, error

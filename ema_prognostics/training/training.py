@@ -1,0 +1,262 @@
+"""Training of one view of the cascade on a campaign: networks, thresholds, interval widths."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ema_prognostics.cascade.classes import FAMILIES, FAMILY_OF, OUTPUTS, SEVERITY_OF
+from ema_prognostics.cascade.find import Cascade
+from ema_prognostics.cascade.inputs import ITSELF, Inputs, derive, group_inputs
+from ema_prognostics.cascade.known import kind_found
+from ema_prognostics.cascade.lines import LineFilter, fit_line_filter
+from ema_prognostics.cascade.model_body import (
+    FamilyPart,
+    LinePart,
+    MemberPart,
+    NetworkPart,
+    SeverityPart,
+    View,
+    ViewPart,
+    rounded,
+)
+from ema_prognostics.features.vector import (
+    ABSOLUTE,
+    difference_names,
+    differences,
+    rotate,
+    start_allowed,
+)
+from ema_prognostics.networks.fitting import MEMBERS, as_classifier, fit_classifier, fit_regressor
+from ema_prognostics.networks.network import Network, logit
+from ema_prognostics.training.calibration import tail_quantile
+from ema_prognostics.training.campaign import Campaign
+from ema_prognostics.training.guard_training import GuardRecords, train_guard
+from ema_prognostics.training.severity_training import train_severity
+
+FRICTIONS = ("motor_friction", "surface_friction")
+"""Families that are found by how large a quantity is, in the order of `Campaign.friction`."""
+FALSE_ALARMS: dict[View, dict[str, float]] = {
+    "fleet": {"asymmetry": 0.004, "eccentricity": 0.001, "motor_friction": 0.0005,
+              "surface_friction": 0.0005, "backlash": 0.0002},
+    "baseline": {"asymmetry": 0.002, "eccentricity": 0.0015, "motor_friction": 0.0002,
+                 "surface_friction": 0.0002, "backlash": 0.0002},
+}
+"""Rate of healthy records of which each family may be announced: most to those that need it."""
+STEP_FALSE_ALARMS = {"asymmetry": 0.002, "eccentricity": 0.0003, "motor_friction": 0.0007,
+                     "surface_friction": 0.0007, "backlash": 0.0002}
+"""The same of a single step, in either view."""
+DOUBT = 0.004
+"""Rate of healthy records that may be called unknown because healthy is improbable."""
+LEAST_SPREAD = 1e-3
+"""Floor of a feature's spread, in its own unit."""
+HELD_BACK = 5
+"""One unit in this many calibrates instead of training."""
+
+
+def view_inputs(campaign: Campaign, view: View) -> tuple[list[str], np.ndarray]:
+    """Return the names and the features of a view, shape (n, d)."""
+    names = list(campaign.names)
+    record = start_allowed(campaign.record, names)
+    if view == "fleet":
+        return names, record
+    return difference_names(names), differences(record, start_allowed(campaign.baseline, names))
+
+
+def _turn_labels(y: np.ndarray, thirds: int) -> np.ndarray:
+    """Return severities, shape (n, 8), after `vector.rotate` by `thirds`."""
+    out = y.copy()
+    out[:, :3] = np.roll(y[:, :3], -thirds, axis=1)
+    return out
+
+
+def train_view(
+    campaign: Campaign, healthy: Campaign, kind: str, view: View, *, seed: int,
+    hidden: int = 16, iterations: int = 200, progress: Callable[[str], None] = lambda _: None,
+) -> ViewPart:
+    """Return the cascade of one view.
+
+    Parameters
+    ----------
+    campaign : units with and without faults; one unit in `HELD_BACK` calibrates.
+    healthy : other units, healthy only; they set the thresholds.
+    kind : of the test.
+    view : with or without baseline.
+    seed : of the networks' weights.
+    hidden, iterations : size of a member of the networks; most steps of the optimiser.
+    progress : called with what begins.
+    """
+    names, x = view_inputs(campaign, view)
+    y = campaign.severity
+    fit = campaign.unit % HELD_BACK != 0
+    _, sound = view_inputs(healthy, view)
+    reference = x[fit & (y == 0.0).all(axis=1)]
+    accepted = start_allowed(campaign.baseline[fit], list(campaign.names))
+    extra, itself = np.empty((0, x.shape[1])), np.empty((0, x.shape[1]))
+    if view == "fleet":  # every acceptance record is a healthy one
+        extra = accepted
+        reference = np.vstack([reference, extra])
+        sound = np.vstack([sound, start_allowed(healthy.baseline, names)])
+    else:  # either of two healthy records may be the baseline
+        itself = differences(accepted, accepted)
+        swapped = replace(healthy, baseline=healthy.record, record=healthy.baseline)
+        sound = np.vstack([sound, view_inputs(swapped, view)[1]])
+    lines, absolute = _filters(names, reference, x[fit], y[fit], view)
+    raw = derive(names, reference, lines, absolute)
+    center, spread = rounded(np.median(raw, axis=0)), rounded(
+        np.maximum(raw.std(axis=0), LEAST_SPREAD))
+    inputs = Inputs(names, lines, absolute, np.array(center), np.array(spread))
+    xs = np.vstack([x[fit], extra])
+    ys = np.vstack([y[fit], np.zeros((len(extra), y.shape[1]))])
+    own = np.vstack([campaign.friction[fit]] * 2) if view == "fleet" else None
+    rates = STEP_FALSE_ALARMS if kind == "step" else FALSE_ALARMS[view]
+    work = _Work(inputs, xs, ys, itself, own, rates, seed, hidden, iterations)
+    parts = campaign.unit % HELD_BACK
+    families, members = {}, {}
+    for name, outputs in FAMILIES.items():
+        progress(name)
+        families[name] = work.family(name, sound)
+        for group in dict.fromkeys(SEVERITY_OF[o] for o in outputs):
+            if len(outputs) > 1:
+                members[group] = work.member(group, name)
+    severity = {}
+    for group in dict.fromkeys(SEVERITY_OF.values()):
+        progress(f"severity, {group.replace('_', ' ')}")
+        severity[group] = work.severity(group, x, y, parts, families)
+    progress("guard")
+    guard = train_guard(
+        GuardRecords(known=inputs(xs), known_kind=kind_found(ys), other=inputs(x[~fit]),
+                     kind=kind_found(y[~fit]), healthy=inputs(sound)),
+        inputs.input_names, kind, seed=seed, iterations=iterations,
+    )
+    part = ViewPart(
+        names=names, lines=LinePart.of(lines),
+        absolute_lines=None if absolute is None else LinePart.of(absolute),
+        center=center, spread=spread, families=families, members=members, severity=severity,
+        doubt=0.0, guard=guard,
+    )
+    sure = [f.healthy for f in Cascade(part).find(sound)]
+    doubt = -tail_quantile(-np.array(sure), DOUBT)
+    return part.model_copy(update={"doubt": float(np.clip(float(f"{doubt:.6g}"), 0.0, 1.0))})
+
+
+class _Work:
+    """Records that train, and the training of each network on them."""
+
+    def __init__(
+        self, inputs: Inputs, x: np.ndarray, y: np.ndarray, itself: np.ndarray,
+        own: np.ndarray | None, rates: dict[str, float], seed: int, hidden: int, iterations: int,
+    ) -> None:
+        """Keep what trains; `itself`: healthy records for groups that see the record itself."""
+        self._inputs, self._x, self._y, self._own = inputs, x, y, own
+        self._itself = itself
+        self._rates = rates
+        self._settings = {"hidden": hidden, "seed": seed}
+        self._iterations = iterations
+        self._view: View = "baseline" if own is None else "fleet"
+
+    def _see(self, group: str, x: np.ndarray, *, size: bool = False) -> np.ndarray:
+        """Return the inputs of a group; for the shorts those seen from each phase."""
+        columns = self._inputs.columns(
+            group_inputs(group, self._inputs.input_names, size=size))
+        turns = 3 if group == "short" else 1
+        return np.vstack([
+            self._inputs(rotate(x, self._inputs.names, k))[:, columns] for k in range(turns)
+        ])
+
+    def _announced(
+        self, group: str, x: np.ndarray, families: dict[str, FamilyPart]
+    ) -> np.ndarray:
+        """Return where the family of a group is announced; for the shorts from each phase."""
+        name = next(FAMILY_OF[o] for o in OUTPUTS if SEVERITY_OF[o] == group)
+        part = families[name]
+        found = logit(part.network.build()(self._see(name, x))[:, 0]) > part.threshold
+        return np.tile(found, 3) if group == "short" else found
+
+    @staticmethod
+    def _label(group: str, y: np.ndarray) -> np.ndarray:
+        """Return the severity of a group, for the shorts that of each phase."""
+        if group == "short":
+            return np.concatenate([_turn_labels(y, k)[:, 0] for k in range(3)])
+        return y[:, OUTPUTS.index(group)]
+
+    def family(self, name: str, sound: np.ndarray) -> FamilyPart:
+        """Return the network that says whether, its threshold set on healthy records."""
+        x = np.vstack([self._x, self._itself]) if name in ITSELF else self._x
+        there = np.zeros(len(x), dtype=bool)
+        there[:len(self._y)] = self._y[:, [OUTPUTS.index(o) for o in FAMILIES[name]]].any(axis=1)
+        if name in FRICTIONS and self._own is not None:
+            network = self._friction(self._own[:, FRICTIONS.index(name)], name, there)
+        else:
+            network = fit_classifier(
+                self._see(name, x), there, iterations=self._iterations, **self._settings)
+        part = NetworkPart.of(network)
+        score = logit(part.build()(self._see(name, sound))[:, 0])
+        threshold = float(f"{tail_quantile(score, self._rates[name]):.6g}")
+        return FamilyPart(inputs=group_inputs(name, self._inputs.input_names), network=part,
+                          threshold=threshold)
+
+    def _friction(self, own: np.ndarray, name: str, there: np.ndarray) -> Network:
+        """Return a network for the probability that a friction has grown; no baseline.
+
+        It is taught the friction itself, the unit's `own` and the increase together, which
+        every record tells of; how probable an increase is at that friction is one logistic
+        curve. With a baseline the unit's own falls out, and a classifier finds less than 1 %.
+        """
+        total = own + np.log1p(self._y[:, OUTPUTS.index(name)])
+        x = self._see(name, self._x)
+        network = fit_regressor(x, total[:, None], iterations=self._iterations, members=MEMBERS,
+                                **self._settings)
+        return as_classifier(network, network(x)[:, 0], there)
+
+    def member(self, group: str, family: str) -> MemberPart:
+        """Return the network that says which, trained where the family is there."""
+        columns = [OUTPUTS.index(o) for o in FAMILIES[family]]
+        there = self._y[:, columns].max(axis=1) > 0.0
+        x, label = self._see(group, self._x[there]), self._label(group, self._y[there])
+        network = fit_classifier(x, label > 0.0, iterations=self._iterations, **self._settings)
+        return MemberPart(inputs=group_inputs(group, self._inputs.input_names),
+                          network=NetworkPart.of(network))
+
+    def severity(
+        self, group: str, x: np.ndarray, y: np.ndarray, part: np.ndarray,
+        families: dict[str, FamilyPart],
+    ) -> SeverityPart:
+        """Return the network that says how much, see `train_severity`.
+
+        Parameters
+        ----------
+        group : of outputs.
+        x, y : features and severities of all records, those held back too.
+        part : ndarray of int, shape (n,). Part of the units; 0: held back.
+        families : networks that say whether, of this view.
+        """
+        label = self._label(group, y)
+        there = label > 0.0
+        turns = 3 if group == "short" else 1
+        parts, alone = np.tile(part, turns), np.tile((y > 0.0).sum(axis=1) == 1, turns)
+        noise = np.tile(self._inputs.noise(self._inputs(x)), turns)
+        return train_severity(
+            group, self._view, self._see(group, x, size=True)[there], label[there],
+            parts[there], self._announced(group, x, families)[there], alone[there],
+            noise[there], group_inputs(group, self._inputs.input_names, size=True),
+            iterations=self._iterations, **self._settings)
+
+
+def _filters(
+    names: list[str], healthy: np.ndarray, x: np.ndarray, y: np.ndarray, view: View
+) -> tuple[LineFilter, LineFilter | None]:
+    """Return the filters of the lines, rounded as they stand in the file."""
+    one = (y > 0.0).sum(axis=1) == 1
+    rows = [one & (y[:, k] > 0.0) for k in range(3)]
+    shorted = np.vstack([rotate(x[r], names, k) for k, r in enumerate(rows)])
+    fraction = np.concatenate([y[r, k] for k, r in enumerate(rows)])
+    lines = LinePart.of(fit_line_filter(names, healthy, shorted, fraction)).build()
+    if view == "fleet":
+        return lines, None
+    own = [k for k, n in enumerate(names) if n.startswith(ABSOLUTE)]
+    bare = [names[k].removeprefix(ABSOLUTE) for k in own]
+    found = fit_line_filter(bare, healthy[:, own], shorted[:, own], fraction)
+    return lines, LinePart.of(found).build()

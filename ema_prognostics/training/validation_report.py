@@ -1,0 +1,60 @@
+"""The validation of a training in words and tables (Markdown)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ema_prognostics.cascade.classes import FAULTS, UNITS
+from ema_prognostics.cascade.model_file import Model
+
+SCALES = {"turn_short": (100.0, "% of the turns"), "rotor_eccentricity": (100.0, "% of the gap"),
+          "friction": (100.0, "%"), "backlash": (1e3, "mrad")}
+
+
+def _percent(found: dict[str, Any]) -> str:
+    if not found["total"]:
+        return "none"
+    value = 100.0 * found["count"] / found["total"]
+    return (f"{value:.2f} % ({found['count']} of {found['total']}; "
+            f"{100 * found['lower']:.2f} to {100 * found['upper']:.2f})")
+
+
+def _severity(name: str, value: float | None) -> str:
+    scale, unit = SCALES[name]
+    return "-" if value is None else f"{scale * value:.3g} {unit}"
+
+
+def validation_report(model: Model) -> str:
+    """Return the report of a model's validation: rates with counts and 95 % bounds."""
+    training = model.training
+    settings = training["settings"]
+    lines = [
+        "# Validation of a model file",
+        "",
+        f"Seed {training['seed']}, {settings['units']} units with faults and "
+        f"{settings['healthy']} healthy ones a test; validated on "
+        f"{settings['validation']} and {settings['validation_healthy']} other units. Hash "
+        f"`{model.sha256[:16]}`. Rates with their exact 95 % bounds.",
+    ]
+    for kind, views in training["held_out"].items():
+        for view, found in views.items():
+            with_what = "own baseline" if view == "baseline" else "fleet model only"
+            lines += [
+                "", f"## Profile {kind}, {with_what}", "",
+                f"- false alarms on healthy records: {_percent(found['false alarms'])}",
+                f"- healthy records called unknown: {_percent(found['healthy called unknown'])}",
+                f"- two faults, both named: {_percent(found['pairs both named'])}",
+                "",
+                "| fault | detected | a90/95 | right class | interval holds | median error |",
+                "|---|---|---|---|---|---|",
+            ]
+            for name in FAULTS:
+                f = found[name]
+                error = f["median relative error"]
+                lines.append(
+                    f"| {name} (in {UNITS[name]}) | {_percent(f['detected'])} | "
+                    f"{_severity(name, f['a90/95'])} | {_percent(f['right class of detected'])} | "
+                    f"{_percent(f['interval coverage'])} | "
+                    f"{'-' if error is None else f'{100 * error:.1f} %'} |"
+                )
+    return "\n".join([*lines, ""])

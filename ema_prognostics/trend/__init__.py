@@ -1,0 +1,1 @@
+"""Verdicts over flights: announcement, evidence, growth and forecast."""

@@ -1,0 +1,166 @@
+"""The flights of an actuator in their order: which bags, of which unit, when.
+
+A flight is one bag and its verdict. Nothing is left out: a bag that cannot be read is a flight
+without an answer.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ema_prognostics.verdict.verdict import Verdict
+from ema_record.bag.metadata import METADATA_FILE
+from ema_record.errors import UsageError
+
+STORAGE = (".mcap", ".mcap.zstd", ".db3")
+"""Endings of the files that hold recorded messages."""
+MAX_FLIGHTS = 10_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Flight:
+    """One test of an actuator and what it says.
+
+    Attributes
+    ----------
+    verdict : with the name of the bag.
+    serial_number : of the actuator, empty where the bag could not be read.
+    start_time : acceptance of the command (ns since the epoch), 0 where not known.
+    number : place in the sequence of this actuator, from 1.
+    repeat_of : number of the flight that this one is a copy of, or None.
+    """
+
+    verdict: Verdict
+    serial_number: str = ""
+    start_time: int = 0
+    number: int = 0
+    repeat_of: int | None = None
+
+    @property
+    def answered(self) -> bool:
+        """Whether the test says healthy or faulty, and is not a copy of another one."""
+        return self.verdict.outcome in ("healthy", "fault") and self.repeat_of is None
+
+
+def natural(name: str) -> tuple[tuple[int, int, str], ...]:
+    """Return a key that sorts names with their numbers as numbers: 2 before 10."""
+    return tuple(
+        (0, int(part), "") if part.isdecimal() else (1, 0, part)
+        for part in re.split(r"([0-9]+)", name) if part
+    )
+
+
+def is_sequence(path: Path) -> bool:
+    """Return whether `path` is a directory of bags, and not a bag itself.
+
+    A directory with ``metadata.yaml`` is a bag; so is one with a single file of messages, or
+    with files named after it (``NAME/NAME_0.mcap``), whose recording was cut. One that holds
+    bags, be they directories or several single files, is a sequence.
+    """
+    try:
+        if not path.is_dir() or (path / METADATA_FILE).is_file():
+            return False
+        own = path.resolve().name + "_"
+        entries = list(path.iterdir())
+        files = [p for p in entries if p.name.endswith(STORAGE)]
+        folders = [p for p in entries if p.is_dir() and _is_bag(p)]
+    except OSError:
+        return False  # the reader says what is wrong
+    if any(p.name.startswith(own) for p in files):
+        return False
+    return len(files) > 1 or bool(folders)
+
+
+def _is_bag(path: Path) -> bool:
+    """Return whether an entry of a directory is meant as a bag; damaged ones are."""
+    if path.name.startswith("."):
+        return False
+    if path.is_dir():
+        try:
+            entries = [p.name for p in path.iterdir()]
+        except OSError:
+            return True  # shown as a flight that cannot be read
+        # An empty directory is what is left of a recorder that died at once.
+        return not entries or METADATA_FILE in entries or any(
+            name.endswith(STORAGE) for name in entries
+        )
+    return path.name.endswith(STORAGE)
+
+
+def bags_of(directory: Path) -> tuple[list[Path], list[Path]]:
+    """Return the bags in a directory by name, and its other entries; hidden ones are left out.
+
+    Raises
+    ------
+    UsageError
+        More than `MAX_FLIGHTS`.
+    """
+    entries = sorted(
+        (p for p in directory.iterdir() if not p.name.startswith(".")),
+        key=lambda p: natural(p.name),
+    )
+    bags = [p for p in entries if _is_bag(p)]
+    if len(bags) > MAX_FLIGHTS:
+        raise UsageError(
+            f"{directory}: {len(bags)} bags, at most {MAX_FLIGHTS} at once: give some of them"
+        )
+    return bags, [p for p in entries if p not in set(bags)]
+
+
+def in_order(flights: Iterable[Flight]) -> list[Flight]:
+    """Return flights of one actuator by start time, numbered from 1.
+
+    Equal times stand in the natural order of the bags' names. A flight whose time is not known
+    (its bag is damaged, or tells none) stands after the bag that precedes it by name. A flight
+    of the same start time as one before it is a copy of that one.
+    """
+    by_name = sorted(flights, key=lambda f: natural(f.verdict.bag))
+    keyed, last = [], 0
+    for place, flight in enumerate(by_name):
+        last = flight.start_time or last
+        keyed.append((last, place, flight))
+    keyed.sort(key=lambda item: item[:2])
+    seen: dict[int, int] = {}
+    ordered = []
+    for number, (_, _, flight) in enumerate(keyed, start=1):
+        time = flight.start_time
+        ordered.append(replace(flight, number=number, repeat_of=seen.get(time) if time else None))
+        seen.setdefault(time, number)
+    return ordered
+
+
+def by_unit(flights: Iterable[Flight]) -> dict[str, list[Flight]]:
+    """Return the flights of each actuator, in order; units in the order of their numbers.
+
+    Flights that cannot be read count with the only actuator there is. With several, they are
+    a group of their own, under an empty serial number.
+    """
+    flights = list(flights)
+    units = sorted({f.serial_number for f in flights if f.serial_number}, key=natural)
+    only = units[0] if len(units) == 1 else ""
+    grouped: dict[str, list[Flight]] = {unit: [] for unit in units}
+    for flight in flights:
+        grouped.setdefault(flight.serial_number or only, []).append(flight)
+    return {unit: in_order(found) for unit, found in grouped.items()}
+
+
+def read_flights(
+    bags: Sequence[Path], judge: Callable[[Path], Flight],
+    progress: Callable[[int], None] = lambda _done: None,
+) -> dict[str, list[Flight]]:
+    """Judge bags one by one and return the flights of each actuator, in order.
+
+    Parameters
+    ----------
+    bags : one a flight.
+    judge : from a bag to its flight; answers for any bag.
+    progress : called with the number of bags done.
+    """
+    flights = []
+    for done, bag in enumerate(bags, start=1):
+        flights.append(judge(bag))
+        progress(done)
+    return by_unit(flights)

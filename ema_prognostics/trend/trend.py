@@ -1,0 +1,202 @@
+"""`trend_of`: what the flights of one actuator say together.
+
+Announced, confirmed and gone (`trend_announcement`); how fast it grows and when it reaches the
+next level (`trend_growth`); what grows below what a flight can announce (`trend_evidence`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ema_prognostics.cascade.classes import LEVELS
+from ema_prognostics.trend.announcement import (
+    DEFAULT_RULE,
+    Episode,
+    History,
+    Rule,
+    episodes,
+    falls,
+    histories,
+)
+from ema_prognostics.trend.evidence import suspicion
+from ema_prognostics.trend.flights import Flight
+from ema_prognostics.trend.growth import Growth, forecast, growth
+
+DIGITS = 6
+"""Significant digits of a number in the JSON object."""
+NAMES = ("medium", "large")
+"""Levels that lie ahead of a small fault, in their order."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelForecast:
+    """Flight at which a level is reached, with 90 % interval; None: no end in sight."""
+
+    level: str
+    severity: float
+    flight: int | None
+    interval: tuple[int, int | None]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields as JSON values."""
+        return {"level": self.level, "severity": self.severity, "flight": self.flight,
+                "interval": list(self.interval)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FaultTrend:
+    """One fault over the flights.
+
+    Attributes
+    ----------
+    history : flight by flight.
+    episodes : stretches in which it was there.
+    falls : flights from which on it is there and clearly smaller.
+    growth : since the last repair; None: too few flights with a severity.
+    forecasts : of the levels ahead; empty without growth.
+    """
+
+    history: History
+    episodes: tuple[Episode, ...]
+    falls: tuple[int, ...]
+    growth: Growth | None
+    forecasts: tuple[LevelForecast, ...]
+
+    @property
+    def present(self) -> bool:
+        """Whether it is confirmed and not gone at the end of the sequence."""
+        last = self.episodes[-1]
+        return last.confirmed is not None and last.cleared is None
+
+    @property
+    def announced(self) -> int:
+        """Flight of the first announcement."""
+        return self.episodes[0].first
+
+    @property
+    def confirmed(self) -> int | None:
+        """Flight of the first confirmation."""
+        return next((e.confirmed for e in self.episodes if e.confirmed is not None), None)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields as JSON values."""
+        return {
+            "fault_class": self.history.fault_class, "phase": self.history.phase,
+            "severity_unit": self.history.unit, "announced": self.announced,
+            "confirmed": self.confirmed, "present": self.present,
+            "episodes": [
+                {"first": e.first, "confirmed": e.confirmed, "last": e.last,
+                 "cleared": e.cleared, "repaired": e.repaired} for e in self.episodes
+            ],
+            "falls": list(self.falls),
+            "growth": None if self.growth is None else _growth_dict(self.growth),
+            "forecasts": [f.to_dict() for f in self.forecasts],
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnitTrend:
+    """What the flights of one actuator say together.
+
+    Attributes
+    ----------
+    serial_number : of the actuator.
+    flights : in order.
+    faults : in the order of their first announcement.
+    suspected : classes that grow though no flight announced them by then, with the flight.
+    """
+
+    serial_number: str
+    flights: tuple[Flight, ...]
+    faults: tuple[FaultTrend, ...]
+    suspected: dict[str, int]
+
+    @property
+    def unanswered(self) -> tuple[int, ...]:
+        """Flights that say neither healthy nor faulty, copies included."""
+        return tuple(f.number for f in self.flights if not f.answered)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``ema trend --json``."""
+        return {
+            "serial_number": self.serial_number, "flights": len(self.flights),
+            "unanswered": list(self.unanswered),
+            "faults": [f.to_dict() for f in self.faults], "suspected": dict(self.suspected),
+        }
+
+
+def trend_of(
+    serial_number: str, flights: Sequence[Flight], rule: Rule = DEFAULT_RULE
+) -> UnitTrend:
+    """Return the trend of one actuator.
+
+    Parameters
+    ----------
+    serial_number : of the actuator.
+    flights : of `trend_flights.by_unit`: of one actuator, in order.
+    rule : of confirmation.
+    """
+    faults = tuple(_fault_trend(h, rule) for h in histories(flights))
+    return UnitTrend(
+        serial_number=serial_number, flights=tuple(flights), faults=faults,
+        suspected=_suspected(flights, faults),
+    )
+
+
+def _fault_trend(history: History, rule: Rule) -> FaultTrend:
+    found = tuple(episodes(history, rule))
+    steps = tuple(falls(history))
+    begin = max([e.cleared for e in found if e.cleared is not None] + [*steps, 1])
+    used = np.isfinite(history.severity) & (history.number >= begin)
+    rise = growth(history.number[used], history.severity[used], history.lower[used],
+                  history.upper[used])
+    ahead = () if rise is None else _ahead(history, rise)
+    return FaultTrend(history=history, episodes=found, falls=steps, growth=rise, forecasts=ahead)
+
+
+def _ahead(history: History, rise: Growth) -> tuple[LevelForecast, ...]:
+    now = int(history.number[np.isfinite(history.severity)][-1])
+    found = []
+    for name, severity in zip(NAMES, LEVELS.get(history.fault_class, ())):
+        coming = forecast(rise, severity)
+        if coming is None:
+            continue
+        lower, median, upper = (
+            None if t is None else now + math.ceil(t)
+            for t in (coming.lower, coming.median, coming.upper)
+        )
+        assert lower is not None
+        found.append(LevelForecast(
+            level=name, severity=severity, flight=median, interval=(lower, upper),
+        ))
+    return tuple(found)
+
+
+def _suspected(flights: Sequence[Flight], faults: Sequence[FaultTrend]) -> dict[str, int]:
+    """Return the classes that the sequential test finds before any flight announces them."""
+    found: dict[str, int] = {}
+    for name in LEVELS:
+        own = [e for f in faults if f.history.fault_class == name for e in f.episodes]
+        begin = max([e.cleared for e in own if e.cleared is not None], default=1)
+        at = suspicion(flights, name, begin=begin)
+        first = min((e.first for e in own if e.first >= begin), default=None)
+        if at is not None and (first is None or at < first):
+            found[name] = at
+    return found
+
+
+def _growth_dict(found: Growth) -> dict[str, Any]:
+    return {
+        "flights": found.count, "growing": found.growing, "rate": _rounded(found.rate),
+        "rate_interval": [_rounded(v) for v in found.rate_interval],
+        "p_value": _rounded(found.p_value), "severity": _rounded(found.severity),
+    }
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")

@@ -1,0 +1,259 @@
+"""`diagnose`: from a record and a model to a verdict. Needs no ROS, no training library."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from ema_prognostics.cascade.guard import BESIDE_OWN
+from ema_prognostics.cascade.model_file import Model, load_model
+from ema_prognostics.features.extract import LAST_TIME, extract
+from ema_prognostics.features.segments import ProfileKind, profile_kind
+from ema_prognostics.features.turns import check_finite
+from ema_prognostics.features.vector import differences, start_allowed
+from ema_prognostics.paper.cascade import FAULTS, LEVELS
+from ema_prognostics.paper.features import paper_features, paper_turns
+from ema_prognostics.verdict.explain import reasons_of_guard
+from ema_prognostics.verdict.report import unknown_verdict, verdict_of_finding
+from ema_prognostics.verdict.verdict import Fault, Verdict
+from ema_record.errors import (
+    EmaError,
+    IncompleteRecordError,
+    InvalidRecordError,
+    ModelError,
+    RecordError,
+    UsageError,
+)
+from ema_record.profile import load_profile
+from ema_record.record import Record
+
+Mode = Literal["robust", "paper"]
+MODES: tuple[Mode, ...] = ("robust", "paper")
+LARGEST_GAP = 1.5
+"""Longest interval between samples, in sample intervals, before one counts as lost."""
+TRAINED_RATE = 20_000.0
+"""Samples a second of the records trained on."""
+SAME_POSITION = 2e-3
+"""Largest difference of the ends of a command from those trained on (rad)."""
+PAPER_CAVEAT = (
+    "paper mode: the two networks of the paper, which know no healthy actuator, trained on "
+    "phase a and the nominal unit alone"
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Baseline:
+    """A healthy record of an actuator that later ones are compared with, its features taken.
+
+    Attributes
+    ----------
+    record : the record itself.
+    kind : of its test.
+    features : by name.
+    """
+
+    record: Record
+    kind: ProfileKind
+    features: Mapping[str, float]
+
+
+def diagnose(
+    record: Record, model: Model | None = None, *, mode: Mode = "robust",
+    baseline: Record | Baseline | None = None,
+) -> Verdict:
+    """Say what is wrong with the actuator that `record` comes from.
+
+    Parameters
+    ----------
+    record : one built-in test.
+    model : default the shipped one.
+    mode : ``robust``, the cascade with a healthy class and a guard, or ``paper``, the paper's
+        two networks literally: it knows no healthy actuator.
+    baseline : a healthy record of the same actuator and test, from its acceptance; sharpens
+        the verdict of mode ``robust``. For many records take `baseline_of` once.
+
+    Returns
+    -------
+    Verdict
+        Always, for any record: what cannot be judged is incomplete, invalid or unknown.
+
+    Raises
+    ------
+    ModelError
+        No usable model.
+    UsageError
+        Unknown mode, or a baseline that cannot serve.
+    """
+    if mode not in MODES:
+        raise UsageError(f"mode {mode!r}: give one of {', '.join(MODES)}")
+    if baseline is not None and mode == "paper":
+        raise UsageError("mode paper takes no baseline: leave it out, or use mode robust")
+    model = load_model() if model is None else model
+    verdict = _diagnose(record, model, mode, baseline)
+    return replace(verdict, bag=record.provenance.source)
+
+
+def _diagnose(
+    record: Record, model: Model, mode: Mode, baseline: Record | Baseline | None
+) -> Verdict:
+    try:
+        check_finite(record)
+        kind = profile_kind(record.profile)
+        _check_complete(record, kind)
+    except InvalidRecordError as error:
+        return Verdict(outcome="invalid", reasons=(str(error),))
+    except IncompleteRecordError as error:
+        return Verdict(outcome="incomplete", reasons=(str(error),))
+    if kind is None:
+        return unknown_verdict(
+            f"the test {record.profile.name!r} is not one that the networks know: run the "
+            "profile step or extended, or a step that keeps the actuator slewing for 0.36 s"
+        )
+    try:
+        if mode == "paper":
+            return _paper_verdict(record, model)
+        return _robust_verdict(record, kind, model, baseline)
+    except InvalidRecordError as error:
+        return Verdict(outcome="invalid", reasons=(str(error),))
+    except IncompleteRecordError as error:
+        # The record covers the test, so it is the actuator that did not do it.
+        return unknown_verdict(str(error))
+
+
+def _robust_verdict(
+    record: Record, kind: ProfileKind, model: Model, baseline: Record | Baseline | None
+) -> Verdict:
+    cascade = model.cascade(kind, "fleet")
+    if cascade is None:
+        raise ModelError(f"the model has no cascade for the profile {kind}: train again")
+    own = model.cascade(kind, "baseline")
+    if baseline is not None and own is None:
+        raise UsageError(f"the model has no cascade with a baseline for {kind}: leave it out")
+    if isinstance(baseline, Record):
+        baseline = baseline_of(baseline, model)
+    if baseline is not None and baseline.kind != kind:
+        raise UsageError(
+            f"the baseline is of the test {baseline.record.profile.name!r}, the record of "
+            "another: give a baseline of the same test"
+        )
+    return verdict_of_features(extract(record, kind), kind, model,
+                               None if baseline is None else baseline.features,
+                               exact=_is_trained_test(record, kind))
+
+
+def _is_trained_test(record: Record, kind: ProfileKind) -> bool:
+    """Whether the test is the one trained on, sampled at the rate trained on."""
+    given, trained = record.profile.points, load_profile(kind).points
+    same = max(abs(given[k][1] - trained[k][1]) for k in (0, -1)) < SAME_POSITION
+    return same and abs(record.rate / TRAINED_RATE - 1.0) < 0.01
+
+
+def verdict_of_features(
+    features: Mapping[str, float], kind: ProfileKind, model: Model,
+    baseline: Mapping[str, float] | None = None, *, exact: bool = True,
+) -> Verdict:
+    """Return the verdict that the features of a record amount to.
+
+    Parameters
+    ----------
+    features : of the record, as `robust.features.extract` gives them.
+    kind : of the test; the model must have a cascade for it.
+    model : of the cascade.
+    baseline : features of the actuator's own healthy record.
+    exact : whether the test is exactly the one trained on, see `Cascade.find`.
+    """
+    cascade, own = model.cascades[f"{kind}/fleet"], model.cascade(kind, "baseline")
+    names = cascade.view.names
+    if set(features) != set(names):
+        return unknown_verdict("the record does not hold every feature: its interval with the "
+                               "inverter off is missing")
+    x = _row(features, names)
+    finding = cascade.find(x, exact=exact)[0]
+    with_own = baseline is not None and own is not None
+    unusual = reasons_of_guard(cascade, finding, BESIDE_OWN if with_own else 1.0)
+    if unusual:
+        return unknown_verdict("the record is unlike anything the networks were trained on",
+                               *unusual)
+    if baseline is None or own is None:
+        return verdict_of_finding(cascade, x[0], finding, kind)
+    x = differences(x, _row(baseline, names))
+    alone, finding = finding, own.find(x, exact=exact)[0]
+    finding = replace(finding, known=min(alone.known, finding.known))
+    unusual = reasons_of_guard(own, finding)
+    if unusual:
+        return unknown_verdict("the change since the baseline is unlike anything the networks "
+                               "were trained on", *unusual)
+    return verdict_of_finding(own, x[0], finding, kind)
+
+
+def _row(features: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
+    """Return features as the networks take them, shape (1, d)."""
+    return start_allowed(np.array([[features[n] for n in names]]), names)
+
+
+def baseline_of(record: Record, model: Model) -> Baseline:
+    """Return `record` as a baseline; UsageError if it cannot serve."""
+    try:
+        check_finite(record)
+        kind = profile_kind(record.profile)
+        if kind is None:
+            raise UsageError(f"the baseline is of the test {record.profile.name!r}, which the "
+                             "networks do not know: give one of the profile step or extended")
+        _check_complete(record, kind)
+        features = extract(record, kind)
+    except RecordError as error:
+        raise UsageError(f"the baseline cannot serve: {error}") from None
+    cascade = model.cascade(kind, "fleet")
+    if cascade is not None and set(features) != set(cascade.view.names):
+        raise UsageError("the baseline cannot serve: its interval with the inverter off is "
+                         "missing")
+    return Baseline(record=record, kind=kind, features=features)
+
+
+def _check_complete(record: Record, kind: ProfileKind | None) -> None:
+    """Raise IncompleteRecordError unless the record covers its test without a gap."""
+    status = record.provenance.status
+    if status != "complete":
+        raise IncompleteRecordError(f"the test was {status}: repeat it")
+    if len(record) < 2:
+        raise IncompleteRecordError(f"{len(record)} samples: repeat the test")
+    time = record.time
+    end = record.profile.command_time + LAST_TIME[kind] if kind else record.profile.duration
+    if time[0] > record.profile.command_time or time[-1] < end - 2.0 / record.rate:
+        raise IncompleteRecordError(
+            f"the record covers {time[0]:.3f} to {time[-1]:.3f} s, the analysis needs "
+            f"{record.profile.command_time:.3f} to {end:.3f} s: repeat the test"
+        )
+    gaps = np.diff(time) * record.rate
+    if gaps.max() > LARGEST_GAP:
+        at = int(np.argmax(gaps))
+        raise IncompleteRecordError(
+            f"{round(float(np.sum(gaps[gaps > LARGEST_GAP] - 1.0)))} samples are missing, the "
+            f"longest gap at {time[at]:.4f} s: repeat the test"
+        )
+
+
+def _paper_verdict(record: Record, model: Model) -> Verdict:
+    if model.paper is None:
+        raise ModelError("the model has no paper cascade: train again with 'ema train'")
+    features = paper_features(paper_turns(record))
+    outputs = model.paper.classify(features)
+    fault = FAULTS[int(np.argmax(outputs))]
+    levels = model.paper.level(fault, features)
+    return Verdict(
+        outcome="fault",
+        faults=(Fault(fault_class=fault, level=LEVELS[3][int(np.argmax(levels))]),),
+        probabilities=dict(zip(FAULTS, map(float, outputs))),
+        reasons=(PAPER_CAVEAT,),
+    )
+
+
+def verdict_of_error(error: EmaError, bag: str) -> Verdict:
+    """Return the verdict of a bag that could not be read: incomplete or invalid."""
+    incomplete = isinstance(error, IncompleteRecordError)
+    return Verdict(
+        outcome="incomplete" if incomplete else "invalid", reasons=(str(error),), bag=bag
+    )

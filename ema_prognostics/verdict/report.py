@@ -1,0 +1,99 @@
+"""From what the cascade found to a `Verdict` in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ema_prognostics.cascade.classes import CLASS_OF, FAULTS, LEVELS, SHORTS, UNITS, level_of
+from ema_prognostics.cascade.find import Cascade, Finding
+from ema_prognostics.features.extract import Kind
+from ema_prognostics.verdict.explain import reasons_of_fault
+from ema_prognostics.verdict.verdict import Fault, Verdict
+
+GAP_CAVEAT = (
+    "one step in one direction shows lost motion only where the motor crosses it at the start; if "
+    "the last motion left the shaft wound that way, only the extended profile rules backlash out"
+)
+SAME_LINES = (
+    "a winding short and a rotor off centre in a fixed direction (static eccentricity) give "
+    "nearly the same torque lines"
+)
+
+
+def unknown_verdict(*reasons: str) -> Verdict:
+    """Return the verdict on a record that cannot be judged."""
+    return Verdict(outcome="unknown", probabilities={"unknown": 1.0}, reasons=reasons)
+
+
+def _doubt(probabilities: dict[str, float], *, small: bool) -> Verdict:
+    """Return the verdict where no fault is certain enough, nor that there is none.
+
+    Parameters
+    ----------
+    probabilities : of the classes.
+    small : whether a fault is certain, but too small to be told from a side of something else.
+    """
+    classes = sorted(FAULTS, key=lambda name: -probabilities[name])
+    likely = [n for n in classes if probabilities[n] >= 0.5 * probabilities[classes[0]]]
+    healthy = f"{100 * probabilities['healthy']:.0f} %"
+    reason = (
+        f"signs of {likely[0].replace('_', ' ')}, too small to be told from something else: "
+        "look again after some flights" if small else
+        f"no fault is certain, and healthy is too improbable to be said ({healthy}): repeat the "
+        "test, or give a baseline")
+    return Verdict(
+        outcome="unknown", probabilities=probabilities, alternatives=tuple(likely),
+        reasons=(reason,),
+    )
+
+
+def verdict_of_finding(
+    cascade: Cascade, x: np.ndarray, finding: Finding, kind: Kind
+) -> Verdict:
+    """Return the verdict.
+
+    Parameters
+    ----------
+    cascade : that found it.
+    x : ndarray, shape (d,). Its inputs.
+    finding : what it found.
+    kind : of the test.
+    """
+    probabilities = finding.class_probability
+    if finding.doubtful:
+        return _doubt(probabilities, small=bool((finding.margin > 0.0).any()))
+    if not finding.outputs:
+        reasons = ["no feature lies outside what the healthy fleet shows"]
+        if kind == "step":
+            reasons.append(GAP_CAVEAT)
+        return Verdict(
+            outcome="healthy", probabilities=probabilities, reasons=tuple(reasons),
+            alternatives=("backlash",) if kind == "step" else (),
+        )
+    faults, reasons = [], []
+    for output, severity in zip(finding.outputs, finding.severity):
+        name = CLASS_OF[output]
+        faults.append(Fault(
+            fault_class=name, phase=output[-1] if output in SHORTS else None,
+            severity=severity.value, severity_unit=UNITS[name],
+            severity_interval=(severity.lower, severity.upper),
+            level=level_of(name, severity.value),
+        ))
+        if name == "friction":
+            side = "motor" if output == "motor_friction" else "surface"
+            reasons.append(f"the friction is most likely that of the {side}")
+        reasons += reasons_of_fault(cascade, x, output)
+    faults.sort(key=lambda f: -(f.severity or 0.0) / LEVELS[f.fault_class][1])
+    named = {f.fault_class for f in faults}
+    alternatives: tuple[str, ...] = ()
+    static = "static_eccentricity" in finding.outputs
+    if "turn_short" in named and "rotor_eccentricity" not in named:
+        alternatives = ("rotor_eccentricity",)
+    elif static and "turn_short" not in named:
+        alternatives = ("turn_short",)
+    if alternatives:
+        reasons.append(SAME_LINES)
+    return Verdict(
+        outcome="fault", faults=tuple(faults), reasons=tuple(reasons),
+        probabilities=probabilities, alternatives=alternatives,
+    )

@@ -1,0 +1,1 @@
+"""The rosbag2 directory: read, written, recovered, exported."""

@@ -1,0 +1,237 @@
+"""Finding and reading the MCAP files of a bag, whoever wrote it."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import IO, Any, NamedTuple
+
+from ema_record.bag.compression import unpack_zstd_stream
+from ema_record.bag.mcap_stream import McapMetadata, McapStream
+from ema_record.bag.metadata import METADATA_FILE
+from ema_record.errors import IncompleteRecordError, InvalidRecordError, UsageError
+from ema_record.limits import (
+    MAX_FILES,
+    MAX_MESSAGE_BYTES,
+    MAX_MESSAGES,
+    MAX_UNPACKED_FILE_BYTES,
+)
+from ema_record.wire.schemas import MESSAGE_ENCODING
+from ema_record.wire.topics import TOPICS
+from ema_record.yaml_file import load_yaml
+
+_MCAP_SUFFIXES = (".mcap", ".mcap.zstd")
+
+
+class BagFiles(NamedTuple):
+    """The files of a bag in their order, and how their messages are compressed."""
+
+    paths: list[Path]
+    message_compression: str
+    """``""`` or ``zstd``: of each message, inside its file."""
+    counts: dict[str, int]
+    """Messages by topic as ``metadata.yaml`` says; empty where it does not."""
+
+
+class StoredMessage(NamedTuple):
+    """One message of a topic."""
+
+    log_time: int
+    publish_time: int
+    data: bytes | memoryview
+
+
+@dataclass
+class BagContent:
+    """What was read of a bag: messages by topic in order of their log time, and metadata."""
+
+    messages: dict[str, list[StoredMessage]] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    topics: set[str] = field(default_factory=set)
+
+
+def find_files(path: Path) -> BagFiles:
+    """Return the MCAP files of a rosbag2 directory, or of an ``.mcap`` file itself.
+
+    Raises
+    ------
+    InvalidRecordError
+        Nothing there, no bag, another storage, or a file of the bag is missing.
+    IncompleteRecordError
+        A recording without ``metadata.yaml``, which is written last.
+
+    """
+    try:
+        if path.is_dir():
+            return _files_of_directory(path)
+        if path.is_file():
+            return BagFiles([path], "", {})
+        exists = path.exists()
+    except OSError as error:
+        raise _unreadable(path, error) from None
+    what = "neither a file nor a directory" if exists else "no such file or directory"
+    raise InvalidRecordError(f"{path}: {what}: give a rosbag2 directory or an .mcap file")
+
+
+def _files_of_directory(path: Path) -> BagFiles:
+    if (path / METADATA_FILE).is_file():
+        return _files_of_metadata(path)
+    if any(p.name.endswith(_MCAP_SUFFIXES) for p in path.iterdir()):
+        raise IncompleteRecordError(
+            f"{path}: no {METADATA_FILE}, which is written last: the recording was cut; record "
+            "the test again"
+        )
+    raise InvalidRecordError(
+        f"{path}: a directory that is no bag (no {METADATA_FILE}, no .mcap file): give a "
+        "rosbag2 directory or an .mcap file"
+    )
+
+
+def _files_of_metadata(path: Path) -> BagFiles:
+    place = path / METADATA_FILE
+    try:
+        data = load_yaml(place)
+    except UsageError as error:
+        raise InvalidRecordError(str(error)) from None
+    information: Any = data.get("rosbag2_bagfile_information") if isinstance(data, dict) else None
+    names = information.get("relative_file_paths") if isinstance(information, dict) else None
+    if not isinstance(names, list) or not 1 <= len(names) <= MAX_FILES:
+        raise InvalidRecordError(
+            f"{place}: no list of 1 to {MAX_FILES} files under rosbag2_bagfile_information/"
+            "relative_file_paths: not written by rosbag2, or damaged"
+        )
+    storage = information.get("storage_identifier")
+    if storage != "mcap":
+        raise InvalidRecordError(
+            f"{path}: storage {str(storage)[:40]!r}, expected 'mcap': convert it with 'ros2 bag "
+            "convert' or 'rosbags-convert'"
+        )
+    mode = str(information.get("compression_mode") or "").lower()
+    method = str(information.get("compression_format") or "").lower()
+    if mode not in ("", "none") and method != "zstd":
+        raise InvalidRecordError(
+            f"{place}: compression {method[:40]!r} by {mode[:40]}, expected zstd: convert it "
+            "with 'ros2 bag convert'"
+        )
+    paths = [path / PurePosixPath(str(name)).name for name in names]
+    inside = path.resolve()
+    for file in paths:
+        if not file.is_file():
+            raise InvalidRecordError(f"{file}: named by {METADATA_FILE} and missing: copy it too")
+        if file.resolve().parent != inside:
+            raise InvalidRecordError(f"{file}: a link out of the bag: copy the file into the bag")
+    return BagFiles(paths, "zstd" if mode == "message" else "", _counts(information))
+
+
+def _counts(information: dict[str, Any]) -> dict[str, int]:
+    """Return the numbers of messages by topic, as far as they are there."""
+    counts: dict[str, int] = {}
+    rows = information.get("topics_with_message_count")
+    for row in rows if isinstance(rows, list) else []:
+        topic = row.get("topic_metadata") if isinstance(row, dict) else None
+        if isinstance(topic, dict) and type(row.get("message_count")) is int:
+            counts[str(topic.get("name"))] = row["message_count"]
+    return counts
+
+
+def read_content(
+    path: Path,
+    topics: frozenset[str],
+    *,
+    validate_crcs: bool = True,
+    file_order: bool = False,
+) -> BagContent:
+    """Return the messages of `topics`, sorted by log time, and all metadata.
+
+    With `file_order` they are left in the order of the file.
+
+    Raises
+    ------
+    InvalidRecordError, IncompleteRecordError
+        See `find_files` and `mcap_stream.McapStream`; a topic of another type; too many
+        messages.
+
+    """
+    files = find_files(path)
+    content = BagContent()
+    for file in files.paths:
+        try:
+            with _opened(file) as (stream, size):
+                mcap = McapStream(stream, size, str(file), topics, validate_crcs)
+                for item in mcap:
+                    if isinstance(item, McapMetadata):
+                        content.metadata[item.name] = item.values
+                        continue
+                    topic = item.channel.topic
+                    messages = content.messages.get(topic)
+                    if messages is None:
+                        messages = content.messages.setdefault(topic, [])
+                    if len(messages) >= MAX_MESSAGES:
+                        raise InvalidRecordError(
+                            f"{file}: more than {MAX_MESSAGES} messages of {topic}: publish "
+                            "larger blocks"
+                        )
+                    messages.append(StoredMessage(item.log_time, item.publish_time, item.data))
+                _check_types(mcap, topics)
+                content.topics.update(channel.topic for channel in mcap.channels)
+        except OSError as error:
+            raise _unreadable(file, error) from None
+    for topic in topics & files.counts.keys():
+        read = len(content.messages.get(topic, []))
+        if read < files.counts[topic]:
+            raise InvalidRecordError(
+                f"{path}: {read} messages on {topic}, {METADATA_FILE} counts "
+                f"{files.counts[topic]}: a file of the bag is missing in its list; copy it again"
+            )
+    for topic, messages in content.messages.items():
+        if not file_order:
+            messages.sort(key=lambda message: message.log_time)
+        if files.message_compression:
+            content.messages[topic] = [
+                message._replace(
+                    data=unpack_zstd_stream(bytes(message.data), MAX_MESSAGE_BYTES, topic)
+                )
+                for message in messages
+            ]
+    return content
+
+
+def _check_types(mcap: McapStream, topics: frozenset[str]) -> None:
+    """Check the type and the encoding of every topic that is used."""
+    for channel in mcap.channels:
+        if channel.topic not in topics:
+            continue
+        expected = TOPICS[channel.topic].type
+        found = re.sub(r"^(\w+)/(\w+)$", r"\1/msg/\2", channel.schema_name)
+        if found != expected or channel.message_encoding != MESSAGE_ENCODING:
+            raise InvalidRecordError(
+                f"{mcap.name}: {channel.topic} is {found[:60]!r} in "
+                f"{channel.message_encoding[:20]!r}, expected {expected!r} in "
+                f"{MESSAGE_ENCODING!r}: record the topics of the actuator's test"
+            )
+
+
+@contextmanager
+def _opened(file: Path) -> Iterator[tuple[IO[bytes], int]]:
+    """Open a file; one that is compressed as a whole is unpacked in memory."""
+    with file.open("rb") as stream:
+        if file.name.endswith(".zstd"):
+            if file.stat().st_size > MAX_UNPACKED_FILE_BYTES:
+                raise InvalidRecordError(
+                    f"{file}: {file.stat().st_size} bytes, at most {MAX_UNPACKED_FILE_BYTES}: "
+                    "unpack it with 'zstd -d'"
+                )
+            data = unpack_zstd_stream(stream.read(), MAX_UNPACKED_FILE_BYTES, str(file))
+            yield io.BytesIO(data), len(data)
+        else:
+            yield stream, file.stat().st_size
+
+
+def _unreadable(path: Path, error: OSError) -> InvalidRecordError:
+    return InvalidRecordError(
+        f"{path}: cannot be read ({error.strerror or error}): check its permissions"
+    )

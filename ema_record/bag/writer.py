@@ -1,0 +1,303 @@
+"""`BagWriter`: writes a rosbag2 directory message by message, as the live recorder does.
+
+Order of a bag's life: directory, MCAP file with the start record, messages in chunks, end
+record, MCAP footer, fsync, and last ``metadata.yaml`` by temporary file and rename. A bag
+without it is incomplete.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import IO
+
+import mcap
+
+from ema_record.bag.mcap_writer import DEFAULT_LEVEL, HIGHEST_LEVEL, LevelWriter
+from ema_record.bag.metadata import (
+    END,
+    METADATA_FILE,
+    RECOVERY,
+    ROSBAG2,
+    START,
+    STATUSES,
+    BagSummary,
+    bagfile_information,
+    end_record,
+    metadata_yaml,
+    rosbag2_record,
+    start_record,
+)
+from ema_record.bag.qos import offered_qos_profiles
+from ema_record.errors import OutputError, UsageError
+from ema_record.files import cannot_write, make_new_directory, new_file, put_back
+from ema_record.limits import MAX_MESSAGE_BYTES
+from ema_record.profile import Profile
+from ema_record.record import Provenance, Status
+from ema_record.version import VERSION
+from ema_record.wire.schemas import MESSAGE_ENCODING, SCHEMA_ENCODING, definition, type_hash
+from ema_record.wire.topics import BAG_TOPICS, Topic
+
+CHUNK_SIZE = 512 << 10
+"""Size of a chunk before compression (bytes)."""
+FLUSH_INTERVAL = 0.04
+"""Time after which messages are handed to the operating system while recording (s)."""
+FLUSH_BYTES = 64 << 10
+"""The same for bytes, where a late process catches up: 41 ms of samples at 20 kHz."""
+MIN_CHUNK_SIZE = 256 << 10
+MAX_CHUNK_SIZE = 1 << 20
+MCAP_PROFILE = "ros2"
+LIBRARY = f"ema_phm {VERSION}; mcap-python {mcap.__version__}"
+
+
+class BagWriter:
+    """A new bag, open for writing.
+
+    One thread at a time may use it. As a context manager it closes the bag as
+    ``interrupted`` unless `close` was called.
+
+    Parameters
+    ----------
+    path : path-like
+        The directory to make; its name becomes the name of the MCAP file.
+    profile : Profile
+        The test that is recorded.
+    provenance : Provenance
+        Serial number, software version and start time; its status and source are not used.
+    compression_level : int
+        zstd level, 1 to 19; 19 takes 25 us a sample and saves a fifth.
+    chunk_size : int
+        256 KiB to 1 MiB.
+    flush_interval : float or None
+        Longest time that a message waits for a chunk to fill (s): so much of the recording
+        and the block in progress are lost where the process is killed. None: until the chunk
+        is full; the bytes then do not depend on the clock.
+    topics : sequence of Topic
+        The topics of the bag.
+
+    Raises
+    ------
+    OutputError
+        `path` exists, or cannot be written; also from `write_raw`, `flush` and `close`.
+
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        profile: Profile,
+        provenance: Provenance,
+        compression_level: int = DEFAULT_LEVEL,
+        chunk_size: int = CHUNK_SIZE,
+        flush_interval: float | None = FLUSH_INTERVAL,
+        topics: tuple[Topic, ...] = BAG_TOPICS,
+    ) -> None:
+        """Make the directory, and begin the file in it."""
+        if not 1 <= compression_level <= HIGHEST_LEVEL:
+            raise UsageError(
+                f"compression level {compression_level} is outside 1 to {HIGHEST_LEVEL}"
+            )
+        if not MIN_CHUNK_SIZE <= chunk_size <= MAX_CHUNK_SIZE:
+            raise UsageError(
+                f"chunk size {chunk_size} is outside {MIN_CHUNK_SIZE} to {MAX_CHUNK_SIZE} bytes"
+            )
+        self.path = Path(path)
+        self.profile = profile
+        self.provenance = provenance
+        self.closed = False
+        self._flush_interval = flush_interval
+        self._waiting_since: float | None = None
+        self._waiting_bytes = 0
+        self._topics = {topic.name: topic for topic in topics}
+        self._counts = dict.fromkeys(self._topics, 0)
+        self._first, self._last = (1 << 63) - 1, 0
+        make_new_directory(self.path)
+        self.file = self.path / f"{self.path.resolve().name}_0.mcap"
+        try:
+            self._stream: IO[bytes] = self.file.open("xb")
+            self._mcap = LevelWriter(
+                self._stream, chunk_size=chunk_size, level=compression_level
+            )
+            self._mcap.start(profile=MCAP_PROFILE, library=LIBRARY)
+            self._mcap.add_metadata(START, start_record(profile, provenance))
+            self._channels = self._register()
+            self._mcap.flush()
+        except OSError as error:
+            raise cannot_write(self.file, error) from None
+
+    def _register(self) -> dict[str, int]:
+        """Register all topics, so that the first chunk describes them all."""
+        schemas: dict[str, int] = {}
+        channels = {}
+        for topic in self._topics.values():
+            if topic.type not in schemas:
+                schemas[topic.type] = self._mcap.register_schema(
+                    topic.type, SCHEMA_ENCODING, definition(topic.type).encode()
+                )
+            channels[topic.name] = self._mcap.register_channel(
+                topic.name,
+                MESSAGE_ENCODING,
+                schemas[topic.type],
+                {
+                    "offered_qos_profiles": offered_qos_profiles(topic.qos),
+                    "topic_type_hash": type_hash(topic.type),
+                },
+            )
+        return channels
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages written so far, by topic."""
+        return dict(self._counts)
+
+    def write_raw(
+        self, topic: str, data: bytes, log_time: int, publish_time: int | None = None
+    ) -> None:
+        """Write one serialised message.
+
+        Parameters
+        ----------
+        topic : str
+            One of the topics of the bag.
+        data : bytes
+            CDR with its encapsulation.
+        log_time : int
+            Reception (ns since the epoch).
+        publish_time : int, optional
+            At the source (ns since the epoch); without it `log_time`.
+
+        """
+        channel = self._channels.get(topic)
+        if channel is None:
+            raise UsageError(
+                f"topic {topic!r} is not in the bag: it holds {', '.join(self._channels)}"
+            )
+        if self.closed:
+            raise UsageError(f"{self.path}: the bag is closed; nothing can be added")
+        if not 4 <= len(data) <= MAX_MESSAGE_BYTES:
+            raise UsageError(
+                f"{topic}: message of {len(data)} bytes, expected 4 to {MAX_MESSAGE_BYTES}"
+            )
+        publish_time = log_time if publish_time is None else publish_time
+        if not (0 <= log_time < 1 << 63 and 0 <= publish_time < 1 << 63):
+            raise UsageError(
+                f"{topic}: times {log_time} and {publish_time} must be ns since the epoch, >= 0"
+            )
+        self._counts[topic] += 1
+        self._first = min(self._first, log_time)
+        self._last = max(self._last, log_time)
+        try:
+            self._mcap.add_message(
+                channel, log_time, data, publish_time, sequence=self._counts[topic] & 0xFFFFFFFF
+            )
+        except OSError as error:
+            raise self._failed(error) from None
+        if self._flush_interval is not None:
+            now = time.monotonic()
+            if self._waiting_since is None:
+                self._waiting_since = now
+            self._waiting_bytes += len(data)
+            if (
+                now - self._waiting_since >= self._flush_interval
+                or self._waiting_bytes >= FLUSH_BYTES
+            ):
+                self.flush()
+
+    def flush(self) -> None:
+        """End the chunk in progress and hand all bytes to the operating system.
+
+        What was written before survives the death of this process; without it up to
+        `chunk_size` bytes of messages are lost.
+        """
+        self._waiting_since = None
+        self._waiting_bytes = 0
+        try:
+            self._mcap.flush()
+            put_back(self.file, self._stream.fileno())
+        except OSError as error:
+            raise self._failed(error) from None
+
+    def close(
+        self,
+        status: Status = "complete",
+        *,
+        start_time: int | None = None,
+        recovery: Mapping[str, str] | None = None,
+    ) -> Path:
+        """Finish the bag; a second call does nothing.
+
+        Parameters
+        ----------
+        status : str
+            How the test ended: ``complete``, ``aborted`` or ``interrupted``.
+        start_time : int, optional
+            Acceptance of the command (ns since the epoch), where it is known better than at
+            the beginning.
+        recovery : mapping of str, optional
+            What was lost of the bag that this one was recovered from.
+
+        Returns
+        -------
+        Path
+            The directory.
+
+        """
+        if self.closed:
+            return self.path
+        if status not in STATUSES:
+            raise UsageError(f"status {status!r} is none of {', '.join(STATUSES)}")
+        self.closed = True
+        begin = self.provenance.start_time if start_time is None else start_time
+        counts = [(topic, self._counts[name]) for name, topic in self._topics.items()]
+        first = min(self._first, self._last)
+        information = bagfile_information(BagSummary(
+            file_name=self.file.name, counts=counts, first=first, last=self._last,
+            custom_data={
+                "serial_number": self.provenance.serial_number,
+                "software_version": self.provenance.software_version,
+                "test_profile": self.profile.name,
+                "status": status,
+                **({"recovered": "true"} if recovery is not None else {}),
+            },
+        ))
+        try:
+            self._mcap.flush()
+            put_back(self.file, self._stream.fileno())
+            if recovery is not None:
+                self._mcap.add_metadata(RECOVERY, dict(recovery))
+            self._mcap.add_metadata(END, end_record(status, begin, counts))
+            self._mcap.add_metadata(ROSBAG2, rosbag2_record(information))
+            self._mcap.finish()
+            self._stream.flush()
+            os.fsync(self._stream.fileno())
+            self._stream.close()
+        except OSError as error:
+            raise self._failed(error) from None
+        with new_file(self.path / METADATA_FILE) as temporary:
+            temporary.write_text(metadata_yaml(information), encoding="utf-8")
+        return self.path
+
+    def _failed(self, error: OSError) -> OutputError:
+        """Return the error for a bag that cannot be continued, and give its file up."""
+        self.closed = True
+        with contextlib.suppress(OSError):  # the same failure again, from its buffer
+            self._stream.close()
+        return cannot_write(self.file, error)
+
+    def __enter__(self) -> BagWriter:
+        """Return the writer itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the bag as interrupted unless it is closed."""
+        self.close("interrupted")

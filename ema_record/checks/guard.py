@@ -1,0 +1,74 @@
+"""The guard of a verdict: what in a record forbids to judge the actuator by it.
+
+The rules are those of `ema lint`, as far as they need the record alone: so a verdict is the
+same from the bag and from the topics. What is only unusual (another recorder, another rate, a
+longer record, a topic that no verdict needs) forbids nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from ema_record.checks.facts import facts_of_record
+from ema_record.checks.finding import Finding
+from ema_record.checks.run import MAX_FINDINGS, RULES
+from ema_record.record import Record
+
+Outcome = Literal["incomplete", "invalid", "unknown"]
+OUTCOMES: dict[str, Outcome] = {
+    "test_not_complete": "incomplete", "record_length": "incomplete", "gap": "incomplete",
+    "not_finite": "invalid", "clock_jump": "invalid", "repeated_data": "invalid",
+    "stuck_channel": "unknown", "wrong_unit": "invalid", "sign_flip": "invalid",
+    "swapped_phases": "invalid", "held_samples": "unknown", "sensor_noise": "unknown",
+    "discontinuity": "invalid", "spike": "unknown", "saturation": "unknown",
+    "sensor_scale": "unknown", "sensor_offset": "unknown", "wrong_profile": "invalid",
+}
+"""What a finding of each rule makes of the verdict; the first one in this order decides."""
+SENSOR_RULES = frozenset({
+    "stuck_channel", "saturation", "spike", "swapped_phases", "sensor_scale", "sensor_offset",
+    "sensor_noise", "held_samples",
+})
+"""Rules whose finding is a fault of a transducer, its wires or its plug."""
+_RULES = tuple(rule for rule in RULES if rule.name in OUTCOMES)
+
+
+def guard_findings(record: Record) -> tuple[Finding, ...]:
+    """Return what forbids a verdict on `record`, the deciding one first; empty: nothing.
+
+    Parameters
+    ----------
+    record : Record
+        One test. Its samples may be of any value, in any order.
+
+    Returns
+    -------
+    tuple of Finding
+        In the order of `OUTCOMES`; at most `MAX_FINDINGS` of one rule.
+
+    """
+    facts = facts_of_record(record)
+    with np.errstate(all="ignore"):  # the values of a record may be anything
+        found = [f for rule in _RULES for f in rule.check(facts)[:MAX_FINDINGS] if _forbids(f)]
+    order = list(OUTCOMES)
+    return tuple(sorted(found, key=lambda finding: order.index(finding.rule)))
+
+
+def _forbids(finding: Finding) -> bool:
+    """Return whether a finding forbids: a record may be longer than its test."""
+    return finding.rule != "record_length" or (finding.size or 0.0) > 0.0
+
+
+def outcome_of(findings: Sequence[Finding]) -> Outcome:
+    """Return the verdict that `findings`, at least one, amount to."""
+    return OUTCOMES[findings[0].rule]
+
+
+def reason_of(finding: Finding) -> str:
+    """Return a finding as one reason of a verdict."""
+    kind = "sensor fault" if finding.rule in SENSOR_RULES else "record check"
+    at = f" at {finding.time:.3f} s" if finding.time is not None else ""
+    name = finding.rule.replace("_", " ")
+    return f"{kind}, {name}{at}: {finding.message}; {finding.remedy}"

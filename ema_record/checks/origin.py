@@ -1,0 +1,159 @@
+"""Rules on what was recorded, by whom, and of which test."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ema_record.channels import (
+    DEFAULT_RATE,
+    MOTOR_SPEED,
+    REFERENCE_CURRENTS,
+    SURFACE_POSITION,
+    TIME,
+)
+from ema_record.checks.facts import BagFacts
+from ema_record.checks.finding import Hit, Rule
+from ema_record.version import VERSION
+from ema_record.wire.topics import COMMAND, DC_BUS, SAMPLES, WEIGHT_ON_WHEELS, WINDING_TEMPERATURE
+from ema_record.wire.trajectory import trajectory_points
+
+RATE_TOLERANCE = 1e-3
+LENGTH_TOLERANCE = 2e-3
+"""Of the length of a record (s)."""
+NOT_COMMANDED = 0.02
+"""Distance from the command at which the controller would drive the motor (rad)."""
+AT_REST = 20.0
+"""Motor speed below which it stands (rad/s)."""
+CONTENT = 11.0
+"""Reference current below which the controller wants no motion: half its limit (A)."""
+STEADY_TIME = 0.01
+"""In which a motor that is braked slows down (s)."""
+_REQUIRED = (SAMPLES, COMMAND, DC_BUS, WINDING_TEMPERATURE)
+
+
+def missing_topics(facts: BagFacts) -> Iterator[Hit]:
+    """Find topics without a message."""
+    for topic in _REQUIRED:
+        if not facts.content.messages.get(topic):
+            yield Hit(f"no message on {topic}", channel=topic)
+
+
+def undecodable(facts: BagFacts) -> Iterator[Hit]:
+    """Find messages that are not what their topic says."""
+    if facts.errors:
+        yield Hit(facts.errors[0], size=float(len(facts.errors)), unit="messages")
+
+
+def not_complete(facts: BagFacts) -> Iterator[Hit]:
+    """Find tests that did not end as they should."""
+    status = facts.test.provenance.status
+    if status != "complete":
+        end = float(facts.samples[-1, TIME]) if len(facts.samples) else 0.0
+        length = facts.profile.duration if facts.profile else end
+        yield Hit(f"the test was {status} at {end:.3f} s of {length:.3f} s", end,
+                  max(0.0, length - end), "s")
+    if facts.recovered is not None:
+        yield Hit(f"recovered from a cut or damaged bag, "
+                  f"{facts.recovered.get('missing_ms', '?')[:20]} ms missing")
+
+
+def foreign(facts: BagFacts) -> Iterator[Hit]:
+    """Find records of other software."""
+    if not facts.has_start:
+        yield Hit("no metadata of this software: recorded by another recorder")
+        return
+    found = facts.test.provenance.software_version
+    if found.split(".")[:2] != VERSION.split(".")[:2]:
+        yield Hit(f"recorded by version {found[:40]!r}, this is {VERSION!r}")
+
+
+def wrong_profile(facts: BagFacts) -> Iterator[Hit]:
+    """Find a profile that is not the one that was commanded or driven."""
+    said, commanded = facts.test.profile, facts.command
+    if said is not None and commanded is not None and (
+        trajectory_points(said) != trajectory_points(commanded)
+    ):
+        yield Hit(f"the metadata say {said.name!r}, {COMMAND} is another profile "
+                  f"({commanded.name!r})", 0.0)
+    profile, s = facts.profile, facts.samples
+    if profile is None or len(s) < 2:
+        return
+    command = profile.command(s[:, TIME])
+    content = (np.abs(s[:, MOTOR_SPEED]) < AT_REST) & (
+        np.abs(s[:, REFERENCE_CURRENTS]).max(axis=1) < CONTENT
+    ) & (s[:, TIME] > profile.inverter_off + 0.01)
+    away = np.abs(s[:, SURFACE_POSITION] - command)
+    wrong = content & (away > NOT_COMMANDED)
+    if wrong.sum() * facts.interval > 0.01:
+        row = int(np.argmax(wrong))
+        yield Hit(
+            f"the surface rests at {s[row, SURFACE_POSITION]:.3f} rad, {profile.name!r} commands "
+            f"{command[row]:.3f} rad", float(s[row, TIME]), float(away[wrong].max()), "rad",
+        )
+        return
+    lag = round(STEADY_TIME / facts.interval)
+    speed = s[:, MOTOR_SPEED]
+    flees = (away > NOT_COMMANDED) & (np.abs(speed) > AT_REST) & (
+        speed * (command - s[:, SURFACE_POSITION]) < 0.0
+    )
+    flees[lag:] &= speed[lag:] * np.sign(speed[:-lag]) > 0.95 * np.abs(speed[:-lag])
+    flees[:lag] = False
+    if flees.sum() > lag:
+        row = int(np.argmax(flees))
+        yield Hit(
+            f"the surface is driven away from the {command[row]:.3f} rad that {profile.name!r} "
+            "commands", float(s[row, TIME]), float(away[flees].max()), "rad",
+        )
+
+
+def wrong_rate(facts: BagFacts) -> Iterator[Hit]:
+    """Find another sampling rate than the acquisition's."""
+    if len(facts.samples) > 1:
+        rate = 1.0 / facts.interval
+        if abs(rate / DEFAULT_RATE - 1.0) > RATE_TOLERANCE:
+            yield Hit(f"{rate:.1f} samples a second, expected {DEFAULT_RATE:g}", None, rate, "1/s")
+
+
+def wrong_length(facts: BagFacts) -> Iterator[Hit]:
+    """Find records that are shorter or longer than their test."""
+    if facts.profile is None or not facts.blocks:
+        return
+    if len(facts.samples) < 2:
+        yield Hit(f"{len(facts.samples)} usable samples", 0.0, facts.profile.duration, "s")
+        return
+    end = float(facts.samples[-1, TIME]) + 0.5 * facts.interval
+    missing = facts.profile.duration - end
+    if abs(missing) > LENGTH_TOLERANCE:
+        yield Hit(
+            f"the record ends at {end:.4f} s, its profile {facts.profile.name!r} at "
+            f"{facts.profile.duration:.4f} s", end, missing, "s",
+        )
+
+
+def off_wheels(facts: BagFacts) -> Iterator[Hit]:
+    """Find a test during which the weight was off the wheels."""
+    off = facts.weight_on_wheels.count(False)
+    if off:
+        yield Hit(f"{off} messages on {WEIGHT_ON_WHEELS} say that the aircraft is not on its "
+                  "wheels", size=float(off), unit="messages", channel=WEIGHT_ON_WHEELS)
+
+
+RULES = (
+    Rule(name="missing_topic", find=missing_topics,
+         remedy="record all topics of the test ('ema bit' does)"),
+    Rule(name="undecodable", find=undecodable,
+         remedy="record the channels of this version, or convert the file with 'ema import'"),
+    Rule(name="test_not_complete", find=not_complete, remedy="run the built-in test again"),
+    Rule(name="foreign_software", find=foreign, level="warning",
+         remedy="check that units and channels are those of this version"),
+    Rule(name="wrong_profile", find=wrong_profile,
+         remedy="record the test with the profile that is commanded"),
+    Rule(name="sample_rate", find=wrong_rate,
+         remedy="set the acquisition to 20 kHz and record the test again"),
+    Rule(name="record_length", find=wrong_length,
+         remedy="record from the command to the end of the profile"),
+    Rule(name="weight_on_wheels", find=off_wheels,
+         remedy="check the interlock; run the built-in test on the ground"),
+)

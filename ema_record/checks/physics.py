@@ -1,0 +1,240 @@
+"""Rules between channels: what belongs together by physics must agree in sign, unit, order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import permutations, product
+from typing import NamedTuple
+
+import numpy as np
+
+from ema_record.channels import (
+    MOTOR_SPEED,
+    PHASE_CURRENTS,
+    REFERENCE_CURRENTS,
+    ROTOR_ANGLE,
+    TIME,
+)
+from ema_record.checks.facts import BagFacts
+from ema_record.checks.finding import Hit, Rule
+from ema_record.checks.values import GEAR_RATIO
+
+MOVING = 20.0
+"""Motor speed above which speed, angle and position are compared (rad/s)."""
+RPM = 30.0 / np.pi
+DEGREES = 180.0 / np.pi
+NEAR = 0.1
+"""Relative distance from a ratio at which it counts as that ratio."""
+SAME_UNIT = 1.5
+"""Ratio below which two channels have the same unit, whatever their scales."""
+ANGLE_STEP = 0.02
+"""Difference between turned angle and speed in one interval that no motor gives (rad)."""
+TRAVEL_STEP = 3e-3
+"""The same between surface position and speed (rad)."""
+ENOUGH = 8000
+"""Samples from which the phases of currents and references are compared."""
+_PHASES = "abc"
+
+
+class Ratios(NamedTuple):
+    """Slopes of rotor angle and surface travel against the integrated speed, 1 where right."""
+
+    angle: float
+    travel: float
+
+
+def ratios(facts: BagFacts) -> Ratios | None:
+    """Return the slopes, or None where the motor hardly moved."""
+    motion = facts.motion
+    moving = np.abs(motion.turned) > MOVING * facts.interval
+    turned = motion.turned[moving]
+    if len(turned) < 100:
+        return None
+    return Ratios(
+        angle=float(_slope(turned, motion.angle[moving])),
+        travel=float(_slope(turned, GEAR_RATIO * motion.travel[moving])),
+    )
+
+
+def _slope(x: np.ndarray, y: np.ndarray) -> float:
+    return float((x @ y) / (x @ x))
+
+
+def _is(value: float, ratio: float) -> bool:
+    return abs(value - ratio) < NEAR * abs(ratio)
+
+
+def motion_units(facts: BagFacts) -> Iterator[Hit]:
+    """Find speed, angle or position in another unit."""
+    if facts.angle_in_degrees:
+        yield Hit("rotor_angle goes beyond a turn in rad: it is in degrees",
+                  None, DEGREES, "", "rotor_angle")
+    found = facts.derived(ratios)
+    if found is None:
+        return
+    angle, travel = abs(found.angle), abs(found.travel)
+    if max(angle, travel, 1.0) < SAME_UNIT * min(angle, travel, 1.0) or not (
+        1e-9 < min(angle, travel) <= max(angle, travel) < 1e9
+    ):
+        return
+    if _is(angle, 1.0):
+        unit = "degrees" if _is(travel, DEGREES) else f"a unit {travel:.4g} times too small"
+        yield Hit(f"surface_position is in {unit}, not in rad", None, travel, "",
+                  "surface_position")
+    elif _is(angle, 1.0 / RPM) and _is(travel, 1.0 / RPM):
+        yield Hit("motor_speed is in rpm, not in rad/s", None, RPM, "", "motor_speed")
+    elif _is(travel / angle, 1.0):
+        yield Hit(f"motor_speed is {1.0 / travel:.4g} times what angle and position say: its "
+                  "unit or the rate of the samples is wrong", None, 1.0 / travel, "",
+                  "motor_speed")
+    elif _is(travel, 1.0):
+        yield Hit(f"rotor_angle turns {angle:.4g} times as fast as the motor", None, angle, "",
+                  "rotor_angle")
+
+
+def motion_signs(facts: BagFacts) -> Iterator[Hit]:
+    """Find speed, angle or position of the opposite sign."""
+    found = facts.derived(ratios)
+    if found is None or min(abs(found.angle), abs(found.travel)) < 1e-3:
+        return
+    against = (found.angle < 0.0, found.travel < 0.0)
+    name = {(True, True): "motor_speed", (True, False): "rotor_angle",
+            (False, True): "surface_position"}.get(against)
+    if name is not None:
+        yield Hit(f"{name} has the opposite sign of the other two", None, -1.0, "", name)
+
+
+def discontinuities(facts: BagFacts) -> Iterator[Hit]:
+    """Find samples that do not continue the one before though time does."""
+    found = facts.derived(ratios)
+    if found is None:
+        return
+    motion = facts.motion
+    for name, step, ratio, bound in (
+        ("rotor_angle", motion.angle, found.angle, ANGLE_STEP),
+        ("surface_position", motion.travel * GEAR_RATIO, found.travel,
+         TRAVEL_STEP * GEAR_RATIO),
+    ):
+        if not _is(ratio, 1.0):
+            continue
+        off = np.abs(step - motion.turned)
+        if name == "rotor_angle":
+            off = np.minimum(off, 2.0 * np.pi - off)
+        broken = off > bound
+        if broken.any():
+            row = int(np.argmax(broken))
+            yield Hit(
+                f"{name} jumps at {motion.time[row]:.4f} s and time does not: "
+                f"{int(broken.sum())} places where samples were lost or mixed",
+                float(motion.time[row]), float(off[row]), "rad of the motor", name,
+            )
+
+
+def _driven(facts: BagFacts) -> np.ndarray:
+    """Return samples under current, enough of them for correlations, shape (n, 10)."""
+    s = facts.samples[::max(1, len(facts.samples) // ENOUGH)]
+    reference = np.abs(s[:, REFERENCE_CURRENTS])
+    if not len(s) or not reference.max() > 0.0:
+        return s[:0]
+    return s[reference.max(axis=1) > 0.05 * np.median(reference.max(axis=1))]
+
+
+class Wiring(NamedTuple):
+    """Which reference each phase current follows, with its sign, and how well."""
+
+    order: tuple[int, ...]
+    signs: tuple[int, ...]
+    better: float
+    """By how much it explains the currents better than the labels do (of 3)."""
+    gain: np.ndarray
+    """Phase currents against the references that they follow, shape (3,)."""
+
+
+def wiring(facts: BagFacts) -> Wiring | None:
+    """Return how the phase currents go with the reference currents."""
+    s = facts.derived(_driven)
+    if len(s) < 200:
+        return None
+    currents, references = s[:, PHASE_CURRENTS], s[:, REFERENCE_CURRENTS]
+    power = np.sqrt((currents**2).mean(axis=0)[:, None] * (references**2).mean(axis=0)[None, :])
+    product_mean = currents.T @ references / len(s)
+    c = np.divide(product_mean, power, out=np.zeros((3, 3)), where=power > 0.0)
+    best = max(
+        ((sum(sign * c[k, p] for k, (p, sign) in enumerate(zip(order, signs))), order, signs)
+         for order in permutations(range(3)) for signs in product((1, -1), repeat=3)),
+        key=lambda item: item[0],
+    )
+    score, order, signs = best
+    squares = (references**2).mean(axis=0)
+    gain = np.array([
+        product_mean[k, p] / squares[p] if squares[p] > 0.0 else 1.0
+        for k, p in enumerate(order)
+    ])
+    return Wiring(order, signs, float(score - np.trace(c)), gain)
+
+
+def swapped(facts: BagFacts) -> Iterator[Hit]:
+    """Find phase currents that follow the reference of another phase."""
+    found = facts.derived(wiring)
+    if found is not None and found.better > 0.3 and found.order != (0, 1, 2):
+        pairs = ", ".join(
+            f"phase_current_{_PHASES[k]} follows reference {_PHASES[p]}"
+            for k, p in enumerate(found.order) if k != p
+        )
+        yield Hit(f"swapped phases: {pairs}", None, found.better, "", "phase_current")
+        return
+    yield from _sequence(facts)
+
+
+def _sequence(facts: BagFacts) -> Iterator[Hit]:
+    """Find reference currents whose phases run against the rotor."""
+    s = facts.derived(_driven)
+    s = s[np.abs(s[:, MOTOR_SPEED]) > MOVING]
+    if len(s) < 500 or facts.angle_in_degrees:
+        return
+    turn = np.exp(2j * np.pi / 3.0 * np.arange(3))
+    rotor = np.exp(-1j * s[:, ROTOR_ANGLE])
+    forward, backward = (
+        (s[:, REFERENCE_CURRENTS] @ direction) * rotor for direction in (turn, turn.conj())
+    )
+    ahead, back = (abs((z**2).mean()) / (np.abs(z) ** 2).mean() for z in (forward, backward))
+    if ahead < 0.3 and back > 0.6:
+        yield Hit("swapped phases: the currents run against the rotor angle", None, float(back),
+                  "", "phase_current")
+
+
+def current_signs(facts: BagFacts) -> Iterator[Hit]:
+    """Find phase currents of the opposite sign."""
+    found = facts.derived(wiring)
+    if found is not None and found.better > 0.3:
+        for k, sign in enumerate(found.signs):
+            if sign < 0:
+                name = f"phase_current_{_PHASES[k]}"
+                yield Hit(f"{name} has the opposite sign of its reference", None, -1.0, "", name)
+
+
+def current_units(facts: BagFacts) -> Iterator[Hit]:
+    """Find phase currents in another unit than their references."""
+    found = facts.derived(wiring)
+    if found is None:
+        return
+    for k, gain in enumerate(np.abs(found.gain)):
+        if gain > 5.0 or 1e-6 < gain < 0.02:
+            name = f"phase_current_{_PHASES[k]}"
+            unit = "mA" if 500.0 < gain < 2000.0 else "another unit"
+            yield Hit(f"{name} is {gain:.4g} times its reference: it is in {unit}",
+                      float(facts.samples[0, TIME]), float(gain), "", name)
+
+
+_SCALE = "set the unit of the acquisition to that of the channel list, or use 'ema import'"
+_SIGN = "correct the sign of the channel in the acquisition and record the test again"
+RULES = (
+    Rule(name="wrong_unit", find=motion_units, remedy=_SCALE),
+    Rule(name="wrong_unit", find=current_units, remedy=_SCALE),
+    Rule(name="sign_flip", find=motion_signs, remedy=_SIGN),
+    Rule(name="sign_flip", find=current_signs, remedy=_SIGN),
+    Rule(name="swapped_phases", find=swapped,
+         remedy="correct the wiring or the labels of the phases and record the test again"),
+    Rule(name="discontinuity", find=discontinuities,
+         remedy="samples were lost before their time stamp, or two tests mixed: record again"),
+)

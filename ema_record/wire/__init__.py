@@ -1,0 +1,1 @@
+"""Messages on the wire and in a bag: topics, types, and the codecs of their bytes."""

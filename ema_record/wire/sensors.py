@@ -1,0 +1,124 @@
+"""The sensor topics of a record as standard messages: joints, currents, bus, temperature."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from ema_record.wire.message_template import STAMP_FIELDS, MessageTemplate
+from ema_record.wire.topics import JOINT_MOTOR, JOINT_SURFACE
+from ema_record.wire.types import header, message_class, serialize
+
+BOOL = "std_msgs/msg/Bool"
+JOINT_STATE = "sensor_msgs/msg/JointState"
+VECTOR3_STAMPED = "geometry_msgs/msg/Vector3Stamped"
+BATTERY_STATE = "sensor_msgs/msg/BatteryState"
+TEMPERATURE = "sensor_msgs/msg/Temperature"
+
+_NOT_MEASURED = float("nan")
+
+
+def _stamped(numbers: dict[str, Any]) -> Any:
+    """Return a header whose two numbers stand as they are (a mark is no valid nanosecond)."""
+    result = header(0)
+    result.stamp.sec, result.stamp.nanosec = numbers["sec"], numbers["nanosec"]
+    return result
+
+
+@cache
+def _joint_state() -> MessageTemplate:
+    names = ("motor_position", "surface_position", "motor_velocity", "surface_velocity")
+    return MessageTemplate(
+        JOINT_STATE,
+        STAMP_FIELDS | dict.fromkeys(names, "<f8"),
+        lambda v: message_class(JOINT_STATE)(
+            header=_stamped(v),
+            name=[JOINT_MOTOR, JOINT_SURFACE],
+            position=np.array([v["motor_position"], v["surface_position"]]),
+            velocity=np.array([v["motor_velocity"], v["surface_velocity"]]),
+            effort=np.empty(0),
+        ),
+    )
+
+
+@cache
+def _vector3() -> MessageTemplate:
+    return MessageTemplate(
+        VECTOR3_STAMPED,
+        STAMP_FIELDS | dict.fromkeys("xyz", "<f8"),
+        lambda v: message_class(VECTOR3_STAMPED)(
+            header=_stamped(v),
+            vector=message_class("geometry_msgs/msg/Vector3")(x=v["x"], y=v["y"], z=v["z"]),
+        ),
+    )
+
+
+@cache
+def _battery_state() -> MessageTemplate:
+    none = np.empty(0, dtype=np.float32)
+    return MessageTemplate(
+        BATTERY_STATE,
+        STAMP_FIELDS | {"voltage": "<f4", "current": "<f4"},
+        lambda v: message_class(BATTERY_STATE)(
+            header=_stamped(v), voltage=v["voltage"], current=v["current"],
+            temperature=_NOT_MEASURED, charge=_NOT_MEASURED, capacity=_NOT_MEASURED,
+            design_capacity=_NOT_MEASURED, percentage=_NOT_MEASURED,
+            power_supply_status=0, power_supply_health=0, power_supply_technology=0,
+            present=True, cell_voltage=none, cell_temperature=none,
+            location="dc_bus", serial_number="",
+        ),
+    )
+
+
+@cache
+def _temperature() -> MessageTemplate:
+    return MessageTemplate(
+        TEMPERATURE,
+        STAMP_FIELDS | {"temperature": "<f8"},
+        lambda v: message_class(TEMPERATURE)(
+            header=_stamped(v), temperature=v["temperature"], variance=0.0,
+        ),
+    )
+
+
+def encode_joint_states(
+    stamps: np.ndarray, position: np.ndarray, velocity: np.ndarray
+) -> list[bytes]:
+    """Return sensor_msgs/JointState messages of `motor` and `surface`.
+
+    Parameters
+    ----------
+    stamps : ndarray of int64, shape (n,)
+        Ns since the epoch.
+    position : ndarray, shape (n, 2)
+        Motor, surface (rad).
+    velocity : ndarray, shape (n, 2)
+        Motor, surface (rad/s).
+
+    """
+    return _joint_state().encode(stamps, {
+        "motor_position": position[:, 0], "surface_position": position[:, 1],
+        "motor_velocity": velocity[:, 0], "surface_velocity": velocity[:, 1],
+    })
+
+
+def encode_currents(stamps: np.ndarray, current: np.ndarray) -> list[bytes]:
+    """Return geometry_msgs/Vector3Stamped messages; `current`: shape (n, 3) (A)."""
+    return _vector3().encode(stamps, dict(zip("xyz", current.T)))
+
+
+def encode_dc_bus(stamps: np.ndarray, voltage: np.ndarray, current: np.ndarray) -> list[bytes]:
+    """Return sensor_msgs/BatteryState messages (V, A; the message holds float32)."""
+    return _battery_state().encode(stamps, {"voltage": voltage, "current": current})
+
+
+def encode_temperature(stamps: np.ndarray, temperature: np.ndarray) -> list[bytes]:
+    """Return sensor_msgs/Temperature messages (degC)."""
+    return _temperature().encode(stamps, {"temperature": temperature})
+
+
+def encode_bool(value: bool) -> bytes:
+    """Return a std_msgs/Bool message."""
+    return serialize(message_class(BOOL)(data=value), BOOL)

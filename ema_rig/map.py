@@ -1,0 +1,169 @@
+"""Map files: which column of a foreign file is what, in YAML (docs/rigs.md)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from ema_record.channels import CHANNEL_NAMES
+from ema_record.errors import UsageError
+from ema_record.yaml_file import load_yaml
+from ema_rig.record import InputQuantity
+
+SEE = "docs/rigs.md shows the form"
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+ColumnName = Annotated[str, Field(min_length=1, max_length=200)] | Annotated[
+    int, Field(ge=0, le=9999)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class Column(_Part):
+    """One column: where it stands, its unit, and a scale with sign after the conversion."""
+
+    column: ColumnName
+    """Name as in the file, or number from 0. ``name[2]`` is column 2 of a matrix in MAT, NPZ."""
+    unit: str = Field(min_length=1, max_length=20)
+    scale: Finite = 1.0
+    """Multiplies what was converted; -1 turns the direction."""
+    zero: Finite = 0.0
+    """Subtracted before anything else, in the unit of the column."""
+
+    @model_validator(mode="after")
+    def _scale_is_not_zero(self) -> Column:
+        if self.scale == 0.0:
+            raise ValueError("a scale of 0 leaves nothing; leave the column out instead")
+        return self
+
+
+class InputColumn(Column):
+    """The input: also what it acts as, where a constant turns it into another quantity."""
+
+    acts_as: InputQuantity | None = None
+    """Default: the quantity of its unit."""
+    gain: Finite | Annotated[str, Field(min_length=1, max_length=200)] | None = None
+    """SI of `acts_as` a SI unit of the column (35.15 N/V), or the name of a scalar in the file."""
+
+    @model_validator(mode="after")
+    def _gain_and_quantity_come_together(self) -> InputColumn:
+        if (self.gain is None) != (self.acts_as is None):
+            raise ValueError("'gain' and 'acts_as' come together: the constant, and what it makes")
+        return self
+
+
+class TimeColumn(_Part):
+    """The time: a column, or a rate where the file has none."""
+
+    column: ColumnName | None = None
+    unit: str = Field(default="s", max_length=20)
+    rate: float | None = Field(default=None, gt=0.0, le=1e6)
+    """Samples a second of a file without a column of time (1/s)."""
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> TimeColumn:
+        if (self.column is None) == (self.rate is None):
+            raise ValueError("give either 'column' or 'rate'")
+        return self
+
+
+class RunColumn(_Part):
+    """The column that numbers the runs of a file that holds several."""
+
+    column: ColumnName
+    only: tuple[Finite, ...] = Field(default=(), max_length=1000, strict=False)
+    """Numbers of the runs to take; all where empty."""
+
+
+class TextFormat(_Part):
+    """How a text file is laid out, where that is not seen from the file itself."""
+
+    delimiter: Literal["comma", "semicolon", "tab", "space"] | None = None
+    decimal: Literal[".", ","] | None = None
+    header: bool | None = None
+    """Whether the first line holds the names."""
+    skip: int = Field(default=0, ge=0, le=10_000)
+    """Lines to leave out before that."""
+
+
+class RigMap(_Part):
+    """A map: the columns, the axis, the part of the time that is wanted."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")
+    axis: Literal["linear", "rotary", "actuator"]
+    description: str = Field(default="", max_length=1000)
+    format: TextFormat = TextFormat()
+    time: TimeColumn
+    run: RunColumn | None = None
+    """Where a file holds several runs; a time that starts again is a new run without it."""
+    input: InputColumn | None = None
+    position: Column | None = None
+    speed: Column | None = None
+    reference_position: Column | None = None
+    reference_speed: Column | None = None
+    disturbance: Column | None = None
+    """Known force or torque from outside, positive where it helps the input."""
+    channels: dict[str, Column] = Field(default_factory=dict, max_length=20)
+    """With ``axis: actuator``: every channel of the built-in test but time."""
+    profile: str = Field(default="extended", max_length=4096)
+    """With ``axis: actuator``: the test profile."""
+    start: Finite | None = None
+    """First time to take (s), as the file counts it after conversion."""
+    end: Finite | None = None
+
+    @model_validator(mode="after")
+    def _fits_the_axis(self) -> RigMap:
+        own = ("input", "position", "speed", "reference_position", "reference_speed",
+               "disturbance")
+        if self.axis == "actuator":
+            given = [name for name in own if getattr(self, name) is not None]
+            if given:
+                raise ValueError(f"{given[0]!r} is for a rig; an actuator has 'channels'")
+            missing = [name for name in CHANNEL_NAMES[1:] if name not in self.channels]
+            extra = [name for name in self.channels if name not in CHANNEL_NAMES[1:]]
+            if missing or extra:
+                raise ValueError(
+                    f"'channels' {'lacks' if missing else 'has the unknown'} "
+                    f"{(missing or extra)[0]!r}; an actuator has {', '.join(CHANNEL_NAMES[1:])}")
+        else:
+            if self.channels:
+                raise ValueError("'channels' is for 'axis: actuator'; a rig has 'input', "
+                                 "'position', 'speed'")
+            if self.input is None:
+                raise ValueError("'input' is missing: the column of what drives the axis")
+            if self.position is None and self.speed is None:
+                raise ValueError("give 'position' or 'speed', or both")
+        if self.start is not None and self.end is not None and self.end <= self.start:
+            raise ValueError(f"'end' {self.end:g} s is not after 'start' {self.start:g} s")
+        return self
+
+
+def load_map(path: str | Path) -> RigMap:
+    """Return the map in a file.
+
+    Raises
+    ------
+    UsageError
+        The file cannot be read or is no map; one line says where and why.
+
+    """
+    return map_from(load_yaml(Path(path)), str(path))
+
+
+def map_from(data: object, where: str) -> RigMap:
+    """Validate `data` (as read from YAML); `where` names its origin in errors."""
+    if not isinstance(data, dict):
+        raise UsageError(f"{where}: expected 'name:', 'axis:', 'time:', 'input:' and so on: {SEE}")
+    try:
+        return RigMap.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"]) or "map"
+        text = first["msg"].removeprefix("Value error, ")
+        value = "" if isinstance(first["input"], dict) else f" (value {str(first['input'])[:60]})"
+        if first["type"] == "extra_forbidden":
+            text = "no such key"
+        raise UsageError(f"{where}: {place[:120]}: {text}{value}: {SEE}") from None

@@ -1,0 +1,94 @@
+"""MATLAB files (level 5) as columns; only plain numeric arrays, in structures too."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from scipy.io import loadmat, whosmat
+
+from ema_record.errors import InvalidRecordError, UsageError
+from ema_rig.table import MAX_FILE_BYTES, Table, base_name, check_shape
+
+T = TypeVar("T")
+_NUMERIC = frozenset({"double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32",
+                      "int64", "uint64", "logical"})
+_HDF5 = b"\x89HDF"
+
+
+def read_mat(path: Path, needed: Sequence[str | int]) -> Table:
+    """Return the variables of a MAT file that are needed; fields of a structure as ``a.b``.
+
+    Raises
+    ------
+    InvalidRecordError
+        Version 7.3 (HDF5), damaged, too large, or a variable that is no array of numbers.
+
+    """
+    with path.open("rb") as stream:
+        head = stream.read(520)
+    if head[:4] == _HDF5 or b"MATLAB 7.3" in head[:128]:
+        raise InvalidRecordError(f"{path}: MAT of version 7.3 (HDF5) is not read: save it with "
+                                 "'-v7' in MATLAB")
+    listed = _by_scipy(lambda: whosmat(str(path)), path)
+    contents = {name: (shape, kind) for name, shape, kind in listed}
+    if any(isinstance(name, int) for name in needed):
+        raise UsageError(f"{path}: columns of a MAT file have names, not numbers: it holds "
+                         f"{', '.join(list(contents)[:12])}")
+    wanted = sorted({base_name(str(name)) for name in needed} & contents.keys())
+    total = 0
+    for name in wanted:
+        shape, kind = contents[name]
+        if kind not in _NUMERIC | {"struct"}:
+            raise InvalidRecordError(f"{path}: {name} is a MATLAB {kind}, expected an array of "
+                                     "numbers: convert it with double(...) and save again")
+        if len(shape) == 2 and kind != "struct":
+            check_shape(max(shape), min(shape), f"{path}: {name}")
+        total += 8 * int(np.prod([int(n) for n in shape], dtype=object))
+    if total > MAX_FILE_BYTES:
+        raise InvalidRecordError(f"{path}: {total} bytes once read, at most {MAX_FILE_BYTES}: "
+                                 "import a part of it")
+    loaded = _by_scipy(
+        lambda: loadmat(str(path), variable_names=wanted, chars_as_strings=False), path
+    )
+    columns: dict[str, np.ndarray] = {}
+    for name in wanted:
+        _collect(columns, name, loaded[name], path)
+    for name in contents:  # named in errors, never read
+        columns.setdefault(name, np.empty((0, 0)))
+    return Table(columns=columns, source=str(path))
+
+
+def _by_scipy(read: Callable[[], T], path: Path) -> T:
+    """Return what scipy reads; whatever it trips over in a damaged file is one error."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            return read()
+        except Exception as error:  # noqa: BLE001  (also UnboundLocalError, by fuzzing)
+            raise _damaged(path, error) from None
+
+
+def _collect(columns: dict[str, np.ndarray], name: str, value: np.ndarray, path: Path) -> None:
+    """Put a variable into the table, the fields of a structure one by one."""
+    if value.dtype.names is not None:
+        if value.size != 1:
+            raise InvalidRecordError(f"{path}: {name} is an array of {value.size} structures, "
+                                     "expected one: save its columns as arrays")
+        for member in value.dtype.names:
+            inner = value.ravel()[0][member]
+            if isinstance(inner, np.ndarray) and inner.dtype.kind in "fiub" and inner.ndim <= 2:
+                columns[f"{name}.{member}"] = inner.astype(np.float64)
+        return
+    if value.dtype.kind not in "fiub" or value.ndim > 2:
+        raise InvalidRecordError(f"{path}: {name} has {value.ndim} dimensions of {value.dtype}, "
+                                 "expected one or two of real numbers")
+    columns[name] = value.astype(np.float64)
+
+
+def _damaged(path: Path, error: Exception) -> InvalidRecordError:
+    return InvalidRecordError(f"{path}: no MAT file of level 5, or damaged "
+                              f"({' '.join(str(error).split())[:80]}): save it again with '-v7'")

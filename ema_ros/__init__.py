@@ -1,0 +1,1 @@
+"""What the nodes share: parameters, publishers, processes and their domain."""

@@ -1,0 +1,152 @@
+"""Between our types and those of the client library, for all nodes: topics, parameters, status."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Vector3Stamped
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+from sensor_msgs.msg import BatteryState, JointState, Temperature
+from std_msgs.msg import Bool, Float64, Float64MultiArray, String
+from trajectory_msgs.msg import JointTrajectory
+
+from ema_record.wire.topics import DIAGNOSTICS, TOPICS, Qos
+from ema_ros.parameters import ParameterSpec, Value, check_values
+
+_CLASSES: dict[str, Any] = {
+    "std_msgs/msg/Float64MultiArray": Float64MultiArray,
+    "sensor_msgs/msg/JointState": JointState,
+    "geometry_msgs/msg/Vector3Stamped": Vector3Stamped,
+    "sensor_msgs/msg/BatteryState": BatteryState,
+    "sensor_msgs/msg/Temperature": Temperature,
+    "trajectory_msgs/msg/JointTrajectory": JointTrajectory,
+    "std_msgs/msg/Bool": Bool,
+    "std_msgs/msg/String": String,
+    "std_msgs/msg/Float64": Float64,
+    "diagnostic_msgs/msg/DiagnosticStatus": DiagnosticStatus,
+    "diagnostic_msgs/msg/DiagnosticArray": DiagnosticArray,
+}
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+def message_class(topic: str) -> Any:
+    """Return the class of the messages of a topic of the table."""
+    return _CLASSES[TOPICS[topic].type]
+
+
+def qos_profile(qos: Qos) -> QoSProfile:
+    """Return the quality of service in the form of the client library."""
+    return QoSProfile(
+        history=HistoryPolicy.get_from_short_key(qos.history),
+        depth=qos.depth,
+        reliability=ReliabilityPolicy.get_from_short_key(qos.reliability),
+        durability=DurabilityPolicy.get_from_short_key(qos.durability),
+    )
+
+
+def make_publisher(node: Node, topic: str) -> Publisher:
+    """Return a publisher of a topic of the table."""
+    entry = TOPICS[topic]
+    return node.create_publisher(_CLASSES[entry.type], topic, qos_profile(entry.qos))
+
+
+def make_subscription(
+    node: Node, topic: str, callback: Callable[[Any], None], *, raw: bool = False
+) -> Subscription:
+    """Return a subscription to a topic of the table; `raw` gives serialised messages."""
+    entry = TOPICS[topic]
+    return node.create_subscription(
+        _CLASSES[entry.type], topic, callback, qos_profile(entry.qos), raw=raw
+    )
+
+
+def make_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
+    """Return a timer (s) that a step of the host's clock neither stops nor hurries."""
+    return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
+def drain(subscription: Subscription) -> list[bytes]:
+    """Return all serialised messages that wait, faster than a callback each."""
+    found: list[bytes] = []
+    with subscription.handle:
+        while True:
+            taken = subscription.handle.take_message(subscription.msg_type, True)
+            if taken is None:
+                return found
+            found.append(taken[0])
+
+
+def declare_parameters(node: Node, specs: Iterable[ParameterSpec]) -> dict[str, Value]:
+    """Declare parameters with their bounds and return their values.
+
+    Raises
+    ------
+    UsageError
+        A value given to the node is wrong.
+    """
+    specs = list(specs)
+    given = given_parameters(node)
+    values = check_values(specs, {s.name: given[s.name] for s in specs if s.name in given})
+    for spec in specs:
+        node.declare_parameter(
+            spec.name, values[spec.name], _descriptor(spec), ignore_override=True
+        )
+    return values
+
+
+def given_parameters(node: Node) -> dict[str, Any]:
+    """Return the parameters that the command line or a parameter file gave, declared or not."""
+    overrides = node._parameter_overrides  # noqa: SLF001  (the only way to see unknown names)
+    return {name: parameter.value for name, parameter in overrides.items()}
+
+
+def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(description=spec.description, read_only=spec.read_only)
+    descriptor.additional_constraints = (
+        f"one of {', '.join(spec.options)}" if spec.options else ""
+    )
+    if spec.lower is None or spec.upper is None:
+        return descriptor
+    if isinstance(spec.default, float):
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=float(spec.lower), to_value=float(spec.upper))
+        ]
+    else:
+        descriptor.integer_range = [
+            IntegerRange(from_value=int(spec.lower), to_value=int(spec.upper), step=1)
+        ]
+    return descriptor
+
+
+def diagnostic_status(
+    name: str, level: bytes, message: str, values: Mapping[str, str], hardware_id: str = ""
+) -> DiagnosticStatus:
+    """Return one diagnostic status."""
+    return DiagnosticStatus(
+        name=name, level=level, message=message, hardware_id=hardware_id,
+        values=[KeyValue(key=key, value=value) for key, value in values.items()],
+    )
+
+
+class DiagnosticsPublisher:
+    """Publishes `/diagnostics` for one node."""
+
+    def __init__(self, node: Node) -> None:
+        """Make the publisher."""
+        self._clock = node.get_clock()
+        self._publisher = make_publisher(node, DIAGNOSTICS)
+
+    def publish(self, *statuses: DiagnosticStatus) -> None:
+        """Publish statuses with the time of now."""
+        array = DiagnosticArray(status=list(statuses))
+        array.header.stamp = self._clock.now().to_msg()
+        self._publisher.publish(array)

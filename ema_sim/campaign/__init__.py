@@ -1,0 +1,1 @@
+"""Campaigns: many runs from a plan, stored resumably and reduced to tables."""

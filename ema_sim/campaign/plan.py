@@ -1,0 +1,87 @@
+"""Campaign files: which runs of the emulated actuator to make, in YAML (docs/campaigns.md)."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from ema_record.channels import DEFAULT_RATE
+from ema_record.errors import UsageError
+from ema_record.yaml_file import load_yaml
+from ema_sim.campaign.distributions import Distribution
+from ema_sim.session import RATES
+
+MAX_RUNS = 1_000_000
+MAX_PARAMETERS = 200
+MAX_PROFILES = 20
+SEE = "docs/campaigns.md shows the form"
+NAME = re.compile(r"^[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*){0,2}$")
+
+ProfileName = Annotated[str, Field(min_length=1, max_length=4096)]
+Setting = Distribution | float | str
+
+
+class Plan(BaseModel):
+    """A campaign: what is run, what varies, what is kept."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str = Field(default="campaign", pattern=r"^[A-Za-z0-9_.-]{1,64}$")
+    profile: tuple[ProfileName, ...] = Field(min_length=1, max_length=MAX_PROFILES)
+    """Test profiles, names or YAML files; several are taken in turn, like a grid."""
+    seed: int = Field(default=0, ge=0, lt=1 << 63)
+    runs: int | None = Field(default=None, ge=1, le=MAX_RUNS)
+    """Number of runs; default all combinations of the grids."""
+    rate: float = Field(default=DEFAULT_RATE, ge=RATES[0], le=RATES[1])
+    """Samples a second."""
+    model: str | None = Field(default=None, max_length=4096)
+    """Model file that the runs start from, default the nominal actuator."""
+    parameters: dict[str, Setting] = Field(default_factory=dict, max_length=MAX_PARAMETERS)
+    """By dotted name: ``actuator.<part>.<name>``, ``<effect>.<parameter>``, ``noise``,
+    ``start_angle``; a distribution or one value."""
+    keep: str = Field(default="summary", max_length=200)
+    """``summary``, ``bags``, or a reduction ``ema_package.module:function``."""
+
+    @field_validator("profile", mode="before")
+    @classmethod
+    def _one_profile_is_a_list(cls, value: object) -> object:
+        return (value,) if isinstance(value, str) else value
+
+    @field_validator("parameters")
+    @classmethod
+    def _names_are_dotted(cls, value: dict[str, Setting]) -> dict[str, Setting]:
+        for name in value:
+            if not NAME.match(name):
+                raise ValueError(f"{name[:60]!r} is no dotted name")
+        return value
+
+
+def load_plan(path: str | Path) -> Plan:
+    """Return the plan in a campaign file.
+
+    Raises
+    ------
+    UsageError
+        The file cannot be read or is no plan; one line says where and why.
+
+    """
+    return plan_from(load_yaml(Path(path)), str(path))
+
+
+def plan_from(data: object, where: str) -> Plan:
+    """Validate `data` (as read from YAML); `where` names its origin in errors."""
+    if not isinstance(data, dict):
+        raise UsageError(f"{where}: expected 'profile:', 'runs:' and so on: {SEE}")
+    try:
+        return Plan.model_validate(data)
+    except ValidationError as error:
+        # Of a union pydantic reports every branch; a Distribution's says the most.
+        found = error.errors()
+        first = next((e for e in found if "Distribution" in e["loc"]), found[0])
+        place = ".".join(str(p) for p in first["loc"] if p != "Distribution") or "campaign"
+        raise UsageError(
+            f"{where}: {place[:120]}: {first['msg']} (value {str(first['input'])[:60]}): {SEE}"
+        ) from None

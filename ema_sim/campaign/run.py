@@ -1,0 +1,304 @@
+"""`run_campaign`: many runs of the emulated actuator, on all cores or on a cluster.
+
+Every run is made from the plan and its own number alone, so that the results do not depend
+on how many workers there are, on which of them makes a run, or on interruptions.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import os
+import shutil
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ema_record.bag.read import write_bag
+from ema_record.errors import OutputError, SimulationError, UsageError
+from ema_record.profile import Profile
+from ema_sim.campaign.plan import Plan, load_plan
+from ema_sim.campaign.reductions import (
+    PACKAGES,
+    Reduction,
+    as_columns,
+    named_reduction,
+    reduction_name,
+    summary,
+)
+from ema_sim.campaign.runs import Campaign, prepare
+from ema_sim.campaign.store import (
+    PARAMETERS,
+    RESULTS,
+    CampaignFolder,
+    Columns,
+    manifest_of,
+    merge,
+    place_of_bag,
+    sources_hash,
+    unfinished,
+)
+from ema_sim.simulate import simulate
+
+CHUNK = 25
+"""Runs a task: some 0.2 s of work, against 1 ms to send it."""
+MAX_CHUNKS = 2000
+MAX_JOBS = 1024
+ANSWER_TIME = 15.0
+"""Longest wait for a scheduler and its workers (s)."""
+
+
+class Task(NamedTuple):
+    """Some consecutive runs, and what to keep of them; goes to a worker."""
+
+    campaign: Campaign
+    number: int
+    runs: range
+    reduction: Reduction
+    bags: str
+    """Folder of the campaign if bags are kept, else empty."""
+
+
+class Done(NamedTuple):
+    """What comes back from a worker."""
+
+    number: int
+    columns: Columns
+    sources: str
+
+
+def run_campaign(
+    plan: Plan | str | Path,
+    *,
+    reduce: Reduction | None = None,
+    jobs: int | None = None,
+    dask: str | None = None,
+    out: str | Path | None = None,
+    progress: Callable[[int], object] | None = None,
+) -> Columns:
+    """Make all runs of a plan and return what was kept of them.
+
+    Parameters
+    ----------
+    plan : a plan, or the path of a campaign file.
+    reduce : from a `Record` to numbers, arrays of one shape, or a mapping of names to these;
+        default what the plan says. It must be a function that a worker can import, or a
+        closure over values that can be sent.
+    jobs : worker processes on this machine, default one a core; 1 runs in this process.
+    dask : address of a dask scheduler, for example ``tcp://host:8786``, instead of `jobs`.
+    out : folder for the results. What it already holds of the same plan is not made again.
+    progress : called with the number of runs that are done, after every chunk.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (runs, ...)
+        ``run``, ``seed``, ``failed``, ``profile``, ``parameters.<name>``, ``results.<name>``;
+        results of a run that left the model's domain (``failed``) are NaN.
+
+    Raises
+    ------
+    UsageError, OutputError.
+
+    """
+    campaign = prepare(plan if isinstance(plan, Plan) else load_plan(plan))
+    bags = reduce is None and campaign.plan.keep == "bags"
+    if bags and out is None:
+        raise UsageError("keep bags: say where to: give a folder (out, --out)")
+    if jobs is not None and not 1 <= jobs <= MAX_JOBS:
+        raise UsageError(f"jobs {jobs}: give 1 to {MAX_JOBS} worker processes")
+    reduction = reduce if reduce is not None else _reduction_of(campaign.plan)
+    size = max(CHUNK, -(-campaign.runs // MAX_CHUNKS))
+    tasks = [
+        Task(campaign, number, range(first, min(first + size, campaign.runs)), reduction,
+             str(Path(out).resolve()) if bags and out is not None else "")
+        for number, first in enumerate(range(0, campaign.runs, size))
+    ]
+    with ExitStack() as stack:
+        folder, finished = None, {}
+        if out is not None:
+            folder = CampaignFolder(out, _manifest(campaign, reduction, bags, size))
+            stack.enter_context(folder.locked())
+            finished = {n: folder.load(n) for n in sorted(folder.done()) if n < len(tasks)}
+        count = sum(len(c["run"]) for c in finished.values())
+        if progress is not None:
+            progress(count)
+        for done in _make([t for t in tasks if t.number not in finished], jobs, dask):
+            if done.sources != sources_hash():
+                raise UsageError(
+                    f"a worker{f' of dask {dask}' if dask else ''} has other sources of this "
+                    "software than this process: install the same version everywhere, do not "
+                    "edit it meanwhile"
+                )
+            if folder is not None:
+                folder.save(done.number, done.columns)
+            finished[done.number] = done.columns
+            count += len(done.columns["run"])
+            if progress is not None:
+                progress(count)
+        columns = merge([finished[t.number] for t in tasks])
+        if folder is not None:
+            folder.finish(columns)
+    return columns
+
+
+def make_runs(task: Task) -> Done:
+    """Make the runs of one task (in a worker)."""
+    made: list[dict[str, np.ndarray] | None] = []
+    runs = [task.campaign.run(index) for index in task.runs]
+    for run in runs:
+        try:
+            record = run.simulate()
+        except SimulationError:
+            made.append(None)
+            continue
+        if task.bags:
+            _keep_bag(task, run.index, record)
+        made.append(as_columns(task.reduction(record)))
+    columns: Columns = {
+        "run": np.array([r.index for r in runs]),
+        "seed": np.array([r.seed for r in runs]),
+        "failed": np.array([m is None for m in made]),
+        "profile": np.array([r.profile.name for r in runs]),
+    }
+    for name in task.campaign.plan.parameters:
+        columns[f"{PARAMETERS}{name}"] = np.array([r.drawn[name] for r in runs])
+    columns.update(_stack(made))
+    return Done(task.number, columns, sources_hash())
+
+
+def _stack(made: list[dict[str, np.ndarray] | None]) -> Columns:
+    """Return results as columns; NaN where a run failed."""
+    good = [m for m in made if m is not None]
+    columns: Columns = {}
+    for name in good[0] if good else ():
+        shape = good[0][name].shape
+        if any(name not in m or m[name].shape != shape for m in good):
+            raise UsageError(
+                f"the reduction's {name!r} has another shape in some runs: let it pad the array"
+            )
+        missing = np.full(shape, np.nan)
+        columns[f"{RESULTS}{name}"] = np.array([missing if m is None else m[name] for m in made])
+    return columns
+
+
+def _keep_bag(task: Task, index: int, record: object) -> None:
+    """Write the bag of a run under its final name, unless it is there from before."""
+    path = place_of_bag(task.bags, index)
+    if path.exists():
+        return
+    path.parent.mkdir(exist_ok=True)
+    temporary = unfinished(path)
+    shutil.rmtree(temporary, ignore_errors=True)
+    write_bag(record, temporary)  # type: ignore[arg-type]
+    try:
+        temporary.rename(path)
+    except OSError:
+        shutil.rmtree(temporary, ignore_errors=True)
+        if not path.exists():
+            raise OutputError(f"{path}: cannot be written: check the folder") from None
+
+
+def _make(tasks: list[Task], jobs: int | None, dask: str | None) -> Iterator[Done]:
+    """Yield the finished tasks in any order."""
+    jobs = min(jobs or os.cpu_count() or 1, len(tasks))
+    if not tasks:
+        return
+    if dask is not None:
+        yield from _on_cluster(tasks, dask)
+    elif jobs == 1:
+        for task in tasks:
+            yield make_runs(task)
+    else:
+        _warm()
+        yield from _on_this_machine(tasks, jobs)
+
+
+def _on_this_machine(tasks: list[Task], jobs: int) -> Iterator[Done]:
+    """Yield what worker processes make; they end at once when this is interrupted."""
+    from joblib.externals.loky import get_reusable_executor
+
+    try:
+        yield from _parallel(tasks, n_jobs=jobs, backend="loky")
+    except BaseException:
+        get_reusable_executor().shutdown(wait=True, kill_workers=True)
+        raise
+
+
+def _parallel(tasks: Iterable[Task], **options: object) -> Iterator[Done]:
+    from joblib import Parallel, delayed
+
+    parallel = Parallel(return_as="generator_unordered", batch_size=1, **options)
+    with _ignored_interrupts():
+        found: Iterator[Done] = parallel(delayed(make_runs)(task) for task in tasks)
+    return found
+
+
+@contextmanager
+def _ignored_interrupts() -> Iterator[None]:
+    """Let the workers that start here ignore Ctrl-C: this process hears it and ends them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _on_cluster(tasks: list[Task], address: str) -> Iterator[Done]:
+    try:
+        from distributed import Client
+        from joblib import parallel_config
+    except ModuleNotFoundError:
+        raise UsageError(
+            "dask is not installed: pip install 'ema_phm[dask]', or leave --dask out"
+        ) from None
+    try:
+        client = Client(address, timeout=ANSWER_TIME, set_as_default=True)
+    except (OSError, ValueError, TypeError) as error:
+        text = " ".join(str(error).split())[:120]
+        raise UsageError(
+            f"dask {address}: no scheduler answers ({text}): start one with 'dask scheduler'"
+        ) from None
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=ANSWER_TIME)
+        except TimeoutError:
+            raise UsageError(
+                f"dask {address}: the scheduler has no worker: start one with "
+                f"'dask worker {address}'"
+            ) from None
+        with parallel_config(backend="dask"):
+            yield from _parallel(tasks)
+
+
+def _warm() -> None:
+    """Compile the kernel into the cache before several workers want it at once."""
+    simulate(Profile(name="warm", points=((0.0, 0.0), (0.001, 0.0)), inverter_off=0.0))
+
+
+def _reduction_of(plan: Plan) -> Reduction:
+    return summary if plan.keep == "bags" else named_reduction(plan.keep)
+
+
+def _manifest(campaign: Campaign, reduction: Reduction, bags: bool, size: int) -> dict:
+    name = reduction_name(reduction)
+    package = name.split(".")[0].split(":")[0]
+    packages = {"ema_record", "ema_sim", *({package} & set(PACKAGES))}
+    sources = sources_hash(tuple(sorted(packages)))
+    if package not in PACKAGES:
+        try:
+            text = inspect.getsource(reduction)
+        except (OSError, TypeError):
+            text = ""
+        sources = hashlib.sha256((sources + text).encode()).hexdigest()
+    return manifest_of(
+        campaign.digest(), campaign.plan.model_dump(mode="json", exclude_defaults=True),
+        f"bags and {name}" if bags else name, sources, campaign.runs, size,
+    )

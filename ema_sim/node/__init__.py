@@ -1,0 +1,1 @@
+"""What the simulator node does, without ROS."""

@@ -1,0 +1,189 @@
+"""`ActuatorServer`: the emulated actuator with its topics, without the middleware."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ema_record.channels import TIME
+from ema_record.wire.samples import encode_block
+from ema_record.wire.sensors import encode_dc_bus, encode_joint_states, encode_temperature
+from ema_record.wire.topics import (
+    DC_BUS,
+    JOINT_STATES,
+    PHASE_CURRENTS,
+    SAMPLES,
+    WINDING_TEMPERATURE,
+)
+from ema_record.wire.types import NANOSECONDS
+from ema_record.wire.views import ViewDecimator
+from ema_sim.node.command import profile_of_command
+from ema_sim.node.pacing import UNPACED_BUDGET, Pacer
+from ema_sim.node.settings import SimulatorSettings
+from ema_sim.plant.state import THETA_E
+
+IDLE_PERIOD = 0.1
+"""Interval of joint states and temperature while idle (s)."""
+
+
+class Message(NamedTuple):
+    """One serialised message."""
+
+    topic: str
+    data: bytes
+
+
+class ActuatorServer:
+    """Executes commands block by block and says what is to be published.
+
+    Parameters
+    ----------
+    settings : what the node's parameters say.
+    clock : monotonic clock (s).
+    wall_clock : ns since the epoch.
+    """
+
+    def __init__(
+        self,
+        settings: SimulatorSettings,
+        clock: Callable[[], float] = time.monotonic,
+        wall_clock: Callable[[], int] = time.time_ns,
+    ) -> None:
+        """Set up the actuator at its initial position, compiled and idle."""
+        self.settings = settings
+        self._clock, self._wall_clock = clock, wall_clock
+        self._warm_up()
+        self.session = settings.session(settings.initial_position)
+        self.command_stamp = 0
+        """Stamp of the command of the current or last run (ns since the epoch)."""
+        self.start_time = 0
+        """Acceptance of that command (ns since the epoch)."""
+        self.samples_published = 0
+        """Samples of the current or last run."""
+        self.runs = 0
+        self._pacer = Pacer(0.0, settings.real_time_factor)
+        self._views = ViewDecimator(settings.rate)
+        self._next_idle = 0.0
+
+    def _warm_up(self) -> None:
+        """Compile everything that a run needs, so that no run waits for the compiler."""
+        session = self.settings.session(0.0)
+        session.command(profile_of_command([(0.0, 0.01)], 0.0, self.settings.actuator))
+        views = ViewDecimator(self.settings.rate).push(session.advance(self.settings.block_size))
+        views.joint_states(0)
+        views.phase_currents(0)
+        while session.active:
+            encode_block(session.advance(10_000))
+
+    @property
+    def active(self) -> bool:
+        """Whether a command is being executed."""
+        return self.session.active
+
+    @property
+    def measured_position(self) -> float:
+        """Surface position as its transducer gives it, without noise (rad)."""
+        offset = self.settings.effects.position_sensor_offset.offset
+        return self.session.surface_position + offset
+
+    def command(self, points: Sequence[tuple[float, float]], stamp: int) -> None:
+        """Accept a command; an active one is pre-empted.
+
+        Parameters
+        ----------
+        points : time (s), position of the surface (rad).
+        stamp : of the command's header (ns since the epoch).
+
+        Raises
+        ------
+        UsageError
+            The command is out of bounds; what was executed goes on.
+        """
+        profile = profile_of_command(points, self.measured_position, self.settings.actuator)
+        if not self.active:
+            self._pacer = Pacer(self._clock(), self.settings.real_time_factor)
+            self._views = ViewDecimator(self.settings.rate)
+            self.start_time = self._wall_clock()
+            self.samples_published = 0
+        self.runs += 1
+        self.command_stamp = stamp
+        self.session.command(profile)
+
+    def reconfigure(self, settings: SimulatorSettings) -> None:
+        """Put another actuator in the place of this one, where the surface stands (idle only)."""
+        session = settings.session(self.session.surface_position)
+        self.settings, self.session = settings, session
+
+    def give_up(self) -> None:
+        """End the run where it is: the drive is switched off, the surface stays."""
+        self.session = self.settings.session(self.session.surface_position)
+
+    def poll(self) -> Iterator[Message]:
+        """Return the messages that are due; bounded work a call."""
+        if not self.active:
+            yield from self._idle()
+            return
+        now = self._clock()
+        rate = self.settings.rate
+        due = self._pacer.due(now)
+        while self.active and self._clock() - now <= UNPACED_BUDGET:
+            if (self.samples_published + self.settings.block_size) / rate > due:
+                break
+            block = self.session.advance(self.settings.block_size)
+            if len(block):
+                self.samples_published += len(block)
+                yield from self._block(block)
+
+    def _block(self, block: np.ndarray) -> Iterator[Message]:
+        """Return one block of samples with its views, bus and temperature."""
+        yield Message(SAMPLES, encode_block(block))
+        views = self._views.push(block)
+        for data in views.joint_states(self.start_time):
+            yield Message(JOINT_STATES, data)
+        for data in views.phase_currents(self.start_time):
+            yield Message(PHASE_CURRENTS, data)
+        stamp = self.start_time + round(float(block[-1, TIME]) * NANOSECONDS)
+        yield self._bus(stamp, *self.session.last_bus)
+        before = stamp - round(len(block) / self.settings.rate * NANOSECONDS)
+        period = round(IDLE_PERIOD * NANOSECONDS)
+        if (stamp - self.start_time) // period != (before - self.start_time) // period:
+            yield self._temperature(stamp)
+
+    def _idle(self) -> Iterator[Message]:
+        """Return the readings at standstill, ten a second."""
+        now = self._clock()
+        if now < self._next_idle:
+            return
+        late = now - self._next_idle > IDLE_PERIOD
+        self._next_idle = (now if late else self._next_idle) + IDLE_PERIOD
+        stamp = self._wall_clock()
+        angle, position = float(self.session.state[THETA_E]), self.measured_position
+        yield Message(JOINT_STATES, encode_joint_states(
+            np.array([stamp]), np.array([[angle, position]]), np.zeros((1, 2))
+        )[0])
+        yield self._bus(stamp, *self.session.dc_bus)
+        yield self._temperature(stamp)
+
+    def _bus(self, stamp: int, voltage: float, current: float) -> Message:
+        return Message(DC_BUS, encode_dc_bus(
+            np.array([stamp]), np.array([voltage]), np.array([current])
+        )[0])
+
+    def _temperature(self, stamp: int) -> Message:
+        return Message(WINDING_TEMPERATURE, encode_temperature(
+            np.array([stamp]), np.array([self.session.winding_temperature])
+        )[0])
+
+    def status(self) -> dict[str, str]:
+        """Return what `/diagnostics` says of the actuator."""
+        return {
+            "state": "active" if self.active else "idle",
+            "surface_position": f"{self.measured_position:.6f}",
+            "command_stamp": str(self.command_stamp),
+            "start_time": str(self.start_time),
+            "samples_published": str(self.samples_published),
+            "runs": str(self.runs),
+        }

@@ -1,0 +1,111 @@
+"""The parameters of the simulator node, and the actuator that they describe."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ema_record.actuator import Actuator
+from ema_record.channels import DEFAULT_RATE
+from ema_ros.parameters import ParameterSpec, Value
+from ema_sim.effects import EFFECTS, Choice, Effects
+from ema_sim.effects.settings import effects_from_mapping
+from ema_sim.model_file import Model, load_model_file
+from ema_sim.session import NOISE_LEVELS, RATES, ActuatorSession
+
+MODEL_FILE = ParameterSpec(
+    name="model_file", default="", read_only=True,
+    text="YAML file with actuator parameters and effects; empty: the nominal actuator",
+)
+
+_FIXED = (
+    MODEL_FILE,
+    ParameterSpec(
+        name="serial_number", default="SIM-0000", read_only=True, text="of the actuator",
+    ),
+    ParameterSpec(
+        name="seed", default=0, lower=0, upper=2**31 - 1, read_only=True,
+        text="of sensor noise and start angle: the same seed gives the same samples",
+    ),
+    ParameterSpec(
+        name="rate", default=DEFAULT_RATE, lower=RATES[0], upper=RATES[1], unit="1/s",
+        read_only=True, text="samples a second",
+    ),
+    ParameterSpec(
+        name="block_size", default=400, lower=10, upper=2000, read_only=True,
+        text="samples a message of /ema/samples",
+    ),
+    ParameterSpec(
+        name="initial_position", default=-0.4, lower=-0.6, upper=0.6, unit="rad",
+        read_only=True, text="surface position at the start of the node",
+    ),
+    ParameterSpec(
+        name="noise", default=1.0, lower=NOISE_LEVELS[0], upper=NOISE_LEVELS[1], unit="1",
+        text="factor on the sensor noise",
+    ),
+    ParameterSpec(
+        name="real_time_factor", default=1.0, lower=0.0, upper=1000.0, unit="1",
+        text="simulated seconds a second; 0: as fast as possible",
+    ),
+)
+
+
+def load_model(path: str) -> Model:
+    """Return the model of the parameter `model_file`."""
+    return load_model_file(path or None)
+
+
+def parameter_specs(base: Effects) -> list[ParameterSpec]:
+    """Return all parameters of the node; those of effects default to the model's values."""
+    specs = list(_FIXED)
+    for name, effect in EFFECTS.items():
+        for field in effect.fields:
+            value = getattr(getattr(base, name), field.name)
+            kind = field.kind
+            dotted = f"{name}.{field.name}"
+            text = f"{effect.summary.rstrip('.')}: {kind.text}"
+            if isinstance(kind, Choice):
+                specs.append(ParameterSpec(
+                    name=dotted, default=kind.options[int(value)], text=text,
+                    options=kind.options,
+                ))
+            else:
+                specs.append(ParameterSpec(
+                    name=dotted, default=float(value), text=text, unit=kind.unit,
+                    lower=kind.lower, upper=kind.upper,
+                ))
+    return specs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatorSettings:
+    """What the parameters of the node say."""
+
+    actuator: Actuator
+    effects: Effects
+    serial_number: str
+    seed: int
+    noise: float
+    rate: float
+    block_size: int
+    real_time_factor: float
+    initial_position: float
+
+    def session(self, position: float) -> ActuatorSession:
+        """Return the actuator at rest at `position` (rad)."""
+        return ActuatorSession(
+            self.actuator, self.effects, seed=self.seed, noise=self.noise, rate=self.rate,
+            position=position,
+        )
+
+
+def settings_from(values: Mapping[str, Value], model: Model) -> SimulatorSettings:
+    """Return the settings of checked parameter values (all of `parameter_specs`)."""
+    v: dict[str, Any] = dict(values)
+    effects = effects_from_mapping({name: v[name] for name in v if "." in name}, model.effects)
+    return SimulatorSettings(
+        actuator=model.actuator, effects=effects, serial_number=v["serial_number"],
+        seed=v["seed"], noise=v["noise"], rate=v["rate"], block_size=v["block_size"],
+        real_time_factor=v["real_time_factor"], initial_position=v["initial_position"],
+    )

@@ -1,0 +1,1 @@
+"""The emulated plant: its equations, and the kernel that integrates them."""

@@ -1,0 +1,142 @@
+"""Electrical equations: back-EMF shape, commutation (Table 1), phase model.
+
+Phases a, b, c in star with floating neutral::
+
+    L_k di_k/dt = v_k − v_n − R_k i_k − e_k,   e_k = k_k(θ) ω,   T_M = Σ k_k(θ) i_k
+    v_n = Σ(x_k / L_k) / Σ(1 / L_k),           x_k = v_k − R_k i_k − e_k
+
+(DESIGN, section 3; the paper's eqs. 1 and 2 are the case of equal phases.)
+"""
+
+from __future__ import annotations
+
+import math
+
+from ema_sim.effects.compile import law
+
+TURN = 2.0 * math.pi
+THIRD = TURN / 3.0
+SECTOR = math.pi / 3.0
+FIRST_EDGE = math.pi / 6.0
+BEYOND_EDGE = 1e-9
+
+
+@law
+def wrap(theta: float) -> float:
+    """Return the angle in [0, 2π)."""
+    return theta - TURN * math.floor(theta / TURN)
+
+
+@law
+def trapezoid(theta: float, flat_top: float) -> float:
+    """Return the unit trapezoid at electrical angle `theta` in [0, 2π) (rad).
+
+    The positive flat top, `flat_top` wide (rad), is centred at π/2; zero at 0 and π.
+    """
+    ramp = 0.5 * (math.pi - flat_top)
+    x = theta
+    sign = 1.0
+    if x >= math.pi:
+        x -= math.pi
+        sign = -1.0
+    if x < ramp:
+        return sign * x / ramp
+    if x > math.pi - ramp:
+        return sign * (math.pi - x) / ramp
+    return sign
+
+
+@law
+def sector_of(theta: float) -> int:
+    """Return the commutation sector 0..5 of the paper's Table 1; sector 0 is 30° to 90°."""
+    return math.floor((theta - FIRST_EDGE) / SECTOR) % 6
+
+
+@law
+def sector_ahead(theta: float, direction: float) -> tuple[int, float]:
+    """Return the commutation sector and the angle to its end (rad).
+
+    Parameters
+    ----------
+    theta : angle of the commutation sensor (rad).
+    direction : +1 or -1, of the rotation; on an edge (to 1e-9) the sector that it enters.
+    """
+    place = (theta - FIRST_EDGE) * (1.0 / SECTOR)
+    floor = math.floor(place + direction * BEYOND_EDGE)
+    gap = floor + 1.0 - place if direction > 0.0 else place - floor
+    return int(floor) % 6, (gap + BEYOND_EDGE) * SECTOR
+
+
+@law
+def relay(leg: float, excess: float, band: float) -> float:
+    """Return the state ±1 of a leg: the hysteresis relay of its phase.
+
+    Parameters
+    ----------
+    leg : state so far.
+    excess : current above its reference (A).
+    band : half width of the hysteresis (A).
+    """
+    if excess >= band:
+        return -1.0
+    if excess <= -band:
+        return 1.0
+    return leg
+
+
+@law
+def time_to_switch(
+    leg: float, excess: float, slope: float, band: float, curvature: float
+) -> float:
+    """Return the time to the relay's crossing (s), infinite if the current moves away from it.
+
+    Parameters
+    ----------
+    leg, excess, band : as in `relay`.
+    slope : of the current (A/s).
+    curvature : relative fall of the slope in a second, halved: R / 2L (1/s).
+    """
+    if leg * slope <= 0.0:
+        return math.inf
+    reach = (band - leg * excess) / abs(slope)
+    return reach * (1.0 + curvature * reach)
+
+
+@law
+def current_slopes(
+    v_a: float, v_b: float, v_c: float,
+    r_a: float, r_b: float, r_c: float,
+    i_a: float, i_b: float, i_c: float,
+    e_a: float, e_b: float, e_c: float,
+    g_a: float, g_b: float, g_c: float, g_n: float,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Return di/dt of the phases (A/s): star with floating neutral.
+
+    Parameters
+    ----------
+    v_a, v_b, v_c : leg voltages (V).
+    r_a, r_b, r_c : resistances (Ω).
+    i_a, i_b, i_c : currents (A).
+    e_a, e_b, e_c : back-EMF (V).
+    g_a, g_b, g_c : inverse inductances (1/H).
+    g_n : inverse of their sum (H).
+    """
+    x_a, x_b, x_c = v_a - r_a * i_a - e_a, v_b - r_b * i_b - e_b, v_c - r_c * i_c - e_c
+    v_n = (x_a * g_a + x_b * g_b + x_c * g_c) * g_n
+    return (x_a - v_n) * g_a, (x_b - v_n) * g_b, (x_c - v_n) * g_c
+
+
+@law
+def reference_signs(sector: int) -> tuple[float, float, float]:
+    """Return the signs of the reference currents a, b, c in a sector (paper, Table 1)."""
+    if sector == 0:
+        return 1.0, -1.0, 0.0
+    if sector == 1:
+        return 1.0, 0.0, -1.0
+    if sector == 2:
+        return 0.0, 1.0, -1.0
+    if sector == 3:
+        return -1.0, 1.0, 0.0
+    if sector == 4:
+        return -1.0, 0.0, 1.0
+    return 0.0, -1.0, 1.0

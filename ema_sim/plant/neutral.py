@@ -1,0 +1,44 @@
+"""Which groups of effects are absent, so that the kernel may leave their terms out.
+
+A neutral effect adds 0 or multiplies by 1; leaving it out gives the same bits in less time.
+"""
+
+from __future__ import annotations
+
+from ema_sim.effects import Effects
+from ema_sim.effects.compile import law
+
+
+@law
+def winding_is_plain(e: Effects) -> bool:
+    """Whether nothing but the temperature changes the back-EMF."""
+    return (
+        e.back_emf_shape.sine_share == 0.0
+        and e.back_emf_shape.fifth_harmonic == 0.0
+        and e.turn_short.fraction == 0.0
+        and e.rotor_eccentricity.zeta == 0.0
+        and e.torque_constant_drop.drop == 0.0
+        and e.magnetic_saturation.inverse_current == 0.0
+    )
+
+
+@law
+def friction_is_steady(e: Effects) -> bool:
+    """Whether the dry friction of the motor depends on neither speed nor load."""
+    return e.stribeck_friction.increase == 0.0 and e.load_dependent_friction.coefficient == 0.0
+
+
+@law
+def rotation_is_smooth(e: Effects) -> bool:
+    """Whether rotor and gear turn without cogging, ripple and the drag of a short."""
+    return (
+        e.gear_mesh_ripple.amplitude == 0.0
+        and e.cogging_torque.amplitude == 0.0
+        and e.turn_short.fraction == 0.0
+    )
+
+
+@law
+def inverter_is_ideal(e: Effects) -> bool:
+    """Whether rails and switches drop no voltage."""
+    return e.bus_voltage_sag.resistance == 0.0 and e.inverter_voltage_drop.drop == 0.0

@@ -1,0 +1,338 @@
+"""Ports: where effects enter the equations, each a plain sum or product of its effects.
+
+An effect that is neutral returns at once, so its term is exactly absent.
+"""
+
+from __future__ import annotations
+
+from ema_record.actuator import Actuator, Converters, Gear, Motor, Shaft, Surface
+from ema_sim.effects import (
+    Effects,
+    back_emf_shape,
+    backlash,
+    bus_voltage_change,
+    bus_voltage_sag,
+    cogging_torque,
+    control_delay,
+    current_sensor_gain,
+    current_sensor_offset,
+    gear_mesh_ripple,
+    hall_misalignment,
+    inertia_change,
+    inverter_voltage_drop,
+    load_dependent_friction,
+    magnetic_saturation,
+    motor_friction,
+    phase_resistance_imbalance,
+    position_sensor_offset,
+    quantisation,
+    rotor_eccentricity,
+    shaft_compliance,
+    speed_sensor_runout,
+    stribeck_friction,
+    surface_friction,
+    surface_load,
+    torque_constant_drop,
+    turn_short,
+    viscous_friction,
+    winding_temperature,
+)
+from ema_sim.effects.compile import law
+from ema_sim.plant.electrical import THIRD, TURN, trapezoid
+
+# --- winding -------------------------------------------------------------------------------
+
+
+@law
+def phase_resistance(e: Effects, motor: Motor, phase: int) -> float:
+    """Resistance of a phase (Ω)."""
+    return (
+        motor.phase_resistance
+        * turn_short.resistance_factor(e.turn_short, phase)
+        * winding_temperature.resistance_factor(e.winding_temperature)
+        * phase_resistance_imbalance.resistance_factor(e.phase_resistance_imbalance, phase)
+    )
+
+
+@law
+def phase_inductance(e: Effects, motor: Motor, phase: int, current: float) -> float:
+    """Inductance of a phase (H) at its current (A)."""
+    return (
+        motor.phase_inductance
+        * turn_short.inductance_factor(e.turn_short, phase)
+        * magnetic_saturation.factor(e.magnetic_saturation, current)
+    )
+
+
+@law
+def inductance_varies(e: Effects) -> bool:
+    """Whether the inductances depend on the currents."""
+    return e.magnetic_saturation.inverse_current != 0.0
+
+
+@law
+def flat_top(e: Effects, motor: Motor) -> float:
+    """Width of the flat top of the back-EMF (rad)."""
+    return back_emf_shape.width(e.back_emf_shape, motor.flat_top)
+
+
+@law
+def unit_factor(motor: Motor, phase: int) -> float:
+    """Return the factor of the unit's own winding on k of a phase."""
+    if phase == 0:
+        return 1.0 + motor.back_emf_deviation_a
+    if phase == 1:
+        return 1.0 + motor.back_emf_deviation_b
+    return 1.0 + motor.back_emf_deviation_c
+
+
+@law
+def back_emf_constant(
+    e: Effects, motor: Motor, top: float, phase: int, theta_e: float, theta_r: float,
+    current: float, plain: bool = False,
+) -> float:
+    """k_k(θ) of a phase (V s/rad) at electrical and mechanical rotor angle (rad), current (A).
+
+    `plain` leaves out what `neutral.winding_is_plain` says is absent.
+    """
+    theta = theta_e - phase * THIRD
+    if theta < 0.0:
+        theta += TURN
+    if plain:
+        return (
+            motor.back_emf_constant
+            * unit_factor(motor, phase)
+            * trapezoid(theta, top)
+            * winding_temperature.k_factor(e.winding_temperature)
+        )
+    return (
+        motor.back_emf_constant
+        * unit_factor(motor, phase)
+        * back_emf_shape.shape(e.back_emf_shape, trapezoid(theta, top), theta)
+        * turn_short.k_factor(e.turn_short, phase)
+        * rotor_eccentricity.k_factor(e.rotor_eccentricity, phase, theta_r)
+        * torque_constant_drop.k_factor(e.torque_constant_drop)
+        * winding_temperature.k_factor(e.winding_temperature)
+        * magnetic_saturation.factor(e.magnetic_saturation, current)
+    )
+
+
+@law
+def back_emf_constants(
+    e: Effects, motor: Motor, top: float, theta_e: float, theta_r: float,
+    i_a: float, i_b: float, i_c: float, plain: bool,
+) -> tuple[float, float, float]:  # fmt: skip
+    """k_k(θ) of the three phases, as `back_emf_constant`."""
+    return (
+        back_emf_constant(e, motor, top, 0, theta_e, theta_r, i_a, plain),
+        back_emf_constant(e, motor, top, 1, theta_e, theta_r, i_b, plain),
+        back_emf_constant(e, motor, top, 2, theta_e, theta_r, i_c, plain),
+    )
+
+
+# --- motor torque --------------------------------------------------------------------------
+
+
+@law
+def added_motor_torque(
+    e: Effects, motor: Motor, k_a: float, k_b: float, k_c: float, omega: float, theta_r: float
+) -> float:
+    """What adds to the electromagnetic torque (N m)."""
+    return cogging_torque.torque(e.cogging_torque, theta_r) - turn_short.drag_torque(
+        e.turn_short, k_a, k_b, k_c, motor.phase_resistance, omega
+    )
+
+
+# --- friction ------------------------------------------------------------------------------
+
+
+@law
+def motor_dry_friction(
+    e: Effects, motor: Motor, omega: float, transmitted: float
+) -> tuple[float, float]:
+    """Dynamic and static budget of the motor side (N m); `transmitted` torque at the motor."""
+    added = load_dependent_friction.budget(e.load_dependent_friction, transmitted)
+    dynamic = (
+        motor.dynamic_friction
+        + motor_friction.budget(e.motor_friction, motor.dynamic_friction)
+        + stribeck_friction.budget(e.stribeck_friction, motor.dynamic_friction, omega)
+        + added
+    )
+    static = (
+        motor.static_friction
+        + motor_friction.budget(e.motor_friction, motor.static_friction)
+        + added
+    )
+    dynamic = max(0.0, dynamic)
+    return dynamic, max(static, dynamic)
+
+
+@law
+def motor_viscous_friction(e: Effects, motor: Motor, omega: float) -> float:
+    """Viscous torque of the motor side (N m)."""
+    torque = motor.viscous_friction * omega + viscous_friction.torque(e.viscous_friction, omega)
+    return torque if torque * omega > 0.0 else 0.0
+
+
+@law
+def surface_dry_friction(e: Effects, surface: Surface) -> tuple[float, float]:
+    """Dynamic and static budget of the surface (N m)."""
+    dynamic = surface.dynamic_friction + surface_friction.budget(
+        e.surface_friction, surface.dynamic_friction
+    )
+    static = surface.static_friction + surface_friction.budget(
+        e.surface_friction, surface.static_friction
+    )
+    dynamic = max(0.0, dynamic)
+    return dynamic, max(static, dynamic)
+
+
+# --- transmission --------------------------------------------------------------------------
+
+
+@law
+def lost_motion(e: Effects, shaft: Shaft) -> float:
+    """Total backlash (rad at the surface)."""
+    return backlash.lost_motion(e.backlash, shaft.backlash)
+
+
+@law
+def shaft_stiffness(e: Effects, shaft: Shaft) -> float:
+    """Stiffness of the shaft (N m/rad)."""
+    return shaft_compliance.stiffness(e.shaft_compliance, shaft.stiffness)
+
+
+@law
+def gear_output(e: Effects, gear: Gear, theta_m: float, theta_r: float) -> float:
+    """Angle of the gear's output (rad) at motor travel and mechanical rotor angle (rad)."""
+    return theta_m / gear.ratio + gear_mesh_ripple.error(e.gear_mesh_ripple, theta_r)
+
+
+@law
+def gear_slope(e: Effects, gear: Gear, theta_r: float) -> float:
+    """Derivative of the gear's output to the motor angle."""
+    return 1.0 / gear.ratio + gear_mesh_ripple.error_slope(e.gear_mesh_ripple, theta_r)
+
+
+@law
+def ripple_periods(e: Effects, motor: Motor) -> float:
+    """Periods a mechanical turn of the finest active ripple; the back-EMF's ramps count as 1."""
+    finest = 1.0
+    if e.back_emf_shape.fifth_harmonic != 0.0:
+        finest = 5.0 * motor.pole_pairs
+    if e.cogging_torque.amplitude != 0.0:
+        finest = max(finest, e.cogging_torque.periods)
+    if e.gear_mesh_ripple.amplitude != 0.0:
+        finest = max(finest, e.gear_mesh_ripple.periods)
+    return finest
+
+
+# --- load ----------------------------------------------------------------------------------
+
+
+@law
+def motor_inertia(e: Effects, motor: Motor) -> float:
+    """Inertia of the motor side (kg m²)."""
+    return motor.inertia * inertia_change.factor(e.inertia_change.motor)
+
+
+@law
+def surface_inertia(e: Effects, surface: Surface) -> float:
+    """Inertia of the surface (kg m²)."""
+    return surface.inertia * inertia_change.factor(e.inertia_change.surface)
+
+
+@law
+def load_torque(e: Effects, position: float) -> float:
+    """Torque on the surface (N m), against positive motion."""
+    return surface_load.torque(e.surface_load, position)
+
+
+# --- supply --------------------------------------------------------------------------------
+
+
+@law
+def leg_voltage(e: Effects, nominal: float) -> float:
+    """Voltage of a leg without load (V)."""
+    return nominal * bus_voltage_change.factor(e.bus_voltage_change)
+
+
+@law
+def rail_drop(e: Effects, bus_current: float) -> float:
+    """Fall of each rail (V) at the bus current (A)."""
+    return bus_voltage_sag.rail_drop(e.bus_voltage_sag, bus_current)
+
+
+@law
+def switch_drop(e: Effects, current: float) -> float:
+    """Fall of a leg's voltage in its switches (V) at its current (A)."""
+    return inverter_voltage_drop.voltage(e.inverter_voltage_drop, current)
+
+
+@law
+def leg_voltages(
+    e: Effects, v_leg: float, s_a: float, s_b: float, s_c: float,
+    i_a: float, i_b: float, i_c: float, ideal: bool,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Voltages of the legs (V) at their states ±1 and currents (A); `ideal`: without drops."""
+    if ideal:
+        return v_leg * s_a, v_leg * s_b, v_leg * s_c
+    v = v_leg - rail_drop(e, 0.5 * (s_a * i_a + s_b * i_b + s_c * i_c))
+    return (
+        v * s_a - switch_drop(e, i_a), v * s_b - switch_drop(e, i_b), v * s_c - switch_drop(e, i_c)
+    )
+
+
+# --- sensors, commutation, controller ------------------------------------------------------
+
+
+@law
+def current_gain(e: Effects, phase: int) -> float:
+    """Gain of the current sensor of a phase."""
+    return current_sensor_gain.gain(e.current_sensor_gain, phase)
+
+
+@law
+def current_offset(e: Effects, phase: int) -> float:
+    """Offset of the current sensor of a phase (A)."""
+    return current_sensor_offset.offset(e.current_sensor_offset, phase)
+
+
+@law
+def speed_factor(e: Effects, theta_r: float) -> float:
+    """Factor on the measured speed at mechanical rotor angle (rad)."""
+    return speed_sensor_runout.factor(e.speed_sensor_runout, theta_r)
+
+
+@law
+def position_offset(e: Effects) -> float:
+    """Offset of the position transducer (rad)."""
+    return position_sensor_offset.offset(e.position_sensor_offset)
+
+
+@law
+def position_step(e: Effects, c: Converters) -> float:
+    """Step of the position converter (rad)."""
+    return c.position_range / 2.0**c.position_bits * quantisation.coarser(
+        e.quantisation.position_bits_lost
+    )
+
+
+@law
+def speed_step(e: Effects, c: Converters) -> float:
+    """Step of the speed converter (rad/s)."""
+    return c.speed_range / 2.0**c.speed_bits * quantisation.coarser(
+        e.quantisation.speed_bits_lost
+    )
+
+
+@law
+def commutation_angle(e: Effects) -> float:
+    """What the commutation sensor reads beyond the electrical angle (rad)."""
+    return hall_misalignment.sensor_angle(e.hall_misalignment)
+
+
+@law
+def delay_periods(e: Effects, a: Actuator) -> float:
+    """Delay of the reference current in control periods."""
+    return control_delay.periods(e.control_delay, a.control.period)
