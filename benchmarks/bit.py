@@ -9,7 +9,6 @@ limit is missed or a sample lost.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 import os
 import statistics
@@ -18,22 +17,17 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
-import psutil
-
-from ema_cli.commands.bit import MONITOR, PROGNOSTICS, SIMULATOR, summarise
-from ema_monitor.aircraft_node import AircraftNode, aircraft, answer_of
+from ema_cli.commands.bit import MONITOR, SIMULATOR
 from ema_record.profile import load_profile
-from ema_ros.domain import enter_domain, private_domain
-from ema_ros.supervisor import Supervisor
+from support.chain import chain, samples_of
 
 LIMITS = {"step": 8.0, "extended": 12.0}
 """Of a warm `ema bit` (s)."""
 AFTER_CLOSED = 1.0
 """Of that, at most so much after the record is closed (s)."""
 TESTS = 50
-SPIN = 0.02
 TIMEOUT = 240.0
 
 
@@ -51,67 +45,34 @@ def run_bit(profile: str, out: Path) -> tuple[float, float]:
     return wall, json.loads(run.stdout)["times"]["after_record_closed"]
 
 
-class Consecutive:
-    """Consecutive tests on one set of nodes."""
+class Consecutive(NamedTuple):
+    """Sums over consecutive tests on one set of nodes."""
 
-    def __init__(self, node: AircraftNode, supervisor: Supervisor) -> None:
-        """Find the processes of the nodes."""
-        self._node, self._supervisor = node, supervisor
-        children = psutil.Process().children(recursive=True)
-        self._processes = {
-            module: next(c for c in children if module in c.cmdline())
-            for module in (SIMULATOR, MONITOR)
-        }
-        self.published = self.recorded = self.tests = self.failed = 0
-        self.wall = 0.0
-        self.cpu = dict.fromkeys(self._processes, 0.0)
-
-    def wait(self, until: Any) -> None:
-        """Play the aircraft until something is true."""
-        end = time.monotonic() + TIMEOUT
-        while not until():
-            self._node.spin(SPIN)
-            self._node.poll()
-            self._supervisor.check()
-            if time.monotonic() > end:
-                raise SystemExit("no answer from the nodes")
-
-    def run(self) -> None:
-        """Run one test and add up its counters."""
-        before = self._cpu_times()
-        begin = time.monotonic()
-        answer = self._node.call_self_test()
-        self.wait(answer.done)
-        self.wall += time.monotonic() - begin
-        for module, seconds in self._cpu_times().items():
-            self.cpu[module] += seconds - before[module]
-        result = summarise(answer_of(answer.result()))
-        self.tests += 1
-        self.failed += not result["passed"]
-        for check in result["checks"]:
-            if check["name"] == "counters":
-                self.published += int(check["values"]["samples_published"])
-                self.recorded += int(check["values"]["samples_recorded"])
-
-    def _cpu_times(self) -> dict[str, float]:
-        return {module: sum(process.cpu_times()[:2])
-                for module, process in self._processes.items()}
+    failed: int
+    published: int
+    recorded: int
+    cpu: dict[str, float]
+    """Of a core, by module, while testing."""
 
 
 def run_consecutive(tests: int, profile: str, out: Path) -> Consecutive:
     """Return the sums over consecutive tests."""
-    with contextlib.ExitStack() as stack:
-        enter_domain(stack.enter_context(private_domain(None)))
-        supervisor = stack.enter_context(Supervisor(out / "nodes.log"))
-        supervisor.start(SIMULATOR, {"initial_position": load_profile(profile).start})
-        supervisor.start(PROGNOSTICS, {})
-        supervisor.start(MONITOR, {"profile": profile, "output_directory": str(out)})
-        node = stack.enter_context(aircraft())
-        found = Consecutive(node, supervisor)
-        found.wait(lambda: not node.missing())
+    start = {"initial_position": load_profile(profile).start}
+    passed = published = recorded = 0
+    with chain(out, simulator=start, profile=profile) as nodes:
+        processes = {module: nodes.process(module) for module in (SIMULATOR, MONITOR)}
+        before = {module: sum(p.cpu_times()[:2]) for module, p in processes.items()}
+        begin = time.monotonic()
         for _ in range(tests):
-            found.run()
-        return found
+            answer = nodes.run_test(lambda _: None, TIMEOUT)
+            assert answer is not None
+            passed += bool(answer["passed"])
+            sent, kept = samples_of(answer)
+            published, recorded = published + sent, recorded + kept
+        wall = time.monotonic() - begin
+        cpu = {module: (sum(p.cpu_times()[:2]) - before[module]) / wall
+               for module, p in processes.items()}
+    return Consecutive(tests - passed, published, recorded, cpu)
 
 
 def main() -> int:
@@ -134,12 +95,12 @@ def main() -> int:
                   f"record is closed {closed:5.2f} s  (limit {AFTER_CLOSED:g} s)")
         found = run_consecutive(options.tests, options.profile, out)
     lost = found.published - found.recorded
-    good &= lost == 0 and found.failed == 0 and found.tests == options.tests
-    print(f"{found.tests} consecutive tests ({options.profile}), {found.published} samples "
+    good &= lost == 0 and found.failed == 0
+    print(f"{options.tests} consecutive tests ({options.profile}), {found.published} samples "
           f"published, {found.recorded} recorded, {lost} lost (limit 0), {found.failed} failed")
     print(f"CPU of a core while testing: publisher (simulation included) "
-          f"{100 * found.cpu[SIMULATOR] / found.wall:.1f} %, recorder (checks included) "
-          f"{100 * found.cpu[MONITOR] / found.wall:.1f} %")
+          f"{100 * found.cpu[SIMULATOR]:.1f} %, recorder (checks included) "
+          f"{100 * found.cpu[MONITOR]:.1f} %")
     print(f"load average at the begin {load:.1f} on {os.cpu_count()} cores")
     return 0 if good else 1
 

@@ -16,7 +16,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from rich.console import Console
@@ -26,10 +25,9 @@ from ema_record.profile import load_profile, step_profile
 from ema_record.record import Record
 from ema_sim.effects import parse_effects
 from ema_sim.plant.kernel import MAX_STEP
-from ema_sim.reference import STEP, simulate_reference
 from ema_sim.simulate import simulate_traced
+from support.reference import STEP, simulate_reference
 
-ROOT = Path(__file__).parents[1]
 STEPS = (MAX_STEP, 10e-6, 5e-6, 2e-6)
 SHORT = ["turn_short.fraction=0.1"]
 WINDOW = (0.082, 0.382)
@@ -47,7 +45,7 @@ print(imported - begin, time.perf_counter() - imported, time.process_time() - us
 PYTHON_LOOP = """
 import time
 from ema_record.profile import Profile
-from ema_sim.reference import simulate_reference
+from support.reference import simulate_reference
 profile = Profile(name="piece", points=((0.0, 0.0), (0.005, 0.01)), inverter_off=0.0)
 begin = time.perf_counter()
 simulate_reference(profile, step=1e-6)
@@ -116,7 +114,7 @@ def error(found: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
 
 def child(code: str, **environment: str) -> list[float]:
     """Return the numbers that a fresh process prints."""
-    env = os.environ | {"PYTHONPATH": str(ROOT)} | environment
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)} | environment
     done = subprocess.run(
         [sys.executable, "-c", code], env=env, check=True, capture_output=True, text=True
     )

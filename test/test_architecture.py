@@ -190,6 +190,15 @@ def test_unsafe_code_is_found(source):
     assert unsafe_code(safe) == []
 
 
+def test_only_tests_of_benchmarks_import_benchmarks(repository):
+    pattern = re.compile(r"^\s*(from|import) benchmarks", re.MULTILINE)
+    wrong = [
+        str(path.relative_to(repository)) for path in (repository / "test").rglob("*.py")
+        if path.parent.name != "benchmarks" and pattern.search(path.read_text(encoding="utf-8"))
+    ]
+    assert wrong == []
+
+
 def test_tracked_files_name_no_machine_and_no_registry(repository):
     wrong = {}
     for path in tracked(repository):

@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
 from benchmarks.blind_panel.judge import Judgement
-from benchmarks.blind_panel.rates import rate
+from ema_prognostics.training.rates import Rate, rate
 
 Judged = Sequence[Judgement]
+
+
+def counted(outcomes: Iterable[bool | None]) -> Rate:
+    """Return the rate of true ones; None does not count."""
+    return rate([outcome for outcome in outcomes if outcome is not None])
+
+
+def text(found: Rate) -> str:
+    """Return share, 95 % bounds and counts of a rate."""
+    if not found.total:
+        return "–"
+    return (f"{100 * found.value:.0f} % [{100 * found.lower:.0f}, {100 * found.upper:.0f}] "
+            f"{found.hits}/{found.total}")
 
 
 def _median(values: list[float], digits: int) -> str:
@@ -26,35 +39,35 @@ def _seen(judged: Judged, group: str) -> list[Judgement]:
 
 ROWS: tuple[tuple[str, str, Callable[[Judged], str]], ...] = (
     ("right name, or a set of at most 3 with it; effect visible", ">= 95 %",
-     lambda js: str(rate(j.right for j in _seen(js, "effect")))),
+     lambda js: text(counted(j.right for j in _seen(js, "effect")))),
     ("  of these, one name alone", "",
-     lambda js: str(rate(j.set_size == 1 for j in _seen(js, "effect") if j.right))),
+     lambda js: text(counted(j.set_size == 1 for j in _seen(js, "effect") if j.right))),
     ("wrong name; effect visible", "<= 2 %",
-     lambda js: str(rate(j.wrong for j in _seen(js, "effect")))),
+     lambda js: text(counted(j.wrong for j in _seen(js, "effect")))),
     ("wrong name; all with one effect", "",
-     lambda js: str(rate(j.wrong for j in js if j.group == "effect"))),
+     lambda js: text(counted(j.wrong for j in js if j.group == "effect"))),
     ("any name when nothing is hidden", "<= 2 %",
-     lambda js: str(rate(j.named for j in js if j.group == "nothing"))),
+     lambda js: text(counted(j.named for j in js if j.group == "nothing"))),
     ("outside the catalogue: unknown, right port", ">= 90 %",
-     lambda js: str(rate(j.unknown_port for j in _seen(js, "stranger")))),
+     lambda js: text(counted(j.unknown_port for j in _seen(js, "stranger")))),
     ("  unknown, port of the right balance", "",
-     lambda js: str(rate(j.unknown_balance for j in _seen(js, "stranger")))),
+     lambda js: text(counted(j.unknown_balance for j in _seen(js, "stranger")))),
     ("  some name instead", "",
-     lambda js: str(rate(j.named for j in _seen(js, "stranger")))),
+     lambda js: text(counted(j.named for j in _seen(js, "stranger")))),
     ("two effects, both named; both visible", ">= 80 %",
-     lambda js: str(rate(j.both for j in _seen(js, "pair")))),
+     lambda js: text(counted(j.both for j in _seen(js, "pair")))),
     ("  a name that is not hidden", "",
-     lambda js: str(rate(j.wrong for j in _seen(js, "pair")))),
+     lambda js: text(counted(j.wrong for j in _seen(js, "pair")))),
     ("gap closed on the held-out record, median", ">= 0.9",
      lambda js: _median([j.closed for j in [*_seen(js, "effect"), *_seen(js, "pair")]
                          if j.closed is not None], 2)),
     ("parameter within its 90 % interval", "85-95 %",
-     lambda js: str(rate(c for j in js if j.visible for c in j.covered))),
+     lambda js: text(counted(c for j in js if j.visible for c in j.covered))),
     ("set resolved by the proposed next test", ">= 80 %",
-     lambda js: str(rate(j.resolved for j in js))),
+     lambda js: text(counted(j.resolved for j in js))),
     ("  set that is said to need more than a test", "",
-     lambda js: str(rate(j.without_test for j in js))),
-    ("no answer (error)", "", lambda js: str(rate(j.error for j in js))),
+     lambda js: text(counted(j.without_test for j in js))),
+    ("no answer (error)", "", lambda js: text(counted(j.error for j in js))),
     ("time a record (s), median", "<= 60", lambda js: _median([j.seconds for j in js], 1)),
 )
 
@@ -83,12 +96,12 @@ def breakdown(judged: Judged) -> str:
         mine = [j for j in singles if j.names[0] == name]
         seen = [j for j in mine if j.visible]
         closed = [j.closed for j in seen if j.closed is not None]
-        right, wrong = rate(j.right for j in seen), rate(j.wrong for j in mine)
-        inside = rate(c for j in seen for c in j.covered)
+        right, wrong = counted(j.right for j in seen), counted(j.wrong for j in mine)
+        inside = counted(c for j in seen for c in j.covered)
         rows.append([
-            name, str(len(mine)), str(len(seen)), f"{right.hits}/{right.count}",
-            f"{wrong.hits}/{wrong.count}", f"{np.median(closed):.2f}" if closed else "–",
-            f"{inside.hits}/{inside.count}",
+            name, str(len(mine)), str(len(seen)), f"{right.hits}/{right.total}",
+            f"{wrong.hits}/{wrong.total}", f"{np.median(closed):.2f}" if closed else "–",
+            f"{inside.hits}/{inside.total}",
         ])
     return _grid(rows)
 

@@ -3,8 +3,8 @@
     python -m benchmarks.detection --out detection
 
 Needs about 30 minutes on two cores; parts that are done are kept in ``--work`` and read again.
-The comparison with a plain perceptron and the left-out conditions need the features of the
-training campaign: give its folder (``ema train --work``) with ``--campaign``, or it is simulated.
+The comparison with a plain perceptron needs the features of the training campaign: give its
+folder (``ema train --work``) with ``--campaign``, or it is simulated.
 """
 
 from __future__ import annotations
@@ -16,18 +16,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.detection.columns import comparison
 from benchmarks.detection.generate import COUNTS, Tested, generate
 from benchmarks.detection.judge import VIEWS, Judged, View, judge
-from benchmarks.detection.left_out import left_out
-from benchmarks.detection.paper_noise import paper_noise
+from benchmarks.detection.peers import comparison
 from benchmarks.detection.plots import plot_detection, plot_reliability
 from benchmarks.detection.print_table import print_tables
-from benchmarks.detection.table import TARGETS, fault_groups, numbers
+from benchmarks.detection.table import TARGETS, fault_groups, fault_numbers, numbers
 from ema_prognostics.cascade.model_file import load_model
 from ema_prognostics.training.campaign import run_campaign
-
-NOISE_UNITS = 40
 
 
 def _progress(what: str, started: float) -> None:
@@ -36,8 +32,6 @@ def _progress(what: str, started: float) -> None:
 
 def _visible(judged: list[Judged]) -> dict[str, float]:
     """Return the severity of each group from which a miss is a mistake: its a90/95."""
-    from benchmarks.detection.table import fault_numbers
-
     found = {name: fault_numbers(part)["a90_95"] for name, part in fault_groups(judged).items()
              if "," not in name}
     return {name: value for name, value in found.items() if value is not None}
@@ -53,7 +47,7 @@ def main() -> None:
     parser.add_argument("--part", type=float, default=1.0, help="of the fleet")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--only-table", action="store_true",
-                        help="without comparison, left-out conditions and the paper's noise")
+                        help="without the comparison with peers")
     options = parser.parse_args()
     if options.out.exists():
         parser.error(f"{options.out} exists already: give another folder")
@@ -73,20 +67,13 @@ def main() -> None:
     if not options.only_table:
         _progress("training campaign", started)
         size = model.training["settings"]
-        campaign, healthy = (
-            run_campaign("extended", size[name], model.training["seed"], healthy=only,
-                         jobs=options.jobs, folder=options.campaign or options.work)
-            for name, only in (("units", False), ("healthy", True)))
-        visible = result["views"]["fleet"]["visible from"]
-        result["left out"] = left_out(
-            campaign, healthy, fleet,
-            {v: result["views"][v]["visible from"] for v in VIEWS}, seed=model.training["seed"],
-            progress=lambda name: _progress(f"left out: {name}", started))
+        campaign = run_campaign(
+            "extended", size["units"], model.training["seed"], healthy=False,
+            jobs=options.jobs, folder=options.campaign or options.work)
         _progress("peers", started)
-        result["comparison"] = comparison(campaign, fleet, judged, visible, model,
-                                          jobs=options.jobs)
-        _progress("noise of the paper", started)
-        result["paper noise"] = paper_noise(model, max(4, round(NOISE_UNITS * options.part)))
+        result["comparison"] = comparison(
+            campaign, fleet, judged, result["views"]["fleet"]["visible from"], model,
+            jobs=options.jobs)
     options.out.mkdir(parents=True)
     (options.out / "detection.json").write_text(json.dumps(result, indent=1) + "\n")
     plot_detection(judged, result["views"], options.out / "detection.png")

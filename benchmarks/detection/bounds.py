@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from rich.console import Console
 
 from benchmarks.detection.detectability import (
     FALSE_ALARMS,
@@ -37,6 +38,8 @@ from benchmarks.detection.detectability import (
     noise_bound,
     own_spread_bound,
 )
+from benchmarks.detection.print_table import make_table
+from benchmarks.units import UNIT_SPREAD, actuator_of
 from ema_prognostics.features.extract import extract
 from ema_record.actuator import Actuator
 from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS, REFERENCE_CURRENTS
@@ -97,28 +100,17 @@ class Unknown(NamedTuple):
 
     name: str
     half: float
-    path: tuple[str, ...] = ()
-    """Parameters of the actuator that it multiplies by 1 + u; deviations are added."""
     effects: tuple[str, ...] = ()
-    """Or settings of effects that get the value."""
+    """Settings of effects that get the value; none: `name` is one of `units.UNIT_SPREAD`."""
 
 
-UNIT = (
-    Unknown("resistance", 0.1, ("motor.phase_resistance",)),
-    Unknown("inductance", 0.1, ("motor.phase_inductance",)),
-    Unknown("back_emf", 0.03, ("motor.back_emf_constant",)),
-    *(Unknown(f"back_emf_{p}", 0.005, (f"motor.back_emf_deviation_{p}",)) for p in "abc"),
-    Unknown("motor_friction", 0.1, ("motor.dynamic_friction", "motor.static_friction")),
-    Unknown("surface_friction", 0.1, ("surface.dynamic_friction", "surface.static_friction")),
-    Unknown("inertia", 0.1, ("motor.inertia",)),
-    Unknown("stiffness", 0.1, ("shaft.stiffness",)),
-)
+UNIT = tuple(Unknown(n, half) for n, half in UNIT_SPREAD.items() if n != "surface_inertia")
 CONDITIONS = (
-    Unknown("temperature", 55.0, effects=("winding_temperature.temperature",)),
-    Unknown("bus", 0.1, effects=("bus_voltage_change.change",)),
-    Unknown("load", 19.0, effects=("surface_load.constant",)),
-    *(Unknown(f"gain_{p}", 0.01, effects=(f"current_sensor_gain.phase_{p}",)) for p in "abc"),
-    *(Unknown(f"offset_{p}", 0.05, effects=(f"current_sensor_offset.phase_{p}",))
+    Unknown("temperature", 55.0, ("winding_temperature.temperature",)),
+    Unknown("bus", 0.1, ("bus_voltage_change.change",)),
+    Unknown("load", 19.0, ("surface_load.constant",)),
+    *(Unknown(f"gain_{p}", 0.01, (f"current_sensor_gain.phase_{p}",)) for p in "abc"),
+    *(Unknown(f"offset_{p}", 0.05, (f"current_sensor_offset.phase_{p}",))
       for p in "abc"),
 )
 TEMPERATURE = 15.0
@@ -139,24 +131,13 @@ class Bound:
     target_fleet: float
 
 
-def shifted(actuator: Actuator, unknown: Unknown, value: float) -> Actuator:
-    """Return `actuator` with one parameter (or some tied ones) moved."""
-    for path in unknown.path:
-        part, name = path.split(".")
-        group = getattr(actuator, part)
-        old = getattr(group, name)
-        new = value if "deviation" in name else old * (1.0 + value)
-        actuator = actuator._replace(**{part: group._replace(**{name: new})})
-    return actuator
-
-
-def runs(effects: dict[str, float | str], actuator: Actuator, seeds: Iterable[int],
-         noise: float = 1.0) -> list[Record]:
-    """Simulate one setting over seeds, at `noise` times the nominal noise."""
+def runs(effects: dict[str, float | str], actuator: Actuator, seeds: Iterable[int]
+         ) -> list[Record]:
+    """Simulate one setting over seeds."""
     profile = load_profile("extended")
     merged = {"winding_temperature.temperature": TEMPERATURE, **effects}
     parsed = effects_from_mapping(merged)
-    return [simulate(profile, actuator=actuator, effects=parsed, seed=s, noise=noise)
+    return [simulate(profile, actuator=actuator, effects=parsed, seed=s)
             for s in seeds]
 
 
@@ -175,12 +156,12 @@ def paper_noise(record: Record, rng: np.random.Generator, rate: float) -> Record
 class Library:
     """Features of repeated runs: the noise's covariance, and derivatives."""
 
-    def __init__(self, repeats: int, base_repeats: int, noise: float = 1.0) -> None:
-        """Simulate the nominal unit at `noise` times the nominal; the rest when asked for."""
+    def __init__(self, repeats: int, base_repeats: int) -> None:
+        """Simulate the nominal unit; the rest when asked for."""
         self.nominal = load_actuator()
-        self.repeats, self.noise = repeats, noise
+        self.repeats = repeats
         seeds = range(FIRST_SEED, FIRST_SEED + base_repeats)
-        self.records = runs({}, self.nominal, seeds, noise)
+        self.records = runs({}, self.nominal, seeds)
         first = extract(self.records[0], "extended")
         self.names = [n for n in first if n.startswith(USED) and DERIVED not in n]
         self.base = self.features(self.records)
@@ -195,7 +176,7 @@ class Library:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return mean difference / step and its standard error, shape (d,) each."""
         seeds = range(FIRST_SEED, FIRST_SEED + self.repeats)
-        found = self.features(runs(effects, actuator, seeds, self.noise))
+        found = self.features(runs(effects, actuator, seeds))
         difference = found - self.base[:self.repeats]
         error = difference.std(axis=0, ddof=1) / np.sqrt(self.repeats)
         return difference.mean(axis=0) / step, error / abs(step)
@@ -210,9 +191,8 @@ class Library:
         value = unknown.half
         if unknown.name == "temperature":
             value += TEMPERATURE
-        shift, error = self.derivative(
-            dict.fromkeys(unknown.effects, value), shifted(self.nominal, unknown, value), 1.0
-        )
+        actuator = self.nominal if unknown.effects else actuator_of({unknown.name: value})
+        shift, error = self.derivative(dict.fromkeys(unknown.effects, value), actuator, 1.0)
         return np.where(np.abs(shift) > SIGNIFICANT * error, shift, 0.0)
 
 
@@ -244,16 +224,16 @@ def bounds_at(
 
 def print_table(title: str, found: list[Bound]) -> None:
     """Print the bounds beside the targets; percent, backlash in µrad."""
-    print(f"\n{title}")
-    print(f"{'fault':<22}{'noise':>9}{'conditions':>12}{'target':>9}{'fleet':>12}{'target':>9}"
-          f"{'own ±10 %':>11}")
+    table = make_table(title, "fault", "noise", "conditions", "target", "fleet", "target",
+                       "own ±10 %")
     scales = {f.name: f.scale for f in FAULTS}
     for b in found:
         s = scales[b.fault]
-        own = f"{s * b.own_spread:.1f}" if b.own_spread is not None else "-"
-        print(f"{b.fault:<22}{s * b.noise:>9.3g}{s * b.conditions:>12.3g}"
-              f"{s * b.target_baseline:>9.3g}{s * b.fleet:>12.3g}{s * b.target_fleet:>9.3g}"
-              f"{own:>11}")
+        table.add_row(
+            b.fault, *(f"{s * x:.3g}" for x in (b.noise, b.conditions, b.target_baseline, b.fleet,
+                                                b.target_fleet)),
+            "-" if b.own_spread is None else f"{s * b.own_spread:.1f}")
+    Console(width=100).print(table)
 
 
 def measured(repeats: int, base_repeats: int) -> tuple[

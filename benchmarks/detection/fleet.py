@@ -1,6 +1,6 @@
 """The held-out fleet: units, conditions and faults, written apart from the training's.
 
-Nothing of the training's generator is imported. Spreads follow the issue's item 2.
+Nothing of the training's generator is imported.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.units import UNIT_SPREAD, actuator_of
 from ema_prognostics.features.extract import extract
 from ema_record.actuator import Actuator
 from ema_record.checks.guard import guard_findings, outcome_of
@@ -17,7 +18,6 @@ from ema_record.errors import RecordError
 from ema_record.profile import load_profile
 from ema_record.record import Record
 from ema_sim.effects.settings import effects_from_mapping
-from ema_sim.model_file import load_actuator
 from ema_sim.simulate import simulate
 
 ROOT = 777_008
@@ -65,24 +65,10 @@ class Case:
 
 def _unit(rng: np.random.Generator) -> Actuator:
     """Return a unit of the fleet."""
-    a = load_actuator()
-    low, high = 0.9, 1.1
-    f = {n: rng.uniform(low, high) for n in ("R", "L", "motor", "surface", "K", "J")}
-    k = rng.uniform(0.97, 1.03)
-    m, s = a.motor, a.surface
-    return a._replace(
-        motor=m._replace(
-            phase_resistance=m.phase_resistance * f["R"],
-            phase_inductance=m.phase_inductance * f["L"],
-            back_emf_constant=m.back_emf_constant * k,
-            **{f"back_emf_deviation_{p}": float(rng.uniform(-0.005, 0.005)) for p in "abc"},
-            dynamic_friction=m.dynamic_friction * f["motor"],
-            static_friction=m.static_friction * f["motor"], inertia=m.inertia * f["J"],
-        ),
-        surface=s._replace(dynamic_friction=s.dynamic_friction * f["surface"],
-                           static_friction=s.static_friction * f["surface"]),
-        shaft=a.shaft._replace(stiffness=a.shaft.stiffness * f["K"]),
-    )
+    names = ("phase_resistance", "phase_inductance", "motor_friction", "surface_friction",
+             "stiffness", "motor_inertia", "back_emf_constant",
+             "back_emf_a", "back_emf_b", "back_emf_c")
+    return actuator_of({n: float(rng.uniform(-UNIT_SPREAD[n], UNIT_SPREAD[n])) for n in names})
 
 
 def _conditions(rng: np.random.Generator) -> dict[str, float | str]:

@@ -6,7 +6,7 @@ without the unit's acceptance record as baseline, and the flights together as `e
 Counted are: how many flights lie between passing the detectable severity and the announcement,
 false alarms, and faults that were never announced.
 
-    python -m benchmarks.detection.flights --units 36 --work flights --plot flights.png
+    python -m benchmarks.detection.flights --units 36 --work flights
 
 The features of units that are done are kept in the folder `--work` and serve any model; other
 sources of the simulator or of the features give other files.
@@ -22,27 +22,27 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from rich.console import Console
 
+from benchmarks import units as fleet_units
 from benchmarks.detection import sequences
 from benchmarks.detection.flight_scores import VIEWS, Flown, Score, score_units
+from benchmarks.detection.print_table import make_table, percent
 from benchmarks.detection.sequences import draw_course, record_of
+from benchmarks.detection.table import TARGETS as BOTH_TARGETS
+from benchmarks.detection.table import plain
 from ema_cli.console import progress
 from ema_prognostics.cascade.model_file import Model, load_model
 from ema_prognostics.features.extract import extract
 from ema_prognostics.training.chunks import sources_hash
-from ema_prognostics.training.rates import Rate
 from ema_prognostics.verdict.diagnose import verdict_of_features
 from ema_prognostics.verdict.verdict import Verdict
 from ema_record.checks.guard import guard_findings, outcome_of
 from ema_record.errors import RecordError
 from ema_record.files import new_file
 
-TARGETS = {
-    "fleet": {"turn_short": 0.015, "rotor_eccentricity": 0.008, "motor_friction": 0.30,
-              "surface_friction": 0.30, "backlash": 2e-4},
-    "baseline": {"turn_short": 0.005, "rotor_eccentricity": 0.006, "motor_friction": 0.05,
-                 "surface_friction": 0.05, "backlash": 1.5e-4},
-}
+TARGETS = {view: {kind: target[k] for kind, target in BOTH_TARGETS.items()}
+           for k, view in enumerate(reversed(VIEWS))}
 """Detectable severities unless measured ones are given: those that the issue asks for."""
 FLIGHTS = 60
 LEAST_FLIGHTS = 12
@@ -97,8 +97,8 @@ def _verdict(test: Test, model: Model, base: dict[str, float] | None) -> Verdict
 
 def work_file(work: Path, unit: int, flights: int) -> Path:
     """Return where the features of a unit are kept; other sources give another file."""
-    own = Path(sequences.__file__).read_bytes()
-    key = hashlib.sha256(f"{sources_hash()} {unit} {flights}".encode() + own).hexdigest()
+    own = "".join(Path(module.__file__).read_text() for module in (sequences, fleet_units))
+    key = hashlib.sha256(f"{sources_hash()} {unit} {flights}{own}".encode()).hexdigest()
     return work / f"unit_{unit:04d}_{key[:16]}.json"
 
 
@@ -138,29 +138,23 @@ def detectable_of(file: Path | None) -> dict[str, dict[str, float]]:
     return found
 
 
-def rate_text(found: Rate) -> str:
-    """Return a rate with its bounds and count."""
-    if not found.total:
-        return "none"
-    return (f"{100 * found.value:.2f} % ({100 * found.lower:.2f} to {100 * found.upper:.2f}), "
-            f"{found.hits} of {found.total}")
-
-
 def print_score(view: str, score: Score, detectable: dict[str, float]) -> None:
     """Print what one view gave."""
-    print(f"\n{'without a baseline' if view == 'fleet' else 'with the own baseline'}")
-    print(f"  {'fault':<20}{'detectable':>11}{'units':>7}{'passed':>8}{'announced':>11}"
-          f"{'confirmed':>11}{'delay, flights: median (90 % within)':>40}")
+    table = make_table(
+        "without a baseline" if view == "fleet" else "with the own baseline",
+        "fault", "detectable", "units", "passed", "announced", "confirmed",
+        "delay, flights: median (90 % within)")
     for kind, row in score.faults.items():
         delay = np.array(row.announce_delay)
         text = "-"
         if len(delay):
             low, high = np.quantile(delay, [0.05, 0.95])
             text = f"{np.median(delay):+.0f} ({low:+.0f} to {high:+.0f})"
-        print(f"  {kind:<20}{detectable[kind]:>11.3g}{row.units:>7}{row.passed:>8}"
-              f"{row.announced:>11}{row.confirmed:>11}{text:>40}")
+        counts = (row.units, row.passed, row.announced, row.confirmed)
+        table.add_row(kind, f"{detectable[kind]:.3g}", *map(str, counts), text)
+    Console(width=120).print(table)
     for text, rate in score.rates.items():
-        print(f"  {text}: {rate_text(rate)}")
+        print(f"  {text}: {percent(plain(rate))}")
     for text in score.notes:
         print(f"  {text}")
 
@@ -178,7 +172,6 @@ def main() -> None:
                         help="stop when the features are in --work")
     parser.add_argument("--work", type=Path, help="folder that keeps units that are done")
     parser.add_argument("--out", type=Path, help="JSON file with all numbers")
-    parser.add_argument("--plot", type=Path, help="PNG file")
     options = parser.parse_args()
     if options.flights < LEAST_FLIGHTS:
         parser.error(f"--flights {options.flights}: give at least {LEAST_FLIGHTS}")
@@ -199,10 +192,6 @@ def main() -> None:
                 "model": model.sha256, "units": len(flown), "flights": options.flights,
                 "detectable": detectable, **{v: s.to_dict() for v, s in scores.items()},
             }, indent=1) + "\n", encoding="utf-8")
-    if options.plot is not None:
-        from benchmarks.detection.flights_plot import plot_flights
-
-        plot_flights(flown, scores, detectable, options.plot)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from joblib import Parallel, delayed
 
+from benchmarks import units
 from benchmarks.detection import fleet
 from benchmarks.detection.fleet import Case, draw, tested
 from ema_prognostics.training.chunks import sources_hash
@@ -65,7 +66,8 @@ def generate(
 ) -> list[Tested]:
     """Return the fleet; `part` of `COUNTS`, at least 10 a group; `folder` keeps the parts."""
     folder.mkdir(parents=True, exist_ok=True)
-    key = hashlib.sha256((sources_hash() + Path(fleet.__file__).read_text()).encode())
+    own = "".join(Path(module.__file__).read_text() for module in (fleet, units))
+    key = hashlib.sha256((sources_hash() + own).encode())
     todo = [(g, 100_000 * i + n) for i, (g, count) in enumerate(COUNTS.items())
             for n in range(max(10, round(count * part)))]
     order = np.random.default_rng(5).permutation(len(todo))

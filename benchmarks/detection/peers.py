@@ -1,9 +1,4 @@
-"""Comparison columns: the paper's literal scheme, and a plain perceptron on our features.
-
-Both answer in the words of the robust cascade, so one table holds all three:
-
-    called = paper_columns([(actuator, case), ...])
-    called = mlp_columns(training_campaign, held_out)
+"""The comparison: ours, a plain perceptron on the same features, the paper's literal scheme.
 
 The paper's two networks know neither a healthy actuator nor friction, backlash or "unknown".
 The perceptron is scikit-learn's with its defaults: it has no guard, no calibrated threshold and
@@ -13,24 +8,29 @@ no interval.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.detection.fleet import Case, record_of
-from benchmarks.detection.generate import Tested
+from benchmarks.detection.fleet import Case, draw, record_of
+from benchmarks.detection.generate import COUNTS, Tested
+from benchmarks.detection.judge import CLASS, Judged, View
+from benchmarks.detection.table import plain
 from ema_prognostics.cascade.classes import CLASS_OF, OUTPUTS, SHORTS
-from ema_prognostics.cascade.model_body import View
-from ema_prognostics.cascade.model_file import Model, load_model
+from ema_prognostics.cascade.model_file import Model
 from ema_prognostics.features.vector import differences
 from ema_prognostics.training.campaign import Campaign
+from ema_prognostics.training.rates import ORIGIN, detection, rate
 from ema_prognostics.verdict.diagnose import diagnose, verdict_of_error
 from ema_record.actuator import Actuator
 from ema_record.errors import RecordError
 
 HIDDEN = (64,)
 ITERATIONS = 300
+PAPER_UNITS = 60
+"""Records a group that the paper's scheme judges; each is simulated again."""
+UNNAMED = ("healthy", "unknown", "invalid", "incomplete")
 
 
 class Called(NamedTuple):
@@ -45,19 +45,17 @@ class Called(NamedTuple):
 
 
 def paper_columns(
-    cases: Sequence[tuple[Actuator, Case]], model: Model | None = None, *, jobs: int = 1
+    cases: Sequence[tuple[Actuator, Case]], model: Model, *, jobs: int = 1
 ) -> list[Called]:
     """Return what the paper's literal scheme says of each case; each is simulated again.
 
     Parameters
     ----------
     cases : unit and test, as `fleet.draw` gives them.
-    model : default the shipped one.
     jobs : processes.
     """
     from joblib import Parallel, delayed
 
-    model = load_model() if model is None else model
     parts = [cases[k:k + 8] for k in range(0, len(cases), 8)]
     found = Parallel(n_jobs=jobs)(delayed(_paper_part)(part, model) for part in parts)
     return [called for part in found for called in part]
@@ -157,3 +155,47 @@ def mlp_columns(
     for k, found in zip(rows, perceptron.call(record, base)):
         called[k] = found
     return called
+
+
+def _column(tests: Sequence[Tested], called: Sequence[Called], visible: Mapping[str, float]
+            ) -> dict[str, Any]:
+    healthy = [c.outcome not in UNNAMED for t, c in zip(tests, called)
+               if t.case.group == "healthy"]
+    strangers = [c.outcome not in ("unknown", "invalid", "incomplete")
+                 for t, c in zip(tests, called) if t.case.group in ("stranger", "sensor")]
+    right, faults = [], {}
+    for group, name in CLASS.items():
+        mine = [(next(iter(t.case.truth.values())), c) for t, c in zip(tests, called)
+                if t.case.group == group]
+        found = [c.outcome not in UNNAMED for _, c in mine]
+        right += [name in c.outcome.split("+") for (x, c), f in zip(mine, found)
+                  if f and x >= visible.get(group, 0.0)]
+        curve = detection(np.array([x for x, _ in mine]),
+                          np.array(found, dtype=bool), ORIGIN.get(group, 0.0)) if mine else None
+        faults[group] = None if curve is None else curve.a90_95
+    return {"false alarms": plain(rate(healthy)), "strangers wrong": plain(rate(strangers)),
+            "right class": plain(rate(right)), "a90_95": faults}
+
+
+def _ours(judged: Sequence[Judged]) -> list[Called]:
+    return [Called(j.outcome) for j in judged]
+
+
+def comparison(
+    campaign: Campaign, fleet: Sequence[Tested], judged: Mapping[View, Sequence[Judged]],
+    visible: Mapping[str, float], model: Model, *, jobs: int,
+) -> dict[str, Any]:
+    """Return the columns of the comparison; the right class is counted from `visible` on."""
+    columns = {"ours, fleet": _column(fleet, _ours(judged["fleet"]), visible),
+               "perceptron, fleet": _column(fleet, mlp_columns(campaign, fleet), visible)}
+    with_base = [t for t in fleet if t.base is not None]
+    columns["ours, baseline"] = _column(with_base, _ours(judged["baseline"]), visible)
+    columns["perceptron, baseline"] = _column(
+        with_base, mlp_columns(campaign, with_base, "baseline"), visible)
+    few = [(g, 100_000 * i + n) for i, (g, count) in enumerate(COUNTS.items())
+           for n in range(min(PAPER_UNITS, count))]
+    drawn = [draw(g, seed) for g, seed in few]
+    called = paper_columns([(actuator, case) for actuator, _, case in drawn], model, jobs=jobs)
+    tests = [Tested(case, None, None, "") for _, _, case in drawn]
+    columns["paper, literal"] = _column(tests, called, visible)
+    return columns

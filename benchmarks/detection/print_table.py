@@ -25,7 +25,8 @@ def _size(group: str, value: float | None) -> str:
     return "-" if value is None else f"{scale * value:.3g} {unit.split()[0]}"
 
 
-def _table(title: str, *columns: str) -> Table:
+def make_table(title: str, *columns: str) -> Table:
+    """Return an empty table: names to the left, numbers to the right."""
     table = Table(title=title, title_justify="left")
     for k, name in enumerate(columns):
         table.add_column(name, justify="left" if k == 0 else "right")
@@ -34,8 +35,9 @@ def _table(title: str, *columns: str) -> Table:
 
 def _faults(result: dict[str, Any], console: Console) -> None:
     for k, view in enumerate(reversed(VIEWS)):
-        table = _table(f"{NAMES[view]}: faults", "fault", "detected", "a90", "a90/95", "target",
-                       "right class", "phase", "interval holds", "median error")
+        table = make_table(
+            f"{NAMES[view]}: faults", "fault", "detected", "a90", "a90/95", "target",
+            "right class", "phase", "interval holds", "median error")
         for name, f in result["views"][view]["faults"].items():
             target = TARGETS.get(name.partition(",")[0])
             error = f["median error"]
@@ -49,7 +51,7 @@ def _faults(result: dict[str, Any], console: Console) -> None:
 
 
 def _whole(result: dict[str, Any], console: Console) -> None:
-    table = _table("Rates (95 % bounds)", "what", "target", *(NAMES[v] for v in VIEWS))
+    table = make_table("Rates (95 % bounds)", "what", "target", *(NAMES[v] for v in VIEWS))
     for name, target in (
         ("false alarms", "<= 1 %, upper bound"), ("healthy called unknown", ""),
         ("right class", ">= 98 %"), ("interval holds", "87-93 %"),
@@ -65,7 +67,7 @@ def _whole(result: dict[str, Any], console: Console) -> None:
 def _counts(title: str, rows: dict[str, dict[str, int]], console: Console) -> None:
     outcomes = sorted({o for counts in rows.values() for o in counts},
                       key=lambda o: ("+" in o, o))
-    table = _table(title, "truth", *outcomes)
+    table = make_table(title, "truth", *outcomes)
     for name, counts in rows.items():
         table.add_row(name, *(str(counts.get(o, 0) or "") for o in outcomes))
     console.print(table)
@@ -81,27 +83,17 @@ def print_tables(result: dict[str, Any]) -> None:
         _counts(f"{NAMES[view]}: confusion (single faults from their a90/95 on)",
                 found["confusion"], console)
         _counts(f"{NAMES[view]}: strangers and sensor faults", found["strangers"], console)
-        table = _table(f"{NAMES[view]}: by condition", "condition", "false alarms", "accuracy",
-                       "interval holds")
+        table = make_table(f"{NAMES[view]}: by condition", "condition", "false alarms",
+                           "accuracy", "interval holds")
         for name, row in found["by condition"].items():
             table.add_row(name, *(percent(row[k]) for k in
                                   ("false alarms", "accuracy", "interval holds")))
         console.print(table)
-    for view, conditions in result.get("left out", {}).items():
-        columns = ("accuracy", "false alarms", "unknown", "interval holds", "strangers wrong")
-        table = _table(f"{NAMES[view]}: condition left out of training", "condition", "where",
-                       *columns)
-        for name, parts in conditions.items():
-            for where, row in parts.items():
-                table.add_row(name, where, *(percent(row[k]) for k in columns))
-        console.print(table)
     if "comparison" in result:
-        table = _table("Comparison on the same records", "scheme", "false alarms",
-                       "right class", "strangers wrong", *UNITS)
+        table = make_table("Comparison on the same records", "scheme", "false alarms",
+                           "right class", "strangers wrong", *UNITS)
         for name, c in result["comparison"].items():
             table.add_row(name, percent(c["false alarms"]), percent(c["right class"]),
                           percent(c["strangers wrong"]),
                           *(_size(g, c["a90_95"][g]) for g in UNITS))
         console.print(table)
-    for reading, rows in result.get("paper noise", {}).items():
-        _counts(f"noise of the paper, {reading}: verdicts", rows, console)

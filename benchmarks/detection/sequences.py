@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.units import UNIT_SPREAD, actuator_of
 from ema_record.actuator import Actuator
 from ema_record.profile import load_profile
 from ema_record.record import Record
 from ema_sim.effects.settings import effects_from_mapping
-from ema_sim.model_file import load_actuator
 from ema_sim.simulate import simulate
 
 SEED = 31_337_001
@@ -33,9 +33,8 @@ ONSET = (4, 26)
 """Flights between which the growth begins."""
 REPAIRED = 0.2
 """Part of the units that are repaired near the end."""
-REGIMES = ("plateau", "slow", "burst")
 STAY = (0.80, 0.85, 0.55)
-"""Probability of staying in each regime from one flight to the next."""
+"""Probability of staying on a plateau, in slow growth, in a burst from flight to flight."""
 INCREMENT = (0.0, 1.0, 8.0)
 """Mean growth of a flight in each regime, in arbitrary units."""
 
@@ -96,28 +95,15 @@ def walk(rng: np.random.Generator, flights: int, low: float, high: float, part: 
 
 def draw_unit(rng: np.random.Generator) -> Actuator:
     """Return a unit of the fleet: each parameter uniform within its tolerance."""
-    actuator = load_actuator()
-    motor, surface, shaft = actuator.motor, actuator.surface, actuator.shaft
 
-    def near(value: float, tolerance: float = 0.10) -> float:
-        return value * float(rng.uniform(1.0 - tolerance, 1.0 + tolerance))
+    def near(name: str) -> float:
+        return float(rng.uniform(-UNIT_SPREAD[name], UNIT_SPREAD[name]))
 
-    own, other = near(1.0), near(1.0)
-    deviation = rng.uniform(-0.005, 0.005, 3)
-    return actuator._replace(
-        motor=motor._replace(
-            phase_resistance=near(motor.phase_resistance),
-            phase_inductance=near(motor.phase_inductance),
-            back_emf_constant=near(motor.back_emf_constant, 0.03),
-            back_emf_deviation_a=float(deviation[0]), back_emf_deviation_b=float(deviation[1]),
-            back_emf_deviation_c=float(deviation[2]), inertia=near(motor.inertia),
-            dynamic_friction=motor.dynamic_friction * own,
-            static_friction=motor.static_friction * own,
-        ),
-        surface=surface._replace(dynamic_friction=surface.dynamic_friction * other,
-                                 static_friction=surface.static_friction * other),
-        shaft=shaft._replace(stiffness=near(shaft.stiffness)),
-    )
+    # In this order: the flights of a unit follow from it.
+    return actuator_of({name: near(name) for name in (
+        "motor_friction", "surface_friction", "back_emf_a", "back_emf_b", "back_emf_c",
+        "phase_resistance", "phase_inductance", "back_emf_constant", "motor_inertia",
+        "stiffness")})
 
 
 def fault_settings(rng: np.random.Generator, kind: str) -> tuple[dict[str, float | str], str]:

@@ -21,7 +21,7 @@ from random import Random
 
 import numpy as np
 
-from benchmarks.reliability.ledger import Ledger, options_of
+from benchmarks.ledger import Ledger, options_of
 from ema_record.bag.read import read_bag, write_bag
 from ema_record.errors import IncompleteRecordError, RecordError
 from ema_record.profile import load_profile

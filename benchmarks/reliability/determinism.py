@@ -23,7 +23,7 @@ from random import Random
 
 from std_msgs.msg import String
 
-from benchmarks.reliability.ledger import Ledger, options_of
+from benchmarks.ledger import Ledger, options_of
 from ema_monitor.aircraft_node import AircraftNode, aircraft
 from ema_record.resources import share_path
 from ema_record.wire.topics import BIT_RECORD

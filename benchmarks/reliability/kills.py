@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.reliability.ledger import Ledger, options_of
+from benchmarks.ledger import Ledger, options_of
 from ema_record.bag.read import read_bag
 from ema_record.bag.recover import recover_bag
 from ema_record.bag.writer import BagWriter

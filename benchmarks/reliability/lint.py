@@ -17,12 +17,12 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from benchmarks.reliability.defects import DEFECTS
+from benchmarks.ledger import Ledger, options_of
 from benchmarks.reliability.good_bags import good_record
-from benchmarks.reliability.ledger import Ledger, options_of
-from benchmarks.reliability.recording import Recording
 from ema_record.bag.read import read_bag, write_bag
 from ema_record.checks import guard_findings, lint_bag
+from support.defects import DEFECTS
+from support.recording import Recording
 
 
 def good(number: int, seed: int, folder: Path) -> dict[str, Any]:

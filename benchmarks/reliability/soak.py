@@ -20,9 +20,9 @@ from typing import Any
 
 import psutil
 
-from benchmarks.reliability.chain import Chain, chain
-from benchmarks.reliability.ledger import Ledger, options_of
+from benchmarks.ledger import Ledger, options_of
 from ema_cli.commands.bit import MONITOR, PROGNOSTICS, SIMULATOR
+from support.chain import Chain, chain, samples_of
 
 NODES = {"simulator": SIMULATOR, "monitor": MONITOR, "prognostics": PROGNOSTICS}
 PERIOD = 2.0
@@ -86,9 +86,8 @@ def soak(minutes: float, seed: int) -> dict[str, Any]:
                 assert answer is not None
                 tests += 1
                 passed += bool(answer["passed"])
-                counters = next(c for c in answer["checks"] if c["name"] == "counters")["values"]
-                published += int(counters["samples_published"])
-                recorded += int(counters["samples_recorded"])
+                sent, kept = samples_of(answer)
+                published, recorded = published + sent, recorded + kept
                 record = answer["record"]
                 found.wait(
                     lambda: (found.node.verdict or {}).get("bag") == record,  # noqa: B023

@@ -2,31 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
-from benchmarks.rigs.synthetic import EFFECTS, RIGS, STRANGERS, Rig, make
-from ema_identification.result import Identification
+from benchmarks.ledger import Ledger
 from ema_identification.rig.workflow import identify_rig
+from support.rigs import EFFECTS, RIGS, Rig, judged, make
 
 SIZE = 0.3
 """Of an effect, in units of the rms input without it."""
-NEEDS = {"stribeck_friction": {"coulomb_friction"}, "presliding_hysteresis": {"coulomb_friction"}}
-"""What an effect of the panel consists of beside itself."""
-
-
-def judged(name: str, found: Identification) -> str:
-    """Return ``right``, ``wrong`` or ``missed`` for one effect."""
-    sets = [{f.effect, *f.equivalent} for f in found.findings]
-    if name in STRANGERS:
-        if sets:
-            return "wrong"
-        return "right" if found.unknown is not None else "missed"
-    needed = {name} | NEEDS.get(name, set())
-    if any(not (named & needed) for named in sets):
-        return "wrong"
-    return "right" if any(name in named for named in sets) else "missed"
 
 
 def panel(nulls: int, *, seed: int = 0, work: Path | None = None) -> None:
@@ -46,30 +31,17 @@ def panel(nulls: int, *, seed: int = 0, work: Path | None = None) -> None:
     cases = [(rigs[(index + 3 * k) % len(rigs)], 5000 + 10 * index + k, name)
              for index, name in enumerate(EFFECTS) for k in range(2)]
     cases += [(rigs[k % len(rigs)], 9000 + k, "") for k in range(nulls)]
-    done = _done(work)
+    ledger = Ledger(work)
     counts: Counter[str] = Counter()
     for rig, own, name in cases:
         key = f"{rig.name}-{100_000 * seed + own}-{name}"
-        if key not in done:
-            done[key] = _case(rig, 100_000 * seed + own, name)
-            if work is not None:
-                with work.open("a", encoding="utf-8") as stream:
-                    stream.write(json.dumps([key, done[key]]) + "\n")
-        answer, said = done[key]
+        answer, said = ledger.run(key, partial(_case, rig, 100_000 * seed + own, name))
         counts[answer] += 1
         if name or answer == "alarm":
             print(f"{answer:7s} {name or 'nothing':24s} on {key:30s} {said}", flush=True)
     print(f"{len(cases) - nulls} rigs with one effect: right {counts['right']}, "
           f"wrong {counts['wrong']}, missed {counts['missed']}; "
           f"{nulls} with nothing missing: {counts['alarm']} disagree")
-
-
-def _done(work: Path | None) -> dict[str, tuple[str, str]]:
-    """Return what a file of lines holds."""
-    if work is None or not work.is_file():
-        return {}
-    lines = [json.loads(line) for line in work.read_text(encoding="utf-8").splitlines()]
-    return {key: (answer, said) for key, (answer, said) in lines}
 
 
 def _case(rig: Rig, seed: int, name: str) -> tuple[str, str]:

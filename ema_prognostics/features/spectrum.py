@@ -1,7 +1,6 @@
-"""Lines at multiples of the electrical frequency: against the rotor angle, and by FFT.
+"""Lines at multiples of the electrical frequency, demodulated against the measured rotor angle.
 
-`rotor_lines` demodulates against the measured angle and needs no bin to fall on a line.
-`fft_line` is the paper's reading, an amplitude off the FFT grid.
+So no bin of a Fourier transform need fall on a line.
 """
 
 from __future__ import annotations
@@ -40,18 +39,3 @@ def rotor_lines(turns: Turns, signal: np.ndarray, harmonics: int = 6) -> np.ndar
     lines[0] = coefficients[0]
     lines[1:] = coefficients[2::2] - 1j * coefficients[3::2]
     return lines
-
-
-def fft_line(signal: np.ndarray, rate: float, frequency: float) -> float:
-    """Return the amplitude at the FFT bin nearest to `frequency` (the paper's reading).
-
-    Parameters
-    ----------
-    signal : ndarray, shape (n,).
-    rate : samples a second (1/s).
-    frequency : Hz; 0 gives the magnitude of the mean.
-    """
-    n = len(signal)
-    index = round(frequency * n / rate)
-    value = abs(np.fft.rfft(signal)[index]) / n
-    return float(value if index == 0 else 2.0 * value)

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ema_prognostics.features.turns import Turns
-from ema_prognostics.networks.levenberg_marquardt import LevenbergMarquardtClassifier
+from ema_prognostics.networks.levenberg_marquardt import train as train_network
+from ema_prognostics.networks.network import Network
 from ema_prognostics.paper.cascade import (
     ANN_B_INPUTS,
     EXTENTS,
@@ -88,14 +89,13 @@ class PaperExperiment:
     """[fault][start angle, trained and unseen][row]: free of noise."""
     test: dict[Fault, FeatureSet]
     test_unseen: dict[Fault, FeatureSet]
-    ann_a: LevenbergMarquardtClassifier
-    ann_b: dict[tuple[Fault, int], LevenbergMarquardtClassifier]
+    ann_a: Network
+    ann_b: dict[tuple[Fault, int], Network]
 
     def cascade(self) -> PaperCascade:
         """Return the networks for the model file, ANN_B with three columns."""
         return PaperCascade(
-            ann_a=self.ann_a.to_network(),
-            ann_b={fault: self.ann_b[fault, 3].to_network() for fault in FAULTS},
+            ann_a=self.ann_a, ann_b={fault: self.ann_b[fault, 3] for fault in FAULTS},
         )
 
 
@@ -166,22 +166,20 @@ def run_experiment(
 
 def _train(
     settings: PaperSettings, train: dict[Fault, FeatureSet], progress: Progress
-) -> tuple[LevenbergMarquardtClassifier, dict[tuple[Fault, int], LevenbergMarquardtClassifier]]:
-    def network(hidden: int) -> LevenbergMarquardtClassifier:
-        return LevenbergMarquardtClassifier(
-            hidden, alpha=settings.alpha, n_restarts=settings.n_restarts,
-            random_state=settings.seed,
-        )
+) -> tuple[Network, dict[tuple[Fault, int], Network]]:
+    def network(hidden: int, inputs: np.ndarray, target: np.ndarray) -> Network:
+        return train_network(inputs, target, hidden=hidden, alpha=settings.alpha,
+                             n_restarts=settings.n_restarts, seed=settings.seed)
 
     inputs = np.vstack([train[fault].matrix(ANN_A_INPUTS) for fault in FAULTS])
     labels = np.repeat(np.eye(2, dtype=int), [len(train[f].rows) for f in FAULTS], axis=0)
-    ann_a = network(settings.hidden_a).fit(inputs, labels)
+    ann_a = network(settings.hidden_a, inputs, labels)
     progress("training ANN_A")
     ann_b = {}
     for fault in FAULTS:
         inputs = train[fault].matrix(ANN_B_INPUTS[fault])
         for columns in settings.columns:
             target = level_target(train[fault].rows, columns)
-            ann_b[fault, columns] = network(settings.hidden_b).fit(inputs, target)
+            ann_b[fault, columns] = network(settings.hidden_b, inputs, target)
             progress(f"training ANN_B, {fault}, {columns} columns")
     return ann_a, ann_b

@@ -67,7 +67,7 @@ def _accuracies(experiment: PaperExperiment) -> list[dict[str, Any]]:
     found = []
     for angles, sets in (("same", experiment.test), ("unseen", experiment.test_unseen)):
         for index, fault in enumerate(FAULTS):
-            y = experiment.ann_a.outputs(sets[fault].matrix(ANN_A_INPUTS))
+            y = experiment.ann_a(sets[fault].matrix(ANN_A_INPUTS))
             found.append(_entry(f"ann_a {fault}", 0, angles, sets[fault].levels,
                                 y.argmax(axis=1) == index))
         for fault in FAULTS:
@@ -84,7 +84,7 @@ def right_level(
 
     The row at a cut belongs to both of its levels, as in the paper's target.
     """
-    y = experiment.ann_b[fault, columns].outputs(data.matrix(ANN_B_INPUTS[fault]))
+    y = experiment.ann_b[fault, columns](data.matrix(ANN_B_INPUTS[fault]))
     target = level_target(data.rows, columns)
     return target[np.arange(len(y)), y.argmax(axis=1)] == 1
 
@@ -106,9 +106,9 @@ def _tables(experiment: PaperExperiment) -> dict[str, Any]:
                 cache[fault, extent] = draw(windows, np.array([0]), 4, rng)
             data = cache[fault, extent]
             if columns:
-                y = experiment.ann_b[fault, columns].outputs(data.matrix(ANN_B_INPUTS[fault]))
+                y = experiment.ann_b[fault, columns](data.matrix(ANN_B_INPUTS[fault]))
             else:
-                y = experiment.ann_a.outputs(data.matrix(ANN_A_INPUTS))
+                y = experiment.ann_a(data.matrix(ANN_A_INPUTS))
             rows.append({
                 "extent_percent": percent, "paper": theirs,
                 "ours": [round(float(v), 4) for v in y.mean(axis=0)],

@@ -22,13 +22,7 @@ from ema_prognostics.trend.flights import Flight
 ALLOWANCE = 0.5
 """Part of a standard deviation that each flight's score is lowered by."""
 LIMIT = 5.75
-"""Of the sum: a false suspicion once in 2,000 flights a class, by `run_length`."""
-
-
-def run_length(allowance: float, limit: float) -> float:
-    """Return the mean number of independent standard normal scores to a false alarm."""
-    b = limit + 1.166
-    return float((np.exp(2.0 * allowance * b) - 2.0 * allowance * b - 1.0) / (2 * allowance**2))
+"""Of the sum: a false suspicion once in 2,000 flights a class, by the run length of Siegmund."""
 
 
 def sequential_scores(values: np.ndarray) -> np.ndarray:

@@ -58,24 +58,6 @@ def effects_from_mapping(values: Mapping[str, Any], base: Effects | None = None)
     return effects
 
 
-def active_settings(effects: Effects) -> dict[str, str]:
-    """Return the dotted names and values that differ from neutral."""
-    found = {}
-    for name, effect in EFFECTS.items():
-        values = getattr(effects, name)
-        if effect.is_neutral(values):
-            continue
-        for field in effect.fields:
-            value = getattr(values, field.name)
-            if value != field.default or field.name in effect.severity:
-                found[f"{name}.{field.name}"] = (
-                    field.kind.options[value]
-                    if isinstance(field.kind, Choice)
-                    else f"{value!r}"
-                )
-    return found
-
-
 def _flatten(values: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
     for name, value in values.items():
         if isinstance(value, Mapping):

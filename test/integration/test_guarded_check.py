@@ -8,11 +8,11 @@ from random import Random
 
 import pytest
 
-from benchmarks.reliability.defects import DEFECTS
-from benchmarks.reliability.recording import Recording
 from ema_cli.main import run
 from ema_record.profile import load_profile
 from ema_sim.simulate import simulate
+from support.defects import DEFECTS
+from support.recording import Recording
 
 OUTCOMES = {
     "gap": "incomplete", "aborted": "incomplete", "short": "incomplete",

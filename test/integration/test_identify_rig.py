@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from benchmarks.rigs.panel import judged
-from benchmarks.rigs.synthetic import EFFECTS, RIGS, STRANGERS, make
 from ema_cli.main import run
 from ema_identification.identify import identify
 from ema_identification.rig.laws import LAWS
@@ -14,6 +12,7 @@ from ema_rig.bag import read_rig_bag
 from ema_rig.import_file import import_file
 from ema_rig.map import load_map
 from ema_rig.record import Axis, RigRecord
+from support.rigs import EFFECTS, RIGS, STRANGERS, judged, make
 
 QUICK = ("joint", "valve")
 

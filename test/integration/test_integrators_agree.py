@@ -13,8 +13,8 @@ import pytest
 from ema_record.profile import Profile
 from ema_record.record import Record
 from ema_sim.effects import EFFECTS, parse_effects
-from ema_sim.reference import simulate_reference
 from ema_sim.simulate import simulate, simulate_traced
+from support.reference import simulate_reference
 
 # Full slew up, a turn-round, full slew down.
 PROFILE = Profile(

@@ -6,10 +6,9 @@ from random import Random
 import psutil
 import pytest
 
-from benchmarks.reliability.chain import Clock, chain, left_in_shared_memory
-from benchmarks.reliability.live_faults import HIDDEN, one
-from benchmarks.reliability.live_kinds import KINDS
 from ema_ros.domain import local_environment
+from support.chain import Clock, chain, left_in_shared_memory
+from support.live_faults import HIDDEN, KINDS, one
 
 SILENCE = 3.0
 """When the acquisition counts as lost (s): longer than a busy machine needs to begin a move."""

@@ -14,16 +14,34 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from benchmarks.blind_panel.guard import lock
 from benchmarks.blind_panel.layout import PEER, PEER_CV, SEALED, TESTS, add_common, part_of
-from benchmarks.blind_panel.peer.null_units import null_records
 from benchmarks.blind_panel.peer.solve import NULL_UNITS, calibrated_thresholds, call
 from benchmarks.blind_panel.tasks import Task, read_tasks, share
+from benchmarks.units import actuator_of, draw_unit
 from ema_cli.console import track
 from ema_record.bag.read import read_bag
 from ema_record.files import new_file
+from ema_record.profile import load_profile
+from ema_record.record import Record
+from ema_sim.effects.settings import effects_from_mapping
+from ema_sim.simulate import simulate
+
+NULL_SEED = 550_001
+
+
+def null_records(count: int) -> list[Record]:
+    """Return records of effect-free units, for the thresholds: the panel's spreads, own seeds."""
+    records = []
+    for k in range(count):
+        unit = draw_unit(np.random.default_rng([NULL_SEED, k]))
+        records.append(simulate(
+            load_profile("extended"), actuator=actuator_of(unit.spread),
+            effects=effects_from_mapping(unit.conditions), seed=NULL_SEED + k, noise=unit.noise))
+    return records
 
 
 def solve(task: Task, folder: Path, python: str, request: dict[str, Any]) -> dict[str, Any]:

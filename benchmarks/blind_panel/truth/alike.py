@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.blind_panel.truth.cases import Case
 from benchmarks.blind_panel.truth.hidden import HARD_TO_TELL, SIZES, draw_effect
-from benchmarks.blind_panel.truth.units import draw_unit
+from benchmarks.units import draw_unit
 
 SEED = 20_261_122
 SEEDS_A_SIZE = 3

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.blind_panel.truth.foreign import FOREIGN
 from benchmarks.blind_panel.truth.hidden import HIDEABLE, SIZES, draw_effect, draw_pair
-from benchmarks.blind_panel.truth.units import Unit, draw_unit
+from benchmarks.units import Unit, draw_unit
 
 SEEDS_A_SIZE = 5
 N_NOTHING = 200

@@ -27,7 +27,8 @@ from scipy.optimize import lsq_linear
 from benchmarks.blind_panel.truth.bags import truth_of
 from benchmarks.blind_panel.truth.cases import Case
 from benchmarks.blind_panel.truth.foreign import foreign_record
-from benchmarks.blind_panel.truth.units import (
+from benchmarks.blind_panel.truth.views import view
+from benchmarks.units import (
     CONDITION_SPREAD,
     TEMPERATURE,
     UNIT_SPREAD,
@@ -35,7 +36,6 @@ from benchmarks.blind_panel.truth.units import (
     actuator_of,
     draw_unit,
 )
-from benchmarks.blind_panel.truth.views import view
 from ema_record.profile import load_profile
 from ema_sim.effects.settings import effects_from_mapping
 from ema_sim.simulate import simulate

@@ -6,14 +6,14 @@ from random import Random
 import numpy as np
 import pytest
 
-from benchmarks.reliability.defects import DEFECTS
-from benchmarks.reliability.recording import Recording
 from ema_cli.main import run
 from ema_record.bag.read import write_bag
 from ema_record.checks import RULES, lint_bag
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
+from support.defects import DEFECTS
+from support.recording import Recording
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from records import TURN, slewing_record
 
-from ema_prognostics.features.spectrum import fft_line, rotor_lines
+from ema_prognostics.features.spectrum import rotor_lines
 from ema_prognostics.features.turns import check_finite, cut, whole_turns
 from ema_record.errors import IncompleteRecordError, InvalidRecordError
 
@@ -36,17 +36,6 @@ def test_a_drift_along_the_window_does_not_leak_into_the_lines():
     np.testing.assert_allclose(
         rotor_lines(turns, drifting)[1:], rotor_lines(turns, turns.samples[:, 1])[1:], atol=1e-6
     )
-
-
-def test_fft_grid_reads_less_than_the_line_between_two_bins():
-    rate, n = 20_000.0, 6000
-    time = np.arange(n) / rate
-    on, between = 40 * rate / n, 40.5 * rate / n
-    assert fft_line(np.cos(TURN * on * time), rate, on) == pytest.approx(1.0, abs=1e-9)
-    assert fft_line(np.cos(TURN * between * time), rate, between) == pytest.approx(
-        2 / np.pi, abs=0.02
-    )
-    assert fft_line(np.full(n, 3.0), rate, 0.0) == pytest.approx(3.0)
 
 
 def test_window_that_the_record_does_not_cover():

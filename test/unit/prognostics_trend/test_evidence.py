@@ -9,11 +9,16 @@ from ema_prognostics.trend.evidence import (
     ALLOWANCE,
     LIMIT,
     cumulative_sum,
-    run_length,
     sequential_scores,
     suspicion,
 )
 from ema_prognostics.trend.trend import trend_of
+
+
+def run_length(allowance: float, limit: float) -> float:
+    """Return the mean number of independent standard normal scores to a false alarm."""
+    b = limit + 1.166
+    return float((np.exp(2.0 * allowance * b) - 2.0 * allowance * b - 1.0) / (2 * allowance**2))
 
 
 def test_scores_are_ranks_among_those_so_far():

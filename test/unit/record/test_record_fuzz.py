@@ -1,10 +1,10 @@
-"""A quick run of the fuzzing benchmark: only our own errors, no hang."""
+"""Fuzzed input, a quick run: only our own errors, no hang."""
 
 import pytest
 
-from benchmarks.reliability.fuzz import MEMORY, all_targets, fuzz, in_fresh_process
 from ema_record.errors import UsageError
 from ema_sim.effects import parse_effects
+from support.fuzz import MEMORY, all_targets, fuzz, in_fresh_process
 
 
 @pytest.fixture(scope="module")

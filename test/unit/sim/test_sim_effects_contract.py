@@ -17,7 +17,6 @@ from ema_record.errors import SimulationError, UsageError
 from ema_record.profile import step_profile
 from ema_sim.effects import EFFECTS, Choice, Effects, parse_effects
 from ema_sim.effects import base as effect_base
-from ema_sim.effects.settings import active_settings
 from ema_sim.plant import ports
 from ema_sim.plant import state as st
 from ema_sim.simulate import simulate
@@ -176,6 +175,24 @@ def test_friction_dissipates(name):
                 assert np.all(dynamic >= 0.0)
                 assert np.all(values[row[f"dry static, {body}"]] >= dynamic)
             assert np.all(values[row["viscous, motor"]] * omega >= 0.0)
+
+
+def active_settings(effects: Effects) -> dict[str, str]:
+    """Return the dotted names and values that differ from neutral."""
+    found = {}
+    for name, effect in EFFECTS.items():
+        values = getattr(effects, name)
+        if effect.is_neutral(values):
+            continue
+        for field in effect.fields:
+            value = getattr(values, field.name)
+            if value != field.default or field.name in effect.severity:
+                found[f"{name}.{field.name}"] = (
+                    field.kind.options[value]
+                    if isinstance(field.kind, Choice)
+                    else f"{value!r}"
+                )
+    return found
 
 
 @pytest.mark.parametrize("name", NAMES)

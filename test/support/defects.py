@@ -14,15 +14,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.reliability.recording import Recording
 from ema_record.profile import load_profile, step_profile
 from ema_record.wire.samples import BLOCK_SIZE
 from ema_record.wire.sensors import encode_bool, encode_dc_bus
 from ema_record.wire.topics import DC_BUS, WEIGHT_ON_WHEELS, WINDING_TEMPERATURE
 from ema_sim.simulate import simulate
+from support.recording import Recording
 
 MOTION, SPEED, POSITION, ANGLE = (1, 8, 9), 1, 9, 8
-CURRENTS, REFERENCES = (2, 3, 4), (5, 6, 7)
+CURRENTS = (2, 3, 4)
 
 
 class Kind(NamedTuple):
@@ -179,7 +179,7 @@ def milliamperes(r: Recording, rng: Random) -> None:
 
 
 @defect("wrong_unit")
-def rpm(r: Recording, rng: Random) -> None:  # noqa: ARG001
+def rpm(r: Recording, rng: Random) -> None:
     """The motor speed is in rpm."""
     r.change(lambda s: s.__setitem__((slice(None), 1), 30.0 / math.pi * s[:, 1]))
 

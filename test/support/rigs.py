@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ema_identification.result import Identification
 from ema_rig.record import Axis, RigRecord
 
 Law = Callable[["Motion"], np.ndarray]
@@ -187,3 +188,18 @@ EFFECTS: dict[str, Effect] = {
 }
 """Force or torque of unit size."""
 STRANGERS = ("detent", "friction_hump", "friction_ripple")
+NEEDS = {"stribeck_friction": {"coulomb_friction"}, "presliding_hysteresis": {"coulomb_friction"}}
+"""What an effect of the panel consists of beside itself."""
+
+
+def judged(name: str, found: Identification) -> str:
+    """Return ``right``, ``wrong`` or ``missed`` for one effect."""
+    sets = [{f.effect, *f.equivalent} for f in found.findings]
+    if name in STRANGERS:
+        if sets:
+            return "wrong"
+        return "right" if found.unknown is not None else "missed"
+    needed = {name} | NEEDS.get(name, set())
+    if any(not (named & needed) for named in sets):
+        return "wrong"
+    return "right" if any(name in named for named in sets) else "missed"

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from benchmarks.detection.bounds import UNIT, shifted
-from benchmarks.detection.bounds_by_angle import benchmark, bound, found_at
 from benchmarks.detection.detectability import (
     inverse_covariance,
     linear_bound,
@@ -14,6 +12,7 @@ from benchmarks.detection.detectability import (
     own_spread_bound,
 )
 from benchmarks.detection.peers import Perceptron
+from benchmarks.units import actuator_of
 from ema_prognostics.cascade.classes import OUTPUTS
 from ema_prognostics.training.campaign import Campaign
 from ema_sim.model_file import load_actuator
@@ -25,17 +24,6 @@ def test_a_known_shift():
     assert needed_shift() == pytest.approx(KNOWN)
     assert needed_shift(directions=3) > needed_shift()
     assert needed_shift(freedoms=2) > needed_shift()
-
-
-def test_a_line_of_unknown_direction():
-    """One strength: the bound of two freedoms; no shift: the rate of false alarms."""
-    assert found_at(np.zeros(1), 0.01)[0] == pytest.approx(0.01, rel=1e-3)
-    assert bound(np.array([250.0]), 0.01) == pytest.approx(needed_shift(freedoms=2) / 250.0,
-                                                           rel=2e-3)
-    mixed = np.array([100.0, 300.0])
-    assert bound(mixed[1:], 0.01) < bound(mixed, 0.01) < bound(mixed[:1], 0.01)
-    low, middle, high = benchmark(mixed, 0.01, 200, fleets=20)
-    assert bound(mixed, 0.01) < middle < high and low < middle
 
 
 def test_a_tolerance_alone():
@@ -80,13 +68,12 @@ def test_what_is_not_known_elsewhere_does_no_harm():
 
 
 def test_tied_parameters_move_together():
-    nominal = load_actuator()
-    friction = next(u for u in UNIT if u.name == "motor_friction")
-    moved = shifted(nominal, friction, 0.1).motor
-    assert moved.dynamic_friction == pytest.approx(1.1 * nominal.motor.dynamic_friction)
-    assert moved.static_friction == pytest.approx(1.1 * nominal.motor.static_friction)
-    phase = next(u for u in UNIT if u.name == "back_emf_b")
-    assert shifted(nominal, phase, 0.005).motor.back_emf_deviation_b == 0.005
+    nominal = load_actuator().motor
+    moved = actuator_of({"motor_friction": 0.1, "back_emf_b": 0.005}).motor
+    assert moved.dynamic_friction == pytest.approx(1.1 * nominal.dynamic_friction)
+    assert moved.static_friction == pytest.approx(1.1 * nominal.static_friction)
+    assert moved.back_emf_deviation_b == 0.005
+    assert actuator_of({}) == load_actuator()
 
 
 def test_the_perceptron_learns_what_is_plain():

@@ -1,4 +1,10 @@
-"""Faults of the live system: what is done to the chain while a test runs, and what may follow."""
+"""Faults of the live system: what is done to the chain while a test runs, and what may follow.
+
+The actuator has a turn short throughout (`HIDDEN`), so "healthy" is always wrong. After each
+fault: the request is answered within a stated time, `/diagnostics` says why, the record is whole
+or marked or known to be cut, its samples are those of one run, and the verdict that follows is
+right.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +13,22 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
+from pathlib import Path
 from random import Random
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from benchmarks.reliability.chain import Chain, slow_reader
 from ema_cli.commands.bit import MONITOR, PROGNOSTICS, SIMULATOR
+from ema_record.bag.read import read_bag
+from ema_record.checks import guard_findings
+from ema_record.errors import IncompleteRecordError, RecordError
+from support.chain import ACTUATOR_STATUS, MONITOR_STATUS, Chain, TimedOutError, slow_reader
 
 NEIGHBOUR = "EMA-NEIGHBOUR"
+HIDDEN = {"turn_short.fraction": 0.1, "turn_short.phase": "b"}
+SAMPLES_OF_A_TEST = 62_600
+VERDICT_LIMIT = 30.0
 
 
 class Fault:
@@ -234,3 +248,78 @@ KINDS: dict[str, Kind] = {kind.name: kind for kind in (
     Kind("clock_back", _clock_back, _TEST, ("complete",)),
     Kind("neighbour", _at(Neighbour), _TEST, ("complete",)),
 )}
+
+
+def records(folder: Path) -> set[Path]:
+    """Return the bags in a folder."""
+    return {path for path in folder.iterdir() if path.is_dir()}
+
+
+def judge_record(path: Path) -> str:
+    """Return how a bag ended: complete, aborted, interrupted or cut; or what is wrong in it."""
+    try:
+        record = read_bag(path)
+    except IncompleteRecordError:
+        return "cut"
+    except RecordError as error:
+        return f"WRONG {error}"
+    status = record.provenance.status
+    wrong = [f.rule for f in guard_findings(record)
+             if f.rule not in ("test_not_complete", "record_length")]
+    if wrong or (status == "complete" and len(record) != SAMPLES_OF_A_TEST):
+        return f"WRONG {status}, {len(record)} samples, {wrong}"
+    return status
+
+
+def verdict_on(found: Chain, record: str) -> dict[str, Any]:
+    """Return the verdict on a record, starting the prognostics where it was killed."""
+    if not found.runs(PROGNOSTICS):
+        found.start(PROGNOSTICS)
+    found.wait(
+        lambda: found.node.verdict is not None and found.node.verdict["bag"] == record,
+        VERDICT_LIMIT, "the verdict",
+    )
+    assert found.node.verdict is not None
+    return found.node.verdict
+
+
+def one(found: Chain, kind: Kind, rng: Random) -> dict[str, Any]:
+    """Run one test with one fault; return what came of it, "wrong" empty where all is well."""
+    found.ready()
+    found.stay(0.5)
+    before = records(found.out)
+    fault = kind.make(found, rng)
+    begin = time.monotonic()
+    wrong: list[str] = []
+    answer = verdict = None
+    try:
+        answer = found.run_test(fault.act, kind.limit, fault.lost)
+        took = time.monotonic() - begin
+        fault.end()
+        found.ready()
+        if answer is not None and answer["status"] == "complete":
+            verdict = verdict_on(found, answer["record"])
+        found.wait(lambda: found.status.get(ACTUATOR_STATUS, ("", {}))[1].get("state") == "idle"
+                   and found.stage() == "idle", 15.0, "the actuator at rest")
+    except TimedOutError as error:
+        took = time.monotonic() - begin
+        wrong.append(f"hang: {error}")
+        fault.end()
+    ended = answer["status"] if answer is not None else "no answer"
+    expected = kind.ends if fault.done else (*kind.ends, "complete")
+    if not wrong and ended not in expected:
+        said = answer["message"] if answer is not None else "nothing"
+        wrong.append(f"ended {ended} ({said}), expected one of {', '.join(expected)}")
+    if verdict is not None and (verdict["verdict"], verdict["fault_class"]) != (
+        "fault", "turn_short"
+    ):
+        wrong.append(f"verdict {verdict['verdict']} {verdict['reasons'][:1]}")
+    new = [judge_record(path) for path in sorted(records(found.out) - before)]
+    wrong += [text for text in new if text.startswith("WRONG")]
+    wrong += fault.wrong()
+    said = found.status.get(MONITOR_STATUS, ("", {}))[0]
+    if ended in ("aborted", "refused") and "abort" not in said and "refused" not in said:
+        wrong.append(f"/diagnostics says only {said!r}")
+    return {"kind": kind.name, "ended": ended, "took": round(took, 2), "records": new,
+            "message": answer["message"] if answer else "",
+            "verdict": verdict["verdict"] if verdict else None, "wrong": wrong}

@@ -13,10 +13,10 @@ import scipy.io
 import yaml
 from hypothesis import strategies as st
 
-from benchmarks.reliability.fuzz_targets import EDITS, VALUES, Target, change
 from ema_rig.bag import read_rig_bag, write_rig_bag
 from ema_rig.import_file import import_file
 from ema_rig.map import load_map, map_from
+from support.fuzz_targets import EDITS, VALUES, Target, change
 
 MAP: dict[str, Any] = {
     "name": "rig", "axis": "linear", "time": {"column": "t", "unit": "s"},

@@ -3,8 +3,7 @@
 import pytest
 
 from benchmarks.blind_panel.judge import judge
-from benchmarks.blind_panel.rates import Rate, rate
-from benchmarks.blind_panel.table import table
+from benchmarks.blind_panel.table import counted, table, text
 from benchmarks.blind_panel.truth.cases import draw_cases
 
 SEEN = {"x": (9.0, "block")}
@@ -110,17 +109,17 @@ def test_a_set_without_a_proposed_test_is_counted_apart(cases):
 
 
 def test_bounds_are_exact():
-    assert Rate(0, 200).bounds == pytest.approx((0.0, 1.0 - 0.025 ** (1 / 200)))
-    assert Rate(200, 200).bounds == pytest.approx((0.025 ** (1 / 200), 1.0))
-    assert Rate(5, 10).bounds == pytest.approx((0.187, 0.813), abs=1e-3)
-    assert str(rate([True, None, False, True])) == "67 % [9, 99] 2/3"
-    assert str(rate([None])) == "–"
+    none, half = counted([False] * 200), counted([True, False] * 5)
+    assert (none.lower, none.upper) == pytest.approx((0.0, 1.0 - 0.025 ** (1 / 200)))
+    assert (half.lower, half.upper) == pytest.approx((0.187, 0.813), abs=1e-3)
+    assert text(counted([True, None, False, True])) == "67 % [9, 99] 2/3"
+    assert text(counted([None])) == "–"
 
 
 def test_table_has_a_column_a_method(cases):
     judged = [judge(cases["short"], answer(finding("turn_short")), SEEN),
               judge(cases["nothing"], answer(finding("backlash")), {})]
     text = table({"ours": judged, "peer": judged[:1]})
-    assert "100 % [2, 100] 1/1" in text
+    assert "100 % [3, 100] 1/1" in text
     assert text.splitlines()[0].split() == ["what", "target", "ours", "peer"]
     assert text.splitlines()[-1].split() == ["units", "judged", "2", "1"]

@@ -1,7 +1,9 @@
-"""Units and conditions of the panel: what varies although nothing is hidden.
+"""Units and conditions of all panels and fleets: what varies although nothing is hidden.
 
-Spreads are those of the prognostics issue, drawn here with generators of the panel's own. Bus
-voltage and winding temperature are in the bags, as the aircraft measures them.
+The spreads of [1]_, drawn here; nothing of the training's generator is imported. Bus voltage
+and winding temperature are in the bags, as the aircraft measures them.
+
+.. [1] ``docs/robust-cascade.md``, units and conditions.
 """
 
 from __future__ import annotations

@@ -174,9 +174,15 @@ def chain(
         yield found
 
 
+def samples_of(answer: dict[str, Any]) -> tuple[int, int]:
+    """Return the samples published and recorded in a test."""
+    counters = next(c for c in answer["checks"] if c["name"] == "counters")["values"]
+    return int(counters["samples_published"]), int(counters["samples_recorded"])
+
+
 def slow_reader() -> subprocess.Popen[bytes]:
     """Start a reader of all samples that takes two messages a second."""
-    return subprocess.Popen([sys.executable, "-m", "benchmarks.reliability.slow_node"])
+    return subprocess.Popen([sys.executable, str(Path(__file__).with_name("slow_node.py"))])
 
 
 def left_in_shared_memory() -> set[str]:

@@ -1,1 +1,0 @@
-"""Work against error: our kernel beside other simulators of motor drives."""
