@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -17,11 +17,7 @@ from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 from std_msgs.msg import Bool
 
-from ema_monitor.messages import (
-    PolledGroup,
-    make_polled_subscription,
-    take_all,
-)
+from ema_monitor.messages import PolledGroup, make_polled_subscription
 from ema_record.wire.topics import (
     DIAGNOSTICS,
     SAMPLES,
@@ -29,7 +25,7 @@ from ema_record.wire.topics import (
     VERDICT,
     WEIGHT_ON_WHEELS,
 )
-from ema_ros.messages import make_publisher, make_timer
+from ema_ros.messages import make_publisher, make_timer, take_all
 from ema_ros.process import QUIET, prepare_environment
 
 NODE_NAME = "aircraft"
@@ -48,7 +44,6 @@ def aircraft() -> Iterator[AircraftNode]:
     node = AircraftNode(context)
     executor = rclpy.executors.SingleThreadedExecutor(context=context)
     executor.add_node(node)
-    node.spin = lambda seconds: executor.spin_once(timeout_sec=seconds)
     try:
         yield node
     finally:
@@ -63,8 +58,6 @@ class AircraftNode(Node):
     def __init__(self, context: rclpy.Context) -> None:
         """Appear on the graph, on the ground."""
         super().__init__(NODE_NAME, context=context)
-        self.spin: Callable[[float], None] = _not_spun
-        """Do what is due, waiting at most so long for it (s)."""
         self.weight_on_wheels = True
         self.send = True
         """Whether weight on wheels is sent ten times a second."""
@@ -78,6 +71,11 @@ class AircraftNode(Node):
         self._wheels = make_publisher(self, WEIGHT_ON_WHEELS)
         self._test = self.create_client(SelfTest, SELF_TEST_SERVICE)
         make_timer(self, PERIOD, self._on_timer)
+
+    def spin(self, seconds: float) -> None:
+        """Do what is due, waiting at most so long for it (s)."""
+        assert self.executor is not None
+        self.executor.spin_once(timeout_sec=seconds)
 
     def _on_timer(self) -> None:
         if self.send:
@@ -112,10 +110,6 @@ class AircraftNode(Node):
                     self.stage = values.get("stage", self.stage)
         for taken in take_all(self._verdict):
             self.verdict = verdict_of(deserialize_message(taken.data, DiagnosticStatus))
-
-
-def _not_spun(_: float) -> None:
-    raise RuntimeError("the node belongs to no executor")
 
 
 def verdict_of(status: DiagnosticStatus) -> dict[str, Any]:

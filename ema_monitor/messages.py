@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
@@ -15,10 +16,10 @@ from rclpy.subscription import Subscription
 from ema_monitor.sequence import ActuatorStatus
 from ema_record.checks.live import CheckResult, Level
 from ema_record.wire.topics import TOPICS
-from ema_ros.messages import diagnostic_status, message_class, qos_profile
+from ema_ros.messages import Taken, diagnostic_status, message_class, qos_profile
 
-ACTUATOR_STATUS = "ema_sim: actuator"
-"""Name of the status in which the actuator reports."""
+ACTUATOR_STATUS = ": actuator"
+"""End of the name of the status in which an actuator reports."""
 POLLED_DEPTH = 100
 """Messages that may come between two looks: an interlock that opens for a moment is one."""
 _LEVELS = {
@@ -46,18 +47,6 @@ class PolledGroup(CallbackGroup):
         """Nothing begins, so nothing ends."""
 
 
-class Taken(NamedTuple):
-    """One serialised message as it arrived."""
-
-    data: bytes
-    received: int
-    """Ns since the epoch."""
-    sent: int
-    """Ns since the epoch, by the clock of the source."""
-    sequence: int
-    """Number of the message, as its publisher counts."""
-
-
 def _never_called(_: bytes) -> None:
     """Stand for the callback of a polled subscription."""
 
@@ -70,21 +59,6 @@ def make_polled_subscription(node: Node, topic: str, group: PolledGroup) -> Subs
         message_class(topic), topic, _never_called, qos_profile(wanted), raw=True,
         callback_group=group,
     )
-
-
-def take_all(subscription: Subscription) -> list[Taken]:
-    """Return all messages that wait."""
-    found: list[Taken] = []
-    with subscription.handle:
-        while True:
-            taken = subscription.handle.take_message(subscription.msg_type, True)
-            if taken is None:
-                return found
-            info = taken[1]
-            found.append(Taken(
-                taken[0], info["received_timestamp"], info["source_timestamp"],
-                info["publication_sequence_number"] or 0,
-            ))
 
 
 def in_order(messages: list[Taken]) -> list[Taken]:
@@ -121,19 +95,34 @@ def fill_response(
 
 
 def find_actuator(array: DiagnosticArray) -> tuple[ActuatorStatus, str] | None:
-    """Return what the actuator says of itself and its serial number, if it is in the array."""
+    """Return what the actuator says of itself and its serial number, if it is in the array.
+
+    Any driver may take the place of the emulated actuator. Its DiagnosticStatus is named
+    ``<anything>: actuator``, its hardware_id is the actuator's serial number. It comes at least
+    once a second, and at the begin and the end of each run, with these five keys (others may
+    stand beside them):
+
+    state : ``idle``, anything else while a command is being executed.
+    surface_position : of the surface, as measured (rad).
+    command_stamp : header stamp of the JointTrajectory that was accepted last (ns since the
+        epoch), 0 before the first one.
+    start_time : when it was accepted (ns since the epoch): time 0 of its samples.
+    samples_published : how many samples on `/ema/samples` answer it so far.
+    """
     for status in array.status:
-        if status.name != ACTUATOR_STATUS:
+        if not status.name.endswith(ACTUATOR_STATUS):
             continue
         values = {pair.key: pair.value for pair in status.values}
         try:
-            return ActuatorStatus(
+            found = ActuatorStatus(
                 active=values["state"] != "idle",
                 surface_position=float(values["surface_position"]),
                 command_stamp=int(values["command_stamp"]),
                 start_time=int(values["start_time"]),
                 samples_published=int(values["samples_published"]),
-            ), status.hardware_id
-        except (KeyError, ValueError):
-            return None
+            )
+        except (KeyError, ValueError):  # a status of somebody else, of the same name
+            continue
+        if math.isfinite(found.surface_position):
+            return found, status.hardware_id
     return None

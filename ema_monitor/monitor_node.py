@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,8 +13,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
+from rclpy.task import Future
 from std_msgs.msg import Bool, String
 from trajectory_msgs.msg import JointTrajectory
 
@@ -28,7 +27,6 @@ from ema_monitor.messages import (
     in_order,
     level_status,
     make_polled_subscription,
-    take_all,
 )
 from ema_monitor.recorder import BitRecorder, new_bag_path
 from ema_monitor.sequence import (
@@ -57,18 +55,17 @@ from ema_record.wire.topics import (
 )
 from ema_record.wire.trajectory import encode_command
 from ema_record.wire.types import stamp_of
-from ema_ros.messages import declare_parameters, given_parameters, make_publisher, make_timer
-from ema_ros.parameters import check_values
-from ema_ros.process import StopSignal, run_node
+from ema_ros.messages import EmaNode, declare_parameters, make_publisher, make_timer, take_all
+from ema_ros.process import SHUT_DOWN, StopSignal, run_node
 
 NODE_NAME = "ema_monitor"
 POLL_PERIOD = 0.02
 DIAGNOSTICS_PERIOD = 1.0
 LOOK_FOR_OTHERS = 0.6
 """How long the node looks for another monitor before it offers its service (s)."""
+RUNNING = "refused: a test is running already: wait for its end"
 ACTUATOR_TIMEOUT = 3.0
 """Age at which the status of the actuator is no longer believed (s); it sends one a second."""
-THREADS = 4
 
 
 class Request:
@@ -77,21 +74,18 @@ class Request:
     def __init__(self) -> None:
         """Begin to wait."""
         self.asked = time.monotonic()
-        self.done = threading.Event()
-        self.reason = ""
+        self.ended = Future()
+        """Its result: why the test did not run to its end; empty: it did."""
         self.statuses: list[DiagnosticStatus] = []
         self.passed = False
 
 
-class MonitorNode(Node):
+class MonitorNode(EmaNode):
     """Runs the built-in test on request; all of it happens in one timer, the poll."""
 
     def __init__(self, stop: StopSignal) -> None:
         """Read the parameters, look for another monitor, then offer the service."""
-        super().__init__(NODE_NAME)
-        self.exit_status: int | None = None
-        self._stop = stop
-        check_values(SPECS, given_parameters(self))
+        super().__init__(NODE_NAME, stop)
         values = declare_parameters(self, SPECS)
         self._directory = Path(str(values["output_directory"]))
         self._serial = str(values["serial_number"])
@@ -106,9 +100,9 @@ class MonitorNode(Node):
         self._actuator: ActuatorStatus | None = None
         self._actuator_heard = 0.0
         self._began: float | None = None
-        self._one_at_a_time = threading.Lock()
         self._request: Request | None = None
         self._waiting: list[Request] = []
+        self._callers = 0
         self._sent: set[int] = set()
         self._foreign = False
         self._last_block = -1.0
@@ -138,16 +132,19 @@ class MonitorNode(Node):
                 )
             time.sleep(0.02)
 
-    def _self_test(
+    async def _self_test(
         self, _: SelfTest.Request, response: SelfTest.Response
     ) -> SelfTest.Response:
+        """Wait for the end of the test without holding up the poll, however many callers wait."""
         request = Request()
         self._waiting.append(request)
-        request.done.wait()
+        self._callers += 1
+        reason = await request.ended
+        self._callers -= 1
         outcome = level_status(
             "ema_monitor: test",
             Level.OK if request.passed else Level.ERROR,
-            request.reason or ("passed" if request.passed else "record checks failed"), {},
+            reason or ("passed" if request.passed else "record checks failed"), {},
         )
         return fill_response(
             response, self._serial, request.passed, [outcome, *request.statuses]
@@ -155,10 +152,6 @@ class MonitorNode(Node):
 
     def _poll(self) -> None:
         """Take what has arrived, then let the sequence go on."""
-        with self._one_at_a_time:
-            self._turn()
-
-    def _turn(self) -> None:
         try:
             self._drain()
             problem = ""
@@ -177,8 +170,7 @@ class MonitorNode(Node):
                 self._began = time.monotonic()
                 self._perform(self._sequence.start(self._observe()))
             else:
-                request.reason = "refused: a test is running already"
-                request.done.set()
+                request.ended.set_result(RUNNING)
 
     def _drain(self) -> None:
         self._recorder.begin_turn()
@@ -286,9 +278,8 @@ class MonitorNode(Node):
         self._failed = bool(reason)
         request, self._request, self._began = self._request, None, None
         if request is not None:
-            request.reason = reason
             request.passed = request.passed and not reason
-            request.done.set()
+            request.ended.set_result(reason)
 
     def _publish_status(self) -> None:
         stage = self._sequence.stage
@@ -306,23 +297,23 @@ class MonitorNode(Node):
         self._diagnostics.publish(array)
 
     def shut_down(self) -> None:
-        """End a test that runs: its record is closed, the surface sent back."""
-        with self._one_at_a_time:
-            was_running = self._sequence.stage is not Stage.IDLE
-            while self._sequence.stage is not Stage.IDLE:
-                self._perform(self._sequence.step(self._observe()))
+        """End a test that runs: its record closed, the surface sent back, all callers answered."""
+        was_running = self._sequence.stage is not Stage.IDLE
+        while self._sequence.stage is not Stage.IDLE:
+            self._perform(self._sequence.step(self._observe()))
         for request in self._waiting:
-            request.reason = "refused: the monitor ends"
-            request.done.set()
+            request.ended.set_result("refused: the monitor ends")
+        self._waiting.clear()
+        end = time.monotonic() + SHUT_DOWN
+        while self.executor is not None and self._callers and time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=POLL_PERIOD)
         if was_running:
             self._command.wait_for_all_acked(Duration(seconds=1))
 
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    sys.exit(run_node(
-        rclpy, lambda: rclpy.executors.MultiThreadedExecutor(THREADS), MonitorNode, args
-    ))
+    sys.exit(run_node(rclpy, MonitorNode, args))
 
 
 if __name__ == "__main__":

@@ -194,7 +194,7 @@ class TestSequence:
     def _finding(self, seen: Observation) -> list[Action]:
         actuator = seen.actuator
         waiting = seen.missing or (
-            "the actuator does not report on /diagnostics" if actuator is None
+            "no status '<node>: actuator' with its five keys on /diagnostics" if actuator is None
             else "the actuator executes another command" if actuator.active else ""
         )
         if waiting or actuator is None:

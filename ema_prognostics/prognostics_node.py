@@ -4,38 +4,46 @@ from __future__ import annotations
 
 import sys
 import time
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import rclpy
 import rclpy.executors
-from rclpy.node import Node
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
 from ema_prognostics.node.assembler import TOPICS, RecordAssembler
 from ema_prognostics.node.messages import severity_message, verdict_status
+from ema_prognostics.verdict.diagnose import verdict_of_error
 from ema_prognostics.verdict.prognosis import Prognosis
-from ema_record.errors import EmaError
+from ema_record.bag.container import METADATA_FILE
+from ema_record.bag.read import read_bag
+from ema_record.errors import EmaError, InvalidRecordError, RecordError, UsageError
 from ema_record.wire.topics import BIT_RECORD, SEVERITY, VERDICT
 from ema_ros.messages import (
     OK,
     DiagnosticsPublisher,
+    EmaNode,
     declare_parameters,
     diagnostic_status,
-    drain,
-    given_parameters,
     make_publisher,
     make_subscription,
     make_timer,
+    take_all,
 )
-from ema_ros.parameters import ParameterSpec, check_values
-from ema_ros.process import StopSignal, run_node
+from ema_ros.parameters import ParameterSpec
+from ema_ros.process import StopSignal, report, run_node
 
 NODE_NAME = "ema_prognostics"
 POLL_PERIOD = 0.05
 DIAGNOSTICS_PERIOD = 1.0
+REMEMBERED = 100
+"""Announced paths that are not opened again; one that was forgotten is diagnosed anew."""
+LONGEST_PATH = 4096
+NOT_A_BAG = "no bag that can be read: 'ema check', where it was recorded, says more"
+"""All that is published of an announced path without a record, whatever there is instead."""
 LIVE = "live"
 """What stands for the bag of a record that was seen on the topics."""
 SPECS = (
@@ -54,20 +62,18 @@ SPECS = (
 )
 
 
-class PrognosticsNode(Node):
+class PrognosticsNode(EmaNode):
     """Diagnoses each announced record once, and what is replayed onto the topics."""
 
     def __init__(self, stop: StopSignal) -> None:
         """Load the model, then listen."""
-        super().__init__(NODE_NAME)
-        self.exit_status: int | None = None
-        self._stop = stop
-        check_values(SPECS, given_parameters(self))
+        super().__init__(NODE_NAME, stop)
         values = declare_parameters(self, SPECS)
         self._prognosis = Prognosis(
             str(values["model_file"]) or None, str(values["baseline"]) or None)
         self._assembler = RecordAssembler()
-        self._done: set[str] = set()
+        self._done: deque[str] = deque(maxlen=REMEMBERED)
+        self._records = 0
         self._state = "waiting for a record"
         self._status: Any = None
         self._verdict = make_publisher(self, VERDICT)
@@ -81,13 +87,15 @@ class PrognosticsNode(Node):
         make_timer(self, DIAGNOSTICS_PERIOD, self._publish_status)
         self.get_logger().info("ready")
         if values["record"]:
-            self._on_record(String(data=str(Path(str(values["record"])).resolve())))
+            path = str(Path(str(values["record"])).resolve())
+            self._done.append(path)
+            self._publish(*self._prognosis.of_bag(path))
 
     def _listen(self, topic: str) -> None:
         """Hand the serialised messages of a topic to the assembler, all that wait at once."""
 
         def callback(data: bytes) -> None:
-            for message in (data, *drain(self._live[topic])):
+            for message in (data, *(taken.data for taken in take_all(self._live[topic]))):
                 try:
                     self._assembler.take(topic, message, time.monotonic())
                 except EmaError as error:
@@ -96,11 +104,25 @@ class PrognosticsNode(Node):
         self._live[topic] = make_subscription(self, topic, callback, raw=True)
 
     def _on_record(self, message: String) -> None:
-        """Diagnose a bag, once."""
-        if message.data in self._done:
+        """Diagnose an announced bag, once.
+
+        Anybody on the domain may announce: nothing but a bag is opened, and what is wrong with
+        it is written to stderr alone, lest the verdict tell which files exist.
+        """
+        path = message.data
+        if path in self._done or len(path) > LONGEST_PATH:
             return
-        self._done.add(message.data)
-        self._publish(*self._prognosis.of_bag(message.data))
+        self._done.append(path)
+        try:
+            if not (path.startswith("/") and Path(path, METADATA_FILE).is_file()):
+                raise InvalidRecordError(NOT_A_BAG)
+            record = read_bag(path)
+        except (RecordError, UsageError, OSError) as error:
+            report(f"announced {path!r}: {error}")
+            unread = verdict_of_error(InvalidRecordError(NOT_A_BAG), path)
+            self._publish(unread.to_dict(), "")
+            return
+        self._publish(*self._prognosis.of_record(record, path))
 
     def _poll(self) -> None:
         """Diagnose what was seen on the topics, unless a recorder announces its records."""
@@ -116,13 +138,14 @@ class PrognosticsNode(Node):
         self._status = verdict_status(verdict, serial_number)
         self._verdict.publish(self._status)
         self._severity.publish(severity_message(verdict))
+        self._records += 1
         self._state = f"diagnosed {verdict['bag']}"
         self._publish_status()
         self.get_logger().info(f"{verdict['bag']}: {self._status.message}")
 
     def _publish_status(self) -> None:
         statuses = [diagnostic_status(
-            "ema_prognostics: node", OK, self._state, {"records": str(len(self._done))}
+            "ema_prognostics: node", OK, self._state, {"records": str(self._records)}
         )]
         if self._status is not None:
             statuses.append(self._status)
@@ -134,7 +157,7 @@ class PrognosticsNode(Node):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    sys.exit(run_node(rclpy, rclpy.executors.SingleThreadedExecutor, PrognosticsNode, args))
+    sys.exit(run_node(rclpy, PrognosticsNode, args))
 
 
 if __name__ == "__main__":

@@ -47,7 +47,7 @@ class Record:
     provenance : Provenance
         Serial number, versions, status.
     dc_bus : ndarray, shape (m, 3)
-        Time (s), bus voltage (V), bus current (A).
+        Time (s), bus voltage (V), bus current (A), positive into the drive.
     winding_temperature : ndarray, shape (m, 2)
         Time (s), temperature (degC).
 

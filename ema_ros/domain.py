@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import random
 import socket
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 from ema_record.errors import UsageError
 from ema_record.resources import share_path
@@ -27,7 +24,9 @@ def private_domain(wanted: int | None) -> Iterator[int]:
 
     Parameters
     ----------
-    wanted : the user's choice, taken as it is; None: a free one, held by a lock file.
+    wanted : the user's choice, taken as it is; None: a free one, held by the name of an abstract
+        socket. Like the ports of the domain it counts in this network namespace for all users,
+        and nothing is left of it when the process ends, however that happens (Linux).
     """
     if wanted is not None:
         yield wanted
@@ -35,14 +34,9 @@ def private_domain(wanted: int | None) -> Iterator[int]:
     for domain in random.sample(DOMAINS, len(DOMAINS)):
         if not _ports_free(domain):
             continue
-        lock = Path(tempfile.gettempdir()) / f"ema_phm_domain_{domain}_{os.getuid()}.lock"
-        try:
-            stream = lock.open("a")
-        except OSError:
-            continue
-        with stream:
+        with socket.socket(socket.AF_UNIX) as held:
             try:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                held.bind(f"\0ema_phm_domain_{domain}")
             except OSError:
                 continue
             yield domain

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Vector3Stamped
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    ParameterType,
+)
 from rclpy.clock import Clock, ClockType
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -18,8 +24,10 @@ from sensor_msgs.msg import BatteryState, JointState, Temperature
 from std_msgs.msg import Bool, Float64, Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 
+from ema_record.errors import UsageError
 from ema_record.wire.topics import DIAGNOSTICS, TOPICS, Qos
-from ema_ros.parameters import ParameterSpec, Value, check_values
+from ema_ros.parameters import USE_SIM_TIME, ParameterSpec, Value, check_values
+from ema_ros.process import StopSignal
 
 _CLASSES: dict[str, Any] = {
     "std_msgs/msg/Float64MultiArray": Float64MultiArray,
@@ -74,29 +82,83 @@ def make_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
-def drain(subscription: Subscription) -> list[bytes]:
-    """Return all serialised messages that wait, faster than a callback each."""
-    found: list[bytes] = []
+def try_publish(publisher: Publisher, message: Any) -> bool:
+    """Publish, or return False: the history of a slow reader stayed full (100 ms)."""
+    try:
+        publisher.publish(message)
+    except rclpy_implementation.RCLError:
+        return False
+    return True
+
+
+class Taken(NamedTuple):
+    """One serialised message as it arrived."""
+
+    data: bytes
+    received: int
+    """Ns since the epoch."""
+    sent: int
+    """Ns since the epoch, by the clock of the source."""
+    sequence: int
+    """Number of the message, as its publisher counts."""
+
+
+def take_all(subscription: Subscription) -> list[Taken]:
+    """Return all messages that wait, faster than a callback each."""
+    found: list[Taken] = []
     with subscription.handle:
-        while True:
-            taken = subscription.handle.take_message(subscription.msg_type, True)
-            if taken is None:
-                return found
-            found.append(taken[0])
+        while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+            data, info = taken
+            found.append(Taken(
+                data, info["received_timestamp"], info["source_timestamp"],
+                info["publication_sequence_number"] or 0,
+            ))
+    return found
 
 
-def declare_parameters(node: Node, specs: Iterable[ParameterSpec]) -> dict[str, Value]:
-    """Declare parameters with their bounds and return their values.
+class EmaNode(Node):
+    """A node that `node_process.run_node` can run, with all the parameters that it was given.
+
+    Parameters
+    ----------
+    name : of the node.
+    stop : tells that the process was asked to end.
 
     Raises
     ------
     UsageError
-        A value given to the node is wrong.
+        A parameter was given without a value.
+    """
+
+    def __init__(self, name: str, stop: StopSignal) -> None:
+        """Appear on the graph."""
+        try:
+            super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        except ValueError:
+            raise UsageError(
+                "a parameter has no value, or an empty list for one: give NAME:=VALUE"
+            ) from None
+        self.exit_status: int | None = None
+        """Set: the process is to end with this status."""
+        self._stop = stop
+
+
+def declare_parameters(node: Node, specs: Iterable[ParameterSpec]) -> dict[str, Value]:
+    """Declare all parameters of a node with their bounds and return their values.
+
+    Raises
+    ------
+    UsageError
+        A name or a value given to the node is wrong.
     """
     specs = list(specs)
     given = given_parameters(node)
-    values = check_values(specs, {s.name: given[s.name] for s in specs if s.name in given})
+    values = check_values(specs, given)
+    fixed = ParameterDescriptor(type=ParameterType.PARAMETER_BOOL, read_only=True)
+    node.set_descriptor(USE_SIM_TIME, fixed)
     for spec in specs:
+        if spec.name in given:  # declared by the node itself, without bounds
+            node.undeclare_parameter(spec.name)
         node.declare_parameter(
             spec.name, values[spec.name], _descriptor(spec), ignore_override=True
         )
@@ -104,9 +166,8 @@ def declare_parameters(node: Node, specs: Iterable[ParameterSpec]) -> dict[str, 
 
 
 def given_parameters(node: Node) -> dict[str, Any]:
-    """Return the parameters that the command line or a parameter file gave, declared or not."""
-    overrides = node._parameter_overrides  # noqa: SLF001  (the only way to see unknown names)
-    return {name: parameter.value for name, parameter in overrides.items()}
+    """Return the parameters that an `EmaNode` was given or has declared, known or not."""
+    return {name: node.get_parameter(name).value for name in node.get_parameters_by_prefix("")}
 
 
 def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:

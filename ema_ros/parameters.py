@@ -14,7 +14,8 @@ from ema_record.errors import UsageError, unknown_name
 
 Value = float | int | str | bool
 
-BUILT_IN = ("use_sim_time", "start_type_description_service")
+USE_SIM_TIME = "use_sim_time"
+BUILT_IN = (USE_SIM_TIME, "start_type_description_service")
 """Parameters that every node of the client library has."""
 BUILT_IN_PREFIX = "qos_overrides."
 
@@ -81,10 +82,16 @@ def check_values(specs: Iterable[ParameterSpec], given: Mapping[str, Any]) -> di
     Raises
     ------
     UsageError
-        A name that no parameter has (the nearest one is named), or a wrong value.
+        A name that no parameter has (the nearest one is named), a wrong value, or simulated
+        time.
 
     """
     known = {spec.name: spec for spec in specs}
+    if given.get(USE_SIM_TIME):
+        raise UsageError(
+            f"parameter {USE_SIM_TIME}: true is not supported: stamps are of the host's clock: "
+            "leave it false"
+        )
     for name in given:
         if name not in known and name not in BUILT_IN and not name.startswith(BUILT_IN_PREFIX):
             raise unknown_name(

@@ -23,7 +23,7 @@ SPIN_PERIOD = 0.1
 QUIET = ["--ros-args", "--disable-external-lib-logs"]
 """Arguments of a node that leaves no log files in the home directory."""
 SHUT_DOWN = 2.0
-"""Longest wait for callbacks that run when the process is to end (s)."""
+"""Longest wait for what is left to do when the process is to end (s)."""
 MIDDLEWARE_END = 8.0
 """Longest wait for the middleware to end (s); then the process ends without it."""
 _PR_SET_PDEATHSIG = 1
@@ -87,15 +87,8 @@ def bound_the_end(limit: float = MIDDLEWARE_END) -> None:
     faulthandler.dump_traceback_later(limit, exit=True)
 
 
-def _let_finish(executor: Any) -> None:
-    """Let callbacks that run in other threads come to their end."""
-    for _ in range(2):
-        executor.spin_once(timeout_sec=0.5 * SPIN_PERIOD)
-
-
 def run_node(
     ros: Any,
-    make_executor: Callable[[], Any],
     make_node: Callable[[StopSignal], Any],
     args: Sequence[str] | None = None,
 ) -> int:
@@ -104,10 +97,9 @@ def run_node(
     Parameters
     ----------
     ros : the client library, the module ``rclpy``.
-    make_executor : returns the executor.
-    make_node : takes the stop signal, returns the node. Its ``shut_down()`` is called before
-        the middleware ends, its ``exit_status`` is returned. From then on the end is bounded:
-        the caller is to leave the process.
+    make_node : takes the stop signal, returns the node, whose callbacks run in this thread.
+        Its ``shut_down()`` is called while it still has its executor, its ``exit_status`` is
+        returned. From then on the end is bounded: the caller is to leave the process.
     args : command line, default that of the process.
     """
     prepare_environment()
@@ -125,15 +117,15 @@ def run_node(
     try:
         node = make_node(stop)
         stop.gentle = True
-        executor = make_executor()
+        executor = ros.executors.SingleThreadedExecutor()
         executor.add_node(node)
         while not stop and node.exit_status is None:
             executor.spin_once(timeout_sec=SPIN_PERIOD)
-        executor.remove_node(node)
-        _let_finish(executor)
         node.shut_down()
         bound_the_end()
-        _let_finish(executor)
+        executor.remove_node(node)
+        for _ in range(2):  # the executor lets go of the node
+            executor.spin_once(timeout_sec=0.5 * SPIN_PERIOD)
         executor.shutdown(timeout_sec=SHUT_DOWN)
         return node.exit_status or 0
     except (KeyboardInterrupt, ros.executors.ExternalShutdownException):

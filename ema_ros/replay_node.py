@@ -12,7 +12,7 @@ from rclpy.node import Node
 
 from ema_record.errors import TestRefusedError
 from ema_record.wire.topics import COMMAND, SAMPLES
-from ema_ros.messages import make_publisher
+from ema_ros.messages import make_publisher, try_publish
 from ema_ros.process import QUIET, prepare_environment
 from ema_ros.replay_bag import ReplayMessage
 
@@ -49,13 +49,9 @@ class ReplayNode(Node):
 
     def publish(self, message: ReplayMessage) -> None:
         """Publish one message; slow readers are waited for."""
-        while True:
-            try:
-                self._outputs[message.topic].publish(message.data)
-                break
-            except RuntimeError:  # RCLError: the middleware gave up after 100 ms
-                if not self.context.ok():
-                    raise
+        while not try_publish(self._outputs[message.topic], message.data):
+            if not self.context.ok():
+                raise TestRefusedError(f"{message.topic}: the middleware has ended")
         self.counts[message.topic] += 1
 
     def wait_for_acknowledgement(self) -> None:

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 import rclpy
 import rclpy.executors
-from rclpy.node import Node
 from trajectory_msgs.msg import JointTrajectory
 
 from ema_record.errors import EmaError, UsageError
@@ -27,15 +26,17 @@ from ema_ros.messages import (
     OK,
     WARN,
     DiagnosticsPublisher,
+    EmaNode,
     declare_parameters,
     diagnostic_status,
     given_parameters,
     make_publisher,
     make_subscription,
     make_timer,
+    try_publish,
 )
 from ema_ros.parameter_events import on_parameters
-from ema_ros.parameters import ParameterSpec, Value, check_values
+from ema_ros.parameters import ParameterSpec, Value
 from ema_ros.process import StopSignal, report, run_node
 from ema_sim.node.server import ActuatorServer
 from ema_sim.node.settings import MODEL_FILE, load_model, parameter_specs, settings_from
@@ -56,22 +57,17 @@ class SlowReaderError(EmaError):
     """A reader of the samples takes nothing."""
 
 
-class SimulatorNode(Node):
+class SimulatorNode(EmaNode):
     """Executes commands on `/ema/command`, publishes what the transducers measure."""
 
     def __init__(self, stop: StopSignal) -> None:
         """Read the parameters, compile, then appear on the graph."""
-        super().__init__(NODE_NAME)
-        self.exit_status: int | None = None
-        self._stop = stop
-        (model_file,) = declare_parameters(self, [MODEL_FILE]).values()
-        self._model = load_model(str(model_file))
+        super().__init__(NODE_NAME, stop)
+        model_file = given_parameters(self).get(MODEL_FILE.name, MODEL_FILE.default)
+        self._model = load_model(str(MODEL_FILE.check(model_file)))
         specs = parameter_specs(self._model.effects)
-        check_values([*specs, SLOW_READER], given_parameters(self))
-        self._slow_reader = float(declare_parameters(self, [SLOW_READER])[SLOW_READER.name])
-        self._values: dict[str, Value] = declare_parameters(
-            self, [spec for spec in specs if spec is not MODEL_FILE]
-        )
+        self._values = declare_parameters(self, [*specs, SLOW_READER])
+        self._slow_reader = float(self._values[SLOW_READER.name])
         settings = settings_from(self._values, self._model)
         self._server = ActuatorServer(settings)
         on_parameters(self, specs, self._reconfigure)
@@ -144,13 +140,11 @@ class SimulatorNode(Node):
         """Publish; a full history of slow readers is waited for, so that nothing is lost."""
         end = time.monotonic() + self._slow_reader
         while not self._stop:
-            try:
-                self._outputs[topic].publish(data)
+            if try_publish(self._outputs[topic], data):
                 return
-            except RuntimeError:  # RCLError: the middleware gave up after 100 ms
-                self.get_logger().warning(
-                    f"{topic}: a reader is slow, waiting for it", throttle_duration_sec=1.0
-                )
+            self.get_logger().warning(
+                f"{topic}: a reader is slow, waiting for it", throttle_duration_sec=1.0
+            )
             if time.monotonic() > end:
                 raise SlowReaderError(
                     f"{topic}: a reader took nothing for {self._slow_reader:g} s: run given up"
@@ -182,7 +176,7 @@ class SimulatorNode(Node):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    sys.exit(run_node(rclpy, rclpy.executors.SingleThreadedExecutor, SimulatorNode, args))
+    sys.exit(run_node(rclpy, SimulatorNode, args))
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from ema_record.limits import MAX_SAMPLES
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record
 from ema_record.wire.samples import decode_block
-from ema_record.wire.sensors import BATTERY_STATE, TEMPERATURE
+from ema_record.wire.sensors import BATTERY_STATE, TEMPERATURE, bus_reading
 from ema_record.wire.topics import COMMAND, DC_BUS, SAMPLES, WINDING_TEMPERATURE
 from ema_record.wire.trajectory import JOINT_TRAJECTORY, decode_command
 from ema_record.wire.types import NANOSECONDS, deserialize, stamp_of
@@ -61,7 +61,7 @@ class RecordAssembler:
             self._take_block(decode_block(data), now)
         elif topic == DC_BUS:
             message = deserialize(data, BATTERY_STATE, topic)
-            self._bus.append((stamp_of(message), float(message.voltage), float(message.current)))
+            self._bus.append((stamp_of(message), *bus_reading(message)))
         elif topic == WINDING_TEMPERATURE:
             message = deserialize(data, TEMPERATURE, topic)
             self._temperature.append((stamp_of(message), float(message.temperature)))

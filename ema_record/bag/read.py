@@ -22,6 +22,7 @@ from ema_record.wire.samples import BLOCK_SIZE, decode_block, encode_block
 from ema_record.wire.sensors import (
     BATTERY_STATE,
     TEMPERATURE,
+    bus_reading,
     encode_bool,
     encode_dc_bus,
     encode_temperature,
@@ -118,10 +119,8 @@ def _record(content: BagContent, found: TestMetadata, samples: np.ndarray) -> Re
         samples=samples,
         profile=profile,
         provenance=provenance,
-        dc_bus=_slow(content, DC_BUS, BATTERY_STATE, ("voltage", "current"), start_time),
-        winding_temperature=_slow(
-            content, WINDING_TEMPERATURE, TEMPERATURE, ("temperature",), start_time
-        ),
+        dc_bus=_slow(content, DC_BUS, BATTERY_STATE, start_time),
+        winding_temperature=_slow(content, WINDING_TEMPERATURE, TEMPERATURE, start_time),
     )
 
 
@@ -215,15 +214,16 @@ def _check_command(content: BagContent, profile: Profile, samples: np.ndarray) -
 
 
 def _slow(
-    content: BagContent, topic: str, message_type: str, fields: tuple[str, ...], start_time: int
+    content: BagContent, topic: str, message_type: str, start_time: int
 ) -> np.ndarray:
-    """Return a slow topic: time since the acceptance (s), then the fields."""
+    """Return a slow topic, columns as in `Record`."""
     rows = []
     for message in content.messages.get(topic, []):
         decoded = deserialize(message.data, message_type, topic)
         time = (_time_of(message, decoded) - start_time) / NANOSECONDS
-        rows.append([time, *(float(getattr(decoded, name)) for name in fields)])
-    return np.array(rows, dtype=np.float64).reshape(len(rows), 1 + len(fields))
+        values = bus_reading(decoded) if topic == DC_BUS else (float(decoded.temperature),)
+        rows.append([time, *values])
+    return np.array(rows, dtype=np.float64).reshape(len(rows), 3 if topic == DC_BUS else 2)
 
 
 def _time_of(message: StoredMessage, decoded: Any) -> int:

@@ -77,8 +77,8 @@ class BagFacts:
     has_start: bool
     command: Profile | None
     """Read off `/ema/command`."""
-    dc_bus: np.ndarray
-    """Voltage (V), current (A), shape (m, 2)."""
+    bus_voltage: np.ndarray
+    """Shape (m,) (V)."""
     winding_temperature: np.ndarray
     """Shape (m,) (degC)."""
     weight_on_wheels: list[bool]
@@ -163,7 +163,7 @@ def facts_of_record(record: Record) -> BagFacts:
         source=record.provenance.source, content=BagContent(),
         blocks=[Block(log_time=0, samples=record.samples)] if len(record) else [],
         test=TestMetadata(profile=record.profile, provenance=record.provenance, counts={}),
-        has_start=True, command=None, dc_bus=record.dc_bus[:, 1:],
+        has_start=True, command=None, bus_voltage=record.dc_bus[:, 1],
         winding_temperature=record.winding_temperature[:, 1], weight_on_wheels=[], errors=[],
     )
 
@@ -197,10 +197,10 @@ def gather_facts(path: str | Path) -> BagFacts:
     return BagFacts(
         source=source, content=content, blocks=blocks, test=test,
         has_start=START in content.metadata, command=_command(content, blocks, errors),
-        dc_bus=_slow(content, DC_BUS, BATTERY_STATE, ("voltage", "current"), errors),
+        bus_voltage=_slow(content, DC_BUS, BATTERY_STATE, "voltage", errors),
         winding_temperature=_slow(
-            content, WINDING_TEMPERATURE, TEMPERATURE, ("temperature",), errors
-        )[:, 0],
+            content, WINDING_TEMPERATURE, TEMPERATURE, "temperature", errors
+        ),
         weight_on_wheels=[
             bytes(m.data[4:5]) != b"\x00" for m in content.messages.get(WEIGHT_ON_WHEELS, [])
         ],
@@ -226,14 +226,14 @@ def _command(content: BagContent, blocks: list[Block], errors: list[str]) -> Pro
 
 
 def _slow(
-    content: BagContent, topic: str, kind: str, fields: tuple[str, ...], errors: list[str]
+    content: BagContent, topic: str, kind: str, field: str, errors: list[str]
 ) -> np.ndarray:
-    rows = []
+    values = []
     for message in content.messages.get(topic, []):
         try:
             decoded = deserialize(message.data, kind, topic)
         except RecordError as error:
             errors.append(str(error))
             continue
-        rows.append([float(getattr(decoded, name)) for name in fields])
-    return np.array(rows, dtype=np.float64).reshape(len(rows), len(fields))
+        values.append(float(getattr(decoded, field)))
+    return np.array(values, dtype=np.float64)

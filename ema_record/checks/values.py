@@ -149,8 +149,8 @@ def spikes(facts: BagFacts) -> Iterator[Hit]:
 
 def slow_units(facts: BagFacts) -> Iterator[Hit]:
     """Find bus voltages and temperatures that are in another unit."""
-    if len(facts.dc_bus):
-        voltage = float(np.median(facts.dc_bus[:, 0]))
+    if len(facts.bus_voltage):
+        voltage = float(np.median(facts.bus_voltage))
         if not BUS_VOLTAGE[0] <= voltage <= BUS_VOLTAGE[1]:
             yield Hit(f"bus voltage {voltage:g} V: is it in mV or kV?", None, voltage, "V", DC_BUS)
     if len(facts.winding_temperature):

@@ -18,6 +18,9 @@ BATTERY_STATE = "sensor_msgs/msg/BatteryState"
 TEMPERATURE = "sensor_msgs/msg/Temperature"
 
 _NOT_MEASURED = float("nan")
+_LOCATION = "dc_bus"
+_UNKNOWN, _DISCHARGING = 0, 2
+"""Status of a supply, numbers of sensor_msgs/BatteryState."""
 
 
 def _stamped(numbers: dict[str, Any]) -> Any:
@@ -65,9 +68,9 @@ def _battery_state() -> MessageTemplate:
             header=_stamped(v), voltage=v["voltage"], current=v["current"],
             temperature=_NOT_MEASURED, charge=_NOT_MEASURED, capacity=_NOT_MEASURED,
             design_capacity=_NOT_MEASURED, percentage=_NOT_MEASURED,
-            power_supply_status=0, power_supply_health=0, power_supply_technology=0,
+            power_supply_status=_DISCHARGING, power_supply_health=0, power_supply_technology=0,
             present=True, cell_voltage=none, cell_temperature=none,
-            location="dc_bus", serial_number="",
+            location=_LOCATION, serial_number="",
         ),
     )
 
@@ -110,8 +113,29 @@ def encode_currents(stamps: np.ndarray, current: np.ndarray) -> list[bytes]:
 
 
 def encode_dc_bus(stamps: np.ndarray, voltage: np.ndarray, current: np.ndarray) -> list[bytes]:
-    """Return sensor_msgs/BatteryState messages (V, A; the message holds float32)."""
-    return _battery_state().encode(stamps, {"voltage": voltage, "current": current})
+    """Return sensor_msgs/BatteryState messages (float32) of a bus that feeds the drive.
+
+    Parameters
+    ----------
+    stamps : ndarray of int64, shape (n,)
+        Ns since the epoch.
+    voltage : ndarray, shape (n,)
+        Between the rails (V).
+    current : ndarray, shape (n,)
+        Positive into the drive (A); the message counts it negative: the supply is discharged.
+
+    """
+    drawn = np.subtract(0.0, current)  # without a negative zero
+    return _battery_state().encode(stamps, {"voltage": voltage, "current": drawn})
+
+
+def bus_reading(message: Any) -> tuple[float, float]:
+    """Return voltage (V) and current (A, positive into the drive) of a sensor_msgs/BatteryState.
+
+    The first bags of this software, known by a status that is unknown, hold it positive.
+    """
+    old = message.location == _LOCATION and message.power_supply_status == _UNKNOWN
+    return float(message.voltage), float(message.current if old else 0.0 - message.current)
 
 
 def encode_temperature(stamps: np.ndarray, temperature: np.ndarray) -> list[bytes]:

@@ -11,11 +11,11 @@ import rclpy.serialization
 from diagnostic_msgs.msg import DiagnosticArray
 
 from ema_monitor.aircraft_node import answer_of
-from ema_monitor.messages import PolledGroup, make_polled_subscription, take_all
+from ema_monitor.messages import PolledGroup, make_polled_subscription
 from ema_record.wire.samples import decode_block
 from ema_record.wire.topics import COMMAND, DIAGNOSTICS, SAMPLES, VERDICT
 from ema_record.wire.trajectory import encode_command
-from ema_ros.messages import make_publisher
+from ema_ros.messages import make_publisher, take_all
 
 SIMULATOR = "ema_sim.simulator_node"
 MONITOR = "ema_monitor.monitor_node"
@@ -91,6 +91,11 @@ class Watcher:
                     self.actuator["message"] = status.message
                     self.actuator_history.append(self.actuator)
         self.blocks += [decode_block(taken.data) for taken in take_all(self._samples)]
+
+    def spin_for(self, seconds):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.spin()
 
     def wait(self, condition, timeout=20.0, what="condition"):
         end = time.monotonic() + timeout

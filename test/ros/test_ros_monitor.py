@@ -4,10 +4,14 @@ import signal
 import time
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.srv import SelfTest
 from ros_processes import MONITOR, SIMULATOR
 
-from ema_monitor.sequence import step_to
+from ema_monitor.messages import find_actuator
+from ema_monitor.sequence import ActuatorStatus, step_to
 from ema_record.bag.read import read_bag
+from ema_record.wire.topics import SELF_TEST_SERVICE
 
 
 @pytest.fixture
@@ -53,9 +57,7 @@ def test_refused_without_weight_on_wheels(chain, watcher, tmp_path):
     chain()
     watcher.node.weight_on_wheels = False
     watcher.node.send_weight_on_wheels()
-    end = time.monotonic() + 0.5
-    while time.monotonic() < end:
-        watcher.spin()
+    watcher.spin_for(0.5)
     answer = watcher.self_test()
     assert not answer["passed"]
     assert answer["by_name"]["test"]["message"] == (
@@ -126,9 +128,7 @@ def test_aborts_when_the_aircraft_takes_off_and_brings_the_surface_back(
 
     watcher.node.weight_on_wheels = True
     watcher.node.send_weight_on_wheels()
-    end = time.monotonic() + 0.3
-    while time.monotonic() < end:
-        watcher.spin()
+    watcher.spin_for(0.3)
     answer = watcher.self_test()
     assert answer["passed"], "the monitor does not run another test after an abort"
     assert len(records(tmp_path)) == 2
@@ -196,6 +196,64 @@ def test_a_second_request_during_a_test_is_refused(chain, watcher):
     assert "running already" in second[0].result().status[0].message
 
 
+RUNNING = "refused: a test is running already: wait for its end"
+
+
+def eight_callers(watcher):
+    """Ask for the test from eight clients of the service at once; return their futures."""
+    clients = [watcher.node.create_client(SelfTest, SELF_TEST_SERVICE) for _ in range(8)]
+    watcher.wait(lambda: all(client.service_is_ready() for client in clients), what="service")
+    return [client.call_async(SelfTest.Request()) for client in clients]
+
+
+def messages(watcher, futures):
+    """Return what each caller was told, once all are answered."""
+    watcher.wait(lambda: all(future.done() for future in futures), 30.0, "eight answers")
+    return sorted(future.result().status[0].message for future in futures)
+
+
+def test_eight_callers_at_once_get_one_test_and_seven_refusals(chain, watcher, tmp_path):
+    chain()
+    assert messages(watcher, eight_callers(watcher)) == ["passed", *[RUNNING] * 7]
+    assert len(records(tmp_path)) == 1
+    assert watcher.self_test()["passed"], "the monitor runs no second test"
+
+
+def test_an_interlock_that_opens_aborts_the_test_while_calls_wait(chain, watcher, tmp_path):
+    """Also where the calls came before the first weight on wheels, and all waited for it."""
+    watcher.node.send = False
+    chain("extended", weight_on_wheels_timeout=10.0)
+    calls = eight_callers(watcher)
+    watcher.spin_for(0.3)
+    assert not any(call.done() for call in calls)
+    watcher.node.send = True
+    watcher.wait(lambda: sum(map(len, watcher.blocks)) > 4000, what="the test")
+    calls += eight_callers(watcher)
+    watcher.node.weight_on_wheels = False
+    watcher.node.send_weight_on_wheels()
+    assert messages(watcher, calls) == [
+        "aborted: no weight on wheels: the aircraft is not on the ground", *[RUNNING] * 15]
+    (path,) = records(tmp_path)
+    record = read_bag(path)
+    assert record.provenance.status == "aborted"
+    assert len(record) < 20_000, "the test went on"
+
+    (refused, *_) = messages(watcher, eight_callers(watcher))
+    assert refused == "refused: no weight on wheels: the aircraft is not on the ground"
+    watcher.node.weight_on_wheels = True
+    watcher.spin_for(0.5)
+    assert watcher.self_test()["passed"], "weight on wheels is not evaluated any more"
+
+
+def test_eight_callers_are_answered_when_the_monitor_ends(chain, watcher):
+    _, monitor = chain("extended")
+    calls = eight_callers(watcher)
+    watcher.wait(lambda: sum(map(len, watcher.blocks)) > 4000, what="the test")
+    monitor.send_signal(signal.SIGINT)
+    assert messages(watcher, calls)[0].startswith("interrupted")
+    assert monitor.wait(5.0) == 0
+
+
 def test_a_second_monitor_on_the_domain_is_refused(chain, nodes, watcher):
     chain()
     second = nodes.start(MONITOR)
@@ -226,3 +284,29 @@ def test_wrong_parameters_are_one_line_and_status_2(nodes, parameter, hint):
     process = nodes.start(MONITOR, **parameter)
     assert process.wait(30.0) == 2
     assert hint in nodes.log(process)
+
+
+def status_of(name, **changes):
+    values = {
+        "state": "idle", "surface_position": "-0.4", "command_stamp": "5", "start_time": "6",
+        "samples_published": "9000", "temperature": "21", **changes,
+    }
+    return DiagnosticStatus(name=name, hardware_id="RIG-1", values=[
+        KeyValue(key=key, value=value) for key, value in values.items() if value])
+
+
+@pytest.mark.parametrize("name", [
+    "ema_sim: actuator", "rig_driver: actuator", "/left/ema: actuator",
+])
+def test_a_driver_of_any_name_is_an_actuator(name):
+    """What stands beside it on /diagnostics, of the same name or with fewer keys, is not."""
+    others = [status_of("rig_driver: inverter"), status_of("actuator"),
+              status_of("robot: actuator", command_stamp=""),
+              status_of("arm: actuator", surface_position="middle"),
+              status_of("leg: actuator", surface_position="nan")]
+    assert find_actuator(DiagnosticArray(status=others)) is None
+    assert find_actuator(DiagnosticArray(status=[*others, status_of(name)])) == (
+        ActuatorStatus(active=False, surface_position=-0.4, command_stamp=5, start_time=6,
+                       samples_published=9000), "RIG-1")
+    moving = DiagnosticArray(status=[status_of(name, state="homing")])
+    assert find_actuator(moving)[0].active

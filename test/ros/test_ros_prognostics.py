@@ -9,12 +9,13 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from ros_processes import PROGNOSTICS
 from std_msgs.msg import Float64, String
 
-from ema_monitor.messages import PolledGroup, make_polled_subscription, take_all
+from ema_monitor.messages import PolledGroup, make_polled_subscription
+from ema_prognostics.prognostics_node import LONGEST_PATH, NOT_A_BAG, REMEMBERED
 from ema_prognostics.verdict.prognosis import Prognosis
 from ema_record.bag.read import write_bag
 from ema_record.profile import load_profile
 from ema_record.wire.topics import BIT_RECORD, SEVERITY, VERDICT
-from ema_ros.messages import make_publisher
+from ema_ros.messages import make_publisher, take_all
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
 
@@ -93,18 +94,43 @@ def test_a_record_by_parameter(nodes, listener, bags):
     assert listener.verdicts[0]["fault_class"] == "turn_short"
 
 
-def test_a_bad_record_has_a_verdict_too_and_the_node_lives_on(
+def test_a_bad_record_has_a_verdict_too_that_does_not_tell_which_files_exist(
     nodes, watcher, listener, bags, tmp_path
 ):
+    text, empty, damaged = tmp_path / "text.csv", tmp_path / "empty", tmp_path / "damaged"
+    text.write_text("a,b\n1,2\n")
+    empty.mkdir()
+    damaged.mkdir()
+    (damaged / "metadata.yaml").write_text("secret: 1")
+    (mcap,) = bags[0].glob("*.mcap")  # readable by itself, but no bag
+    wrong = [tmp_path / "nowhere", text, empty, damaged, mcap, "/dev/zero", "relative",
+             "/" + 300 * "a", "/\x7f"]
+    announce = make_publisher(watcher.node, BIT_RECORD)
+    process = nodes.start(PROGNOSTICS)
+    for count, path in enumerate(wrong, 1):
+        announce.publish(String(data=str(path)))
+        listener.wait(count)
+    assert [v["verdict"] for v in listener.verdicts] == ["invalid"] * len(wrong)
+    assert {v["reasons"] for v in listener.verdicts} == {NOT_A_BAG}
+    assert "relative_file_paths" in nodes.log(process), "the operator is not told why"
+    announce.publish(String(data=str(bags[1])))
+    listener.wait(len(wrong) + 1)
+    assert listener.verdicts[-1]["verdict"] == "fault"
+
+
+def test_what_was_announced_is_forgotten_in_the_end(nodes, watcher, listener):
+    """However many paths are announced, the memory that they take is bounded."""
     announce = make_publisher(watcher.node, BIT_RECORD)
     nodes.start(PROGNOSTICS)
-    announce.publish(String(data=str(tmp_path / "nowhere")))
-    listener.wait(1)
-    assert listener.verdicts[0]["verdict"] == "invalid"
-    assert "no such file" in listener.verdicts[0]["reasons"]
-    announce.publish(String(data=str(bags[1])))
-    listener.wait(2)
-    assert listener.verdicts[1]["verdict"] == "fault"
+    announce.publish(String(data="/" + "x" * LONGEST_PATH))
+    for number in range(REMEMBERED + 1):
+        announce.publish(String(data=f"/nowhere/{number}"))
+        listener.wait(number + 1)
+    announce.publish(String(data=f"/nowhere/{REMEMBERED}"))  # remembered
+    announce.publish(String(data="/nowhere/0"))
+    listener.wait(REMEMBERED + 2)
+    last = [json.loads(v["json"])["bag"] for v in listener.verdicts[-2:]]
+    assert last == [f"/nowhere/{REMEMBERED}", "/nowhere/0"]
 
 
 def test_a_wrong_model_is_one_line_and_status_2(nodes):

@@ -107,6 +107,7 @@ def test_parameters_are_described_bounded_and_settable_when_idle(nodes, watcher)
     assert not set_one("turn_short.fraction", 0.95).successful
     assert not set_one("turn_short.phase", "d").successful
     assert not set_one("seed", 3).successful, "read-only"
+    assert not set_one("use_sim_time", True).successful
     watcher.command(load_profile("extended"))
     watcher.wait(lambda: watcher.actuator["state"] == "active", what="run")
     refused = set_one("turn_short.fraction", 0.1)
@@ -119,6 +120,8 @@ def test_parameters_are_described_bounded_and_settable_when_idle(nodes, watcher)
     ("turn_short__fraction", 2.0, "0 to 0.9"),
     ("rotor_eccentricity__mode", "papr", "did you mean 'paper'"),
     ("noise", "much", "expected float"),
+    ("noise", "[]", "a parameter has no value"),
+    ("use_sim_time", "true", "use_sim_time: true is not supported"),
     ("model_file", "/nonexistent/model.yaml", "/nonexistent/model.yaml"),
 ])
 def test_a_wrong_parameter_is_one_line_and_status_2(nodes, name, value, hint):

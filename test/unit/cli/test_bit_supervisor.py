@@ -1,6 +1,9 @@
 """Starting, watching and ending processes; domains of one's own; what the options mean."""
 
 import os
+import subprocess
+import sys
+import tempfile
 import time
 
 import psutil
@@ -8,6 +11,7 @@ import pytest
 
 from ema_cli.commands.bit import effect_parameters, exit_status, summarise
 from ema_record.errors import UsageError
+from ema_ros import domain
 from ema_ros.domain import private_domain
 from ema_ros.supervisor import NodeDiedError, Supervisor
 
@@ -78,6 +82,36 @@ def test_domains_differ_and_a_choice_is_taken():
         assert 1 <= first <= 101
     with private_domain(7) as chosen:
         assert chosen == 7
+
+
+HOLDS_A_DOMAIN = """
+from ema_cli import domain
+domain.DOMAINS = range(230, 232)
+with domain.private_domain(None) as found:
+    print(found, flush=True)
+    input()
+"""
+
+
+def test_a_domain_is_held_across_processes_and_leaves_no_file(tmp_path, monkeypatch):
+    """All domains but one held: another process gets that one, and a third one none."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    monkeypatch.setattr(domain, "DOMAINS", range(230, 232))
+    with private_domain(None) as first, subprocess.Popen(
+        [sys.executable, "-c", HOLDS_A_DOMAIN], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        text=True,
+    ) as other:
+        second = int(other.stdout.readline())
+        assert {first, second} == {230, 231}
+        with pytest.raises(UsageError, match="no free ROS domain in 230 to 231"), \
+                private_domain(None):
+            pass
+        other.kill()
+        other.wait()
+        with private_domain(None) as third:
+            assert third == second, "a process that was killed still holds its domain"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_effects_become_parameters():

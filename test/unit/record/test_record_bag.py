@@ -14,13 +14,14 @@ import yaml
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from ema_record.bag.container import read_content
 from ema_record.bag.mcap_stream import McapMetadata, McapStream
 from ema_record.bag.metadata import END, START
 from ema_record.bag.read import read_bag, write_bag
 from ema_record.profile import Profile, step_profile
 from ema_record.wire.samples import encode_block
 from ema_record.wire.schemas import definition
-from ema_record.wire.sensors import encode_bool
+from ema_record.wire.sensors import BATTERY_STATE, encode_bool
 from ema_record.wire.topics import (
     COMMAND,
     DC_BUS,
@@ -31,6 +32,7 @@ from ema_record.wire.topics import (
     WEIGHT_ON_WHEELS,
 )
 from ema_record.wire.trajectory import encode_command
+from ema_record.wire.types import deserialize
 
 START_NS = 1_790_000_000_000_000_000
 
@@ -44,6 +46,22 @@ def test_round_trip(bag, record):
     np.testing.assert_allclose(
         found.winding_temperature, record.winding_temperature, rtol=0, atol=1e-9
     )
+
+
+def test_bags_of_both_signs_of_the_bus_current_are_read_alike(repository, tmp_path):
+    """sensor_msgs/BatteryState counts a discharge negative; the shipped bags do not."""
+
+    def currents(path):
+        messages = read_content(path, frozenset({DC_BUS})).messages[DC_BUS]
+        return np.array([deserialize(m.data, BATTERY_STATE, DC_BUS).current for m in messages])
+
+    old = repository / "bags" / "sim_0000_step"
+    record = read_bag(old)
+    new = write_bag(record, tmp_path / "bag")
+    assert record.dc_bus[:, 2].mean() > 0.1, "the drive takes current"
+    np.testing.assert_array_equal(currents(old), record.dc_bus[:, 2])
+    np.testing.assert_array_equal(currents(new), -record.dc_bus[:, 2])
+    np.testing.assert_array_equal(read_bag(new).dc_bus, record.dc_bus)
 
 
 @pytest.mark.parametrize("n", [1, 2, 499, 500, 501, 1234])

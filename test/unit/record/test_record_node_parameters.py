@@ -44,5 +44,7 @@ def test_unknown_names_get_the_nearest_one():
 
 
 def test_parameters_of_every_node_are_left_alone():
-    given = {"use_sim_time": True, "qos_overrides./a.publisher.depth": 3}
+    given = {"use_sim_time": False, "qos_overrides./a.publisher.depth": 3}
     assert check_values([FACTOR], given) == {"factor": 1.0}
+    with pytest.raises(UsageError, match="use_sim_time: true is not supported"):
+        check_values([FACTOR], {"use_sim_time": True})

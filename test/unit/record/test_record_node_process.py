@@ -17,13 +17,14 @@ class Node:
 ros = types.SimpleNamespace(
     init=lambda **_: None, try_shutdown=lambda: None,
     signals=types.SimpleNamespace(SignalHandlerOptions=types.SimpleNamespace(NO=0)),
-    executors=types.SimpleNamespace(ExternalShutdownException=OSError),
+    executors=types.SimpleNamespace(
+        ExternalShutdownException=OSError, SingleThreadedExecutor=lambda: executor),
 )
 executor = types.SimpleNamespace(
     add_node=lambda node: None, remove_node=lambda node: None,
     spin_once=lambda timeout_sec: None, shutdown=lambda timeout_sec: None,
 )
-raise SystemExit(node_process.run_node(ros, lambda: executor, lambda stop: Node(), []))
+raise SystemExit(node_process.run_node(ros, lambda stop: Node(), []))
 """
 HOLDS_THE_INTERPRETER = "ctypes.PyDLL(None).pause()"
 

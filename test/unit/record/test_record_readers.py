@@ -115,7 +115,7 @@ def test_mcap_ros2_support(bag, record):
     np.testing.assert_array_equal(stack([m.data for _, m in found[SAMPLES]]), record.samples)
     assert [m.sequence for m, _ in found[SAMPLES]] == list(range(1, 19))
     bus = [m for _, m in found[DC_BUS]]
-    np.testing.assert_array_equal([m.current for m in bus], np.float32(record.dc_bus[:, 2]))
+    np.testing.assert_array_equal([m.current for m in bus], -np.float32(record.dc_bus[:, 2]))
     assert all(math.isnan(m.temperature) for m in bus)
 
 

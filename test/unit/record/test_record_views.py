@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ema_record.channels import N_CHANNELS, ROTOR_ANGLE
-from ema_record.wire.sensors import encode_dc_bus, encode_temperature
+from ema_record.wire.sensors import bus_reading, encode_dc_bus, encode_temperature
 from ema_record.wire.views import ViewDecimator, views_of
 
 RATE = 20_000.0
@@ -78,8 +78,12 @@ def test_what_rclpy_reads():
     for k, data in enumerate(views.phase_currents(start)):
         vector = deserialize_message(data, Vector3Stamped).vector
         assert [vector.x, vector.y, vector.z] == views.phase_current[k].tolist()
-    bus = deserialize_message(encode_dc_bus(stamps[:1], [96.5], [-1.25])[0], BatteryState)
+    bus = deserialize_message(encode_dc_bus(stamps[:1], [96.5], [1.25])[0], BatteryState)
     assert (bus.voltage, bus.current, bus.present) == (96.5, -1.25, True)
     assert np.isnan(bus.percentage) and bus.location == "dc_bus"
+    assert bus.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+    assert bus_reading(bus) == (96.5, 1.25)
+    bus.location, bus.power_supply_status = "rig", BatteryState.POWER_SUPPLY_STATUS_UNKNOWN
+    assert bus_reading(bus) == (96.5, 1.25), "a bag of somebody else, by the standard"
     winding = deserialize_message(encode_temperature(stamps[:1], [21.5])[0], Temperature)
     assert (winding.temperature, winding.variance) == (21.5, 0.0)
