@@ -1,8 +1,8 @@
 """Make the example bags of this folder: ``python bags/make.py [FOLDER]``.
 
-Each is `ema simulate` with the options in the table of README.md, packed harder, and the long
-ones without the decimated topics for people. What was hidden is named here and there, never
-in a bag. Bags that exist are never overwritten.
+Each is `ema simulate` with the options in the table of README.md, the long ones without the
+decimated topics for people. What was hidden is named here and there, never in a bag. Bags that
+exist are never overwritten.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ HIDDEN: dict[str, tuple[str, ...]] = {
     ),
 }
 """What is hidden in each actuator; its place is the serial number and the seed."""
-COMPRESSION_LEVEL = 19
 WITH_VIEWS = ("step",)
 """Profiles whose bags keep the decimated topics: all of them would be 10 MB."""
 
@@ -66,7 +65,7 @@ def main(folder: Path) -> None:
             )
             path = folder / bag_name(seed, profile)
             views = profile in WITH_VIEWS
-            print(write_bag(record, path, views=views, compression_level=COMPRESSION_LEVEL))
+            print(write_bag(record, path, views=views))
 
 
 if __name__ == "__main__":

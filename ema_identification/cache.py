@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ema_sim.effects.compile import source_hash
+from ema_record.sources import source_hash
 
 FOLDER = "ema_phm"
 LARGEST = 500_000_000
@@ -31,7 +31,7 @@ def cache_directory() -> Path:
 
 def key_of(*parts: str, sources: Iterable[Path]) -> str:
     """Return a hash of `parts`, of the sources of the simulator and of those named."""
-    digest = hashlib.sha256(source_hash().encode())
+    digest = hashlib.sha256(source_hash("ema_sim.simulate").encode())
     for path in sources:
         digest.update(path.name.encode() + path.read_bytes())
     for part in parts:

@@ -17,6 +17,10 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 
 class EmaError(Exception):
@@ -80,3 +84,44 @@ def unknown_name(kind: str, name: str, known: Iterable[str], remedy: str) -> Usa
     near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}? " if near else ""
     return UsageError(f"unknown {kind} {name!r}: {hint}{remedy}")
+
+
+def bounded(name: str, value: object, lower: float, upper: float, unit: str = "") -> float:
+    """Return `value` as a number within [`lower`, `upper`]; UsageError where it is not."""
+    given = f"give {lower:g} to {upper:g} {unit}".removesuffix(" 1").rstrip()
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        raise UsageError(f"{name}: {str(value)[:60]!r} is not a number: {given}") from None
+    if not lower <= number <= upper:
+        raise UsageError(f"{name}: {number:g} is out of bounds: {given}")
+    return number
+
+
+def first_problem(
+    error: ValidationError, where: str, whole: str, remedy: str, *, branch: str = ""
+) -> str:
+    """Return the first problem that pydantic found as one line: where, field, what, value, remedy.
+
+    Parameters
+    ----------
+    error : ValidationError
+        As raised.
+    where : str
+        The file or topic that the data come from.
+    whole : str
+        Name of the whole, where no field of it is to blame.
+    remedy : str
+        What to do, or where the form is shown.
+    branch : str
+        Of a union pydantic reports every branch; a problem in the one of this name says the most.
+
+    """
+    problems = error.errors()
+    first = next((p for p in problems if branch in p["loc"]), problems[0])
+    place = ".".join(str(part) for part in first["loc"] if part != branch) or whole
+    what = first["msg"].removeprefix("Value error, ")
+    if first["type"] == "extra_forbidden":
+        what = "no such key"
+    value = "" if isinstance(first["input"], dict) else f" (value {str(first['input'])[:60]})"
+    return f"{where}: {place[:120]}: {what}{value}: {remedy}"

@@ -1,10 +1,13 @@
-"""Files that appear whole or not at all, and never over another one."""
+"""Files that appear whole or not at all and never over another one; files read with a bound."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
+import secrets
 import shutil
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -91,7 +94,9 @@ def _made_again(path: Path) -> BinaryIO:
 
 @contextlib.contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """Give a temporary path beside `path` to write to; it is renamed on success.
+    """Give an empty temporary file beside `path` to write to; it gets that name on success.
+
+    Whatever takes the name meanwhile stays as it is.
 
     Raises
     ------
@@ -99,17 +104,55 @@ def new_file(path: Path) -> Iterator[Path]:
         `path` exists, or cannot be written.
 
     """
-    if path.exists():
+    if os.path.lexists(path):
         raise exists(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
     try:
+        temporary.touch(exist_ok=False)
         yield temporary
         with temporary.open("rb") as file:
             os.fsync(file.fileno())
-        temporary.replace(path)
+        _give_name(temporary, path)
         sync_directory(path.parent)
+    except FileExistsError:
+        raise exists(path) from None
     except OSError as error:
         raise cannot_write(path, error) from None
     finally:
         with contextlib.suppress(OSError):  # there is none where it could not be made
             temporary.unlink(missing_ok=True)
+
+
+def _give_name(temporary: Path, path: Path) -> None:
+    """Give a file a name that is free; FileExistsError where it is not."""
+    try:
+        os.link(temporary, path)
+    except OSError as error:
+        if error.errno not in (errno.EPERM, errno.EOPNOTSUPP):
+            raise
+        path.touch(exist_ok=False)  # a file system without links: the name first, then the file
+        temporary.replace(path)
+
+
+def read_bounded(path: Path, limit: int) -> bytes:
+    """Return what a regular file of at most `limit` bytes holds.
+
+    Its kind is looked at and its bytes are counted after it was opened, so neither a pipe nor
+    a device nor a file that grows is waited for or read beyond the limit.
+
+    Raises
+    ------
+    OSError
+        It cannot be read, is no regular file, or is larger.
+
+    """
+    def without_waiting(name: str, flags: int) -> int:
+        return os.open(name, flags | os.O_NONBLOCK)
+
+    with open(path, "rb", opener=without_waiting) as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError(errno.EINVAL, "not a regular file")
+        data = file.read(limit + 1)
+    if len(data) > limit:
+        raise OSError(errno.EFBIG, f"at most {limit} bytes are read, it has more")
+    return data

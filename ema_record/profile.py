@@ -1,4 +1,4 @@
-"""Test profiles: the position command of the surface as data (DESIGN, section 3).
+"""Test profiles: the position command of the surface as data.
 
 A profile is a list of points ``(time, position)``. The position is interpolated
 linearly in time; two points at one time are a step. The inverter stays off for the
@@ -7,13 +7,14 @@ first `inverter_off` seconds.
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from ema_record.errors import UsageError, unknown_name
+from ema_record.errors import UsageError, first_problem, unknown_name
 from ema_record.resources import share_path
 from ema_record.yaml_file import load_yaml
 
@@ -21,7 +22,8 @@ MAX_DURATION = 60.0
 """Longest profile (s)."""
 MAX_POINTS = 1000
 MAX_POSITION = 0.6
-"""End stops of the surface (rad)."""
+"""Largest position of any profile (rad); an actuator refuses what is beyond its own end stops."""
+SEE = "config/profiles/step.yaml shows the form"
 
 Seconds = Annotated[float, Field(ge=0.0, le=MAX_DURATION, allow_inf_nan=False)]
 Radians = Annotated[float, Field(ge=-MAX_POSITION, le=MAX_POSITION, allow_inf_nan=False)]
@@ -123,29 +125,32 @@ def load_profile_dict(data: object, where: str) -> Profile:
     try:
         return Profile.model_validate(data)
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(p) for p in first["loc"]) or "profile"
-        raise UsageError(
-            f"{where}: {place}: {first['msg']} (value {str(first['input'])[:60]}): "
-            "see config/profiles/step.yaml for the form"
-        ) from None
+        raise UsageError(first_problem(error, where, "profile", SEE)) from None
 
 
 def profile_names() -> list[str]:
     """Return the names of the profiles that are shipped."""
-    return sorted(p.stem for p in share_path("config/profiles").glob("*.yaml"))
+    return list(_shipped_names())
+
+
+@cache
+def _shipped_names() -> tuple[str, ...]:
+    return tuple(sorted(p.stem for p in share_path("config/profiles").glob("*.yaml")))
+
+
+@cache
+def _shipped(name: str) -> Profile:
+    return load_profile_dict(load_yaml(share_path(f"config/profiles/{name}.yaml")), name)
 
 
 def load_profile(name_or_path: str | Path) -> Profile:
     """Return the shipped profile of that name, or the one in that YAML file."""
     text = str(name_or_path)
-    if text in profile_names():
-        path = share_path(f"config/profiles/{text}.yaml")
-    elif text.endswith((".yaml", ".yml")):
-        path = Path(text)
-    else:
-        raise unknown_name(
-            "profile", text, profile_names(),
-            f"the shipped ones are {', '.join(profile_names())}; a file must end in .yaml",
-        )
-    return load_profile_dict(load_yaml(path), str(name_or_path))
+    if text in _shipped_names():
+        return _shipped(text)
+    if text.endswith((".yaml", ".yml")):
+        return load_profile_dict(load_yaml(Path(text)), text)
+    raise unknown_name(
+        "profile", text, profile_names(),
+        f"the shipped ones are {', '.join(profile_names())}; a file must end in .yaml",
+    )

@@ -7,6 +7,7 @@ from pathlib import Path
 import yaml
 
 from ema_record.errors import UsageError
+from ema_record.files import read_bounded
 
 MAX_DEPTH = 50
 """Deepest nesting of lists and mappings."""
@@ -17,9 +18,7 @@ _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 def load_yaml(path: Path, *, max_bytes: int = 1 << 20) -> object:
     """Return what the YAML file holds (safe loader, no aliases, bounded size)."""
     try:
-        if path.stat().st_size > max_bytes:
-            raise UsageError(f"{path}: {path.stat().st_size} bytes, at most {max_bytes}")
-        text = path.read_text(encoding="utf-8")
+        text = read_bounded(path, max_bytes).decode("utf-8")
     except UnicodeDecodeError:
         raise UsageError(f"{path}: not UTF-8 text: save it as plain YAML") from None
     except OSError as error:

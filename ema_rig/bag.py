@@ -10,10 +10,10 @@ import os
 from pathlib import Path
 
 import numpy as np
+from mcap.writer import Writer
 from pydantic import ValidationError
 
 from ema_record.bag.container import BagContent, read_content
-from ema_record.bag.mcap_writer import LevelWriter
 from ema_record.bag.metadata import (
     METADATA_FILE,
     ROSBAG2,
@@ -25,7 +25,7 @@ from ema_record.bag.metadata import (
 from ema_record.bag.qos import offered_qos_profiles
 from ema_record.bag.writer import CHUNK_SIZE, LIBRARY, MCAP_PROFILE
 from ema_record.channels import Channel
-from ema_record.errors import InvalidRecordError
+from ema_record.errors import InvalidRecordError, first_problem
 from ema_record.files import cannot_write, make_new_directory, new_file
 from ema_record.limits import MAX_MESSAGE_BYTES
 from ema_record.version import VERSION
@@ -60,7 +60,7 @@ def write_rig_bag(record: RigRecord, path: str | Path) -> Path:
     stamps: list[int] = []
     try:
         with file.open("xb") as stream:
-            mcap = LevelWriter(stream, chunk_size=CHUNK_SIZE)
+            mcap = Writer(stream, chunk_size=CHUNK_SIZE, enable_data_crcs=True)
             mcap.start(profile=MCAP_PROFILE, library=LIBRARY)
             mcap.add_metadata(RIG, {"axis": record.axis.model_dump_json(),
                                     "software_version": VERSION})
@@ -150,10 +150,9 @@ def _axis(content: BagContent, source: str) -> Axis:
     try:
         return Axis.model_validate_json(values.get("axis", ""))
     except ValidationError as error:
-        raise InvalidRecordError(
-            f"{source}: description of the axis: {error.errors()[0]['msg'][:80]}: the bag was "
-            "edited or damaged"
-        ) from None
+        text = first_problem(error, source, "description of the axis",
+                             "the bag was edited or damaged")
+        raise InvalidRecordError(text) from None
 
 
 def _decode(data: bytes | memoryview, source: str) -> tuple[np.ndarray, tuple[Channel, ...]]:

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ema_record.channels import CHANNEL_NAMES
-from ema_record.errors import UsageError
+from ema_record.errors import UsageError, first_problem
 from ema_record.yaml_file import load_yaml
 from ema_rig.record import InputQuantity
 
@@ -160,10 +160,4 @@ def map_from(data: object, where: str) -> RigMap:
     try:
         return RigMap.model_validate(data)
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"]) or "map"
-        text = first["msg"].removeprefix("Value error, ")
-        value = "" if isinstance(first["input"], dict) else f" (value {str(first['input'])[:60]})"
-        if first["type"] == "extra_forbidden":
-            text = "no such key"
-        raise UsageError(f"{where}: {place[:120]}: {text}{value}: {SEE}") from None
+        raise UsageError(first_problem(error, where, "map", SEE)) from None

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from pydantic import TypeAdapter, ValidationError
 
 from ema_record.actuator import Actuator
-from ema_record.errors import UsageError, unknown_name
+from ema_record.errors import UsageError, first_problem, unknown_name
 from ema_record.resources import share_path
 from ema_record.yaml_file import load_yaml
 from ema_sim.effects import Effects
@@ -66,10 +66,7 @@ def _actuator_from(data: object, where: str, base: Actuator) -> Model:
         try:
             checked = _PARTS[section].validate_python({**part._asdict(), **values})
         except ValidationError as error:
-            first = error.errors()[0]
-            name = ".".join(str(p) for p in first["loc"])
-            raise UsageError(
-                f"{where}: {section}.{name}: {first['msg']} (value {str(first['input'])[:60]})"
-            ) from None
+            text = first_problem(error, f"{where}: {section}", section, f"see {NOMINAL}")
+            raise UsageError(text) from None
         actuator = actuator._replace(**{section: checked})
     return Model(actuator, effects)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ema_record.actuator import Actuator
 from ema_record.channels import DEFAULT_RATE, N_CHANNELS, TIME
-from ema_record.errors import SimulationError, UsageError
+from ema_record.errors import SimulationError, UsageError, bounded
 from ema_record.profile import Profile
 from ema_sim.acquisition import SensorNoise, convert, effective_converters
 from ema_sim.effects import Effects
@@ -54,10 +54,10 @@ class ActuatorSession:
         settle: bool = True,
     ) -> None:
         """Set the actuator at rest at `position`."""
-        check_bounds("noise", noise, *NOISE_LEVELS, "times nominal")
-        check_bounds("rate", rate, *RATES, "samples a second")
-        check_bounds("initial position", position, -actuator.surface.end_stop,
-                     actuator.surface.end_stop, "rad")
+        bounded("noise", noise, *NOISE_LEVELS, "times nominal")
+        bounded("rate", rate, *RATES, "samples a second")
+        bounded("initial position", position, -actuator.surface.end_stop,
+                actuator.surface.end_stop, "rad")
         if seed < 0:
             raise UsageError(f"seed {seed}: must be 0 or more")
         self.actuator = actuator
@@ -112,7 +112,20 @@ class ActuatorSession:
         return self._state.copy()
 
     def command(self, profile: Profile) -> None:
-        """Execute `profile`: from time 0 when idle; in place of the running one when active."""
+        """Execute `profile`: from time 0 when idle; in place of the running one when active.
+
+        Raises
+        ------
+        UsageError
+            It commands a position beyond the actuator's own end stops; nothing moves.
+        """
+        stop = self.actuator.surface.end_stop
+        beyond = max((position for _, position in profile.points), key=abs)
+        if abs(beyond) > stop:
+            raise UsageError(
+                f"profile {profile.name!r} commands {beyond:g} rad: outside the end stops of "
+                f"this actuator, +-{stop:g} rad; choose a smaller movement"
+            )
         if self.active:
             self._begin = self.time
         else:
@@ -217,9 +230,3 @@ def _positions(
     found = profile.command((first + np.arange(periods)) * period - begin + 1e-9)
     found.flags.writeable = False
     return found
-
-
-def check_bounds(name: str, value: float, lower: float, upper: float, unit: str) -> None:
-    """Raise UsageError unless ``lower <= value <= upper``."""
-    if not (math.isfinite(value) and lower <= value <= upper):
-        raise UsageError(f"{name} {value:g} is out of bounds: give {lower:g} to {upper:g} {unit}")

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ema_cli.console import print_json, progress
-from ema_record.errors import UsageError
+from ema_record.errors import bounded
 
 RATES = (0.01, 100.0)
 
@@ -36,9 +36,8 @@ def replay(
     from ema_ros.domain import use_fast_discovery
     from ema_ros.replay_bag import load_messages
 
-    for name, value, lower, upper in (("--rate", rate, *RATES), ("--wait", wait, 0.0, 3600.0)):
-        if not lower <= value <= upper:
-            raise UsageError(f"{name} {value:g} is out of bounds: give {lower:g} to {upper:g}")
+    bounded("--rate", rate, *RATES)
+    bounded("--wait", wait, 0.0, 3600.0, "s")
     messages = load_messages(bag)
     use_fast_discovery(domain)
     from ema_ros.replay_node import play

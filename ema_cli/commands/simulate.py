@@ -38,7 +38,8 @@ def simulate(
     ] = None,
     dask: Annotated[
         str | None,
-        typer.Option("--dask", metavar="ADDRESS", help="Campaign: scheduler of a dask cluster."),
+        typer.Option("--dask", metavar="ADDRESS", help="Campaign: scheduler of a dask cluster; "
+                     "whoever answers there runs code here."),
     ] = None,
     run: Annotated[
         int | None,

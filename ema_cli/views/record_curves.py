@@ -110,14 +110,12 @@ def torque_estimate(record: Record) -> np.ndarray:
     ``k Σ trapezoid(θ − φ_k) i_k``: what a healthy motor would have. Shape (n,) (N m).
     """
     from ema_sim.model_file import load_actuator
+    from ema_sim.plant.electrical import THIRD, unit_trapezoid
 
     motor = load_actuator().motor
-    ramp = 0.5 * (np.pi - motor.flat_top)
-    corners = np.array([0.0, ramp, np.pi - ramp, np.pi + ramp, TURN - ramp, TURN])
-    values = np.array([0.0, 1.0, 1.0, -1.0, -1.0, 0.0])
     theta = record.channel("rotor_angle")
     torque = np.zeros(len(record))
     for k, phase in enumerate("abc"):
-        shape = np.interp(np.mod(theta - k * TURN / 3.0, TURN), corners, values)
+        shape = unit_trapezoid(theta - k * THIRD, motor.flat_top)
         torque += motor.back_emf_constant * shape * record.channel(f"phase_current_{phase}")
     return torque

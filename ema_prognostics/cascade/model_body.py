@@ -22,7 +22,7 @@ from ema_prognostics.cascade.lines import (
     LineFilter,
 )
 from ema_prognostics.networks.network import Network
-from ema_record.errors import ModelError
+from ema_record.errors import ModelError, first_problem
 
 DIGITS = 7
 """Significant digits of a number in the file."""
@@ -323,6 +323,4 @@ class Body(Part):
         try:
             return cls.model_validate(data)
         except ValidationError as error:
-            first = error.errors()[0]
-            place = ".".join(str(p) for p in first["loc"]) or "body"
-            raise ModelError(f"{where}: {place}: {first['msg']}: train again") from None
+            raise ModelError(first_problem(error, where, "body", "train again")) from None

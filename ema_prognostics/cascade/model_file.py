@@ -1,15 +1,15 @@
 """The model file: plain JSON with version and hash, checked before anything is used.
 
-``{"format": "ema_phm model", "version": 2, "sha256": ..., "body": {...}}``; the hash is that of
-the body as canonical JSON (sorted keys, no spaces). Arrays are nested lists, rounded to seven
-digits, so the same training writes the same bytes.
+``{"format": "ema_phm model", "version": 3, "sha256": ..., "body": {...}}``; the hash is that of
+the body as canonical JSON (sorted keys, no spaces). It tells a damaged file, not a forged one:
+whoever writes a body can write its hash. Arrays are nested lists, rounded to seven digits, so
+the same training writes the same bytes.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,8 @@ from ema_prognostics.cascade.find import Cascade
 from ema_prognostics.cascade.model_body import Body, Kind, PaperPart, View
 from ema_prognostics.paper.cascade import ANN_B_INPUTS, FAULTS, PaperCascade
 from ema_prognostics.paper.features import ANN_A_INPUTS
-from ema_record.errors import ModelError, OutputError
+from ema_record.errors import ModelError
+from ema_record.files import new_file, read_bounded
 from ema_record.resources import share_path
 
 FORMAT = "ema_phm model"
@@ -95,18 +96,8 @@ def model_text(model: Model) -> str:
 def save_model(model: Model, path: str | Path) -> Path:
     """Write a new model file; OutputError if there is one already."""
     target = Path(path)
-    text = model_text(model)
-    try:
-        with target.open("x", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-    except FileExistsError:
-        raise OutputError(f"{target}: exists already: choose another name") from None
-    except OSError as error:
-        raise OutputError(
-            f"{target}: {error.strerror or error}: choose a place that can be written to"
-        ) from None
+    with new_file(target) as temporary:
+        temporary.write_text(model_text(model), encoding="utf-8")
     return target
 
 
@@ -114,10 +105,7 @@ def load_model(path: str | Path | None = None) -> Model:
     """Return the model of a file, default the shipped one; ModelError in one line."""
     try:
         target = share_path(SHIPPED) if path is None else Path(path)
-        size = target.stat().st_size
-        if size > MAX_BYTES:
-            raise ModelError(f"{target}: {size} bytes, at most {MAX_BYTES}: not a model file")
-        text = target.read_text(encoding="utf-8")
+        text = read_bounded(target, MAX_BYTES).decode("utf-8")
     except UnicodeDecodeError:
         raise ModelError(f"{path}: not UTF-8 text: not a model file") from None
     except OSError as error:

@@ -35,7 +35,7 @@ def inertia(signals: Signals, windows: tuple[tuple[float, float], ...]) -> dict[
         speed = signals.speed[part]
         torque = np.clip(signals.torque_constant * signals.torque_current[part],
                          -motor.torque_limit, motor.torque_limit)
-        lag = signals.theta[part] / ratio - signals.position[part]
+        lag = signals.motor_angle[part] / ratio - signals.position[part]
         # The difference over n samples is the mean of the derivative over them.
         rise = (speed[n:] - speed[:-n]) * signals.rate / n
         smooth = [np.convolve(x, kernel, mode="valid") for x in (speed, torque, lag)]

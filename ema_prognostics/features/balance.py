@@ -1,7 +1,7 @@
 """The torque balance of the motor at each line, and the mean torque, of a segment.
 
-The torque residual, in parts of the mean torque (DESIGN, section 4):
-``m_h = (i J h ω W_h − 2k q_h) / (2k q_0)``. What modulates the torque constants keeps its
+The torque residual, in parts of the mean torque, with p pole pairs:
+``m_h = (i J h p ω W_h − 2k q_h) / (2k q_0)``. What modulates the torque constants keeps its
 residual when the actuator turns round; what the speed sensor makes up changes its sign.
 """
 
@@ -78,8 +78,9 @@ def torque_balance(
         )
     h = np.arange(1, top + 1)
     k2 = signals.torque_constant
-    inertia = signals.actuator.motor.inertia
-    residual = (1j * inertia * h * mean_speed * lines[1:, 0] - k2 * lines[1:, 1]) / (k2 * mean)
+    motor = signals.actuator.motor
+    turning = motor.pole_pairs * mean_speed  # electrical: the lines are those of `theta`
+    residual = (1j * motor.inertia * h * turning * lines[1:, 0] - k2 * lines[1:, 1]) / (k2 * mean)
     return Balance(
         residual[:HARMONICS], float(k2 * abs(mean)), float(abs(mean_speed)),
         np.abs(residual[HARMONICS:]),

@@ -10,12 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ema_prognostics.features.signals import THIRD, Signals
+from ema_prognostics.features.signals import Signals
 from ema_record.channels import REFERENCE_CURRENTS
+from ema_sim.plant.electrical import FIRST_EDGE, SECTOR, THIRD
 
-EDGE = np.pi / 6.0
-"""Electrical angle at which phase a takes over (Table 1 of the paper)."""
-SECTOR = np.pi / 3.0
 FLOOR = 1e-9
 
 
@@ -34,7 +32,7 @@ def rise(signals: Signals, begin: float, end: float) -> tuple[float, float]:
     lack = np.empty(3)
     for phase in range(3):
         angle = theta - phase * THIRD
-        since = np.mod(angle - EDGE if ahead else -EDGE - angle, np.pi)
+        since = np.mod(angle - FIRST_EDGE if ahead else -FIRST_EDGE - angle, np.pi)
         incoming = since < SECTOR
         wanted = reference[incoming, phase]
         missing = np.abs(wanted) - np.sign(wanted) * signals.currents[part][incoming, phase]

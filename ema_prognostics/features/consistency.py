@@ -51,7 +51,7 @@ def consistency(signals: Signals, *, extended: bool) -> dict[str, float]:
     for name, window in (("full", FULL), ("quarter", QUARTER))[: 2 if extended else 1]:
         part = signals.between(*window)
         time = signals.time[part] - signals.time[part].mean()
-        turning = float(time @ signals.theta[part] / (time @ time))
+        turning = float(time @ signals.motor_angle[part] / (time @ time))
         moving = float(time @ signals.position[part] / (time @ time))
         mean = float(signals.speed[part].mean())
         scale = max(abs(turning), 1.0)

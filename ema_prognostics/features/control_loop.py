@@ -12,7 +12,7 @@ import numpy as np
 
 from ema_prognostics.features.signals import Signals
 from ema_record.channels import REFERENCE_CURRENTS
-from ema_sim.plant.electrical import FIRST_EDGE, SECTOR
+from ema_sim.plant.electrical import FIRST_EDGE, SECTOR, reference_signs
 
 LONGEST = 1.5e-3
 """Longest delay that is sought (s)."""
@@ -22,7 +22,7 @@ RIDGE = 0.03
 """Added to the powers: what the filter has taken out of the noise cannot be told."""
 FLOOR = 0.02
 """Delay below which all are alike (ms)."""
-_SIGNS = np.array([[1, -1, 0], [1, 0, -1], [0, 1, -1], [-1, 1, 0], [-1, 0, 1], [0, -1, 1]])
+_SIGNS = np.array([reference_signs.py_func(sector) for sector in range(6)])
 
 
 def _command(signals: Signals) -> np.ndarray:

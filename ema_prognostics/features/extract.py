@@ -103,7 +103,7 @@ def _slow(signals: Signals) -> dict[str, float]:
     found["shaft_bend"] = 0.5 * (gaps[0].bend + gaps[1].bend)
     found["gap_error"] = float(np.log(max(g.error for g in gaps) + 1e-3))
     ratio = signals.actuator.gear.ratio
-    lag = signals.theta / ratio - signals.position
+    lag = signals.motor_angle / ratio - signals.position
     for name, windows in (
         ("ramp", RAMPS.values()),
         ("quarter", [SEGMENTS["extended"][s][:2] for s in ("quarter", "quarter_back")]),

@@ -85,7 +85,7 @@ def reversal_gap(signals: Signals, begin: float, length: float, direction: int) 
     ratio = actuator.gear.ratio
     n = max(3, round(LAG * signals.rate))
     kernel = np.ones(n) / n
-    theta = direction * signals.theta[part]
+    theta = direction * signals.motor_angle[part]
     speed = direction * np.convolve(signals.speed[part], kernel, mode="same")
     step = 1.0 / signals.rate
     acceleration = np.convolve(np.gradient(speed, step), kernel, mode="same")

@@ -13,17 +13,9 @@ from ema_record.errors import IncompleteRecordError
 from ema_record.record import Record
 from ema_sim.effects.winding_temperature import REFERENCE, WindingTemperature
 from ema_sim.model_file import load_actuator
+from ema_sim.plant.electrical import THIRD, unit_trapezoid
 
-THIRD = 2.0 * np.pi / 3.0
 MAX_SAMPLES = 4_000_000
-
-
-def trapezoid(theta: np.ndarray, flat_top: float) -> np.ndarray:
-    """Return the unit trapezoid at `theta` (rad), its flat top `flat_top` wide (rad)."""
-    half = np.mod(theta, np.pi)
-    ramp = 0.5 * (np.pi - flat_top)
-    value = np.minimum(np.minimum(half, np.pi - half) / ramp, 1.0)
-    return np.where(np.mod(theta, 2.0 * np.pi) < np.pi, value, -value)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,7 +25,9 @@ class Signals:
     Attributes
     ----------
     rate : samples a second.
-    time, speed, theta, position : ndarray, shape (n,). s; rad/s; rad, unwrapped; rad.
+    time, speed, position : ndarray, shape (n,). s; rad/s, of the motor; rad, of the surface.
+    theta : ndarray, shape (n,). Electrical angle of the rotor, unwrapped (rad): what commutation,
+        back-EMF and the lines refer to.
     currents : ndarray, shape (n, 3). Phase currents without sensor offset and gain (A).
     torque_current : ndarray, shape (n,). q = Σ k_k(θ) i_k / 2k (A).
     sensors : errors of the current sensors.
@@ -55,6 +49,11 @@ class Signals:
     torque_constant: float
     temperature: float
     bus_voltage: float
+
+    @property
+    def motor_angle(self) -> np.ndarray:
+        """Mechanical angle of the motor, unwrapped, shape (n,) (rad): `theta` / pole pairs."""
+        return self.theta / self.actuator.motor.pole_pairs
 
     def between(self, begin: float, end: float) -> slice:
         """Return the samples between two times after the first command (s)."""
@@ -80,7 +79,7 @@ def prepare(record: Record, actuator: Actuator | None = None) -> Signals:
     top = nominal.motor.flat_top
     q = np.zeros(len(theta))
     for phase in range(3):
-        q += trapezoid(theta - phase * THIRD, top) * currents[:, phase]
+        q += unit_trapezoid(theta - phase * THIRD, top) * currents[:, phase]
     temperature = (
         float(np.median(record.winding_temperature[:, 1]))
         if len(record.winding_temperature) else REFERENCE

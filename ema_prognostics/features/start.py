@@ -33,7 +33,7 @@ def start_stiffness(signals: Signals) -> np.ndarray:
     """
     part = signals.between(-1e-3, LENGTH)
     motor, shaft = signals.actuator.motor, signals.actuator.shaft
-    theta = signals.theta[part]
+    theta = signals.motor_angle[part]
     torque = np.clip(signals.torque_constant * signals.torque_current[part],
                      -motor.torque_limit, motor.torque_limit)
     step = np.diff(theta)
@@ -58,8 +58,9 @@ def start_features(signals: Signals, begin: float, end: float) -> dict[str, floa
     begin, end : the settled slew that the lags are counted from (s after the first command).
     """
     slew = signals.between(begin, end)
-    direction = 1.0 if signals.theta[slew][-1] >= signals.theta[slew][0] else -1.0
-    lag = direction * (signals.theta / signals.actuator.gear.ratio - signals.position)
+    theta = signals.motor_angle
+    direction = 1.0 if theta[slew][-1] >= theta[slew][0] else -1.0
+    lag = direction * (theta / signals.actuator.gear.ratio - signals.position)
     settled = float(lag[slew].mean())
     command = signals.record.profile.command_time
     rest = signals.time < command
@@ -70,7 +71,7 @@ def start_features(signals: Signals, begin: float, end: float) -> dict[str, floa
     peak = float(np.max(sums[width:] - sums[:-width]) / width)
     first, second = start_stiffness(signals)
     part = signals.between(0.0, START_LENGTH)
-    travel = direction * (signals.theta[part] - signals.theta[part][0])
+    travel = direction * (theta[part] - theta[part][0])
     found: dict[str, float] = {}
     last = at_rest
     for k, middle in enumerate(TRAVELS):

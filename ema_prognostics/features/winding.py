@@ -15,9 +15,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ema_prognostics.features.signals import THIRD, Signals, trapezoid
+from ema_prognostics.features.signals import Signals
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_sim.effects.winding_temperature import COPPER, REFERENCE
+from ema_sim.plant.electrical import THIRD, unit_trapezoid
 
 MARGIN = 0.3
 """Of a current to the edge of the relay's band within which its leg may switch (A)."""
@@ -54,7 +55,7 @@ def _saturated(signals: Signals) -> np.ndarray:
     high = np.maximum(reference[:-1], reference[1:])
     up = (begin < low - band - MARGIN) & (end < low + band - MARGIN)
     down = (begin > high + band + MARGIN) & (end > high - band + MARGIN)
-    turned = signals.actuator.motor.pole_pairs * np.diff(signals.theta)
+    turned = np.diff(signals.theta)
     place = (signals.theta - np.pi / 6.0) / (np.pi / 3.0)
     reach = 0.5 * turned / (np.pi / 3.0)
     same = np.floor(place[:-1] - reach) == np.floor(place[1:] + reach)
@@ -89,8 +90,8 @@ def _equations(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
         for phase, part in ((j, 0.5), (k, -0.5)):
             for at in (used, used + 1):
                 angle = signals.theta[at] - phase * THIRD
-                ahead = trapezoid(angle + STEP, motor.flat_top)
-                behind = trapezoid(angle - STEP, motor.flat_top)
+                ahead = unit_trapezoid(angle + STEP, motor.flat_top)
+                behind = unit_trapezoid(angle - STEP, motor.flat_top)
                 shape = shape + part * 0.5 * (ahead + behind)
                 slope = slope + part * (ahead - behind) / (2.0 * STEP)
         emf = 0.5 * signals.torque_constant * s * speed

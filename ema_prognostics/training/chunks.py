@@ -5,29 +5,26 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 
 from ema_record.resources import share_path
-from ema_sim.effects.compile import source_hash
+from ema_record.sources import source_hash
 
 Features = dict[str, float]
 Tests = list[tuple[int, Features]]
 MAX_BYTES = 16 << 20
-DECIDING = ("features/*.py", "training/campaign.py", "training/conditions.py")
-"""Files of `ema_prognostics` that decide what a campaign gives."""
+MODULE = "ema_prognostics.training.campaign"
+"""Decides, with all that it imports, what a campaign gives."""
+DATA = ("config/actuator.yaml", "config/profiles/step.yaml", "config/profiles/extended.yaml")
+"""Files that decide it too."""
 
 
-@lru_cache(maxsize=1)
+@cache
 def sources_hash() -> str:
     """Return a hash of all that decides the features: simulator, extraction, data."""
-    digest = hashlib.sha256(source_hash().encode())
-    package = Path(__file__).parents[1]
-    for pattern in DECIDING:
-        for path in sorted(package.glob(pattern)):
-            digest.update(path.read_bytes())
-    for name in ("config/actuator.yaml", "config/profiles/step.yaml",
-                 "config/profiles/extended.yaml"):
+    digest = hashlib.sha256(source_hash(MODULE).encode())
+    for name in DATA:
         digest.update(share_path(name).read_bytes())
     return digest.hexdigest()
 

@@ -27,14 +27,13 @@ class Rate(NamedTuple):
 
 def rate(hits: Sequence[bool] | np.ndarray) -> Rate:
     """Return the rate of `hits`, shape (n,)."""
-    from scipy.stats import beta
+    from scipy.stats import binomtest
 
     k, n = int(np.sum(hits)), len(hits)
-    tail = 0.5 * (1.0 - LEVEL)
-    return Rate(
-        k, n, float(beta.ppf(tail, k, n - k + 1)) if k else 0.0,
-        float(beta.ppf(1.0 - tail, k + 1, n - k)) if k < n else 1.0,
-    )
+    if n == 0:
+        return Rate(0, 0, 0.0, 1.0)
+    bounds = binomtest(k, n).proportion_ci(LEVEL, method="exact")
+    return Rate(k, n, float(bounds.low), float(bounds.high))
 
 
 class Detection(NamedTuple):

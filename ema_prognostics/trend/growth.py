@@ -165,12 +165,11 @@ def forecast(found: Growth, level: float) -> Forecast | None:
 
 def _quantile(probability: Callable[[float], float], target: float) -> float | None:
     """Return the time at which an increasing probability reaches `target`."""
+    from scipy.optimize import brentq
+
     low, high = 1e-9, HORIZON
     if probability(high) < target:
         return None
     if probability(low) >= target:
         return 0.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if probability(middle) < target else (low, middle)
-    return high
+    return float(brentq(lambda t: probability(t) - target, low, high))

@@ -84,3 +84,20 @@ def unpack_zstd_stream(data: bytes, bound: int, where: str) -> bytes:
     if len(result) > bound:
         raise InvalidRecordError(f"{where}: unpacks to more than {bound} bytes: split the bag")
     return result
+
+
+def unpack_zstd_part(data: bytes, bound: int) -> bytes:
+    """Return the beginning of a zstd stream, as far as it goes, at most `bound` bytes."""
+    parts: list[bytes] = []
+    total = 0
+    try:
+        with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as reader:
+            while total < bound:
+                part = reader.read(min(1 << 16, bound - total))
+                if not part:
+                    break
+                parts.append(part)
+                total += len(part)
+    except zstandard.ZstdError:
+        pass  # what came before the damage stays
+    return b"".join(parts)

@@ -24,7 +24,7 @@ from ema_record.wire.schemas import MESSAGE_ENCODING
 from ema_record.wire.topics import TOPICS
 from ema_record.yaml_file import load_yaml
 
-_MCAP_SUFFIXES = (".mcap", ".mcap.zstd")
+MCAP_SUFFIXES = (".mcap", ".mcap.zstd")
 
 
 class BagFiles(NamedTuple):
@@ -80,7 +80,7 @@ def find_files(path: Path) -> BagFiles:
 def _files_of_directory(path: Path) -> BagFiles:
     if (path / METADATA_FILE).is_file():
         return _files_of_metadata(path)
-    if any(p.name.endswith(_MCAP_SUFFIXES) for p in path.iterdir()):
+    if any(p.name.endswith(MCAP_SUFFIXES) for p in path.iterdir()):
         raise IncompleteRecordError(
             f"{path}: no {METADATA_FILE}, which is written last: the recording was cut; record "
             "the test again"
@@ -118,13 +118,19 @@ def _files_of_metadata(path: Path) -> BagFiles:
             "with 'ros2 bag convert'"
         )
     paths = [path / PurePosixPath(str(name)).name for name in names]
-    inside = path.resolve()
     for file in paths:
         if not file.is_file():
             raise InvalidRecordError(f"{file}: named by {METADATA_FILE} and missing: copy it too")
+    refuse_links(path, paths)
+    return BagFiles(paths, "zstd" if mode == "message" else "", _counts(information))
+
+
+def refuse_links(bag: Path, files: list[Path]) -> None:
+    """Raise InvalidRecordError where a file of the bag lies outside its directory."""
+    inside = bag.resolve()
+    for file in files:
         if file.resolve().parent != inside:
             raise InvalidRecordError(f"{file}: a link out of the bag: copy the file into the bag")
-    return BagFiles(paths, "zstd" if mode == "message" else "", _counts(information))
 
 
 def _counts(information: dict[str, Any]) -> dict[str, int]:

@@ -80,7 +80,7 @@ def default_path(bag: str | Path, file_format: str) -> Path:
 
 
 def _write_csv(record: Record, path: Path) -> None:
-    with new_file(path) as temporary, temporary.open("x", newline="", encoding="utf-8") as file:
+    with new_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([channel.label for channel in CHANNELS])
         for first in range(0, len(record), _ROWS):
@@ -107,7 +107,7 @@ def _write_parquet(record: Record, path: Path) -> None:
         },
     )
     columns = [np.ascontiguousarray(column) for column in record.samples.T]
-    with new_file(path) as temporary, temporary.open("xb") as file:
+    with new_file(path) as temporary, temporary.open("wb") as file:
         try:
             pq.write_table(pa.Table.from_arrays(columns, schema=schema), file)
         except pa.ArrowException as error:

@@ -2,20 +2,22 @@
 
 The libraries' readers start from the summary at the end of the file, which a cut file lacks
 and a damaged one has wrong, and take lengths on trust. This one needs neither: it walks the
-data section from its beginning, and says whether the file is whole, cut or damaged.
+data section from its beginning, and says whether the file is whole, cut or damaged. Of a file
+that is not whole it can also read what is left: a damaged chunk is left out, of one that the end
+of the file cuts the messages before the cut are kept.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import IO, NamedTuple
 
 from mcap.opcode import Opcode
 
-from ema_record.bag.compression import unpack
+from ema_record.bag.compression import unpack, unpack_zstd_part
 from ema_record.errors import IncompleteRecordError, InvalidRecordError, RecordError
 from ema_record.limits import (
     MAX_CHANNELS,
@@ -84,6 +86,9 @@ class McapStream:
         Only these topics' messages are returned; None: all.
     validate_crcs : bool
         Whether checksums are compared.
+    on_damage : callable, optional
+        Takes what cannot be read, as one line, and how many bytes it is; reading goes on where
+        it can, and ends without an error. Without it damage is raised.
 
     """
 
@@ -92,6 +97,7 @@ class McapStream:
     name: str
     topics: frozenset[str] | None = None
     validate_crcs: bool = True
+    on_damage: Callable[[str, int], None] | None = None
     _at: int = 0
     _crc: int = 0
     _total: int = 0
@@ -109,6 +115,8 @@ class McapStream:
         InvalidRecordError
             It is no MCAP file, or is damaged.
 
+        With `on_damage` only what is no MCAP file, or is cut before its first record, raises.
+
         """
         if self.size == 0:
             raise InvalidRecordError(f"{self.name}: empty file (0 bytes): nothing was recorded")
@@ -120,9 +128,18 @@ class McapStream:
         try:
             while not self._data_end:
                 yield from self._next()
+            if not self._ends_with_magic():  # as a finished file does; the summary is not read
+                raise self._cut()
         except (struct.error, UnicodeDecodeError):
-            raise self._damaged("a record does not fit its length") from None
-        self._check_tail()
+            self._give_up(self._damaged("a record does not fit its length"))
+        except RecordError as error:
+            self._give_up(error)
+
+    def _give_up(self, error: RecordError) -> None:
+        """Raise `error`, or note it where damage is only noted."""
+        if self.on_damage is None or self._at <= len(MAGIC):
+            raise error from None
+        self.on_damage(str(error), self.size - self._at)
 
     @property
     def channels(self) -> list[McapChannel]:
@@ -133,7 +150,12 @@ class McapStream:
         """Read one record of the data section."""
         before = self._crc
         opcode, length = _RECORD.unpack(self._read(_RECORD.size))
-        if length > self.size - self._at:
+        rest = self.size - self._at
+        if length > rest:
+            if self.on_damage and opcode == Opcode.CHUNK and rest > _CHUNK.size \
+                    and length <= _BOUNDS[Opcode.CHUNK]:
+                yield from self._cut_chunk(self._read(rest))
+                raise self._cut()
             raise self._cut_or_damaged()
         bound = _BOUNDS.get(opcode)
         if bound is None:
@@ -148,7 +170,7 @@ class McapStream:
                 raise self._damaged("the checksum of its data does not match")
             self._data_end = True
         elif opcode == Opcode.CHUNK:
-            yield from self._chunk(body)
+            yield from self._chunk(body) if self.on_damage is None else self._whole_chunk(body)
         else:
             yield from self._record(opcode, memoryview(body))
 
@@ -177,6 +199,41 @@ class McapStream:
             if length > len(data) - at or length > _BOUNDS.get(opcode, MAX_CHUNK_BYTES):
                 raise self._damaged(f"a record of {length} bytes does not fit its chunk")
             yield from self._record(opcode, view[at:at + length])
+            at += length
+
+    def _whole_chunk(self, body: bytes) -> Iterator[McapMessage | McapMetadata]:
+        """Read a chunk whole, or note that it is damaged and leave it out."""
+        assert self.on_damage is not None
+        try:
+            items = list(self._chunk(body))
+        except (InvalidRecordError, struct.error, UnicodeDecodeError):
+            self.on_damage(
+                f"{self.name}: the chunk that ends at byte {self._at} is damaged and left out",
+                len(body),
+            )
+            return
+        yield from items
+
+    def _cut_chunk(self, body: bytes) -> Iterator[McapMessage | McapMetadata]:
+        """Return the messages of a chunk that stand before the cut."""
+        _, _, size, _, text_length = _CHUNK.unpack_from(body)
+        start = _CHUNK.size + text_length + 8
+        if text_length > 16 or size > MAX_CHUNK_BYTES or start > len(body):
+            return
+        method = body[_CHUNK.size:_CHUNK.size + text_length]
+        if method not in (b"zstd", b""):
+            return
+        data = unpack_zstd_part(body[start:], size) if method else body[start:]
+        view, at = memoryview(data), 0
+        while at + _RECORD.size <= len(data):
+            opcode, length = _RECORD.unpack_from(data, at)
+            at += _RECORD.size
+            if length > len(data) - at:
+                return
+            try:
+                yield from self._record(opcode, view[at:at + length])
+            except (RecordError, struct.error, UnicodeDecodeError):
+                return
             at += length
 
     def _record(self, opcode: int, body: memoryview) -> Iterator[McapMessage | McapMetadata]:
@@ -218,11 +275,6 @@ class McapStream:
     def _skip(self, length: int) -> None:
         while length > 0:
             length -= len(self._read(min(length, _PIECE)))
-
-    def _check_tail(self) -> None:
-        """Check that the file ends as a finished one does; the summary is not read."""
-        if not self._ends_with_magic():
-            raise self._cut()
 
     def _ends_with_magic(self) -> bool:
         if self.size < 2 * len(MAGIC):

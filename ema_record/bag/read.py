@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from ema_record.bag.container import BagContent, StoredMessage, read_content
-from ema_record.bag.mcap_writer import DEFAULT_LEVEL
 from ema_record.bag.metadata import TestMetadata, read_test_metadata
 from ema_record.bag.writer import CHUNK_SIZE, BagWriter
 from ema_record.channels import SURFACE_POSITION, TIME
@@ -236,7 +235,6 @@ def write_bag(
     path: str | Path,
     *,
     views: bool = True,
-    compression_level: int = DEFAULT_LEVEL,
     chunk_size: int = CHUNK_SIZE,
 ) -> Path:
     """Write a record as a bag, the same bytes for the same record.
@@ -249,7 +247,7 @@ def write_bag(
         The directory to make.
     views : bool
         Also write the topics for people, decimated to 2 kHz: joint states, phase currents.
-    compression_level, chunk_size : int
+    chunk_size : int
         See `BagWriter`.
 
     Returns
@@ -268,7 +266,7 @@ def write_bag(
     messages = _messages(record, views=views)
     with BagWriter(
         path, profile=record.profile, provenance=record.provenance,
-        compression_level=compression_level, chunk_size=chunk_size, flush_interval=None,
+        chunk_size=chunk_size, flush_interval=None,
     ) as writer:
         for time, topic, data in messages:
             writer.write_raw(topic, data, time)

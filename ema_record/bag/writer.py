@@ -15,9 +15,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO
 
-import mcap
+import mcap.writer
 
-from ema_record.bag.mcap_writer import DEFAULT_LEVEL, HIGHEST_LEVEL, LevelWriter
 from ema_record.bag.metadata import (
     END,
     METADATA_FILE,
@@ -68,8 +67,6 @@ class BagWriter:
         The test that is recorded.
     provenance : Provenance
         Serial number, software version and start time; its status and source are not used.
-    compression_level : int
-        zstd level, 1 to 19; 19 takes 25 us a sample and saves a fifth.
     chunk_size : int
         256 KiB to 1 MiB.
     flush_interval : float or None
@@ -92,16 +89,11 @@ class BagWriter:
         *,
         profile: Profile,
         provenance: Provenance,
-        compression_level: int = DEFAULT_LEVEL,
         chunk_size: int = CHUNK_SIZE,
         flush_interval: float | None = FLUSH_INTERVAL,
         topics: tuple[Topic, ...] = BAG_TOPICS,
     ) -> None:
         """Make the directory, and begin the file in it."""
-        if not 1 <= compression_level <= HIGHEST_LEVEL:
-            raise UsageError(
-                f"compression level {compression_level} is outside 1 to {HIGHEST_LEVEL}"
-            )
         if not MIN_CHUNK_SIZE <= chunk_size <= MAX_CHUNK_SIZE:
             raise UsageError(
                 f"chunk size {chunk_size} is outside {MIN_CHUNK_SIZE} to {MAX_CHUNK_SIZE} bytes"
@@ -120,8 +112,8 @@ class BagWriter:
         self.file = self.path / f"{self.path.resolve().name}_0.mcap"
         try:
             self._stream: IO[bytes] = self.file.open("xb")
-            self._mcap = LevelWriter(
-                self._stream, chunk_size=chunk_size, level=compression_level
+            self._mcap = mcap.writer.Writer(
+                self._stream, chunk_size=chunk_size, enable_data_crcs=True
             )
             self._mcap.start(profile=MCAP_PROFILE, library=LIBRARY)
             self._mcap.add_metadata(START, start_record(profile, provenance))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -55,8 +56,9 @@ def not_complete(facts: BagFacts) -> Iterator[Hit]:
         yield Hit(f"the test was {status} at {end:.3f} s of {length:.3f} s", end,
                   max(0.0, length - end), "s")
     if facts.recovered is not None:
-        yield Hit(f"recovered from a cut or damaged bag, "
-                  f"{facts.recovered.get('missing_ms', '?')[:20]} ms missing")
+        missing = facts.recovered.get("missing_ms", "")
+        amount = missing if re.fullmatch(r"\d{1,12}(\.\d{1,6})?", missing) else "unknown"
+        yield Hit(f"recovered from a cut or damaged bag, {amount} ms missing")
 
 
 def foreign(facts: BagFacts) -> Iterator[Hit]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -101,8 +101,3 @@ def stream(seed: int, index: int, name: str) -> np.random.SeedSequence:
     It depends on nothing else: not on the number of runs, on other parameters, on workers.
     """
     return np.random.SeedSequence(entropy=seed, spawn_key=(index, zlib.crc32(name.encode())))
-
-
-def plain(value: Any) -> Value:
-    """Return a parameter's value as a number or a text of Python."""
-    return value.item() if hasattr(value, "item") else value

@@ -9,7 +9,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from ema_record.channels import DEFAULT_RATE
-from ema_record.errors import UsageError
+from ema_record.errors import UsageError, first_problem
 from ema_record.yaml_file import load_yaml
 from ema_sim.campaign.distributions import Distribution
 from ema_sim.session import RATES
@@ -43,7 +43,7 @@ class Plan(BaseModel):
     """By dotted name: ``actuator.<part>.<name>``, ``<effect>.<parameter>``, ``noise``,
     ``start_angle``; a distribution or one value."""
     keep: str = Field(default="summary", max_length=200)
-    """``summary``, ``bags``, or a reduction ``ema_package.module:function``."""
+    """``summary`` or ``bags``."""
 
     @field_validator("profile", mode="before")
     @classmethod
@@ -78,10 +78,5 @@ def plan_from(data: object, where: str) -> Plan:
     try:
         return Plan.model_validate(data)
     except ValidationError as error:
-        # Of a union pydantic reports every branch; a Distribution's says the most.
-        found = error.errors()
-        first = next((e for e in found if "Distribution" in e["loc"]), found[0])
-        place = ".".join(str(p) for p in first["loc"] if p != "Distribution") or "campaign"
-        raise UsageError(
-            f"{where}: {place[:120]}: {first['msg']} (value {str(first['input'])[:60]}): {SEE}"
-        ) from None
+        text = first_problem(error, where, "campaign", SEE, branch="Distribution")
+        raise UsageError(text) from None

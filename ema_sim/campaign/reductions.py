@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import inspect
-import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -23,9 +20,6 @@ from ema_record.record import Record
 Reduction = Callable[[Record], Any]
 """From a record to a number, an array, or a mapping of names to these; shapes must not vary."""
 
-PACKAGES = ("ema_sim", "ema_record", "ema_prognostics", "ema_identification")
-"""Packages whose functions a campaign file may name."""
-PATH = re.compile(r"^([a-z_]+)((?:\.[a-z][a-z0-9_]*)*):([a-z][a-z0-9_]*)$")
 LINES = (1, 2, 3, 4, 6)
 """Multiples of the electrical frequency in the summary."""
 SUMMARY_UNITS = {
@@ -76,39 +70,18 @@ def summary(record: Record) -> dict[str, float]:
     return found
 
 
+REDUCTIONS: dict[str, Reduction] = {"summary": summary}
+"""What a campaign file may name; a function of one's own is given to `run_campaign`."""
+
+
 def named_reduction(name: str) -> Reduction:
-    """Return the reduction that a campaign file names.
-
-    Only functions of this software that take one `Record` are admitted, so that a file from
-    elsewhere runs no code of its own.
-
-    Raises
-    ------
-    UsageError
-        It is not of that form, not there, or does not take one `Record`.
-
-    """
-    if name == "summary":
-        return summary
-    match = PATH.match(name)
-    if match is None or match[1] not in PACKAGES:
+    """Return the reduction that a campaign file names; UsageError for another name."""
+    if name not in REDUCTIONS:
         raise UsageError(
-            f"keep {name[:80]!r}: give summary, bags, or MODULE:FUNCTION of "
-            f"{', '.join(PACKAGES)}; a function of your own needs the Python call run_campaign"
+            f"keep {name[:80]!r}: give {', '.join(REDUCTIONS)} or bags; a function of your own "
+            "needs the Python call run_campaign"
         )
-    module, _, function = name.partition(":")
-    try:
-        found = getattr(importlib.import_module(module), function)
-        parameters = list(inspect.signature(found).parameters.values())
-    except (ImportError, AttributeError, TypeError, ValueError):
-        raise UsageError(
-            f"keep {name!r}: there is no such function: check its name"
-        ) from None
-    required = [p for p in parameters if p.default is p.empty and p.kind is not p.VAR_KEYWORD]
-    if len(required) != 1 or required[0].annotation not in (Record, "Record"):
-        raise UsageError(f"keep {name!r}: is no reduction: it must take one Record and no more")
-    reduction: Reduction = found
-    return reduction
+    return REDUCTIONS[name]
 
 
 def reduction_name(reduction: Reduction) -> str:

@@ -22,9 +22,9 @@ import numpy as np
 from ema_record.bag.read import write_bag
 from ema_record.errors import OutputError, SimulationError, UsageError
 from ema_record.profile import Profile
+from ema_record.sources import source_hash
 from ema_sim.campaign.plan import Plan, load_plan
 from ema_sim.campaign.reductions import (
-    PACKAGES,
     Reduction,
     as_columns,
     named_reduction,
@@ -40,11 +40,12 @@ from ema_sim.campaign.store import (
     manifest_of,
     merge,
     place_of_bag,
-    sources_hash,
     unfinished,
 )
 from ema_sim.simulate import simulate
 
+MODULE = "ema_sim.campaign.run"
+"""This module: its sources and those of all that it imports decide what a run gives."""
 CHUNK = 25
 """Runs a task: some 0.2 s of work, against 1 ms to send it."""
 MAX_CHUNKS = 2000
@@ -91,6 +92,7 @@ def run_campaign(
         closure over values that can be sent.
     jobs : worker processes on this machine, default one a core; 1 runs in this process.
     dask : address of a dask scheduler, for example ``tcp://host:8786``, instead of `jobs`.
+        Whoever answers there runs code in this process: only an address that you trust.
     out : folder for the results. What it already holds of the same plan is not made again.
     progress : called with the number of runs that are done, after every chunk.
 
@@ -128,7 +130,7 @@ def run_campaign(
         if progress is not None:
             progress(count)
         for done in _make([t for t in tasks if t.number not in finished], jobs, dask):
-            if done.sources != sources_hash():
+            if done.sources != source_hash(MODULE):
                 raise UsageError(
                     f"a worker{f' of dask {dask}' if dask else ''} has other sources of this "
                     "software than this process: install the same version everywhere, do not "
@@ -168,7 +170,7 @@ def make_runs(task: Task) -> Done:
     for name in task.campaign.plan.parameters:
         columns[f"{PARAMETERS}{name}"] = np.array([r.drawn[name] for r in runs])
     columns.update(_stack(made))
-    return Done(task.number, columns, sources_hash())
+    return Done(task.number, columns, source_hash(MODULE))
 
 
 def _stack(made: list[dict[str, np.ndarray] | None]) -> Columns:
@@ -215,21 +217,11 @@ def _make(tasks: list[Task], jobs: int | None, dask: str | None) -> Iterator[Don
             yield make_runs(task)
     else:
         _warm()
-        yield from _on_this_machine(tasks, jobs)
-
-
-def _on_this_machine(tasks: list[Task], jobs: int) -> Iterator[Done]:
-    """Yield what worker processes make; they end at once when this is interrupted."""
-    from joblib.externals.loky import get_reusable_executor
-
-    try:
         yield from _parallel(tasks, n_jobs=jobs, backend="loky")
-    except BaseException:
-        get_reusable_executor().shutdown(wait=True, kill_workers=True)
-        raise
 
 
 def _parallel(tasks: Iterable[Task], **options: object) -> Iterator[Done]:
+    """Yield what workers make; joblib ends them at once where this is interrupted or left."""
     from joblib import Parallel, delayed
 
     parallel = Parallel(return_as="generator_unordered", batch_size=1, **options)
@@ -289,15 +281,14 @@ def _reduction_of(plan: Plan) -> Reduction:
 
 def _manifest(campaign: Campaign, reduction: Reduction, bags: bool, size: int) -> dict:
     name = reduction_name(reduction)
-    package = name.split(".")[0].split(":")[0]
-    packages = {"ema_record", "ema_sim", *({package} & set(PACKAGES))}
-    sources = sources_hash(tuple(sorted(packages)))
-    if package not in PACKAGES:
+    try:
+        sources = source_hash(MODULE, name.partition(":")[0])
+    except ModuleNotFoundError:  # a function of the user's own
         try:
             text = inspect.getsource(reduction)
         except (OSError, TypeError):
             text = ""
-        sources = hashlib.sha256((sources + text).encode()).hexdigest()
+        sources = hashlib.sha256((source_hash(MODULE) + text).encode()).hexdigest()
     return manifest_of(
         campaign.digest(), campaign.plan.model_dump(mode="json", exclude_defaults=True),
         f"bags and {name}" if bags else name, sources, campaign.runs, size,

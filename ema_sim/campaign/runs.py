@@ -11,10 +11,9 @@ from functools import cache
 from typing import Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
-from annotated_types import Ge, Le
 
 from ema_record.actuator import Actuator
-from ema_record.errors import UsageError, unknown_name
+from ema_record.errors import UsageError, bounded, unknown_name
 from ema_record.profile import Profile, load_profile
 from ema_record.record import Record
 from ema_sim.campaign.distributions import Distribution, Value, stream
@@ -203,8 +202,8 @@ def _actuator_bounds(name: str) -> Bounds:
                            "see config/actuator.yaml")
     kind, field = get_args(hints[parameter])[:2]
     marks = field.metadata
-    lower = next(float(m.ge) for m in marks if isinstance(m, Ge))  # type: ignore[arg-type]
-    upper = next(float(m.le) for m in marks if isinstance(m, Le))  # type: ignore[arg-type]
+    lower = next(float(m.ge) for m in marks if hasattr(m, "ge"))
+    upper = next(float(m.le) for m in marks if hasattr(m, "le"))
     return Bounds(lower, upper, field.json_schema_extra["unit"], whole=kind is int)
 
 
@@ -228,14 +227,9 @@ def _check(name: str, setting: Distribution | Value, actuator: Actuator) -> None
                                    f"choose one of {', '.join(bounds.options)}")
             continue
         number = _number(name, value) * scale
-        unit = f" {bounds.unit}".replace(" 1", "")
         if bounds.whole and number != int(number):
             raise UsageError(f"parameter {name}: {number:g} is not a whole number")
-        if not bounds.lower <= number <= bounds.upper:
-            raise UsageError(
-                f"parameter {name}: {number:g}{unit} is out of bounds: give "
-                f"{bounds.lower:g} to {bounds.upper:g}{unit}"
-            )
+        bounded(f"parameter {name}", number, bounds.lower, bounds.upper, bounds.unit)
 
 
 def _number(name: str, value: Value) -> float:

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import csv
 import fcntl
-import hashlib
-import importlib.util
 import json
 import os
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from ema_record.errors import OutputError, UsageError
-from ema_record.files import cannot_write, exists, new_file
+from ema_record.files import cannot_write, exists, new_file, read_bounded
 from ema_record.version import VERSION
 
 MANIFEST = "campaign.json"
@@ -30,20 +27,6 @@ PARAMETERS, RESULTS = "parameters.", "results."
 """Prefixes of the columns that were drawn and that were found."""
 
 Columns = dict[str, np.ndarray]
-
-
-@cache
-def sources_hash(packages: Sequence[str] = ("ema_record", "ema_sim")) -> str:
-    """Return a hash of the Python sources of these packages (a tuple)."""
-    digest = hashlib.sha256()
-    for package in packages:
-        found = importlib.util.find_spec(package)
-        assert found is not None and found.origin is not None
-        root = Path(found.origin).parent
-        for path in sorted(root.rglob("*.py")):
-            digest.update(f"{package}/{path.relative_to(root)}".encode())
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
 
 
 def manifest_of(digest: str, plan: object, keep: str, sources: str, runs: int, chunk: int) -> dict:
@@ -153,9 +136,7 @@ def read_manifest(path: Path) -> dict:
     """Return the manifest of a campaign's folder."""
     file = path / MANIFEST
     try:
-        if file.stat().st_size > MAX_MANIFEST:
-            raise UsageError(f"{file}: larger than {MAX_MANIFEST} bytes: not a manifest of ours")
-        found = json.loads(file.read_text(encoding="utf-8"))
+        found = json.loads(read_bounded(file, MAX_MANIFEST))
     except OSError as error:
         raise UsageError(
             f"{file}: {error.strerror or error}: give the folder of a campaign"

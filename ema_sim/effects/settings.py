@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from ema_record.errors import UsageError, unknown_name
+from ema_record.errors import UsageError, bounded, unknown_name
 from ema_sim.effects import EFFECTS, Choice, Effects
 
 LISTED = "'ema effects' lists them"
@@ -51,7 +50,7 @@ def effects_from_mapping(values: Mapping[str, Any], base: Effects | None = None)
         if isinstance(kind, Choice):
             checked: float | int = _option(dotted, value, kind)
         else:
-            checked = _number(dotted, value, kind.lower, kind.upper, kind.unit)
+            checked = bounded(dotted, value, kind.lower, kind.upper, kind.unit)
         effects = effects._replace(
             **{name: getattr(effects, name)._replace(**{parameter: checked})}
         )
@@ -65,21 +64,6 @@ def _flatten(values: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
                 yield f"{name}.{parameter}", inner
         else:
             yield str(name), value
-
-
-def _number(name: str, value: Any, lower: float, upper: float, unit: str) -> float:
-    unit = "" if unit == "1" else f" {unit}"
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise UsageError(
-            f"{name}: {str(value)[:60]!r} is not a number: give {lower:g} to {upper:g}{unit}"
-        ) from None
-    if not (math.isfinite(number) and lower <= number <= upper):
-        raise UsageError(
-            f"{name}: {number:g} is out of bounds: give {lower:g} to {upper:g}{unit}"
-        )
-    return number
 
 
 def _option(name: str, value: Any, kind: Choice) -> int:

@@ -103,14 +103,15 @@ class ActuatorServer:
             The command is out of bounds; what was executed goes on.
         """
         profile = profile_of_command(points, self.measured_position, self.settings.actuator)
-        if not self.active:
+        idle = not self.active
+        self.session.command(profile)
+        if idle:
             self._pacer = Pacer(self._clock(), self.settings.real_time_factor)
             self._views = ViewDecimator(self.settings.rate)
             self.start_time = self._wall_clock()
             self.samples_published = 0
         self.runs += 1
         self.command_stamp = stamp
-        self.session.command(profile)
 
     def reconfigure(self, settings: SimulatorSettings) -> None:
         """Put another actuator in the place of this one, where the surface stands (idle only)."""

@@ -5,12 +5,15 @@ Phases a, b, c in star with floating neutral::
     L_k di_k/dt = v_k − v_n − R_k i_k − e_k,   e_k = k_k(θ) ω,   T_M = Σ k_k(θ) i_k
     v_n = Σ(x_k / L_k) / Σ(1 / L_k),           x_k = v_k − R_k i_k − e_k
 
-(DESIGN, section 3; the paper's eqs. 1 and 2 are the case of equal phases.)
+The paper's eqs. 1 and 2 are the case of equal phases. θ is the electrical angle, ω the mechanical
+speed: with p pole pairs θ turns at p ω, and k is the same for any p.
 """
 
 from __future__ import annotations
 
 import math
+
+import numpy as np
 
 from ema_sim.effects.compile import law
 
@@ -44,6 +47,14 @@ def trapezoid(theta: float, flat_top: float) -> float:
     if x > math.pi - ramp:
         return sign * (math.pi - x) / ramp
     return sign
+
+
+def unit_trapezoid(theta: np.ndarray, flat_top: float) -> np.ndarray:
+    """Return `trapezoid` at any electrical angles, shape (n,) (rad)."""
+    half = np.mod(theta, np.pi)
+    ramp = 0.5 * (np.pi - flat_top)
+    value = np.minimum(np.minimum(half, np.pi - half) / ramp, 1.0)
+    return np.where(np.mod(theta, TURN) < np.pi, value, -value)
 
 
 @law

@@ -16,8 +16,8 @@ import numpy as np
 from numba import njit
 
 from ema_record.actuator import Actuator
+from ema_record.sources import source_hash
 from ema_sim.effects import Effects
-from ema_sim.effects.compile import source_hash
 from ema_sim.plant import neutral, ports
 from ema_sim.plant import state as st
 from ema_sim.plant.control import clip, delayed, quantise, reference_current
@@ -44,7 +44,7 @@ SIMULTANEOUS = 1e-12
 @cache
 def kernel() -> Callable[..., int]:
     """Return the compiled kernel of the present sources (see `compile`)."""
-    return _build(source_hash())
+    return _build(source_hash("ema_sim.plant.kernel"))
 
 
 def _build(sources: str) -> Callable[..., int]:

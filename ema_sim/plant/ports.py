@@ -216,8 +216,8 @@ def gear_slope(e: Effects, gear: Gear, theta_r: float) -> float:
 
 @law
 def ripple_periods(e: Effects, motor: Motor) -> float:
-    """Periods a mechanical turn of the finest active ripple; the back-EMF's ramps count as 1."""
-    finest = 1.0
+    """Periods a mechanical turn of the finest active ripple; the back-EMF has 1 a pole pair."""
+    finest = 1.0 * motor.pole_pairs
     if e.back_emf_shape.fifth_harmonic != 0.0:
         finest = 5.0 * motor.pole_pairs
     if e.cogging_torque.amplitude != 0.0:

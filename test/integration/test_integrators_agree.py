@@ -7,12 +7,15 @@ faults the differences, in units of their standard error, must look like chance.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from ema_record.profile import Profile
 from ema_record.record import Record
 from ema_sim.effects import EFFECTS, parse_effects
+from ema_sim.model_file import load_actuator
 from ema_sim.simulate import simulate, simulate_traced
 from support.reference import simulate_reference
 
@@ -42,13 +45,13 @@ N_KERNEL, N_REFERENCE = 24, 2
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))  # spreads any number of angles, favours no line
 
 
-def features(record: Record) -> dict[str, float]:
+def features(record: Record, pole_pairs: int = 1) -> dict[str, float]:
     """Return means, spread and complex lines of the record, by name."""
     t, speed = record.time, record.channel("motor_speed")
     theta = np.unwrap(record.channel("rotor_angle"))
     current = np.stack([record.channel(f"phase_current_{p}") for p in "abc"], axis=1)
     asked = np.stack([record.channel(f"reference_current_{p}") for p in "abc"], axis=1)
-    ahead = theta / RATIO - record.channel("surface_position")
+    ahead = theta / pole_pairs / RATIO - record.channel("surface_position")
     found, mean_ahead = {}, {}
     for name, (begin, end) in {"up": UP, "down": DOWN}.items():
         first, last = np.searchsorted(t, (begin, end))
@@ -76,12 +79,13 @@ def features(record: Record) -> dict[str, float]:
     return found
 
 
-def panel(run, settings: list[str], seeds: range) -> np.ndarray:
+def panel(run, settings: list[str], seeds: range, pole_pairs: int = 1) -> np.ndarray:
     """Return the features of runs at spread start angles, one a seed, shape (n, features)."""
     effects = parse_effects(settings)
     return np.array([
-        list(features(run(PROFILE, effects=effects, seed=seed, start_angle=seed * GOLDEN_ANGLE))
-             .values())
+        list(features(
+            run(PROFILE, effects=effects, seed=seed, start_angle=seed * GOLDEN_ANGLE), pole_pairs
+        ).values())
         for seed in seeds
     ])
 
@@ -157,3 +161,12 @@ def test_features_have_converged_in_the_step(names):
     z = (coarse.mean(axis=0) - finer.mean(axis=0)) / error
     assert np.max(np.abs(z)) < 4.5, names[int(np.argmax(np.abs(z)))]
     assert np.sqrt(np.mean(z**2)) < 1.6
+
+
+def test_features_agree_with_four_pole_pairs(names):
+    nominal = load_actuator()
+    a = nominal._replace(motor=nominal.motor._replace(pole_pairs=4))
+    kernel = panel(partial(simulate, actuator=a), [], range(N_KERNEL), 4)
+    reference = panel(partial(simulate_reference, actuator=a), [], range(N_REFERENCE), 4)
+    z = np.abs(kernel.mean(axis=0) - reference.mean(axis=0)) / kernel.std(axis=0, ddof=1)
+    assert z.max() < 3.0, names[int(np.argmax(z))]

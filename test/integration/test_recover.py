@@ -189,3 +189,13 @@ def test_command(good, tmp_path, capsys):
     assert run(["recover", str(bag), "--out", str(tmp_path / "new")]) == 2
     assert "never overwritten" in capsys.readouterr().err
     assert time.monotonic() - begin < 20
+
+
+def test_a_link_out_of_the_bag_is_not_followed(good, tmp_path):
+    """Neither by a name of the bag's own nor beside a whole file, as reading refuses it."""
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    (bag / "bag_0.mcap").symlink_to(good / "good_0.mcap")
+    with pytest.raises(RecordError, match="a link out of the bag"):
+        recover_bag(bag, tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -19,10 +19,10 @@ from ema_record.channels import DEFAULT_RATE, N_CHANNELS
 from ema_record.errors import SimulationError, UsageError
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record
+from ema_record.sources import source_hash
 from ema_record.version import VERSION
 from ema_sim.acquisition import SensorNoise, convert, effective_converters
 from ema_sim.effects import Effects
-from ema_sim.effects.compile import source_hash
 from ema_sim.model_file import load_actuator
 from ema_sim.plant import neutral, ports
 from ema_sim.plant import state as st
@@ -40,7 +40,7 @@ AUXILIARY_PERIOD = 0.1
 @cache
 def loop() -> Callable[..., None]:
     """Return the compiled loop of the present sources (see `compile`)."""
-    return _build(source_hash())
+    return _build(source_hash("ema_sim.reference"))
 
 
 def _build(sources: str) -> Callable[..., None]:

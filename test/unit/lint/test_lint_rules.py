@@ -8,6 +8,7 @@ import pytest
 
 from ema_cli.main import run
 from ema_record.bag.read import write_bag
+from ema_record.bag.writer import BagWriter
 from ema_record.checks import RULES, lint_bag
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
@@ -105,3 +106,14 @@ def test_command_in_json(recording, tmp_path, capsys):
 def test_rules_have_remedies():
     assert len({rule.name for rule in RULES}) >= 18
     assert all(rule.remedy and rule.level in ("error", "warning") for rule in RULES)
+
+
+@pytest.mark.parametrize(
+    ("noted", "said"), [("12.500", "12.500 ms"), ("\x1b[2J[red]", "unknown ms")])
+def test_what_a_bag_notes_of_its_recovery_is_no_text_for_a_terminal(record, tmp_path, noted, said):
+    with BagWriter(tmp_path / "bag", profile=record.profile, provenance=record.provenance,
+                   flush_interval=None) as writer:
+        writer.close("interrupted", recovery={"missing_ms": noted})
+    (message,) = [f.message for f in lint_bag(tmp_path / "bag").findings
+                  if "recovered" in f.message]
+    assert said in message and message.isprintable() and "[red]" not in message

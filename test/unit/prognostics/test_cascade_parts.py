@@ -7,8 +7,9 @@ from records import TURN, slewing_record
 from ema_prognostics.features.balance import torque_balance
 from ema_prognostics.features.current_sensors import current_sensors
 from ema_prognostics.features.segments import profile_kind
-from ema_prognostics.features.signals import prepare, trapezoid
+from ema_prognostics.features.signals import prepare
 from ema_record.profile import load_profile, load_profile_dict, step_profile
+from ema_sim.plant.electrical import trapezoid, unit_trapezoid
 
 
 def test_offsets_and_gains_of_the_current_sensors():
@@ -25,8 +26,14 @@ def test_offsets_and_gains_of_the_current_sensors():
 def test_trapezoid_is_flat_over_a_third_of_a_turn():
     theta = np.deg2rad([0, 15, 30, 90, 150, 165, 180, 210, 270, 345])
     np.testing.assert_allclose(
-        trapezoid(theta, TURN / 3), [0, 0.5, 1, 1, 1, 0.5, 0, -1, -1, -0.5], atol=1e-12
+        unit_trapezoid(theta, TURN / 3), [0, 0.5, 1, 1, 1, 0.5, 0, -1, -1, -0.5], atol=1e-12
     )
+
+
+@pytest.mark.parametrize("top", [0.5, TURN / 3, 2.9])
+def test_the_trapezoid_of_arrays_is_that_of_the_kernel(top):
+    theta = np.linspace(0.0, TURN, 4001)[:-1]
+    assert unit_trapezoid(theta, top).tolist() == [trapezoid.py_func(t, top) for t in theta]
 
 
 def test_torque_current_is_the_amplitude_when_two_phases_carry():

@@ -48,7 +48,7 @@ def test_the_shipped_file_is_a_full_training(shipped):
 def test_an_existing_file_is_not_touched(shipped, tmp_path):
     path = tmp_path / "model.json"
     path.write_text("mine")
-    with pytest.raises(OutputError, match="exists already"):
+    with pytest.raises(OutputError, match="exists and is never overwritten"):
         save_model(shipped, path)
     assert path.read_text() == "mine"
 

@@ -120,3 +120,25 @@ def test_noise_is_an_error_of_one_line(noise):
     with pytest.raises(InvalidRecordError) as caught:
         decode_command(noise)
     assert "\n" not in str(caught.value)
+
+
+def test_shipped_profiles_are_read_once(monkeypatch):
+    """A recording decodes its command many times a second."""
+    load_profile("step")
+    profile_from_points([(0.0, 0.0), (1.0, 0.1)])
+
+    def refuse(path, **_):
+        raise AssertionError(f"{path} is read again")
+
+    monkeypatch.setattr("ema_record.profile.load_yaml", refuse)
+    assert profile_from_points(load_profile("step").points) is load_profile("step")
+    names = profile_names()
+    names.clear()
+    assert "step" in profile_names()
+
+
+def test_a_file_of_the_user_is_read_every_time(tmp_path):
+    path = tmp_path / "mine.yaml"
+    for end in (0.1, 0.2):
+        path.write_text(f"name: mine\npoints: [[0.0, 0.0], [1.0, {end}]]\n")
+        assert load_profile(path).points[-1][1] == end

@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 
 from ema_record.actuator import Actuator
+from ema_record.sources import source_hash
 from ema_sim.effects import Effects
-from ema_sim.effects.compile import source_hash
 from ema_sim.plant import ports
 
 # Rows of `evaluate`: port and what is read there.
@@ -32,7 +32,7 @@ ROWS = [
 
 @cache
 def evaluate():
-    return _build(source_hash())
+    return _build(source_hash("ema_sim.plant.ports"))
 
 
 def _build(sources: str):

@@ -1,5 +1,6 @@
 """The simulator without the middleware: what is published, when, for which command."""
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from ema_record.actuator import Actuator
 from ema_record.errors import UsageError
-from ema_record.profile import load_profile
+from ema_record.profile import load_profile, step_profile
 from ema_record.wire.samples import decode_block
 from ema_record.wire.topics import (
     DC_BUS,
@@ -22,6 +23,7 @@ from ema_sim.model_file import load_model_file
 from ema_sim.node.command import INVERTER_OFF, profile_of_command
 from ema_sim.node.server import ActuatorServer
 from ema_sim.node.settings import parameter_specs, settings_from
+from ema_sim.session import ActuatorSession
 from ema_sim.simulate import simulate
 
 EPOCH = 1_700_000_000_000_000_000
@@ -189,3 +191,32 @@ def test_defaults_of_effects_are_those_of_the_model_file(tmp_path):
     assert specs["turn_short.phase"].default == "c"
     values = {name: spec.default for name, spec in specs.items()}
     assert settings_from(values, model).effects == model.effects
+
+
+def short_travel():
+    nominal = Actuator()
+    return nominal._replace(surface=nominal.surface._replace(end_stop=0.3))
+
+
+def test_the_own_end_stops_bound_a_command():
+    """An actuator of +-0.3 rad is not driven to the 0.4 rad of the shipped step."""
+    session = ActuatorSession(short_travel(), position=-0.1)
+    with pytest.raises(UsageError, match=r"commands -0\.4 rad: outside the end stops .*0\.3 rad"):
+        session.command(STEP)
+    assert not session.active
+    with pytest.raises(UsageError, match="end stops"):
+        simulate(step_profile(0.5, start=-0.1), actuator=short_travel())
+
+
+def test_a_command_beyond_the_end_stops_changes_nothing():
+    clock = Clock()
+    short = dataclasses.replace(settings(initial_position=0.0), actuator=short_travel())
+    server = ActuatorServer(short, clock, clock.wall)
+    before = server.runs, server.start_time, server.command_stamp, server.samples_published
+    with pytest.raises(UsageError, match="end stops"):
+        server.command([(0.0, 0.35)], 7)
+    assert not server.active
+    assert before == (
+        server.runs, server.start_time, server.command_stamp, server.samples_published)
+    server.command([(0.0, 0.25)], 8)
+    assert server.active
