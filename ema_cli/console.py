@@ -11,15 +11,20 @@ import errno
 import json
 import math
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 from ema_record.errors import EmaError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
 
 Item = TypeVar("Item")
 
@@ -29,30 +34,68 @@ INTERRUPTED = 128 + signal.SIGINT
 PIPE_CLOSED = 128 + signal.SIGPIPE
 TRACEBACK_VARIABLE = "EMA_TRACEBACK"
 """Set to 1 to see the traceback of an internal error."""
+WHOLE = 100_000
+"""Width (characters) of a console in which no line is wrapped."""
+_STEERING = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+"""Control characters, marks that turn the direction of writing, bytes that are no text."""
 
 
 def stdout() -> Console:
-    """Return the console of results."""
+    """Return the console of results: text is no markup, and lines are whole in a pipe."""
     from rich.console import Console
 
-    return Console(highlight=False)
+    narrow = sys.stdout.isatty() or "COLUMNS" in os.environ
+    return Console(markup=False, emoji=False, highlight=False, width=None if narrow else WHOLE)
 
 
 def stderr() -> Console:
-    """Return the console of notes, progress and errors."""
+    """Return the console of progress."""
     from rich.console import Console
 
-    return Console(stderr=True, highlight=False)
+    return Console(stderr=True, markup=False, emoji=False, highlight=False)
+
+
+def neutral(text: str) -> str:
+    r"""Return text from outside on one line, with what steers a terminal as ``\u001b``."""
+    return _STEERING.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+def styled(*parts: str | tuple[str, str]) -> Text:
+    """Return a line of texts from anywhere, each alone or with a style."""
+    from rich.text import Text
+
+    line = Text()
+    for part in parts:
+        text, style = (part, "") if isinstance(part, str) else part
+        line.append(neutral(text), style)
+    return line
+
+
+def print_table(table: Table) -> None:
+    """Print a table of results without blanks at the ends of its lines."""
+    console = stdout()
+    with console.capture() as printed:
+        console.print(table)
+    for line in printed.get().splitlines():
+        print(line.rstrip())
+
+
+def say(text: str) -> None:
+    """Print one line of results."""
+    print(neutral(text))
 
 
 def note(text: str) -> None:
     """Print one line for the person at the terminal, to standard error."""
-    print(text, file=sys.stderr, flush=True)
+    print(neutral(text), file=sys.stderr, flush=True)
 
 
 def print_json(value: object) -> None:
     """Print `value` as one line of JSON; numbers that are not finite become null."""
-    print(json.dumps(_plain(value), allow_nan=False, ensure_ascii=False), flush=True)
+    text = json.dumps(_plain(value), allow_nan=False, ensure_ascii=False)
+    print(neutral(text), flush=True)  # inside strings JSON has the same escapes
 
 
 def _plain(value: object) -> object:
@@ -68,6 +111,20 @@ def _plain(value: object) -> object:
     if hasattr(value, "tolist"):  # numpy
         return _plain(value.tolist())
     return str(value)
+
+
+@contextlib.contextmanager
+def _bar(description: str, total: float | None) -> Iterator[Callable[..., None]]:
+    """Show a progress bar on standard error, if that is a terminal; yields its update."""
+    if not sys.stderr.isatty():
+        yield lambda **_now: None
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=stderr(), transient=True) as bar:
+        task = bar.add_task(neutral(description), total=total)
+        yield lambda **now: bar.update(task, **now)
 
 
 @contextlib.contextmanager
@@ -87,15 +144,8 @@ def progress(description: str, total: float | None = None) -> Iterator[Callable[
         Takes how much is done by now, in the unit of `total`.
 
     """
-    if not sys.stderr.isatty():
-        yield lambda _done: None
-        return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=stderr(), transient=True) as bar:
-        task = bar.add_task(description, total=total)
-        yield lambda done: bar.update(task, completed=done)
+    with _bar(description, total) as update:
+        yield lambda done: update(completed=done)
 
 
 @contextlib.contextmanager
@@ -108,15 +158,16 @@ def progress_of(description: str) -> Iterator[Callable[[str, float], None]]:
         Takes what goes on and how much of the whole is done, 0 to 1.
 
     """
-    if not sys.stderr.isatty():
-        yield lambda _what, _part: None
-        return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    with _bar(description, 1.0) as update:
+        yield lambda what, part: update(description=neutral(what), completed=part)
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=stderr(), transient=True) as bar:
-        task = bar.add_task(description, total=1.0)
-        yield lambda what, part: bar.update(task, description=what, completed=part)
+
+@contextlib.contextmanager
+def drawing() -> Iterator[None]:
+    """Draw pictures, after what was printed has left this process."""
+    sys.stdout.flush()
+    with progress("plotting"):
+        yield
 
 
 def track(items: Iterable[Item], description: str, total: int) -> Iterator[Item]:
@@ -130,7 +181,7 @@ def track(items: Iterable[Item], description: str, total: int) -> Iterator[Item]
 def error_line(text: str) -> None:
     """Print an error as one line on standard error."""
     with contextlib.suppress(OSError, ValueError):
-        print("ema: " + " ".join(text.split()), file=sys.stderr, flush=True)
+        note("ema: " + " ".join(text.split()))
 
 
 def guarded(command: Callable[[], int]) -> int:
@@ -148,8 +199,10 @@ def guarded(command: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         error_line("interrupted")
         return INTERRUPTED
-    except BrokenPipeError:
-        return _pipe_closed()
+    except SystemExit as leaving:
+        if isinstance(leaving.__context__, BrokenPipeError):  # rich then leaves with status 1
+            return _pipe_closed()
+        raise
     except OSError as error:
         if error.errno == errno.EPIPE:
             return _pipe_closed()
@@ -224,12 +277,40 @@ def _missing_module(name: str) -> str:
     return f"the Python module {name!r} is not installed: pip install it, or run 'make bit' again"
 
 
-def check_new(*paths: Any) -> None:
-    """Raise OutputError if one of the outputs exists; called before the work begins."""
-    from pathlib import Path
-
+def check_new(*folders: Path | None) -> None:
+    """Raise OutputError unless these folders can be made; called before the work begins."""
     from ema_record.files import exists
 
-    for path in paths:
-        if path is not None and (Path(path).exists() or Path(path).is_symlink()):
-            raise exists(Path(path))
+    for folder in folders:
+        if folder is None:
+            continue
+        if folder.exists() or folder.is_symlink():
+            raise exists(folder)
+        first = folder
+        while not first.parent.exists():
+            first = first.parent
+        _try_to_write(first, folder)
+
+
+def check_new_file(*files: Path | None) -> None:
+    """Raise OutputError unless these files can be made; called before the work begins."""
+    from ema_record.files import exists
+
+    for file in files:
+        if file is None:
+            continue
+        if file.exists() or file.is_symlink():
+            raise exists(file)
+        _try_to_write(file, file)
+
+
+def _try_to_write(path: Path, output: Path) -> None:
+    """Raise OutputError unless a new file beside `path`, of about its name, can be made."""
+    from ema_record.files import cannot_write
+
+    trial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        trial.touch(exist_ok=False)
+        trial.unlink()
+    except OSError as error:
+        raise cannot_write(output, error) from None

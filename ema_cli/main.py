@@ -7,17 +7,20 @@ when the command is called, so that help and the light commands start at once.
 from __future__ import annotations
 
 import importlib
+import inspect
 import keyword
 import re
 import sys
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple, cast
+from io import TextIOWrapper
+from typing import Annotated, Any, NamedTuple
 
-from ema_cli.console import WRONG_USE, error_line, guarded, leave
-from ema_record.errors import unknown_name
+import typer
+from typer.core import TyperGroup
+from typer.main import get_command
 
-if TYPE_CHECKING:
-    import typer
+from ema_cli.console import WRONG_USE, error_line, guarded, leave, print_table, say, stdout, styled
+from ema_record.errors import UsageError, unknown_name
 
 
 class Command(NamedTuple):
@@ -26,13 +29,6 @@ class Command(NamedTuple):
     name: str
     summary: str
     example: str
-
-    def load(self) -> Callable[..., object]:
-        """Import the function of this command."""
-        name = f"{self.name}_" if keyword.iskeyword(self.name) else self.name
-        module = importlib.import_module(f"ema_cli.commands.{name}")
-        function: Callable[..., object] = getattr(module, name)
-        return function
 
 
 COMMANDS: dict[str, Command] = {
@@ -69,116 +65,117 @@ COMMANDS: dict[str, Command] = {
 """All commands, in the order of the help."""
 
 PROGRAM = "ema"
-HELP = ("-h", "--help")
-OPTIONS = (*HELP, "--version")
-SECTION = re.compile(r"\n[ \t]*\w[\w ]*\n[ \t]*---+[ \t]*\n")
-"""Underlined title of a section of a numpy docstring."""
+
+
+class Commands(TyperGroup):
+    """All commands; each is imported when it is called."""
+
+    def get_command(self, _ctx: Any, cmd_name: str) -> Any:
+        """Return one command, ready to read its options."""
+        if cmd_name not in COMMANDS:
+            raise unknown_name("command", cmd_name, COMMANDS, f"'{PROGRAM} --help' lists them")
+        return get_command(build_app(COMMANDS[cmd_name]))
+
+
+app = typer.Typer(cls=Commands, add_completion=False)
+
+
+@app.callback(invoke_without_command=True, context_settings={"help_option_names": []})
+def ema(
+    context: typer.Context,
+    show_help: Annotated[bool, typer.Option("--help", "-h")] = False,
+    version: Annotated[bool, typer.Option("--version")] = False,
+) -> int:
+    """Say what can be done, or the version; without a command it is wrong use."""
+    from ema_record.version import VERSION
+
+    if version:
+        say(f"{PROGRAM} {VERSION}")
+    elif show_help or context.invoked_subcommand is None:
+        _print_help()
+    if version or show_help:
+        raise typer.Exit
+    return WRONG_USE
 
 
 def main() -> None:
     """Run `ema` on the arguments of the process and exit."""
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
     leave(run(sys.argv[1:]))
 
 
 def run(arguments: Sequence[str]) -> int:
     """Run `ema` on `arguments` and return the exit status; errors become one line."""
-    return guarded(lambda: _dispatch(list(arguments)))
+    return guarded(lambda: _run(list(arguments)))
 
 
-def _dispatch(arguments: list[str]) -> int:
-    if not arguments or arguments[0] in HELP:
-        _print_help()
-        return 0 if arguments else WRONG_USE
-    name, *rest = arguments
-    if name == "--version":
-        from ema_record.version import VERSION
-
-        print(f"{PROGRAM} {VERSION}")
-        return 0
-    if name.startswith("-"):
-        raise unknown_name("option", name, OPTIONS, f"'{PROGRAM} --help' lists the commands")
-    if name == "help":
-        name, rest = (rest[0], ["--help"]) if rest else ("--help", [])
-        return _dispatch([name, *rest])
-    if name not in COMMANDS:
-        raise unknown_name("command", name, COMMANDS, f"'{PROGRAM} --help' lists them")
-    return _run_command(COMMANDS[name], rest)
-
-
-def _run_command(command: Command, arguments: list[str]) -> int:
-    """Let typer read the options of one command, and call it."""
-    import typer
-    from typer.main import get_command
-
-    _, usage_error, click_exception = cast(
-        "tuple[type[Exception], ...]", typer.BadParameter.__mro__[:3]
-    )
-    parser = get_command(build_app(command))
+def _run(arguments: list[str]) -> int:
+    if any(not a or re.fullmatch(r"--[\w-]+=", a) for a in arguments):
+        raise UsageError("an argument is empty: give it a value (a shell variable that is not "
+                         "set?)")
+    if arguments[:1] == ["help"]:
+        arguments = [*arguments[1:2], "--help"]
+    group = get_command(app)
     try:
-        # Not parser.main: it has its own opinion of closed pipes and of Ctrl-C.
-        with parser.make_context(f"{PROGRAM} {command.name}", arguments) as context:
-            status = parser.invoke(context)
+        # Not group.main: it has its own opinion of closed pipes and of Ctrl-C.
+        with group.make_context(PROGRAM, arguments) as context:
+            status = group.invoke(context)
     except typer.Exit as leaving:
         return leaving.exit_code
     except typer.Abort:
         raise KeyboardInterrupt from None
-    except click_exception as error:
-        hint = f"; see '{PROGRAM} {command.name} --help'"
-        error_line(_describe(error) + (hint if isinstance(error, usage_error) else ""))
+    except Exception as error:
+        if not hasattr(error, "format_message"):  # typer's own, of whatever version
+            raise
+        error_line(_describe(error))
         return WRONG_USE
     return status if isinstance(status, int) else 0
 
 
-def _describe(error: Exception) -> str:
+def _describe(error: Any) -> str:
     """Return what typer has to say about wrong options, with the nearest option."""
     near = getattr(error, "possibilities", None)
-    if near:
-        name = getattr(error, "option_name", "")
-        return f"no such option {name!r}: did you mean {near[0]!r}"
-    message: str = error.format_message()  # type: ignore[attr-defined]
-    return message.rstrip(". ")
+    text = (f"no such option {error.option_name!r}: did you mean {near[0]!r}?" if near
+            else error.format_message().rstrip(". ") + ";")
+    context = getattr(error, "ctx", None)
+    return f"{text} see '{PROGRAM if context is None else context.command_path} --help'"
 
 
 def build_app(command: Command) -> typer.Typer:
-    """Return a typer application of one command, its help with an example."""
-    import typer
-
-    function = command.load()
-    app = typer.Typer(
+    """Import a command and return a typer application of it, its help with an example."""
+    name = f"{command.name}_" if keyword.iskeyword(command.name) else command.name
+    function: Callable[..., object] = getattr(importlib.import_module(f"ema_cli.commands.{name}"), name)
+    details = inspect.cleandoc(function.__doc__ or "").partition("\n\n")[2]
+    single = typer.Typer(
         add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False,
-        context_settings={"help_option_names": list(HELP)},
+        context_settings={"help_option_names": ["-h", "--help"]},
     )
-    app.command(
-        command.name, help=_help_text(command, function), epilog=f"Example: `{command.example}`"
+    single.command(
+        command.name, help=f"{command.summary}\n\n{details}",
+        epilog=f"Example: `{command.example}`",
     )(function)
-    return app
-
-
-def _help_text(command: Command, function: Callable[..., object]) -> str:
-    """Return the documentation of a command without the sections for programmers."""
-    text = SECTION.split(function.__doc__ or "")[0].strip()
-    paragraphs = [" ".join(part.split()) for part in re.split(r"\n\s*\n", text)[1:]]
-    kept = (part for part in paragraphs if part and not part.startswith("Example:"))
-    return "\n\n".join([command.summary, *kept])
+    return single
 
 
 def _print_help() -> None:
     from rich.table import Table
 
-    from ema_cli.console import stdout
-
     console = stdout()
     console.print(
-        f"[bold]{PROGRAM}[/bold]: built-in test and diagnosis of electromechanical actuators\n\n"
-        f"Usage: {PROGRAM} COMMAND [OPTIONS] ; {PROGRAM} COMMAND --help explains one command; "
+        styled((PROGRAM, "bold"), ": built-in test and diagnosis of electromechanical actuators")
+    )
+    console.print(
+        f"\nUsage: {PROGRAM} COMMAND [OPTIONS] ; {PROGRAM} COMMAND --help explains one command; "
         f"{PROGRAM} --version\n"
     )
     table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column()
     for command in COMMANDS.values():
-        table.add_row(command.name, f"{command.summary}\n[dim]{command.example}[/dim]")
-    console.print(table)
+        table.add_row(command.name, command.summary)
+        table.add_row("", styled((command.example, "dim")))
+    print_table(table)
     console.print(
         "\nExit status: 0 healthy or done, 1 a fault, 2 wrong use or unreadable input, "
         "3 unknown or incomplete, 70 an error in this software, 130 interrupted"

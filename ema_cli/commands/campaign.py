@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ema_cli.console import check_new, note, print_json, progress
+from ema_cli.console import check_new, note, print_json, progress, say
 from ema_record.errors import UsageError
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def _one_run(campaign: Campaign, index: int, out: Path, as_json: bool) -> int:
                     "profile": run.profile.name, "parameters": dict(run.drawn)})
         return 0
     drawn = ", ".join(f"{name} {value}" for name, value in run.drawn.items())
-    print(f"{written}: run {index}, {run.profile.name}, seed {run.seed}")
+    say(f"{written}: run {index}, {run.profile.name}, seed {run.seed}")
     if drawn:
         note(drawn)
     return 0
@@ -91,9 +91,9 @@ def _all_runs(
                     "bags": None if bags is None else str(bags), "runs": campaign.runs,
                     "made": made, "failed": failed, "wall_time": wall})
         return 0
-    print(f"{out / TABLE}: {campaign.runs} runs, {made} made now in {wall:.1f} s")
+    say(f"{out / TABLE}: {campaign.runs} runs, {made} made now in {wall:.1f} s")
     if bags is not None:
-        print(bags)
+        say(str(bags))
     if failed:
         note(f"{failed} runs left the domain of the model: column 'failed'")
     note(f"one alone: ema simulate --campaign {file} --run {campaign.runs - 1} --out BAG")

@@ -7,10 +7,11 @@ from typing import Annotated
 
 import typer
 
-from ema_cli.console import print_json, stdout
+from ema_cli.console import check_new_file, error_line, print_json, stdout
 from ema_cli.judge import bag_judge
-from ema_cli.views.flights import check_plot, check_sequence
+from ema_cli.views.flights import draw_sequence, judged_flights, print_sequence
 from ema_cli.views.verdict import print_verdict
+from ema_record.errors import InvalidRecordError, UsageError, unknown_name
 
 
 def check(
@@ -37,34 +38,52 @@ def check(
 
     A directory that holds bags is a sequence of flights: they are ordered by start time (equal
     or unknown times by name) and shown one a row, with the flight at which each fault was first
-    announced and confirmed.
+    announced and confirmed. Of several copies of a flight the whole one counts.
 
     Exit status: 0 all healthy, 1 a fault, 3 unknown or incomplete, 2 wrong use or a bag that
     cannot be read. Of several bags the worst counts: 2 before 1 before 3 before 0.
 
     With --baseline the records are compared with the actuator's own healthy one. It must be of
     the same serial number, and be called healthy itself.
-
-    Example: ema check bags/sim_0000_step bags/sim_0001_extended --json
     """
-    from ema_prognostics.trend.flights import is_sequence
-    from ema_prognostics.verdict.diagnose import MODES
+    from ema_prognostics.trend.flights import is_sequence, what_else
+    from ema_prognostics.trend.trend import trend_of
+    from ema_prognostics.verdict.diagnose import MODES, verdict_of_error
     from ema_prognostics.verdict.verdict import worst_status
-    from ema_record.errors import unknown_name
 
     if mode not in MODES:
         raise unknown_name("mode", mode, MODES, f"give one of {', '.join(MODES)}")
-    check_plot(plot, [bag for bag in bags if is_sequence(bag)])
+    sequences = [bag for bag in bags if is_sequence(bag)]
+    if plot is not None and len(sequences) != 1:
+        raise UsageError(
+            f"--plot {plot}: {len(sequences)} directories of flights given, a plot shows one: "
+            "give one directory that holds bags"
+        )
+    check_new_file(plot)
     judge = bag_judge(profile=profile, model=model, mode=mode, baseline=baseline)
     statuses = []
+    trends = []
     for bag in bags:
-        if is_sequence(bag):
-            statuses += check_sequence(bag, judge, json=json, plot=plot)
+        if bag in sequences:
+            trends = [trend_of(*unit) for unit in judged_flights([bag], judge).items()]
+            print_sequence(trends, json=json)
+            statuses += [f.verdict.exit_status for trend in trends for f in trend.flights
+                         if f.repeat_of is None]
             continue
-        verdict, _, _ = judge(bag)
+        other = what_else(bag)
+        if other is None:
+            verdict, _, _ = judge(bag)
+        else:
+            error = InvalidRecordError(
+                f"{bag}: {other}: give a rosbag2 directory, an .mcap file or a directory of bags")
+            verdict = verdict_of_error(error, str(bag))
         statuses.append(verdict.exit_status)
         if json:
             print_json(verdict.to_dict())
+        elif other is not None:
+            error_line(verdict.reasons[0])
         else:
             print_verdict(verdict.to_dict(), stdout())
+    if plot is not None:
+        draw_sequence(trends, plot)
     return worst_status(statuses)

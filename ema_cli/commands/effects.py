@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ema_cli.console import print_json, stdout
+from ema_cli.console import print_json, print_table, stdout, styled
 from ema_record.errors import unknown_name
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from ema_sim.effects import Effect, Field
 
 
@@ -78,56 +80,40 @@ def unit_text(field: Field) -> str:
     return "" if unit == "1" else unit
 
 
+def _table(*columns: str) -> Table:
+    """Return a table without lines, the names of its first column whole."""
+    from rich.table import Table
+
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    for index, column in enumerate(columns):
+        table.add_column(column, no_wrap=index == 0)
+    return table
+
+
 def _print_table(chosen: list[Effect]) -> None:
-    """Print a line an effect (name, port, reference) and one a parameter below it."""
-    from rich.markup import escape
-
-    console = stdout()
-    rows = [
-        (f".{field.name}", bounds_text(field), unit_text(field), field.default_text)
-        for effect in chosen for field in effect.fields
-    ]
-    header = ("parameter", "bounds", "unit", "default")
-    widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
-
-    def line(cells: tuple[str, ...]) -> str:
-        return "  " + "  ".join(c.ljust(w) for c, w in zip(cells, widths)).rstrip()
-
-    width = max(len(effect.name) for effect in chosen)
-    port = max(len(effect.port) for effect in chosen)
-    console.print(f"[bold]{'effect'.ljust(width)}  {'port'.ljust(port)}  reference[/bold]",
-                  soft_wrap=True)
-    console.print(f"[bold]{line(header)}[/bold]", soft_wrap=True)
-    index = 0
+    """Print a row an effect (name, port, reference) and one a parameter below it."""
+    table = _table("effect", "bounds", "unit", "default", "port and reference")
     for effect in chosen:
-        console.print(
-            f"\n[bold]{effect.name.ljust(width)}[/bold]  {effect.port.ljust(port)}  "
-            + escape(effect.reference), soft_wrap=True,
-        )
-        for _ in effect.fields:
-            console.print(escape(line(rows[index])), soft_wrap=True)
-            index += 1
+        table.add_row()
+        table.add_row(styled((effect.name, "bold")), "", "", "",
+                      f"{effect.port}: {effect.reference}")
+        for field in effect.fields:
+            table.add_row(f"  .{field.name}", bounds_text(field), unit_text(field),
+                          field.default_text)
+    print_table(table)
 
 
 def _explain(effect: Effect) -> None:
-    from rich.markup import escape
-    from rich.table import Table
-
     console = stdout()
-    console.print(f"[bold]{effect.name}[/bold]  ({effect.port} port)")
-    console.print(escape(effect.summary) + "\n")
-    console.print("  " + escape(effect.equation) + "\n")
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for title in ("parameter", "bounds", "unit", "default", "meaning"):
-        table.add_column(title, overflow="fold")
+    console.print(styled((effect.name, "bold"), f"  ({effect.port} port)"))
+    console.print(f"{effect.summary}\n\n  {effect.equation}\n")
+    table = _table("parameter", "bounds", "unit", "default", "meaning")
     for field in effect.fields:
-        table.add_row(
-            f"{effect.name}.{field.name}", bounds_text(field), unit_text(field),
-            field.default_text, escape(field.kind.text),
-        )
-    console.print(table)
+        table.add_row(f"{effect.name}.{field.name}", bounds_text(field), unit_text(field),
+                      field.default_text, field.kind.text)
+    print_table(table)
     switches = ", ".join(f"{effect.name}.{name}" for name in effect.severity)
     console.print(f"\nAbsent while {switches} is at its default.")
     if effect.fault_class is not None:
         console.print(f"A fault of class {effect.fault_class}.")
-    console.print(f"Reference: {escape(effect.reference)}")
+    console.print(f"Reference: {effect.reference}")

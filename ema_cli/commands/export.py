@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ema_cli.console import check_new, print_json, progress
+from ema_cli.console import check_new, check_new_file, drawing, print_json, progress, say
 
 
 def export(
@@ -50,7 +50,10 @@ def export(
         raise unknown_name("format", chosen, FORMATS, f"the formats are {', '.join(FORMATS)}")
     plot_only = plot is not None and file_format is None and out is None
     target = None if plot_only else out or default_path(bag, chosen)
-    check_new(target)
+    if chosen == "mcap":
+        check_new(target)
+    else:
+        check_new_file(target)
     if plot is not None:
         from ema_cli.views.record_plots import check_plot_folder
 
@@ -60,17 +63,22 @@ def export(
     if target is not None:
         with progress(f"writing {target}"):
             written.append(export_record(record, target, chosen))
-    if plot is not None:
-        from ema_cli.views.record_plots import plot_record
+        if not as_json:
+            say(str(written[0]))
+    plots: list[Path] = []
+    try:
+        if plot is not None:
+            with drawing():
+                from ema_cli.views.record_plots import plot_record
 
-        with progress("plotting"):
-            written += plot_record(record, plot)
-    if as_json:
-        print_json({
-            "bag": str(bag), "format": None if target is None else chosen,
-            "samples": len(record), "written": [str(path) for path in written],
-        })
-    else:
-        for path in written:
-            print(path)
+                plots = plot_record(record, plot)
+    finally:  # a picture that fails takes nothing else with it
+        if as_json:
+            print_json({
+                "bag": str(bag), "format": None if target is None else chosen,
+                "samples": len(record), "written": [str(path) for path in [*written, *plots]],
+            })
+    if not as_json:
+        for path in plots:
+            say(str(path))
     return 0

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ema_cli.console import check_new, note, print_json, progress_of, stdout
+from ema_cli.console import check_new, note, print_json, progress_of, stdout, styled
 
 if TYPE_CHECKING:
     from ema_identification.result import Identification
@@ -47,8 +47,6 @@ def identify(
 
     Exit status: 0 no disagreement or explained, 3 partly explained or unknown, 2 wrong use or data
     that cannot be used.
-
-    Example: ema identify bags/sim_0004_extended --validate bags/sim_0004_step --out report
     """
     check_new(out)
     from ema_identification.identify import identify as run
@@ -110,12 +108,12 @@ def _title(record: Any, path: Path) -> str:
 def _print(found: Identification, page: Path) -> None:
     """Print the answer for people."""
     console = stdout()
-    console.print(f"[bold]{found.verdict}[/bold]")
+    console.print(styled((found.verdict, "bold")))
     console.print(f"gap {found.gap_before:.3g} before, {found.gap_after:.3g} after, floor "
                   f"{found.noise_floor:.3g}: {found.gap_unit}")
     for finding in found.findings:
         names = " or ".join((finding.effect, *finding.equivalent))
-        console.print(f"  [bold]{names}[/bold]  (p {_probability(finding.p_value)})")
+        console.print(styled("  ", (names, "bold"), f"  (p {_probability(finding.p_value)})"))
         for p in finding.parameters:
             unit = "" if p.unit == "1" else f" {p.unit}"
             console.print(f"    {p.name} = {p.value:.4g}{unit}  "

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ema_cli.console import check_new, note, print_json, progress
+from ema_cli.console import check_new, note, print_json, progress, say
 
 
 def import_(
@@ -52,7 +52,7 @@ def import_(
         return 0
     for line in notes:
         note(line)
-    print(written)
-    print(f"{len(record)} samples, {record.duration:.4g} s at {record.rate:.5g} 1/s: "
-          f"{', '.join(channels)}")
+    say(str(written))
+    say(f"{len(record)} samples, {record.duration:.4g} s at {record.rate:.5g} 1/s: "
+        f"{', '.join(channels)}")
     return 0

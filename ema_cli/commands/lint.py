@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ema_cli.console import error_line, print_json, track
+from ema_cli.console import error_line, print_json, say, track
 
 if TYPE_CHECKING:
     from ema_record.checks import LintReport
@@ -45,8 +45,8 @@ def _print(report: LintReport) -> None:
     if report.unreadable is not None:
         error_line(report.unreadable)
     elif not report.findings:
-        print(f"{report.bag}: clean")
+        say(f"{report.bag}: clean")
     for finding in report.findings:
         at = f" at {finding.time:.4f} s" if finding.time is not None else ""
-        print(f"{report.bag}: {finding.level}: {finding.rule}{at}: {finding.message}; "
-              f"{finding.remedy}")
+        say(f"{report.bag}: {finding.level}: {finding.rule}{at}: {finding.message}; "
+            f"{finding.remedy}")

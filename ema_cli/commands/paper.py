@@ -20,8 +20,6 @@ def paper(
 
     Everything is simulated and trained anew; nothing is kept. Exit status 0 whether or not a
     statement of the paper was reproduced.
-
-    Example: ema paper --seed 1
     """
     from ema_prognostics.paper.experiment import PaperSettings, run_experiment
     from ema_prognostics.paper.report import paper_report

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ema_cli.console import note, print_json
+from ema_cli.console import note, print_json, say
 
 if TYPE_CHECKING:
     from ema_record.bag.recover import Recovery
@@ -43,16 +43,16 @@ def recover(
 
 def _explain(report: Recovery) -> None:
     note(f"recovered {report.bag} ({report.status})")
-    print(
+    say(
         f"{report.samples} of {report.expected_samples} samples of the test, up to "
         f"{report.end:.4f} s"
     )
-    print(f"missing: {report.missing_samples} samples ({report.missing_ms:.1f} ms)")
+    say(f"missing: {report.missing_samples} samples ({report.missing_ms:.1f} ms)")
     for gap in report.gaps:
-        print(f"gap: {gap.samples} samples at {gap.time:.5f} s")
+        say(f"gap: {gap.samples} samples at {gap.time:.5f} s")
     if report.unread_bytes:
-        print(f"unreadable: {report.unread_bytes} bytes")
+        say(f"unreadable: {report.unread_bytes} bytes")
     for damage in report.damages:
-        print(f"cause: {damage}")
+        say(f"cause: {damage}")
     for topic, count in report.left_out.items():
-        print(f"left out: {count} messages of {topic}")
+        say(f"left out: {count} messages of {topic}")

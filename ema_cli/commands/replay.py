@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ema_cli.console import print_json, progress
+from ema_cli.console import print_json, progress, say
 from ema_record.errors import bounded
 
 RATES = (0.01, 100.0)
@@ -48,5 +48,5 @@ def replay(
         print_json({"bag": str(bag), "rate": rate, "messages": counts})
     else:
         for topic, count in counts.items():
-            print(f"{topic}: {count} messages")
+            say(f"{topic}: {count} messages")
     return 0

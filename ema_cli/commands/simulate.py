@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import inspect
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ema_cli.console import check_new, note, print_json, progress
+from ema_cli.console import check_new, check_new_file, drawing, note, print_json, progress, say
 from ema_record.errors import UsageError
 
 if TYPE_CHECKING:
@@ -22,6 +21,7 @@ TRACE_LABELS = ("motor_torque[N m]", "shaft_torque[N m]", "surface_speed[rad/s]"
 
 
 def simulate(
+    context: typer.Context,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="BAG", help="Directory to make.")
     ],
@@ -115,10 +115,14 @@ def simulate(
     from ema_sim.simulate import simulate_traced
 
     if campaign is not None:
-        return _campaign(campaign, out, locals())
+        from ema_cli.commands.campaign import simulate_campaign
+
+        _refuse_own_options(context, campaign)
+        return simulate_campaign(campaign, out, jobs=jobs, dask=dask, run=run, as_json=as_json)
     if jobs is not None or dask is not None or run is not None:
         raise UsageError("--jobs, --dask and --run belong to a campaign: give --campaign FILE")
-    check_new(out, trace)
+    check_new(out)
+    check_new_file(trace)
     chosen = choose_profile(profile, step)
     loaded = load_model_file(model)
     effects = parse_effects(effect or [], loaded.effects)
@@ -137,43 +141,41 @@ def simulate(
     written = write_bag(result.record, out)
     if trace is not None:
         write_trace(trace, result.record.time, result.trace)
+    if not as_json:
+        say(f"{written}: {chosen.name}, {chosen.duration:g} s, {len(result.record)} samples")
     plots: list[Path] = []
-    if plot is not None:
-        from ema_cli.views.record_plots import plot_record
+    try:
+        if plot is not None:
+            with drawing():
+                from ema_cli.views.record_plots import plot_record
 
-        with progress("plotting"):
-            plots = plot_record(result.record, plot, trace=result.trace)
+                plots = plot_record(result.record, plot, trace=result.trace)
+    finally:  # a picture that fails takes nothing else with it
+        if as_json:
+            print_json({
+                "bag": str(written), "profile": chosen.name, "samples": len(result.record),
+                "rate": rate, "duration": chosen.duration, "serial_number": serial_number,
+                "wall_time": wall, "trace": None if trace is None else str(trace),
+                "plots": [str(path) for path in plots],
+            })
     if as_json:
-        print_json({
-            "bag": str(written), "profile": chosen.name, "samples": len(result.record),
-            "rate": rate, "duration": chosen.duration, "serial_number": serial_number,
-            "wall_time": wall, "trace": None if trace is None else str(trace),
-            "plots": [str(path) for path in plots],
-        })
         return 0
-    print(f"{written}: {chosen.name}, {chosen.duration:g} s, {len(result.record)} samples")
     for path in plots:
-        print(path)
+        say(str(path))
     note(f"simulated {chosen.duration:g} s in {wall:.2f} s; next: ema check {written}")
     return 0
 
 
-def _campaign(file: Path, out: Path, options: dict[str, Any]) -> int:
-    """Run a campaign; the options of a single run are refused, the file gives them."""
-    from ema_cli.commands.campaign import simulate_campaign
-
-    own = inspect.signature(simulate).parameters
+def _refuse_own_options(context: typer.Context, file: Path) -> None:
+    """Raise UsageError for an option of a single run: the campaign's file gives them."""
     for name in ("profile", "effect", "model", "seed", "noise", "rate", "step", "start_angle",
                  "serial_number", "trace", "plot"):
-        if options[name] != own[name].default:
+        source = context.get_parameter_source(name)
+        if source is not None and source.name != "DEFAULT":
             raise UsageError(
                 f"--{name.replace('_', '-')} and --campaign exclude each other: write it into "
                 f"{file}"
             )
-    return simulate_campaign(
-        file, out, jobs=options["jobs"], dask=options["dask"], run=options["run"],
-        as_json=options["as_json"],
-    )
 
 
 def choose_profile(name: str | None, step: float | None) -> Profile:

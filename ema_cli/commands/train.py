@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ema_cli.console import check_new, note, print_json, progress_of, stdout
+from ema_cli.console import check_new_file, note, print_json, progress_of, stdout
 
 
 def train(
@@ -30,8 +30,6 @@ def train(
 
     The validation stands beside the model file, as Markdown. The same seed gives the same
     bytes, on any number of processes.
-
-    Example: ema train --out model.json --seed 1
     """
     from ema_prognostics.cascade.model_file import load_model, save_model
     from ema_prognostics.training.train_model import train_model
@@ -39,8 +37,7 @@ def train(
     from ema_sim.model_file import load_model_file
 
     report = out.with_suffix(".validation.md")
-    check_new(out)
-    check_new(report)
+    check_new_file(out, report)
     actuator = None if model is None else load_model_file(model)
     with progress_of("training") as advance:
         trained = train_model(seed, quick=quick, jobs=jobs or -1, progress=advance, folder=work,
@@ -54,6 +51,6 @@ def train(
         print_json({"out": str(out), "report": str(report), "sha256": loaded.sha256,
                     "seed": seed, "quick": quick, "held_out": loaded.training["held_out"]})
     else:
-        stdout().print(text, markup=False)
+        stdout().print(text)
         note(f"wrote {out} (sha256 {loaded.sha256[:16]}...) and {report}")
     return 0

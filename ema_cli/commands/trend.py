@@ -7,19 +7,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ema_cli.console import check_new, note, print_json, stdout
+from ema_cli.console import check_new_file, print_json, say
 from ema_cli.judge import bag_judge
 from ema_cli.views.flights import (
-    counted,
+    draw_sequence,
     episode_text,
     fall_lines,
-    fault_name,
     judged_flights,
     number_list,
-    only_one,
+    unit_name,
     verdict_object,
 )
-from ema_cli.views.verdict import NAMES, SCALES
+from ema_prognostics.words import class_name, counted, scaled
 from ema_record.errors import UsageError
 
 if TYPE_CHECKING:
@@ -55,29 +54,25 @@ def trend(
     can be read.
     """
     from ema_prognostics.trend.announcement import parse_rule
+    from ema_prognostics.trend.flights import is_sequence, what_else
     from ema_prognostics.trend.trend import trend_of
 
     chosen = parse_rule(rule)
-    check_new(plot)
+    check_new_file(plot)
     for bag in bags:
-        if not bag.exists():
-            raise UsageError(f"{bag}: no such file or directory: give a bag, or a directory of "
-                             "them")
+        other = None if is_sequence(bag) else what_else(bag)
+        if other is not None:
+            raise UsageError(f"{bag}: {other}: give a bag, or a directory of them")
     units = judged_flights(bags, bag_judge(profile=profile, model=model, baseline=baseline))
-    if plot is not None:
-        only_one(units, "a plot shows one")
     trends = [trend_of(unit, flights, chosen) for unit, flights in units.items()]
     for found in trends:
         if json:
             print_json(verdict_object(found))
             continue
-        console = stdout()
         for line in trend_lines(found):
-            console.print(line, markup=False, soft_wrap=True)
+            say(line)
     if plot is not None:
-        from ema_cli.views.flights_plot import plot_trend
-
-        note(f"plot: {plot_trend(trends[0], plot)}")
+        draw_sequence(trends, plot)
     statuses = [exit_status(found) for found in trends]
     return next(s for s in (2, 1, 3, 0) if s in statuses)
 
@@ -95,9 +90,9 @@ def exit_status(found: UnitTrend) -> int:
 
 def trend_lines(found: UnitTrend) -> list[str]:
     """Return the trend of an actuator in words, a fact a line."""
-    name = found.serial_number or "of which no bag tells the serial number"
     answered = len(found.flights) - len(found.unanswered)
-    lines = [f"Actuator {name}: {counted(len(found.flights))}, {answered} of them gave an answer"]
+    lines = [f"Actuator {unit_name(found)}: {counted(len(found.flights))}, {answered} of them "
+             "gave an answer"]
     if found.unanswered:
         lines.append(
             f"  no answer, counted neither as healthy nor as faulty: "
@@ -111,13 +106,13 @@ def trend_lines(found: UnitTrend) -> list[str]:
     if not found.faults and not found.suspected and answered:
         lines.append("  no fault announced, no growth seen")
     for fault in found.faults:
-        lines.append(f"  {fault_name(fault.history.fault_class, fault.history.phase)}")
+        lines.append(f"  {class_name(fault.history.fault_class, fault.history.phase)}")
         lines += [f"    {episode_text(e)}" for e in fault.episodes]
         lines += [f"    {line.partition(': ')[2]}" for line in fall_lines(fault)]
         lines += [f"    {line}" for line in growth_lines(fault)]
     for fault_class, at in found.suspected.items():
         lines += [
-            f"  {NAMES.get(fault_class, fault_class)}",
+            f"  {class_name(fault_class)}",
             f"    suspected from flight {at}: its probability rises from flight to flight, "
             "though no flight had announced it by then",
         ]
@@ -131,7 +126,7 @@ def growth_lines(fault: FaultTrend) -> list[str]:
     rise = fault.growth
     if rise is None:
         return ["too few flights with a severity for a rate"]
-    scale, unit = SCALES.get(fault.history.fault_class, (1.0, ""))
+    scale, unit = scaled(fault.history.fault_class)
     low, high = (scale * v for v in rise.rate_interval)
     rate = (
         f"{scale * rise.rate:+.2g} {unit} a flight ({low:+.2g} to {high:+.2g}), "

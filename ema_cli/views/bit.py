@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from ema_cli.console import stdout
+from ema_cli.console import print_table, stdout, styled
 from ema_cli.views.verdict import print_verdict
 
-LEVELS = ("[green]ok[/green]", "[yellow]unusual[/yellow]", "[red]failed[/red]")
+LEVELS = (("ok", "green"), ("unusual", "yellow"), ("failed", "red"))
 
 
 def print_result(result: dict[str, Any]) -> None:
@@ -20,14 +20,16 @@ def print_result(result: dict[str, Any]) -> None:
     table.add_column(no_wrap=True)
     table.add_column()
     for check in result["checks"]:
-        table.add_row(check["name"], LEVELS[min(check["level"], 2)], check["message"])
-    console.print(f"[bold]Record[/bold] {result['record']}", soft_wrap=True)
-    console.print(table)
+        table.add_row(styled(check["name"]), styled(LEVELS[min(check["level"], 2)]),
+                      styled(check["message"]))
+    console.print(styled(("Record", "bold"), f" {result['record']}"), soft_wrap=True)
+    print_table(table)
     console.print()
     print_verdict(result["verdict"], console)
     times = result["times"]
+    console.print()
     console.print(
-        f"\n[dim]nodes up in {times['start']:.1f} s, test {times['test']:.1f} s, verdict "
+        f"nodes up in {times['start']:.1f} s, test {times['test']:.1f} s, verdict "
         f"{times['after_record_closed']:.2f} s after the record was closed, "
-        f"{times['total']:.1f} s in all[/dim]"
+        f"{times['total']:.1f} s in all", style="dim",
     )

@@ -7,66 +7,56 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ema_cli.console import check_new, note, print_json, progress, stdout
-from ema_cli.views.verdict import NAMES, SCALES, STYLES
+from ema_cli.console import (
+    drawing,
+    note,
+    print_json,
+    print_table,
+    progress,
+    say,
+    stdout,
+    styled,
+)
+from ema_cli.views.verdict import STYLES
+from ema_prognostics.words import class_name, counted, severity_words
 from ema_record.errors import InvalidRecordError, UsageError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from ema_cli.judge import Judge
     from ema_prognostics.trend.announcement import Episode
     from ema_prognostics.trend.flights import Flight
     from ema_prognostics.trend.trend import FaultTrend, UnitTrend
 
 
-REASON = 72
-"""Length (characters) of a reason in a row; all of them are in the JSON objects."""
+BAG_WIDTH = 28
+"""Of the column of bags on a terminal (characters); longer names are folded."""
 
 
-def check_sequence(
-    directory: Path, judge: Judge, *, json: bool = False, plot: Path | None = None
-) -> list[int]:
-    """Judge the bags of a directory, print them, and return the exit status of each.
-
-    Parameters
-    ----------
-    directory : holds one bag a flight (`trend_flights.is_sequence`).
-    judge : from a bag to its verdict.
-    json : print one JSON object a bag, in the order of the flights.
-    plot : PNG to write; the flights must then be of one actuator.
-    """
-    from ema_prognostics.trend.trend import trend_of
-
-    units = judged_flights([directory], judge)
-    if plot is not None:
-        only_one(units, "a plot shows one")
-    for serial_number, flights in units.items():
+def print_sequence(trends: Sequence[UnitTrend], *, json: bool = False) -> None:
+    """Print the flights of each actuator: a row a flight, or one JSON object a bag."""
+    for trend in trends:
         if json:
-            for flight in flights:
+            for flight in trend.flights:
                 print_json(flight.verdict.to_dict())
             continue
-        trend = trend_of(serial_number, flights)
-        print_flights(trend, stdout())
-        print_faults(trend, stdout())
-    if plot is not None:
+        print_flights(trend)
+        for line in fault_lines(trend):
+            say(line)
+
+
+def draw_sequence(trends: Sequence[UnitTrend], plot: Path) -> None:
+    """Plot the flights of one actuator into a PNG; UsageError if there are several."""
+    if len(trends) > 1:
+        held = ", ".join(f"{t.serial_number or 'not known'}: {len(t.flights)}" for t in trends[:6])
+        raise UsageError(
+            f"flights of {len(trends)} actuators ({held}), a plot shows one: keep the bags of an "
+            "actuator in a directory of its own"
+        )
+    with drawing():
         from ema_cli.views.flights_plot import plot_trend
 
-        ((serial_number, flights),) = units.items()
-        note(f"plot: {plot_trend(trend_of(serial_number, flights), plot)}")
-    return [f.verdict.exit_status for flights in units.values() for f in flights]
-
-
-def check_plot(plot: Path | None, directories: Sequence[Path]) -> None:
-    """Raise UsageError unless a plot can be made: one directory, a file that is new."""
-    if plot is None:
-        return
-    if len(directories) != 1:
-        raise UsageError(
-            f"--plot {plot}: {len(directories)} directories of flights given, a plot shows one: "
-            "give one directory that holds bags"
-        )
-    check_new(plot)
+        plot_trend(trends[0], plot)
+    note(f"plot: {plot}")
 
 
 def judged_flights(paths: Sequence[Path], judge: Judge) -> dict[str, list[Flight]]:
@@ -100,46 +90,33 @@ def judged_flights(paths: Sequence[Path], judge: Judge) -> dict[str, list[Flight
         return read_flights(bags, fly, advance)
 
 
-def only_one(units: dict[str, list[Flight]], why: str) -> None:
-    """Raise UsageError unless all flights are of one actuator."""
-    if len(units) > 1:
-        held = ", ".join(
-            f"{unit or 'not known'}: {len(found)}" for unit, found in list(units.items())[:6]
-        )
-        raise UsageError(
-            f"flights of {len(units)} actuators ({held}), {why}: keep the bags of an actuator in "
-            "a directory of its own"
-        )
-
-
-def print_flights(trend: UnitTrend, console: Console) -> None:
+def print_flights(trend: UnitTrend) -> None:
     """Print one row a flight."""
-    from rich.text import Text
+    from rich.table import Table
 
-    name = trend.serial_number or "of which no bag tells the serial number"
-    console.print(f"[bold]Actuator {name}[/bold], {counted(len(trend.flights))}")
-    bags = [shortened(Path(f.verdict.bag).name, 28) for f in trend.flights]
-    width = max(3, *map(len, bags))
-    head = f"flight  {'start (UTC)':<16}  {'bag':<{width}}  {'verdict':<10}  severity (interval)"
-    console.print(Text(head, style="dim"), soft_wrap=True)
-    for flight, bag in zip(trend.flights, bags):
+    console = stdout()
+    console.print(styled((f"Actuator {unit_name(trend)}", "bold"),
+                         f", {counted(len(trend.flights))}"))
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
+    table.add_column("flight", justify="right", no_wrap=True)
+    table.add_column("start (UTC)", no_wrap=True)
+    table.add_column("bag", overflow="fold",
+                     max_width=BAG_WIDTH if console.is_terminal else None)
+    table.add_column("verdict", no_wrap=True)
+    table.add_column("severity (interval)")
+    for flight in trend.flights:
         outcome = flight.verdict.outcome
-        line = Text(f"{flight.number:>6}  {_time(flight.start_time):<16}  {bag:<{width}}  ")
-        line.append(f"{outcome.upper():<10}", style=STYLES.get(outcome, "bold"))
-        line.append(f"  {'; '.join(_findings(flight))}")
-        line.rstrip()
-        console.print(line, soft_wrap=True)
+        table.add_row(
+            str(flight.number), _time(flight.start_time), styled(Path(flight.verdict.bag).name),
+            styled((outcome.upper(), STYLES.get(outcome, "bold"))),
+            styled("; ".join(_findings(flight))),
+        )
+    print_table(table)
 
 
-def counted(flights: int) -> str:
-    """Return a number of flights in words."""
-    return f"{flights} flight{'' if flights == 1 else 's'}"
-
-
-def shortened(text: str, most: int) -> str:
-    """Return `text`, its middle left out beyond `most` characters."""
-    half = (most - 1) // 2
-    return text if len(text) <= most else f"{text[:half]}…{text[-half:]}"
+def unit_name(trend: UnitTrend) -> str:
+    """Return the serial number, or that no bag tells it."""
+    return trend.serial_number or "of which no bag tells the serial number"
 
 
 def _findings(flight: Flight) -> list[str]:
@@ -150,12 +127,11 @@ def _findings(flight: Flight) -> list[str]:
     if verdict.outcome == "healthy":
         return []
     if verdict.outcome != "fault":
-        reasons = [reason.removeprefix(f"{verdict.bag}: ") for reason in verdict.reasons[:1]]
-        return [r if len(r) <= REASON else r[:REASON - 1] + "…" for r in reasons]
+        return [reason.removeprefix(f"{verdict.bag}: ") for reason in verdict.reasons[:1]]
     return [
         ", ".join(part for part in (
-            f"{fault_name(f.fault_class, f.phase)} "
-            f"{severity_text(f.fault_class, f.severity, f.severity_interval)}".rstrip(),
+            f"{class_name(f.fault_class, f.phase)} "
+            f"{severity_words(f.fault_class, f.severity, f.severity_interval)}".rstrip(),
             f.level or "",
         ) if part) for f in verdict.faults
     ]
@@ -167,42 +143,18 @@ def _time(start_time: int) -> str:
     return datetime.fromtimestamp(start_time / 1e9, tz=timezone.utc).strftime("%Y-%m-%d %H:%M")
 
 
-def fault_name(fault_class: str, phase: str | None) -> str:
-    """Return a fault in words."""
-    return NAMES.get(fault_class, fault_class) + (f", phase {phase}" if phase else "")
-
-
-def severity_text(
-    fault_class: str, severity: float | None, interval: Sequence[float] | None
-) -> str:
-    """Return a severity with its interval, in the unit that a person reads."""
-    if severity is None:
-        return ""
-    scale, unit = SCALES.get(fault_class, (1.0, ""))
-    text = f"{scale * severity:.3g} {unit.split()[0] if unit else ''}".rstrip()
-    if interval:
-        text += f" ({scale * interval[0]:.3g} to {scale * interval[1]:.3g})"
-    return text
-
-
-def print_faults(trend: UnitTrend, console: Console) -> None:
-    """Print when each fault was announced, confirmed and gone, and how flights fell out."""
-    for line in fault_lines(trend):
-        console.print(line, markup=False)
-
-
 def fault_lines(trend: UnitTrend) -> list[str]:
     """Return, in words, what the flights say together."""
     lines = []
     for fault in trend.faults:
         lines += [
-            f"{fault_name(fault.history.fault_class, fault.history.phase)}: {episode_text(e)}"
+            f"{class_name(fault.history.fault_class, fault.history.phase)}: {episode_text(e)}"
             for e in fault.episodes
         ]
         lines += fall_lines(fault)
     for name, at in trend.suspected.items():
         lines.append(
-            f"{NAMES.get(name, name)}: its probability rises from flight to flight, suspected "
+            f"{class_name(name)}: its probability rises from flight to flight, suspected "
             f"from flight {at}; no flight had announced it by then"
         )
     if not lines and len(trend.unanswered) < len(trend.flights):
@@ -232,7 +184,7 @@ def episode_text(episode: Episode) -> str:
 
 def fall_lines(fault: FaultTrend) -> list[str]:
     """Return where a fault fell without vanishing."""
-    name = fault_name(fault.history.fault_class, fault.history.phase)
+    name = class_name(fault.history.fault_class, fault.history.phase)
     return [
         f"{name}: clearly smaller from flight {at}, repaired or replaced; the trend begins there"
         for at in fault.falls

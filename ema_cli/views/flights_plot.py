@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import matplotlib as mpl
@@ -11,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ema_cli.views.flights import counted, fault_name
 from ema_cli.views.record_plots import (
     BLACK,
     BLUE,
@@ -21,10 +19,11 @@ from ema_cli.views.record_plots import (
     PHASE_COLOURS,
     STYLE,
     VERMILION,
+    literal,
 )
-from ema_cli.views.verdict import NAMES, SCALES
 from ema_prognostics.cascade.classes import LEVELS
 from ema_prognostics.trend.trend import FaultTrend, UnitTrend
+from ema_prognostics.words import class_name, counted, scaled
 from ema_record.files import new_file
 
 OUTCOMES = (
@@ -53,20 +52,18 @@ def plot_trend(trend: UnitTrend, path: Path) -> Path:
             _severity_panel(panel, [f for f in trend.faults if f.history.fault_class == name])
         _verdict_strip(axes[-1], trend)
         name = trend.serial_number or "unknown"
-        axes[0].set_title(f"Actuator {name}: {counted(len(trend.flights))}")
+        axes[0].set_title(f"Actuator {literal(name)}: {counted(len(trend.flights))}")
         axes[-1].set_xlabel("flight")
         axes[-1].set_xlim(0.0, len(trend.flights) + 1.0)
         axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-        content = io.BytesIO()
-        figure.savefig(content, format="png")
-    with new_file(path) as temporary:
-        temporary.write_bytes(content.getvalue())
+        with new_file(path) as temporary:
+            figure.savefig(temporary, format="png")
     return path
 
 
 def _severity_panel(axes: Axes, faults: list[FaultTrend]) -> None:
     name = faults[0].history.fault_class
-    scale, unit = SCALES.get(name, (1.0, faults[0].history.unit or ""))
+    scale, unit = scaled(name, faults[0].history.unit)
     for fault in faults:
         history = fault.history
         colour = PHASE_COLOURS.get(history.phase or "", NO_PHASE)
@@ -75,7 +72,7 @@ def _severity_panel(axes: Axes, faults: list[FaultTrend]) -> None:
         error = np.abs(scale * np.stack([history.lower[known], history.upper[known]]) - y)
         axes.errorbar(
             history.number[known], y, error, fmt="o", ms=3.5, lw=0.8, color=colour, alpha=0.8,
-            label=fault_name(name, history.phase),
+            label=class_name(name, history.phase),
         )
         for episode in fault.episodes:
             axes.axvline(episode.first, color=colour, ls="--", lw=0.9)
@@ -95,7 +92,7 @@ def _severity_panel(axes: Axes, faults: list[FaultTrend]) -> None:
                       color=GREY, fontsize=8.0, transform=axes.get_yaxis_transform())
     for style, text in (("--", "first announced"), ("-", "confirmed"), (":", "gone or smaller")):
         axes.plot([], [], color=GREY, ls=style, label=text)
-    axes.set_ylabel(f"{NAMES.get(name, name)}\n({unit})")
+    axes.set_ylabel(f"{class_name(name)}\n({unit})")
     axes.legend(loc="upper left", bbox_to_anchor=(1.005, 1.0), fontsize=8.0)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ema_cli.console import check_new
+from ema_cli.console import check_new, check_new_file, neutral
 from ema_cli.views.record_curves import (
     Fold,
     analysis_turns,
@@ -25,7 +25,7 @@ from ema_cli.views.record_curves import (
 )
 from ema_prognostics.features.turns import Turns, paper_window
 from ema_record.errors import OutputError
-from ema_record.files import cannot_write
+from ema_record.files import cannot_write, new_file
 from ema_record.record import Record
 
 BLACK, ORANGE, GREEN = "#000000", "#E69F00", "#009E73"
@@ -48,7 +48,10 @@ def check_plot_folder(folder: Path) -> None:
     """Raise OutputError unless the plots can be made in `folder`; nothing is overwritten."""
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder}: is no folder: choose another name for the plots")
-    check_new(*(folder / f"{name}.png" for name in NAMES))
+    if folder.exists():
+        check_new_file(*(folder / f"{name}.png" for name in NAMES))
+    else:
+        check_new(folder)
 
 
 def plot_record(record: Record, folder: Path, *, trace: np.ndarray | None = None) -> list[Path]:
@@ -93,13 +96,19 @@ def plot_record(record: Record, folder: Path, *, trace: np.ndarray | None = None
 
 
 def _save(figure: Figure, path: Path) -> Path:
-    with path.open("xb") as file:
-        figure.savefig(file, format="png")
+    with new_file(path) as temporary:
+        figure.savefig(temporary, format="png")
     return path
 
 
 def _title(record: Record, what: str) -> str:
-    return f"{what}: profile {record.profile.name}, actuator {record.provenance.serial_number}"
+    serial_number = record.provenance.serial_number
+    return literal(f"{what}: profile {record.profile.name}, actuator {serial_number}")
+
+
+def literal(text: str) -> str:
+    """Return text from a record as a plot shows it: on one line, no formula between dollars."""
+    return neutral(text).replace("$", r"\$")
 
 
 def _mark_window(axes: Axes, record: Record) -> None:

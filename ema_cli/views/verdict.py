@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from ema_cli.console import styled
+from ema_prognostics.words import NAMES, look_alike, scaled
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -11,15 +14,7 @@ STYLES = {
     "healthy": "bold green", "fault": "bold red", "unknown": "bold yellow",
     "incomplete": "bold yellow", "invalid": "bold magenta",
 }
-NAMES = {
-    "turn_short": "turn short", "rotor_eccentricity": "rotor eccentricity",
-    "friction": "friction", "backlash": "backlash",
-}
 ALTERNATIVES = {"healthy": "does not rule out", "unknown": "most like"}
-SCALES = {
-    "turn_short": (100.0, "% of the turns"), "rotor_eccentricity": (100.0, "% of the air gap"),
-    "friction": (100.0, "% increase"), "backlash": (1e3, "mrad"),
-}
 
 
 def print_verdict(verdict: dict[str, Any], console: Console) -> None:
@@ -30,27 +25,23 @@ def print_verdict(verdict: dict[str, Any], console: Console) -> None:
     verdict : the JSON object of ``ema check --json``.
     console : where to.
     """
-    from rich.text import Text
-
     outcome = str(verdict["verdict"])
-    line = Text()
-    line.append(outcome.upper(), style=STYLES.get(outcome, "bold"))
-    if verdict.get("bag"):
-        line.append(f"  {verdict['bag']}", style="dim")
-    console.print(line)
-    for fault in verdict["faults"] or ([verdict] if verdict["fault_class"] else []):
-        console.print(Text("  " + fault_line(fault), style="bold"))
-    others = ", ".join(NAMES.get(name, name) for name in verdict["alternatives"])
+    bag = f"  {verdict['bag']}" if verdict.get("bag") else ""
+    console.print(styled((outcome.upper(), STYLES.get(outcome, "bold")), (bag, "dim")))
+    for fault in verdict["faults"]:
+        console.print(styled(("  " + fault_line(fault), "bold")))
+    named = [fault["fault_class"] for fault in verdict["faults"]]
+    others = ", ".join(look_alike(named, name) for name in verdict["alternatives"])
     if others:
-        console.print(Text(f"  {ALTERNATIVES.get(outcome, 'cannot be told from')}: {others}"))
+        console.print(styled(f"  {ALTERNATIVES.get(outcome, 'cannot be told from')}: {others}"))
     probabilities = [
         f"{NAMES.get(name, name)} {100 * p:.1f} %" for name, p in verdict["probabilities"].items()
     ]
     if probabilities:
-        console.print(Text(
+        console.print(styled(
             "  probability of each, more than one may hold: " + ", ".join(probabilities)))
     for reason in verdict["reasons"]:
-        console.print(Text(f"  - {reason}"))
+        console.print(styled(f"  - {reason}"))
 
 
 def fault_line(fault: dict[str, Any]) -> str:
@@ -60,7 +51,7 @@ def fault_line(fault: dict[str, Any]) -> str:
     if fault["phase"]:
         words += f" in phase {fault['phase']}"
     if fault["severity"] is not None:
-        scale, unit = SCALES.get(name, (1.0, fault["severity_unit"] or ""))
+        scale, unit = scaled(name, fault["severity_unit"])
         words += f": {scale * fault['severity']:.3g} {unit}"
         if fault["severity_interval"]:
             low, high = fault["severity_interval"]

@@ -6,9 +6,7 @@ from typing import Any
 
 from ema_prognostics.cascade.classes import FAULTS, UNITS
 from ema_prognostics.cascade.model_file import Model
-
-SCALES = {"turn_short": (100.0, "% of the turns"), "rotor_eccentricity": (100.0, "% of the gap"),
-          "friction": (100.0, "%"), "backlash": (1e3, "mrad")}
+from ema_prognostics.words import scaled
 
 
 def _percent(found: dict[str, Any]) -> str:
@@ -20,7 +18,7 @@ def _percent(found: dict[str, Any]) -> str:
 
 
 def _severity(name: str, value: float | None) -> str:
-    scale, unit = SCALES[name]
+    scale, unit = scaled(name)
     return "-" if value is None else f"{scale * value:.3g} {unit}"
 
 

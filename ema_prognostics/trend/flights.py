@@ -17,7 +17,10 @@ from ema_record.errors import UsageError
 
 STORAGE = (".mcap", ".mcap.zstd", ".db3")
 """Endings of the files that hold recorded messages."""
+_MAGIC = b"\x89MCAP0\r\n"
 MAX_FLIGHTS = 10_000
+_BEST_FIRST = ("fault", "healthy", "unknown", "incomplete", "invalid")
+"""Which of several copies counts; a fault is never hidden by a copy that does not show it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +93,27 @@ def _is_bag(path: Path) -> bool:
     return path.name.endswith(STORAGE)
 
 
+def what_else(path: Path) -> str | None:
+    """Return what a path is that is no bag, or None for a bag, also a damaged one."""
+    try:
+        if path.is_dir():
+            if not any(path.iterdir()):
+                return "an empty directory"
+            return None if _is_bag(path) else "a directory that is no bag"
+        if not path.is_file():
+            return "neither file nor directory" if path.exists() else "no such file or directory"
+        if path.name.endswith(STORAGE):
+            return None
+        with path.open("rb") as file:
+            begin = file.read(1024)
+    except OSError as error:
+        return f"cannot be read ({error.strerror or error})"
+    if begin.startswith(_MAGIC):
+        return None
+    kind = "a file of another kind" if b"\0" in begin else "a text file" if begin else "empty"
+    return f"{kind}, no bag"
+
+
 def bags_of(directory: Path) -> tuple[list[Path], list[Path]]:
     """Return the bags in a directory by name, and its other entries; hidden ones are left out.
 
@@ -114,8 +138,9 @@ def in_order(flights: Iterable[Flight]) -> list[Flight]:
     """Return flights of one actuator by start time, numbered from 1.
 
     Equal times stand in the natural order of the bags' names. A flight whose time is not known
-    (its bag is damaged, or tells none) stands after the bag that precedes it by name. A flight
-    of the same start time as one before it is a copy of that one.
+    (its bag is damaged, or tells none) stands after the bag that precedes it by name. Flights of
+    the same start time are copies of one test: the one that tells most counts (`_BEST_FIRST`),
+    the whole record before one that was recovered from a part of it.
     """
     by_name = sorted(flights, key=lambda f: natural(f.verdict.bag))
     keyed, last = [], 0
@@ -123,13 +148,14 @@ def in_order(flights: Iterable[Flight]) -> list[Flight]:
         last = flight.start_time or last
         keyed.append((last, place, flight))
     keyed.sort(key=lambda item: item[:2])
-    seen: dict[int, int] = {}
-    ordered = []
-    for number, (_, _, flight) in enumerate(keyed, start=1):
-        time = flight.start_time
-        ordered.append(replace(flight, number=number, repeat_of=seen.get(time) if time else None))
-        seen.setdefault(time, number)
-    return ordered
+    ordered = [replace(f, number=n) for n, (_, _, f) in enumerate(keyed, start=1)]
+    counts: dict[int, int] = {}
+    for flight in sorted(ordered, key=lambda f: _BEST_FIRST.index(f.verdict.outcome)):
+        counts.setdefault(flight.start_time, flight.number)
+    return [
+        f if not f.start_time or counts[f.start_time] == f.number
+        else replace(f, repeat_of=counts[f.start_time]) for f in ordered
+    ]
 
 
 def by_unit(flights: Iterable[Flight]) -> dict[str, list[Flight]]:

@@ -14,10 +14,18 @@ GAP_CAVEAT = (
     "one step in one direction shows lost motion only where the motor crosses it at the start; if "
     "the last motion left the shaft wound that way, only the extended profile rules backlash out"
 )
-SAME_LINES = (
-    "a winding short and a rotor off centre in a fixed direction (static eccentricity) give "
-    "nearly the same torque lines"
-)
+SAME_LINES = {
+    "rotor_eccentricity": (
+        "a rotor off centre in a fixed direction (static eccentricity), along the axis of that "
+        "phase, gives nearly the same torque lines: the probability of turn short is that of "
+        "either"
+    ),
+    "turn_short": (
+        "shorts of two phases give nearly the same torque lines as a rotor off centre in a fixed "
+        "direction (static eccentricity): the probability of rotor eccentricity is that of either"
+    ),
+}
+"""Why a class is an alternative to the fault that is named."""
 
 
 def unknown_verdict(*reasons: str) -> Verdict:
@@ -91,8 +99,7 @@ def verdict_of_finding(
         alternatives = ("rotor_eccentricity",)
     elif static and "turn_short" not in named:
         alternatives = ("turn_short",)
-    if alternatives:
-        reasons.append(SAME_LINES)
+    reasons += [SAME_LINES[name] for name in alternatives]
     return Verdict(
         outcome="fault", faults=tuple(faults), reasons=tuple(reasons),
         probabilities=probabilities, alternatives=alternatives,

@@ -1,4 +1,4 @@
-"""`Verdict`: what the diagnosis says of one record (DESIGN, section 2, ``ema check --json``)."""
+"""`Verdict`: what the diagnosis says of one record, the object of ``ema check --json``."""
 
 from __future__ import annotations
 
@@ -57,7 +57,10 @@ class Verdict:
     faults: tuple[Fault, ...] = ()
     """Largest first; empty unless `outcome` is ``fault``."""
     alternatives: tuple[str, ...] = ()
-    """Classes that the record cannot tell from what is named."""
+    """Classes that the record cannot tell from what is named.
+
+    The probability of one that looks like the fault that is named is part of that fault's own.
+    """
     probabilities: dict[str, float] = field(default_factory=dict)
     reasons: tuple[str, ...] = ()
     """In words."""
@@ -69,12 +72,15 @@ class Verdict:
         return EXIT_STATUS[self.outcome]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON object of ``ema check --json``; every key is always there."""
+        """Return the JSON object of ``ema check --json``; every key is always there.
+
+        The largest fault stands at the top and is the first of `faults`.
+        """
         return {
             "bag": self.bag,
             "verdict": self.outcome,
             **(self.faults[0].to_dict() if self.faults else _NO_FAULT),
-            "faults": [f.to_dict() for f in self.faults] if len(self.faults) > 1 else [],
+            "faults": [f.to_dict() for f in self.faults],
             "alternatives": list(self.alternatives),
             "probabilities": {
                 name: round(float(p), DIGITS) for name, p in self.probabilities.items()

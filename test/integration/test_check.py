@@ -1,10 +1,12 @@
 """`ema check`, `ema train` and `ema paper` as commands, on real bags."""
 
 import json
+import math
 
 import pytest
 
 from ema_cli.main import run
+from ema_cli.views.bit import print_result
 from ema_prognostics.cascade.model_file import load_model
 from ema_prognostics.features.extract import extract
 from ema_prognostics.verdict import diagnose as diagnosis
@@ -61,6 +63,73 @@ def test_for_a_person(bags, capsys):
     assert "FAULT" in text
     assert "turn short in phase b" in text
     assert "medium" in text
+
+
+def test_what_cannot_be_told_apart_does_not_contradict_the_probabilities(bags, capsys):
+    """A static eccentricity along the axis of the phase is judged as that short, and said so."""
+    run(["check", bags["short"]])
+    text = capsys.readouterr().out
+    assert ("cannot be told from: static rotor eccentricity (its probability is in that of the "
+            "turn short)") in text
+    _, (verdict,) = check(capsys, bags["short"])
+    assert verdict["alternatives"] == ["rotor_eccentricity"]
+    assert any("the probability of turn short is that of either" in r for r in verdict["reasons"])
+    record = simulate(load_profile("extended"), seed=77_032, effects=parse_effects(
+        ["rotor_eccentricity.zeta=-0.067", "rotor_eccentricity.mode=static",
+         f"rotor_eccentricity.angle={2.0 * math.pi / 3.0}"]))
+    alike = diagnosis.diagnose(record, load_model())
+    assert [(f.fault_class, f.phase) for f in alike.faults] == [("turn_short", "b")]
+    assert alike.probabilities["turn_short"] > 0.9 > 0.1 > alike.probabilities[
+        "rotor_eccentricity"]
+
+
+def test_what_is_no_bag_is_not_judged(bags, capsys, tmp_path):
+    (tmp_path / "README.md").write_text("# Bags\n")
+    paths = [str(tmp_path / "README.md"), str(tmp_path / "none"), bags["healthy"]]
+    assert run(["check", *paths]) == 2
+    out, err = capsys.readouterr()
+    assert "INVALID" not in out
+    assert out.startswith(f"HEALTHY  {bags['healthy']}\n")
+    assert [line.split(": ")[1:3] for line in err.splitlines()] == [
+        [paths[0], "a text file, no bag"], [paths[1], "no such file or directory"]]
+    status, verdicts = check(capsys, *paths)
+    assert (status, [v["verdict"] for v in verdicts]) == (2, ["invalid", "invalid", "healthy"])
+    assert run(["trend", paths[0]]) == 2
+    assert "a text file, no bag" in capsys.readouterr().err
+
+
+HOSTILE = "[/] x [rad] y\x1b[2J\nHEALTHY $\\frac$"
+
+
+def test_a_hostile_serial_number_and_name_are_shown_as_they_are(tmp_path, capsys):
+    name = HOSTILE.replace("/", "")
+    folder = tmp_path / "flights"
+    record = simulate(load_profile("step"), serial_number=HOSTILE, seed=77_041,
+                      effects=parse_effects(["turn_short.fraction=0.1"]), start_time=10**18)
+    bag = str(write_bag(record, folder / name))
+    shown = {text: text.replace("\x1b", r"\u001b").replace("\n", r"\u000a")
+             for text in (HOSTILE, name)}
+    plot = str(tmp_path / "a.png")
+    result = {
+        "record": bag, "checks": [{"name": HOSTILE, "level": 1, "message": HOSTILE}],
+        "verdict": check(capsys, bag)[1][0],
+        "times": {"start": 1.0, "test": 1.0, "after_record_closed": 0.1, "total": 3.0},
+    }
+    assert result["verdict"]["bag"] == bag
+    for command, expected in (
+        (["check", bag], [name]), (["check", str(folder), "--plot", plot], [HOSTILE, name]),
+        (["lint", bag], [name]), (["trend", str(folder)], [HOSTILE]), (None, [HOSTILE, name]),
+        (["export", bag, "--plot", str(tmp_path / "plots")], []),
+    ):
+        if command is None:
+            print_result(result)
+        else:
+            assert run(command) in (0, 1, 3)
+        out, _ = capsys.readouterr()
+        assert "\x1b" not in out
+        assert not any(line.lstrip().startswith("HEALTHY") for line in out.splitlines())
+        for text in expected:
+            assert shown[text] in out, command
 
 
 def test_another_profile_than_the_bag_has(bags, capsys):

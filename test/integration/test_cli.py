@@ -148,6 +148,7 @@ BAD_SETTINGS = [
     (["--profile", "absent.yaml"], "absent.yaml"),
     (["--model", "absent.yaml"], "absent.yaml"),
     (["--profile", "step", "--step", "0.1"], "exclude each other"),
+    (["--campaign", "absent.yaml", "--seed", "0"], "--seed and --campaign exclude each other"),
     (["--step", "1.5"], "end stops"),
     (["--step", "nan"], "end stops"),
     (["--seed", "-1"], "seed"),

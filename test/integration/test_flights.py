@@ -1,7 +1,10 @@
 """A directory of flights through `ema check` and `ema trend`."""
 
 import json
+import os
 import shutil
+import subprocess
+import sys
 
 import pytest
 
@@ -86,6 +89,52 @@ def test_damaged_flights_are_shown_and_are_not_healthy(damaged, capsys):
     assert "3 of 8 flights gave no answer" in text
     assert "neither as healthy nor as faulty: 3, 5, 8" in text
     assert "notes.txt" in err
+
+
+@pytest.mark.parametrize("name", ["a_recovered", "z_recovered"])
+def test_a_recovered_copy_hides_no_fault(growing, tmp_path, capsys, name):
+    folder = tmp_path / "shadow"
+    shutil.copytree(growing / "flight_9", folder / "flight_9")
+    cut = tmp_path / "cut"
+    shutil.copytree(growing / "flight_9", cut)
+    (file,) = cut.glob("*.mcap")
+    file.write_bytes(file.read_bytes()[:file.stat().st_size * 2 // 3])
+    (cut / "metadata.yaml").unlink()
+    assert run(["recover", str(cut), "--out", str(folder / name)]) == 0
+    capsys.readouterr()
+    assert run(["check", str(folder)]) == 1
+    rows = {line.split()[3]: line for line in capsys.readouterr().out.splitlines()
+            if "flight_9" in line or name in line}
+    assert "FAULT" in rows["flight_9"] and "turn short, phase b" in rows["flight_9"]
+    assert "copy of flight" in rows[name]
+    assert run(["trend", str(folder), "--json"]) == 3
+    found = json.loads(capsys.readouterr().out)
+    assert [f["fault_class"] for f in found["faults"]] == ["turn_short"]
+
+
+def test_a_picture_that_fails_takes_no_answer_with_it(growing, tmp_path):
+    """Matplotlib is set to draw its text with LaTeX, which is not there."""
+    (tmp_path / "matplotlibrc").write_text("text.usetex: True\n")
+    environment = {**os.environ, "PATH": str(tmp_path), "MATPLOTLIBRC": str(tmp_path)}
+    bag, out = str(growing / "flight_7"), str(tmp_path / "made")
+    for arguments, told in (
+        (["check", str(growing), "--plot", "a.png"], "FAULT"),
+        (["check", str(growing), "--json", "--plot", "b.png"], '"turn_short"'),
+        (["trend", str(growing), "--plot", "c.png"], "first announced at flight 2"),
+        (["trend", str(growing), "--json", "--plot", "d.png"], '"turn_short"'),
+        (["export", bag, "--format", "csv", "--out", "e.csv", "--plot", "e"], "e.csv"),
+        (["simulate", "--profile", "step", "--out", out, "--json", "--plot", "f"], '"bag"'),
+        (["simulate", "--profile", "step", "--out", out + "2", "--plot", "g"], "9000 samples"),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-m", "ema_cli", *arguments], capture_output=True, text=True,
+            check=False, cwd=tmp_path, env=environment,
+        )
+        assert told in done.stdout, arguments
+        assert done.returncode not in (0, 1, 3), arguments
+        assert done.stderr.count("\n") == 1, arguments
+    assert not list(tmp_path.rglob("*.png"))
+    assert (tmp_path / "e.csv").is_file()
 
 
 @pytest.fixture

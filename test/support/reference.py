@@ -40,7 +40,7 @@ AUXILIARY_PERIOD = 0.1
 @cache
 def loop() -> Callable[..., None]:
     """Return the compiled loop of the present sources (see `compile`)."""
-    return _build(source_hash("ema_sim.reference"))
+    return _build(source_hash("ema_sim.simulate"))
 
 
 def _build(sources: str) -> Callable[..., None]:

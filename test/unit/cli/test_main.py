@@ -2,6 +2,7 @@
 
 import errno
 import importlib
+import json
 import os
 import resource
 import signal
@@ -13,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from ema_cli import console, main
-from ema_record.errors import IncompleteRecordError, UsageError
+from ema_record.errors import IncompleteRecordError, OutputError, UsageError
 from ema_record.version import VERSION
 
 
@@ -88,6 +89,18 @@ def test_wrong_use_is_one_line_and_status_2(arguments, expected, capsys):
     assert expected in captured.err
 
 
+@pytest.mark.parametrize("arguments", [
+    ["check", ""], ["trend", ""], ["lint", "bags", ""], ["export", ""], ["replay", ""],
+    ["recover", ""], ["identify", ""], ["check", "bags", "--plot="],
+])
+def test_an_empty_argument_is_no_folder(arguments, capsys):
+    """`ema check "$BAG"` without BAG does not judge the folder one happens to be in."""
+    assert main.run(arguments) == 2
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err.count("\n")) == ("", 1)
+    assert "empty" in captured.err
+
+
 def test_no_arguments_prints_help_and_is_wrong_use(capsys):
     assert main.run([]) == 2
     assert "simulate" in capsys.readouterr().out
@@ -118,16 +131,33 @@ def test_errors_are_one_line_with_their_status(error, status, expected, capsys):
     assert "Traceback" not in captured.err
 
 
-def test_closed_pipe_is_quiet():
+@pytest.mark.parametrize("arguments", [
+    ["effects", "--json"], ["effects"], ["--help"], ["check", "--help"],
+    ["check", "bags/sim_0000_step"],
+])
+def test_closed_pipe_is_quiet(arguments, repository):
     process = subprocess.Popen(
-        [sys.executable, "-m", "ema_cli", "effects", "--json"], stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
+        [sys.executable, "-m", "ema_cli", *arguments], stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, cwd=repository,
     )
     process.stdout.close()
     complaint = process.stderr.read()
     process.stderr.close()
     assert process.wait(timeout=60) == 141
     assert complaint == b""
+
+
+@pytest.mark.parametrize("pipe", [
+    "check bags/sim_0000_step | head -1", "-h | head -3", "effects | head -1",
+])
+def test_a_reader_that_leaves_early_never_looks_like_a_fault(pipe, repository):
+    """All was read before it left, or the pipe was closed: 0 or 141, every time."""
+    command = f"set -o pipefail; {sys.executable} -m ema_cli {pipe}"
+    for _ in range(4):
+        done = subprocess.run(["bash", "-c", command], capture_output=True, text=True,
+                              check=False, cwd=repository)
+        assert done.returncode in (0, 141)
+        assert (len(done.stdout.splitlines()) > 0, done.stderr) == (True, "")
 
 
 def test_full_disk_is_one_line():
@@ -185,3 +215,42 @@ def test_a_command_that_is_not_there_is_one_line(capsys, monkeypatch):
 def test_json_numbers_that_are_not_finite_become_null(capsys):
     console.print_json({"a": float("nan"), "b": [1, float("inf")], "c": (None, True, "é")})
     assert capsys.readouterr().out == '{"a": null, "b": [1, null], "c": [null, true, "é"]}\n'
+
+
+def test_text_from_outside_steers_no_terminal_and_is_no_markup(capsys):
+    hostile = "[/] [bold]x[/bold] :smile: y [rad]\x1b[2J\nHEALTHY\x9b1m\u202e\udc80"
+    shown = r"[/] [bold]x[/bold] :smile: y [rad]\u001b[2J\u000aHEALTHY\u009b1m\u202e\udc80"
+    console.say(hostile)
+    console.note(hostile)
+    console.error_line(hostile)
+    console.stdout().print(console.styled(hostile, (hostile, "bold")))
+    console.print_json({"name": hostile})
+    captured = capsys.readouterr()
+    said, styled, as_json = captured.out.splitlines()
+    noted, error = captured.err.splitlines()
+    assert (said, noted, styled) == (shown, shown, shown + shown)
+    assert error == "ema: " + shown.replace(r"\u000a", " ")
+    assert json.loads(as_json) == {"name": hostile}
+    assert as_json.isprintable()
+
+
+def test_lines_are_whole_where_there_is_no_terminal(capsys, monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    line = "word " * 400 + "end"
+    console.stdout().print(line)
+    assert capsys.readouterr().out == line + "\n"
+
+
+def test_what_cannot_be_written_is_known_before(tmp_path):
+    taken = tmp_path / "taken"
+    taken.touch()
+    for bad in (taken, taken / "below", Path("/proc/none"), tmp_path / ("n" * 250)):
+        with pytest.raises(OutputError):
+            console.check_new_file(bad)
+        with pytest.raises(OutputError):
+            console.check_new(bad)
+    with pytest.raises(OutputError):
+        console.check_new_file(tmp_path / "no folder" / "file")
+    console.check_new(tmp_path / "no folder" / "folder", None)
+    console.check_new_file(tmp_path / "file", None)
+    assert list(tmp_path.iterdir()) == [taken]

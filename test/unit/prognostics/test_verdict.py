@@ -30,7 +30,9 @@ def test_a_fault_and_its_rounding():
     assert (found["fault_class"], found["phase"], found["severity"]) == ("turn_short", "b", 0.3)
     assert found["severity_interval"] == [0.25, 0.333333]
     assert found["probabilities"] == {"healthy": 0.333333}
-    assert found["faults"] == []
+    (fault,) = found["faults"]
+    assert fault == {name: found[name] for name in fault}
+    assert list(fault) == KEYS[2:8]
 
 
 def test_two_faults_are_listed_largest_first():

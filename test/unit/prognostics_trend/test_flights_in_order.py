@@ -1,5 +1,7 @@
 """Which bags are flights, in what order, of which unit."""
 
+from pathlib import Path
+
 import pytest
 from flights import flights_of, verdict_of
 
@@ -11,6 +13,7 @@ from ema_prognostics.trend.flights import (
     is_sequence,
     natural,
     read_flights,
+    what_else,
 )
 from ema_prognostics.verdict.verdict import Verdict
 
@@ -45,6 +48,19 @@ def test_a_copy_is_shown_and_does_not_count():
                       flight("d")])
     assert [f.repeat_of for f in found] == [None, 1, None, None, None]
     assert [f.answered for f in found] == [True, False, True, True, True]
+
+
+@pytest.mark.parametrize("names", [("a", "b"), ("b", "a")])
+@pytest.mark.parametrize(("whole", "part"), [
+    ("fault", "incomplete"), ("healthy", "incomplete"), ("unknown", "invalid"),
+    ("fault", "healthy"),
+])
+def test_of_two_copies_the_one_that_tells_more_counts(names, whole, part):
+    found = in_order([flight(names[0], 7, outcome=whole), flight(names[1], 7, outcome=part)])
+    (counted,) = [f for f in found if f.repeat_of is None]
+    (copy,) = [f for f in found if f.repeat_of is not None]
+    assert (counted.verdict.outcome, copy.verdict.outcome) == (whole, part)
+    assert copy.repeat_of == counted.number
 
 
 @pytest.mark.parametrize(
@@ -87,6 +103,26 @@ def test_what_is_a_sequence(tmp_path):
     found = {p.name for p in tmp_path.iterdir() if is_sequence(p)}
     assert found == {"flights", "files"}
     assert not is_sequence(tmp_path / "none")
+
+
+@pytest.mark.parametrize(("name", "content", "expected"), [
+    ("README.md", b"# Bags", "a text file, no bag"), ("empty.txt", b"", "empty, no bag"),
+    ("image.png", b"\x89PNG\r\n\x1a\n\0\0", "a file of another kind, no bag"),
+    ("damaged.mcap", b"nothing", None), ("renamed", b"\x89MCAP0\r\n\0", None),
+])
+def test_what_a_file_is_that_is_no_bag(tmp_path, name, content, expected):
+    (tmp_path / name).write_bytes(content)
+    assert what_else(tmp_path / name) == expected
+
+
+def test_what_a_directory_is_that_is_no_bag(tmp_path):
+    assert what_else(tmp_path) == "an empty directory"
+    assert what_else(tmp_path / "none") == "no such file or directory"
+    assert what_else(Path("/dev/null")) == "neither file nor directory"
+    (tmp_path / "notes.txt").touch()
+    assert what_else(tmp_path) == "a directory that is no bag"
+    (tmp_path / "cut_0.mcap").touch()
+    assert what_else(tmp_path) is None
 
 
 def test_damaged_bags_are_flights_and_other_things_are_named(tmp_path):
