@@ -11,7 +11,8 @@ import hashlib
 import os
 import tempfile
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,8 @@ import numpy as np
 from ema_record.sources import source_hash
 
 FOLDER = "ema_phm"
+NUMERICAL = ("numpy", "scipy", "numba")
+"""Packages whose version may change what is computed."""
 LARGEST = 500_000_000
 """Largest file that is read (bytes)."""
 
@@ -29,11 +32,15 @@ def cache_directory() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / FOLDER
 
 
-def key_of(*parts: str, sources: Iterable[Path]) -> str:
-    """Return a hash of `parts`, of the sources of the simulator and of those named."""
-    digest = hashlib.sha256(source_hash("ema_sim.simulate").encode())
-    for path in sources:
-        digest.update(path.name.encode() + path.read_bytes())
+def key_of(*parts: str, module: str) -> str:
+    """Return a hash of `parts` and of all that the results of a module depend on.
+
+    That is the sources that it imports, one through another, and the versions of the numerical
+    packages.
+    """
+    digest = hashlib.sha256(source_hash(module).encode())
+    for name in NUMERICAL:
+        digest.update(f"\0{name} {metadata.version(name)}".encode())
     for part in parts:
         digest.update(b"\0" + part.encode())
     return digest.hexdigest()[:32]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 
 from ema_identification.result import Identification
 from ema_record.errors import UsageError
-from ema_record.record import Record
+from ema_record.record import Provenance, Record
 
 if TYPE_CHECKING:
     from ema_rig.record import RigRecord
@@ -39,7 +39,7 @@ def identify(
     RecordError
         A record cannot be used; the error says which test to run.
     UsageError
-        Records do not go together, or an effect is not known.
+        Records of two units or kinds, or an effect that is not known.
     """
     if not measured:
         raise UsageError("0 records: give at least one measured record")
@@ -54,6 +54,7 @@ def identify(
         return identify_rig(
             cast("Sequence[RigRecord]", measured), model,
             validate=cast("Sequence[RigRecord]", validate), without=without, progress=progress)
+    _check_one_unit(cast("Sequence[Record]", (*measured, *validate)))
     from ema_identification.actuator.measure.runs import silent
     from ema_identification.actuator.workflow import identify_actuator
     from ema_sim.model_file import load_model_file
@@ -64,3 +65,17 @@ def identify(
         cast("Sequence[Record]", measured), model,
         validate=cast("Sequence[Record]", validate), without=without,
         progress=progress or silent, workers=workers, seed=seed)
+
+
+def _check_one_unit(records: Sequence[Record]) -> None:
+    """Refuse records of two units; one without a serial number may be of any."""
+    first: dict[str, str] = {}
+    for record in records:
+        serial = record.provenance.serial_number
+        if serial not in ("", Provenance().serial_number):
+            first.setdefault(serial, record.provenance.source or record.profile.name)
+    if len(first) > 1:
+        (one, here), (other, there), *_ = first.items()
+        raise UsageError(
+            f"{here} is of the unit {one}, {there} of {other}: their tolerances differ, so "
+            "identify one unit at a time")

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from ema_record.profile import Profile
 
-Outcome = Literal["no disagreement", "explained", "partly explained", "unknown effect"]
+Outcome = Literal[
+    "no disagreement", "explained", "partly explained", "unknown effect", "contradicted"]
+"""``contradicted``: what explains the fitted records makes the held-out ones worse."""
 LEVEL = 0.9
 """Probability that the interval of a parameter is meant to hold."""
 
@@ -67,6 +70,15 @@ class Candidate:
                 "reason": self.reason}
 
 
+class Formula(NamedTuple):
+    """The law that was fitted."""
+
+    meaning: str
+    equation: str
+    """Its symbols are those of the parameters that are given."""
+    reference: str
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
     """One effect that the model lacks, in the order found."""
@@ -77,8 +89,12 @@ class Finding:
     parameters: tuple[Parameter, ...]
     where: Where
     p_value: float
+    """Of the hypothesis that it adds nothing to the model with all others."""
     gap_before: float
     gap_after: float
+    choices: Mapping[str, str] = field(default_factory=dict)
+    """Parameters that are no numbers, dotted: ``turn_short.phase`` is ``b``."""
+    formula: Formula | None = None
     candidates: tuple[Candidate, ...] = ()
     """All that were compared at this step, best first."""
 
@@ -86,8 +102,10 @@ class Finding:
         """Return the object of the JSON contract."""
         return {
             "effect": self.effect, "equivalent": list(self.equivalent),
-            "parameters": [p.to_dict() for p in self.parameters], "where": self.where.to_dict(),
-            "p_value": self.p_value, "gap_before": self.gap_before, "gap_after": self.gap_after,
+            "parameters": [p.to_dict() for p in self.parameters], "choices": dict(self.choices),
+            "equation": "" if self.formula is None else self.formula.equation,
+            "where": self.where.to_dict(), "p_value": self.p_value,
+            "gap_before": self.gap_before, "gap_after": self.gap_after,
         }
 
 
@@ -151,6 +169,9 @@ class Identification:
     noise_floor: float
     gap_unit: str
     """What the three numbers above are, in words, with unit."""
+    held_out: bool = True
+    """Whether they are of data that took no part in the fit."""
+    machine: Literal["actuator", "rig"] = "actuator"
     findings: tuple[Finding, ...] = ()
     rivals: tuple[Candidate, ...] = ()
     next_test: str | None = None
@@ -169,11 +190,11 @@ class Identification:
 
     @property
     def exit_status(self) -> int:
-        """0 no disagreement or explained, 3 partly explained or unknown."""
+        """0 no disagreement or explained, 3 partly explained, unknown or contradicted."""
         return 0 if self.verdict in ("no disagreement", "explained") else 3
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the object that ``ema identify --json`` prints (DESIGN, section 2)."""
+        """Return the object that ``ema identify --json`` prints."""
         return {
             "verdict": self.verdict, "gap_before": self.gap_before, "gap_after": self.gap_after,
             "noise_floor": self.noise_floor, "gap_unit": self.gap_unit,

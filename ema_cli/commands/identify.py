@@ -40,18 +40,19 @@ def identify(
 
     Known parameters are recalibrated within their tolerances first; only what is left can be a
     missing effect. The report says where the records disagree, what was tried, what cannot be
-    told apart and which test would, and shows the gap before and after on held-out data.
+    told apart and which test would, and shows the gap before and after: on held-out data where
+    --validate gives them. These take no part in any choice; a gap that grows there contradicts it.
 
     The first run with a model and a profile simulates their library (some minutes); it is kept in
     the user's cache directory.
 
-    Exit status: 0 no disagreement or explained, 3 partly explained or unknown, 2 wrong use or data
-    that cannot be used.
+    Exit status: 0 no disagreement or explained, 3 partly explained, unknown or contradicted by the
+    held-out records, 2 wrong use or data that cannot be used.
     """
-    check_new(out)
     from ema_identification.identify import identify as run
-    from ema_identification.report import write_report
+    from ema_identification.report import write_answer, write_page
 
+    check_new(out)
     records = [_read(path, profile) for path in measured]
     held = [_read(path, None) for path in validate or ()]
     with progress_of("identify") as advance:
@@ -74,14 +75,18 @@ def identify(
         inputs["validate"] = [str(p) for p in validate]
     if without:
         inputs["without"] = list(without)
-    page = write_report(found, out, title=_title(records[0], measured[0]), inputs=inputs)
-    result = found.to_dict()
-    if found.model_text:
-        result["model"] = str(out / "model.yaml")
+    if profile:
+        inputs["profile"] = profile
+    found = write_answer(found, out)
     if json:
-        print_json(result)
+        print_json(found.to_dict())
     else:
-        _print(found, page)
+        _print(found)
+    page = write_page(found, out, title=_title(records[0], measured[0]), inputs=inputs)
+    for name, why in page.not_drawn.items():
+        note(f"the picture {name} could not be drawn ({why}); the numbers are complete")
+    if not json:
+        stdout().print(f"report: {page.path}")
     return found.exit_status
 
 
@@ -105,15 +110,19 @@ def _title(record: Any, path: Path) -> str:
     return path.name if serial == "unknown" else f"{serial}: {path.name}"
 
 
-def _print(found: Identification, page: Path) -> None:
+def _print(found: Identification) -> None:
     """Print the answer for people."""
     console = stdout()
     console.print(styled((found.verdict, "bold")))
-    console.print(f"gap {found.gap_before:.3g} before, {found.gap_after:.3g} after, floor "
-                  f"{found.noise_floor:.3g}: {found.gap_unit}")
+    grew = f"grew from {found.gap_before:.3g} to {found.gap_after:.3g}"
+    gap = grew if found.verdict == "contradicted" else (
+        f"{found.gap_before:.3g} before, {found.gap_after:.3g} after")
+    console.print(f"gap {gap}, floor {found.noise_floor:.3g}: {found.gap_unit}")
     for finding in found.findings:
         names = " or ".join((finding.effect, *finding.equivalent))
         console.print(styled("  ", (names, "bold"), f"  (p {_probability(finding.p_value)})"))
+        for name, choice in finding.choices.items():
+            console.print(f"    {name} = {choice}")
         for p in finding.parameters:
             unit = "" if p.unit == "1" else f" {p.unit}"
             console.print(f"    {p.name} = {p.value:.4g}{unit}  "
@@ -125,7 +134,6 @@ def _print(found: Identification, page: Path) -> None:
         console.print(f"  {reason}")
     if found.next_test is not None:
         console.print(f"  next test: {found.next_test}")
-    console.print(f"report: {page}")
 
 
 def _probability(p: float) -> str:

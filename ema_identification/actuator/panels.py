@@ -24,8 +24,8 @@ SMOOTH = 5e-3
 
 
 def panels_of(
-    evidence: Evidence, null: Recalibration, answer: Answer, held: Evidence | None, before: Gap,
-    after: Gap, *, seed: int,
+    evidence: Evidence, null: Recalibration, answer: Answer, held: Evidence | None, gap: Gap, *,
+    seed: int,
 ) -> tuple[Panel, ...]:
     """Return the plots of an identification."""
     block = evidence.blocks[0]
@@ -43,7 +43,7 @@ def panels_of(
               _travel(signals), *_folded(evidence, signals)]
     if answer.fits:
         panels.append(_candidates(evidence, answer))
-    panels.append(_held(held if held is not None else evidence, before, after, answer))
+    panels.append(_held(held if held is not None else evidence, gap))
     return tuple(panels)
 
 
@@ -188,13 +188,14 @@ def _candidates(evidence: Evidence, answer: Answer) -> Panel:
                  log_y=bool(costs.max() > DECADE * costs.min()))
 
 
-def _held(evidence: Evidence, before: Gap, after: Gap, answer: Answer) -> Panel:
-    rows = [("before", *_by_place(evidence, before.residual))]
-    if answer.fit is not None:
-        rows.append(("after", *_by_place(evidence, after.residual)))
+def _held(evidence: Evidence, gap: Gap) -> Panel:
+    rows = [("before", *_by_place(evidence, gap.residual[0]))]
+    if len(gap.residual) > 1:
+        rows.append(("after", *_by_place(evidence, gap.residual[-1])))
     x = rows[0][1]
     return Panel(
-        name="held_out", title="The gap on data that took no part in the fit, by part.",
+        name="gap_by_part", title=f"The gap on the {'held-out' if gap.held else 'fitted'} record, "
+                                  "by part of the test.",
         x_label="time of the test (s)", y_label="residual, rms (standard deviations)",
         curves=(*_role_curves(rows, "points"),
                 Curve(label="nothing missing", x=x, y=np.ones_like(x), role="floor")),

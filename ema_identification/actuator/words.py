@@ -17,13 +17,14 @@ import numpy as np
 
 from ema_identification.actuator.measure.tolerances import TOLERANCES
 from ema_identification.actuator.naming.answer import Answer
-from ema_identification.actuator.naming.estimates import parameters_of
-from ema_identification.actuator.naming.gap import Gap
+from ema_identification.actuator.naming.estimates import choices_of, parameters_of
+from ema_identification.actuator.naming.gap import Gap, whitened
 from ema_identification.actuator.naming.law_check import Law
 from ema_identification.actuator.surrogate.evidence import Evidence
 from ema_identification.actuator.surrogate.fit import Fit
 from ema_identification.actuator.surrogate.likelihood import Recalibration
-from ema_identification.result import Candidate, Finding, Identification, Step, Where
+from ema_identification.result import Candidate, Finding, Formula, Identification, Step, Where
+from ema_sim.effects import EFFECTS
 
 SHOWN = 8
 """Rows of the table."""
@@ -82,6 +83,22 @@ def where_step(groups: Sequence[Group]) -> Step:
              "phase gives, counts by its logarithm only.")
 
 
+def order_of(answer: Answer) -> list[int]:
+    """Return the terms of the fit in the order found: the one that explains more alone first."""
+    if answer.fit is None:
+        return []
+    costs = [np.inf if f is None else f.cost for f in answer.alone] or [0.0]
+    return [int(k) for k in np.argsort(costs, kind="stable")]
+
+
+def stages_of(answer: Answer) -> list[Fit]:
+    """Return the fits after each effect, in the order found."""
+    if answer.fit is None:
+        return []
+    first = [answer.alone[k] for k in order_of(answer)[:1]] if answer.alone else []
+    return [*(f for f in first if f is not None), answer.fit]
+
+
 def candidates_of(
     evidence: Evidence, fits: Sequence[Fit], null_cost: float, reason: str
 ) -> tuple[Candidate, ...]:
@@ -101,42 +118,56 @@ def candidates_of(
 
 
 def findings_of(
-    evidence: Evidence, answer: Answer, groups: Sequence[Group], before: Gap, after: Gap,
-    null_cost: float,
+    evidence: Evidence, null: Recalibration, answer: Answer, gap: Gap
 ) -> tuple[Finding, ...]:
-    """Return the findings, in the order found."""
+    """Return the findings, in the order found.
+
+    Each has its own gaps, p-value and place: where the model without it, but with the other one
+    of two, disagrees.
+    """
     if answer.fit is None:
         return ()
-    found = []
-    for k, term in enumerate(answer.fit.terms):
-        name = term.variant.effect
+    found: list[Finding] = []
+    for k in order_of(answer):
+        name = answer.fit.terms[k].variant.effect
         equal = []
         for fit in answer.equivalent[k]:
             others = {t.variant.effect for t in fit.terms}
             others -= {t.variant.effect for t in answer.fit.terms}
             equal += sorted(others)
+        other = answer.alone[1 - k] if answer.alone else None
+        without = whitened(evidence, null if other is None else other)
+        effect, at = EFFECTS[name], min(len(found), len(gap.values) - 2)
         found.append(Finding(
             effect=name, equivalent=tuple(dict.fromkeys(equal))[:2],
-            parameters=parameters_of(answer.fit, k, evidence.usual), where=where_of(groups),
-            p_value=answer.p_value[k], gap_before=before.value, gap_after=after.value,
-            candidates=candidates_of(evidence, answer.fits, null_cost, "fitted"),
+            choices=choices_of(answer.fit.terms[k]),
+            formula=Formula(effect.summary, effect.equation, effect.reference),
+            parameters=parameters_of(answer.fit, k, evidence.usual),
+            where=where_of(groups_of(evidence, without)),
+            p_value=answer.p_value[k], gap_before=gap.values[at], gap_after=gap.values[at + 1],
+            candidates=candidates_of(evidence, answer.fits, answer.null_cost, "fitted"),
         ))
     return tuple(found)
 
 
 def steps_of(
     evidence: Evidence, null: Recalibration, answer: Answer, law: Law | None,
-    groups: Sequence[Group], found: Identification, how: str,
+    groups: Sequence[Group], found: Identification, gap: Gap,
 ) -> tuple[Step, ...]:
     """Return the steps in order."""
     steps = [_align(evidence), _recalibrate(evidence, null), where_step(groups),
              _name(evidence, answer, law)]
     if answer.fit is not None:
         steps.append(_add(found))
+    where = ("held-out records, which took no part in the fit" if gap.held else
+             "the fitted records themselves, since no held-out record was given")
     steps.append(Step(
-        name="show", text=f"Gap on data that took no part in the fit ({how}): "
-        f"{found.gap_before:.2f} before, {found.gap_after:.2f} after; {found.noise_floor:.2f} "
-        "is the floor."))
+        name="show", text=f"Gap on {where}: "
+        + ", ".join(f"{value:.2f} {'before' if k == 0 else f'after effect {k}'}"
+                    for k, value in enumerate(gap.values))
+        + f". Runs of the last model in the place of the measurement leave {gap.floor:.2f} "
+        f"(median of {len(gap.draws)}), and as much as the measurement with probability "
+        f"{gap.p_value:.2g}."))
     if answer.fit is not None and len(answer.fit.terms) > 1:
         steps.append(Step(
             name="prune", text="Each effect was kept because the misfit is clearly larger "
@@ -195,6 +226,7 @@ def _name(evidence: Evidence, answer: Answer, law: Law | None) -> Step:
 def _add(found: Identification) -> Step:
     rows = [("parameter", "value", "90 % interval")]
     for finding in found.findings:
+        rows += [(name, value, "") for name, value in finding.choices.items()]
         rows += [(p.name, f"{p.value:.4g} {'' if p.unit == '1' else p.unit}".strip(),
                   f"{p.low:.4g} to {p.high:.4g}") for p in finding.parameters]
     return Step(name="add", rows=tuple(rows),

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ema_identification.actuator.checks import check_records
+from ema_identification.actuator.measure.features import nominal_rate
 from ema_identification.actuator.measure.runs import Progress, Runner, silent
 from ema_identification.actuator.measure.tolerances import align
-from ema_identification.actuator.naming.answer import Answer, refuted, sufficient
+from ema_identification.actuator.naming.answer import Answer
 from ema_identification.actuator.naming.contest import Arena
 from ema_identification.actuator.naming.decision import decide_lawfully
 from ema_identification.actuator.naming.estimates import (
@@ -19,32 +20,28 @@ from ema_identification.actuator.naming.estimates import (
     model_text,
     recalibrated_of,
 )
-from ema_identification.actuator.naming.gap import Gap, gap_of, separating_test, whitened
-from ema_identification.actuator.naming.judged import predicted, settled, without_second
+from ema_identification.actuator.naming.gap import gap_of, separating_test, whitened
 from ema_identification.actuator.panels import panels_of
 from ema_identification.actuator.ports import unknown_shape
 from ema_identification.actuator.surrogate.evidence import Block, Evidence, evidence
 from ema_identification.actuator.surrogate.library import library
 from ema_identification.actuator.surrogate.likelihood import recalibrate
-from ema_identification.actuator.words import candidates_of, findings_of, groups_of, steps_of
+from ema_identification.actuator.words import (
+    candidates_of,
+    findings_of,
+    groups_of,
+    stages_of,
+    steps_of,
+)
 from ema_identification.result import Identification
 from ema_record.record import Record
 from ema_sim.effects import Effects
 from ema_sim.model_file import Model
 
-GAP_UNIT = ("rms of the worst tenth of the held-out features, in standard deviations of what the "
-            "model may be off when nothing is missing")
-N_HARDWARE = 11
-"""Tolerances that belong to the model file; the others belong to sensors and the day."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Shown:
-    """The gap before and after, on data that took no part in the fit."""
-
-    before: Gap
-    after: Gap
-    how: str
+GAP_UNIT = ("rms of the tenth of the features that are off most, in standard deviations of what "
+            "the model as given may be off when nothing is missing")
+HELD_OUT = "held-out records, which took no part in the fit"
+FITTED = "the fitted records themselves: no held-out record was given"
 
 
 def _blocks(
@@ -53,8 +50,8 @@ def _blocks(
 ) -> list[Block]:
     found = []
     for record in records:
-        known = library(model, record.profile, signatures=signatures, seed=seed, workers=workers,
-                        progress=progress)
+        known = library(model, record.profile, rate=nominal_rate(record), signatures=signatures,
+                        seed=seed, workers=workers, progress=progress)
         found.append(Block(record=record, library=known, conditions=align(record, model),
                            values=known.fmap.extract(record)))
     return found
@@ -98,45 +95,28 @@ def _identify(
     groups = groups_of(ev, whitened(ev, null))
     progress("name", 0.2)
     answer, law = decide_lawfully(ev, null, without=without, progress=progress, seed=seed)
-    progress("show", 0.9)
-    effects = _effects(answer, model)
-    before = gap_of(ev, held, null, None, seed=seed)
-    after = before
-    if answer.fit is not None:
-        after = gap_of(ev, held, answer.fit, effects, seed=seed)
-    one = answer.simpler
-    if held is not None and answer.fit is not None and one is not None and sufficient(ev, one):
-        gap = gap_of(ev, held, one, one.effects(model.effects), seed=seed)
-        if refuted(gap.residual, after.residual):
-            answer, after = without_second(answer, ev.usual), gap
-            effects = _effects(answer, model)
-    if held is not None and answer.verdict == "unknown effect" and not answer.equivalent:
-        named = predicted(ev, held, answer, before, model, seed)
-        if named is not None:
-            answer, after = named
-            effects = _effects(answer, model)
-    if held is not None:
-        answer = settled(answer, before, after)
     if answer.fit is not None and is_entangled(answer.fit):
-        progress("estimate", 0.92)
-        again = estimate_again(ev, Arena(ev, null, seed=seed).last, answer.fit, seed=seed + 60)
-        answer = replace(answer, fit=again)
-        effects = _effects(answer, model)
-        after = gap_of(ev, held, again, effects, seed=seed)
-    shown = Shown(before=before, after=after, how="held-out records" if held else
-                  "no held-out record: each tenth of the features predicted from the others")
+        progress("estimate", 0.9)
+        answer = replace(answer, fit=estimate_again(
+            ev, Arena(ev, null, seed=seed).last, answer.fit, seed=seed + 60))
+    progress("show", 0.93)
+    gap = gap_of(ev, held, null, stages_of(answer), seed=seed)
+    if answer.fit is not None and gap.contradicts:
+        answer = replace(answer, verdict="contradicted", reasons=(
+            f"the gap on the held-out records grew from {gap.values[0]:.2f} to "
+            f"{gap.values[-1]:.2f}; noise alone leaves as much with probability "
+            f"{gap.p_value:.2g} at most", *answer.reasons))
+    how = HELD_OUT if held else FITTED
     fits = [f for f in answer.fits if np.isfinite(f.cost)]
-    findings = findings_of(ev, answer, groups, shown.before, shown.after, answer.null_cost)
+    findings = findings_of(ev, null, answer, gap)
     ambiguous = next((e for e in answer.equivalent if e), ())
     alike = ambiguous if answer.fit is None else (answer.fit, *ambiguous)
     proposed = separating_test(ev, alike, seed=seed) if ambiguous else None
     fit = answer.fit if answer.fit is not None else null
-    updated = fit.z[:N_HARDWARE]
-    z = np.zeros(len(fit.z))
-    z[:N_HARDWARE] = updated
     found = Identification(
-        verdict=answer.verdict, gap_before=before.value, gap_after=after.value,
-        noise_floor=after.floor, gap_unit=f"{GAP_UNIT} ({shown.how})", findings=findings,
+        verdict=answer.verdict, gap_before=gap.values[0], gap_after=gap.values[-1],
+        noise_floor=gap.floor, gap_unit=f"{GAP_UNIT} ({how})", held_out=held is not None,
+        findings=findings,
         rivals=tuple(
             c for c in candidates_of(ev, fits, answer.null_cost, "fitted")
             if c.effect not in {n for f in findings for n in (f.effect, *f.equivalent)}),
@@ -145,11 +125,12 @@ def _identify(
         recalibrated=recalibrated_of(fit, ev), reasons=answer.reasons,
         unknown=unknown_shape(ev, whitened(ev, null), fits, answer.null_cost, law)
         if answer.verdict == "unknown effect" else None,
-        model_text=model_text(model, z, effects),
+        model_text="" if answer.verdict == "contradicted" else model_text(
+            model, ev.tolerances.of(0, fit.z), _effects(answer, model)),
     )
     return replace(
-        found, steps=steps_of(ev, null, answer, law, groups, found, shown.how),
-        panels=panels_of(ev, null, answer, held, shown.before, shown.after, seed=seed))
+        found, steps=steps_of(ev, null, answer, law, groups, found, gap),
+        panels=panels_of(ev, null, answer, held, gap, seed=seed))
 
 
 def _effects(answer: Answer, model: Model) -> Effects:

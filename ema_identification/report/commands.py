@@ -17,23 +17,33 @@ def next_commands(
     inputs: Mapping[str, str | Sequence[str]],
     next_test_file: str,
 ) -> list[str]:
-    """Return commands that use the updated model, check it, and run the proposed test."""
+    """Return commands that use the updated model, check it, and run the proposed test.
+
+    Parameters
+    ----------
+    identification : the result.
+    out : the folder of the report.
+    inputs : as `write_report` has them; what `ema identify` was given is given again.
+    next_test_file : name of the proposed command's file in `out`.
+    """
     found = []
     measured = " ".join(shlex.quote(path) for path in as_list(inputs.get("measured", ())))
-    validate = "".join(
-        f" --validate {shlex.quote(path)}" for path in as_list(inputs.get("validate", ())))
+    given = "".join(
+        f" --{option} {shlex.quote(value)}" for option in ("validate", "without", "profile")
+        for value in as_list(inputs.get(option, ())))
     if identification.model_text:
         model = shlex.quote(str(out / MODEL))
-        found.append(f"ema simulate --model {model} --profile extended --out simulated")
+        if identification.machine == "actuator":
+            found.append(f"ema simulate --model {model} --profile extended --out simulated")
         if measured:
             again = shlex.quote(f"{out}_again")
-            found.append(f"ema identify {measured}{validate} --model {model} --out {again}")
+            found.append(f"ema identify {measured}{given} --model {model} --out {again}")
     if identification.next_profile is not None:
         test = shlex.quote(str(out / next_test_file))
         found.append(f"ema bit --profile {test}")
         if measured:
             both = shlex.quote(f"{out}_next")
-            found.append(f"ema identify {measured} NEW_RECORD{validate} --out {both}")
+            found.append(f"ema identify {measured} NEW_RECORD{given} --out {both}")
     return found
 
 

@@ -13,7 +13,7 @@ from ema_record.version import VERSION
 MAX_CANDIDATES = 12
 """Rows of the table of candidates; the rest is in the JSON file's steps."""
 TONES = {"no disagreement": "good", "explained": "good", "partly explained": "open",
-         "unknown effect": "open"}
+         "unknown effect": "open", "contradicted": "open"}
 
 
 def page_context(
@@ -46,6 +46,7 @@ def page_context(
         "advice": advice(identification),
         "figures": _figures(identification),
         "gap_unit": identification.gap_unit,
+        "data": words.data_of(identification),
         "findings": [_finding(finding) for finding in identification.findings],
         "rivals": _candidates(_not_shown(identification)),
         "next_test": identification.next_test,
@@ -68,15 +69,24 @@ def advice(identification: Identification) -> list[str]:
     ambiguous = any(finding.equivalent for finding in identification.findings)
     if identification.verdict == "no disagreement":
         found.append("Keep the model. No effect needs to be added.")
-    if identification.findings:
+    if identification.verdict == "contradicted":
+        found.append("Do not use what was found. Check that all records are of one unit in one "
+                     "state, then record again and identify again.")
+    elif identification.findings:
         found.append("Use the updated model: it carries "
                      f"{words.listed(identification)} with the parameters below.")
-    if identification.findings and not words.held_out_shows(identification):
+    if identification.findings and identification.held_out and not words.gap_shows(
+            identification):
         found.append("The held-out data hardly show what was found: their gap was near the noise "
                      "floor before. Judge by the fitted record below, or record another command.")
+    if identification.findings and not identification.held_out:
+        found.append("No held-out record judged this: give one of another command with "
+                     "--validate.")
     if ambiguous:
-        found.append("More than one name fits equally well. The model file holds the first of "
-                     "them; do not order a repair on the name alone.")
+        found.append("More than one name fits equally well"
+                     + (". The model file holds the first of them"
+                        if identification.model_text else "")
+                     + "; do not order a repair on the name alone.")
     if identification.verdict in ("partly explained", "unknown effect"):
         found.append("Do not rely on the model where the gap is left (see below) until the "
                      "cause is known.")
@@ -98,7 +108,7 @@ def _figures(identification: Identification) -> list[tuple[str, str, str]]:
     figures = [
         ("gap before", words.number(identification.gap_before), floors(identification.gap_before)),
         ("gap after", words.number(identification.gap_after), floors(identification.gap_after)),
-        ("noise floor", words.number(floor), "what noise alone gives"),
+        ("noise floor", words.number(floor), "what a complete model leaves"),
     ]
     closed = words.closed_share(identification)
     if closed is not None and identification.findings:
@@ -127,13 +137,14 @@ def _not_shown(identification: Identification) -> list[Candidate]:
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
-    summary, equation, reference = words.summary_of(finding.effect)
     return {
         "effect": finding.effect, "name": words.pretty(finding.effect),
         "equivalent": [words.pretty(name) for name in finding.equivalent],
-        "summary": summary, "equation": equation, "reference": reference,
+        "formula": finding.formula,
         "where": finding.where, "p_value": words.probability(finding.p_value),
         "before": words.number(finding.gap_before), "after": words.number(finding.gap_after),
-        "parameters": [_parameter(p) for p in finding.parameters],
+        "parameters": [{"name": name, "value": value, "interval": "–"}
+                       for name, value in finding.choices.items()]
+        + [_parameter(p) for p in finding.parameters],
         "candidates": _candidates(finding.candidates),
     }

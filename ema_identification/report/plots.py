@@ -16,7 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, StrMethodFormatter
 
-from ema_identification.report.words import number, pretty
+from ema_identification.report.words import data_of, number, pretty
 from ema_identification.result import Curve, Identification, Panel
 
 SIZE = (5.8, 3.5)
@@ -110,7 +110,7 @@ def _plain_numbers(axis: Any) -> None:
 
 def _draw(axes: Any, curve: Curve, style: dict[str, Any]) -> None:
     x, y = np.asarray(curve.x, dtype=float), np.asarray(curve.y, dtype=float)
-    every = -(-len(x) // MAX_POINTS)
+    every = max(1, -(-len(x) // MAX_POINTS))
     x, y = x[::every], y[::every]
     if curve.style == "points":
         style = {"color": style["color"], "zorder": style.get("zorder", 2), "linestyle": "none",
@@ -134,10 +134,7 @@ def gap_stages(identification: Identification) -> list[tuple[str, float]]:
     stages = [("model as given,\nrecalibrated" if identification.recalibrated
                else "model as given", identification.gap_before)]
     findings = identification.findings
-    for place, finding in enumerate(findings):
-        last = place == len(findings) - 1
-        gap = identification.gap_after if last else finding.gap_after
-        stages.append((f"+ {pretty(finding.effect)}", gap))
+    stages += [(f"+ {pretty(finding.effect)}", finding.gap_after) for finding in findings]
     return stages
 
 
@@ -146,7 +143,7 @@ def draw_gap(identification: Identification) -> bytes:
     stages = gap_stages(identification)
     height = 1.35 + 0.42 * len(stages)
     figure, axes = new_figure(
-        "Gap between model and measurement on held-out data, against the noise floor",
+        f"Gap between model and measurement on {data_of(identification)}, against the noise floor",
         (5.8, height))
     places = list(range(len(stages)))[::-1]
     values = [value for _, value in stages]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from ema_identification.result import Finding, Identification, Parameter
-from ema_sim.effects import EFFECTS
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -56,8 +55,11 @@ def pretty(name: str) -> str:
 
 
 def named(finding: Finding) -> str:
-    """Return the name, with those that cannot be told from it."""
-    names = [pretty(name) for name in (finding.effect, *finding.equivalent)]
+    """Return the name with its phase or mode, and those that cannot be told from it."""
+    choices = ", ".join(f"{pretty(name.rpartition('.')[2])} {value}"
+                        for name, value in finding.choices.items())
+    own = pretty(finding.effect) + (f" ({choices})" if choices else "")
+    names = [own, *(pretty(name) for name in finding.equivalent)]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
 
 
@@ -68,44 +70,57 @@ def listed(identification: Identification) -> str:
 
 
 SHOWS = 1.5
-"""Noise floors from which a held-out record shows a gap at all."""
+"""Noise floors from which data show a gap at all."""
 
 
-def held_out_shows(identification: Identification) -> bool:
-    """Whether the gap before stands out of the noise floor on the held-out data."""
+def data_of(identification: Identification) -> str:
+    """Return what the gap is measured on."""
+    return "held-out data" if identification.held_out else "the fitted data"
+
+
+def gap_shows(identification: Identification) -> bool:
+    """Whether the gap before stands out of the noise floor."""
     return identification.gap_before >= SHOWS * identification.noise_floor > 0.0
 
 
 def closed_share(identification: Identification) -> float | None:
-    """Return how much of the gap above the noise floor was closed, None if none stood out."""
-    if not held_out_shows(identification):
+    """Return how much of the gap above the noise floor was closed, 1 at most.
+
+    None if none stood out, or if it grew.
+    """
+    if not gap_shows(identification) or identification.gap_after > identification.gap_before:
         return None
     above = identification.gap_before - identification.noise_floor
-    return (identification.gap_before - identification.gap_after) / above
+    return min(1.0, (identification.gap_before - identification.gap_after) / above)
+
+
+def moved(identification: Identification) -> str:
+    """Return what the gap did, with the noise floor."""
+    before, after = identification.gap_before, identification.gap_after
+    way = "grows" if after > before else "falls"
+    return (f"the gap on {data_of(identification)} {way} from {number(before)} to "
+            f"{number(after)}, with a noise floor of {number(identification.noise_floor)}")
 
 
 def verdict_sentence(identification: Identification) -> str:
     """Return the answer in one sentence."""
     before, after = number(identification.gap_before), number(identification.gap_after)
-    floor = number(identification.noise_floor)
+    floor, data = number(identification.noise_floor), data_of(identification)
     if identification.verdict == "no disagreement":
-        return (f"Model and measurement agree: the gap on held-out data is {before}, with a "
+        return (f"Model and measurement agree: the gap on {data} is {before}, with a "
                 f"noise floor of {floor}. Nothing is missing that these data can show.")
+    if identification.verdict == "contradicted":
+        return (f"The fitted data ask for {listed(identification)}, and the held-out data speak "
+                f"against it: their gap grew from {before} to {after}, with a noise floor of "
+                f"{floor}.")
     if identification.verdict == "explained":
-        return (f"The model lacked {listed(identification)}; with it the gap on held-out data "
-                f"falls from {before} to {after}, with a noise floor of {floor}.")
+        return f"The model lacked {listed(identification)}; with it {moved(identification)}."
     if identification.verdict == "partly explained":
-        return (f"The model lacked {listed(identification)}; with it the gap on held-out data "
-                f"falls from {before} to {after}, but the noise floor is {floor}: something is "
-                "left that the catalogue does not explain.") if identification.findings else (
+        return (f"The model lacked {listed(identification)}; with it {moved(identification)}: "
+                "something is left that the catalogue does not explain."
+                ) if identification.findings else (
                 f"A gap of {before} was found, with a noise floor of {floor}, and only a part "
                 "of it is explained.")
     shape = identification.unknown.text if identification.unknown is not None else "no shape found"
     return (f"Something is missing that the catalogue does not hold: {shape.rstrip('.')}. The gap "
-            f"on held-out data is {after}, with a noise floor of {floor}.")
-
-
-def summary_of(effect: str) -> tuple[str, str, str]:
-    """Return summary, equation and source of an entry of the catalogue, empty if it is none."""
-    entry = EFFECTS.get(effect)
-    return ("", "", "") if entry is None else (entry.summary, entry.equation, entry.reference)
+            f"on {data} is {after}, with a noise floor of {floor}.")

@@ -1,4 +1,4 @@
-"""`write_report`: the folder of an identification, whole or not at all."""
+"""The folder of an identification: the answer, whole or not at all, and then its page."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import base64
 import json
 import os
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 from jinja2 import Environment, StrictUndefined
@@ -21,7 +22,13 @@ from ema_identification.report.page import page_context
 from ema_identification.report.plots import draw_gap, draw_panel
 from ema_identification.result import Identification, Panel
 from ema_record.errors import UsageError
-from ema_record.files import cannot_write, exists, make_new_directory, sync_directory
+from ema_record.files import (
+    cannot_write,
+    exists,
+    make_new_directory,
+    new_file,
+    sync_directory,
+)
 
 HTML_FILE = "report.html"
 JSON_FILE = "identification.json"
@@ -41,77 +48,129 @@ def write_report(
     inputs: Mapping[str, str | Sequence[str]],
     commands: Sequence[str] | None = None,
 ) -> Path:
-    """Write the report into a new folder and return the path of its page.
+    """Write the answer and then its page into a new folder; return the path of the page.
+
+    `write_answer` and `write_page`, whose arguments and errors it has.
+    """
+    write_answer(identification, out_dir)
+    return write_page(identification, out_dir, title=title, inputs=inputs, commands=commands).path
+
+
+def write_answer(identification: Identification, out_dir: str | Path) -> Identification:
+    """Write the numbers into a new folder; return the identification with its model's path.
 
     The folder is made beside its place and renamed when all is in it, so a folder of this
-    name is a whole report. The same identification gives the same bytes.
+    name holds a whole answer.
 
     Parameters
     ----------
     identification : Identification
         The result of `identify`.
     out_dir : path-like
-        The folder to make: ``report.html`` (self-contained), ``plots/*.png``,
-        ``identification.json``, ``model.yaml`` if a model came out, ``next_test.yaml`` if a
-        command is proposed.
-    title : str
-        Headline of the page, for example the serial number.
-    inputs : mapping
-        What was compared, by its role: ``{"measured": ["a", "b"], "model": "nominal"}``.
-    commands : sequence of str, optional
-        What to run next; by default the commands for the emulated actuator.
-
-    Returns
-    -------
-    Path
-        Of ``report.html``.
+        The folder to make: ``identification.json``, ``model.yaml`` if a model came out,
+        ``next_test.yaml`` if a command is proposed.
 
     Raises
     ------
     OutputError
         The folder exists, or cannot be written.
-    UsageError
-        Panels with one name, or too many of them.
 
     """
     out = Path(out_dir)
     if out.exists():
         raise exists(out)
-    panels = _panels(identification)
     if identification.model_text:
         identification = replace(identification, model=out / MODEL_FILE)
-    partial = out.with_name(f".{out.name}.{os.getpid()}.tmp")
-    make_new_directory(partial)
+    making = out.with_name(f".{out.name}.{os.getpid()}.tmp")
+    make_new_directory(making)
     try:
-        pictures = {GAP_PLOT: draw_gap(identification)}
-        pictures |= {panel.name: draw_panel(panel) for panel in panels}
-        (partial / PLOTS).mkdir()
-        for name, png in pictures.items():
-            (partial / PLOTS / f"{name}.png").write_bytes(png)
-        if commands is None:
-            commands = next_commands(identification, out, inputs, NEXT_TEST_FILE)
-        context = page_context(identification, panels, title=title, inputs=inputs)
-        page = _render(
-            **context, commands=list(commands),
-            pictures={name: _data_uri(png) for name, png in pictures.items()},
-        )
-        _write_files(partial, identification, page)
-        sync_directory(partial)
+        _write_files(making, identification)
+        sync_directory(making)
         if out.exists():  # made by someone else meanwhile
             raise exists(out)
-        partial.rename(out)
+        making.rename(out)
         sync_directory(out.parent)
     except OSError as error:
         raise cannot_write(out, error) from None
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
-    return out / HTML_FILE
+        shutil.rmtree(making, ignore_errors=True)
+    return identification
 
 
-def _write_files(folder: Path, identification: Identification, page: str) -> None:
-    """Write everything but the plots."""
+class Page(NamedTuple):
+    """The page that was written."""
+
+    path: Path
+    not_drawn: dict[str, str]
+    """Pictures that failed, each with the reason; the page says so in their place."""
+
+
+def write_page(
+    identification: Identification,
+    out_dir: str | Path,
+    *,
+    title: str,
+    inputs: Mapping[str, str | Sequence[str]],
+    commands: Sequence[str] | None = None,
+) -> Page:
+    """Draw the plots and write the page into the folder of an answer.
+
+    The same identification gives the same bytes. A picture that cannot be drawn is left out.
+
+    Parameters
+    ----------
+    identification : Identification
+        The result of `identify`.
+    out_dir : path-like
+        The folder that `write_answer` made; it gets ``report.html`` (self-contained) and
+        ``plots/*.png``.
+    title : str
+        Headline of the page, for example the serial number.
+    inputs : mapping
+        What was compared, by its role: ``{"measured": ["a", "b"], "model": "nominal"}``.
+    commands : sequence of str, optional
+        What to run next; by default what fits the identification.
+
+    Raises
+    ------
+    OutputError
+        The folder cannot be written.
+    UsageError
+        Panels with one name, or too many of them.
+
+    """
+    out = Path(out_dir)
+    panels = _panels(identification)
+    drawings: dict[str, Callable[[], bytes]] = {GAP_PLOT: partial(draw_gap, identification)}
+    drawings |= {panel.name: partial(draw_panel, panel) for panel in panels}
+    pictures: dict[str, bytes] = {}
+    not_drawn: dict[str, str] = {}
+    for name, draw in drawings.items():
+        try:
+            pictures[name] = draw()
+        except Exception as error:  # noqa: BLE001  (the answer is worth more than any picture)
+            not_drawn[name] = f"{type(error).__name__}: {error}"
+    if commands is None:
+        commands = next_commands(identification, out, inputs, NEXT_TEST_FILE)
+    page = _render(
+        **page_context(identification, panels, title=title, inputs=inputs),
+        commands=list(commands), not_drawn=not_drawn,
+        pictures={name: _data_uri(png) for name, png in pictures.items()},
+    )
+    try:
+        (out / PLOTS).mkdir()
+        for name, png in pictures.items():
+            (out / PLOTS / f"{name}.png").write_bytes(png)
+        with new_file(out / HTML_FILE) as path:
+            path.write_text(page, encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise cannot_write(out, error) from None
+    return Page(out / HTML_FILE, not_drawn)
+
+
+def _write_files(folder: Path, identification: Identification) -> None:
+    """Write everything but page and plots."""
     texts = {
-        HTML_FILE: page,
         JSON_FILE: json.dumps(identification.to_dict(), indent=2, ensure_ascii=False) + "\n",
     }
     if identification.model_text:

@@ -9,7 +9,15 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ema_identification.result import Candidate, Finding, Identification, Outcome, Parameter, Shape
+from ema_identification.result import (
+    Candidate,
+    Finding,
+    Formula,
+    Identification,
+    Outcome,
+    Parameter,
+    Shape,
+)
 from ema_identification.rig.fit.balance import Balance, Design, rms
 from ema_identification.rig.fit.estimates import parameters, without_modifiers
 from ema_identification.rig.fit.known import common_factor, known_balance
@@ -27,16 +35,16 @@ from ema_identification.rig.report.words import (
     signal_name,
     where,
 )
-from ema_identification.rig.search.alternatives import Choice, skew_words, without_skew
+from ema_identification.rig.search.alternatives import (
+    Choice,
+    skew_words,
+    standard_error,
+    without_skew,
+)
 from ema_identification.rig.search.remainder import main_shape, portrait
 from ema_identification.rig.search.search import Search, search
-from ema_identification.rig.search.selection import LEVEL_OF_CHANCE
-from ema_identification.rig.search.shapes import (
-    GenericShape,
-    freest_columns,
-    smooth_shapes,
-    waves_in_position,
-)
+from ema_identification.rig.search.selection import LEVEL_OF_CHANCE, UNCERTAINTY
+from ema_identification.rig.search.shapes import freest_columns, smooth_shapes, waves_in_position
 from ema_record.errors import unknown_name
 from ema_rig.record import RigRecord
 
@@ -123,12 +131,12 @@ def identify_rig(
     say("measuring the gap", 0.93)
     judge = _Judge(blocks=blocks, held=held)
     gaps = [judge.gap(balance) for balance in found.stages]
-    floor = _noise_floor(found, smooth, blocks, gaps, bool(held))
+    floor = _noise_floor(found, blocks, held)
     findings = _findings(found, blocks, gaps)
     story = Story(trajectory=trajectory, blocks=blocks, start=start, found=found, gaps=gaps,
                   noise_floor=floor, before=before,
                   notes=(*trajectory.notes, *skew_words(found.balance), *notes),
-                  findings=findings, validated=len(validate))
+                  findings=findings, validated=len(validate), contradicted=_grew(found, held))
     say("done", 1.0)
     return _identification(given, story)
 
@@ -145,31 +153,58 @@ def _held_designs(
     return tuple(Design(prepare([record], same)) for record in validate)
 
 
-def _noise_floor(
-    found: Search, smooth: list[GenericShape], blocks: Blocks, gaps: list[float], validated: bool
-) -> float:
-    """Return the held-out residual of the freest model: what no law of the motion could take.
+def _noise_floor(found: Search, blocks: Blocks, held: Sequence[Design]) -> float:
+    """Return what the freest model leaves: the terms of the model and every smooth shape.
 
-    On records that were held out it is scaled like the gap of the model there.
+    It is fitted for itself and named nothing; with records held out it is fitted to those, which
+    decided nothing at all. What it leaves of the rows that it was fitted to is less than the
+    noise, and of blocks predicted from the others more, by as much to first order in the number of
+    its columns: the floor is the rms of both together. The gap may lie on either side of it.
     """
     end = found.balance
-    columns = freest_columns(end.free_columns, smooth)
-    own = rms(end.held_out(blocks))
-    shaped = [own * np.sqrt(max(1.0 - left.gain, 0.0)) for left in found.left
-              if left.significant]
-    floor = float(min(rms(held_out(columns, end.target, blocks)), own, *shaped))
-    ratio = gaps[-1] / own if validated and own > 0.0 else 1.0
-    return min(floor * ratio, *gaps)
+    if not held:
+        shapes = [*smooth_shapes(end.design.trajectory),
+                  *(left.shape for left in found.left if left.significant)]
+        return rms(_left(freest_columns(end.free_columns, shapes), end.target, blocks))
+    parts = []
+    for design in held:
+        there = design.led(end.design.lead)
+        target = there.trajectory.target
+        columns = freest_columns(there.matrix(end.terms, end.fit.coefficients),
+                                 smooth_shapes(there.trajectory))
+        own = make_blocks(there.trajectory, fit(columns, target).residual)
+        parts.append(_left(columns, target, own))
+    return rms(np.concatenate(parts))
+
+
+def _left(columns: np.ndarray, target: np.ndarray, blocks: Blocks) -> np.ndarray:
+    """Return what a fit leaves of its own rows, and of blocks predicted from the others."""
+    return np.concatenate([fit(columns, target).residual, held_out(columns, target, blocks)])
+
+
+def _grew(found: Search, held: Sequence[Design]) -> bool:
+    """Whether the gap on held-out records grew, by more than blocks of them differ."""
+    if not held or len(found.stages) < 2:
+        return False
+    grown = []
+    for design in held:
+        last, first = (b.residual_on(design) for b in (found.stages[-1], found.stages[0]))
+        own = make_blocks(design.trajectory, last)
+        grown.append(own.sums(last**2) - own.sums(first**2))
+    more = np.concatenate(grown)
+    return bool(more.sum() > UNCERTAINTY * standard_error(more))
 
 
 def _findings(found: Search, blocks: Blocks, gaps: list[float]) -> tuple[Finding, ...]:
     first = len(found.stages[0].terms)
     findings = []
     for index, choice in enumerate(found.choices):
+        law = choice.trial.term.law
         plain, at = without_modifiers(found.balance, first + index)
         own = parameters(plain, at, blocks)
         findings.append(Finding(
             effect=choice.trial.name, equivalent=choice.equivalent,
+            formula=Formula(law.meaning, law.equation, law.reference),
             parameters=(*own, *_rivals_parameters(found, index, choice, blocks)),
             where=where(plain, at, own), p_value=choice.trial.p_value,
             gap_before=gaps[index], gap_after=gaps[index + 1],
@@ -216,16 +251,18 @@ def _identification(given: RigModel, story: Story) -> Identification:
         verdict = "explained" if unknown is None else "partly explained"
     elif unknown is not None:
         verdict = "unknown effect"
+    if story.contradicted:
+        verdict = "contradicted"
     ambiguous = next((f for f in story.findings if f.equivalent), None)
     test = next_test((ambiguous.effect, *ambiguous.equivalent), trajectory) \
         if ambiguous is not None else None
     if test is None and found.unknown is not None:
         test = for_unknown(found.unknown.shape.against, trajectory)
     held = f"record{'s' if story.validated > 1 else ''} held out" if story.validated else \
-        f"{story.blocks.count} blocks, each held out in turn"
+        f"{story.blocks.count} blocks, each predicted from the others; they also chose the laws"
     return Identification(
         verdict=verdict, gap_before=story.gaps[0], gap_after=story.gaps[-1],
-        noise_floor=story.noise_floor,
+        noise_floor=story.noise_floor, held_out=bool(story.validated), machine="rig",
         gap_unit=f"residual of the {signal_name(trajectory)}, rms, "
                  f"{trajectory.axis.input_channel.unit} ({held})",
         findings=story.findings,
@@ -234,7 +271,7 @@ def _identification(given: RigModel, story: Story) -> Identification:
         next_test=test, recalibrated=_recalibrated(story), unknown=unknown,
         reasons=_reasons(story), steps=all_steps(story),
         panels=all_panels(found.stages[0], found.balance, found.unknown),
-        model_text=updated_text(given, story),
+        model_text="" if story.contradicted else updated_text(given, story),
     )
 
 
@@ -250,6 +287,9 @@ def _recalibrated(story: Story) -> tuple[Parameter, ...]:
 
 def _reasons(story: Story) -> tuple[str, ...]:
     reasons = list(story.notes)
+    if story.contradicted:
+        reasons.insert(0, f"the gap on the records held out grew from {story.gaps[0]:.4g} to "
+                       f"{story.gaps[-1]:.4g}, by more than their blocks differ")
     one_way = one_direction(story.trajectory)
     if one_way:
         reasons.append(one_way)

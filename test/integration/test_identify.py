@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from ema_cli.main import COMMANDS, build_app, run
 from ema_identification.actuator.measure.tolerances import align
 from ema_identification.actuator.naming import proposal as naming
-from ema_identification.actuator.naming.contest import Arena
+from ema_identification.actuator.naming.contest import LAST_RUNS, Arena, Start
 from ema_identification.actuator.naming.ensemble_search import approached, compass
 from ema_identification.actuator.surrogate import (
     library as calibration,
@@ -54,14 +54,14 @@ def small_library(tmp_path_factory):
         yield
 
 
-def record(settings=(), seed=11, **deviations):
+def record(settings=(), seed=11, rate=20_000.0, **deviations):
     effects = parse_effects(["winding_temperature.temperature=45", "surface_load.constant=8",
                              *settings])
     actuator = load_model_file().actuator
     motor = actuator.motor._replace(
         phase_resistance=1.03 * actuator.motor.phase_resistance, **deviations)
     return simulate(load_profile("step"), actuator=actuator._replace(motor=motor),
-                    effects=effects, seed=seed)
+                    effects=effects, seed=seed, rate=rate, serial_number="unknown")
 
 
 @pytest.fixture(scope="module")
@@ -91,11 +91,50 @@ def test_a_hidden_effect_is_named_with_its_size_and_the_gap_shrinks(offset):
                                              "show"}
 
 
+def test_a_record_at_half_the_rate_is_compared_with_runs_at_that_rate():
+    found = identify([record(rate=10_000.0)])
+    assert found.verdict == "no disagreement"
+    assert found.gap_before < 1.5 * found.noise_floor
+
+
+def test_a_held_out_record_that_speaks_against_the_fit_contradicts_it():
+    """The effect is in the fitted record only: as of two units that give no serial number."""
+    found = identify([record(OFFSET)], validate=[record(seed=12)])
+    assert found.verdict == "contradicted"
+    assert found.exit_status == 3
+    assert found.gap_after > 2.0 * found.gap_before
+    assert "grew" in found.reasons[0]
+    assert found.model_text == ""
+
+
+def test_two_effects_have_p_values_places_and_gaps_of_their_own():
+    found = identify([record([*OFFSET, *VISCOUS])])
+    first, second = found.findings
+    assert {first.effect, second.effect} == {"current_sensor_offset", "viscous_friction"}
+    assert first.p_value < 1e-3
+    assert second.p_value < 1e-3
+    assert first.gap_before == found.gap_before > first.gap_after == second.gap_before
+    assert second.gap_before > 2.0 * second.gap_after
+    assert second.gap_after == found.gap_after
+    assert first.where != second.where
+
+
+def test_candidates_that_were_left_behind_end_as_the_others_do(viscous):
+    found, null, _ = viscous
+    signatures = found.blocks[0].library.signatures
+    starts = [Start((Term(variant=s.variant, signature=s, u=np.array(
+        [levels[-1] for levels in s.levels])),), null.z) for s in signatures]
+    fits = Arena(found, null).fits(starts)
+    assert {f.left_behind for f in fits} == {True, False}
+    assert {f.runs for f in fits} == {LAST_RUNS}
+
+
 def test_the_interval_of_a_short_allows_for_the_constant_that_its_phase_had():
     found = identify([record(["turn_short.fraction=0.06", "turn_short.phase=a"],
                              back_emf_deviation_a=0.004)])
     (finding,) = found.findings
     assert finding.effect == "turn_short"
+    assert finding.choices["turn_short.phase"] == "a"
     (fraction,) = (p for p in finding.parameters if p.name == "turn_short.fraction")
     assert fraction.low <= 0.06 <= fraction.high
     assert 0.002 < fraction.high - fraction.low < 0.03
@@ -115,7 +154,7 @@ def test_an_effect_that_is_left_out_is_unknown():
     assert found.exit_status == 3
 
 
-def test_the_command_writes_a_report_and_a_model_that_runs(tmp_path):
+def test_the_command_writes_a_report_and_a_model_that_runs(tmp_path, capsys):
     bag, held = tmp_path / "bag", tmp_path / "held"
     write_bag(record(OFFSET), bag)
     write_bag(record(OFFSET, seed=12), held)
@@ -130,8 +169,12 @@ def test_the_command_writes_a_report_and_a_model_that_runs(tmp_path):
     assert (out / "report.html").is_file()
     model = load_model_file(answer["model"])
     assert model.effects.current_sensor_offset.phase_b == pytest.approx(0.4, abs=0.1)
-    # Output that exists is not touched.
+    assert answer["findings"][0]["choices"] == {}
+    # Output that exists is not touched, and one that cannot be written is refused at once.
     assert run(["identify", str(bag), "--out", str(out)]) == 2
+    assert run(["identify", str(tmp_path / "absent"), "--out", str(bag / "metadata.yaml" / "x")]
+               ) == 2
+    assert "cannot be written" in capsys.readouterr().err
 
 
 def test_the_updated_model_leaves_no_disagreement(offset, tmp_path):

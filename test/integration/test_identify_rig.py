@@ -1,5 +1,8 @@
 """A rig of our own: what is hidden comes back by name, and nothing where nothing is hidden."""
 
+import re
+import shlex
+
 import numpy as np
 import pytest
 
@@ -8,7 +11,7 @@ from ema_identification.identify import identify
 from ema_identification.rig.laws import LAWS
 from ema_identification.rig.workflow import identify_rig
 from ema_record.channels import Channel
-from ema_rig.bag import read_rig_bag
+from ema_rig.bag import read_rig_bag, write_rig_bag
 from ema_rig.import_file import import_file
 from ema_rig.map import load_map
 from ema_rig.record import Axis, RigRecord
@@ -84,6 +87,50 @@ def test_a_known_parameter_out_of_its_tolerance_is_named(tmp_path):
         "- effect: viscous_friction\n", encoding="utf-8")
     found = identify_rig([make(rig, 60)], path)
     assert [f.effect for f in found.findings] == ["inertia_change"]
+
+
+def test_the_formula_is_that_of_the_law_that_was_fitted():
+    found = identify_rig([make(RIGS["joint"], 31, {"cogging_torque": 0.3})])
+    (finding,) = found.findings
+    assert finding.formula.equation == LAWS["cogging_torque"].equation
+    assert "A cos(n θ - φ)" in finding.to_dict()["equation"]
+
+
+@pytest.mark.parametrize("validated", [False, True])
+def test_the_noise_floor_is_an_estimate_of_its_own(validated):
+    """It was the gap after, whatever that was: 100 % were closed by construction."""
+    rig, effects = RIGS["joint"], {"coulomb_friction": 0.3}
+    held = [make(rig, 52, effects)] if validated else []
+    found = identify_rig([make(rig, 51, effects)], validate=held)
+    assert found.noise_floor != found.gap_after
+    if validated:  # of a unit with another friction: more than noise is left
+        assert found.noise_floor < 0.7 * found.gap_after
+    else:
+        assert found.noise_floor == pytest.approx(found.gap_after, rel=0.15)
+    left_out = identify_rig([make(rig, 51, effects)], validate=held,
+                            without=("coulomb_friction", "stribeck_friction",
+                                     "asymmetric_friction", "presliding_hysteresis"))
+    assert left_out.noise_floor < 0.7 * left_out.gap_after
+
+
+def test_a_held_out_record_that_speaks_against_the_laws_contradicts_them():
+    rig = RIGS["joint"]
+    found = identify_rig([make(rig, 51, {"coulomb_friction": 0.3})], validate=[make(rig, 52)])
+    assert found.verdict == "contradicted"
+    assert found.exit_status == 3
+    assert found.gap_after > found.gap_before
+    assert found.model_text == ""
+
+
+def test_what_the_report_says_to_run_next_runs(tmp_path):
+    for seed, name in ((51, "first"), (52, "second")):
+        write_rig_bag(make(RIGS["valve"], seed, {"coulomb_friction": 0.3}), tmp_path / name)
+    out = tmp_path / "report"
+    assert run(["identify", str(tmp_path / "first"), "--validate", str(tmp_path / "second"),
+                "--out", str(out)]) == 0
+    (line,) = re.findall(r"ema (identify .*)", (out / "report.html").read_text("utf-8"))
+    assert "ema simulate" not in (out / "report.html").read_text("utf-8")
+    assert run(shlex.split(line)) == 0
 
 
 def test_hidden_names_are_not_used():

@@ -198,6 +198,8 @@ class FeatureMap:
 
     profile: Profile
     actuator: Actuator
+    rate: float
+    """Of the records, samples a second: ripple and noise depend on it."""
     plan: Plan
     features: tuple[Feature, ...]
 
@@ -206,13 +208,19 @@ class FeatureMap:
         return np.array([entry[3] for _, entry in _walk(record, self.plan, self.actuator)])
 
 
+def nominal_rate(record: Record) -> float:
+    """Return the rate of a record without the jitter of its clock, samples a second."""
+    return float(f"{record.rate:.3g}")
+
+
 def feature_map(profile: Profile, actuator: Actuator, example: Record) -> FeatureMap:
-    """Return the map of a profile; `example` is any record of it."""
+    """Return the map of a profile; `example` is any record of it, at the rate of all."""
     steps = plan(profile, actuator)
     features = tuple(
         Feature(key if place == WHOLE else f"{place}.{key}", place, signal, against)
         for place, (key, signal, against, _) in _walk(example, steps, actuator))
-    return FeatureMap(profile=profile, actuator=actuator, plan=steps, features=features)
+    return FeatureMap(profile=profile, actuator=actuator, rate=nominal_rate(example),
+                      plan=steps, features=features)
 
 
 

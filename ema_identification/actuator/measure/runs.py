@@ -61,7 +61,7 @@ def simulate_case(model: Model, case: Case, fmap: FeatureMap) -> Record:
     angle = case.conditions.start_angle - effects.hall_misalignment.angle
     return simulate(
         fmap.profile, actuator=actuator, effects=effects, seed=case.seed,
-        noise=case.conditions.noise, start_angle=angle % TURN,
+        noise=case.conditions.noise, rate=fmap.rate, start_angle=angle % TURN,
     )
 
 

@@ -22,7 +22,7 @@ from ema_identification.actuator.measure.signals import OFF_GUARD, TURN
 from ema_record.actuator import Actuator
 from ema_record.channels import PHASE_CURRENTS
 from ema_record.record import Record
-from ema_sim.effects import Effects
+from ema_sim.effects import EFFECTS, Effects
 from ema_sim.model_file import Model
 
 
@@ -35,7 +35,6 @@ class Tolerance(NamedTuple):
     unit: str
     shared: bool = True
     """Whether all records of one unit have the same value."""
-
 
 TOLERANCES: tuple[Tolerance, ...] = (
     Tolerance("motor.phase_resistance", 0.10, "1"),
@@ -142,12 +141,16 @@ def realise(
             f: getattr(offset, f) + value[f"current_sensor_offset.{f}"] for f in offset._fields}),
         surface_load=load._replace(constant=load.constant + value["surface_load.constant"]),
     )
-    if "temperature" in conditions.measured or e.winding_temperature == (20.0, -1.1e-3):
+    if "temperature" in conditions.measured or _neutral(e, "winding_temperature"):
         e = e._replace(winding_temperature=e.winding_temperature._replace(
             temperature=conditions.temperature))
-    if "bus" in conditions.measured or e.bus_voltage_change.change == 0.0:
+    if "bus" in conditions.measured or _neutral(e, "bus_voltage_change"):
         e = e._replace(bus_voltage_change=e.bus_voltage_change._replace(change=conditions.bus))
     return a, e
+
+
+def _neutral(effects: Effects, name: str) -> bool:
+    return EFFECTS[name].is_neutral(getattr(effects, name))
 
 
 SHARED = np.array([t.shared for t in TOLERANCES])

@@ -1,6 +1,6 @@
 """From fits to an answer: which effects are there, and which names are equivalent.
 
-Prune: whether each of two effects is needed, by its size, its band and held-out records.
+Prune: whether each of two effects is needed, by its size and its band.
 
 One unit on trial: what its fits have in common, and when one counts for anything.
 
@@ -29,12 +29,6 @@ CLEARLY = 4.0
 catalogue, at all sizes and phases, so that 1.6 of them mean little."""
 NOTHING = 0.05
 """Coordinate that counts as none, of the smallest that the library holds."""
-SUFFICIENT = 2.0
-"""Cost, in units of a complete model's, up to which one effect may do without a second."""
-TELLS = 10.0
-"""Sum of squares by which two models must differ on held-out records before those decide."""
-MOST = 10.0
-"""Most that one held-out feature counts (standard deviations)."""
 
 
 def needed(fit: Fit, usual: float) -> bool:
@@ -95,28 +89,6 @@ def _total(term: Term, u: float, sense: float, tolerance: float) -> float:
     return (1.0 + tolerance) / (1.0 + u) - 1.0
 
 
-def sufficient(evidence: Evidence, simpler: Fit) -> bool:
-    """Whether a fit with one effect is so good that held-out records may speak for it.
-
-    Where it leaves much of the fitted record, the second effect is there, however little of it
-    a held-out record shows.
-    """
-    return simpler.cost < SUFFICIENT * evidence.usual
-
-
-def refuted(simpler: Sequence[np.ndarray], fuller: Sequence[np.ndarray]) -> bool:
-    """Whether held-out records speak against an effect more.
-
-    Parameters
-    ----------
-    simpler, fuller : residuals of the held-out records without and with it, in standard
-        deviations. Where the two models predict the same, the records say nothing.
-    """
-    a, b = np.concatenate(list(simpler)), np.concatenate(list(fuller))
-    a, b = np.clip(a, -MOST, MOST), np.clip(b, -MOST, MOST)
-    return bool(np.sum((a - b)**2) > TELLS and np.sum(a**2) <= np.sum(b**2))
-
-
 COMPLETE = 1.45
 """Cost up to which a model counts as complete, in units of what an effect-free unit leaves."""
 ALONE = 0.3
@@ -150,6 +122,11 @@ class Case(NamedTuple):
     def usual(self) -> float:
         """Cost that a complete model leaves."""
         return self.arena.evidence.usual
+
+    def p_of(self, without: float, fit: Fit) -> float:
+        """Return the probability that a useless effect lowers the cost `without` it as much."""
+        scale = self.arena.evidence.blocks[0].library.scale
+        return scale.p_gain((without - fit.cost) / max(fit.cost / self.size, 1e-9))
 
     def complete(self, fit: Fit) -> bool:
         """Whether a fit leaves hardly more than a complete model."""
@@ -210,8 +187,9 @@ class Answer:
     fits : all single candidates that were fitted, best first.
     equivalent : for each term of `fit`, fits that the data cannot tell from it; without `fit`,
         all fits that cannot be told apart, where they are too many for an answer.
-    simpler : where `fit` has two effects, the best fit of one of them alone.
-    p_value : for each term, of the hypothesis that it adds nothing.
+    alone : where `fit` has two effects, the best fit of each of them alone, by term; None where
+        the simulator could not run it.
+    p_value : for each term, of the hypothesis that it adds nothing to the model with the other.
     gain : of the best candidate on the recalibrated model.
     null_cost : of the recalibrated model, in the metric of the fits.
     reasons : for people.
@@ -221,7 +199,7 @@ class Answer:
     fit: Fit | None = None
     fits: tuple[Fit, ...] = ()
     equivalent: tuple[tuple[Fit, ...], ...] = ()
-    simpler: Fit | None = None
+    alone: tuple[Fit | None, ...] = ()
     p_value: tuple[float, ...] = ()
     gain: float = 0.0
     null_cost: float = 0.0
@@ -266,23 +244,5 @@ def one_effect(case: Case, verdict: Outcome, singles: Sequence[Fit]) -> Answer:
                 f"{names}",))
     return Answer(
         verdict=verdict, fit=singles[0], fits=tuple(singles), gain=case.gain,
-        null_cost=case.arena.null_cost, p_value=(case.p,), equivalent=(rivals,))
-
-
-def two_effects(case: Case, pairs: Sequence[Fit], singles: Sequence[Fit]) -> Answer:
-    """Return two effects, with what either might be instead."""
-    best, null_cost = pairs[0], case.arena.null_cost
-    names = [t.variant.effect for t in best.terms]
-    equal: list[list[Fit]] = [[], []]
-    for fit in pairs[1:]:
-        if fit.cost - best.cost > margin_of(best, null_cost, case.size):
-            continue
-        other = [t.variant.effect for t in fit.terms]
-        for k in (0, 1):
-            kept, moved = names[1 - k], [n for n in other if n != names[1 - k]]
-            if kept in other and len(moved) == 1 and moved[0] != names[k]:
-                equal[k].append(fit)
-    return Answer(verdict="explained", fit=best, fits=tuple(singles), gain=case.gain,
-                  null_cost=null_cost, p_value=(case.p, case.p),
-                  simpler=next((f for f in singles if f.terms[0].variant.effect in names), None),
-                  equivalent=(tuple(equal[0][:2]), tuple(equal[1][:2])))
+        null_cost=case.arena.null_cost, equivalent=(rivals,),
+        p_value=(case.p_of(case.arena.null_cost, singles[0]),))

@@ -79,7 +79,10 @@ class Arena:
         self, starts: Sequence[Start], *, progress: Progress = silent, span: tuple[float, float] =
         (0.0, 1.0), first: int = 0,
     ) -> list[Fit]:
-        """Return a fit of every candidate, best first; those left behind as far as they came."""
+        """Return a fit of every candidate, best first.
+
+        Those left behind end with the same fresh runs and the same last step as the others.
+        """
         points = self._first(starts)
         left: list[Point] = []
         for k, (stage, rule) in enumerate(zip(STAGES, self.metrics)):
@@ -102,9 +105,8 @@ class Arena:
             left += [points[i] for i in order if i not in kept]
             points = [points[i] for i in kept]
         found = [finished(self.evidence, self.last, p, seed=self.seed + 50, runs=LAST_RUNS)
-                 for p in points]
-        found += [finished(self.evidence, self.last, p, seed=self.seed, still=True)
-                  for p in left]
+                 for p in (*points, *left)]
+        found[len(points):] = [replace(f, left_behind=True) for f in found[len(points):]]
         return sorted((f for f in found if np.isfinite(f.cost)), key=lambda f: f.cost)
 
     def scattering(self, fit: Fit) -> Robust:

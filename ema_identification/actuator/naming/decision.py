@@ -21,10 +21,10 @@ from ema_identification.actuator.naming.answer import (
     Answer,
     Case,
     absorbed,
+    margin_of,
     one_effect,
-    two_effects,
 )
-from ema_identification.actuator.naming.contest import LAST_RUNS, Arena, Start
+from ema_identification.actuator.naming.contest import Arena, Start
 from ema_identification.actuator.naming.law_check import Law, check_law
 from ema_identification.actuator.naming.proposal import (
     challengers,
@@ -61,10 +61,8 @@ def with_second(case: Case, singles: Sequence[Fit]) -> Answer:
     alone = each_alone(case, both)
     if not (case.distinct(both, alone) and case.helps(both, alone) and case.surely(both, alone)):
         return one_effect(case, "explained", sorted([*alone, *singles], key=lambda f: f.cost))
-    fell = (best.cost - both.cost) / max(both.cost / case.size, 1e-9)
-    scale = evidence.blocks[0].library.scale
-    return replace(one, fit=both, simpler=best, equivalent=(one.equivalent[0], ()),
-                   p_value=(case.p, scale.p_gain(fell)))
+    return with_pair(case, one, both, sorted([*alone, *singles], key=lambda f: f.cost),
+                     (one.equivalent[0], ()))
 
 
 def each_alone(case: Case, pair: Fit) -> list[Fit]:
@@ -79,6 +77,45 @@ def each_alone(case: Case, pair: Fit) -> list[Fit]:
             near = fit.cost < NEARLY * pair.cost
             found.append(case.arena.polished(fit) if near else fit)
     return sorted(found, key=lambda f: f.cost)
+
+
+def two_effects(case: Case, pairs: Sequence[Fit], singles: Sequence[Fit]) -> Answer:
+    """Return two effects, with what either might be instead."""
+    best, null_cost = pairs[0], case.arena.null_cost
+    names = [t.variant.effect for t in best.terms]
+    equal: list[list[Fit]] = [[], []]
+    for fit in pairs[1:]:
+        if fit.cost - best.cost > margin_of(best, null_cost, case.size):
+            continue
+        other = [t.variant.effect for t in fit.terms]
+        for k in (0, 1):
+            kept, moved = names[1 - k], [n for n in other if n != names[1 - k]]
+            if kept in other and len(moved) == 1 and moved[0] != names[k]:
+                equal[k].append(fit)
+    answer = Answer(verdict="explained", fits=tuple(singles), gain=case.gain, null_cost=null_cost)
+    return with_pair(case, answer, best, singles, (tuple(equal[0][:2]), tuple(equal[1][:2])))
+
+
+def with_pair(
+    case: Case, answer: Answer, pair: Fit, singles: Sequence[Fit],
+    equivalent: tuple[tuple[Fit, ...], tuple[Fit, ...]],
+) -> Answer:
+    """Return the answer with two effects, each with its own p-value beside the other alone.
+
+    Parameters
+    ----------
+    case, answer : of the unit; verdict and candidates stay.
+    pair : the fit.
+    singles : best first; an effect of the pair that is not among them is fitted.
+    equivalent : for each effect, fits that cannot be told from it.
+    """
+    names = [t.variant.effect for t in pair.terms]
+    if not set(names) <= {f.terms[0].variant.effect for f in singles}:
+        singles = sorted([*each_alone(case, pair), *singles], key=lambda f: f.cost)
+    alone = tuple(next((f for f in singles if f.terms[0].variant.effect == name), None)
+                  for name in names)
+    return replace(answer, fit=pair, alone=alone, equivalent=equivalent, p_value=tuple(
+        case.p_of(np.inf if other is None else other.cost, pair) for other in alone[::-1]))
 
 
 LEVEL = 0.002
@@ -133,7 +170,7 @@ def decide(
         gained = (arena.null_cost - singles[0].cost) / max(singles[0].cost / size, 1e-9)
         p_gain = min(p_gain, scale.p_gain(gained))
         if gained < SLIGHT and arena.null_cost < SLIGHT_COST * evidence.usual:
-            finished = [f for f in singles if f.runs == LAST_RUNS]
+            finished = [f for f in singles if not f.left_behind]
             more = challengers(evidence, finished, without=without)
             singles = sorted([*singles, *arena.fits(more, first=1)], key=lambda f: f.cost)
     case = Case(arena, null, proposal.gain, p_gain, tuple(without))

@@ -25,13 +25,7 @@ import numpy as np
 import yaml
 from scipy.linalg import hadamard
 
-from ema_identification.actuator.measure.tolerances import (
-    N_TOLERANCES,
-    PRIOR,
-    TOLERANCES,
-    Conditions,
-    realise,
-)
+from ema_identification.actuator.measure.tolerances import PRIOR, TOLERANCES, Conditions, realise
 from ema_identification.actuator.naming.optimiser import bounded_step
 from ema_identification.actuator.surrogate.evidence import Evidence
 from ema_identification.actuator.surrogate.fit import (
@@ -107,6 +101,14 @@ def parameters_of(fit: Fit, index: int, usual: float) -> tuple[Parameter, ...]:
                                low=min(float(low), float(value)),
                                high=max(float(high), float(value)), unit=kind.unit))
     return tuple(found)
+
+
+def choices_of(term: Term) -> dict[str, str]:
+    """Return the choices of an effect by name: its phase, its mode."""
+    kinds = {f.name: f.kind for f in EFFECTS[term.variant.effect].fields}
+    return {f"{term.variant.effect}.{name}": kind.options[int(value)]
+            for name, value in term.variant.settings(term.u).items()
+            if isinstance(kind := kinds[name], Choice)}
 
 
 def recalibrated_of(fit: Fit | Recalibration, evidence: Evidence) -> tuple[Parameter, ...]:
@@ -285,8 +287,8 @@ HEADER = "# Written by ema identify: recalibrated parameters, and the effects th
 
 
 def updated_actuator(model: Model, z: np.ndarray) -> Actuator:
-    """Return the actuator of a unit: tolerances of its hardware, shape (18,) or longer."""
-    actuator, _ = realise(model, z[:N_TOLERANCES], Conditions())
+    """Return the actuator of a unit with tolerances `z`, shape (18,)."""
+    actuator, _ = realise(model, z, Conditions())
     return actuator
 
 

@@ -1,11 +1,16 @@
 """The gap on held-out data, and the test that would separate what is ambiguous.
 
-Show: the gap on data that took no part in the fit, before and after.
+Show: the gap of the model as given and after each effect, and what noise alone leaves.
 
-The number is the root mean square of the largest tenth of the features' residuals, in standard
-deviations of what the model may be off when nothing is missing: most effects show in few features,
-and a mean over all would hide them. With held-out records the model is run on their commands.
-Without, each tenth of the features is predicted from a fit to the other nine.
+The number is the root mean square of a tenth of the features' residuals: most effects show in few
+features, and a mean over all would hide them. The yardstick is fixed before anything is added: the
+standard deviation of each feature when nothing is missing, as the recalibrated model as given has
+it. The features are the same for all models that are compared: those in which the worst of them is
+off most. With held-out records the models are run on their commands; they take no part in any
+fit and decide no name. Without, the numbers are those of the fitted records.
+
+What noise alone leaves is found by putting runs of the last model in the place of the measurement;
+for held-out records its parameters are drawn from what the fit leaves open.
 
 Effects that make one and the same machine: no command tells them apart.
 
@@ -20,6 +25,7 @@ Which test would tell apart what the data at hand cannot: predicted, not guessed
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +34,7 @@ from ema_identification.actuator.measure.features import feature_map
 from ema_identification.actuator.measure.runs import Case, run_case
 from ema_identification.actuator.measure.tolerances import SHARED, TOLERANCES
 from ema_identification.actuator.surrogate.evidence import Asked, Evidence, noise_covariance, solve
-from ema_identification.actuator.surrogate.fit import Fit
+from ema_identification.actuator.surrogate.fit import Fit, coordinates, moved, with_terms
 from ema_identification.actuator.surrogate.likelihood import Recalibration
 from ema_record.profile import Profile, load_profile
 from ema_sim.effects import Effects, rotor_eccentricity, turn_short
@@ -36,134 +42,195 @@ from ema_sim.effects.rotor_eccentricity import STATIC
 from ema_sim.simulate import simulate
 
 GAP_RUNS = 8
-"""Runs of a held-out command."""
-FOLDS = 10
-"""Folds of the cross-validation; neighbouring features are in different ones."""
+"""Runs of a model on a held-out command."""
 WORST = 0.1
 """Part of the features that the gap looks at."""
-FLOOR = 2.2
-"""The gap of a record against itself when nothing is missing; 2.1 for a normal distribution."""
-DRAWS = 9
-"""Runs of the model against itself that give the floor of a held-out command."""
+DRAWS = 39
+"""Runs in place of the measurement: the least number whose rank tells a level of 0.025."""
+LEVEL = 0.05
+"""Probability by noise alone from which a gap is more than noise."""
 LARGEST = 1e4
 """Most that one feature counts (standard deviations)."""
+DAY = 1.5
+"""Largest deviation of the day (the load) that is fitted to a held-out record (half widths)."""
+
+Model = Fit | Recalibration
 
 
-class Gap(NamedTuple):
-    """A gap and where it comes from."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gap:
+    """The gap of the model as given and after each effect, in the order found.
 
-    value: float
-    floor: float
-    residual: tuple[np.ndarray, ...]
-    """Of each held-out record, in standard deviations."""
+    Attributes
+    ----------
+    values : of the model as given first.
+    draws : ndarray, shape (n, models). The same numbers where runs of the last model stand in the
+        place of the measurement.
+    residual : of each model, of each record: ndarray, shape (d,), standard deviations.
+    held : whether the records took no part in the fit.
+    """
+
+    values: tuple[float, ...]
+    draws: np.ndarray
+    residual: tuple[tuple[np.ndarray, ...], ...]
+    held: bool
+
+    @property
+    def floor(self) -> float:
+        """What noise alone leaves: the median of the draws."""
+        return float(np.median(self.draws[:, -1])) if len(self.draws) else float("nan")
+
+    @property
+    def p_value(self) -> float:
+        """Probability that noise alone leaves as much as the last model: its rank."""
+        return _rank(self.values[-1], self.draws[:, -1])
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether held-out records speak against the last model.
+
+        Their gap grew, by more than it does where the last model is right, to more than noise
+        leaves.
+        """
+        growth = self.values[-1] / self.values[0]
+        usual = self.draws[:, -1] / self.draws[:, 0]
+        return (self.held and growth > 1.0 and self.p_value <= LEVEL
+                and _rank(growth, usual) <= LEVEL)
 
 
-def _worst(parts: list[np.ndarray]) -> float:
-    squares = np.sort(np.clip(np.concatenate(parts), -LARGEST, LARGEST)**2)
-    return float(np.sqrt(np.mean(squares[-max(1, round(WORST * len(squares))):])))
+def _rank(value: float, draws: np.ndarray) -> float:
+    """Return the probability of a value as large, by its rank among draws."""
+    return float(1 + np.sum(draws >= value)) / (1 + len(draws))
 
 
 def gap_of(
-    evidence: Evidence, held: Evidence | None, fit: Fit | Recalibration,
-    effects: Effects | None, *, seed: int,
+    evidence: Evidence, held: Evidence | None, null: Recalibration, fits: Sequence[Fit], *,
+    seed: int,
 ) -> Gap:
-    """Return the gap of a fitted model.
+    """Return the gap of the model as given and of fits that add one effect after another.
 
     Parameters
     ----------
     evidence : the records of the fit.
-    held : held-out records; None predicts each tenth of the features from the
-        others.
-    fit : the fit.
-    effects : of the model, None for its own.
-    seed : of the runs on held-out records.
+    held : held-out records; None shows the gap on those of the fit.
+    null : the recalibrated model as given; it gives the yardstick.
+    fits : after each effect, in the order found.
+    seed : of the runs.
     """
-    if held is None:
-        parts = cross_validated(evidence, fit)
-        return Gap(_worst(parts), FLOOR, tuple(parts))
-    at = _Prediction(evidence, held, fit, effects, seed)
-    parts = at.residual([b.values for b in held.blocks])
-    return Gap(_worst(parts), at.floor(seed), tuple(parts))
+    models: list[Model] = [null, *fits]
+    shown = _Fitted(evidence, null) if held is None else _HeldOut(evidence, held, null)
+    measured = [b.values for b in shown.evidence.blocks]
+    means = [shown.predicted(m, seed) for m in models]
+
+    def left(values: Sequence[np.ndarray]) -> list[list[np.ndarray]]:
+        return [shown.residual(m, mean, values) for m, mean in zip(models, means)]
+
+    residual = left(measured)
+    draws = [worst(left(values)) for values in shown.evidence.means(shown.asked(models[-1], seed))
+             if all(np.isfinite(f).all() for f in values)]
+    return Gap(values=tuple(worst(residual)), held=held is not None,
+               draws=np.array(draws).reshape(-1, len(models)),
+               residual=tuple(tuple(r) for r in residual))
 
 
-class _Prediction:
-    """Held-out records as predicted with the tolerances of the fit.
+def worst(residual: Sequence[Sequence[np.ndarray]]) -> list[float]:
+    """Return the rms of each model over the tenth of features in which the worst is off most."""
+    squares = np.array([np.clip(np.concatenate(list(r)), -LARGEST, LARGEST)**2
+                        for r in residual])
+    count = max(1, round(WORST * squares.shape[1]))
+    chosen = np.argsort(squares.max(axis=0))[-count:]
+    return [float(np.sqrt(row[chosen].mean())) for row in squares]
+
+
+class _Fitted:
+    """The gap on the records of the fit: residuals after a last linear step of all unknowns."""
+
+    def __init__(self, evidence: Evidence, null: Recalibration) -> None:
+        self.evidence = evidence
+        self._root = np.sqrt(np.concatenate([
+            np.diag(noise_covariance(b, runs=null.runs)) for b in evidence.blocks]))
+        self._ends = np.cumsum([len(b) for b in evidence.blocks])[:-1]
+
+    def predicted(self, model: Model, _seed: int) -> list[np.ndarray]:
+        return list(model.mean)
+
+    def residual(
+        self, model: Model, mean: Sequence[np.ndarray], values: Sequence[np.ndarray]
+    ) -> list[np.ndarray]:
+        target = np.concatenate([v - f for v, f in zip(values, mean)]) / self._root
+        slopes, z = (model.slopes, model.z) if isinstance(model, Fit) else (
+            np.vstack(self.evidence.slopes(model.centre)), model.centre)
+        columns = slopes / self._root[:, None]
+        step, *_ = solve(columns, target, z, model.free, 0.0)
+        return np.split(target - columns @ step, self._ends)
+
+    def asked(self, model: Model, seed: int) -> list[Asked]:
+        effects = model.effects(self.evidence.blocks[0].library.model.effects) if isinstance(
+            model, Fit) else None
+        z = np.clip(model.z, -1.0, 1.0)
+        return [Asked(z, effects, 1, seed + 200 + k) for k in range(DRAWS)]
+
+
+class _HeldOut:
+    """The gap on held-out records, predicted with the tolerances of the fit.
 
     What belongs to the day (the load) is fitted to the held-out record itself.
     """
 
-    def __init__(
-        self, evidence: Evidence, held: Evidence, fit: Fit | Recalibration,
-        effects: Effects | None, seed: int,
-    ) -> None:
+    def __init__(self, evidence: Evidence, held: Evidence, null: Recalibration) -> None:
+        self.evidence, self._fitted = held, evidence
         n = int(SHARED.sum())
-        self.held, self.effects = held, effects
-        self.z = np.zeros(held.tolerances.size)
-        self.z[:n] = evidence.tolerances.of(0, fit.z)[SHARED]
-        free = fit.free
-        self.known = fit.covariance[free:free + n, free:free + n]
-        self.mean = held.mean(self.z, effects, runs=GAP_RUNS, seed=seed + 100)
-
-    def residual(self, values: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Return measured minus predicted features in standard deviations, a record."""
-        parts = []
-        for k, block in enumerate(self.held.blocks):
-            slope = block.library.null.slope(self.held.tolerances.of(k, self.z), block.conditions)
-            variance = np.diag(noise_covariance(block, runs=GAP_RUNS)).copy()
+        z, known = self._tolerances(null), null.covariance[:n, :n]
+        self._roots, self._days = [], []
+        for k, block in enumerate(held.blocks):
+            slope = block.library.null.slope(held.tolerances.of(k, z), block.conditions)
             own, shared = slope[:, ~SHARED], slope[:, SHARED]
-            variance += np.einsum("ij,jk,ik->i", shared, self.known, shared)
-            root = np.sqrt(variance)
-            residual = values[k] - self.mean[k]
+            variance = np.diag(noise_covariance(block, runs=GAP_RUNS)) + np.einsum(
+                "ij,jk,ik->i", shared, known, shared)
+            self._roots.append(np.sqrt(variance))
+            self._days.append(own / np.sqrt(variance)[:, None])
+
+    def _tolerances(self, model: Model) -> np.ndarray:
+        z = np.zeros(self.evidence.tolerances.size)
+        z[:int(SHARED.sum())] = self._fitted.tolerances.of(0, model.z)[SHARED]
+        return z
+
+    def predicted(self, model: Model, seed: int) -> list[np.ndarray]:
+        base = self.evidence.blocks[0].library.model.effects
+        effects = model.effects(base) if isinstance(model, Fit) else base
+        return self.evidence.mean(
+            self._tolerances(model), effects, runs=GAP_RUNS, seed=seed + 100)
+
+    def residual(
+        self, _model: Model, mean: Sequence[np.ndarray], values: Sequence[np.ndarray]
+    ) -> list[np.ndarray]:
+        parts = []
+        for root, own, v, f in zip(self._roots, self._days, values, mean):
+            target = (v - f) / root
+            weight = np.sqrt(3.0) * np.eye(own.shape[1])  # of the load's uniform band
             day, *_ = np.linalg.lstsq(
-                np.vstack([own / root[:, None], np.eye(own.shape[1]) * np.sqrt(3.0)]),
-                np.concatenate([residual / root, np.zeros(own.shape[1])]), rcond=None)
-            parts.append((residual - own @ np.clip(day, -1.5, 1.5)) / root)
+                np.vstack([own, weight]), np.append(target, np.zeros(own.shape[1])), rcond=None)
+            parts.append(target - own @ np.clip(day, -DAY, DAY))
         return parts
 
-    def floor(self, seed: int) -> float:
-        """Return the gap of the model against itself.
-
-        Its tolerances are drawn from what the fit leaves open, the noise is another. So the floor
-        holds what the command at hand makes of a small error of the tolerances.
-        """
+    def asked(self, model: Model, seed: int) -> list[Asked]:
+        """Return runs with effects and tolerances drawn from what the fit leaves open."""
         rng = np.random.default_rng([seed, 6])
-        n = len(self.known)
-        asked = []
+        terms = model.terms if isinstance(model, Fit) else ()
+        u = coordinates(terms) if terms else np.zeros(0)
+        base, n = self.evidence.blocks[0].library.model.effects, int(SHARED.sum())
+        z, size = self._tolerances(model), len(u) + int(SHARED.sum())
+        found = []
         for k in range(DRAWS):
-            z = self.z.copy()
-            z[:n] = np.clip(rng.multivariate_normal(z[:n], self.known), -1.0, 1.0)
-            z[n:] = rng.uniform(-1.0, 1.0, len(z) - n)
-            asked.append(Asked(z, self.effects, 1, seed + 200 + k))
-        found = [_worst(self.residual(values)) for values in self.held.means(asked)
-                 if all(np.isfinite(f).all() for f in values)]
-        return float(np.median(found)) if found else FLOOR
+            drawn = rng.multivariate_normal(np.append(u, z[:n]), model.covariance[:size, :size])
+            there = np.append(np.clip(drawn[len(u):], -1.0, 1.0),
+                              rng.uniform(-1.0, 1.0, len(z) - n))
+            effects = with_terms(moved(terms, drawn[:len(u)]), base)
+            found.append(Asked(there, effects, 1, seed + 200 + k))
+        return found
 
 
-def cross_validated(evidence: Evidence, fit: Fit | Recalibration) -> list[np.ndarray]:
-    """Return the residuals of each tenth of the features, predicted from a fit to the others."""
-    if isinstance(fit, Fit):
-        columns, centre = fit.slopes, fit.z
-        residual = np.concatenate([b.values - f for b, f in zip(evidence.blocks, fit.mean)])
-    else:
-        columns, centre = np.vstack(evidence.slopes(fit.centre)), fit.centre
-        residual = np.concatenate([b.values - f for b, f in zip(evidence.blocks, fit.mean)])
-    noise = [noise_covariance(b, runs=fit.runs) for b in evidence.blocks]
-    root = np.sqrt(np.concatenate([np.diag(c) for c in noise]))
-    fold = np.arange(len(columns)) % FOLDS
-    scaled, target = columns / root[:, None], residual / root
-    found = np.empty(len(target))
-    for k in range(FOLDS):
-        inside = fold == k
-        step, covariance, _ = solve(
-            scaled[~inside], target[~inside], centre, fit.free, 0.0)
-        rest = target[inside] - scaled[inside] @ step
-        extra = np.einsum("ij,jk,ik->i", scaled[inside], covariance, scaled[inside])
-        found[inside] = rest / np.sqrt(1.0 + extra)
-    ends = np.cumsum([len(b) for b in evidence.blocks])
-    return np.split(found, ends[:-1])
-
-
-def whitened(evidence: Evidence, fit: Fit | Recalibration) -> list[np.ndarray]:
+def whitened(evidence: Evidence, fit: Model) -> list[np.ndarray]:
     """Return the residual of the fit in standard deviations, a record."""
     if isinstance(fit, Fit):
         means = list(fit.mean)
@@ -272,7 +339,8 @@ def _separation(
     """Return the least separation of two candidates on a command."""
     block = evidence.blocks[0]
     model = block.library.model
-    example = simulate(profile, actuator=model.actuator, seed=seed)
+    example = simulate(profile, actuator=model.actuator, seed=seed,
+                       rate=block.library.fmap.rate)
     fmap = feature_map(profile, model.actuator, example)
     runs = [
         np.array([

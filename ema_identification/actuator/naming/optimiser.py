@@ -178,8 +178,7 @@ def _learnt(
 
 
 def finished(
-    evidence: Evidence, metric: Robust, point: Point, *, seed: int, runs: int = 0,
-    still: bool = False,
+    evidence: Evidence, metric: Robust, point: Point, *, seed: int, runs: int,
 ) -> Fit:
     """Return the fit at a point, after a last linear step.
 
@@ -189,13 +188,11 @@ def finished(
     metric : of the cost.
     point : where the descent ended.
     seed : of the runs.
-    runs : of the last, fresh prediction; 0 takes the features of the point.
-    still : without the linear step.
+    runs : of the last, fresh prediction.
     """
-    if runs:
-        again = run_point(evidence, point.terms, point.z, runs=runs, seed=seed)
-        if again.finite:
-            point = replace(again, slopes=point.slopes)
+    again = run_point(evidence, point.terms, point.z, runs=runs, seed=seed)
+    if again.finite:
+        point = replace(again, slopes=point.slopes)
     if point.slopes is None:
         point = _with_slopes(evidence, point, point.runs, seed)
     slopes = point.slopes
@@ -209,8 +206,6 @@ def finished(
     rest = local.residual(evidence, point.mean)
     _, covariance, _ = solve(columns, rest, point.z, free, local.feigned)
     step, _ = bounded_step(columns, rest, point, 0.0)
-    if still:
-        step[:] = 0.0
     terms = moved(point.terms, u + step[:free])
     step[:free] = coordinates(terms) - u
     mean, at = [], 0

@@ -256,15 +256,16 @@ def twins(evidence: Evidence, fit: Fit, *, without: Sequence[str] = ()) -> list[
                          u=wanted[variant.name])
             ratio = made * phase_constants(base) / phase_constants(
                 variant.effects(there.u, base))
-            starts.append(Start((there,), _with_constants(fit.z, ratio)))
+            starts.append(Start((there,), _with_constants(evidence, fit.z, ratio)))
     return starts
 
 
-def _with_constants(z: np.ndarray, ratio: np.ndarray) -> np.ndarray:
+def _with_constants(evidence: Evidence, z: np.ndarray, ratio: np.ndarray) -> np.ndarray:
     """Return tolerances with the constants of the phases changed by `ratio`, in their bands."""
     changes = {"motor.back_emf_constant": ratio.mean() - 1.0} | {
         f"motor.back_emf_deviation_{p}": r / ratio.mean() - 1.0 for p, r in zip(PHASES, ratio)}
     moved = z.copy()
-    for k, tolerance in enumerate(TOLERANCES):
-        moved[k] += changes.get(tolerance.name, 0.0) / tolerance.half_width
+    places = evidence.tolerances.of(0, np.arange(len(z)))  # those of the unit, in every record
+    for place, tolerance in zip(places, TOLERANCES):
+        moved[place] += changes.get(tolerance.name, 0.0) / tolerance.half_width
     return np.asarray(np.clip(moved, -BAND, BAND))

@@ -48,6 +48,7 @@ class Fit:
     runs : how many runs `mean` stands on.
     slopes : ndarray, shape (d, coordinates + tolerances). Of the stacked features, at the fit.
     inflation : of standard deviations, for the errors of the slopes.
+    left_behind : whether it did not go through all rounds of the contest.
     """
 
     terms: tuple[Term, ...]
@@ -58,6 +59,7 @@ class Fit:
     runs: int
     slopes: np.ndarray
     inflation: float = INFLATION
+    left_behind: bool = False
 
     @property
     def free(self) -> int:

@@ -14,9 +14,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -43,6 +42,7 @@ from ema_identification.actuator.surrogate.signatures import (
     pack,
     unpack,
 )
+from ema_record.channels import DEFAULT_RATE
 from ema_record.profile import Profile
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
@@ -146,23 +146,23 @@ def _unit(library: Library, row: np.ndarray) -> _Unit:
     return _Unit(block=block, centre=row[2 * d:-4], mean=row[d:2 * d])
 
 
-def _key(model: Model, profile: Profile, part: str, seed: int) -> str:
+def _key(model: Model, profile: Profile, rate: float, made_by: Callable[..., object], seed: int
+         ) -> str:
     command = [list(p) for p in profile.points]
-    here = Path(__file__).parents[1]
     return cache.key_of(
-        json.dumps([command, profile.inverter_off]), repr(model), part, str(seed),
-        sources=sorted([*here.glob("measure/*.py"), *here.glob("surrogate/*.py")]),
-    )
+        json.dumps([command, profile.inverter_off, rate]), repr(model), str(seed),
+        module=made_by.__module__)
 
 
 def library(
-    model: Model, profile: Profile, *, signatures: bool = True, seed: int = 0, workers: int = 1,
-    progress: Progress = silent,
+    model: Model, profile: Profile, *, rate: float = DEFAULT_RATE, signatures: bool = True,
+    seed: int = 0, workers: int = 1, progress: Progress = silent,
 ) -> Library:
-    """Return the library of a model and a profile, from the cache where it is kept."""
-    example = simulate(profile, actuator=model.actuator, effects=model.effects, seed=seed)
+    """Return the library of a model, a profile and a rate, from the cache where it is kept."""
+    example = simulate(profile, actuator=model.actuator, effects=model.effects, seed=seed,
+                       rate=rate)
     fmap = feature_map(profile, model.actuator, example)
-    key = "null_" + _key(model, profile, "null", seed)
+    key = "null_" + _key(model, profile, rate, build_null_library, seed)
     stored = cache.load(key)
     names = ("weights", "quiet", "noisy", "correlation", "misfit")
     if stored is None or set(stored) != set(names):
@@ -174,7 +174,7 @@ def library(
                     scale=Scale(factor=np.ones(len(fmap.features))))
     if not signatures:
         return plain
-    key = "effects_" + _key(model, profile, "effects", seed)
+    key = "effects_" + _key(model, profile, rate, build_effect_library, seed)
     stored = cache.load(key)
     if stored is None or "added" not in stored:
         found = build_effect_library(model, fmap, seed=seed, workers=workers, progress=progress)
@@ -182,7 +182,7 @@ def library(
     else:
         found = unpack(candidates(model), np.asarray(stored["added"]))
     full = replace(plain, signatures=found)
-    key = "scale_" + _key(model, profile, "scale", seed)
+    key = "scale_" + _key(model, profile, rate, scale_of, seed)
     stored = cache.load(key)
     if stored is None or set(stored) != {"factor", "fit", "gain"}:
         scale = scale_of(full, calibration_runs(

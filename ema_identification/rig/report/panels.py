@@ -108,7 +108,8 @@ def folded(before: Balance, after: Balance, order: float) -> Panel:
                  if t.law.in_position and t.shape[0] == order)
     own = after.columns[:, after.span(index)] @ after.fit.coefficients[after.span(index)]
     words = wave_words(trajectory, order)
-    slow = np.hypot(*after.columns[:, after.span(index)].T) > 0.2  # the filter lets it pass
+    size = np.hypot(*after.columns[:, after.span(index)].T)
+    slow = size > min(0.2, 0.5 * float(size.max()))  # the filter lets it pass
     return Panel(
         name=f"folded_{number(order, 4).replace('.', '_')}", step="name",
         title=f"Residual folded over one period of the wave in position, {words}",

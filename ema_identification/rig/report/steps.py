@@ -44,6 +44,8 @@ class Story:
     findings: tuple[Finding, ...]
     validated: int
     """Number of records that were held out."""
+    contradicted: bool
+    """Whether their gap grew."""
 
 
 def all_steps(story: Story) -> tuple[Step, ...]:
@@ -142,7 +144,8 @@ def _show(story: Story) -> Step:
     return Step(
         name="show", rows=tuple(rows),
         text=f"Gap {number(story.gaps[0], 4)} {unit} before, {number(story.gaps[-1], 4)} {unit} "
-             f"after, {where}; the freest smooth model leaves {number(story.noise_floor, 4)} "
+             f"after, {where}; the freest smooth model, fitted for itself, leaves "
+             f"{number(story.noise_floor, 4)} "
              f"{unit}. {100 * outside:.0f} % of the autocorrelation of the rest lies outside the "
              "bounds of white noise (5 % would by chance).")
 

@@ -18,6 +18,9 @@ from ema_identification.rig.laws import Term
 from ema_identification.rig.search.remainder import Left
 from ema_identification.rig.signals.trajectory import Trajectory
 
+LEAST_IN_BIN = 3
+"""Rows of a mean that is shown."""
+
 
 def number(value: float, digits: int = 3) -> str:
     """Return a number with so many digits that count."""
@@ -145,13 +148,21 @@ def curve(left: Left, trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
 
 
 def binned(x: np.ndarray, y: np.ndarray, bins: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return means of x and y over bins of equal width in x that hold enough rows."""
+    """Return means of x and y over bins of equal width in x that hold enough rows.
+
+    Fewer bins where there are few rows; where not even one holds enough, the rows themselves.
+    """
+    if len(x) < LEAST_IN_BIN:
+        return x, y
     low, high = np.quantile(x, [0.002, 0.998])
     if high <= low:
         return x[:1], y[:1]
+    bins = min(bins, max(1, len(x) // LEAST_IN_BIN))
     place = np.clip(((x - low) / (high - low) * bins).astype(int), 0, bins - 1)
     count = np.bincount(place, minlength=bins)
-    good = count >= max(3, 0.05 * len(x) / bins)
+    good = count >= max(LEAST_IN_BIN, 0.05 * len(x) / bins)
+    if not good.any():
+        return binned(x, y, bins // 2)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean_x = np.bincount(place, x, bins) / count
         mean_y = np.bincount(place, y, bins) / count

@@ -9,6 +9,7 @@ from ema_identification.identify import identify
 from ema_record.channels import CHANNEL_NAMES
 from ema_record.errors import EmaError, IncompleteRecordError, InvalidRecordError, UsageError
 from ema_record.profile import load_profile
+from ema_record.record import Provenance
 from ema_sim.simulate import simulate
 
 
@@ -59,6 +60,24 @@ def test_a_record_of_another_profile_is_refused(record):
         "name": "other", "points": ((0.0, 0.4), (0.022, 0.4), (0.022, -0.4), (0.45, -0.4))})
     with pytest.raises(InvalidRecordError, match="another profile"):
         identify([replace(record, profile=other)])
+
+
+def of(record, serial, source):
+    return replace(record, provenance=Provenance(serial_number=serial, source=source))
+
+
+def test_records_of_two_units_are_refused_wherever_they_stand(record):
+    one, other = of(record, "SN-1", "bags/one"), of(record, "SN-2", "bags/other")
+    for measured, validate in (([one], [other]), ([one, other], [])):
+        with pytest.raises(UsageError, match=r"bags/one .* SN-1, bags/other .* SN-2") as caught:
+            identify(measured, validate=validate)
+        assert "\n" not in str(caught.value)
+
+
+def test_a_record_without_a_serial_number_may_be_of_any_unit(record):
+    short = changed(of(record, "unknown", ""), part=slice(0, 800))
+    with pytest.raises(IncompleteRecordError, match="too short"):
+        identify([of(record, "SN-1", "bags/one")], validate=[short])
 
 
 def test_the_same_record_cannot_validate(record):

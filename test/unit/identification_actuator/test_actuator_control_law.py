@@ -66,7 +66,7 @@ def law_of(measured, without=()):
         for name, field, levels in (("control_delay", "delay", (1e-4, 4e-4)),
                                     ("motor_friction", "increase", (1.0,))))
     library = SimpleNamespace(
-        model=MODEL, signatures=signatures, fmap=SimpleNamespace(profile=PROFILE))
+        model=MODEL, signatures=signatures, fmap=SimpleNamespace(profile=PROFILE, rate=20_000.0))
     conditions = Conditions(
         temperature=20.0, bus=0.0, noise=1.0, start_angle=0.3,
         measured=frozenset({"temperature", "bus"}))

@@ -1,5 +1,6 @@
 """Parts of the workflow that need no library: tolerances, cache, model file, least squares."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,25 +15,22 @@ from ema_identification.actuator.measure.tolerances import (
     draw_tolerances,
     realise,
 )
-from ema_identification.actuator.naming.answer import Answer, Case, one_effect
-from ema_identification.actuator.naming.decision import agrees
-from ema_identification.actuator.naming.estimates import model_text
-from ema_identification.actuator.naming.gap import Gap
-from ema_identification.actuator.naming.judged import settled
+from ema_identification.actuator.naming.answer import Case, one_effect
+from ema_identification.actuator.naming.decision import agrees, two_effects
+from ema_identification.actuator.naming.estimates import choices_of, model_text
+from ema_identification.actuator.naming.gap import Gap, worst
 from ema_identification.actuator.naming.sizes import grid
 from ema_identification.actuator.surrogate.catalogue import ALIASES, variants
 from ema_identification.actuator.surrogate.evidence import Whitening, solve
 from ema_identification.actuator.surrogate.fit import Fit, Term
 from ema_identification.actuator.surrogate.likelihood import bounded_least_squares
 from ema_identification.actuator.surrogate.signatures import Scale, unpack
+from ema_identification.actuator.words import order_of, stages_of
+from ema_record.sources import sources_of
 from ema_sim.effects import EFFECTS, Effects, parse_effects
 from ema_sim.model_file import load_model_file
 
 NOTHING = np.zeros(1)
-
-
-def gap(value, floor):
-    return Gap(value=value, floor=floor, residual=())
 
 
 def fit_of(name, cost):
@@ -161,14 +159,21 @@ def test_the_cache_keeps_arrays_and_forgets_damage(tmp_path, monkeypatch):
     assert [p.name for p in (tmp_path / "ema_phm").iterdir()] == ["a.npz"]
 
 
-def test_the_key_follows_the_sources(tmp_path):
-    source = tmp_path / "features.py"
-    source.write_text("a", encoding="utf-8")
-    first = cache.key_of("model", sources=[source])
-    assert first == cache.key_of("model", sources=[source])
-    source.write_text("b", encoding="utf-8")
-    assert first != cache.key_of("model", sources=[source])
-    assert first != cache.key_of("other", sources=[source])
+def test_the_key_follows_the_model_and_the_numerical_packages(monkeypatch):
+    module = "ema_identification.actuator.surrogate.library"
+    first = cache.key_of("model", module=module)
+    assert first == cache.key_of("model", module=module)
+    assert first != cache.key_of("other", module=module)
+    monkeypatch.setattr(cache.metadata, "version", lambda _name: "0.0")
+    assert cache.key_of("model", module=module) != first
+
+
+def test_the_null_of_the_gain_depends_on_the_catalogue_that_it_was_measured_with():
+    found = sources_of("ema_identification.actuator.surrogate.library")
+    assert {f"ema_identification.actuator.surrogate.{name}" for name in (
+        "catalogue", "signatures", "screening")} <= set(found)
+    assert "ema_sim.effects.turn_short" in found
+    assert not any(name.startswith("ema_identification.report") for name in found)
 
 
 def test_bounded_least_squares_stays_within_its_bounds():
@@ -199,20 +204,64 @@ def test_an_effect_is_compared_at_all_its_sizes_and_never_at_none():
             assert min(u[k] for u in points) <= min(levels)
 
 
-@pytest.mark.parametrize(("after", "verdict"), [(3.0, "explained"), (6.0, "partly explained")])
-def test_a_held_out_record_without_a_gap_settles_what_the_fit_left_open(after, verdict):
-    found = settled(Answer(verdict="partly explained"), gap(20.0, 2.2), gap(after, 2.7))
-    assert found.verdict == verdict
+def arena_of(null_cost):
+    library = SimpleNamespace(scale=Scale(factor=np.ones(100)))
+    return SimpleNamespace(null_cost=null_cost, evidence=SimpleNamespace(
+        size=100, blocks=[SimpleNamespace(library=library)]))
 
 
-def test_a_held_out_record_that_shows_no_gap_settles_nothing():
-    found = settled(Answer(verdict="partly explained"), gap(2.5, 2.2), gap(2.3, 2.2))
-    assert found.verdict == "partly explained"
+def test_each_effect_of_a_pair_has_the_p_value_of_adding_nothing_to_the_other():
+    first, second = fit_of("backlash", 400.0), fit_of("viscous_friction", 115.0)
+    pair = replace(first, terms=(*first.terms, *second.terms), cost=100.0)
+    case = Case(arena_of(900.0), None, 800.0, 0.0, ())
+    found = two_effects(case, [pair], [second, first])
+    assert found.alone == (first, second)
+    assert found.p_value == (case.p_of(115.0, pair), case.p_of(400.0, pair))
+    assert found.p_value[0] > 0.1 > 1e-9 > found.p_value[1]
+    assert order_of(found) == [1, 0]  # what explains more alone was found first
+    assert stages_of(found) == [second, pair]
 
 
-def test_an_unknown_effect_stays_unknown():
-    assert settled(Answer(verdict="unknown effect"), gap(9.0, 2.0), gap(2.0, 2.0)).verdict == (
-        "unknown effect")
+def test_the_gaps_of_all_models_are_of_the_same_features():
+    before, after = np.zeros(20), np.zeros(20)
+    before[3], before[7], after[7], after[11] = 6.0, 2.0, 3.0, 4.0
+    assert worst([[before[:9], before[9:]], [after[:9], after[9:]]]) == pytest.approx(
+        [6.0 / 2**0.5, 4.0 / 2**0.5])
+    assert worst([[before]]) == pytest.approx([20.0**0.5])
+
+
+@pytest.mark.parametrize(("before", "after", "held", "expected"), [
+    (6.1, 15.2, True, True), (6.1, 15.2, False, False),  # only held-out records contradict
+    (6.1, 5.0, True, False),  # it fell, though not to the floor
+    (2.00, 2.02, True, False), (1.0, 1.9, True, False),  # noise does as much
+    (5.0, 5.01, True, False),  # hardly grown: both are off alike
+])
+def test_a_gap_that_grew_by_more_than_noise_is_contradicted(before, after, held, expected):
+    rng = np.random.default_rng(5)
+    last = rng.normal(2.0, 0.1, 39)
+    draws = np.column_stack([last * rng.normal(1.0, 0.03, 39), last])
+    found = Gap(values=(before, after), draws=draws, residual=(), held=held)
+    assert found.contradicts is expected
+    assert found.floor == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("name", "u", "expected"), [
+    ("turn_short b physical", [0.05], {"turn_short.phase": "b", "turn_short.mode": "physical"}),
+    ("rotor_eccentricity static", [0.03, 0.04], {"rotor_eccentricity.mode": "static"}),
+    ("phase_resistance_imbalance c", [0.3], {"phase_resistance_imbalance.phase": "c"}),
+    ("backlash", [1e-3], {}),
+])
+def test_phase_and_mode_of_an_effect_are_told(name, u, expected):
+    variant = next(v for v in variants() if v.name == name)
+    assert choices_of(Term(variant=variant, signature=None, u=np.array(u))) == expected
+
+
+def test_a_measured_temperature_is_used_beside_another_magnet_coefficient():
+    model = load_model_file()
+    warm = model.effects._replace(winding_temperature=model.effects.winding_temperature._replace(
+        magnet_coefficient=-2e-3))
+    _, effects = realise(model, np.zeros(N_TOLERANCES), Conditions(temperature=60.0), warm)
+    assert effects.winding_temperature.temperature == 60.0
 
 
 ALIKE = ("motor_friction", "viscous_friction", "backlash", "surface_load")
@@ -220,7 +269,7 @@ ALIKE = ("motor_friction", "viscous_friction", "backlash", "surface_load")
 
 @pytest.mark.parametrize("names", [1, 2, 3, 4])
 def test_up_to_three_names_are_a_set_and_more_are_no_answer(names):
-    arena = SimpleNamespace(evidence=SimpleNamespace(size=100), null_cost=300.0)
+    arena = arena_of(300.0)
     fits = [fit_of(name, 100.0 + 40.0 * (k >= names)) for k, name in enumerate(ALIKE)]
     found = one_effect(Case(arena, None, 60.0, 1e-4, ()), "explained", fits)
     alike = [f.terms[0].variant.effect for f in found.equivalent[0]]

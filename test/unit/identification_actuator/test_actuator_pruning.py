@@ -1,4 +1,4 @@
-"""Whether each of two effects is needed: its size, the band of its tolerance, held-out records."""
+"""Whether each of two effects is needed: its size, and the band of its tolerance."""
 
 from types import SimpleNamespace
 
@@ -11,16 +11,8 @@ from ema_identification.actuator.measure.tolerances import (
     Tolerances,
     realise,
 )
-from ema_identification.actuator.naming.answer import (
-    CLEARLY,
-    Answer,
-    Case,
-    absorbed,
-    needed,
-    refuted,
-)
+from ema_identification.actuator.naming.answer import CLEARLY, Case, absorbed, needed
 from ema_identification.actuator.naming.estimates import QUANTILE, covariance_of
-from ema_identification.actuator.naming.judged import without_second
 from ema_identification.actuator.surrogate.catalogue import variants
 from ema_identification.actuator.surrogate.fit import Fit, Term
 from ema_sim.model_file import load_model_file
@@ -94,29 +86,6 @@ def test_an_effect_on_the_number_of_a_tolerance_has_the_width_of_that_in_its_err
         found = fit([term("backlash", 1.0), term("surface_friction", size)], 4.0)
         least = QUANTILE * float(np.sqrt(covariance_of(found, 1, found.cost)[0, 0]))
         assert needed(found, found.cost) == (size > least)
-
-
-def test_held_out_records_speak_against_an_effect_only_where_it_matters_there():
-    quiet = np.random.default_rng(1).normal(size=300)
-    off = quiet + np.where(np.arange(300) < 20, 3.0, 0.0)
-    assert refuted([quiet], [off])
-    assert not refuted([off], [quiet])
-    assert not refuted([quiet], [quiet + 1e-3])
-
-
-@pytest.mark.parametrize(("cost", "verdict"), [(120.0, "explained"), (400.0, "partly explained")])
-def test_the_effect_that_is_left_keeps_its_own_set_and_verdict(cost, verdict):
-    first, second = term("backlash", 1e-3), term("viscous_friction", 1e-4)
-    alike = (fit([term("shaft_compliance", 1.0)]),)
-    one = fit([second], cost)
-    answer = Answer(verdict="explained", fit=fit([first, second]), simpler=one,
-                    equivalent=((), alike), p_value=(0.1, 0.2))
-    found = without_second(answer, usual=100.0)
-    assert found.fit is one
-    assert found.equivalent == (alike,)
-    assert found.p_value == (0.2,)
-    assert found.verdict == verdict
-    assert "backlash" in found.reasons[0]
 
 
 @pytest.mark.parametrize(("alone", "both"), [(150.0, False), (250.0, True)])

@@ -5,7 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ema_identification.actuator.measure.tolerances import N_TOLERANCES, Conditions, realise
+from ema_identification.actuator.measure.tolerances import (
+    N_TOLERANCES,
+    Conditions,
+    Tolerances,
+    realise,
+)
 from ema_identification.actuator.naming.gap import phase_constants
 from ema_identification.actuator.naming.proposal import ECCENTRIC, twins
 from ema_identification.actuator.surrogate.catalogue import variants
@@ -18,7 +23,7 @@ VARIANTS = variants()
 def evidence():
     library = SimpleNamespace(
         model=MODEL, signatures=[SimpleNamespace(variant=v) for v in VARIANTS])
-    return SimpleNamespace(blocks=[SimpleNamespace(
+    return SimpleNamespace(tolerances=Tolerances(1), blocks=[SimpleNamespace(
         library=library, conditions=Conditions())])
 
 

@@ -7,6 +7,7 @@ from ema_identification.result import (
     Candidate,
     Curve,
     Finding,
+    Formula,
     Identification,
     Panel,
     Parameter,
@@ -67,6 +68,7 @@ def explained(curves):
         where=Where(signal="motor torque", against="rotor angle",
                     text="12 a turn, 0.030 N m, in both slews at a quarter of the speed"),
         p_value=2e-5, gap_before=before, gap_after=after,
+        formula=Formula("Cogging.", "T = A sin(n θ + φ)", "Hanselman"),
         candidates=(
             Candidate(effect="cogging_torque", score=after, p_value=2e-5, reason="taken"),
             Candidate(effect="gear_mesh_ripple", score=1.02 * after, p_value=2e-5,

@@ -4,16 +4,28 @@ import base64
 import html
 import json
 import re
+import shlex
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import typer
 import yaml
 
-from ema_identification.report import MODEL_FILE, NEXT_TEST_FILE, plots, write_report
+from ema_cli.main import COMMANDS, build_app
+from ema_identification.report import (
+    MODEL_FILE,
+    NEXT_TEST_FILE,
+    plots,
+    write_answer,
+    write_page,
+    write_report,
+)
 from ema_identification.report import write as writing
+from ema_identification.report.commands import next_commands
 from ema_identification.report.page import advice
-from ema_identification.result import Curve, Panel
+from ema_identification.report.plots import gap_stages
+from ema_identification.result import Curve, Formula, Panel
 from ema_record.errors import OutputError, UsageError
 from ema_record.profile import load_profile
 from ema_sim.model_file import load_model_file
@@ -79,6 +91,86 @@ def test_page_loads_nothing_from_elsewhere(page):
 ])
 def test_page_says(page, said):
     assert said in text_of(page)
+
+
+def test_a_contradicted_answer_is_not_to_be_used(explained, tmp_path):
+    """Mixed records of two units: the gap grew from 6.1 to 15.2 and the page called it closed."""
+    against = replace(explained, verdict="contradicted", gap_before=6.12, gap_after=15.2,
+                      noise_floor=3.95, model_text="", next_profile=None)
+    said = text_of(write_report(against, tmp_path / "out", title="UNIT", inputs=INPUTS))
+    assert "grew from 6.12 to 15.2" in said
+    assert "Do not use what was found" in said
+    for wrong in ("Use the updated model", "gap closed", "falls from", "The model lacked",
+                  "ema simulate"):
+        assert wrong not in said
+    assert against.exit_status == 3
+    assert json.loads((tmp_path / "out" / "identification.json").read_text())["verdict"] == (
+        "contradicted")
+
+
+def test_without_held_out_data_none_are_claimed(explained, tmp_path):
+    alone = replace(explained, held_out=False, gap_unit="rms (fitted record)")
+    said = text_of(write_report(alone, tmp_path / "out", title="UNIT", inputs=INPUTS))
+    assert "held-out data" not in said
+    assert "gap on the fitted data" in said
+    assert "--validate" in said
+
+
+def test_phase_and_formula_stand_on_the_page_and_in_the_json(explained, tmp_path):
+    finding = replace(explained.findings[0], choices={"turn_short.phase": "b"},
+                      formula=Formula("A wave.", "u = A cos(n θ - φ)", "somebody"))
+    made = replace(explained, findings=(finding,))
+    said = text_of(write_report(made, tmp_path / "out", title="UNIT", inputs=INPUTS))
+    assert "turn_short.phase b" in said
+    assert "u = A cos(n θ - φ)" in said
+    assert "sin(n θ" not in said  # the formula of the actuator's entry of that name
+    (found,) = json.loads((tmp_path / "out" / "identification.json").read_text())["findings"]
+    assert found["choices"] == {"turn_short.phase": "b"}
+    assert found["equation"] == "u = A cos(n θ - φ)"
+
+
+def test_each_addition_has_a_bar_of_its_own(explained):
+    first = replace(explained.findings[0], gap_before=42.0, gap_after=7.0)
+    second = replace(first, effect="turn_short", gap_before=7.0, gap_after=3.0)
+    made = replace(explained, findings=(first, second), gap_before=42.0, gap_after=3.0)
+    assert [value for _, value in gap_stages(made)] == [42.0, 7.0, 3.0]
+
+
+def test_a_picture_that_fails_loses_neither_answer_nor_page(explained, tmp_path):
+    uneven = Panel(name="uneven", title="x", x_label="x", y_label="y", step="show", curves=(
+        Curve(label="", x=np.arange(5.0), y=np.arange(4.0)),))
+    out = tmp_path / "out"
+    write_answer(replace(explained, panels=(uneven, *explained.panels)), out)
+    assert {p.name for p in out.iterdir()} == {"identification.json", MODEL_FILE, NEXT_TEST_FILE}
+    page = write_page(replace(explained, panels=(uneven, *explained.panels)), out, title="x",
+                      inputs=INPUTS)
+    assert list(page.not_drawn) == ["uneven"]
+    assert "The picture uneven could not be drawn" in text_of(page.path)
+    assert (out / "plots" / "lines.png").exists()
+    assert not (out / "plots" / "uneven.png").exists()
+
+
+def test_a_curve_without_points_is_drawn(explained):
+    empty = Curve(label="nothing", x=np.empty(0), y=np.empty(0), role="after")
+    panel = replace(explained.panels[0], curves=(*explained.panels[0].curves, empty))
+    assert plots.draw_panel(panel).startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("machine", ["actuator", "rig"])
+def test_what_to_run_next_is_understood_by_the_commands(explained, machine, tmp_path):
+    found = replace(explained, machine=machine,
+                    next_profile=explained.next_profile if machine == "actuator" else None)
+    inputs = {"measured": ["a b", "c"], "validate": ["d"], "without": ["backlash"],
+              "model": "nominal"}
+    lines = next_commands(found, tmp_path / "re port", inputs, NEXT_TEST_FILE)
+    assert len(lines) == (4 if machine == "actuator" else 1)
+    for line in lines:
+        program, name, *arguments = shlex.split(line)
+        assert program == "ema"
+        assert name != "simulate" or machine == "actuator"  # the emulated actuator, no rig
+        command = typer.main.get_command(build_app(COMMANDS[name]))
+        command.make_context(name, arguments)
+    assert any("'a b' c" in line and "--without backlash" in line for line in lines)
 
 
 def test_text_is_escaped(page):
@@ -160,7 +252,7 @@ def test_bad_plot_names_are_refused(explained, tmp_path):
         write_report(twice, tmp_path / "out", title="x", inputs=INPUTS)
     outside = replace(explained, panels=(replace(explained.panels[0], name="../x"),))
     with pytest.raises(UsageError, match="letters"):
-        write_report(outside, tmp_path / "out", title="x", inputs=INPUTS)
+        write_report(outside, tmp_path / "other", title="x", inputs=INPUTS)
 
 
 def test_other_commands_can_be_given(explained, tmp_path):

@@ -30,10 +30,18 @@ def test_a_ratio_has_no_unit_and_a_choice_no_interval():
     assert words.interval(replace(p, high=2.75, unit="V")) == "2.50 to 2.75 V"
 
 
+def test_a_name_has_its_phase_and_mode(explained):
+    finding = replace(explained.findings[0], effect="turn_short", equivalent=(),
+                      choices={"turn_short.phase": "b", "turn_short.mode": "physical"})
+    assert words.named(finding) == "turn short (phase b, mode physical)"
+
+
 def test_closed_share(explained):
     made = replace(explained, gap_before=5.0, gap_after=2.0, noise_floor=1.0)
     assert words.closed_share(made) == pytest.approx(0.75)
     assert words.closed_share(replace(made, gap_before=1.0)) is None
+    assert words.closed_share(replace(made, gap_after=6.0)) is None
+    assert words.closed_share(replace(made, gap_after=0.9)) == 1.0
 
 
 def test_sentence_of_each_verdict(explained, unknown):
@@ -41,5 +49,14 @@ def test_sentence_of_each_verdict(explained, unknown):
     partly = replace(explained, verdict="partly explained")
     assert "something is left" in words.verdict_sentence(partly)
     assert "does not hold" in words.verdict_sentence(unknown)
+    against = words.verdict_sentence(replace(
+        explained, verdict="contradicted", gap_before=6.1, gap_after=15.2))
+    assert "their gap grew from 6.10 to 15.2" in against
+    assert "falls" not in against
+    noise = replace(explained, gap_before=2.0, gap_after=2.1)
+    assert "grows from 2 to 2.10" in words.verdict_sentence(noise)
+    alone = words.verdict_sentence(replace(explained, held_out=False))
+    assert "held-out" not in alone
+    assert "the fitted data" in alone
     two = replace(explained, findings=explained.findings * 2)
     assert words.verdict_sentence(two).count("cogging torque or gear mesh ripple") == 2

@@ -21,6 +21,7 @@ from ema_identification.rig.fit.sign_flips import screen
 from ema_identification.rig.laws import LAWS, Term, unit_of
 from ema_identification.rig.laws.dynamics import _since_reversal
 from ema_identification.rig.prepare import prepare
+from ema_identification.rig.report.words import binned
 from ema_identification.rig.signals.clocks import response_band
 from ema_identification.rig.signals.trajectory import derivative, low_pass
 from ema_record.errors import UsageError
@@ -215,3 +216,13 @@ def test_wrong_model_files_are_one_line(tmp_path, text, match):
     with pytest.raises(UsageError, match=match) as caught:
         load_rig_model(path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("rows", [0, 1, 2, 5, 40, 119, 1000])
+def test_means_over_bins_are_never_empty_where_there_are_rows(rows):
+    """A wave that few rows show left no bin with enough of them, and the report died of it."""
+    x = np.linspace(0.0, 1.0, rows)
+    mean_x, mean_y = binned(x, 2.0 * x, 60)
+    assert len(mean_x) == len(mean_y)
+    assert (len(mean_x) > 0) == (rows > 0)
+    assert mean_y == pytest.approx(2.0 * mean_x)

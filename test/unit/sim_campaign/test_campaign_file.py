@@ -149,7 +149,7 @@ def test_plan_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name", ["os:getcwd", "ema_record.bag.read:write_bag", "summary2", "subprocess:run", "", "bags"],
+    "name", ["os:getcwd", "ema_record.files:new_file", "summary2", "subprocess:run", "", "bags"],
 )
 def test_a_file_names_no_code(name):
     with pytest.raises(UsageError, match="keep"):
