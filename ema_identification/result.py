@@ -173,7 +173,7 @@ class Identification:
         return 0 if self.verdict in ("no disagreement", "explained") else 3
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the object that ``ema identify --json`` prints (DESIGN, section 2)."""
+        """Return the object that ``ema identify --json`` prints."""
         return {
             "verdict": self.verdict, "gap_before": self.gap_before, "gap_after": self.gap_after,
             "noise_floor": self.noise_floor, "gap_unit": self.gap_unit,

@@ -1,4 +1,4 @@
-"""Test profiles: the position command of the surface as data (DESIGN, section 3).
+"""Test profiles: the position command of the surface as data.
 
 A profile is a list of points ``(time, position)``. The position is interpolated
 linearly in time; two points at one time are a step. The inverter stays off for the

@@ -1,6 +1,6 @@
 """The torque balance of the motor at each line, and the mean torque, of a segment.
 
-The torque residual, in parts of the mean torque (DESIGN, section 4):
+The torque residual, in parts of the mean torque:
 ``m_h = (i J h ω W_h − 2k q_h) / (2k q_0)``. What modulates the torque constants keeps its
 residual when the actuator turns round; what the speed sensor makes up changes its sign.
 """

@@ -1,4 +1,4 @@
-"""`Verdict`: what the diagnosis says of one record (DESIGN, section 2, ``ema check --json``)."""
+"""`Verdict`: what the diagnosis says of one record (``ema check --json``)."""
 
 from __future__ import annotations
 
