@@ -145,7 +145,8 @@ def _describe(error: Any) -> str:
 def build_app(command: Command) -> typer.Typer:
     """Import a command and return a typer application of it, its help with an example."""
     name = f"{command.name}_" if keyword.iskeyword(command.name) else command.name
-    function: Callable[..., object] = getattr(importlib.import_module(f"ema_cli.commands.{name}"), name)
+    module = importlib.import_module(f"ema_cli.commands.{name}")
+    function: Callable[..., object] = getattr(module, name)
     details = inspect.cleandoc(function.__doc__ or "").partition("\n\n")[2]
     single = typer.Typer(
         add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False,

@@ -1,7 +1,7 @@
 """Parameters of the actuator: NamedTuples that enter the kernel, with units and bounds.
 
 The bounds are those within which the model is meant to hold; `actuator.load_actuator`
-checks them. Values: DESIGN, section 3 (after Battipede et al.).
+checks them. Values: after Battipede et al.
 """
 
 from __future__ import annotations

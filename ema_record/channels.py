@@ -1,4 +1,4 @@
-"""The channels of `/ema/samples`: names, units, order (DESIGN, section 2).
+"""The channels of `/ema/samples`: names, units, order.
 
 A sample is the mean over its interval. Sample k covers ``[k, k + 1] / rate``;
 its time is the middle of the interval.
@@ -52,7 +52,7 @@ DEFAULT_RATE = 20_000.0
 
 
 def check_channel_label(label: str) -> None:
-    """Raise InvalidRecordError unless `label` is the channel list of DESIGN, section 2."""
+    """Raise InvalidRecordError unless `label` is `CHANNEL_LABEL`."""
     if label == CHANNEL_LABEL:
         return
     found = label.split(",")

@@ -1,7 +1,7 @@
 """Matched filters on lines and windings: how strong each line is, how much like a short it all is.
 
 A fault changes the torque constants, so line h of the torque residual is the same part of the
-torque at every speed (DESIGN, section 4): the lines of the slews are averaged with the weights
+torque at every speed: the lines of the slews are averaged with the weights
 that scatter least over healthy units, and counted in healthy deviations σ_h. A short in phase k
 has lines 2 and 4 in fixed proportion, turned by −h k 120°; an eccentricity has lines 1 and 3 in
 any direction, so there the amplitude is what tells; no tolerance of a unit makes them, so it is

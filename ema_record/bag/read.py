@@ -1,4 +1,4 @@
-"""`read_bag` and `write_bag`: a `Record` from and to a rosbag2 directory (DESIGN, section 2)."""
+"""`read_bag` and `write_bag`: a `Record` from and to a rosbag2 directory."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from ema_record.channels import (
 from ema_record.record import Record
 
 GEAR_RATIO = 500.0
-"""Motor rad a surface rad (DESIGN, section 3)."""
+"""Motor rad a surface rad."""
 SLEW_SPEED = 790.6 / GEAR_RATIO
 """Highest speed of the surface (rad/s)."""
 CURRENT_LIMIT = 22.0

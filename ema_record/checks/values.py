@@ -20,7 +20,7 @@ from ema_record.checks.finding import Hit, Rule
 from ema_record.wire.topics import DC_BUS, WINDING_TEMPERATURE
 
 GEAR_RATIO = 500.0
-"""Motor rad a surface rad (DESIGN, section 3)."""
+"""Motor rad a surface rad."""
 STUCK_TIME = 0.02
 """Run of one value of a noisy channel that no noise gives (s)."""
 TURNED = 4.0

@@ -148,7 +148,7 @@ def decode_block(data: bytes | memoryview) -> np.ndarray:
     Raises
     ------
     InvalidRecordError
-        Damaged, too large, or not the channels of DESIGN, section 2.
+        Damaged, too large, or not the channels of `ema_record.channels`.
 
     """
     if len(data) > MAX_MESSAGE_BYTES:

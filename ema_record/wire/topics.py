@@ -1,4 +1,4 @@
-"""The topics of the graph (DESIGN, section 2): names, message types, offered quality of service.
+"""The topics of the graph: names, message types, offered quality of service.
 
 One table for the nodes, the recorder and the files; nodes turn `Qos` into the profile of
 their client library.

@@ -22,7 +22,7 @@ EFFECT = Effect(
     port="transmission",
     severity=("increase",),
     equation="b -> b + increase; T = K sign(δ) max(|δ| − b/2, 0)",
-    reference="Battipede et al., section IV; DESIGN, section 3",
+    reference="Battipede et al., section IV; Nordin and Gutman 2002, Automatica 38(10)",
     fault_class="backlash",
 )
 

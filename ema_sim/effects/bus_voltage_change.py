@@ -20,7 +20,7 @@ EFFECT = Effect(
     port="supply",
     severity=("change",),
     equation="V -> V (1 + change)",
-    reference="DESIGN, section 3",
+    reference="Mohan, Undeland and Robbins, Power Electronics (an inverter follows its bus)",
 )
 
 

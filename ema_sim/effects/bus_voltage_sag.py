@@ -20,7 +20,7 @@ EFFECT = Effect(
     port="supply",
     severity=("resistance",),
     equation="V -> V - R_s i_bus / 2 a rail, i_bus = Σ s_k i_k / 2",
-    reference="DESIGN, section 3",
+    reference="Mohan, Undeland and Robbins, Power Electronics (bus current of an inverter)",
 )
 
 

@@ -20,7 +20,7 @@ EFFECT = Effect(
     port="controller",
     severity=("delay",),
     equation="I_ref(t) -> I_ref(t - delay), linear between control periods",
-    reference="DESIGN, section 3",
+    reference="Åström and Wittenmark, Computer-Controlled Systems (computational delay)",
 )
 
 

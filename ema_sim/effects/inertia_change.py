@@ -21,7 +21,7 @@ EFFECT = Effect(
     port="load",
     severity=("motor", "surface"),
     equation="J -> J (1 + change)",
-    reference="DESIGN, section 3",
+    reference="Krause et al., Analysis of Electric Machinery and Drive Systems (T = J dω/dt)",
 )
 
 

@@ -22,7 +22,7 @@ EFFECT = Effect(
     port="winding",
     severity=("inverse_current",),
     equation="k, L -> k, L / (1 + (i/I_s)²)",
-    reference="DESIGN, section 3; form after Vas, Electrical Machines and Drives",
+    reference="form after Vas, Electrical Machines and Drives",
 )
 
 

@@ -34,7 +34,10 @@ EFFECT = Effect(
     port="winding",
     severity=("zeta",),
     equation="k_k -> k_k (1 + ζ cos(θ−α)); shifted: cos(θ−α−φ_k); static: cos(α−φ_k)",
-    reference="Battipede et al., section IV, eqs. 3 and 4; DESIGN, section 3",
+    reference=(
+        "Battipede et al., section IV, eqs. 3 and 4 (paper); Ebrahimi, Faiz and Roshtkhari 2009, "
+        "IEEE Trans. Ind. Electron. 56(11) (static and dynamic eccentricity)"
+    ),
     fault_class="rotor_eccentricity",
 )
 

@@ -22,7 +22,7 @@ EFFECT = Effect(
     port="transmission",
     severity=("increase",),
     equation="K -> K / (1 + increase)",
-    reference="DESIGN, section 3",
+    reference="Ellis and Lorenz 2000, IEEE IAS Annual Meeting (two inertias, compliant shaft)",
 )
 
 

@@ -22,7 +22,7 @@ EFFECT = Effect(
     port="sensor",
     severity=("amplitude",),
     equation="ω_measured = ω (1 + a cos(θ_r - α)), inside the loop",
-    reference="DESIGN, section 3",
+    reference="geometry: a disc of radius r, off centre by e, reads with a = e / r to first order",
 )
 
 

@@ -21,7 +21,10 @@ EFFECT = Effect(
     port="load",
     severity=("constant", "slope"),
     equation="T_load = constant + slope θ_s",
-    reference="Battipede et al., section III (block TR); DESIGN, section 3",
+    reference=(
+        "Battipede et al., section III (block TR); Etkin and Reid, Dynamics of Flight "
+        "(hinge moment, linear in the deflection)"
+    ),
 )
 
 

@@ -32,7 +32,11 @@ EFFECT = Effect(
         "k -> k (1-x); physical also R -> R (1-x), L -> L (1-x)²; "
         "drag T = (x k(θ))² ω / (x R + 1/G) with fault conductance G"
     ),
-    reference="Battipede et al., section IV, eq. 4 (factor Ce of one phase); DESIGN, section 3",
+    reference=(
+        "Battipede et al., section IV, eq. 4 (factor Ce of one phase); physical: k and R in "
+        "proportion to the turns, L to their square (Hanselman, Brushless Permanent Magnet "
+        "Motor Design)"
+    ),
     fault_class="turn_short",
 )
 

@@ -22,7 +22,7 @@ EFFECT = Effect(
     port="friction",
     severity=("coefficient",),
     equation="T_viscous,M = (B_M + coefficient) ω",
-    reference="DESIGN, section 3",
+    reference="Armstrong-Hélouvry et al. 1994, Automatica 30(7) (viscous friction)",
 )
 
 

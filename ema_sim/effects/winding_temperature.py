@@ -30,7 +30,7 @@ EFFECT = Effect(
     port="winding",
     severity=("temperature",),
     equation="R -> R (1 + 0.00393 ΔT), k -> k (1 + α ΔT), ΔT = T - 20 degC",
-    reference="IEC 60034 (copper, 0.00393/K at 20 degC); NdFeB remanence -0.11 %/K",
+    reference="IEC 60028 (copper, 0.00393/K at 20 degC); NdFeB remanence -0.11 %/K",
 )
 
 

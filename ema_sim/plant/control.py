@@ -1,4 +1,4 @@
-"""The controller, once a control period: position P, speed PI, limits (DESIGN, section 3)."""
+"""The controller, once a control period: position P, speed PI, limits."""
 
 from __future__ import annotations
 

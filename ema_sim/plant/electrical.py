@@ -5,8 +5,9 @@ Phases a, b, c in star with floating neutral::
     L_k di_k/dt = v_k − v_n − R_k i_k − e_k,   e_k = k_k(θ) ω,   T_M = Σ k_k(θ) i_k
     v_n = Σ(x_k / L_k) / Σ(1 / L_k),           x_k = v_k − R_k i_k − e_k
 
-The paper's eqs. 1 and 2 are the case of equal phases. θ is the electrical angle, ω the mechanical
-speed: with p pole pairs θ turns at p ω, and k is the same for any p.
+(Pillay and Krishnan 1989, IEEE Trans. Ind. Appl. 25(2); eqs. 1 and 2 of Battipede et al. are the
+case of equal phases.) θ is the electrical angle, ω
+the mechanical speed: with p pole pairs θ turns at p ω, and k is the same for any p.
 """
 
 from __future__ import annotations

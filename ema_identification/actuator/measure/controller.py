@@ -52,8 +52,8 @@ def measured_gains(record: Record, actuator: Actuator) -> Gains | None:
     """Return the gains with which the reference current follows from what was measured.
 
     The speed control is i = Kp e + Ki ∫ e dt with e = clip(gain (command - position)) - speed
-    (`ema_sim.plant.control`), so Δi = Kp Δe + Ki ∫ e dt over any time in which it is not limited. Both
-    gains come from a robust regression over all such times.
+    (`ema_sim.plant.control`), so Δi = Kp Δe + Ki ∫ e dt over any time in which it is not limited.
+    Both gains come from a robust regression over all such times.
 
     None if the record has another rate than the controller or no reference current, or if too few
     samples are left.

@@ -1,4 +1,4 @@
-"""The features on simulated records: closed forms of DESIGN, section 4."""
+"""The features on simulated records: closed forms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lines of the faults in speed and torque against closed forms, open loop (DESIGN, section 3).
+"""Lines of the faults in speed and torque against closed forms, open loop.
 
 Open loop: the speed error is so large that the reference current stays at its limit, the
 motor is free of the surface, and a viscous torque lets it settle at a speed.
