@@ -16,6 +16,8 @@ from ema_sim.effects import EFFECTS, parse_effects
 from ema_sim.reference import simulate_reference
 from ema_sim.simulate import simulate, simulate_traced
 
+pytestmark = pytest.mark.slow
+
 # Full slew up, a turn-round, full slew down.
 PROFILE = Profile(
     name="there_and_back",

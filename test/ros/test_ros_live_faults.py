@@ -11,6 +11,8 @@ from benchmarks.reliability.live_faults import HIDDEN, one
 from benchmarks.reliability.live_kinds import KINDS
 from ema_ros.domain import local_environment
 
+pytestmark = pytest.mark.slow
+
 SILENCE = 3.0
 """When the acquisition counts as lost (s): longer than a busy machine needs to begin a move."""
 EARLY = 0.3

@@ -1,0 +1,1 @@
+"""Oracles, makers of defects and disturbed chains, for tests and benchmarks."""
