@@ -1,4 +1,5 @@
-# Set-up and the two jobs: `make bit` runs the built-in test, `make test` runs all tests.
+# Set-up and the jobs: `make bit` runs the built-in test, `make test` the quick tests,
+# `make test-slow` all others.
 # Needs only Python 3.10 to 3.13 (with venv), make and a C compiler. Safe to run again, in any order.
 
 PYTHON  ?= python3
@@ -19,18 +20,20 @@ TEST_STAMP := $(VENV)/.installed-test
 UNFINISHED := $(VENV)/.installing
 
 PYTEST := $(VENV)/bin/python -m pytest
+RESULTS := build/test-results
 PIP := $(VENV)/bin/python -m pip install -qq -c constraints.txt
 EFFECT_OPTIONS := $(foreach effect,$(filter-out none,$(EFFECT)),--effect '$(effect)')
 
-.PHONY: help bit test
+.PHONY: help bit test test-slow
 .DELETE_ON_ERROR:
 
 help:
 	@echo 'make bit    run the built-in test: actuator, monitor and prognostics as three processes'
 	@echo '            EFFECT="$(EFFECT)" is hidden in the actuator (EFFECT=none: nothing)'
 	@echo '            PROFILE=$(PROFILE) (or step); BIT_OPTIONS= further options of `ema bit`'
-	@echo 'make test   run all tests, those of real ROS processes last; TESTS=test/unit for some,'
+	@echo 'make test   run the quick tests, those of real ROS processes last; TESTS=test/unit for some,'
 	@echo '            WORKERS=$(WORKERS) at a time, PYTEST_OPTIONS= options of pytest'
+	@echo 'make test-slow  run the tests that take long, with the same options'
 	@echo 'The environment is $(VENV), made by $(PYTHON) (PYTHON= another); delete it to begin anew.'
 
 bit: $(RUN_STAMP)
@@ -44,11 +47,25 @@ bit: $(RUN_STAMP)
 		*) echo "make bit: failed (ema bit: $$status)" >&2; exit $$status ;; \
 	esac
 
-# Tests with real ROS processes run one at a time, after all others. 5: none of that kind among TESTS.
 test: $(TEST_STAMP)
-	@$(PYTEST) -m 'not ros' -n $(WORKERS) --dist loadfile $(PYTEST_OPTIONS) $(TESTS); others=$$?; \
-	$(PYTEST) -m ros $(PYTEST_OPTIONS) $(TESTS); ros=$$?; \
-	case $$others,$$ros in 0,0|0,5|5,0) ;; *) exit 1 ;; esac
+	$(call run_tests,quick,not slow)
+
+test-slow: $(TEST_STAMP)
+	$(call run_tests,slow,slow)
+
+# $(call run_tests,NAME,MARKER): tests with real ROS processes run one at a time, after all others.
+# Status 5 of pytest: none of that kind among TESTS.
+define run_tests
+	@$(PYTEST) -m 'not ros and $(2)' -n $(WORKERS) --dist loadfile \
+		--junitxml=$(RESULTS)/$(1).xml $(PYTEST_OPTIONS) $(TESTS); others=$$?; \
+	$(PYTEST) -m 'ros and $(2)' --junitxml=$(RESULTS)/$(1)-ros.xml \
+		$(PYTEST_OPTIONS) $(TESTS); ros=$$?; \
+	case $$others,$$ros in \
+		0,0|0,5|5,0) echo 'make: all selected tests passed' ;; \
+		5,5) echo 'make: no $(1) test among TESTS=$(TESTS)' >&2; exit 1 ;; \
+		*) echo 'make: tests failed' >&2; exit 1 ;; \
+	esac
+endef
 
 # $(call install,EXTRAS): an environment whose last installation was cut short is made anew.
 define install

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 EXECUTABLES = ("ema", "simulator_node", "monitor_node", "prognostics_node")
 NODES = EXECUTABLES[1:]
 SHARED = ("package.xml", "config/actuator.yaml", "config/profiles/step.yaml",

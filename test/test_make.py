@@ -22,11 +22,24 @@ def make(repository):
     return run
 
 
-def test_help_names_both_jobs(make):
+def test_help_names_the_jobs(make):
     done = make()
     assert done.returncode == 0, done.stderr
-    assert "make bit" in done.stdout
-    assert "make test" in done.stdout
+    assert [job for job in ("make bit ", "make test ", "make test-slow ")
+            if job not in done.stdout] == []
+
+
+@pytest.mark.parametrize(("job", "tests", "status"), [
+    ("test", "test/test_requirements.py", 0),  # none with real processes among them
+    ("test-slow", "test/test_requirements.py", 2),  # no test at all
+    ("test", "test/test_nowhere.py", 2),
+])
+def test_some_tests_alone(make, tmp_path, job, tests, status):
+    done = make(job, f"TESTS={tests}", "WORKERS=0", f"RESULTS={tmp_path}",
+                "PYTEST_OPTIONS=-p no:cacheprovider")
+    assert done.returncode == status, done.stdout + done.stderr
+    assert (" passed in " in done.stdout) == (status == 0)
+    assert ("all selected tests passed" in done.stdout) == (status == 0)
 
 
 @pytest.mark.parametrize(("effect", "options"), [

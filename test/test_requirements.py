@@ -1,23 +1,9 @@
-"""Every requirement of the built-in test has a test, and every test that it names exists."""
+"""Every requirement of the built-in test has a test; `requirements.py` finds those not run."""
 
 import ast
-import re
 
 import pytest
-
-ROW = re.compile(r"^\| (R(\d+)\.(\d+)) \| (.+?) \| (.*) \|$")
-NODE = re.compile(r"`([^`]+\.py::[^`]+)`")
-
-
-def rows(text):
-    """Return the requirements: number, chapter, place in it, text, node ids."""
-    found = []
-    for line in text.splitlines():
-        match = ROW.match(line)
-        if match:
-            number, chapter, place, words, tests = match.groups()
-            found.append((number, int(chapter), int(place), words, NODE.findall(tests)))
-    return found
+from requirements import main, not_shown, outcomes, rows
 
 
 def names_of(path):
@@ -92,3 +78,32 @@ def test_a_wrong_number_is_found():
     assert wrong_numbers(rows("\n".join(lines))) == []
     assert wrong_numbers(rows("\n".join([lines[0], *lines]))) != []
     assert wrong_numbers(rows("\n".join(lines[1:]))) != []
+
+
+RESULTS = """<testsuites><testsuite>
+<testcase classname="test.unit.test_a" name="test_one" />
+<testcase classname="test.unit.test_a" name="test_two[x]"><skipped /></testcase>
+<testcase classname="test.unit.test_a" name="test_two[y]" />
+<testcase classname="test.unit.test_a" name="test_three"><skipped /></testcase>
+<testcase classname="test.unit.test_a" name="test_four"><failure>no</failure></testcase>
+<testcase classname="test.unit.test_a" name="test_five" />
+<testcase classname="test.unit.test_a" name="test_five"><error>teardown</error></testcase>
+</testsuite></testsuites>"""
+
+
+@pytest.mark.parametrize(("name", "says"), [
+    ("one", None), ("two", None), ("two[y]", None), ("two[x]", "was skipped"),
+    ("three", "was skipped"), ("four", "failed"), ("five", "failed"), ("six", "did not run"),
+])
+def test_a_requirement_is_shown_by_tests_that_ran(tmp_path, name, says):
+    (tmp_path / "results.xml").write_text(RESULTS, encoding="utf-8")
+    table = rows(f"| R1.1 | something | `test/unit/test_a.py::test_{name}` |")
+    wrong = not_shown(table, outcomes([tmp_path / "results.xml"]))
+    assert wrong == ([f"R1.1: test/unit/test_a.py::test_{name} {says}"] if says else [])
+
+
+def test_results_without_the_tests_of_the_table_are_a_failure(tmp_path, capsys):
+    (tmp_path / "results.xml").write_text(RESULTS, encoding="utf-8")
+    assert main([str(tmp_path / "results.xml")]) == 1
+    assert "R1.1: test/unit/monitor/" in capsys.readouterr().out
+    assert main([]) == 2

@@ -30,6 +30,7 @@ def test_ruff(ours):
     assert "All checks passed" in run_module("ruff", "check", "--no-cache", *ours)
 
 
+@pytest.mark.slow
 def test_mypy(ours):
     packages = [argument for name in ours if name.startswith("ema_") for argument in ("-p", name)]
     report = run_module("mypy", "--python-version", "3.11", *packages)

@@ -97,6 +97,7 @@ def test_results_do_not_depend_on_workers(plan, tmp_path):
     assert line[large].min() > 2.0 * np.median(line[small])
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_the_same_bytes(plan, tmp_path, cluster):
     run_campaign(plan(), jobs=1, out=tmp_path / "here")
     run_campaign(plan(), dask=cluster, out=tmp_path / "there")
@@ -145,6 +146,7 @@ def test_after_an_interrupt_nothing_is_done_twice(plan, tmp_path):
     assert_same_bytes(tmp_path / "out", tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_ctrl_c_at_the_terminal(plan, tmp_path):
     out = tmp_path / "out"
     command = [sys.executable, "-m", "ema_cli", "simulate", "--campaign", str(plan(3000)),

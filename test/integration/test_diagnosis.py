@@ -11,9 +11,8 @@ from ema_record.channels import TIME
 from ema_record.errors import UsageError
 from ema_record.profile import load_profile, load_profile_dict, step_profile
 from ema_record.record import Provenance, Record
-from ema_sim.effects import parse_effects
 from ema_sim.model_file import load_actuator
-from ema_sim.simulate import simulate
+from support import simulations
 
 PROFILES = ("step", "extended")
 
@@ -24,8 +23,7 @@ def model():
 
 
 def record_of(profile, *effects, seed=77_001, **options):
-    loaded = load_profile(profile) if isinstance(profile, str) else profile
-    return simulate(loaded, effects=parse_effects(effects), seed=seed, **options)
+    return simulations.record_of(profile, *effects, seed=seed, **options)
 
 
 @pytest.mark.parametrize("profile", PROFILES)
@@ -60,14 +58,23 @@ def test_turn_short_with_its_phase_and_size(model, profile, mode, phase, fractio
 
 
 @pytest.mark.parametrize("profile", PROFILES)
-@pytest.mark.parametrize("mode", ["paper", "common", "shifted"])
+@pytest.mark.parametrize(("mode", "bound"), [("paper", 1.3), ("common", 1.15), ("shifted", 1.7)])
 @pytest.mark.parametrize("zeta", [0.03, -0.03, 0.08])
-def test_rotor_eccentricity(model, profile, mode, zeta):
+def test_rotor_eccentricity(model, profile, mode, bound, zeta):
+    """The size is right within a factor that depends on how the eccentricity shows.
+
+    Over nine records a case the size was 0.93 to 1.09 of the truth in mode common, 0.81 to 1.09
+    in mode paper and, on the extended test, 0.63 to 0.82 in mode shifted, whose size is said too
+    small: there the interval misses the truth in five of nine.
+    """
     verdict = diagnose(record_of(
         profile, f"rotor_eccentricity.zeta={zeta}", f"rotor_eccentricity.mode={mode}"
     ), model)
     assert [f.fault_class for f in verdict.faults] == ["rotor_eccentricity"], verdict.reasons
-    assert 0.4 < verdict.faults[0].severity / abs(zeta) < 2.0
+    low, high = verdict.faults[0].severity_interval
+    assert 1.0 / bound < verdict.faults[0].severity / abs(zeta) < bound
+    if profile == "step" or mode == "common":
+        assert low <= abs(zeta) <= high
 
 
 @pytest.mark.parametrize("profile", PROFILES)

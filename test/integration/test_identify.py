@@ -32,6 +32,8 @@ from ema_sim.effects import parse_effects
 from ema_sim.model_file import load_model_file
 from ema_sim.simulate import simulate
 
+pytestmark = pytest.mark.slow
+
 KNOWN = {"turn_short a physical", "turn_short b physical", "viscous_friction",
          "current_sensor_offset", "speed_sensor_runout", "inertia_change motor",
          "quantisation speed", "rotor_eccentricity static"}

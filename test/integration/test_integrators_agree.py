@@ -19,6 +19,8 @@ from ema_sim.model_file import load_actuator
 from ema_sim.simulate import simulate, simulate_traced
 from support.reference import simulate_reference
 
+pytestmark = pytest.mark.slow
+
 # Full slew up, a turn-round, full slew down.
 PROFILE = Profile(
     name="there_and_back",

@@ -6,6 +6,8 @@ from ema_cli.commands.paper import print_report
 from ema_prognostics.paper.experiment import PaperSettings, run_experiment
 from ema_prognostics.paper.report import paper_report
 
+pytestmark = pytest.mark.slow
+
 SMALL = PaperSettings(
     seed=3, train_angles=1, unseen_angles=1, train_draws=6, test_draws=3, unseen_draws=1,
     n_restarts=1,

@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -181,14 +180,12 @@ def test_whole_bags_existing_output_and_rubbish_are_refused(good, tmp_path):
 
 def test_command(good, tmp_path, capsys):
     bag = cut(good, tmp_path / "cut", 250_000)
-    begin = time.monotonic()
     assert run(["recover", str(bag), "--out", str(tmp_path / "new"), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["status"] == "interrupted" and report["missing_ms"] > 0
     assert len(read_bag(tmp_path / "new")) == report["samples"]
     assert run(["recover", str(bag), "--out", str(tmp_path / "new")]) == 2
     assert "never overwritten" in capsys.readouterr().err
-    assert time.monotonic() - begin < 20
 
 
 def test_a_link_out_of_the_bag_is_not_followed(good, tmp_path):

@@ -10,6 +10,8 @@ from ema_ros.domain import local_environment
 from support.chain import Clock, chain, left_in_shared_memory
 from support.live_faults import HIDDEN, KINDS, one
 
+pytestmark = pytest.mark.slow
+
 SILENCE = 3.0
 """When the acquisition counts as lost (s): longer than a busy machine needs to begin a move."""
 EARLY = 0.3

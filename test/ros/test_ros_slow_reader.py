@@ -1,5 +1,6 @@
 """A reader of the samples that takes nothing: bounded, said, and the actuator lives on."""
 
+import pytest
 from ros_processes import SIMULATOR
 
 from ema_monitor.messages import PolledGroup, make_polled_subscription
@@ -11,6 +12,7 @@ LONG = {"name": "long", "points": [[0.0, -0.4], [0.03, -0.4], [6.0, 0.4]]}
 """In blocks of 10 samples more messages than both ends of a connection keep (5000 each)."""
 
 
+@pytest.mark.slow
 def test_a_reader_that_takes_nothing_ends_the_run_and_the_actuator_lives_on(nodes, watcher):
     nodes.start(SIMULATOR, block_size=10, real_time_factor=0.0, slow_reader_timeout=0.5)
     watcher.wait_for_simulator()

@@ -12,6 +12,7 @@ def targets(tmp_path_factory):
     return all_targets(tmp_path_factory.mktemp("fuzz"))
 
 
+@pytest.mark.slow
 def test_only_our_own_errors(targets):
     assert len(targets) == 14
     for target in targets:
@@ -20,6 +21,7 @@ def test_only_our_own_errors(targets):
         assert result["failures"] == [] and result["uncaught"] == result["hangs"] == 0
 
 
+@pytest.mark.slow
 def test_memory_of_a_fresh_process():
     """Every target once more, in a process of its own: what it needs at most."""
     tables = in_fresh_process(60, 2)

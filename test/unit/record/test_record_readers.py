@@ -156,6 +156,7 @@ def javascript():
     return [node, str(place / "read_bag.mjs")]
 
 
+@pytest.mark.slow  # fetches packages of npm the first time
 def test_foxglove_packages(javascript, bag, record):
     run = subprocess.run(
         [*javascript, str(bag / f"{bag.name}_0.mcap")], capture_output=True, text=True,

@@ -46,6 +46,7 @@ def run(code: str, folder: Path) -> list[str]:
     return done.stdout.split()
 
 
+@pytest.mark.slow  # compiles the kernel twice
 def test_an_edited_law_is_compiled_anew(copied):
     first, hits, where = run(RUN, copied)
     assert where.startswith(str(copied)) and hits == "0"
