@@ -7,6 +7,7 @@ Everything is read off the sources; nothing of the project is imported.
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
@@ -14,6 +15,9 @@ from pathlib import Path
 
 Graph = dict[str, set[str]]
 MANY_FILES = 15
+
+
+ENTRY_POINT = re.compile(r"\.(\w+_node|main|__main__|identify)$")
 
 
 def modules(root: Path) -> dict[str, Path]:
@@ -65,12 +69,20 @@ def graph(found: dict[str, Path]) -> Graph:
 
 
 def folders(found: dict[str, Path], edges: Graph) -> Graph:
-    """Return the folders that each folder imports from, by their dotted names."""
-    place = {n: n if p.name == "__init__.py" else n.rpartition(".")[0] for n, p in found.items()}
-    between: Graph = defaultdict(set)
+    """Return the folders that each folder imports from, by their dotted names.
+
+    An entry point of a package (a node, a command, its one verb) stands above the package's
+    folders, whichever folder its file lies in, and counts as a folder of its own.
+    """
+    folder = {
+        name: name if ENTRY_POINT.search(name) else
+        name if path.name == "__init__.py" else name.rpartition(".")[0]
+        for name, path in found.items()
+    }
+    between: Graph = {folder[name]: set() for name in found}
     for name, targets in edges.items():
-        between[place[name]] |= {place[t] for t in targets} - {place[name]}
-    return dict(between)
+        between[folder[name]] |= {folder[t] for t in targets} - {folder[name]}
+    return between
 
 
 def components(edges: Graph) -> list[list[str]]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ema_prognostics.features.acceleration import inertia
-from ema_prognostics.features.commutation import EDGE, SECTOR, rise
+from ema_prognostics.features.commutation import FIRST_EDGE, SECTOR, rise
 from ema_prognostics.features.consistency import consistency
 from ema_prognostics.features.current_sensors import CurrentSensors
 from ema_prognostics.features.extract import REVERSAL_LENGTH, REVERSALS
@@ -67,9 +67,9 @@ def taken_over(after: tuple[float, float, float], speed: float) -> tuple[float, 
     theta = speed * since
     angle = theta[:, None] - THIRD * np.arange(3)
     sense = np.sign(speed)
-    turned = np.mod(sense * angle - EDGE, np.pi)  # since phase k began to conduct
+    turned = np.mod(sense * angle - FIRST_EDGE, np.pi)  # since phase k began to conduct
     reference = np.where(turned < 2.0 * SECTOR, 10.0 * np.where(
-        np.mod(sense * angle - EDGE, 2.0 * np.pi) < np.pi, 1.0, -1.0), 0.0)
+        np.mod(sense * angle - FIRST_EDGE, 2.0 * np.pi) < np.pi, 1.0, -1.0), 0.0)
     risen = np.minimum(turned / abs(speed) / np.array(after), 1.0)
     found = signals_of(since, theta, np.full(len(since), speed), reference=reference,
                        currents=reference * risen)
