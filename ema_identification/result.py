@@ -14,13 +14,13 @@ from ema_record.profile import Profile
 Outcome = Literal[
     "no disagreement", "explained", "partly explained", "unknown effect", "contradicted"]
 """``contradicted``: what explains the fitted records makes the held-out ones worse."""
-LEVEL = 0.9
+INTERVAL_LEVEL = 0.9
 """Probability that the interval of a parameter is meant to hold."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
-    """A number that was estimated, with its interval of `LEVEL`."""
+    """A number that was estimated, with its interval of `INTERVAL_LEVEL`."""
 
     name: str
     """Dotted, as on the command line: ``cogging_torque.amplitude``."""
@@ -80,7 +80,7 @@ class Formula(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class NamedEffect:
     """One effect that the model lacks, in the order found."""
 
     effect: str
@@ -172,7 +172,7 @@ class Identification:
     held_out: bool = True
     """Whether they are of data that took no part in the fit."""
     machine: Literal["actuator", "rig"] = "actuator"
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[NamedEffect, ...] = ()
     rivals: tuple[Candidate, ...] = ()
     next_test: str | None = None
     """The excitation that would separate what is still ambiguous: a profile or a measure."""

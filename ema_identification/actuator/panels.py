@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_identification.actuator.measure.runs import Case, simulate_case
-from ema_identification.actuator.measure.signals import TURN, Signals, prepare, turns_of
+from ema_identification.actuator.measure.runs import UnitRun, simulate_case
+from ema_identification.actuator.measure.signals import TURN, DriveSignals, drive_signals, turns_of
 from ema_identification.actuator.naming.answer import Answer
-from ema_identification.actuator.naming.gap import Gap, whitened
+from ema_identification.actuator.naming.gap import ModelGap, whitened
 from ema_identification.actuator.surrogate.evidence import Evidence
 from ema_identification.actuator.surrogate.likelihood import Recalibration
 from ema_identification.result import Curve, Panel
@@ -24,21 +24,21 @@ SMOOTH = 5e-3
 
 
 def panels_of(
-    evidence: Evidence, null: Recalibration, answer: Answer, held: Evidence | None, gap: Gap, *,
-    seed: int,
+    evidence: Evidence, null: Recalibration, answer: Answer, held: Evidence | None,
+    gap: ModelGap, *, seed: int,
 ) -> tuple[Panel, ...]:
     """Return the plots of an identification."""
     block = evidence.blocks[0]
     model, fmap = block.library.model, block.library.fmap
     runs: list[tuple[str, Record]] = [("measured", block.record)]
     z = evidence.tolerances.of(0, null.z)
-    runs.append(("before", simulate_case(model, Case(
+    runs.append(("before", simulate_case(model, UnitRun(
         z=z, conditions=block.conditions, seed=seed + 7), fmap)))
     if answer.fit is not None:
-        runs.append(("after", simulate_case(model, Case(
+        runs.append(("after", simulate_case(model, UnitRun(
             z=evidence.tolerances.of(0, answer.fit.z), conditions=block.conditions, seed=seed + 7,
             effects=answer.fit.effects(model.effects)), fmap)))
-    signals = [(role, prepare(record, model.actuator)) for role, record in runs]
+    signals = [(role, drive_signals(record, model.actuator)) for role, record in runs]
     panels = [_where(evidence, null, answer), *_vectors(evidence, null, answer),
               _travel(signals), *_folded(evidence, signals)]
     if answer.fits:
@@ -129,7 +129,7 @@ def _thin(values: np.ndarray, width: int) -> np.ndarray:
     return smooth[::max(1, len(values) // POINTS)]
 
 
-def _travel(signals: Sequence[tuple[str, Signals]]) -> Panel:
+def _travel(signals: Sequence[tuple[str, DriveSignals]]) -> Panel:
     rows = []
     for role, s in signals:
         width = max(1, round(SMOOTH / max(float(np.median(np.diff(s.time))), 1e-9)))
@@ -139,7 +139,7 @@ def _travel(signals: Sequence[tuple[str, Signals]]) -> Panel:
         x_label="time (s)", y_label="lag (mrad)", curves=_role_curves(rows), step="where")
 
 
-def _folded(evidence: Evidence, signals: Sequence[tuple[str, Signals]]) -> list[Panel]:
+def _folded(evidence: Evidence, signals: Sequence[tuple[str, DriveSignals]]) -> list[Panel]:
     """Return the torque current over a turn of the rotor, of a slow and a fast segment."""
     plan = evidence.blocks[0].library.fmap.plan
     slews = [s for s in plan.segments if s.kind == "slew"]
@@ -188,7 +188,7 @@ def _candidates(evidence: Evidence, answer: Answer) -> Panel:
                  log_y=bool(costs.max() > DECADE * costs.min()))
 
 
-def _held(evidence: Evidence, gap: Gap) -> Panel:
+def _held(evidence: Evidence, gap: ModelGap) -> Panel:
     rows = [("before", *_by_place(evidence, gap.residual[0]))]
     if len(gap.residual) > 1:
         rows.append(("after", *_by_place(evidence, gap.residual[-1])))

@@ -11,18 +11,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_identification.actuator.naming.law_check import Law
+from ema_identification.actuator.naming.law_check import ControlLaw
 from ema_identification.actuator.naming.ripple import largest_line
 from ema_identification.actuator.surrogate.evidence import Evidence
 from ema_identification.actuator.surrogate.fit import Fit
-from ema_identification.actuator.words import Group, groups_of
+from ema_identification.actuator.words import ResidualGroup, groups_of
 from ema_identification.result import Curve, Panel, Shape
 from ema_sim.effects import EFFECTS
 
 SENSOR_SIGNALS = {"sum of the phase currents", "measured speed minus speed of the rotor angle"}
 SENSOR_FEATURES = ("position_step", "speed_step", "position_at_start", "gain_ab", "gain_ac",
                    "offset_a", "offset_b", "offset_c", "slip")
-STRONG = 8.0
+STRONG_FEATURE = 8.0
 """Residual of a feature that by itself settles a port (standard deviations)."""
 SENSOR_SHARE = 0.3
 """Least residual of a sensor's features, of the largest of all, at which the sensor is given: a
@@ -38,7 +38,7 @@ NEAR = 0.5
 
 def unknown_shape(
     evidence: Evidence, residual: Sequence[np.ndarray], fits: Sequence[Fit], null_cost: float,
-    law: Law | None = None,
+    law: ControlLaw | None = None,
 ) -> Shape:
     """Return port and shape of what is left.
 
@@ -60,17 +60,17 @@ def unknown_shape(
 
 
 def _ports(
-    evidence: Evidence, residual: Sequence[np.ndarray], groups: Sequence[Group],
-    fits: Sequence[Fit], null_cost: float, law: Law | None,
+    evidence: Evidence, residual: Sequence[np.ndarray], groups: Sequence[ResidualGroup],
+    fits: Sequence[Fit], null_cost: float, law: ControlLaw | None,
 ) -> list[str]:
     found: list[str] = []
     values = _by_name(evidence, residual)
-    if abs(values.get("bus_slope", 0.0)) > STRONG:
+    if abs(values.get("bus_slope", 0.0)) > STRONG_FEATURE:
         found.append("supply")
     sensor = max((abs(values.get(n, 0.0)) for n in SENSOR_FEATURES), default=0.0)
     summed = max((g.largest for g in groups if g.signal in SENSOR_SIGNALS), default=0.0)
     largest = max((g.largest for g in groups), default=0.0)
-    if max(sensor, summed) > max(STRONG, SENSOR_SHARE * largest):
+    if max(sensor, summed) > max(STRONG_FEATURE, SENSOR_SHARE * largest):
         found.append("sensor")
     if law is not None and not law.holds:  # nothing else breaks the law
         found += ["controller", *(["sensor"] if "sensor" not in found else [])]
@@ -84,7 +84,7 @@ def _ports(
             found.append(nearest)
     order, share = STEPS
     high, first = _line_power(values, order), _line_power(values, COMMUTATION)
-    if high > max(2.0 * STRONG**2, share * first):
+    if high > max(2.0 * STRONG_FEATURE**2, share * first):
         found.append("commutation")
     for port in _by_physics(values, groups):
         if port not in found and not (port == "controller" and law is not None and law.holds):
@@ -92,7 +92,7 @@ def _ports(
     return found[:2] or ["controller"]
 
 
-def _by_physics(values: dict[str, float], groups: Sequence[Group]) -> list[str]:
+def _by_physics(values: dict[str, float], groups: Sequence[ResidualGroup]) -> list[str]:
     """Return ports in the order in which the signals point to them."""
     score: dict[str, float] = defaultdict(float)
     for group in groups:
@@ -148,7 +148,9 @@ def _by_name(evidence: Evidence, residual: Sequence[np.ndarray]) -> dict[str, fl
     return {f.name: float(x) for f, x in zip(features, residual[0])}
 
 
-def _words(evidence: Evidence, residual: Sequence[np.ndarray], groups: Sequence[Group]) -> str:
+def _words(
+    evidence: Evidence, residual: Sequence[np.ndarray], groups: Sequence[ResidualGroup]
+) -> str:
     """Return the measured shape in words with numbers."""
     parts = []
     line = largest_line(evidence, residual)

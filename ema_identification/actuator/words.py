@@ -18,19 +18,19 @@ import numpy as np
 from ema_identification.actuator.measure.tolerances import TOLERANCES
 from ema_identification.actuator.naming.answer import Answer
 from ema_identification.actuator.naming.estimates import choices_of, parameters_of
-from ema_identification.actuator.naming.gap import Gap, whitened
-from ema_identification.actuator.naming.law_check import Law
+from ema_identification.actuator.naming.gap import ModelGap, whitened
+from ema_identification.actuator.naming.law_check import ControlLaw
 from ema_identification.actuator.surrogate.evidence import Evidence
 from ema_identification.actuator.surrogate.fit import Fit
 from ema_identification.actuator.surrogate.likelihood import Recalibration
-from ema_identification.result import Candidate, Finding, Formula, Identification, Step, Where
+from ema_identification.result import Candidate, Formula, Identification, NamedEffect, Step, Where
 from ema_sim.effects import EFFECTS
 
 SHOWN = 8
 """Rows of the table."""
 
 
-class Group(NamedTuple):
+class ResidualGroup(NamedTuple):
     """Residuals of one signal in one part of the test."""
 
     excess: float
@@ -43,7 +43,7 @@ class Group(NamedTuple):
     rms: float
 
 
-def groups_of(evidence: Evidence, residual: Sequence[np.ndarray]) -> list[Group]:
+def groups_of(evidence: Evidence, residual: Sequence[np.ndarray]) -> list[ResidualGroup]:
     """Return residuals (standard deviations) by signal, abscissa and place, most excess first."""
     found: dict[tuple[str, str, str], list[float]] = defaultdict(list)
     for block, r in zip(evidence.blocks, residual):
@@ -56,13 +56,13 @@ def groups_of(evidence: Evidence, residual: Sequence[np.ndarray]) -> list[Group]
     groups = []
     for (signal, against, place), items in found.items():
         values = np.array(items)
-        groups.append(Group(
+        groups.append(ResidualGroup(
             float(np.log1p(values**2).sum() - 0.55 * len(values)), signal, against, place,
             float(np.abs(values).max()), float(np.sqrt(np.mean(values**2)))))
     return sorted(groups, reverse=True)
 
 
-def where_of(groups: Sequence[Group]) -> Where:
+def where_of(groups: Sequence[ResidualGroup]) -> Where:
     """Return the place of the largest disagreement."""
     g = groups[0]
     return Where(signal=g.signal, against=g.against, text=(
@@ -70,7 +70,7 @@ def where_of(groups: Sequence[Group]) -> Where:
         f"{g.largest:.1f} at most"))
 
 
-def where_step(groups: Sequence[Group]) -> Step:
+def where_step(groups: Sequence[ResidualGroup]) -> Step:
     """Return the table of the step."""
     rows = [("signal", "against", "part of the test", "rms", "largest")]
     rows += [(g.signal, g.against, g.place, f"{g.rms:.1f}", f"{g.largest:.1f}")
@@ -118,8 +118,8 @@ def candidates_of(
 
 
 def findings_of(
-    evidence: Evidence, null: Recalibration, answer: Answer, gap: Gap
-) -> tuple[Finding, ...]:
+    evidence: Evidence, null: Recalibration, answer: Answer, gap: ModelGap
+) -> tuple[NamedEffect, ...]:
     """Return the findings, in the order found.
 
     Each has its own gaps, p-value and place: where the model without it, but with the other one
@@ -127,7 +127,7 @@ def findings_of(
     """
     if answer.fit is None:
         return ()
-    found: list[Finding] = []
+    found: list[NamedEffect] = []
     for k in order_of(answer):
         name = answer.fit.terms[k].variant.effect
         equal = []
@@ -138,7 +138,7 @@ def findings_of(
         other = answer.alone[1 - k] if answer.alone else None
         without = whitened(evidence, null if other is None else other)
         effect, at = EFFECTS[name], min(len(found), len(gap.values) - 2)
-        found.append(Finding(
+        found.append(NamedEffect(
             effect=name, equivalent=tuple(dict.fromkeys(equal))[:2],
             choices=choices_of(answer.fit.terms[k]),
             formula=Formula(effect.summary, effect.equation, effect.reference),
@@ -151,8 +151,8 @@ def findings_of(
 
 
 def steps_of(
-    evidence: Evidence, null: Recalibration, answer: Answer, law: Law | None,
-    groups: Sequence[Group], found: Identification, gap: Gap,
+    evidence: Evidence, null: Recalibration, answer: Answer, law: ControlLaw | None,
+    groups: Sequence[ResidualGroup], found: Identification, gap: ModelGap,
 ) -> tuple[Step, ...]:
     """Return the steps in order."""
     steps = [_align(evidence), _recalibrate(evidence, null), where_step(groups),
@@ -204,7 +204,7 @@ def _recalibrate(evidence: Evidence, null: Recalibration) -> Step:
         f"{np.exp(evidence.blocks[0].library.scale.fit[0]):.2f} when nothing is missing)."))
 
 
-def _name(evidence: Evidence, answer: Answer, law: Law | None) -> Step:
+def _name(evidence: Evidence, answer: Answer, law: ControlLaw | None) -> Step:
     rows = [("candidate", "coordinates", "misfit a feature")]
     for fit in answer.fits:
         term = fit.terms[-1]

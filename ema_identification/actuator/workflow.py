@@ -23,7 +23,7 @@ from ema_identification.actuator.naming.estimates import (
 from ema_identification.actuator.naming.gap import gap_of, separating_test, whitened
 from ema_identification.actuator.panels import panels_of
 from ema_identification.actuator.ports import unknown_shape
-from ema_identification.actuator.surrogate.evidence import Block, Evidence, evidence
+from ema_identification.actuator.surrogate.evidence import Evidence, RecordEvidence, evidence
 from ema_identification.actuator.surrogate.library import library
 from ema_identification.actuator.surrogate.likelihood import recalibrate
 from ema_identification.actuator.words import (
@@ -47,12 +47,12 @@ FITTED = "the fitted records themselves: no held-out record was given"
 def _blocks(
     records: Sequence[Record], model: Model, *, signatures: bool, seed: int, workers: int,
     progress: Progress,
-) -> list[Block]:
+) -> list[RecordEvidence]:
     found = []
     for record in records:
         known = library(model, record.profile, rate=nominal_rate(record), signatures=signatures,
                         seed=seed, workers=workers, progress=progress)
-        found.append(Block(record=record, library=known, conditions=align(record, model),
+        found.append(RecordEvidence(record=record, library=known, conditions=align(record, model),
                            values=known.fmap.extract(record)))
     return found
 

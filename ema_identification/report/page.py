@@ -7,7 +7,14 @@ from typing import Any
 
 from ema_identification.report import words
 from ema_identification.report.commands import as_list
-from ema_identification.result import LEVEL, Candidate, Finding, Identification, Panel, Parameter
+from ema_identification.result import (
+    INTERVAL_LEVEL,
+    Candidate,
+    Identification,
+    NamedEffect,
+    Panel,
+    Parameter,
+)
 from ema_record.version import VERSION
 
 MAX_CANDIDATES = 12
@@ -53,7 +60,7 @@ def page_context(
         "unknown": unknown,
         "shape": shape,
         "recalibrated": [_parameter(p) for p in identification.recalibrated],
-        "level": f"{LEVEL:.0%}".replace("%", " %"),
+        "level": f"{INTERVAL_LEVEL:.0%}".replace("%", " %"),
         "reasons": identification.reasons,
         "show_panels": by_step.pop("show", []),
         "where_panels": by_step.pop("where", []),
@@ -136,7 +143,7 @@ def _not_shown(identification: Identification) -> list[Candidate]:
     return [rival for rival in identification.rivals if rival not in shown]
 
 
-def _finding(finding: Finding) -> dict[str, Any]:
+def _finding(finding: NamedEffect) -> dict[str, Any]:
     return {
         "effect": finding.effect, "name": words.pretty(finding.effect),
         "equivalent": [words.pretty(name) for name in finding.equivalent],

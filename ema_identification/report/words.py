@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ema_identification.result import Finding, Identification, Parameter
+from ema_identification.result import Identification, NamedEffect, Parameter
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -54,7 +54,7 @@ def pretty(name: str) -> str:
     return name.replace("_", " ").replace("back emf", "back-EMF")
 
 
-def named(finding: Finding) -> str:
+def named(finding: NamedEffect) -> str:
     """Return the name with its phase or mode, and those that cannot be told from it."""
     choices = ", ".join(f"{pretty(name.rpartition('.')[2])} {value}"
                         for name, value in finding.choices.items())
@@ -94,7 +94,7 @@ def closed_share(identification: Identification) -> float | None:
     return min(1.0, (identification.gap_before - identification.gap_after) / above)
 
 
-def moved(identification: Identification) -> str:
+def gap_change(identification: Identification) -> str:
     """Return what the gap did, with the noise floor."""
     before, after = identification.gap_before, identification.gap_after
     way = "grows" if after > before else "falls"
@@ -114,10 +114,11 @@ def verdict_sentence(identification: Identification) -> str:
                 f"against it: their gap grew from {before} to {after}, with a noise floor of "
                 f"{floor}.")
     if identification.verdict == "explained":
-        return f"The model lacked {listed(identification)}; with it {moved(identification)}."
+        return f"The model lacked {listed(identification)}; with it {gap_change(identification)}."
     if identification.verdict == "partly explained":
-        return (f"The model lacked {listed(identification)}; with it {moved(identification)}: "
-                "something is left that the catalogue does not explain."
+        return (f"The model lacked {listed(identification)}; with it "
+                f"{gap_change(identification)}: something is left that the "
+                "catalogue does not explain."
                 ) if identification.findings else (
                 f"A gap of {before} was found, with a noise floor of {floor}, and only a part "
                 "of it is explained.")

@@ -11,14 +11,14 @@ from threadpoolctl import threadpool_limits
 
 from ema_identification.result import (
     Candidate,
-    Finding,
     Formula,
     Identification,
+    NamedEffect,
     Outcome,
     Parameter,
     Shape,
 )
-from ema_identification.rig.fit.balance import Balance, Design, rms
+from ema_identification.rig.fit.balance import Design, InputBalance, rms
 from ema_identification.rig.fit.estimates import parameters, without_modifiers
 from ema_identification.rig.fit.known import common_factor, known_balance
 from ema_identification.rig.fit.model import RigModel, Settings, load_rig_model
@@ -36,7 +36,7 @@ from ema_identification.rig.report.words import (
     where,
 )
 from ema_identification.rig.search.alternatives import (
-    Choice,
+    LawChoice,
     skew_words,
     standard_error,
     without_skew,
@@ -63,7 +63,7 @@ class _Judge:
     blocks: Blocks
     held: tuple[Design, ...]
 
-    def gap(self, balance: Balance) -> float:
+    def gap(self, balance: InputBalance) -> float:
         """Return the rms of the held-out residual."""
         if self.held:
             return rms(np.concatenate([balance.residual_on(d) for d in self.held]))
@@ -195,14 +195,14 @@ def _grew(found: Search, held: Sequence[Design]) -> bool:
     return bool(more.sum() > UNCERTAINTY * standard_error(more))
 
 
-def _findings(found: Search, blocks: Blocks, gaps: list[float]) -> tuple[Finding, ...]:
+def _findings(found: Search, blocks: Blocks, gaps: list[float]) -> tuple[NamedEffect, ...]:
     first = len(found.stages[0].terms)
     findings = []
     for index, choice in enumerate(found.choices):
         law = choice.trial.term.law
         plain, at = without_modifiers(found.balance, first + index)
         own = parameters(plain, at, blocks)
-        findings.append(Finding(
+        findings.append(NamedEffect(
             effect=choice.trial.name, equivalent=choice.equivalent,
             formula=Formula(law.meaning, law.equation, law.reference),
             parameters=(*own, *_rivals_parameters(found, index, choice, blocks)),
@@ -214,7 +214,7 @@ def _findings(found: Search, blocks: Blocks, gaps: list[float]) -> tuple[Finding
 
 
 def _rivals_parameters(
-    found: Search, index: int, choice: Choice, blocks: Blocks
+    found: Search, index: int, choice: LawChoice, blocks: Blocks
 ) -> tuple[Parameter, ...]:
     """Return the parameters of equivalent laws, each in the place of the chosen one."""
     first = len(found.stages[0].terms)
@@ -227,7 +227,7 @@ def _rivals_parameters(
 
 
 def _candidate(
-    name: str, score: float, p_value: float, choice: Choice | None, trial: object
+    name: str, score: float, p_value: float, choice: LawChoice | None, trial: object
 ) -> Candidate:
     if choice is not None and trial is choice.trial:
         reason = "taken"

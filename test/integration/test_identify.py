@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from ema_cli.main import COMMANDS, build_app, run
 from ema_identification.actuator.measure.tolerances import align
 from ema_identification.actuator.naming import proposal as naming
-from ema_identification.actuator.naming.contest import LAST_RUNS, Arena, Start
+from ema_identification.actuator.naming.contest import FINAL_RUNS, Arena, Start
 from ema_identification.actuator.naming.ensemble_search import approached, compass
 from ema_identification.actuator.surrogate import (
     library as calibration,
@@ -21,8 +21,8 @@ from ema_identification.actuator.surrogate import (
     signatures as null_library,
 )
 from ema_identification.actuator.surrogate.catalogue import variants
-from ema_identification.actuator.surrogate.evidence import Block, evidence
-from ema_identification.actuator.surrogate.fit import Term, run_point
+from ema_identification.actuator.surrogate.evidence import RecordEvidence, evidence
+from ema_identification.actuator.surrogate.fit import EffectTerm, run_point
 from ema_identification.actuator.surrogate.library import library
 from ema_identification.actuator.surrogate.likelihood import recalibrate
 from ema_identification.identify import identify
@@ -47,8 +47,8 @@ def small_library(tmp_path_factory):
     """Keep libraries of fewer units and candidates in a cache of this module's own."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        patch.setattr(null_library, "UNITS", 190)
-        patch.setattr(calibration, "UNITS", 16)
+        patch.setattr(null_library, "NULL_UNITS", 190)
+        patch.setattr(calibration, "FRESH_UNITS", 16)
         for name in ("PAIRS", "SECONDS", "SCANNED"):
             patch.setattr(naming, name, 1)
         patch.setattr(effect_library, "variants",
@@ -124,11 +124,11 @@ def test_two_effects_have_p_values_places_and_gaps_of_their_own():
 def test_candidates_that_were_left_behind_end_as_the_others_do(viscous):
     found, null, _ = viscous
     signatures = found.blocks[0].library.signatures
-    starts = [Start((Term(variant=s.variant, signature=s, u=np.array(
+    starts = [Start((EffectTerm(variant=s.variant, signature=s, u=np.array(
         [levels[-1] for levels in s.levels])),), null.z) for s in signatures]
     fits = Arena(found, null).fits(starts)
     assert {f.left_behind for f in fits} == {True, False}
-    assert {f.runs for f in fits} == {LAST_RUNS}
+    assert {f.runs for f in fits} == {FINAL_RUNS}
 
 
 def test_the_interval_of_a_short_allows_for_the_constant_that_its_phase_had():
@@ -196,7 +196,7 @@ def viscous():
     measured = record(VISCOUS)
     model = load_model_file()
     known = library(model, measured.profile)
-    block = Block(record=measured, library=known, conditions=align(measured, model),
+    block = RecordEvidence(record=measured, library=known, conditions=align(measured, model),
                   values=known.fmap.extract(measured))
     found = evidence([block])
     signature = next(s for s in known.signatures if s.variant.name == "viscous_friction")
@@ -206,7 +206,7 @@ def viscous():
 def test_regression_on_runs_all_around_comes_near_from_far_away(viscous):
     found, null, signature = viscous
     rule = Arena(found, null).last
-    far = Term(variant=signature.variant, signature=signature, u=np.array([1.5e-4]))
+    far = EffectTerm(variant=signature.variant, signature=signature, u=np.array([1.5e-4]))
     (near,), z = approached(found, rule, (far,), np.zeros(len(null.z)), seed=1)
     assert near.u[0] == pytest.approx(4e-4, rel=0.2)
     assert np.abs(z).max() <= 1.0
@@ -215,7 +215,7 @@ def test_regression_on_runs_all_around_comes_near_from_far_away(viscous):
 def test_compass_search_goes_down_to_the_size_that_is_hidden(viscous):
     found, null, signature = viscous
     rule = Arena(found, null).metrics[-1]
-    off = Term(variant=signature.variant, signature=signature, u=np.array([2.5e-4]))
+    off = EffectTerm(variant=signature.variant, signature=signature, u=np.array([2.5e-4]))
     start = run_point(found, (off,), np.zeros(len(null.z)), runs=rule.runs, seed=1)
     end = compass(found, rule, start, seed=1)
     assert abs(end.terms[0].u[0] - 4e-4) < 0.6 * abs(off.u[0] - 4e-4)

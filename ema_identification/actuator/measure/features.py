@@ -22,8 +22,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_identification.actuator.measure.segments import SLOW, Plan, Segment, Transition, plan
-from ema_identification.actuator.measure.signals import TURN, Signals, lines, prepare, turns_of
+from ema_identification.actuator.measure.segments import (
+    SLOW,
+    MotionPlan,
+    MotionSegment,
+    Transition,
+    plan,
+)
+from ema_identification.actuator.measure.signals import (
+    TURN,
+    DriveSignals,
+    drive_signals,
+    lines,
+    turns_of,
+)
 from ema_record.actuator import Actuator
 from ema_record.profile import Profile
 from ema_record.record import Record
@@ -66,7 +78,7 @@ def _log_step(found: float, nominal: float) -> float:
     return float(np.log2(max(found / nominal, LEAST_STEP)))
 
 
-def consistency(record: Record, signals: Signals, actuator: Actuator) -> dict[str, float]:
+def consistency(record: Record, signals: DriveSignals, actuator: Actuator) -> dict[str, float]:
     """Return the features of `CONSISTENCY`."""
     c = actuator.converters
     off = record.time < record.profile.inverter_off
@@ -107,7 +119,7 @@ LAG = "motor travel minus surface position"
 
 
 def transition_features(
-    signals: Signals, transition: Transition, actuator: Actuator
+    signals: DriveSignals, transition: Transition, actuator: Actuator
 ) -> Iterator[Entry]:
     """Yield (name, signal, against, value)."""
     if transition.room < LEAST_ROOM:
@@ -137,7 +149,7 @@ def _means(x: np.ndarray, values: np.ndarray, edges: np.ndarray) -> Iterator[flo
         yield float((total[b] - total[a]) / (b - a)) if b > a else 0.0
 
 
-def _gap(signals: Signals, transition: Transition, actuator: Actuator) -> Iterator[Entry]:
+def _gap(signals: DriveSignals, transition: Transition, actuator: Actuator) -> Iterator[Entry]:
     sense = 1.0 if transition.after > 0.0 else -1.0
     ratio = actuator.gear.ratio * actuator.motor.pole_pairs
     near = signals.between(transition.time + LOOK[0], transition.time + LOOK[1])
@@ -167,7 +179,7 @@ class Feature(NamedTuple):
 
     name: str
     place: str
-    """Segment or transition (`Plan`), or ``record``."""
+    """Segment or transition (`MotionPlan`), or ``record``."""
     signal: str
     against: str
     """As `identification.Where.against`."""
@@ -200,7 +212,7 @@ class FeatureMap:
     actuator: Actuator
     rate: float
     """Of the records, samples a second: ripple and noise depend on it."""
-    plan: Plan
+    plan: MotionPlan
     features: tuple[Feature, ...]
 
     def extract(self, record: Record) -> np.ndarray:
@@ -225,9 +237,9 @@ def feature_map(profile: Profile, actuator: Actuator, example: Record) -> Featur
 
 
 
-def _walk(record: Record, steps: Plan, actuator: Actuator) -> Iterator[tuple[str, Entry]]:
+def _walk(record: Record, steps: MotionPlan, actuator: Actuator) -> Iterator[tuple[str, Entry]]:
     """Yield place and entry of each feature."""
-    signals = prepare(record, actuator)
+    signals = drive_signals(record, actuator)
     for key, value in consistency(record, signals, actuator).items():
         yield WHOLE, (key, *CONSISTENCY[key], value)
     for segment in steps.segments:
@@ -244,7 +256,7 @@ def _log(value: float) -> float:
     return float(np.log(value + TINY))
 
 
-def _hold(record: Record, signals: Signals, segment: Segment) -> Iterator[Entry]:
+def _hold(record: Record, signals: DriveSignals, segment: MotionSegment) -> Iterator[Entry]:
     part = signals.between(segment.begin, segment.end)
     q, speed, lag = signals.torque_current[part], signals.speed[part], signals.lag[part]
     goal = record.profile.command(signals.time[part])
@@ -256,7 +268,7 @@ def _hold(record: Record, signals: Signals, segment: Segment) -> Iterator[Entry]
         (signals.position[part] - goal).mean())
 
 
-def _moving(signals: Signals, segment: Segment, actuator: Actuator) -> Iterator[Entry]:
+def _moving(signals: DriveSignals, segment: MotionSegment, actuator: Actuator) -> Iterator[Entry]:
     part = signals.between(segment.begin, segment.end)
     q, speed = signals.torque_current[part], signals.speed[part]
     position, lag = signals.position[part], signals.lag[part]
@@ -281,7 +293,7 @@ def _moving(signals: Signals, segment: Segment, actuator: Actuator) -> Iterator[
 
 
 def _locked(
-    signals: Signals, segment: Segment, part: slice, actuator: Actuator
+    signals: DriveSignals, segment: MotionSegment, part: slice, actuator: Actuator
 ) -> Iterator[Entry]:
     """Yield lines locked to the rotor angle."""
     wanted = RAMP if segment.kind == "ramp" else MIDDLE if abs(segment.speed) < 400.0 else FAST

@@ -20,7 +20,7 @@ import numpy as np
 
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.signals import TURN
-from ema_identification.actuator.measure.tolerances import Conditions, realise
+from ema_identification.actuator.measure.tolerances import RecordConditions, realise
 from ema_record.errors import SimulationError
 from ema_record.record import Record
 from ema_sim.effects import Effects
@@ -43,18 +43,18 @@ def silent(_what: str, _share: float) -> None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Case:
+class UnitRun:
     """One run."""
 
     z: np.ndarray
     """Tolerances in half widths."""
-    conditions: Conditions
+    conditions: RecordConditions
     seed: int
     effects: Effects | None = None
     """In place of those of the model."""
 
 
-def simulate_case(model: Model, case: Case, fmap: FeatureMap) -> Record:
+def simulate_case(model: Model, case: UnitRun, fmap: FeatureMap) -> Record:
     """Return the record of a case."""
     actuator, effects = realise(model, case.z, case.conditions, case.effects)
     # The conditions hold what the sensor of the rotor angle reads.
@@ -65,7 +65,7 @@ def simulate_case(model: Model, case: Case, fmap: FeatureMap) -> Record:
     )
 
 
-def run_case(model: Model, case: Case, fmap: FeatureMap) -> np.ndarray:
+def run_case(model: Model, case: UnitRun, fmap: FeatureMap) -> np.ndarray:
     """Return the features of a case, shape (d,); NaN where it left the simulator's domain."""
     try:
         return fmap.extract(simulate_case(model, case, fmap))
@@ -73,7 +73,7 @@ def run_case(model: Model, case: Case, fmap: FeatureMap) -> np.ndarray:
         return np.full(len(fmap.features), np.nan)
 
 
-def _chunk(model: Model, cases: Sequence[Case], fmap: FeatureMap) -> np.ndarray:
+def _chunk(model: Model, cases: Sequence[UnitRun], fmap: FeatureMap) -> np.ndarray:
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(limits=1):
@@ -81,7 +81,7 @@ def _chunk(model: Model, cases: Sequence[Case], fmap: FeatureMap) -> np.ndarray:
 
 
 def run_cases(
-    model: Model, cases: Sequence[Case], fmap: FeatureMap, *, workers: int = 1,
+    model: Model, cases: Sequence[UnitRun], fmap: FeatureMap, *, workers: int = 1,
     progress: Progress = silent, what: str = "runs",
 ) -> np.ndarray:
     """Return the features of many cases, shape (n, d); the same for any number of workers."""
@@ -117,7 +117,7 @@ class Runner:
     def __init__(self, workers: int = 1) -> None:
         self._threads = ThreadPoolExecutor(workers, "runs") if workers > 1 else None
 
-    def run(self, model: Model, cases: Sequence[Case], fmap: FeatureMap) -> np.ndarray:
+    def run(self, model: Model, cases: Sequence[UnitRun], fmap: FeatureMap) -> np.ndarray:
         """Return the features of `cases`, shape (n, d)."""
         job = partial(run_case, model, fmap=fmap)
         if self._threads is None or len(cases) == 1:

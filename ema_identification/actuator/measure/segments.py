@@ -34,7 +34,7 @@ STEPPED = 300.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Segment:
+class MotionSegment:
     """A part of a test at constant speed, without its beginning and end."""
 
     name: str
@@ -80,10 +80,10 @@ class Transition:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
+class MotionPlan:
     """Segments and transitions of a profile, in order of time."""
 
-    segments: tuple[Segment, ...]
+    segments: tuple[MotionSegment, ...]
     transitions: tuple[Transition, ...]
 
 
@@ -101,20 +101,20 @@ def path(profile: Profile, actuator: Actuator) -> tuple[np.ndarray, np.ndarray]:
     return np.append(times, times[-1] + GRID), place
 
 
-def plan(profile: Profile, actuator: Actuator) -> Plan:
+def plan(profile: Profile, actuator: Actuator) -> MotionPlan:
     """Return the segments and transitions of a profile."""
     times, place = path(profile, actuator)
     times = times[:-1]
     speed = np.diff(place) / GRID * actuator.gear.ratio
     sections = _sections(times, speed, profile.duration)
-    segments: list[Segment] = []
+    segments: list[MotionSegment] = []
     transitions: list[Transition] = []
     for index, (begin, end, value) in enumerate(sections):
         kind: Kind = "hold" if abs(value) < STILL else "ramp" if abs(value) < SLOW else "slew"
         first = begin + (SETTLE[kind] if index else 0.0)
         last = end - (END_GUARD if kind != "hold" else 0.0)
         if index and last - first >= SHORTEST:
-            segments.append(Segment(name=f"s{len(segments) + 1}", kind=kind, begin=first,
+            segments.append(MotionSegment(name=f"s{len(segments) + 1}", kind=kind, begin=first,
                                     end=last, speed=value))
         if index:
             before = sections[index - 1][2]
@@ -124,7 +124,7 @@ def plan(profile: Profile, actuator: Actuator) -> Plan:
             transitions.append(Transition(
                 name=f"t{index}", kind=change, time=begin, room=end - begin, before=before,
                 after=value))
-    return Plan(segments=tuple(segments), transitions=tuple(transitions))
+    return MotionPlan(segments=tuple(segments), transitions=tuple(transitions))
 
 
 def _sections(

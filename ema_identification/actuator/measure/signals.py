@@ -29,7 +29,7 @@ OFF_GUARD = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Signals:
+class DriveSignals:
     """A record as the features need it; arrays have shape (n,) unless said.
 
     Attributes
@@ -136,7 +136,7 @@ def sensor_errors(record: Record) -> tuple[np.ndarray, np.ndarray]:
     return offset, gain / gain.mean()
 
 
-def prepare(record: Record, actuator: Actuator) -> Signals:
+def drive_signals(record: Record, actuator: Actuator) -> DriveSignals:
     """Return the signals of a record; `actuator` gives flat top, gear and pole pairs."""
     samples = record.samples
     offset, gain = sensor_errors(record)
@@ -147,7 +147,7 @@ def prepare(record: Record, actuator: Actuator) -> Signals:
     travel = theta / (actuator.motor.pole_pairs * actuator.gear.ratio)
     lag = travel - position
     still = record.time < record.profile.inverter_off
-    return Signals(
+    return DriveSignals(
         time=record.time, speed=np.ascontiguousarray(record.channel("motor_speed")), theta=theta,
         position=position,
         error=samples[:, PHASE_CURRENTS] - samples[:, REFERENCE_CURRENTS], total=total,
@@ -163,7 +163,7 @@ FEWEST = 40
 """Fewest samples for lines."""
 
 
-class Turns(NamedTuple):
+class RotorTurns(NamedTuple):
     """Samples of whole turns (of all, if there are fewer than two), and their weights."""
 
     part: slice
@@ -175,7 +175,7 @@ class Turns(NamedTuple):
     """Hann in angle times share; sums to 1."""
 
 
-def turns_of(theta: np.ndarray, part: slice) -> Turns | None:
+def turns_of(theta: np.ndarray, part: slice) -> RotorTurns | None:
     """Return the last whole turns of `part`, or all of it below two; None if it hardly moves."""
     angle = theta[part]
     if len(angle) < FEWEST:
@@ -195,10 +195,10 @@ def turns_of(theta: np.ndarray, part: slice) -> Turns | None:
     edges[0], edges[-1] = angle[0], angle[-1]
     share = np.diff(edges) / travel
     window = share * (1.0 - np.cos(TURN * (angle - angle[0]) / travel))
-    return Turns(part, angle, share, window / window.sum())
+    return RotorTurns(part, angle, share, window / window.sum())
 
 
-def lines(turns: Turns, signals: np.ndarray, highest: int) -> np.ndarray:
+def lines(turns: RotorTurns, signals: np.ndarray, highest: int) -> np.ndarray:
     """Return the weighted means of x e^{-jhθ}, shape (highest + 1, m), complex.
 
     Line 0 is the mean over the angle; the others are of the signal without mean and slope.

@@ -64,7 +64,7 @@ REFERENCE_TEMPERATURE = 20.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Conditions:
+class RecordConditions:
     """What is known of one test."""
 
     temperature: float = REFERENCE_TEMPERATURE
@@ -90,9 +90,9 @@ def draw_tolerances(rng: np.random.Generator) -> np.ndarray:
     return rng.uniform(-1.0, 1.0, N_TOLERANCES)
 
 
-def draw_conditions(rng: np.random.Generator) -> Conditions:
+def draw_conditions(rng: np.random.Generator) -> RecordConditions:
     """Return the conditions of a test somewhere, some day."""
-    return Conditions(
+    return RecordConditions(
         temperature=float(rng.uniform(-40.0, 70.0)), bus=float(rng.uniform(-0.1, 0.1)),
         noise=float(np.exp(rng.uniform(math.log(0.5), math.log(2.0)))),
         start_angle=float(rng.uniform(0.0, 2.0 * math.pi)),
@@ -100,7 +100,7 @@ def draw_conditions(rng: np.random.Generator) -> Conditions:
 
 
 def realise(
-    model: Model, z: np.ndarray, conditions: Conditions, effects: Effects | None = None
+    model: Model, z: np.ndarray, conditions: RecordConditions, effects: Effects | None = None
 ) -> tuple[Actuator, Effects]:
     """Return the actuator and effects of a unit under conditions.
 
@@ -187,7 +187,7 @@ NOISE_RANGE = (0.1, 20.0)
 """Factors on the sensor noise that are believed."""
 
 
-def align(record: Record, model: Model) -> Conditions:
+def align(record: Record, model: Model) -> RecordConditions:
     """Return the conditions of a test, read off its record."""
     measured = set()
     temperature = REFERENCE_TEMPERATURE
@@ -201,7 +201,7 @@ def align(record: Record, model: Model) -> Conditions:
     off = record.time < record.profile.inverter_off - OFF_GUARD
     still = off if off.any() else np.arange(len(record)) < 20
     turned = np.exp(1j * record.channel("rotor_angle")[still]).mean()
-    return Conditions(
+    return RecordConditions(
         temperature=temperature, bus=bus, noise=_noise(record, model, off),
         start_angle=float(np.angle(turned)) % TURN, measured=frozenset(measured),
     )

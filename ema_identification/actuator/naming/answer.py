@@ -20,11 +20,11 @@ from ema_identification.actuator.naming.contest import Arena
 from ema_identification.actuator.naming.estimates import QUANTILE, covariance_of
 from ema_identification.actuator.surrogate.catalogue import ALIASES, TAKES_AWAY
 from ema_identification.actuator.surrogate.evidence import Evidence
-from ema_identification.actuator.surrogate.fit import Fit, Term
+from ema_identification.actuator.surrogate.fit import EffectTerm, Fit
 from ema_identification.actuator.surrogate.likelihood import Recalibration
 from ema_identification.result import Outcome
 
-CLEARLY = 4.0
+CLEARLY_THERE = 4.0
 """Standard deviations by which an effect among two is away from none: it was picked from the whole
 catalogue, at all sizes and phases, so that 1.6 of them mean little."""
 NOTHING = 0.05
@@ -41,13 +41,13 @@ def needed(fit: Fit, usual: float) -> bool:
         known = [k for k, levels in enumerate(term.signature.levels) if len(levels) > 1]
         matrix = covariance_of(fit, index, usual)[np.ix_(known, known)]
         u = term.u[known]
-        least = QUANTILE if (term.variant.name, 0) in ALIASES else CLEARLY
+        least = QUANTILE if (term.variant.name, 0) in ALIASES else CLEARLY_THERE
         if float(u @ np.linalg.solve(matrix + 1e-30 * np.eye(len(u)), u)) < least**2:
             return False
     return True
 
 
-def absorbed(evidence: Evidence, term: Term, z: np.ndarray) -> np.ndarray | None:
+def absorbed(evidence: Evidence, term: EffectTerm, z: np.ndarray) -> np.ndarray | None:
     """Return tolerances that do what an effect does, or None if they would leave their bands.
 
     A friction that is 8 % high is a tolerance; one that is 30 % high is an effect.
@@ -78,7 +78,7 @@ def absorbed(evidence: Evidence, term: Term, z: np.ndarray) -> np.ndarray | None
     return found
 
 
-def _total(term: Term, u: float, sense: float, tolerance: float) -> float:
+def _total(term: EffectTerm, u: float, sense: float, tolerance: float) -> float:
     """Return the deviation of a number that an effect and a tolerance move together."""
     if sense == 0.0:
         return u + tolerance

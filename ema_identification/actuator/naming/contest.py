@@ -13,14 +13,14 @@ from ema_identification.actuator.measure.runs import Progress, silent
 from ema_identification.actuator.naming.ensemble_search import approached, compass
 from ema_identification.actuator.naming.optimiser import descend, finished
 from ema_identification.actuator.surrogate.evidence import Asked, Evidence
-from ema_identification.actuator.surrogate.fit import Fit, Point, Term, run_point, run_points
+from ema_identification.actuator.surrogate.fit import EffectTerm, Fit, Point, run_point, run_points
 from ema_identification.actuator.surrogate.likelihood import Recalibration, Robust, reference
 
 LAST_SHARE = 0.1
 """Of the cost by which candidates are compared in the end."""
 
 
-class Stage(NamedTuple):
+class Round(NamedTuple):
     """One round of the contest."""
 
     share: float
@@ -35,12 +35,12 @@ class Stage(NamedTuple):
     """Fall of the cost that is worth a step, in units of the cost a feature."""
 
 
-STAGES = (
-    Stage(0.3, 2, 3, 4, 2.0, 20.0),
-    Stage(0.15, 3, 3, 3, 2.0, 5.0),
-    Stage(LAST_SHARE, 3, 4, 3, 2.0, 1.0),
+ROUNDS = (
+    Round(0.3, 2, 3, 4, 2.0, 20.0),
+    Round(0.15, 3, 3, 3, 2.0, 5.0),
+    Round(LAST_SHARE, 3, 4, 3, 2.0, 1.0),
 )
-LAST_RUNS = 10
+FINAL_RUNS = 10
 REPEATS = 6
 """Runs of a fitted model that tell its scatter."""
 POLISH, WORTH = 4, 0.05
@@ -58,7 +58,7 @@ MOST_VARIANTS = 2
 class Start(NamedTuple):
     """Effects and tolerances from which a fit begins."""
 
-    terms: tuple[Term, ...]
+    terms: tuple[EffectTerm, ...]
     z: np.ndarray
 
 
@@ -69,8 +69,8 @@ class Arena:
         before = reference(evidence, null.mean, null.cost)
         self.evidence, self.seed = evidence, seed
         self.metrics = tuple(
-            Robust(before=tuple(before), runs=s.runs, share=s.share) for s in STAGES)
-        self.last = Robust(before=tuple(before), runs=LAST_RUNS, share=LAST_SHARE)
+            Robust(before=tuple(before), runs=s.runs, share=s.share) for s in ROUNDS)
+        self.last = Robust(before=tuple(before), runs=FINAL_RUNS, share=LAST_SHARE)
         self.null_cost = self.last.cost(
             evidence, [f + s @ (null.z - null.centre) for f, s in zip(
                 null.mean, evidence.slopes(null.centre))], null.z)
@@ -85,26 +85,26 @@ class Arena:
         """
         points = self._first(starts)
         left: list[Point] = []
-        for k, (stage, rule) in enumerate(zip(STAGES, self.metrics)):
+        for k, (stage, rule) in enumerate(zip(ROUNDS, self.metrics)):
             if k < first:
                 continue
             costs = []
             last = [self.last.cost(self.evidence, p.mean, p.z) for p in points] if (
-                k == len(STAGES) - 1) else []
+                k == len(ROUNDS) - 1) else []
             for i, point in enumerate(points):
                 points[i] = descend(
                     self.evidence, rule, point, steps=stage.steps, seed=self.seed,
                     worth=stage.worth, thorough=bool(last) and THOROUGH * self.evidence.usual
                     < last[i] < NEAR_BEST * min(last))
                 costs.append(rule.cost(self.evidence, points[i].mean, points[i].z))
-                share = (k + (i + 1) / len(points)) / len(STAGES)
+                share = (k + (i + 1) / len(points)) / len(ROUNDS)
                 progress("name", span[0] + share * (span[1] - span[0]))
             order = np.argsort(costs)
             kept = _kept([(costs[i], points[i]) for i in order], stage)
             kept = [int(order[j]) for j in kept]
             left += [points[i] for i in order if i not in kept]
             points = [points[i] for i in kept]
-        found = [finished(self.evidence, self.last, p, seed=self.seed + 50, runs=LAST_RUNS)
+        found = [finished(self.evidence, self.last, p, seed=self.seed + 50, runs=FINAL_RUNS)
                  for p in (*points, *left)]
         found[len(points):] = [replace(f, left_behind=True) for f in found[len(points):]]
         return sorted((f for f in found if np.isfinite(f.cost)), key=lambda f: f.cost)
@@ -147,7 +147,7 @@ class Arena:
             if not point.finite:
                 break
             point = compass(self.evidence, self.metrics[-1], point, seed=self.seed)
-            found = self.fits([Start(point.terms, point.z)], first=len(STAGES) - 1)
+            found = self.fits([Start(point.terms, point.z)], first=len(ROUNDS) - 1)
             if not found:
                 break
             better = found[0].cost < (1.0 - WORTH) * best.cost
@@ -160,11 +160,11 @@ class Arena:
     def _first(self, starts: Sequence[Start]) -> list[Point]:
         points = run_points(
             self.evidence, [(s.terms, np.clip(s.z, -1.0, 1.0)) for s in starts],
-            runs=STAGES[0].runs, seed=self.seed)
+            runs=ROUNDS[0].runs, seed=self.seed)
         return [p for p in points if p.finite]
 
 
-def _kept(ranked: Sequence[tuple[float, Point]], stage: Stage) -> list[int]:
+def _kept(ranked: Sequence[tuple[float, Point]], stage: Round) -> list[int]:
     """Return the places of those that go on: near the best, each set of effects once or twice."""
     found: list[int] = []
     count: Counter[tuple[str, ...]] = Counter()

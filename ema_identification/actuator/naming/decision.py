@@ -25,7 +25,7 @@ from ema_identification.actuator.naming.answer import (
     one_effect,
 )
 from ema_identification.actuator.naming.contest import Arena, Start
-from ema_identification.actuator.naming.law_check import Law, check_law
+from ema_identification.actuator.naming.law_check import ControlLaw, check_law
 from ema_identification.actuator.naming.proposal import (
     challengers,
     pairs_of,
@@ -35,7 +35,7 @@ from ema_identification.actuator.naming.proposal import (
     twins,
 )
 from ema_identification.actuator.surrogate.evidence import Evidence
-from ema_identification.actuator.surrogate.fit import Fit, Term
+from ema_identification.actuator.surrogate.fit import EffectTerm, Fit
 from ema_identification.actuator.surrogate.likelihood import Recalibration
 
 NEARLY = 2.0
@@ -51,7 +51,7 @@ def with_second(case: Case, singles: Sequence[Fit]) -> Answer:
     more = seconds(evidence, best, without=case.without)[:1]
     if not more:
         return one
-    term = Term(variant=more[0].signature.variant, signature=more[0].signature, u=more[0].u)
+    term = EffectTerm(variant=more[0].signature.variant, signature=more[0].signature, u=more[0].u)
     found = case.arena.fits([Start((*best.terms, term), best.z)], first=1)
     if not found:
         return one
@@ -118,7 +118,7 @@ def with_pair(
         case.p_of(np.inf if other is None else other.cost, pair) for other in alone[::-1]))
 
 
-LEVEL = 0.002
+LEVEL_OF_GAIN = 0.002
 """A gain that useless effects reach more often names nothing."""
 POOR_FIT = 1e-7
 """A cost this improbable is a disagreement even if no effect of the catalogue helps."""
@@ -145,7 +145,7 @@ SLIGHT_COST = 4.0
 def agrees(p_gain: float, p_null: float) -> bool:
     """Whether nothing is missing, by two probabilities when nothing is: of gain and of cost."""
     together = combine_pvalues(np.maximum([p_gain, p_null], TINY)).pvalue
-    return bool(p_gain > LEVEL and p_null > POOR_FIT and together > TOGETHER)
+    return bool(p_gain > LEVEL_OF_GAIN and p_null > POOR_FIT and together > TOGETHER)
 
 
 def decide(
@@ -276,7 +276,7 @@ def _close_ones_polished(case: Case, singles: Sequence[Fit]) -> list[Fit]:
 def decide_lawfully(
     evidence: Evidence, null: Recalibration, *, without: Sequence[str] = (),
     progress: Progress = silent, seed: int = 0,
-) -> tuple[Answer, Law | None]:
+) -> tuple[Answer, ControlLaw | None]:
     """Return the answer to a recalibrated model's residual, and what the control law said.
 
     Where the law holds no effect of the controller is a candidate; where it does not, the answer

@@ -17,8 +17,8 @@ import numpy as np
 
 from ema_identification.actuator.surrogate.evidence import Evidence
 from ema_identification.actuator.surrogate.fit import (
+    EffectTerm,
     Point,
-    Term,
     bounds,
     coordinates,
     deviation_of,
@@ -64,7 +64,7 @@ EDGE = 1.0
 """Step of an effect, in units of the spread of the runs, that counts as the edge."""
 
 
-def sizes_of(terms: Sequence[Term]) -> np.ndarray:
+def sizes_of(terms: Sequence[EffectTerm]) -> np.ndarray:
     """Return the scale of each coordinate: the size of its effect, 1 where that is unknown."""
     return np.array([
         max(float(np.linalg.norm(t.u)), 1e-12) if len(levels) > 1 else 1.0
@@ -72,8 +72,8 @@ def sizes_of(terms: Sequence[Term]) -> np.ndarray:
 
 
 def approached(
-    evidence: Evidence, rule: Robust, terms: tuple[Term, ...], z: np.ndarray, *, seed: int
-) -> tuple[tuple[Term, ...], np.ndarray]:
+    evidence: Evidence, rule: Robust, terms: tuple[EffectTerm, ...], z: np.ndarray, *, seed: int
+) -> tuple[tuple[EffectTerm, ...], np.ndarray]:
     """Return effects and tolerances after regressions one after another (see `regressed`)."""
     k = 0
     for trial in range(REGRESSIONS):
@@ -87,9 +87,9 @@ def approached(
 
 
 def regressed(
-    evidence: Evidence, rule: Robust, terms: tuple[Term, ...], z: np.ndarray, *, spread: Spread,
-    seed: int,
-) -> tuple[tuple[Term, ...], np.ndarray]:
+    evidence: Evidence, rule: Robust, terms: tuple[EffectTerm, ...], z: np.ndarray, *,
+    spread: Spread, seed: int,
+) -> tuple[tuple[EffectTerm, ...], np.ndarray]:
     """Return effects and tolerances after one step with slopes from runs all around.
 
     Parameters
@@ -132,7 +132,7 @@ def regressed(
 
 
 def _ensemble(
-    evidence: Evidence, terms: tuple[Term, ...], z: np.ndarray, wide: np.ndarray, seed: int
+    evidence: Evidence, terms: tuple[EffectTerm, ...], z: np.ndarray, wide: np.ndarray, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the moves from the centre, shape (n, unknowns), and the features, shape (n, d)."""
     rng = np.random.default_rng([seed, 11])
@@ -172,7 +172,7 @@ def compass(evidence: Evidence, metric: Robust, point: Point, *, seed: int) -> P
     return point
 
 
-def _directions(terms: Sequence[Term]) -> list[np.ndarray]:
+def _directions(terms: Sequence[EffectTerm]) -> list[np.ndarray]:
     """Return moves of the coordinates: a vector's length and its angle, else one by one."""
     found, at, sizes = [], 0, sizes_of(terms)
     for term in terms:

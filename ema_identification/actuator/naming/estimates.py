@@ -25,13 +25,18 @@ import numpy as np
 import yaml
 from scipy.linalg import hadamard
 
-from ema_identification.actuator.measure.tolerances import PRIOR, TOLERANCES, Conditions, realise
+from ema_identification.actuator.measure.tolerances import (
+    PRIOR,
+    TOLERANCES,
+    RecordConditions,
+    realise,
+)
 from ema_identification.actuator.naming.optimiser import bounded_step
 from ema_identification.actuator.surrogate.evidence import Evidence
 from ema_identification.actuator.surrogate.fit import (
+    EffectTerm,
     Fit,
     Point,
-    Term,
     coordinates,
     moved,
     run_point,
@@ -46,15 +51,15 @@ from ema_sim.model_file import Model
 
 QUANTILE = 1.645
 """Of the normal distribution, for an interval of 90 %."""
-DRAWS = 400
+PARAMETER_DRAWS = 400
 SYSTEMATIC = 0.012
 """Relative error of a coordinate that no noise explains (integration, slopes)."""
 WIDER = 1.3
 """On half widths: without it 137 of 162 intervals of units whose answer is known held the truth,
 with it 142 (blind panel, units judged before)."""
-ABOVE, INCOMPLETE, MOST = 1.2, 0.1, 0.25
+ABOVE, INCOMPLETE, MOST_INCOMPLETE = 1.2, 0.1, 0.25
 """A fit that leaves more than `ABOVE` times what a complete one does is off by a further
-`INCOMPLETE` for each time more, at most `MOST`."""
+`INCOMPLETE` for each time more, at most `MOST_INCOMPLETE`."""
 
 
 def covariance_of(fit: Fit, index: int, usual: float) -> np.ndarray:
@@ -65,7 +70,8 @@ def covariance_of(fit: Fit, index: int, usual: float) -> np.ndarray:
     begin = sum(t.variant.size for t in fit.terms[:index])
     u = fit.terms[index].u
     part = slice(begin, begin + len(u))
-    error = SYSTEMATIC + float(np.clip(INCOMPLETE * (fit.cost / usual - ABOVE), 0.0, MOST))
+    incomplete = INCOMPLETE * (fit.cost / usual - ABOVE)
+    error = SYSTEMATIC + float(np.clip(incomplete, 0.0, MOST_INCOMPLETE))
     noise = fit.covariance[part, part] * (fit.inflation * max(1.0, fit.spread))**2
     return np.asarray(noise + np.eye(len(u)) * (error * np.linalg.norm(u))**2)
 
@@ -84,7 +90,7 @@ def parameters_of(fit: Fit, index: int, usual: float) -> tuple[Parameter, ...]:
     """
     term, covariance = fit.terms[index], covariance_of(fit, index, usual)
     rng = np.random.default_rng(0)
-    draws = rng.multivariate_normal(term.u, WIDER**2 * covariance, size=DRAWS)
+    draws = rng.multivariate_normal(term.u, WIDER**2 * covariance, size=PARAMETER_DRAWS)
     draws = np.clip(draws, term.variant.low, term.variant.high)
     centre = term.variant.settings(term.u)
     kinds = {f.name: f.kind for f in EFFECTS[term.variant.effect].fields}
@@ -103,7 +109,7 @@ def parameters_of(fit: Fit, index: int, usual: float) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-def choices_of(term: Term) -> dict[str, str]:
+def choices_of(term: EffectTerm) -> dict[str, str]:
     """Return the choices of an effect by name: its phase, its mode."""
     kinds = {f.name: f.kind for f in EFFECTS[term.variant.effect].fields}
     return {f"{term.variant.effect}.{name}": kind.options[int(value)]
@@ -129,17 +135,17 @@ ENTANGLED = ("turn_short", "phase_resistance_imbalance", "inverter_voltage_drop"
 those that trade against a single one)."""
 TOLERANCE_STEP = 0.5
 """By which tolerances are moved (half widths)."""
-PART, UNKNOWN_STEP = 0.15, 0.3
+SIZE_STEP, UNKNOWN_STEP = 0.15, 0.3
 """The same for coordinates: of their size; of one that the library does not know."""
-ROUNDS = 3
+EXPERIMENTS = 3
 """Most designed experiments; their slopes are averaged."""
-TRIALS = (1.0, 0.4)
+PARTS_OF_STEP = (1.0, 0.4)
 """Parts of a step that are tried."""
 FAR = 0.3
 """Change of the coordinates, of their size, after which slopes from before count no more."""
 LEAST_KNOWN = 0.2
 """Part of the information that is left to a direction, however noisy its slopes."""
-INFLATION = 1.5
+DESIGNED_INFLATION = 1.5
 """On standard deviations; with it 56 of 62 intervals of such effects held the truth, with 1.0 50
 and with 2.5 58 (blind panel, units judged before)."""
 
@@ -224,7 +230,7 @@ def estimate_again(evidence: Evidence, metric: Robust, fit: Fit, *, seed: int) -
     cost, free = metric.cost(evidence, point.mean, point.z), fit.free
     kept: list[tuple[np.ndarray, Slopes]] = []
     found = fit
-    for k in range(ROUNDS):
+    for k in range(EXPERIMENTS):
         here = _experiment(evidence, point.terms, point.z, seed=seed + 1 + k)
         if here is None:
             break
@@ -242,7 +248,7 @@ def estimate_again(evidence: Evidence, metric: Robust, fit: Fit, *, seed: int) -
         point, cost = _best(evidence, metric, point, cost, step, seed)
         found = Fit(terms=point.terms, z=point.z, covariance=covariance, cost=cost,
                     mean=point.mean, runs=metric.runs, slopes=slopes.value,
-                    inflation=INFLATION)
+                    inflation=DESIGNED_INFLATION)
     return found
 
 
@@ -251,7 +257,7 @@ def _best(
 ) -> tuple[Point, float]:
     """Return the first point along a step that costs less, else the one before it."""
     u, free = coordinates(point.terms), len(coordinates(point.terms))
-    for part in TRIALS:
+    for part in PARTS_OF_STEP:
         trial = run_point(
             evidence, moved(point.terms, u + part * step[:free]),
             np.clip(point.z + part * step[free:], -1.0, 1.0), runs=metric.runs, seed=seed)
@@ -263,12 +269,12 @@ def _best(
 
 
 def _experiment(
-    evidence: Evidence, terms: tuple[Term, ...], z: np.ndarray, *, seed: int
+    evidence: Evidence, terms: tuple[EffectTerm, ...], z: np.ndarray, *, seed: int
 ) -> Slopes | None:
     """Return slopes about a point; None where too few runs succeed."""
     step = np.concatenate([*(
         np.where([len(levels) > 1 for levels in t.signature.levels],
-                 PART * np.linalg.norm(t.u), UNKNOWN_STEP) for t in terms),
+                 SIZE_STEP * np.linalg.norm(t.u), UNKNOWN_STEP) for t in terms),
         np.full(len(z), TOLERANCE_STEP)])
     signs = two_level_design(len(step))
     seeds = [seed * len(signs) + k % (len(signs) // 2) for k in range(len(signs))]
@@ -288,7 +294,7 @@ HEADER = "# Written by ema identify: recalibrated parameters, and the effects th
 
 def updated_actuator(model: Model, z: np.ndarray) -> Actuator:
     """Return the actuator of a unit with tolerances `z`, shape (18,)."""
-    actuator, _ = realise(model, z, Conditions())
+    actuator, _ = realise(model, z, RecordConditions())
     return actuator
 
 

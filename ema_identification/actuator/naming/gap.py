@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.measure.features import feature_map
-from ema_identification.actuator.measure.runs import Case, run_case
+from ema_identification.actuator.measure.runs import UnitRun, run_case
 from ema_identification.actuator.measure.tolerances import SHARED, TOLERANCES
 from ema_identification.actuator.surrogate.evidence import Asked, Evidence, noise_covariance, solve
 from ema_identification.actuator.surrogate.fit import Fit, coordinates, moved, with_terms
@@ -49,7 +49,7 @@ DRAWS = 39
 """Runs in place of the measurement: the least number whose rank tells a level of 0.025."""
 LEVEL = 0.05
 """Probability by noise alone from which a gap is more than noise."""
-LARGEST = 1e4
+LARGEST_RESIDUAL = 1e4
 """Most that one feature counts (standard deviations)."""
 DAY = 1.5
 """Largest deviation of the day (the load) that is fitted to a held-out record (half widths)."""
@@ -58,7 +58,7 @@ Model = Fit | Recalibration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gap:
+class ModelGap:
     """The gap of the model as given and after each effect, in the order found.
 
     Attributes
@@ -106,7 +106,7 @@ def _rank(value: float, draws: np.ndarray) -> float:
 def gap_of(
     evidence: Evidence, held: Evidence | None, null: Recalibration, fits: Sequence[Fit], *,
     seed: int,
-) -> Gap:
+) -> ModelGap:
     """Return the gap of the model as given and of fits that add one effect after another.
 
     Parameters
@@ -128,14 +128,14 @@ def gap_of(
     residual = left(measured)
     draws = [worst(left(values)) for values in shown.evidence.means(shown.asked(models[-1], seed))
              if all(np.isfinite(f).all() for f in values)]
-    return Gap(values=tuple(worst(residual)), held=held is not None,
+    return ModelGap(values=tuple(worst(residual)), held=held is not None,
                draws=np.array(draws).reshape(-1, len(models)),
                residual=tuple(tuple(r) for r in residual))
 
 
 def worst(residual: Sequence[Sequence[np.ndarray]]) -> list[float]:
     """Return the rms of each model over the tenth of features in which the worst is off most."""
-    squares = np.array([np.clip(np.concatenate(list(r)), -LARGEST, LARGEST)**2
+    squares = np.array([np.clip(np.concatenate(list(r)), -LARGEST_RESIDUAL, LARGEST_RESIDUAL)**2
                         for r in residual])
     count = max(1, round(WORST * squares.shape[1]))
     chosen = np.argsort(squares.max(axis=0))[-count:]
@@ -281,13 +281,13 @@ def inseparable(fits: Sequence[Fit], base: Effects) -> str:
 
 PROFILES = ("extended", "ramps", "speeds", "steps", "deflections")
 """Shipped commands that may be proposed, the default test first."""
-MOST = 3
+COMPARED = 3
 """Candidates that are compared."""
 TEST_RUNS = 3
 """Runs of each candidate on each command."""
-LEAST = 2.0
+LEAST_SEPARATION = 2.0
 """Separation below which a command promises nothing."""
-ENOUGH = 20.0
+ENOUGH_SEPARATION = 20.0
 """Separation from which no further command is looked at."""
 
 
@@ -304,12 +304,12 @@ class Proposed(NamedTuple):
 def separating_test(evidence: Evidence, fits: Sequence[Fit], *, seed: int = 0) -> Proposed | None:
     """Return a command whose features would differ between the candidates.
 
-    The first one that sets them `ENOUGH` apart, else the one that sets them farthest apart.
+    The first one that sets them `ENOUGH_SEPARATION` apart, else the one that does so most.
 
     Parameters
     ----------
     evidence : the records at hand; their commands are not proposed again.
-    fits : candidates that cannot be told apart; the first `MOST` count.
+    fits : candidates that cannot be told apart; the first `COMPARED` count.
     seed : of the runs.
     """
     one = inseparable(fits, evidence.blocks[0].library.model.effects)
@@ -317,9 +317,9 @@ def separating_test(evidence: Evidence, fits: Sequence[Fit], *, seed: int = 0) -
         return Proposed(None, 0.0, one)
     used = {tuple(b.record.profile.points) for b in evidence.blocks}
     best: Proposed | None = None
-    fits = fits[:MOST]
+    fits = fits[:COMPARED]
     for name in PROFILES:
-        if best is not None and best.separation >= ENOUGH:
+        if best is not None and best.separation >= ENOUGH_SEPARATION:
             break
         profile = load_profile(name)
         if tuple(profile.points) in used:
@@ -330,7 +330,7 @@ def separating_test(evidence: Evidence, fits: Sequence[Fit], *, seed: int = 0) -
             best = Proposed(profile, separation, (
                 f"run the profile {name!r} ({profile.description}): it would set {names} "
                 f"{separation:.0f} standard deviations apart"))
-    return best if best is not None and best.separation >= LEAST else None
+    return best if best is not None and best.separation >= LEAST_SEPARATION else None
 
 
 def _separation(
@@ -344,9 +344,9 @@ def _separation(
     fmap = feature_map(profile, model.actuator, example)
     runs = [
         np.array([
-            run_case(model, Case(z=evidence.tolerances.of(0, fit.z), conditions=block.conditions,
-                                 seed=seed + 1000 + TEST_RUNS * k + j,
-                                 effects=fit.effects(model.effects)), fmap)
+            run_case(model, UnitRun(
+                z=evidence.tolerances.of(0, fit.z), conditions=block.conditions,
+                seed=seed + 1000 + TEST_RUNS * k + j, effects=fit.effects(model.effects)), fmap)
             for j in range(TEST_RUNS)
         ])
         for k, fit in enumerate(fits)

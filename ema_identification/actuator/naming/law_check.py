@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.measure.controller import OFF, Gains, measured_gains
-from ema_identification.actuator.measure.runs import Case, simulate_case
+from ema_identification.actuator.measure.runs import UnitRun, simulate_case
 from ema_identification.actuator.measure.tolerances import N_TOLERANCES
-from ema_identification.actuator.surrogate.evidence import Block, Evidence
+from ema_identification.actuator.surrogate.evidence import Evidence, RecordEvidence
 from ema_record.actuator import Control
 from ema_record.errors import SimulationError
 from ema_sim.effects import EFFECTS, Effects
@@ -19,7 +19,7 @@ PORT = "controller"
 """Of effects that change the law. Those of the sensors do not: the controller reads them too."""
 
 
-class Law(NamedTuple):
+class ControlLaw(NamedTuple):
     """Whether the law of the model holds, and what may have changed it."""
 
     holds: bool
@@ -30,7 +30,9 @@ class Law(NamedTuple):
     text: str = ""
 
 
-def check_law(evidence: Evidence, *, without: Sequence[str] = (), seed: int = 0) -> Law | None:
+def check_law(
+    evidence: Evidence, *, without: Sequence[str] = (), seed: int = 0
+) -> ControlLaw | None:
     """Return what the law says; None if the records cannot tell it.
 
     Parameters
@@ -50,9 +52,9 @@ def check_law(evidence: Evidence, *, without: Sequence[str] = (), seed: int = 0)
             continue
         text = measured.text(control)
         if not same_law(measured, own, control):
-            return Law(holds=False, text=text, suspects=tuple(sorted(
+            return ControlLaw(holds=False, text=text, suspects=tuple(sorted(
                 _suspects(block, measured, entries, seed))))
-    return Law(holds=True, excluded=tuple(sorted(entries)), text=text) if text else None
+    return ControlLaw(holds=True, excluded=tuple(sorted(entries)), text=text) if text else None
 
 
 def same_law(measured: Gains, other: Gains, control: Control) -> bool:
@@ -66,7 +68,7 @@ def same_law(measured: Gains, other: Gains, control: Control) -> bool:
     return delayed or abs(measured.integral - other.integral) < OFF[1] * control.integral_gain
 
 
-def _suspects(block: Block, measured: Gains, entries: set[str], seed: int) -> set[str]:
+def _suspects(block: RecordEvidence, measured: Gains, entries: set[str], seed: int) -> set[str]:
     """Return those of `entries` that make the law as measured, at any of their sizes."""
     model, found = block.library.model, set()
     for signature in block.library.signatures:
@@ -83,11 +85,11 @@ def _suspects(block: Block, measured: Gains, entries: set[str], seed: int) -> se
     return found
 
 
-def _run(block: Block, effects: Effects | None, seed: int) -> Gains | None:
+def _run(block: RecordEvidence, effects: Effects | None, seed: int) -> Gains | None:
     """Return the gains of a run of the nominal unit, with `effects` or as the model is."""
     library = block.library
     try:
-        record = simulate_case(library.model, Case(
+        record = simulate_case(library.model, UnitRun(
             z=np.zeros(N_TOLERANCES), conditions=block.conditions, seed=seed, effects=effects),
             library.fmap)
     except SimulationError:

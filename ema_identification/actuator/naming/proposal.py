@@ -22,13 +22,13 @@ from ema_identification.actuator.naming.gap import PHASES, phase_constants
 from ema_identification.actuator.naming.ripple import periodic_candidates
 from ema_identification.actuator.naming.sizes import Sized, Sizing, grid
 from ema_identification.actuator.surrogate.evidence import Asked, Evidence
-from ema_identification.actuator.surrogate.fit import Fit, Term
+from ema_identification.actuator.surrogate.fit import EffectTerm, Fit
 from ema_identification.actuator.surrogate.likelihood import BAND, Recalibration, Robust
 from ema_identification.actuator.surrogate.screening import (
     Screened,
     bounded_gains,
     residual,
-    screen,
+    screen_catalogue,
     selectable,
     signature_of,
     stacked,
@@ -69,7 +69,7 @@ def propose(
     went astray.
     """
     local = residual(evidence, null.centre, null.mean, runs=null.runs)
-    near = screen(evidence, local, without=without)
+    near = screen_catalogue(evidence, local, without=without)
     gains = bounded_gains(evidence, null.centre, null.mean, null.runs, near)
     ranked = [s for _, s in sorted(zip(gains, near), key=lambda pair: -pair[0])]
     sizing = Sizing(evidence)
@@ -100,12 +100,12 @@ def _start(sized: Sized) -> Start:
     return Start((_term(sized),), sized.z)
 
 
-def _term(sized: Sized) -> Term:
-    return Term(variant=sized.signature.variant, signature=sized.signature, u=sized.u)
+def _term(sized: Sized) -> EffectTerm:
+    return EffectTerm(variant=sized.signature.variant, signature=sized.signature, u=sized.u)
 
 
-def _screened_term(evidence: Evidence, screened: Screened) -> Term:
-    return Term(variant=screened.variant, signature=signature_of(evidence, screened),
+def _screened_term(evidence: Evidence, screened: Screened) -> EffectTerm:
+    return EffectTerm(variant=screened.variant, signature=signature_of(evidence, screened),
                 u=screened.u)
 
 
@@ -158,7 +158,7 @@ def rescaled(
                        rule.runs, seed) for u in points]
         for u, (z, *_), mean in zip(points, asked, evidence.means(asked)):
             if all(np.isfinite(f).all() for f in mean):
-                costs.append((rule.cost(evidence, mean, z), Start((Term(
+                costs.append((rule.cost(evidence, mean, z), Start((EffectTerm(
                     variant=term.variant, signature=term.signature, u=u),), z)))
         lowest = [c for k, c in enumerate(costs)
                   if c[0] <= min(other for other, _ in costs[max(k - 1, 0):k + 2])]
@@ -202,7 +202,7 @@ def pairs_of(
 
 
 def _add(
-    found: list[Start], seen: set[frozenset[str]], terms: tuple[Term, ...], z: np.ndarray
+    found: list[Start], seen: set[frozenset[str]], terms: tuple[EffectTerm, ...], z: np.ndarray
 ) -> None:
     key = frozenset(t.variant.name for t in terms)
     if key not in seen:
@@ -252,7 +252,7 @@ def twins(evidence: Evidence, fit: Fit, *, without: Sequence[str] = ()) -> list[
     for index in selectable(evidence, without):
         variant = evidence.blocks[0].library.signatures[index].variant
         if variant.name in wanted:
-            there = Term(variant=variant, signature=stacked(evidence, index),
+            there = EffectTerm(variant=variant, signature=stacked(evidence, index),
                          u=wanted[variant.name])
             ratio = made * phase_constants(base) / phase_constants(
                 variant.effects(there.u, base))

@@ -16,17 +16,17 @@ import numpy as np
 
 from ema_identification.actuator.naming.gap import whitened
 from ema_identification.actuator.surrogate.catalogue import ripple
-from ema_identification.actuator.surrogate.evidence import Block, Evidence
+from ema_identification.actuator.surrogate.evidence import Evidence, RecordEvidence
 from ema_identification.actuator.surrogate.fit import Fit
 from ema_identification.actuator.surrogate.likelihood import Recalibration
 from ema_identification.actuator.surrogate.screening import Screened, best_of, residual
 from ema_identification.actuator.surrogate.signatures import Signature
 
-STRONG = 8.0
+STRONG_LINE = 8.0
 """Least residual of a line (standard deviations, re and im)."""
 COHERENT = 0.85
 """Least part of the power of a line that has one phase in all sections."""
-ALONE = 20.0, 0.95
+ONE_SPEED = 20.0, 0.95
 """The same two for the sections of one speed alone: two of them agree by chance more often."""
 
 
@@ -63,8 +63,8 @@ def largest_line(
     block = evidence.blocks[0]
     speeds = {s.name: s.speed for s in block.library.fmap.plan.segments}
     sizes = {name: round(abs(v), 3) for name, v in speeds.items()}
-    groups = [(list(speeds), STRONG, COHERENT)] + [
-        ([n for n in speeds if sizes[n] == v], *ALONE)
+    groups = [(list(speeds), STRONG_LINE, COHERENT)] + [
+        ([n for n in speeds if sizes[n] == v], *ONE_SPEED)
         for v in sorted(set(sizes.values()), reverse=True)]
     left = _left(block, residual[0])
     clear = {order: [line for group in groups if (line := _clear(places, speeds, *group))]
@@ -78,7 +78,7 @@ def largest_line(
     return order, line.amplitude, text
 
 
-def _left(block: Block, residual: np.ndarray) -> dict[int, dict[str, _Left]]:
+def _left(block: RecordEvidence, residual: np.ndarray) -> dict[int, dict[str, _Left]]:
     """Return the torque lines that are left, by order and place."""
     deviation = block.library.null.deviation(block.conditions.noise)
     lines: dict[tuple[int, str], complex] = defaultdict(complex)
@@ -132,7 +132,7 @@ def _power_along(lines: np.ndarray, weight: np.ndarray) -> np.ndarray:
 LOWEST = 3
 """Lower orders belong to windings and commutation."""
 RIPPLES = ("cogging_torque", "gear_mesh_ripple")
-RUNS = 4
+RIPPLE_RUNS = 4
 SHARE = 0.05
 """Of the size of an effect found before, by which it may give way (times 100, `residual`)."""
 SHAFT_SHARE = 1e-5
@@ -176,7 +176,8 @@ def periodic_candidates(
         for k in range(2):
             u = np.zeros(2)
             u[k] = level
-            runs = evidence.mean(centre, variant.effects(u, effects), runs=RUNS, seed=seed + 20)
+            runs = evidence.mean(centre, variant.effects(u, effects), runs=RIPPLE_RUNS,
+                                 seed=seed + 20)
             values.append(np.concatenate(runs) - np.concatenate(about.mean))
         if not np.isfinite(values).all():
             continue

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from ema_identification.actuator.measure.runs import Case, Runner
-from ema_identification.actuator.measure.tolerances import PRIOR, Conditions, Tolerances
+from ema_identification.actuator.measure.runs import Runner, UnitRun
+from ema_identification.actuator.measure.tolerances import PRIOR, RecordConditions, Tolerances
 from ema_identification.actuator.surrogate.signatures import Library
 from ema_record.record import Record
 from ema_sim.effects import Effects
@@ -30,7 +30,7 @@ SLOPE_VARIANCE = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Block:
+class RecordEvidence:
     """One record with what is known about records like it.
 
     Attributes
@@ -43,7 +43,7 @@ class Block:
 
     record: Record
     library: Library
-    conditions: Conditions
+    conditions: RecordConditions
     values: np.ndarray
     _repeats: dict[int, np.ndarray] = field(
         init=False, repr=False, compare=False, default_factory=dict)
@@ -87,7 +87,7 @@ class Whitening:
 
 
 def noise_covariance(
-    block: Block, *, runs: int, error: np.ndarray | None = None
+    block: RecordEvidence, *, runs: int, error: np.ndarray | None = None
 ) -> np.ndarray:
     """Return the covariance of measured minus simulated features at the true tolerances.
 
@@ -125,7 +125,7 @@ class Asked(NamedTuple):
 class Evidence:
     """Records of one unit, and where runs on it are made."""
 
-    blocks: tuple[Block, ...]
+    blocks: tuple[RecordEvidence, ...]
     tolerances: Tolerances
     runner: Runner = field(repr=False, compare=False, default_factory=Runner)
 
@@ -141,7 +141,7 @@ class Evidence:
         ends = np.cumsum([a.runs for a in asked])[:-1]
         for k, block in enumerate(self.blocks):
             cases = [
-                Case(z=self.tolerances.of(k, a.z), conditions=block.conditions, seed=int(s),
+                UnitRun(z=self.tolerances.of(k, a.z), conditions=block.conditions, seed=int(s),
                      effects=a.effects)
                 for a in asked
                 for s in np.random.default_rng([a.seed, 3, k]).integers(2**31, size=a.runs)
@@ -171,13 +171,13 @@ class Evidence:
         return sum(float(np.exp(b.library.scale.fit[0])) * len(b) for b in self.blocks)
 
 
-def evidence(blocks: Sequence[Block], runner: Runner | None = None) -> Evidence:
+def evidence(blocks: Sequence[RecordEvidence], runner: Runner | None = None) -> Evidence:
     """Return the evidence of `blocks`; runs are made by `runner`."""
     return Evidence(blocks=tuple(blocks), tolerances=Tolerances(len(blocks)),
                     runner=runner or Runner())
 
 
-def slope_noise(block: Block, covariance: np.ndarray) -> float:
+def slope_noise(block: RecordEvidence, covariance: np.ndarray) -> float:
     """Return the information that the errors of the library's slopes feign, a tolerance."""
     null = block.library.null
     error = SLOPE_VARIANCE * (null.misfit + 0.5 * null.deviation(1.0)**2)

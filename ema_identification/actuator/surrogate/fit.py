@@ -20,12 +20,12 @@ from ema_identification.actuator.surrogate.evidence import Asked, Evidence
 from ema_identification.actuator.surrogate.signatures import Signature
 from ema_sim.effects import Effects
 
-INFLATION = 2.5
+LIBRARY_INFLATION = 2.5
 """On standard deviations: the slopes of the library are themselves estimates."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Term:
+class EffectTerm:
     """One effect in a joint fit."""
 
     variant: Variant
@@ -51,14 +51,14 @@ class Fit:
     left_behind : whether it did not go through all rounds of the contest.
     """
 
-    terms: tuple[Term, ...]
+    terms: tuple[EffectTerm, ...]
     z: np.ndarray
     covariance: np.ndarray
     cost: float
     mean: tuple[np.ndarray, ...]
     runs: int
     slopes: np.ndarray
-    inflation: float = INFLATION
+    inflation: float = LIBRARY_INFLATION
     left_behind: bool = False
 
     @property
@@ -76,31 +76,31 @@ class Fit:
         return with_terms(self.terms, base)
 
 
-def with_terms(terms: Sequence[Term], base: Effects) -> Effects:
+def with_terms(terms: Sequence[EffectTerm], base: Effects) -> Effects:
     """Return `base` with the effects of `terms`."""
     for term in terms:
         base = term.variant.effects(term.u, base)
     return base
 
 
-def coordinates(terms: Sequence[Term]) -> np.ndarray:
+def coordinates(terms: Sequence[EffectTerm]) -> np.ndarray:
     """Return the coordinates of all terms, one after another."""
     return np.concatenate([t.u for t in terms])
 
 
-def bounds(terms: Sequence[Term]) -> tuple[np.ndarray, np.ndarray]:
+def bounds(terms: Sequence[EffectTerm]) -> tuple[np.ndarray, np.ndarray]:
     """Return the bounds of the coordinates."""
     return (np.concatenate([t.variant.low for t in terms]),
             np.concatenate([t.variant.high for t in terms]))
 
 
-def moved(terms: Sequence[Term], u: np.ndarray) -> tuple[Term, ...]:
+def moved(terms: Sequence[EffectTerm], u: np.ndarray) -> tuple[EffectTerm, ...]:
     """Return the terms at other coordinates, within their bounds."""
     found, k = [], 0
     for term in terms:
         n = term.variant.size
         part = np.clip(u[k:k + n], term.variant.low, term.variant.high)
-        found.append(Term(variant=term.variant, signature=term.signature, u=part))
+        found.append(EffectTerm(variant=term.variant, signature=term.signature, u=part))
         k += n
     return tuple(found)
 
@@ -118,7 +118,7 @@ class Point:
     damping : of the next step.
     """
 
-    terms: tuple[Term, ...]
+    terms: tuple[EffectTerm, ...]
     z: np.ndarray
     mean: tuple[np.ndarray, ...]
     runs: int
@@ -132,14 +132,14 @@ class Point:
 
 
 def run_point(
-    evidence: Evidence, terms: tuple[Term, ...], z: np.ndarray, *, runs: int, seed: int
+    evidence: Evidence, terms: tuple[EffectTerm, ...], z: np.ndarray, *, runs: int, seed: int
 ) -> Point:
     """Return a point with its features."""
     return run_points(evidence, [(terms, z)], runs=runs, seed=seed)[0]
 
 
 def run_points(
-    evidence: Evidence, places: Sequence[tuple[tuple[Term, ...], np.ndarray]], *, runs: int,
+    evidence: Evidence, places: Sequence[tuple[tuple[EffectTerm, ...], np.ndarray]], *, runs: int,
     seed: int,
 ) -> list[Point]:
     """Return points at effects and tolerances with their features."""
@@ -150,7 +150,7 @@ def run_points(
 
 
 def runs_around(
-    evidence: Evidence, terms: Sequence[Term], z: np.ndarray, moves: np.ndarray,
+    evidence: Evidence, terms: Sequence[EffectTerm], z: np.ndarray, moves: np.ndarray,
     seeds: Sequence[int], *, band: float = np.inf,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the moves that were made, shape (n, unknowns), and the features, shape (n, d).
@@ -179,7 +179,7 @@ def runs_around(
 
 PART = 0.2
 """Part of a coordinate by which it is moved for its slope."""
-STRONG = 4.0
+STRONG_EFFECT = 4.0
 """Rms of an effect's signature from which its slope is simulated (standard deviations)."""
 TOLERANCE_STEP = 0.5
 """By which a tolerance is moved for its slope (half widths)."""
@@ -195,13 +195,13 @@ def deviation_of(evidence: Evidence) -> np.ndarray:
         b.library.null.deviation(b.conditions.noise) for b in evidence.blocks])
 
 
-def library_slopes(terms: Sequence[Term]) -> np.ndarray:
+def library_slopes(terms: Sequence[EffectTerm]) -> np.ndarray:
     """Return the slopes to the coordinates as the library knows them."""
     return np.hstack([t.signature.slope(t.u) for t in terms])
 
 
 def simulated_slopes(
-    evidence: Evidence, terms: Sequence[Term], z: np.ndarray, mean: Sequence[np.ndarray], *,
+    evidence: Evidence, terms: Sequence[EffectTerm], z: np.ndarray, mean: Sequence[np.ndarray], *,
     runs: int, seed: int,
 ) -> np.ndarray:
     """Return the slopes to the coordinates: by the simulator where an effect is strong.
@@ -216,7 +216,8 @@ def simulated_slopes(
     start, k = coordinates(terms), 0
     places: list[tuple[int, np.ndarray]] = []
     for term in terms:
-        strong = float(np.sqrt(np.mean((term.signature.at(term.u) / deviation)**2))) > STRONG
+        added = term.signature.at(term.u) / deviation
+        strong = float(np.sqrt(np.mean(added**2))) > STRONG_EFFECT
         size = float(np.linalg.norm(term.u))
         for levels in term.signature.levels:
             known = len(levels) > 1
@@ -236,7 +237,7 @@ def simulated_slopes(
 
 
 def slopes_with_aliases(
-    evidence: Evidence, terms: Sequence[Term], z: np.ndarray, slope_u: np.ndarray,
+    evidence: Evidence, terms: Sequence[EffectTerm], z: np.ndarray, slope_u: np.ndarray,
     known: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return the slopes to the tolerances; those that a coordinate shares, taken from it.
@@ -274,7 +275,7 @@ def slopes_with_aliases(
 
 
 def simulated_tolerances(
-    evidence: Evidence, terms: Sequence[Term], z: np.ndarray, mean: Sequence[np.ndarray],
+    evidence: Evidence, terms: Sequence[EffectTerm], z: np.ndarray, mean: Sequence[np.ndarray],
     slopes: np.ndarray, *, runs: int, seed: int,
 ) -> np.ndarray:
     """Return slopes to the tolerances, mended where the simulator clearly says another.

@@ -22,16 +22,28 @@ import numpy as np
 from ema_identification import cache
 from ema_identification.actuator.measure.features import feature_map
 from ema_identification.actuator.measure.runs import (
-    Case,
     Progress,
+    UnitRun,
     silent,
     simulate_case,
     spread_out,
 )
 from ema_identification.actuator.measure.tolerances import align, draw_conditions, draw_tolerances
-from ema_identification.actuator.surrogate.evidence import Block, evidence, noise_covariance
-from ema_identification.actuator.surrogate.likelihood import LAST_RUNS, recalibrate, solve_at
-from ema_identification.actuator.surrogate.screening import bounded_gains, residual, screen
+from ema_identification.actuator.surrogate.evidence import (
+    RecordEvidence,
+    evidence,
+    noise_covariance,
+)
+from ema_identification.actuator.surrogate.likelihood import (
+    LAST_RUNS,
+    recalibrate,
+    recalibrated_at,
+)
+from ema_identification.actuator.surrogate.screening import (
+    bounded_gains,
+    residual,
+    screen_catalogue,
+)
 from ema_identification.actuator.surrogate.signatures import (
     Library,
     NullLibrary,
@@ -47,7 +59,7 @@ from ema_record.profile import Profile
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
 
-UNITS = 48
+FRESH_UNITS = 48
 CHUNK = 2
 MEMORY = 10.0
 """Units that the prior scale of a feature counts for."""
@@ -58,20 +70,20 @@ HIGHEST = 20.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Unit:
-    block: Block
+    block: RecordEvidence
     centre: np.ndarray
     mean: np.ndarray
 
 
-def _case(seed: int, index: int) -> Case:
+def _case(seed: int, index: int) -> UnitRun:
     rng = np.random.default_rng([seed, 4, index])
-    return Case(z=draw_tolerances(rng), conditions=draw_conditions(rng),
+    return UnitRun(z=draw_tolerances(rng), conditions=draw_conditions(rng),
                 seed=int(rng.integers(2**31)))
 
 
-def _block(library: Library, case: Case) -> Block:
+def _block(library: Library, case: UnitRun) -> RecordEvidence:
     record = simulate_case(library.model, case, library.fmap)
-    return Block(record=record, library=library, conditions=align(record, library.model),
+    return RecordEvidence(record=record, library=library, conditions=align(record, library.model),
                  values=library.fmap.extract(record))
 
 
@@ -96,7 +108,7 @@ def calibration_runs(
     units: int | None = None,
 ) -> np.ndarray:
     """Return the rows from which `scale_of` takes its numbers, one a unit."""
-    n = UNITS if units is None else units
+    n = FRESH_UNITS if units is None else units
     chunks = [list(range(i, min(i + CHUNK, n))) for i in range(0, n, CHUNK)]
     plain = replace(library, signatures=())
     return np.concatenate(spread_out(
@@ -109,7 +121,7 @@ def scale_of(library: Library, rows: np.ndarray) -> Scale:
     units = [_unit(library, row) for row in rows]
     squares = np.zeros(len(library.fmap.features))
     for unit in units:
-        found = solve_at(evidence([unit.block]), unit.centre, [unit.mean], LAST_RUNS)
+        found = recalibrated_at(evidence([unit.block]), unit.centre, [unit.mean], LAST_RUNS)
         slope = evidence([unit.block]).slopes(unit.centre)[0]
         rest = unit.block.values - unit.mean - slope @ (found.z - unit.centre)
         squares += rest**2 / np.diag(noise_covariance(unit.block, runs=LAST_RUNS))
@@ -119,11 +131,11 @@ def scale_of(library: Library, rows: np.ndarray) -> Scale:
     costs, gains = [], []
     for unit in units:
         ev = evidence([replace(unit.block, library=library)])
-        costs.append(solve_at(ev, unit.centre, [unit.mean], LAST_RUNS).cost / ev.size)
+        costs.append(recalibrated_at(ev, unit.centre, [unit.mean], LAST_RUNS).cost / ev.size)
         if library.signatures:
             rest = residual(ev, unit.centre, [unit.mean], runs=LAST_RUNS)
             gains.append(max(bounded_gains(
-                ev, unit.centre, [unit.mean], LAST_RUNS, screen(ev, rest))))
+                ev, unit.centre, [unit.mean], LAST_RUNS, screen_catalogue(ev, rest))))
     logs = np.log(costs)
     middle = float(np.median(gains)) if gains else 10.0
     tail = 5.0
@@ -135,14 +147,15 @@ def scale_of(library: Library, rows: np.ndarray) -> Scale:
 
 
 def _unit(library: Library, row: np.ndarray) -> _Unit:
-    from ema_identification.actuator.measure.tolerances import Conditions
+    from ema_identification.actuator.measure.tolerances import RecordConditions
 
     d = len(library.fmap.features)
     temperature, bus, noise, angle = row[-4:]
-    conditions = Conditions(
+    conditions = RecordConditions(
         temperature=float(temperature), bus=float(bus), noise=float(noise),
         start_angle=float(angle), measured=frozenset({"temperature", "bus"}))
-    block = Block(record=library.example, library=library, conditions=conditions, values=row[:d])
+    block = RecordEvidence(record=library.example, library=library, conditions=conditions,
+                           values=row[:d])
     return _Unit(block=block, centre=row[2 * d:-4], mean=row[d:2 * d])
 
 

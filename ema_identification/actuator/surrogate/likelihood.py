@@ -111,26 +111,26 @@ def recalibrate(
     for _ in range(2):
         mean = [b.library.null.mean(evidence.tolerances.of(i, z), b.conditions)
                 for i, b in enumerate(evidence.blocks)]
-        z, _, _ = _solve(evidence, z, mean, 0, COARSE)
+        z, _, _ = _recalibrated(evidence, z, mean, 0, COARSE)
     for k in range(rounds):
         n = last if k == rounds - 1 else runs
         mean = evidence.mean(z, None, runs=n, seed=seed + k)
         if k == rounds - 1:
             break
-        z, _, _ = _solve(evidence, z, mean, n, COARSE * 0.5**k)
-    return solve_at(evidence, z, mean, last)
+        z, _, _ = _recalibrated(evidence, z, mean, n, COARSE * 0.5**k)
+    return recalibrated_at(evidence, z, mean, last)
 
 
-def solve_at(
+def recalibrated_at(
     evidence: Evidence, centre: np.ndarray, mean: list[np.ndarray], runs: int
 ) -> Recalibration:
     """Return the recalibration that follows from one simulation at tolerances `centre`."""
-    z, covariance, cost = _solve(evidence, centre, mean, runs, 0.0)
+    z, covariance, cost = _recalibrated(evidence, centre, mean, runs, 0.0)
     return Recalibration(z=z, centre=centre, covariance=covariance, mean=tuple(mean), cost=cost,
                          runs=runs)
 
 
-def _solve(
+def _recalibrated(
     evidence: Evidence, z: np.ndarray, mean: list[np.ndarray], runs: int, coarse: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return tolerances within their bands, their covariance and the cost."""

@@ -128,7 +128,7 @@ def signature_of(evidence: Evidence, screened: Screened) -> Signature:
     return stacked(evidence, screened.index) if screened.own is None else screened.own
 
 
-def screen(
+def screen_catalogue(
     evidence: Evidence, rest: Residual, *, without: Iterable[str] = ()
 ) -> list[Screened]:
     """Return all variants with their best coordinates, best first."""

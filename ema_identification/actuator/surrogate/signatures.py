@@ -22,10 +22,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ema_identification.actuator.measure.features import FeatureMap
-from ema_identification.actuator.measure.runs import Case, Progress, run_cases, silent
+from ema_identification.actuator.measure.runs import Progress, UnitRun, run_cases, silent
 from ema_identification.actuator.measure.tolerances import (
     N_TOLERANCES,
-    Conditions,
+    RecordConditions,
     draw_conditions,
     draw_tolerances,
 )
@@ -34,7 +34,7 @@ from ema_record.record import Record
 from ema_sim.effects import EFFECTS
 from ema_sim.model_file import Model
 
-UNITS = 450
+NULL_UNITS = 450
 """Units of a library; each is run twice."""
 RIDGE = 1.0
 SHRINK = 0.3
@@ -63,18 +63,18 @@ class NullLibrary:
     correlation: np.ndarray
     misfit: np.ndarray
 
-    def mean(self, z: np.ndarray, conditions: Conditions) -> np.ndarray:
+    def mean(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
         """Return the mean feature vector, shape (d,)."""
         return np.asarray(design(np.concatenate([z, conditions.regressors()])[None])[0]
                           @ self.weights)
 
-    def slope(self, z: np.ndarray, conditions: Conditions) -> np.ndarray:
+    def slope(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
         """Return the derivative of the mean to the tolerances, shape (d, 18)."""
         v = np.concatenate([z, conditions.regressors()])
         step = 0.5 * np.eye(N_TOLERANCES, len(v))
         return np.asarray((design(v + step) - design(v - step)) @ self.weights).T
 
-    def noise_slope(self, conditions: Conditions) -> np.ndarray:
+    def noise_slope(self, conditions: RecordConditions) -> np.ndarray:
         """Return the derivative of the mean to the regressor of the noise, shape (d,)."""
         v = np.concatenate([np.zeros(N_TOLERANCES), conditions.regressors()])
         step = np.zeros_like(v)
@@ -100,11 +100,11 @@ def build_null_library(
     progress: Progress = silent, units: int | None = None,
 ) -> NullLibrary:
     """Simulate the units and return their statistics."""
-    cases: list[Case] = []
-    for k in range(UNITS if units is None else units):
+    cases: list[UnitRun] = []
+    for k in range(NULL_UNITS if units is None else units):
         rng = np.random.default_rng([seed, 1, k])
-        case = Case(z=draw_tolerances(rng), conditions=draw_conditions(rng),
-                    seed=int(rng.integers(2**31)))
+        case = UnitRun(z=draw_tolerances(rng), conditions=draw_conditions(rng),
+                       seed=int(rng.integers(2**31)))
         cases += [case, replace(case, seed=int(rng.integers(2**31)))]
     found = run_cases(model, cases, fmap, workers=workers, progress=progress,
                       what="effect-free runs")
@@ -207,10 +207,10 @@ def build_effect_library(
     """Simulate the catalogue and return the signatures."""
     found = candidates(model)
     z = np.zeros(N_TOLERANCES)
-    cases: list[Case] = []
+    cases: list[UnitRun] = []
     seeds = np.random.default_rng([seed, 2]).integers(2**31, size=(len(START_ANGLES), BASE_RUNS))
     for k, angle in enumerate(START_ANGLES):
-        cases += [Case(z=z, conditions=Conditions(start_angle=angle), seed=int(s))
+        cases += [UnitRun(z=z, conditions=RecordConditions(start_angle=angle), seed=int(s))
                   for s in seeds[k]]
     for variant in found:
         for j, levels in enumerate(variant.levels):
@@ -218,8 +218,8 @@ def build_effect_library(
                 u = np.zeros(variant.size)
                 u[j] = level
                 cases += [
-                    Case(z=z, conditions=Conditions(start_angle=angle), seed=int(seeds[k, 0]),
-                         effects=variant.effects(u, model.effects))
+                    UnitRun(z=z, conditions=RecordConditions(start_angle=angle),
+                            seed=int(seeds[k, 0]), effects=variant.effects(u, model.effects))
                     for k, angle in enumerate(START_ANGLES)
                 ]
     runs = run_cases(model, cases, fmap, workers=workers, progress=progress,

@@ -2,7 +2,7 @@
 
 `Design`: the regressors of terms along one trajectory.
 
-`Balance`: the input port of a rig, its terms, and the fit of one to the other.
+`InputBalance`: the input port of a rig, its terms, and the fit of one to the other.
 """
 
 from __future__ import annotations
@@ -13,7 +13,13 @@ from functools import cached_property
 
 import numpy as np
 
-from ema_identification.rig.fit.regression import Blocks, Bounds, Fit, fit, held_out
+from ema_identification.rig.fit.regression import (
+    Blocks,
+    CoefficientBounds,
+    LinearFit,
+    fit,
+    held_out,
+)
 from ema_identification.rig.laws import Term
 from ema_identification.rig.laws.base import LEAST_PART, MOST_PART
 from ema_identification.rig.signals.trajectory import Segment, Trajectory
@@ -151,12 +157,12 @@ the relative change of its coefficients at which they are settled."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Balance:
+class InputBalance:
     """The terms of a model fitted to the input port, within the bounds of what is known."""
 
     design: Design
     terms: tuple[Term, ...]
-    bounds: Bounds
+    bounds: CoefficientBounds
 
     @cached_property
     def columns(self) -> np.ndarray:
@@ -196,7 +202,7 @@ class Balance:
         return np.insert(x, place, d @ np.delete(found, place), axis=1)
 
     @cached_property
-    def fit(self) -> Fit:
+    def fit(self) -> LinearFit:
         """The fit within bounds."""
         return fit(self.columns, self.design.trajectory.target, self.bounds)
 
@@ -229,14 +235,14 @@ class Balance:
             return self.design.of_prediction(term, self.terms)
         return self.design.columns(term)
 
-    def joined(self, term: Term) -> Balance:
+    def joined(self, term: Term) -> InputBalance:
         """Return the balance with one more term, free; it takes the place of its like."""
         least = 0.0 if term.law.positive else -np.inf
         bounds = self.bounds
         for index, other in enumerate(self.terms):
             if other.key == term.key:
                 bounds = bounds.at_zero(self.span(index))
-        return Balance(design=self.design, terms=(*self.terms, term),
+        return InputBalance(design=self.design, terms=(*self.terms, term),
                        bounds=bounds.joined(len(term.law.coefficients), least))
 
     def replaced(self, index: int) -> bool:
@@ -270,16 +276,16 @@ class Balance:
             if term.law.positive and term.law.name not in BASE_LAWS
         )
 
-    def without(self, index: int) -> Balance:
+    def without(self, index: int) -> InputBalance:
         """Return the balance without the term at `index`; without a delay, as recorded."""
         span = self.span(index)
         delayed = self.terms[index].law.name == "control_delay"
         keep = np.ones(len(self.bounds.low), dtype=bool)
         keep[span] = False
-        return Balance(
+        return InputBalance(
             design=self.design.led(0.0) if delayed else self.design,
             terms=self.terms[:index] + self.terms[index + 1:],
-            bounds=Bounds(low=self.bounds.low[keep], high=self.bounds.high[keep]))
+            bounds=CoefficientBounds(low=self.bounds.low[keep], high=self.bounds.high[keep]))
 
     def span(self, index: int) -> slice:
         """Return where the coefficients of the term at `index` stand."""
@@ -287,9 +293,9 @@ class Balance:
         first = sum(sizes[:index])
         return slice(first, first + sizes[index])
 
-    def led(self, lead: float) -> Balance:
+    def led(self, lead: float) -> InputBalance:
         """Return the balance with the input later by `lead` (s) than it was recorded."""
-        return Balance(design=self.design.led(lead), terms=self.terms, bounds=self.bounds)
+        return InputBalance(design=self.design.led(lead), terms=self.terms, bounds=self.bounds)
 
     def residual_on(self, design: Design) -> np.ndarray:
         """Return the residual of this fit on another record, shape (rows there,)."""

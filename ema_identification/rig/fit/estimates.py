@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ema_identification.result import Parameter
-from ema_identification.rig.fit.balance import Balance
+from ema_identification.rig.fit.balance import InputBalance
 from ema_identification.rig.fit.known import physical
 from ema_identification.rig.fit.regression import Blocks, covariance, half_width
 from ema_identification.rig.laws import Term, unit_of
@@ -25,7 +25,7 @@ COARSE_STEP = 0.1
 """... and of one that the motion crosses in single samples: a gap, a distance."""
 
 
-def without_modifiers(balance: Balance, index: int) -> tuple[Balance, int]:
+def without_modifiers(balance: InputBalance, index: int) -> tuple[InputBalance, int]:
     """Return the balance less the terms that only modify the one at `index`, and its index.
 
     A Stribeck term changes what ``coulomb_friction.level`` means: the level alone is that
@@ -39,12 +39,12 @@ def without_modifiers(balance: Balance, index: int) -> tuple[Balance, int]:
     return balance, index
 
 
-def parameters(balance: Balance, index: int, blocks: Blocks) -> tuple[Parameter, ...]:
-    """Return the parameters of one term with intervals of `LEVEL`.
+def parameters(balance: InputBalance, index: int, blocks: Blocks) -> tuple[Parameter, ...]:
+    """Return the parameters of one term with intervals of `INTERVAL_LEVEL`.
 
     Parameters
     ----------
-    balance : Balance
+    balance : InputBalance
         The fitted model.
     index : int
         Which term.
@@ -84,7 +84,7 @@ def parameters(balance: Balance, index: int, blocks: Blocks) -> tuple[Parameter,
     return tuple(found)
 
 
-def _of_reversals(balance: Balance, columns: np.ndarray) -> np.ndarray:
+def _of_reversals(balance: InputBalance, columns: np.ndarray) -> np.ndarray:
     """Return the variance that stands for what happens at reversals, shape (p, p).
 
     There the sign of the speed is known least and dry friction is least like a law. By so much
@@ -104,7 +104,7 @@ def _of_reversals(balance: Balance, columns: np.ndarray) -> np.ndarray:
     return np.outer(change, change)
 
 
-def _shift(balance: Balance, term: Term) -> float:
+def _shift(balance: InputBalance, term: Term) -> float:
     """Return the part of a delay that is a shift of the input."""
     return balance.design.lead if term.law.name == "control_delay" else 0.0
 
@@ -114,7 +114,7 @@ def _parameter(term: Term, name: str, value: float, wide: float, unit: str) -> P
                      high=value + wide, unit=unit)
 
 
-def _slopes(balance: Balance, index: int) -> list[np.ndarray]:
+def _slopes(balance: InputBalance, index: int) -> list[np.ndarray]:
     """Return the regressors that small changes of the shape stand for."""
     term, span = balance.terms[index], balance.span(index)
     whole = term.law.periodic and not term.law.looked_for \
@@ -140,7 +140,7 @@ def _slopes(balance: Balance, index: int) -> list[np.ndarray]:
 
 def _wave(
     term: Term, values: np.ndarray, variance: np.ndarray, own: list[int], blocks: Blocks,
-    units: object, balance: Balance,
+    units: object, balance: InputBalance,
 ) -> list[Parameter]:
     """Return amplitude and phase of a wave."""
     assert isinstance(units, dict)

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_identification.rig.fit.balance import Balance, Design
+from ema_identification.rig.fit.balance import Design, InputBalance
 from ema_identification.rig.fit.model import KnownTerm, RigModel
-from ema_identification.rig.fit.regression import Bounds
+from ema_identification.rig.fit.regression import CoefficientBounds
 from ema_identification.rig.laws import LAWS, Law, Term
 from ema_identification.rig.laws.base import amplitude_phase
 from ema_rig.record import LOAD_QUANTITY
@@ -23,7 +23,7 @@ CARRIED = 1e-6
 """A free regressor that the others repeat to this share of its power is left out."""
 
 
-def known_balance(model: RigModel, design: Design) -> tuple[Balance, tuple[str, ...]]:
+def known_balance(model: RigModel, design: Design) -> tuple[InputBalance, tuple[str, ...]]:
     """Return the balance of the model's terms, and notes on terms that were left out.
 
     A free term whose regressor the record does not excite (none of it left beside the others)
@@ -49,8 +49,9 @@ def known_balance(model: RigModel, design: Design) -> tuple[Balance, tuple[str, 
         low += [least if free else max(value - room, least) for value in values]
         high += [math.inf if free else value + room for value in values]
     design, low, high = _delayed(design, terms, low, high)
-    balance = Balance(design=design, terms=tuple(terms),
-                      bounds=Bounds(low=np.array(low), high=np.array(high)))
+    balance = InputBalance(
+        design=design, terms=tuple(terms),
+        bounds=CoefficientBounds(low=np.array(low), high=np.array(high)))
     for index in reversed(range(len(balance.terms))):
         span = balance.span(index)
         if np.isinf(balance.bounds.high[span]).all() and _repeated(balance, span):
@@ -75,7 +76,7 @@ def _delayed(
     return design, low, high
 
 
-def _repeated(balance: Balance, span: slice) -> bool:
+def _repeated(balance: InputBalance, span: slice) -> bool:
     """Return whether other columns explain a column nearly whole."""
     own = balance.columns[:, span]
     others = np.delete(balance.columns, range(span.start, span.stop), axis=1)
@@ -121,14 +122,14 @@ ALIKE = 0.05
 """Spread of the factors, over their mean, within which they count as one."""
 
 
-def common_factor(start: Balance, end: Balance) -> float | None:
+def common_factor(start: InputBalance, end: InputBalance) -> float | None:
     """Return the factor by which all known terms differ from the model, None without one.
 
     Parameters
     ----------
-    start : Balance
+    start : InputBalance
         The model as given; terms with bounds are known.
-    end : Balance
+    end : InputBalance
         With what was found; one of the known terms was replaced.
 
     Returns

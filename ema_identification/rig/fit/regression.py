@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize, stats
 
-from ema_identification.result import LEVEL
+from ema_identification.result import INTERVAL_LEVEL
 from ema_identification.rig.signals.trajectory import Trajectory
 
 FEWEST, MOST = 12, 60
@@ -92,31 +92,31 @@ RANK = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Bounds:
+class CoefficientBounds:
     """Bounds of the coefficients, shape (columns,) each; infinite where free."""
 
     low: np.ndarray
     high: np.ndarray
 
     @classmethod
-    def free(cls, count: int) -> Bounds:
+    def free(cls, count: int) -> CoefficientBounds:
         """Return no bounds for `count` coefficients."""
         return cls(low=np.full(count, -np.inf), high=np.full(count, np.inf))
 
-    def at_zero(self, span: slice) -> Bounds:
+    def at_zero(self, span: slice) -> CoefficientBounds:
         """Return these bounds with the coefficients of `span` held at zero."""
         low, high = self.low.copy(), self.high.copy()
         low[span] = high[span] = 0.0
-        return Bounds(low=low, high=high)
+        return CoefficientBounds(low=low, high=high)
 
-    def joined(self, count: int, least: float = -np.inf) -> Bounds:
+    def joined(self, count: int, least: float = -np.inf) -> CoefficientBounds:
         """Return these bounds and `count` coefficients of at least `least` after them."""
-        return Bounds(low=np.concatenate([self.low, np.full(count, least)]),
+        return CoefficientBounds(low=np.concatenate([self.low, np.full(count, least)]),
                       high=np.concatenate([self.high, np.full(count, np.inf)]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fit:
+class LinearFit:
     """Coefficients of a linear model within bounds."""
 
     coefficients: np.ndarray
@@ -125,7 +125,7 @@ class Fit:
     """Whether each coefficient stands at a bound, shape (columns,) of bool."""
 
 
-def solve(gram: np.ndarray, moment: np.ndarray) -> np.ndarray:
+def solve_normal_equations(gram: np.ndarray, moment: np.ndarray) -> np.ndarray:
     """Return the solution of normal equations, columns scaled, weak directions left out."""
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     solution, *_ = np.linalg.lstsq(
@@ -134,7 +134,9 @@ def solve(gram: np.ndarray, moment: np.ndarray) -> np.ndarray:
     return result
 
 
-def fit(columns: np.ndarray, target: np.ndarray, bounds: Bounds | None = None) -> Fit:
+def fit(
+    columns: np.ndarray, target: np.ndarray, bounds: CoefficientBounds | None = None
+) -> LinearFit:
     """Return the least-squares fit of `target` by `columns`, within bounds.
 
     Parameters
@@ -143,13 +145,14 @@ def fit(columns: np.ndarray, target: np.ndarray, bounds: Bounds | None = None) -
         Regressors.
     target : ndarray, shape (rows,)
         Input.
-    bounds : Bounds, optional
+    bounds : CoefficientBounds, optional
         Of the coefficients.
 
     """
     count = columns.shape[1]
     if count == 0:
-        return Fit(coefficients=np.empty(0), residual=target.copy(), active=np.empty(0, bool))
+        return LinearFit(coefficients=np.empty(0), residual=target.copy(),
+                         active=np.empty(0, bool))
     scale = np.sqrt(np.mean(columns**2, axis=0))
     scale[scale == 0.0] = 1.0
     free, *_ = np.linalg.lstsq(columns / scale, target, rcond=1e-10)
@@ -164,8 +167,8 @@ def fit(columns: np.ndarray, target: np.ndarray, bounds: Bounds | None = None) -
             bounds=(bounds.low * scale - 1e-12, bounds.high * scale + 1e-12))
         coefficients = np.clip(found.x / scale, bounds.low, bounds.high)
         active = found.active_mask != 0
-    return Fit(coefficients=coefficients, residual=target - columns @ coefficients,
-               active=active)
+    return LinearFit(coefficients=coefficients, residual=target - columns @ coefficients,
+                     active=active)
 
 
 def held_out(columns: np.ndarray, target: np.ndarray, blocks: Blocks) -> np.ndarray:
@@ -179,7 +182,7 @@ def held_out(columns: np.ndarray, target: np.ndarray, blocks: Blocks) -> np.ndar
     moments = [columns[s].T @ target[s] for s in spans]
     gram, moment = np.sum(grams, axis=0), np.sum(moments, axis=0)
     for span, own_gram, own_moment in zip(spans, grams, moments):
-        coefficients = solve(gram - own_gram, moment - own_moment)
+        coefficients = solve_normal_equations(gram - own_gram, moment - own_moment)
         residual[span] = target[span] - columns[span] @ coefficients
     return residual
 
@@ -197,13 +200,13 @@ def covariance(columns: np.ndarray, residual: np.ndarray, blocks: Blocks) -> np.
     for first, last in zip(starts[:-1], starts[1:]):
         own = columns[first:last]
         moment = own.T @ residual[first:last]
-        left = solve(gram - own.T @ own, moment)
+        left = solve_normal_equations(gram - own.T @ own, moment)
         spread += np.outer(left, left)
     factor = (blocks.count - 1) / blocks.count
     return factor * spread
 
 
 def half_width(variance: float, blocks: Blocks) -> float:
-    """Return half the interval of `LEVEL` for a coefficient of that variance."""
-    quantile = float(stats.t.ppf(0.5 + LEVEL / 2, max(blocks.count - 1, 1)))
+    """Return half the interval of `INTERVAL_LEVEL` for a coefficient of that variance."""
+    quantile = float(stats.t.ppf(0.5 + INTERVAL_LEVEL / 2, max(blocks.count - 1, 1)))
     return quantile * float(np.sqrt(max(variance, 0.0)))

@@ -36,7 +36,7 @@ class Screening:
     """Of each candidate, beside the known columns; shape (k,) each."""
 
 
-def screen(
+def screen_by_sign_flips(
     candidates: Sequence[np.ndarray], known: np.ndarray, residual: np.ndarray, blocks: Blocks,
     flips: int = FLIPS,
 ) -> Screening:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ema_identification.result import Curve, Panel
-from ema_identification.rig.fit.balance import Balance, rms
+from ema_identification.rig.fit.balance import InputBalance, rms
 from ema_identification.rig.laws.static import wave
 from ema_identification.rig.report.words import binned, curve, number, signal_name, wave_words
 from ema_identification.rig.search.remainder import Left
@@ -16,12 +16,14 @@ MAX_POINTS = 4000
 SPECTRUM_BINS = 400
 
 
-def all_panels(before: Balance, after: Balance, unknown: Left | None) -> tuple[Panel, ...]:
+def all_panels(
+    before: InputBalance, after: InputBalance, unknown: Left | None
+) -> tuple[Panel, ...]:
     """Return every plot of an identification.
 
     Parameters
     ----------
-    before, after : Balance
+    before, after : InputBalance
         The model as given and with what was found.
     unknown : Left, optional
         The shape that no law holds.
@@ -42,7 +44,7 @@ def _labels(trajectory: Trajectory) -> tuple[str, str]:
     return name, f"{name} ({trajectory.axis.input_channel.unit})"
 
 
-def over_time(before: Balance, after: Balance) -> Panel:
+def over_time(before: InputBalance, after: InputBalance) -> Panel:
     """Return the measured input and what both models say, over the liveliest stretch."""
     trajectory = before.design.trajectory
     name, label = _labels(trajectory)
@@ -64,14 +66,14 @@ def over_time(before: Balance, after: Balance) -> Panel:
         ))
 
 
-def against_speed(before: Balance, after: Balance) -> Panel:
+def against_speed(before: InputBalance, after: InputBalance) -> Panel:
     """Return the residual against speed."""
     trajectory = before.design.trajectory
     return _against(before, after, trajectory.speed, "residual_speed",
                     f"speed ({trajectory.axis.speed_unit})", "speed")
 
 
-def against_position(before: Balance, after: Balance) -> Panel:
+def against_position(before: InputBalance, after: InputBalance) -> Panel:
     """Return the residual against position."""
     trajectory = before.design.trajectory
     return _against(before, after, trajectory.position, "residual_position",
@@ -79,7 +81,7 @@ def against_position(before: Balance, after: Balance) -> Panel:
 
 
 def _against(
-    before: Balance, after: Balance, x: np.ndarray, name: str, x_label: str, word: str
+    before: InputBalance, after: InputBalance, x: np.ndarray, name: str, x_label: str, word: str
 ) -> Panel:
     port, label = _labels(before.design.trajectory)
     thin = slice(None, None, max(1, len(x) // MAX_POINTS))
@@ -99,7 +101,7 @@ def _means(label: str, x: np.ndarray, y: np.ndarray, role: str) -> Curve:
     return Curve(label=label, x=mean_x, y=mean_y, role=role)  # type: ignore[arg-type]
 
 
-def folded(before: Balance, after: Balance, order: float) -> Panel:
+def folded(before: InputBalance, after: InputBalance, order: float) -> Panel:
     """Return the residual without one wave, folded over its period."""
     trajectory = before.design.trajectory
     _, label = _labels(trajectory)
@@ -120,7 +122,7 @@ def folded(before: Balance, after: Balance, order: float) -> Panel:
         ))
 
 
-def spectrum(before: Balance, after: Balance) -> Panel:
+def spectrum(before: InputBalance, after: InputBalance) -> Panel:
     """Return the amplitude of waves in position, before and after."""
     trajectory = before.design.trajectory
     rotary = trajectory.axis.motion == "rotary"
@@ -144,7 +146,7 @@ def spectrum(before: Balance, after: Balance) -> Panel:
                 Curve(label="after", x=grid, y=waves(after.fit.residual), role="after")))
 
 
-def correlation(before: Balance, after: Balance) -> Panel:
+def correlation(before: InputBalance, after: InputBalance) -> Panel:
     """Return the autocorrelation of the residual, before and after."""
     lags, first, bound = whiteness(before)
     _, last, _ = whiteness(after)

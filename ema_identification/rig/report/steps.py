@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ema_identification.result import Finding, Step
-from ema_identification.rig.fit.balance import Balance, rms
+from ema_identification.result import NamedEffect, Step
+from ema_identification.rig.fit.balance import InputBalance, rms
 from ema_identification.rig.fit.known import physical
 from ema_identification.rig.fit.model import (
     DEFAULT_TOLERANCE,
@@ -34,14 +34,14 @@ class Story:
 
     trajectory: Trajectory
     blocks: Blocks
-    start: Balance
+    start: InputBalance
     found: Search
     gaps: list[float]
     """Held-out gap at the start and after each finding."""
     noise_floor: float
     before: tuple[Left, ...]
     notes: tuple[str, ...]
-    findings: tuple[Finding, ...]
+    findings: tuple[NamedEffect, ...]
     validated: int
     """Number of records that were held out."""
     contradicted: bool

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ema_identification.result import Parameter, Where
-from ema_identification.rig.fit.balance import Balance
+from ema_identification.rig.fit.balance import InputBalance
 from ema_identification.rig.laws import Term
 from ema_identification.rig.search.remainder import Left
 from ema_identification.rig.signals.trajectory import Trajectory
@@ -33,7 +33,7 @@ def signal_name(trajectory: Trajectory) -> str:
     return f"input {trajectory.axis.input}"
 
 
-def where(balance: Balance, index: int, found: Sequence[Parameter]) -> Where:
+def where(balance: InputBalance, index: int, found: Sequence[Parameter]) -> Where:
     """Return where the effect of a term lives, in words and numbers."""
     term, trajectory = balance.terms[index], balance.design.trajectory
     axis = trajectory.axis

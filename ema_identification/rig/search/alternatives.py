@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize
 
-from ema_identification.rig.fit.balance import Balance
+from ema_identification.rig.fit.balance import InputBalance
 from ema_identification.rig.fit.regression import Blocks, held_out
 from ema_identification.rig.fit.sign_flips import orthonormal
 from ema_identification.rig.laws import LAWS, Term
@@ -60,7 +60,7 @@ class Trial:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Choice:
+class LawChoice:
     """What one step chose, and what it compared."""
 
     trial: Trial
@@ -79,7 +79,7 @@ def standard_error(differences: np.ndarray) -> float:
 EVALUATIONS = 14
 
 
-def refined(balance: Balance, term: Term) -> Term:
+def refined(balance: InputBalance, term: Term) -> Term:
     """Return the term with its shape moved between the neighbours on the grid.
 
     One parameter after the other. Whole numbers a turn stay whole; a parameter with one point
@@ -90,7 +90,7 @@ def refined(balance: Balance, term: Term) -> Term:
     return term
 
 
-def _shape_moved(balance: Balance, term: Term, place: int) -> Term:
+def _shape_moved(balance: InputBalance, term: Term, place: int) -> Term:
     """Return the term with one parameter of its shape moved."""
     trajectory = balance.design.trajectory
     grid = sorted({shape[place] for shape in term.law.grid(trajectory)})
@@ -136,13 +136,13 @@ _DELAY = Term(law=LAWS["control_delay"])
 _LAG = "drive_lag"
 
 
-def delay_index(balance: Balance) -> int | None:
+def delay_index(balance: InputBalance) -> int | None:
     """Return the index of the model's own delay, None where it has none."""
     names = [term.law.name for term in balance.terms]
     return names.index(_DELAY.law.name) if _DELAY.law.name in names else None
 
 
-def without_skew(balance: Balance, blocks: Blocks) -> Balance:
+def without_skew(balance: InputBalance, blocks: Blocks) -> InputBalance:
     """Return the balance with its input later by what fits best, up to one interval.
 
     Only where blocks that are held out agree. A balance that has a delay or a lag among its
@@ -167,7 +167,7 @@ def without_skew(balance: Balance, blocks: Blocks) -> Balance:
     return moved if squares[1] < squares[0] else plain
 
 
-def with_whole_delay(balance: Balance) -> Balance:
+def with_whole_delay(balance: InputBalance) -> InputBalance:
     """Return the balance with its delay as a shift in time, not as a slope.
 
     What is left to the slope's coefficient is a small correction of that shift. A delay that is
@@ -188,7 +188,7 @@ def with_whole_delay(balance: Balance) -> Balance:
     return balance
 
 
-def _moved(balance: Balance, place: int, change: float) -> Balance:
+def _moved(balance: InputBalance, place: int, change: float) -> InputBalance:
     """Return the balance with its input later by `change` (s), and its delay smaller by that."""
     if change == 0.0:
         return balance
@@ -199,7 +199,7 @@ def _moved(balance: Balance, place: int, change: float) -> Balance:
     return replace(balance.led(balance.design.lead + change), bounds=bounds)
 
 
-def _best_shift(balance: Balance, index: int) -> float:
+def _best_shift(balance: InputBalance, index: int) -> float:
     """Return the change of the input's lead (s), of a few within bounds, that fits best."""
     place = balance.span(index).start
     trajectory = balance.design.trajectory
@@ -212,7 +212,7 @@ def _best_shift(balance: Balance, index: int) -> float:
     return changes[int(np.argmin([float(residual @ residual) for residual in residuals]))]
 
 
-def skew_words(balance: Balance) -> tuple[str, ...]:
+def skew_words(balance: InputBalance) -> tuple[str, ...]:
     """Return what was done to the clock of the input, for people."""
     lead = balance.design.lead
     if lead == 0.0 or delay_index(balance) is not None:
@@ -232,7 +232,7 @@ MAX_EQUIVALENT = 2
 
 
 def equivalents(
-    balance: Balance, blocks: Blocks, chosen: Trial, good: list[Trial], squares: np.ndarray
+    balance: InputBalance, blocks: Blocks, chosen: Trial, good: list[Trial], squares: np.ndarray
 ) -> tuple[str, ...]:
     """Return other names that the data cannot tell from the chosen one."""
     names = list(chosen.term.law.equivalent(balance.design.trajectory.axis, chosen.term.shape))

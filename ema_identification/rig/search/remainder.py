@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ema_identification.rig.fit.balance import Balance
+from ema_identification.rig.fit.balance import InputBalance
 from ema_identification.rig.fit.regression import Blocks, held_out
-from ema_identification.rig.fit.sign_flips import screen
+from ema_identification.rig.fit.sign_flips import screen_by_sign_flips
 from ema_identification.rig.search.selection import LEVEL_OF_CHANCE
 from ema_identification.rig.search.shapes import GenericShape
 
@@ -51,12 +51,12 @@ class Left:
         return self.p_value <= LEVEL_OF_CHANCE and self.gain >= LEAST_LEFT
 
 
-def portrait(balance: Balance, blocks: Blocks, shapes: Sequence[GenericShape]) -> list[Left]:
+def portrait(balance: InputBalance, blocks: Blocks, shapes: Sequence[GenericShape]) -> list[Left]:
     """Return the shapes that a residual may have, the largest held-out gain first.
 
     Parameters
     ----------
-    balance : Balance
+    balance : InputBalance
         The model.
     blocks : Blocks
         What is held out, and flips its sign, together.
@@ -64,7 +64,7 @@ def portrait(balance: Balance, blocks: Blocks, shapes: Sequence[GenericShape]) -
         All that are looked for; of waves only the strongest are held out.
 
     """
-    found = screen([shape.columns for shape in shapes], balance.free_columns,
+    found = screen_by_sign_flips([shape.columns for shape in shapes], balance.free_columns,
                    balance.fit.residual, blocks)
     squares = float(np.sum(balance.held_out(blocks) ** 2))
     total = float(np.sum(balance.design.trajectory.target**2))
@@ -121,7 +121,7 @@ def main_shape(left: Sequence[Left], least: float = LEAST_UNKNOWN) -> Left | Non
     return min(near, key=lambda item: (item.shape.rank, -item.gain))
 
 
-def mimics(balance: Balance, blocks: Blocks, left: Left, first: int) -> list[int]:
+def mimics(balance: InputBalance, blocks: Blocks, left: Left, first: int) -> list[int]:
     """Return the terms that only stood in for a shape that no law holds.
 
     Terms are judged together that live against the same quantity; waves of many periods in
@@ -129,7 +129,7 @@ def mimics(balance: Balance, blocks: Blocks, left: Left, first: int) -> list[int
 
     Parameters
     ----------
-    balance : Balance
+    balance : InputBalance
         The model with what was added.
     blocks : Blocks
         What is held out together.
@@ -158,14 +158,14 @@ def mimics(balance: Balance, blocks: Blocks, left: Left, first: int) -> list[int
     return sorted(found)
 
 
-def without_all(balance: Balance, indices: Sequence[int]) -> Balance:
+def without_all(balance: InputBalance, indices: Sequence[int]) -> InputBalance:
     """Return the balance without several terms."""
     for index in sorted(indices, reverse=True):
         balance = balance.without(index)
     return balance
 
 
-def _held_out_with(balance: Balance, blocks: Blocks, left: Left) -> float:
+def _held_out_with(balance: InputBalance, blocks: Blocks, left: Left) -> float:
     columns = np.column_stack([balance.free_columns, left.shape.columns])
     after = held_out(columns, balance.target, blocks)
     return float(after @ after)

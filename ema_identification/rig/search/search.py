@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ema_identification.rig.fit.balance import Balance
+from ema_identification.rig.fit.balance import InputBalance
 from ema_identification.rig.fit.regression import Blocks
 from ema_identification.rig.laws import Term
 from ema_identification.rig.search.alternatives import (
-    Choice,
+    LawChoice,
     Trial,
     refined,
     with_whole_delay,
@@ -33,13 +33,13 @@ LEAST_LOSS = 0.02
 
 
 def prune(
-    balance: Balance, blocks: Blocks, protected: int
-) -> tuple[Balance, list[Term]]:
+    balance: InputBalance, blocks: Blocks, protected: int
+) -> tuple[InputBalance, list[Term]]:
     """Return the balance without added terms that held-out blocks do not miss.
 
     Parameters
     ----------
-    balance : Balance
+    balance : InputBalance
         With all that was added.
     blocks : Blocks
         What is held out together.
@@ -71,12 +71,12 @@ MAX_ADDED = 12
 MAX_EXCHANGES = 4
 MOST_TO_EXCHANGE = 5
 """Laws of a model above which none is exchanged: a look for each of them costs too much."""
-CLEARLY = 0.8
+CLEARLY_LESS = 0.8
 """Share of the held-out squares below which another law, or another order, explains more ..."""
 ALIKE, FEWER = 1.02, 0.67
 """... and below which it explains as much; then it wins with this share of the parameters."""
 
-Way = tuple[list[Balance], list[Choice], tuple[Trial, ...], list[Term]]
+Way = tuple[list[InputBalance], list[LawChoice], tuple[Trial, ...], list[Term]]
 """Stages, choices, what was tried at the end and not taken, what was pruned."""
 
 
@@ -90,13 +90,15 @@ class Look:
     smooth: list[GenericShape]
     freest: np.ndarray
 
-    def at(self, balance: Balance, plain_first: bool) -> tuple[Choice | None, tuple[Trial, ...]]:
+    def at(
+        self, balance: InputBalance, plain_first: bool
+    ) -> tuple[LawChoice | None, tuple[Trial, ...]]:
         """Return what a balance lacks, and all that was tried."""
         return choose(balance, self.blocks, self.hidden, self.report, self.smooth, self.freest,
                       plain_first)
 
 
-def rebuilt(start: Balance, choices: list[Choice], blocks: Blocks) -> list[Balance]:
+def rebuilt(start: InputBalance, choices: list[LawChoice], blocks: Blocks) -> list[InputBalance]:
     """Return the start and the balance after each choice."""
     stages = [start]
     for choice in choices:
@@ -104,12 +106,12 @@ def rebuilt(start: Balance, choices: list[Choice], blocks: Blocks) -> list[Balan
     return stages
 
 
-def _added(balance: Balance, term: Term, blocks: Blocks) -> Balance:
+def _added(balance: InputBalance, term: Term, blocks: Blocks) -> InputBalance:
     """Return the balance with one more term, its input on the clock of the motion."""
     return without_skew(with_whole_delay(balance.joined(term)), blocks)
 
 
-def forward(start: Balance, look: Look) -> Way:
+def forward(start: InputBalance, look: Look) -> Way:
     """Add laws while they help, exchange those that another does better, drop the rest.
 
     Where a law that filters the motion had to wait for a plain one though it took more, the
@@ -123,15 +125,15 @@ def forward(start: Balance, look: Look) -> Way:
                for stages, *_ in (way, other)]
     sizes = [sum(c.trial.term.law.complexity for c in choices)
              for _, choices, *_ in (way, other)]
-    clearly = squares[1] < CLEARLY * squares[0]
+    clearly = squares[1] < CLEARLY_LESS * squares[0]
     as_well = squares[1] <= ALIKE * squares[0] and sizes[1] <= FEWER * sizes[0]
     return other if clearly or as_well else way
 
 
-def _one_way(start: Balance, look: Look, *, plain_first: bool) -> tuple[Way, bool]:
+def _one_way(start: InputBalance, look: Look, *, plain_first: bool) -> tuple[Way, bool]:
     """Return what one order of the laws leads to, and whether it was contested."""
     balance, stages = start, [start]
-    choices: list[Choice] = []
+    choices: list[LawChoice] = []
     trials: tuple[Trial, ...] = ()
     contested = False
     exchanges = 0
@@ -161,7 +163,7 @@ def _one_way(start: Balance, look: Look, *, plain_first: bool) -> tuple[Way, boo
     return (stages, choices, trials, dropped), contested
 
 
-def _not_there(end: Balance, first: int, blocks: Blocks) -> frozenset[str]:
+def _not_there(end: InputBalance, first: int, blocks: Blocks) -> frozenset[str]:
     """Return laws that filter the motion or follow it which, beside the others, need not be."""
     return frozenset(
         term.law.name for index, term in enumerate(end.terms)
@@ -170,8 +172,9 @@ def _not_there(end: Balance, first: int, blocks: Blocks) -> frozenset[str]:
 
 
 def _exchanged(
-    start: Balance, choices: list[Choice], stages: list[Balance], look: Look, plain_first: bool
-) -> tuple[list[Choice], list[Balance]] | None:
+    start: InputBalance, choices: list[LawChoice], stages: list[InputBalance], look: Look,
+    plain_first: bool,
+) -> tuple[list[LawChoice], list[InputBalance]] | None:
     """Return the choices with one law in place of another that explains clearly more."""
     first = len(start.terms)
     if not 2 <= len(choices) <= MOST_TO_EXCHANGE:
@@ -186,15 +189,15 @@ def _exchanged(
         if choice is None or choice.trial.term.law.name == name:
             continue
         tried = rebuilt(start, [*others, *_one_by_one(choice)], look.blocks)
-        if float(np.sum(tried[-1].held_out(look.blocks) ** 2)) < CLEARLY * before:
+        if float(np.sum(tried[-1].held_out(look.blocks) ** 2)) < CLEARLY_LESS * before:
             look.report(f"{choice.trial.name} in place of {name}")
             return _polished(start, [*others, *_one_by_one(choice)], look.blocks)
     return None
 
 
 def _polished(
-    start: Balance, choices: list[Choice], blocks: Blocks
-) -> tuple[list[Choice], list[Balance]]:
+    start: InputBalance, choices: list[LawChoice], blocks: Blocks
+) -> tuple[list[LawChoice], list[InputBalance]]:
     """Return choices whose shapes suit one another, and the stages that they make."""
     stages = rebuilt(start, choices, blocks)
     for index, choice in enumerate(choices[:-1]):
@@ -207,7 +210,7 @@ def _polished(
     return choices, stages
 
 
-def _one_by_one(choice: Choice) -> list[Choice]:
+def _one_by_one(choice: LawChoice) -> list[LawChoice]:
     """Return a choice of two laws as two steps."""
     trial = choice.trial
     if trial.companion is None:
@@ -215,13 +218,13 @@ def _one_by_one(choice: Choice) -> list[Choice]:
     plain = replace(trial, companion=None)
     sharper = replace(plain, term=trial.companion, name=trial.companion.law.name)
     trials = tuple(plain if t is trial else t for t in choice.trials)
-    return [Choice(trial=plain, equivalent=choice.equivalent, trials=trials),
-            Choice(trial=sharper, equivalent=(), trials=(sharper,))]
+    return [LawChoice(trial=plain, equivalent=choice.equivalent, trials=trials),
+            LawChoice(trial=sharper, equivalent=(), trials=(sharper,))]
 
 
 def pruned(
-    start: Balance, choices: list[Choice], blocks: Blocks
-) -> tuple[list[Choice], list[Balance], list[Term]]:
+    start: InputBalance, choices: list[LawChoice], blocks: Blocks
+) -> tuple[list[LawChoice], list[InputBalance], list[Term]]:
     """Return the choices that are missed if taken out, and the stages that they make."""
     _, dropped = prune(rebuilt(start, choices, blocks)[-1], blocks, len(start.terms))
     keys = {term.key for term in dropped}
@@ -233,9 +236,9 @@ def pruned(
 class Search:
     """What was added to a balance, step by step, and what is left."""
 
-    stages: tuple[Balance, ...]
+    stages: tuple[InputBalance, ...]
     """The balance at the start and after each step that was kept."""
-    choices: tuple[Choice, ...]
+    choices: tuple[LawChoice, ...]
     """One a step."""
     last_trials: tuple[Trial, ...]
     """What was tried at the end and not taken."""
@@ -248,20 +251,20 @@ class Search:
     given_up: tuple[str, ...]
 
     @property
-    def balance(self) -> Balance:
+    def balance(self) -> InputBalance:
         """The balance at the end."""
         return self.stages[-1]
 
 
 def search(
-    start: Balance, blocks: Blocks, shapes: list[GenericShape], hidden: Collection[str],
+    start: InputBalance, blocks: Blocks, shapes: list[GenericShape], hidden: Collection[str],
     report: Callable[[str], None],
 ) -> Search:
     """Return what a balance lacks.
 
     Parameters
     ----------
-    start : Balance
+    start : InputBalance
         The known terms.
     blocks : Blocks
         What is held out together.
@@ -297,7 +300,7 @@ def search(
 
 
 def _left(
-    end: Balance, blocks: Blocks, shapes: list[GenericShape], freest: np.ndarray,
+    end: InputBalance, blocks: Blocks, shapes: list[GenericShape], freest: np.ndarray,
     report: Callable[[str], None],
 ) -> list[Left]:
     report("looking at what is left")
@@ -305,7 +308,7 @@ def _left(
     return portrait(end, blocks, [*shapes, *in_time])
 
 
-def whiteness(balance: Balance) -> tuple[np.ndarray, np.ndarray, float]:
+def whiteness(balance: InputBalance) -> tuple[np.ndarray, np.ndarray, float]:
     """Return lags (s), autocorrelation of the residual, and the bound of white noise."""
     residual = balance.fit.residual - balance.fit.residual.mean()
     count = min(200, len(residual) // 4)

@@ -11,15 +11,15 @@ from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
-from ema_identification.rig.fit.balance import BASE_LAWS, Balance, rms
+from ema_identification.rig.fit.balance import BASE_LAWS, InputBalance, rms
 from ema_identification.rig.fit.estimates import parameters
 from ema_identification.rig.fit.regression import Blocks, held_out
-from ema_identification.rig.fit.sign_flips import screen
+from ema_identification.rig.fit.sign_flips import screen_by_sign_flips
 from ema_identification.rig.laws import LAWS, Law, Term
 from ema_identification.rig.laws.base import LOCATED
 from ema_identification.rig.search.alternatives import (
     TWICE,
-    Choice,
+    LawChoice,
     Trial,
     equivalents,
     refined,
@@ -33,13 +33,13 @@ Candidate = tuple[str, tuple[Term, ...]]
 
 
 def candidate_terms(
-    balance: Balance, hidden: Collection[str], peaks: Sequence[float] = ()
+    balance: InputBalance, hidden: Collection[str], peaks: Sequence[float] = ()
 ) -> list[Candidate]:
     """Return what may be added to a balance.
 
     Parameters
     ----------
-    balance : Balance
+    balance : InputBalance
         The model so far.
     hidden : collection of str
         Names that may not be used.
@@ -75,12 +75,12 @@ def candidate_terms(
     return found
 
 
-def _own(balance: Balance, law: Law) -> Term:
+def _own(balance: InputBalance, law: Law) -> Term:
     """Return the model's term of a law, or a new one."""
     return next((term for term in balance.terms if term.law.name == law.name), Term(law=law))
 
 
-def _changed(balance: Balance, law: Law) -> str | None:
+def _changed(balance: InputBalance, law: Law) -> str | None:
     """Return the name for a known term that is missing, or stands at its bound."""
     if law.name in balance.names:
         index = len(balance.terms) - 1 - balance.names[::-1].index(law.name)
@@ -124,15 +124,15 @@ Reporter = Callable[[str], None]
 
 
 def choose(
-    balance: Balance, blocks: Blocks, hidden: Collection[str], report: Reporter,
+    balance: InputBalance, blocks: Blocks, hidden: Collection[str], report: Reporter,
     shapes: Sequence[GenericShape] = (), freest: np.ndarray | None = None,
     plain_first: bool = True,
-) -> tuple[Choice | None, tuple[Trial, ...]]:
+) -> tuple[LawChoice | None, tuple[Trial, ...]]:
     """Return the law that a balance lacks, None where none is worth naming; and all trials.
 
     Parameters
     ----------
-    balance : Balance
+    balance : InputBalance
         The model so far.
     blocks : Blocks
         What is held out together.
@@ -160,7 +160,7 @@ def choose(
     report(f"screening {len(candidates)} regressors")
     columns = [np.concatenate([balance.columns_of(term) for term in terms], axis=1)
                for _, terms in candidates]
-    found = screen(columns, balance.free_columns, balance.fit.residual, blocks)
+    found = screen_by_sign_flips(columns, balance.free_columns, balance.fit.residual, blocks)
     before = balance.held_out(blocks)
     squares = blocks.sums(before**2)
     trials: list[Trial] = []
@@ -200,14 +200,14 @@ def choose(
     if not good:
         return None, tuple(trials)
     chosen = _simplest(good, {term.law.name for term in balance.terms}, plain_first)
-    return Choice(
+    return LawChoice(
         trial=chosen, equivalent=equivalents(balance, blocks, chosen, good, squares),
         trials=tuple(trials), contested=good[0].term.law.dynamic and not chosen.term.law.dynamic,
     ), tuple(trials)
 
 
 def _taken_by_shapes(
-    balance: Balance, blocks: Blocks, shapes: Sequence[GenericShape], squares: float
+    balance: InputBalance, blocks: Blocks, shapes: Sequence[GenericShape], squares: float
 ) -> dict[str, float]:
     """Return the share of the held-out squares that smooth shapes take, by what they follow."""
     most: dict[str, float] = {}
@@ -220,7 +220,7 @@ def _taken_by_shapes(
     return most
 
 
-def located(balance: Balance, blocks: Blocks, index: int = -1) -> bool:
+def located(balance: InputBalance, blocks: Blocks, index: int = -1) -> bool:
     """Return whether the law of a term, by default the last, stands where the data say it is.
 
     A filter of the motion that stands anywhere takes a share of any friction; a wave of any phase
@@ -248,7 +248,7 @@ def located(balance: Balance, blocks: Blocks, index: int = -1) -> bool:
     return own.high - own.low <= 2.0 * LOCATED * abs(own.value)
 
 
-def _lawful(balance: Balance, terms: Sequence[Term], coefficients: np.ndarray) -> bool:
+def _lawful(balance: InputBalance, terms: Sequence[Term], coefficients: np.ndarray) -> bool:
     """Return whether no coefficient breaks its sign; a change of a known term may."""
     at = 0
     for term in terms:

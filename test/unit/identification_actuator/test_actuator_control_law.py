@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ema_identification.actuator.measure.controller import measured_gains
-from ema_identification.actuator.measure.tolerances import Conditions
+from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_identification.actuator.naming.law_check import check_law
 from ema_record.channels import MOTOR_SPEED, REFERENCE_CURRENTS
 from ema_record.profile import load_profile
@@ -67,7 +67,7 @@ def law_of(measured, without=()):
                                     ("motor_friction", "increase", (1.0,))))
     library = SimpleNamespace(
         model=MODEL, signatures=signatures, fmap=SimpleNamespace(profile=PROFILE, rate=20_000.0))
-    conditions = Conditions(
+    conditions = RecordConditions(
         temperature=20.0, bus=0.0, noise=1.0, start_angle=0.3,
         measured=frozenset({"temperature", "bus"}))
     block = SimpleNamespace(record=measured, library=library, conditions=conditions)

@@ -7,7 +7,13 @@ import pytest
 
 from ema_identification.actuator.measure.features import converter_step, feature_map
 from ema_identification.actuator.measure.segments import plan
-from ema_identification.actuator.measure.signals import TURN, lines, prepare, trapezoid, turns_of
+from ema_identification.actuator.measure.signals import (
+    TURN,
+    drive_signals,
+    lines,
+    trapezoid,
+    turns_of,
+)
 from ema_record.profile import load_profile, profile_names
 from ema_sim.effects import parse_effects
 from ema_sim.model_file import load_actuator
@@ -83,7 +89,8 @@ def test_an_offset_shows_in_its_own_feature(runs, nominal):
     fmap = feature_map(load_profile("extended"), nominal, runs[""])
     at = [f.name for f in fmap.features].index("offset_b")
     assert fmap.extract(runs["offset"])[at] == pytest.approx(0.3, abs=0.02)
-    assert prepare(runs["offset"], nominal).offset == pytest.approx([0.0, 0.3, 0.0], abs=0.02)
+    offset = drive_signals(runs["offset"], nominal).offset
+    assert offset == pytest.approx([0.0, 0.3, 0.0], abs=0.02)
 
 
 def test_cogging_shows_as_its_torque_line(runs, nominal):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ema_identification.actuator.measure.features import Feature
-from ema_identification.actuator.measure.segments import Segment
+from ema_identification.actuator.measure.segments import MotionSegment
 from ema_identification.actuator.naming.ripple import free_columns, largest_line
 from ema_identification.actuator.ports import unknown_shape
 
@@ -16,7 +16,7 @@ DEVIATION = 0.5
 
 def evidence_of(orders, extra=()):
     """Return evidence whose features are torque lines, in mA, and `extra` others."""
-    segments = [Segment(name=f"s{k}", kind="ramp", begin=k, end=k + 1.0, speed=v)
+    segments = [MotionSegment(name=f"s{k}", kind="ramp", begin=k, end=k + 1.0, speed=v)
                 for k, v in enumerate(SPEEDS)]
     features = [
         Feature(f"{s.name}.torque_line_{n}_{part}", s.name, "motor torque", "rotor angle")

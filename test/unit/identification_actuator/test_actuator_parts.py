@@ -10,7 +10,7 @@ from ema_identification import cache
 from ema_identification.actuator.measure.tolerances import (
     N_TOLERANCES,
     TOLERANCES,
-    Conditions,
+    RecordConditions,
     Tolerances,
     draw_tolerances,
     realise,
@@ -18,11 +18,11 @@ from ema_identification.actuator.measure.tolerances import (
 from ema_identification.actuator.naming.answer import Case, one_effect
 from ema_identification.actuator.naming.decision import agrees, two_effects
 from ema_identification.actuator.naming.estimates import choices_of, model_text
-from ema_identification.actuator.naming.gap import Gap, worst
+from ema_identification.actuator.naming.gap import ModelGap, worst
 from ema_identification.actuator.naming.sizes import grid
 from ema_identification.actuator.surrogate.catalogue import ALIASES, variants
 from ema_identification.actuator.surrogate.evidence import Whitening, solve
-from ema_identification.actuator.surrogate.fit import Fit, Term
+from ema_identification.actuator.surrogate.fit import EffectTerm, Fit
 from ema_identification.actuator.surrogate.likelihood import bounded_least_squares
 from ema_identification.actuator.surrogate.signatures import Scale, unpack
 from ema_identification.actuator.words import order_of, stages_of
@@ -35,8 +35,8 @@ NOTHING = np.zeros(1)
 
 def fit_of(name, cost):
     variant = next(v for v in variants() if v.effect == name)
-    return Fit(terms=(Term(variant=variant, signature=None, u=NOTHING),), z=NOTHING, cost=cost,
-               covariance=NOTHING, mean=(NOTHING,), runs=10, slopes=NOTHING)
+    return Fit(terms=(EffectTerm(variant=variant, signature=None, u=NOTHING),), z=NOTHING,
+               cost=cost, covariance=NOTHING, mean=(NOTHING,), runs=10, slopes=NOTHING)
 
 
 def index_of(name):
@@ -45,14 +45,15 @@ def index_of(name):
 
 def test_no_tolerance_at_the_reference_is_the_model_itself():
     model = load_model_file()
-    assert realise(model, np.zeros(N_TOLERANCES), Conditions()) == (model.actuator, model.effects)
+    nominal = realise(model, np.zeros(N_TOLERANCES), RecordConditions())
+    assert nominal == (model.actuator, model.effects)
 
 
 def test_a_tolerance_moves_its_parameter_by_its_width():
     model, z = load_model_file(), np.zeros(N_TOLERANCES)
     z[index_of("motor.dry_friction")] = 1.0
     z[index_of("current_sensor_offset.phase_c")] = -1.0
-    actuator, effects = realise(model, z, Conditions(temperature=60.0, bus=0.05))
+    actuator, effects = realise(model, z, RecordConditions(temperature=60.0, bus=0.05))
     assert actuator.motor.dynamic_friction == pytest.approx(0.33)
     assert actuator.motor.static_friction == pytest.approx(0.44)
     assert effects.current_sensor_offset.phase_c == pytest.approx(-0.05)
@@ -240,7 +241,7 @@ def test_a_gap_that_grew_by_more_than_noise_is_contradicted(before, after, held,
     rng = np.random.default_rng(5)
     last = rng.normal(2.0, 0.1, 39)
     draws = np.column_stack([last * rng.normal(1.0, 0.03, 39), last])
-    found = Gap(values=(before, after), draws=draws, residual=(), held=held)
+    found = ModelGap(values=(before, after), draws=draws, residual=(), held=held)
     assert found.contradicts is expected
     assert found.floor == pytest.approx(2.0, abs=0.1)
 
@@ -253,14 +254,14 @@ def test_a_gap_that_grew_by_more_than_noise_is_contradicted(before, after, held,
 ])
 def test_phase_and_mode_of_an_effect_are_told(name, u, expected):
     variant = next(v for v in variants() if v.name == name)
-    assert choices_of(Term(variant=variant, signature=None, u=np.array(u))) == expected
+    assert choices_of(EffectTerm(variant=variant, signature=None, u=np.array(u))) == expected
 
 
 def test_a_measured_temperature_is_used_beside_another_magnet_coefficient():
     model = load_model_file()
     warm = model.effects._replace(winding_temperature=model.effects.winding_temperature._replace(
         magnet_coefficient=-2e-3))
-    _, effects = realise(model, np.zeros(N_TOLERANCES), Conditions(temperature=60.0), warm)
+    _, effects = realise(model, np.zeros(N_TOLERANCES), RecordConditions(temperature=60.0), warm)
     assert effects.winding_temperature.temperature == 60.0
 
 

@@ -7,14 +7,14 @@ import pytest
 
 from ema_identification.actuator.measure.tolerances import (
     TOLERANCES,
-    Conditions,
+    RecordConditions,
     Tolerances,
     realise,
 )
-from ema_identification.actuator.naming.answer import CLEARLY, Case, absorbed, needed
+from ema_identification.actuator.naming.answer import CLEARLY_THERE, Case, absorbed, needed
 from ema_identification.actuator.naming.estimates import QUANTILE, covariance_of
 from ema_identification.actuator.surrogate.catalogue import variants
-from ema_identification.actuator.surrogate.fit import Fit, Term
+from ema_identification.actuator.surrogate.fit import EffectTerm, Fit
 from ema_sim.model_file import load_model_file
 
 BY_NAME = {v.name: v for v in variants()}
@@ -23,7 +23,8 @@ ONE = SimpleNamespace(blocks=(None,), tolerances=Tolerances(1))
 
 def term(name, *u):
     levels = tuple(np.array([*row, 0.0]) for row in BY_NAME[name].levels)
-    return Term(variant=BY_NAME[name], signature=SimpleNamespace(levels=levels), u=np.array(u))
+    return EffectTerm(variant=BY_NAME[name], signature=SimpleNamespace(levels=levels),
+                      u=np.array(u))
 
 
 def fit(terms, cost=100.0, deviation=0.05):
@@ -44,8 +45,8 @@ def test_a_deviation_within_its_band_is_a_tolerance_of_the_same_number(name, par
     model, z = load_model_file(), np.zeros(18)
     found = absorbed(ONE, term(name, 0.02), z)
     assert found is not None
-    plain, _ = realise(model, z, Conditions())
-    instead, _ = realise(model, found, Conditions())
+    plain, _ = realise(model, z, RecordConditions())
+    instead, _ = realise(model, found, RecordConditions())
     assert getattr(getattr(instead, part), field) == pytest.approx(
         factor * getattr(getattr(plain, part), field))
 
@@ -75,7 +76,7 @@ def test_an_effect_within_its_error_of_none_is_not_needed():
     for size in (0.1, 0.3, 1.0):
         found = fit([term("backlash", 1.0), term("viscous_friction", size)], 4.0)
         covariance = covariance_of(found, 1, found.cost)
-        above = size > CLEARLY * float(np.sqrt(covariance[0, 0]))
+        above = size > CLEARLY_THERE * float(np.sqrt(covariance[0, 0]))
         assert needed(found, found.cost) == above
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ema_identification.actuator.measure.features import feature_map
-from ema_identification.actuator.measure.runs import Case, Runner
-from ema_identification.actuator.measure.tolerances import N_TOLERANCES, Conditions
+from ema_identification.actuator.measure.runs import Runner, UnitRun
+from ema_identification.actuator.measure.tolerances import N_TOLERANCES, RecordConditions
 from ema_record.profile import load_profile
 from ema_sim.model_file import load_model_file
 from ema_sim.simulate import simulate
@@ -15,7 +15,7 @@ from ema_sim.simulate import simulate
 def cases():
     model, profile = load_model_file(), load_profile("step")
     fmap = feature_map(profile, model.actuator, simulate(profile, actuator=model.actuator))
-    return model, [Case(z=np.full(N_TOLERANCES, 0.2 * k), conditions=Conditions(), seed=k)
+    return model, [UnitRun(z=np.full(N_TOLERANCES, 0.2 * k), conditions=RecordConditions(), seed=k)
                    for k in range(12)], fmap
 
 
@@ -30,13 +30,13 @@ def test_runs_are_the_same_in_threads(cases, workers):
 
 def test_a_run_out_of_the_domain_is_nan_and_the_others_are_made(cases):
     model, good, fmap = cases
-    bad = Case(z=np.full(N_TOLERANCES, np.nan), conditions=Conditions(), seed=0)
+    bad = UnitRun(z=np.full(N_TOLERANCES, np.nan), conditions=RecordConditions(), seed=0)
     found = Runner(2).run(model, [good[0], bad, good[1]], fmap)
     assert np.array_equal(np.isfinite(found).all(axis=1), [True, False, True])
 
 
 def test_an_error_in_a_thread_reaches_the_caller(cases):
     model, good, fmap = cases
-    short = Case(z=np.zeros(2), conditions=Conditions(), seed=0)
+    short = UnitRun(z=np.zeros(2), conditions=RecordConditions(), seed=0)
     with pytest.raises(KeyError):
         Runner(2).run(model, [good[0], short, good[1]], fmap)

@@ -7,7 +7,7 @@ import pytest
 
 from ema_identification.actuator.measure.tolerances import (
     N_TOLERANCES,
-    Conditions,
+    RecordConditions,
     Tolerances,
     realise,
 )
@@ -24,7 +24,7 @@ def evidence():
     library = SimpleNamespace(
         model=MODEL, signatures=[SimpleNamespace(variant=v) for v in VARIANTS])
     return SimpleNamespace(tolerances=Tolerances(1), blocks=[SimpleNamespace(
-        library=library, conditions=Conditions())])
+        library=library, conditions=RecordConditions())])
 
 
 def fit_of(name, *u, seed=0):
@@ -37,7 +37,7 @@ def fit_of(name, *u, seed=0):
 
 def constants(z, effects):
     """Return the back-EMF constants of the phases of a unit (V s/rad)."""
-    actuator, effects = realise(MODEL, z, Conditions(), effects)
+    actuator, effects = realise(MODEL, z, RecordConditions(), effects)
     motor = actuator.motor
     deviations = [motor.back_emf_deviation_a, motor.back_emf_deviation_b,
                   motor.back_emf_deviation_c]

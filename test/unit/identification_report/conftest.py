@@ -6,9 +6,9 @@ import pytest
 from ema_identification.result import (
     Candidate,
     Curve,
-    Finding,
     Formula,
     Identification,
+    NamedEffect,
     Panel,
     Parameter,
     Shape,
@@ -58,7 +58,7 @@ def explained(curves):
     x, measured = curves["x"], curves["measured"]
     floor = rms(measured - curves["repeat"])
     before, after = rms(measured - curves["before"]), rms(measured - curves["after"])
-    finding = Finding(
+    finding = NamedEffect(
         effect="cogging_torque", equivalent=("gear_mesh_ripple",),
         parameters=(
             Parameter(name="cogging_torque.amplitude", value=0.0301, low=0.0294, high=0.0308,

@@ -10,14 +10,14 @@ from ema_identification.rig.fit.known import known_balance
 from ema_identification.rig.fit.model import DEFAULT_MODEL, RigModel, Settings, load_rig_model
 from ema_identification.rig.fit.regression import (
     Blocks,
-    Bounds,
+    CoefficientBounds,
     correlation_time,
     covariance,
     fit,
     half_width,
     held_out,
 )
-from ema_identification.rig.fit.sign_flips import screen
+from ema_identification.rig.fit.sign_flips import screen_by_sign_flips
 from ema_identification.rig.laws import LAWS, Term, unit_of
 from ema_identification.rig.laws.dynamics import _since_reversal
 from ema_identification.rig.prepare import prepare
@@ -93,7 +93,8 @@ def test_held_out_residuals_are_those_of_explicit_refits():
 def test_bounds_hold_and_say_where_they_are_active():
     rng = np.random.default_rng(0)
     x = rng.standard_normal((500, 2))
-    found = fit(x, x @ [3.0, -1.0], Bounds(low=np.array([0.0, -5.0]), high=np.array([2.0, 5.0])))
+    bounds = CoefficientBounds(low=np.array([0.0, -5.0]), high=np.array([2.0, 5.0]))
+    found = fit(x, x @ [3.0, -1.0], bounds)
     assert found.coefficients[0] == pytest.approx(2.0)
     assert found.active.tolist() == [True, False]
 
@@ -123,7 +124,7 @@ def test_sign_flips_reject_by_chance_as_often_as_they_say():
         np.column_stack([np.cos(0.07 * k * t), np.sin(0.07 * k * t)]) for k in range(1, 30)]
     for _ in range(400):
         noise = np.convolve(rng.standard_normal(604), np.ones(5), mode="valid")
-        found = screen(candidates, np.empty((600, 0)), noise, blocks, flips=199)
+        found = screen_by_sign_flips(candidates, np.empty((600, 0)), noise, blocks, flips=199)
         small += found.family_p_value.min() <= 0.05
     assert 0.02 <= small / 400 <= 0.09
 
@@ -132,7 +133,7 @@ def test_sign_flips_find_a_constant_which_circular_shifts_cannot():
     rng = np.random.default_rng(2)
     noise = rng.standard_normal(600)
     blocks = even_blocks(600, 30)
-    found = screen([np.ones((600, 1))], np.empty((600, 0)), noise + 0.5, blocks)
+    found = screen_by_sign_flips([np.ones((600, 1))], np.empty((600, 0)), noise + 0.5, blocks)
     assert found.family_p_value[0] <= 0.001
     assert found.coefficients[0][0] == pytest.approx(0.5, abs=0.12)
 
