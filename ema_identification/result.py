@@ -13,9 +13,37 @@ from ema_record.profile import Profile
 
 Outcome = Literal[
     "no disagreement", "explained", "partly explained", "unknown effect", "contradicted"]
-"""``contradicted``: what explains the fitted records makes the held-out ones worse."""
+"""``contradicted``: what explains the fitted records makes the held-out ones worse
+(`after_validation`)."""
 INTERVAL_LEVEL = 0.9
 """Probability that the interval of a parameter is meant to hold."""
+
+
+def after_validation(
+    verdict: Outcome, before: float, after: float, bound: float, whose: str
+) -> tuple[Outcome, tuple[str, ...]]:
+    """Return what validation records leave of a verdict, and what there is to say of their gap.
+
+    A gap within what the model's own runs leave says nothing of the effects that were added,
+    whether it grew or fell. Beyond that, one that grew contradicts them, and a record is only
+    explained where it fell.
+
+    Parameters
+    ----------
+    verdict : of the fitted records.
+    before, after : gap on the validation records, of the model as given and with what was found.
+    bound : what the model's own runs leave in 95 % of all cases; NaN where that is not known.
+    whose : noise `bound` is, in words.
+    """
+    if verdict not in ("explained", "partly explained") or after < before:
+        return verdict, ()
+    grew = f"the gap on the held-out records grew from {before:.3g} to {after:.3g}"
+    if after <= bound:
+        return verdict, (f"{grew}, within the noise of {whose} (up to {bound:.3g})",) * (
+            after > before)
+    if after > before:
+        return "contradicted", (f"{grew}; the noise of {whose} reaches {bound:.3g}",)
+    return "partly explained", ("the gap on the held-out records did not fall",)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

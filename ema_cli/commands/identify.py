@@ -50,7 +50,7 @@ def identify(
     held-out records, 2 wrong use or data that cannot be used.
     """
     from ema_identification.identify import identify as run
-    from ema_identification.report import write_answer, write_page
+    from ema_identification.report.write import write_answer, write_page
 
     check_new(out)
     records = [_read(path, profile) for path in measured]

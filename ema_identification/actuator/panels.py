@@ -9,7 +9,7 @@ import numpy as np
 from ema_identification.actuator.measure.runs import UnitRun, simulate_case
 from ema_identification.actuator.measure.signals import TURN, DriveSignals, drive_signals, turns_of
 from ema_identification.actuator.naming.answer import Answer
-from ema_identification.actuator.naming.gap import ModelGap, whitened
+from ema_identification.actuator.naming.gap import ModelGap
 from ema_identification.actuator.surrogate.evidence import Evidence
 from ema_identification.actuator.surrogate.likelihood import Recalibration
 from ema_identification.result import Curve, Panel
@@ -70,9 +70,9 @@ def _by_place(evidence: Evidence, residual: Sequence[np.ndarray]) -> tuple[np.nd
 
 
 def _where(evidence: Evidence, null: Recalibration, answer: Answer) -> Panel:
-    rows = [("before", *_by_place(evidence, whitened(evidence, null)))]
+    rows = [("before", *_by_place(evidence, null.whitened(evidence)))]
     if answer.fit is not None:
-        rows.append(("after", *_by_place(evidence, whitened(evidence, answer.fit))))
+        rows.append(("after", *_by_place(evidence, answer.fit.whitened(evidence))))
     x = rows[0][1]
     floor = Curve(label="nothing missing", x=x, y=np.ones_like(x), role="floor")
     return Panel(
@@ -119,7 +119,7 @@ def _vectors(evidence: Evidence, null: Recalibration, answer: Answer) -> list[Pa
 
 
 def _line_power(evidence: Evidence, null: Recalibration, place: str) -> float:
-    residual = whitened(evidence, null)[0]
+    residual = null.whitened(evidence)[0]
     return float(sum(x**2 for f, x in zip(evidence.blocks[0].library.fmap.features, residual)
                      if f.place == place and ".torque_line_" in f.name))
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_identification.actuator.naming.law_check import ControlLaw
+from ema_identification.actuator.naming.control_law import ControlLaw
 from ema_identification.actuator.naming.ripple import largest_line
 from ema_identification.actuator.surrogate.evidence import Evidence
 from ema_identification.actuator.surrogate.fit import Fit

@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.measure.tolerances import TOLERANCES
-from ema_identification.actuator.naming.answer import Answer
+from ema_identification.actuator.naming.answer import Answer, order_of
+from ema_identification.actuator.naming.control_law import ControlLaw
 from ema_identification.actuator.naming.estimates import choices_of, parameters_of
-from ema_identification.actuator.naming.gap import ModelGap, whitened
-from ema_identification.actuator.naming.law_check import ControlLaw
+from ema_identification.actuator.naming.gap import ModelGap
 from ema_identification.actuator.surrogate.evidence import Evidence
 from ema_identification.actuator.surrogate.fit import Fit
 from ema_identification.actuator.surrogate.likelihood import Recalibration
@@ -83,22 +83,6 @@ def where_step(groups: Sequence[ResidualGroup]) -> Step:
              "phase gives, counts by its logarithm only.")
 
 
-def order_of(answer: Answer) -> list[int]:
-    """Return the terms of the fit in the order found: the one that explains more alone first."""
-    if answer.fit is None:
-        return []
-    costs = [np.inf if f is None else f.cost for f in answer.alone] or [0.0]
-    return [int(k) for k in np.argsort(costs, kind="stable")]
-
-
-def stages_of(answer: Answer) -> list[Fit]:
-    """Return the fits after each effect, in the order found."""
-    if answer.fit is None:
-        return []
-    first = [answer.alone[k] for k in order_of(answer)[:1]] if answer.alone else []
-    return [*(f for f in first if f is not None), answer.fit]
-
-
 def candidates_of(
     evidence: Evidence, fits: Sequence[Fit], null_cost: float, reason: str
 ) -> tuple[Candidate, ...]:
@@ -136,7 +120,7 @@ def findings_of(
             others -= {t.variant.effect for t in answer.fit.terms}
             equal += sorted(others)
         other = answer.alone[1 - k] if answer.alone else None
-        without = whitened(evidence, null if other is None else other)
+        without = (null if other is None else other).whitened(evidence)
         effect, at = EFFECTS[name], min(len(found), len(gap.values) - 2)
         found.append(NamedEffect(
             effect=name, equivalent=tuple(dict.fromkeys(equal))[:2],

@@ -11,7 +11,7 @@ from ema_identification.actuator.checks import check_records
 from ema_identification.actuator.measure.features import nominal_rate
 from ema_identification.actuator.measure.runs import Progress, Runner, silent
 from ema_identification.actuator.measure.tolerances import align
-from ema_identification.actuator.naming.answer import Answer
+from ema_identification.actuator.naming.answer import Answer, stages_of
 from ema_identification.actuator.naming.contest import Arena
 from ema_identification.actuator.naming.decision import decide_lawfully
 from ema_identification.actuator.naming.estimates import (
@@ -20,20 +20,15 @@ from ema_identification.actuator.naming.estimates import (
     model_text,
     recalibrated_of,
 )
-from ema_identification.actuator.naming.gap import gap_of, separating_test, whitened
+from ema_identification.actuator.naming.gap import gap_of
+from ema_identification.actuator.naming.next_test import separating_test
 from ema_identification.actuator.panels import panels_of
 from ema_identification.actuator.ports import unknown_shape
+from ema_identification.actuator.surrogate.calibration import library
 from ema_identification.actuator.surrogate.evidence import Evidence, RecordEvidence, evidence
-from ema_identification.actuator.surrogate.library import library
 from ema_identification.actuator.surrogate.likelihood import recalibrate
-from ema_identification.actuator.words import (
-    candidates_of,
-    findings_of,
-    groups_of,
-    stages_of,
-    steps_of,
-)
-from ema_identification.result import Identification
+from ema_identification.actuator.words import candidates_of, findings_of, groups_of, steps_of
+from ema_identification.result import Identification, after_validation
 from ema_record.record import Record
 from ema_sim.effects import Effects
 from ema_sim.model_file import Model
@@ -92,7 +87,7 @@ def _identify(
 ) -> Identification:
     progress("recalibrate", 0.0)
     null = recalibrate(ev, seed=seed)
-    groups = groups_of(ev, whitened(ev, null))
+    groups = groups_of(ev, null.whitened(ev))
     progress("name", 0.2)
     answer, law = decide_lawfully(ev, null, without=without, progress=progress, seed=seed)
     if answer.fit is not None and is_entangled(answer.fit):
@@ -101,11 +96,10 @@ def _identify(
             ev, Arena(ev, null, seed=seed).last, answer.fit, seed=seed + 60))
     progress("show", 0.93)
     gap = gap_of(ev, held, null, stages_of(answer), seed=seed)
-    if answer.fit is not None and gap.contradicts:
-        answer = replace(answer, verdict="contradicted", reasons=(
-            f"the gap on the held-out records grew from {gap.values[0]:.2f} to "
-            f"{gap.values[-1]:.2f}; noise alone leaves as much with probability "
-            f"{gap.p_value:.2g} at most", *answer.reasons))
+    if gap.held:
+        verdict, said = after_validation(
+            answer.verdict, gap.values[0], gap.values[-1], gap.bound, "the model's own runs")
+        answer = replace(answer, verdict=verdict, reasons=(*said, *answer.reasons))
     how = HELD_OUT if held else FITTED
     fits = [f for f in answer.fits if np.isfinite(f.cost)]
     findings = findings_of(ev, null, answer, gap)
@@ -123,7 +117,7 @@ def _identify(
         next_test=None if proposed is None else proposed.text,
         next_profile=None if proposed is None else proposed.profile,
         recalibrated=recalibrated_of(fit, ev), reasons=answer.reasons,
-        unknown=unknown_shape(ev, whitened(ev, null), fits, answer.null_cost, law)
+        unknown=unknown_shape(ev, null.whitened(ev), fits, answer.null_cost, law)
         if answer.verdict == "unknown effect" else None,
         model_text="" if answer.verdict == "contradicted" else model_text(
             model, ev.tolerances.of(0, fit.z), _effects(answer, model)),

@@ -1,12 +1,13 @@
-"""What the page shows, ready to be printed: sentences, tables, plots by section."""
+"""What the page says, ready to be printed: sentences, tables, plots, what to run next."""
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from ema_identification.report import words
-from ema_identification.report.commands import as_list
 from ema_identification.result import (
     INTERVAL_LEVEL,
     Candidate,
@@ -73,17 +74,18 @@ def page_context(
 def advice(identification: Identification) -> list[str]:
     """Return what to do with the answer, in sentences."""
     found = []
+    contradicted = identification.verdict == "contradicted"
     ambiguous = any(finding.equivalent for finding in identification.findings)
     if identification.verdict == "no disagreement":
         found.append("Keep the model. No effect needs to be added.")
-    if identification.verdict == "contradicted":
+    if contradicted:
         found.append("Do not use what was found. Check that all records are of one unit in one "
                      "state, then record again and identify again.")
     elif identification.findings:
         found.append("Use the updated model: it carries "
                      f"{words.listed(identification)} with the parameters below.")
-    if identification.findings and identification.held_out and not words.gap_shows(
-            identification):
+    if identification.findings and identification.held_out and not (
+            contradicted or words.gap_shows(identification)):
         found.append("The held-out data hardly show what was found: their gap was near the noise "
                      "floor before. Judge by the fitted record below, or record another command.")
     if identification.findings and not identification.held_out:
@@ -155,3 +157,47 @@ def _finding(finding: NamedEffect) -> dict[str, Any]:
         + [_parameter(p) for p in finding.parameters],
         "candidates": _candidates(finding.candidates),
     }
+
+
+MODEL = "model.yaml"
+
+
+def next_commands(
+    identification: Identification,
+    out: Path,
+    inputs: Mapping[str, str | Sequence[str]],
+    next_test_file: str,
+) -> list[str]:
+    """Return commands that use the updated model, check it, and run the proposed test.
+
+    Parameters
+    ----------
+    identification : the result.
+    out : the folder of the report.
+    inputs : as `write_report` has them; what `ema identify` was given is given again.
+    next_test_file : name of the proposed command's file in `out`.
+    """
+    found = []
+    measured = " ".join(shlex.quote(path) for path in as_list(inputs.get("measured", ())))
+    given = "".join(
+        f" --{option} {shlex.quote(value)}" for option in ("validate", "without", "profile")
+        for value in as_list(inputs.get(option, ())))
+    if identification.model_text:
+        model = shlex.quote(str(out / MODEL))
+        if identification.machine == "actuator":
+            found.append(f"ema simulate --model {model} --profile extended --out simulated")
+        if measured:
+            again = shlex.quote(f"{out}_again")
+            found.append(f"ema identify {measured}{given} --model {model} --out {again}")
+    if identification.next_profile is not None:
+        test = shlex.quote(str(out / next_test_file))
+        found.append(f"ema bit --profile {test}")
+        if measured:
+            both = shlex.quote(f"{out}_next")
+            found.append(f"ema identify {measured} NEW_RECORD{given} --out {both}")
+    return found
+
+
+def as_list(value: str | Sequence[str]) -> list[str]:
+    """Return one or several texts as a list."""
+    return [value] if isinstance(value, str) else [str(item) for item in value]

@@ -98,8 +98,9 @@ def gap_change(identification: Identification) -> str:
     """Return what the gap did, with the noise floor."""
     before, after = identification.gap_before, identification.gap_after
     way = "grows" if after > before else "falls"
+    within = ", within the noise," if identification.held_out and after > before else ","
     return (f"the gap on {data_of(identification)} {way} from {number(before)} to "
-            f"{number(after)}, with a noise floor of {number(identification.noise_floor)}")
+            f"{number(after)}{within} with a noise floor of {number(identification.noise_floor)}")
 
 
 def verdict_sentence(identification: Identification) -> str:

@@ -17,8 +17,7 @@ import yaml
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from ema_identification.report.commands import next_commands
-from ema_identification.report.page import page_context
+from ema_identification.report.page import next_commands, page_context
 from ema_identification.report.plots import draw_gap, draw_panel
 from ema_identification.result import Identification, Panel
 from ema_record.errors import UsageError

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,12 +18,14 @@ from ema_identification.result import (
     Outcome,
     Parameter,
     Shape,
+    after_validation,
 )
 from ema_identification.rig.fit.balance import Design, InputBalance, rms
 from ema_identification.rig.fit.estimates import parameters, without_modifiers
 from ema_identification.rig.fit.known import common_factor, known_balance
 from ema_identification.rig.fit.model import RigModel, Settings, load_rig_model
 from ema_identification.rig.fit.regression import Blocks, fit, held_out, make_blocks
+from ema_identification.rig.fit.sign_flips import LEVEL_OF_CHANCE
 from ema_identification.rig.laws import LAWS
 from ema_identification.rig.prepare import prepare
 from ema_identification.rig.report.panels import all_panels, unknown_panel
@@ -43,7 +46,6 @@ from ema_identification.rig.search.alternatives import (
 )
 from ema_identification.rig.search.remainder import main_shape, portrait
 from ema_identification.rig.search.search import Search, search
-from ema_identification.rig.search.selection import LEVEL_OF_CHANCE, UNCERTAINTY
 from ema_identification.rig.search.shapes import freest_columns, smooth_shapes, waves_in_position
 from ema_record.errors import unknown_name
 from ema_rig.record import RigRecord
@@ -53,6 +55,8 @@ Progress = Callable[[str, float], None]
 MAX_RIVALS = 8
 MUCH = 0.1
 """Share of the input that is not explained without a word."""
+QUANTILE = 1.645
+"""Standard errors of the noise floor that make its 95 % bound."""
 HIDEABLE = (*LAWS, "inertia_change")
 
 
@@ -131,12 +135,12 @@ def identify_rig(
     say("measuring the gap", 0.93)
     judge = _Judge(blocks=blocks, held=held)
     gaps = [judge.gap(balance) for balance in found.stages]
-    floor = _noise_floor(found, blocks, held)
+    floor, bound = _noise_floor(found, blocks, held)
     findings = _findings(found, blocks, gaps)
     story = Story(trajectory=trajectory, blocks=blocks, start=start, found=found, gaps=gaps,
-                  noise_floor=floor, before=before,
+                  noise_floor=floor, noise_bound=bound, before=before,
                   notes=(*trajectory.notes, *skew_words(found.balance), *notes),
-                  findings=findings, validated=len(validate), contradicted=_grew(found, held))
+                  findings=findings, validated=len(validate))
     say("done", 1.0)
     return _identification(given, story)
 
@@ -153,46 +157,44 @@ def _held_designs(
     return tuple(Design(prepare([record], same)) for record in validate)
 
 
-def _noise_floor(found: Search, blocks: Blocks, held: Sequence[Design]) -> float:
-    """Return what the freest model leaves: the terms of the model and every smooth shape.
+def _noise_floor(found: Search, blocks: Blocks, held: Sequence[Design]) -> tuple[float, float]:
+    """Return what the freest model leaves, and its 95 % bound by how much blocks differ.
 
-    It is fitted for itself and named nothing; with records held out it is fitted to those, which
-    decided nothing at all. What it leaves of the rows that it was fitted to is less than the
-    noise, and of blocks predicted from the others more, by as much to first order in the number of
-    its columns: the floor is the rms of both together. The gap may lie on either side of it.
+    The freest model has the terms of the model and every smooth shape. It is fitted for itself and
+    named nothing; with records held out it is fitted to those, which decided nothing at all. What
+    it leaves of the rows that it was fitted to is less than the noise, and of blocks predicted
+    from the others more, by as much to first order in the number of its columns: the floor is the
+    rms of both together. The gap may lie on either side of it.
     """
     end = found.balance
-    if not held:
+    if held:
+        parts = [_left_on(design, end) for design in held]
+    else:
         shapes = [*smooth_shapes(end.design.trajectory),
                   *(left.shape for left in found.left if left.significant)]
-        return rms(_left(freest_columns(end.free_columns, shapes), end.target, blocks))
-    parts = []
-    for design in held:
-        there = design.led(end.design.lead)
-        target = there.trajectory.target
-        columns = freest_columns(there.matrix(end.terms, end.fit.coefficients),
-                                 smooth_shapes(there.trajectory))
-        own = make_blocks(there.trajectory, fit(columns, target).residual)
-        parts.append(_left(columns, target, own))
-    return rms(np.concatenate(parts))
+        parts = [_left(freest_columns(end.free_columns, shapes), end.target, blocks)]
+    squares, rows = np.concatenate([p for p, _ in parts]), sum(n for _, n in parts)
+    total = float(squares.sum())
+    return (math.sqrt(total / rows),
+            math.sqrt((total + QUANTILE * standard_error(squares)) / rows))
 
 
-def _left(columns: np.ndarray, target: np.ndarray, blocks: Blocks) -> np.ndarray:
-    """Return what a fit leaves of its own rows, and of blocks predicted from the others."""
-    return np.concatenate([fit(columns, target).residual, held_out(columns, target, blocks)])
+def _left_on(design: Design, end: InputBalance) -> tuple[np.ndarray, int]:
+    """Return what the freest model leaves of another record, as `_left`."""
+    there = design.led(end.design.lead)
+    target = there.trajectory.target
+    columns = freest_columns(there.matrix(end.terms, end.fit.coefficients),
+                             smooth_shapes(there.trajectory))
+    return _left(columns, target, make_blocks(there.trajectory, fit(columns, target).residual))
 
 
-def _grew(found: Search, held: Sequence[Design]) -> bool:
-    """Whether the gap on held-out records grew, by more than blocks of them differ."""
-    if not held or len(found.stages) < 2:
-        return False
-    grown = []
-    for design in held:
-        last, first = (b.residual_on(design) for b in (found.stages[-1], found.stages[0]))
-        own = make_blocks(design.trajectory, last)
-        grown.append(own.sums(last**2) - own.sums(first**2))
-    more = np.concatenate(grown)
-    return bool(more.sum() > UNCERTAINTY * standard_error(more))
+def _left(columns: np.ndarray, target: np.ndarray, blocks: Blocks) -> tuple[np.ndarray, int]:
+    """Return the sums of squares that a fit leaves, shape (blocks,), and the number of rows.
+
+    The mean of those of its own rows and of blocks predicted from the others.
+    """
+    own, others = fit(columns, target).residual, held_out(columns, target, blocks)
+    return blocks.sums(0.5 * (own**2 + others**2)), len(target)
 
 
 def _findings(found: Search, blocks: Blocks, gaps: list[float]) -> tuple[NamedEffect, ...]:
@@ -251,8 +253,10 @@ def _identification(given: RigModel, story: Story) -> Identification:
         verdict = "explained" if unknown is None else "partly explained"
     elif unknown is not None:
         verdict = "unknown effect"
-    if story.contradicted:
-        verdict = "contradicted"
+    said: tuple[str, ...] = ()
+    if story.validated:
+        verdict, said = after_validation(
+            verdict, story.gaps[0], story.gaps[-1], story.noise_bound, "the freest model's fit")
     ambiguous = next((f for f in story.findings if f.equivalent), None)
     test = next_test((ambiguous.effect, *ambiguous.equivalent), trajectory) \
         if ambiguous is not None else None
@@ -269,9 +273,9 @@ def _identification(given: RigModel, story: Story) -> Identification:
         rivals=tuple(_candidate(t.name, t.score, t.p_value, None, t)
                      for t in found.last_trials[:MAX_RIVALS]),
         next_test=test, recalibrated=_recalibrated(story), unknown=unknown,
-        reasons=_reasons(story), steps=all_steps(story),
+        reasons=(*said, *_reasons(story)), steps=all_steps(story),
         panels=all_panels(found.stages[0], found.balance, found.unknown),
-        model_text="" if story.contradicted else updated_text(given, story),
+        model_text="" if verdict == "contradicted" else updated_text(given, story),
     )
 
 
@@ -287,9 +291,6 @@ def _recalibrated(story: Story) -> tuple[Parameter, ...]:
 
 def _reasons(story: Story) -> tuple[str, ...]:
     reasons = list(story.notes)
-    if story.contradicted:
-        reasons.insert(0, f"the gap on the records held out grew from {story.gaps[0]:.4g} to "
-                       f"{story.gaps[-1]:.4g}, by more than their blocks differ")
     one_way = one_direction(story.trajectory)
     if one_way:
         reasons.append(one_way)

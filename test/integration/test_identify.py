@@ -9,21 +9,13 @@ from typer.testing import CliRunner
 from ema_cli.main import COMMANDS, build_app, run
 from ema_identification.actuator.measure.tolerances import align
 from ema_identification.actuator.naming import proposal as naming
-from ema_identification.actuator.naming.contest import FINAL_RUNS, Arena, Start
+from ema_identification.actuator.naming.contest import FINAL_RUNS, Arena
 from ema_identification.actuator.naming.ensemble_search import approached, compass
-from ema_identification.actuator.surrogate import (
-    library as calibration,
-)
-from ema_identification.actuator.surrogate import (
-    signatures as effect_library,
-)
-from ema_identification.actuator.surrogate import (
-    signatures as null_library,
-)
+from ema_identification.actuator.surrogate import calibration, simulated
+from ema_identification.actuator.surrogate.calibration import library
 from ema_identification.actuator.surrogate.catalogue import variants
 from ema_identification.actuator.surrogate.evidence import RecordEvidence, evidence
-from ema_identification.actuator.surrogate.fit import EffectTerm, run_point
-from ema_identification.actuator.surrogate.library import library
+from ema_identification.actuator.surrogate.fit import EffectTerm, Start, run_point
 from ema_identification.actuator.surrogate.likelihood import recalibrate
 from ema_identification.identify import identify
 from ema_record.bag.read import write_bag
@@ -47,11 +39,11 @@ def small_library(tmp_path_factory):
     """Keep libraries of fewer units and candidates in a cache of this module's own."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        patch.setattr(null_library, "NULL_UNITS", 190)
+        patch.setattr(simulated, "NULL_UNITS", 190)
         patch.setattr(calibration, "FRESH_UNITS", 16)
         for name in ("PAIRS", "SECONDS", "SCANNED"):
             patch.setattr(naming, name, 1)
-        patch.setattr(effect_library, "variants",
+        patch.setattr(simulated, "variants",
                       lambda: tuple(v for v in variants() if v.name in KNOWN))
         yield
 

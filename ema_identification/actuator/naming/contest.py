@@ -13,7 +13,13 @@ from ema_identification.actuator.measure.runs import Progress, silent
 from ema_identification.actuator.naming.ensemble_search import approached, compass
 from ema_identification.actuator.naming.optimiser import descend, finished
 from ema_identification.actuator.surrogate.evidence import Asked, Evidence
-from ema_identification.actuator.surrogate.fit import EffectTerm, Fit, Point, run_point, run_points
+from ema_identification.actuator.surrogate.fit import (
+    Fit,
+    Point,
+    Start,
+    run_point,
+    run_points,
+)
 from ema_identification.actuator.surrogate.likelihood import Recalibration, Robust, reference
 
 LAST_SHARE = 0.1
@@ -55,13 +61,6 @@ MOST_VARIANTS = 2
 """Of one effect that go on."""
 
 
-class Start(NamedTuple):
-    """Effects and tolerances from which a fit begins."""
-
-    terms: tuple[EffectTerm, ...]
-    z: np.ndarray
-
-
 class Arena:
     """What all fits of one unit have in common: the metrics, and the cost without an effect."""
 
@@ -71,9 +70,7 @@ class Arena:
         self.metrics = tuple(
             Robust(before=tuple(before), runs=s.runs, share=s.share) for s in ROUNDS)
         self.last = Robust(before=tuple(before), runs=FINAL_RUNS, share=LAST_SHARE)
-        self.null_cost = self.last.cost(
-            evidence, [f + s @ (null.z - null.centre) for f, s in zip(
-                null.mean, evidence.slopes(null.centre))], null.z)
+        self.null_cost = self.last.cost(evidence, null.predicted(evidence), null.z)
 
     def fits(
         self, starts: Sequence[Start], *, progress: Progress = silent, span: tuple[float, float] =

@@ -16,16 +16,10 @@ import numpy as np
 from scipy.stats import combine_pvalues
 
 from ema_identification.actuator.measure.runs import Progress, silent
-from ema_identification.actuator.naming.answer import (
-    LARGEST_SET,
-    Answer,
-    Case,
-    absorbed,
-    margin_of,
-    one_effect,
-)
-from ema_identification.actuator.naming.contest import Arena, Start
-from ema_identification.actuator.naming.law_check import ControlLaw, check_law
+from ema_identification.actuator.naming.answer import LARGEST_SET, Answer, margin_of
+from ema_identification.actuator.naming.contest import Arena
+from ema_identification.actuator.naming.control_law import ControlLaw, check_law
+from ema_identification.actuator.naming.criteria import Case, absorbed, one_effect
 from ema_identification.actuator.naming.proposal import (
     challengers,
     pairs_of,
@@ -35,7 +29,7 @@ from ema_identification.actuator.naming.proposal import (
     twins,
 )
 from ema_identification.actuator.surrogate.evidence import Evidence
-from ema_identification.actuator.surrogate.fit import EffectTerm, Fit
+from ema_identification.actuator.surrogate.fit import EffectTerm, Fit, Start
 from ema_identification.actuator.surrogate.likelihood import Recalibration
 
 NEARLY = 2.0

@@ -17,16 +17,17 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.measure.tolerances import TOLERANCES
-from ema_identification.actuator.naming.contest import Start
-from ema_identification.actuator.naming.gap import PHASES, phase_constants
+from ema_identification.actuator.naming.next_test import PHASES, phase_constants
 from ema_identification.actuator.naming.ripple import periodic_candidates
-from ema_identification.actuator.naming.sizes import Sized, Sizing, grid
 from ema_identification.actuator.surrogate.evidence import Asked, Evidence
-from ema_identification.actuator.surrogate.fit import EffectTerm, Fit
+from ema_identification.actuator.surrogate.fit import EffectTerm, Fit, Start
 from ema_identification.actuator.surrogate.likelihood import BAND, Recalibration, Robust
 from ema_identification.actuator.surrogate.screening import (
     Screened,
+    Sized,
+    Sizing,
     bounded_gains,
+    grid,
     residual,
     screen_catalogue,
     selectable,

@@ -14,13 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_identification.actuator.naming.gap import whitened
 from ema_identification.actuator.surrogate.catalogue import ripple
 from ema_identification.actuator.surrogate.evidence import Evidence, RecordEvidence
 from ema_identification.actuator.surrogate.fit import Fit
+from ema_identification.actuator.surrogate.library import Signature
 from ema_identification.actuator.surrogate.likelihood import Recalibration
 from ema_identification.actuator.surrogate.screening import Screened, best_of, residual
-from ema_identification.actuator.surrogate.signatures import Signature
 
 STRONG_LINE = 8.0
 """Least residual of a line (standard deviations, re and im)."""
@@ -154,7 +153,7 @@ def periodic_candidates(
     evidence: Evidence, about: Recalibration | Fit, *, without: Sequence[str] = (), seed: int = 0,
 ) -> list[Screened]:
     """Return ripple effects with the order of the clearest line that `about` leaves."""
-    line = largest_line(evidence, whitened(evidence, about))
+    line = largest_line(evidence, about.whitened(evidence))
     if line is None or line[0] < LOWEST:
         return []
     order, torque, _ = line

@@ -11,7 +11,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from ema_identification.actuator.measure.runs import Runner, UnitRun
 from ema_identification.actuator.measure.tolerances import PRIOR, RecordConditions, Tolerances
-from ema_identification.actuator.surrogate.signatures import Library
+from ema_identification.actuator.surrogate.library import Library
 from ema_record.record import Record
 from ema_sim.effects import Effects
 
@@ -159,6 +159,14 @@ class Evidence:
                 self.tolerances.of(k, z), block.conditions))
             for k, block in enumerate(self.blocks)
         ]
+
+    def whitened(self, mean: Sequence[np.ndarray], runs: int) -> list[np.ndarray]:
+        """Return measured less predicted features of each record, in standard deviations.
+
+        `mean` is that of `runs` runs.
+        """
+        return [(b.values - f) / np.sqrt(np.diag(noise_covariance(b, runs=runs)))
+                for b, f in zip(self.blocks, mean)]
 
     @property
     def size(self) -> int:

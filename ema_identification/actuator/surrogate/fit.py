@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ema_identification.actuator.measure.tolerances import N_TOLERANCES, TOLERANCES
 from ema_identification.actuator.surrogate.catalogue import ALIASES, TAKES_AWAY, Variant
 from ema_identification.actuator.surrogate.evidence import Asked, Evidence
-from ema_identification.actuator.surrogate.signatures import Signature
+from ema_identification.actuator.surrogate.library import Signature
 from ema_sim.effects import Effects
 
 LIBRARY_INFLATION = 2.5
@@ -70,6 +71,10 @@ class Fit:
     def spread(self) -> float:
         """Residual in units of the noise that was assumed."""
         return float(np.sqrt(self.cost / sum(len(f) for f in self.mean)))
+
+    def whitened(self, evidence: Evidence) -> list[np.ndarray]:
+        """Return what the fit leaves of each record, in standard deviations."""
+        return evidence.whitened(self.mean, self.runs)
 
     def effects(self, base: Effects) -> Effects:
         """Return `base` with the fitted effects."""
@@ -175,6 +180,13 @@ def runs_around(
             made.append(np.concatenate([coordinates(there) - start, tolerances - z]))
             runs.append(found)
     return np.array(made).reshape(-1, len(start) + len(z)), np.array(runs)
+
+
+class Start(NamedTuple):
+    """Effects and tolerances from which a fit begins."""
+
+    terms: tuple[EffectTerm, ...]
+    z: np.ndarray
 
 
 PART = 0.2

@@ -1,209 +1,153 @@
-"""All that depends only on model and profile: built once, calibrated on fresh units, and kept.
+"""What is known about records of one profile from one model: means, noise, signatures, scales.
 
-How far recalibrated runs without a missing effect are off: measured on fresh units.
-
-The null library knows how a run repeats. What recalibration adds, such as limit cycles that no
-slope describes, is measured here: units that built no library are recalibrated. Their residuals
-give each feature its scale, and the cost of a complete model and the best gain of a useless
-effect their distributions.
-
-All that depends only on model and profile, built once and kept.
+`NullLibrary` says what effect-free runs look like, a quadratic in tolerances and conditions;
+`Signature` what an effect adds, piecewise straight over its coordinates; `Scale` how far
+recalibrated models are off when nothing is missing. `Library` holds all three.
 """
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from ema_identification import cache
-from ema_identification.actuator.measure.features import feature_map
-from ema_identification.actuator.measure.runs import (
-    Progress,
-    UnitRun,
-    silent,
-    simulate_case,
-    spread_out,
-)
-from ema_identification.actuator.measure.tolerances import align, draw_conditions, draw_tolerances
-from ema_identification.actuator.surrogate.evidence import (
-    RecordEvidence,
-    evidence,
-    noise_covariance,
-)
-from ema_identification.actuator.surrogate.likelihood import (
-    LAST_RUNS,
-    recalibrate,
-    recalibrated_at,
-)
-from ema_identification.actuator.surrogate.screening import (
-    bounded_gains,
-    residual,
-    screen_catalogue,
-)
-from ema_identification.actuator.surrogate.signatures import (
-    Library,
-    NullLibrary,
-    Scale,
-    build_effect_library,
-    build_null_library,
-    candidates,
-    pack,
-    unpack,
-)
-from ema_record.channels import DEFAULT_RATE
-from ema_record.profile import Profile
+from ema_identification.actuator.measure.features import FeatureMap
+from ema_identification.actuator.measure.tolerances import N_TOLERANCES, RecordConditions
+from ema_identification.actuator.surrogate.catalogue import Variant
+from ema_record.record import Record
 from ema_sim.model_file import Model
-from ema_sim.simulate import simulate
-
-FRESH_UNITS = 48
-CHUNK = 2
-MEMORY = 10.0
-"""Units that the prior scale of a feature counts for."""
-PRIOR_SCALE = 1.1
-HIGHEST = 20.0
-"""Largest scale of the variance of a feature."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Unit:
-    block: RecordEvidence
-    centre: np.ndarray
-    mean: np.ndarray
+class NullLibrary:
+    """Statistics of runs without a missing effect.
+
+    Attributes
+    ----------
+    weights : ndarray, shape (c, d). Of the columns of `design`.
+    quiet, noisy : ndarrays, shape (d,). Variance of a repeat = quiet + noisy × (noise factor)².
+    correlation : ndarray, shape (d, d). Of a repeat, shrunk.
+    misfit : ndarray, shape (d,). Variance of the mean about the quadratic.
+    """
+
+    weights: np.ndarray
+    quiet: np.ndarray
+    noisy: np.ndarray
+    correlation: np.ndarray
+    misfit: np.ndarray
+
+    def mean(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
+        """Return the mean feature vector, shape (d,)."""
+        return np.asarray(design(np.concatenate([z, conditions.regressors()])[None])[0]
+                          @ self.weights)
+
+    def slope(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
+        """Return the derivative of the mean to the tolerances, shape (d, 18)."""
+        v = np.concatenate([z, conditions.regressors()])
+        step = 0.5 * np.eye(N_TOLERANCES, len(v))
+        return np.asarray((design(v + step) - design(v - step)) @ self.weights).T
+
+    def noise_slope(self, conditions: RecordConditions) -> np.ndarray:
+        """Return the derivative of the mean to the regressor of the noise, shape (d,)."""
+        v = np.concatenate([np.zeros(N_TOLERANCES), conditions.regressors()])
+        step = np.zeros_like(v)
+        step[-1] = 0.5
+        return np.asarray((design((v + step)[None]) - design((v - step)[None]))[0] @ self.weights)
+
+    def deviation(self, noise: float) -> np.ndarray:
+        """Return the standard deviation of a repeat at a noise factor, shape (d,)."""
+        return np.sqrt(self.quiet + self.noisy * min(max(noise, 0.3), 4.0)**2)
 
 
-def _case(seed: int, index: int) -> UnitRun:
-    rng = np.random.default_rng([seed, 4, index])
-    return UnitRun(z=draw_tolerances(rng), conditions=draw_conditions(rng),
-                seed=int(rng.integers(2**31)))
+def design(v: np.ndarray) -> np.ndarray:
+    """Return constant, linear, square and cross terms of `v`, shape (n, 21) -> (n, c)."""
+    n, size = v.shape
+    cross = [v[:, i] * v[:, j] for j in range(N_TOLERANCES, size) for i in range(j)]
+    cross += [v[:, i] * v[:, j] for i in (2, 3, 4) for j in range(N_TOLERANCES)
+              if j > i or j < 2]
+    return np.column_stack([np.ones(n), v, v**2 - 1.0 / 3.0, *cross])
 
 
-def _block(library: Library, case: UnitRun) -> RecordEvidence:
-    record = simulate_case(library.model, case, library.fmap)
-    return RecordEvidence(record=record, library=library, conditions=align(record, library.model),
-                 values=library.fmap.extract(record))
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signature:
+    """Features that a variant adds, along each of its coordinates.
+
+    Attributes
+    ----------
+    variant : what it is.
+    levels : for each coordinate, sorted, with 0 among them.
+    values : for each coordinate, ndarray of shape (levels, d).
+    """
+
+    variant: Variant
+    levels: tuple[np.ndarray, ...]
+    values: tuple[np.ndarray, ...]
+
+    def at(self, u: np.ndarray) -> np.ndarray:
+        """Return the added features at coordinates `u`, shape (d,)."""
+        total = np.zeros(self.values[0].shape[1])
+        for x, levels, values in zip(u, self.levels, self.values):
+            total += self._along(float(x), levels, values)
+        return total
+
+    def slope(self, u: np.ndarray) -> np.ndarray:
+        """Return the derivative to the coordinates, shape (d, size); zero where unknown."""
+        found = np.zeros((self.values[0].shape[1], len(u)))
+        for k, (x, levels, values) in enumerate(zip(u, self.levels, self.values)):
+            if len(levels) > 1:
+                place = _interval(float(x), levels)
+                found[:, k] = (values[place + 1] - values[place]) / (
+                    levels[place + 1] - levels[place])
+        return found
+
+    @staticmethod
+    def _along(x: float, levels: np.ndarray, values: np.ndarray) -> np.ndarray:
+        if len(levels) < 2:
+            return np.zeros(values.shape[1])
+        k = _interval(x, levels)
+        part = (x - levels[k]) / (levels[k + 1] - levels[k])
+        return np.asarray(values[k] + part * (values[k + 1] - values[k]))
 
 
-def _chunk(library: Library, seed: int, indices: Sequence[int]) -> np.ndarray:
-    """Return rows of features, tolerances and simulated features of recalibrated units."""
-    from threadpoolctl import threadpool_limits
-
-    rows = []
-    with threadpool_limits(limits=1):
-        for index in indices:
-            block = _block(library, _case(seed, index))
-            found = recalibrate(evidence([block]), seed=seed + index)
-            rows.append(np.concatenate([
-                block.values, found.mean[0], found.centre,
-                [block.conditions.temperature, block.conditions.bus, block.conditions.noise,
-                 block.conditions.start_angle]]))
-    return np.array(rows)
+def _interval(x: float, levels: np.ndarray) -> int:
+    return int(np.clip(np.searchsorted(levels, x) - 1, 0, len(levels) - 2))
 
 
-def calibration_runs(
-    library: Library, *, seed: int, workers: int = 1, progress: Progress = silent,
-    units: int | None = None,
-) -> np.ndarray:
-    """Return the rows from which `scale_of` takes its numbers, one a unit."""
-    n = FRESH_UNITS if units is None else units
-    chunks = [list(range(i, min(i + CHUNK, n))) for i in range(0, n, CHUNK)]
-    plain = replace(library, signatures=())
-    return np.concatenate(spread_out(
-        _chunk, [(plain, seed, c) for c in chunks], workers=workers, progress=progress,
-        what="fresh effect-free units"))
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scale:
+    """What residuals and scores look like when nothing is hidden (`calibration`).
+
+    Attributes
+    ----------
+    factor : ndarray, shape (d,). On the variance of each feature.
+    fit : mean and standard deviation of the logarithm of the cost a feature.
+    gain : median of the best candidate's gain, and the scale of its exponential tail.
+    """
+
+    factor: np.ndarray
+    fit: tuple[float, float] = (0.3, 0.25)
+    gain: tuple[float, float] = (10.0, 5.0)
+
+    def p_gain(self, gain: float) -> float:
+        """Return the probability of a larger best gain when nothing is hidden."""
+        return min(1.0, 0.5 * math.exp(min(1.0, -(gain - self.gain[0]) / self.gain[1])))
+
+    def p_fit(self, cost_a_feature: float) -> float:
+        """Return the probability of a larger cost when the model is complete."""
+        x = (math.log(max(cost_a_feature, 1e-9)) - self.fit[0]) / self.fit[1]
+        return 0.5 * math.erfc(x / math.sqrt(2.0))
 
 
-def scale_of(library: Library, rows: np.ndarray) -> Scale:
-    """Return the scales from the rows of `calibration_runs`."""
-    units = [_unit(library, row) for row in rows]
-    squares = np.zeros(len(library.fmap.features))
-    for unit in units:
-        found = recalibrated_at(evidence([unit.block]), unit.centre, [unit.mean], LAST_RUNS)
-        slope = evidence([unit.block]).slopes(unit.centre)[0]
-        rest = unit.block.values - unit.mean - slope @ (found.z - unit.centre)
-        squares += rest**2 / np.diag(noise_covariance(unit.block, runs=LAST_RUNS))
-    factor = (squares + MEMORY * PRIOR_SCALE) / (len(units) + MEMORY)
-    factor = np.clip(factor, 1.0, HIGHEST)
-    library = replace(library, scale=replace(library.scale, factor=factor))
-    costs, gains = [], []
-    for unit in units:
-        ev = evidence([replace(unit.block, library=library)])
-        costs.append(recalibrated_at(ev, unit.centre, [unit.mean], LAST_RUNS).cost / ev.size)
-        if library.signatures:
-            rest = residual(ev, unit.centre, [unit.mean], runs=LAST_RUNS)
-            gains.append(max(bounded_gains(
-                ev, unit.centre, [unit.mean], LAST_RUNS, screen_catalogue(ev, rest))))
-    logs = np.log(costs)
-    middle = float(np.median(gains)) if gains else 10.0
-    tail = 5.0
-    if gains:
-        tail = max((float(np.quantile(gains, 0.9)) - middle) / math.log(5.0),
-                   (float(np.max(gains)) - middle) / math.log(len(gains)), 2.0)
-    return Scale(factor=factor, fit=(float(logs.mean()), max(float(logs.std(ddof=1)), 0.05)),
-                 gain=(middle, tail))
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Library:
+    """Features, effect-free statistics and signatures for one model and profile."""
 
-
-def _unit(library: Library, row: np.ndarray) -> _Unit:
-    from ema_identification.actuator.measure.tolerances import RecordConditions
-
-    d = len(library.fmap.features)
-    temperature, bus, noise, angle = row[-4:]
-    conditions = RecordConditions(
-        temperature=float(temperature), bus=float(bus), noise=float(noise),
-        start_angle=float(angle), measured=frozenset({"temperature", "bus"}))
-    block = RecordEvidence(record=library.example, library=library, conditions=conditions,
-                           values=row[:d])
-    return _Unit(block=block, centre=row[2 * d:-4], mean=row[d:2 * d])
-
-
-def _key(model: Model, profile: Profile, rate: float, made_by: Callable[..., object], seed: int
-         ) -> str:
-    command = [list(p) for p in profile.points]
-    return cache.key_of(
-        json.dumps([command, profile.inverter_off, rate]), repr(model), str(seed),
-        module=made_by.__module__)
-
-
-def library(
-    model: Model, profile: Profile, *, rate: float = DEFAULT_RATE, signatures: bool = True,
-    seed: int = 0, workers: int = 1, progress: Progress = silent,
-) -> Library:
-    """Return the library of a model, a profile and a rate, from the cache where it is kept."""
-    example = simulate(profile, actuator=model.actuator, effects=model.effects, seed=seed,
-                       rate=rate)
-    fmap = feature_map(profile, model.actuator, example)
-    key = "null_" + _key(model, profile, rate, build_null_library, seed)
-    stored = cache.load(key)
-    names = ("weights", "quiet", "noisy", "correlation", "misfit")
-    if stored is None or set(stored) != set(names):
-        null = build_null_library(model, fmap, seed=seed, workers=workers, progress=progress)
-        cache.save(key, {name: getattr(null, name) for name in names})
-    else:
-        null = NullLibrary(**{name: stored[name] for name in names})
-    plain = Library(model=model, fmap=fmap, null=null, signatures=(), example=example,
-                    scale=Scale(factor=np.ones(len(fmap.features))))
-    if not signatures:
-        return plain
-    key = "effects_" + _key(model, profile, rate, build_effect_library, seed)
-    stored = cache.load(key)
-    if stored is None or "added" not in stored:
-        found = build_effect_library(model, fmap, seed=seed, workers=workers, progress=progress)
-        cache.save(key, {"added": pack(found)})
-    else:
-        found = unpack(candidates(model), np.asarray(stored["added"]))
-    full = replace(plain, signatures=found)
-    key = "scale_" + _key(model, profile, rate, scale_of, seed)
-    stored = cache.load(key)
-    if stored is None or set(stored) != {"factor", "fit", "gain"}:
-        scale = scale_of(full, calibration_runs(
-            full, seed=seed, workers=workers, progress=progress))
-        cache.save(key, {"factor": scale.factor, "fit": np.array(scale.fit),
-                         "gain": np.array(scale.gain)})
-    else:
-        fit, gain = stored["fit"], stored["gain"]
-        scale = Scale(factor=stored["factor"], fit=(float(fit[0]), float(fit[1])),
-                      gain=(float(gain[0]), float(gain[1])))
-    return replace(full, scale=scale)
+    model: Model
+    fmap: FeatureMap
+    null: NullLibrary
+    signatures: tuple[Signature, ...]
+    """Empty for a record that is only predicted."""
+    scale: Scale
+    example: Record
+    """Any record of the profile."""

@@ -101,6 +101,15 @@ class Recalibration:
         """Number of coordinates of effects: none."""
         return 0
 
+    def predicted(self, evidence: Evidence) -> list[np.ndarray]:
+        """Return the features of each record at `z`."""
+        return [f + slope @ (self.z - self.centre)
+                for f, slope in zip(self.mean, evidence.slopes(self.centre))]
+
+    def whitened(self, evidence: Evidence) -> list[np.ndarray]:
+        """Return what the model leaves of each record, in standard deviations."""
+        return evidence.whitened(self.predicted(evidence), self.runs)
+
 
 def recalibrate(
     evidence: Evidence, *, rounds: int = ROUNDS, runs: int = RUNS, last: int = LAST_RUNS,

@@ -20,8 +20,7 @@ from ema_identification.rig.fit.regression import (
     fit,
     held_out,
 )
-from ema_identification.rig.laws import Term
-from ema_identification.rig.laws.base import LEAST_PART, MOST_PART
+from ema_identification.rig.laws.base import LEAST_PART, MOST_PART, Term
 from ema_identification.rig.signals.trajectory import Segment, Trajectory
 
 AT_ONCE = 40

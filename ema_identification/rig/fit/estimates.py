@@ -8,9 +8,8 @@ import numpy as np
 
 from ema_identification.result import Parameter
 from ema_identification.rig.fit.balance import InputBalance
-from ema_identification.rig.fit.known import physical
 from ema_identification.rig.fit.regression import Blocks, covariance, half_width
-from ema_identification.rig.laws import Term, unit_of
+from ema_identification.rig.laws.base import Term, physical, unit_of
 
 SYSTEMATIC = 0.002
 """Least standard error, relative: how a record was sampled, held and filtered is not known better,

@@ -8,15 +8,14 @@ Known terms that are all off by one factor: a gain of the input looks the same.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from ema_identification.rig.fit.balance import Design, InputBalance
 from ema_identification.rig.fit.model import KnownTerm, RigModel
 from ema_identification.rig.fit.regression import CoefficientBounds
-from ema_identification.rig.laws import LAWS, Law, Term
-from ema_identification.rig.laws.base import amplitude_phase
+from ema_identification.rig.laws import LAWS
+from ema_identification.rig.laws.base import Term
 from ema_rig.record import LOAD_QUANTITY
 
 CARRIED = 1e-6
@@ -107,15 +106,6 @@ def nominal_coefficients(entry: KnownTerm) -> tuple[list[float], bool]:
     values = [entry.parameters.get(name) for name in law.coefficients]
     free = any(value is None for value in values)
     return [0.0 if value is None else value for value in values], free
-
-
-def physical(law: Law, shape: Sequence[float], coefficients: np.ndarray) -> dict[str, float]:
-    """Return all parameters of a term by name, periodic ones as amplitude and phase."""
-    named = dict(zip(law.shape, (float(value) for value in shape)))
-    if law.periodic:
-        size, phase = amplitude_phase(float(coefficients[0]), float(coefficients[1]))
-        return {**named, "amplitude": size, "phase": phase}
-    return {**named, **dict(zip(law.coefficients, (float(c) for c in coefficients)))}
 
 
 ALIKE = 0.05

@@ -20,6 +20,8 @@ FLIPS = 999
 CHUNK = 100
 """Candidates that are held in memory at once."""
 SEED = 20260
+LEVEL_OF_CHANCE = 0.005
+"""Highest p-value, after all looks of a step, at which something is named."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

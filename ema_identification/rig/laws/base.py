@@ -148,3 +148,12 @@ def sign(segment: Segment, trajectory: Trajectory) -> np.ndarray:
 def amplitude_phase(cosine: float, sine: float) -> tuple[float, float]:
     """Return amplitude and phase of ``cosine cos(y) + sine sin(y) = A cos(y - phase)``."""
     return math.hypot(cosine, sine), math.atan2(sine, cosine)
+
+
+def physical(law: Law, shape: Sequence[float], coefficients: np.ndarray) -> dict[str, float]:
+    """Return all parameters of a term by name, periodic ones as amplitude and phase."""
+    named = dict(zip(law.shape, (float(value) for value in shape)))
+    if law.periodic:
+        size, phase = amplitude_phase(float(coefficients[0]), float(coefficients[1]))
+        return {**named, "amplitude": size, "phase": phase}
+    return {**named, **dict(zip(law.coefficients, (float(c) for c in coefficients)))}

@@ -13,7 +13,6 @@ import numpy as np
 
 from ema_identification.result import NamedEffect, Step
 from ema_identification.rig.fit.balance import InputBalance, rms
-from ema_identification.rig.fit.known import physical
 from ema_identification.rig.fit.model import (
     DEFAULT_TOLERANCE,
     KnownTerm,
@@ -22,6 +21,7 @@ from ema_identification.rig.fit.model import (
     dump_rig_model,
 )
 from ema_identification.rig.fit.regression import Blocks, covariance, half_width
+from ema_identification.rig.laws.base import physical
 from ema_identification.rig.report.words import number, shape_words, signal_name, term_words
 from ema_identification.rig.search.remainder import Left
 from ema_identification.rig.search.search import Search, whiteness
@@ -39,13 +39,13 @@ class Story:
     gaps: list[float]
     """Held-out gap at the start and after each finding."""
     noise_floor: float
+    noise_bound: float
+    """95 % bound of the floor."""
     before: tuple[Left, ...]
     notes: tuple[str, ...]
     findings: tuple[NamedEffect, ...]
     validated: int
     """Number of records that were held out."""
-    contradicted: bool
-    """Whether their gap grew."""
 
 
 def all_steps(story: Story) -> tuple[Step, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ema_identification.result import Parameter, Where
 from ema_identification.rig.fit.balance import InputBalance
-from ema_identification.rig.laws import Term
+from ema_identification.rig.laws.base import Term
 from ema_identification.rig.search.remainder import Left
 from ema_identification.rig.signals.trajectory import Trajectory
 

@@ -23,7 +23,8 @@ from scipy import optimize
 from ema_identification.rig.fit.balance import InputBalance
 from ema_identification.rig.fit.regression import Blocks, held_out
 from ema_identification.rig.fit.sign_flips import orthonormal
-from ema_identification.rig.laws import LAWS, Term
+from ema_identification.rig.laws.base import Term
+from ema_identification.rig.laws.dynamics import DELAY
 from ema_identification.rig.laws.static import is_whole
 
 TWICE = 2.0
@@ -132,7 +133,7 @@ SHIFTS = (-0.2, -0.1, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6)
 """Shifts tried, in units of rms speed over rms acceleration: a radian of the motion."""
 CLOSE = 1e-3
 """Change of a lag at which the iteration ends, in sampling intervals."""
-_DELAY = Term(law=LAWS["control_delay"])
+_DELAY = Term(law=DELAY)
 _LAG = "drive_lag"
 
 

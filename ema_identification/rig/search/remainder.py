@@ -10,8 +10,7 @@ import numpy as np
 
 from ema_identification.rig.fit.balance import InputBalance
 from ema_identification.rig.fit.regression import Blocks, held_out
-from ema_identification.rig.fit.sign_flips import screen_by_sign_flips
-from ema_identification.rig.search.selection import LEVEL_OF_CHANCE
+from ema_identification.rig.fit.sign_flips import LEVEL_OF_CHANCE, screen_by_sign_flips
 from ema_identification.rig.search.shapes import GenericShape
 
 LEAST_LEFT = 0.05

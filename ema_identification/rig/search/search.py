@@ -16,7 +16,7 @@ import numpy as np
 
 from ema_identification.rig.fit.balance import InputBalance
 from ema_identification.rig.fit.regression import Blocks
-from ema_identification.rig.laws import Term
+from ema_identification.rig.laws.base import Term
 from ema_identification.rig.search.alternatives import (
     LawChoice,
     Trial,

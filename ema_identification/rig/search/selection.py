@@ -14,9 +14,9 @@ import numpy as np
 from ema_identification.rig.fit.balance import BASE_LAWS, InputBalance, rms
 from ema_identification.rig.fit.estimates import parameters
 from ema_identification.rig.fit.regression import Blocks, held_out
-from ema_identification.rig.fit.sign_flips import screen_by_sign_flips
-from ema_identification.rig.laws import LAWS, Law, Term
-from ema_identification.rig.laws.base import LOCATED
+from ema_identification.rig.fit.sign_flips import LEVEL_OF_CHANCE, screen_by_sign_flips
+from ema_identification.rig.laws import LAWS
+from ema_identification.rig.laws.base import LOCATED, Law, Term
 from ema_identification.rig.search.alternatives import (
     TWICE,
     LawChoice,
@@ -94,8 +94,6 @@ def _changed(balance: InputBalance, law: Law) -> str | None:
     return law.name
 
 
-LEVEL_OF_CHANCE = 0.005
-"""Highest p-value, after all looks of a step, at which something is named."""
 LEVEL_OF_MOST = 0.05
 """Likewise for a law that takes more than half of the held-out squares: what is so large is in
 every flipped residual too, which hides it."""

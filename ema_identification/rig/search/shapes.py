@@ -13,7 +13,7 @@ import numpy as np
 from scipy import signal
 
 from ema_identification.rig.fit.balance import Design
-from ema_identification.rig.laws import Term
+from ema_identification.rig.laws.base import Term
 from ema_identification.rig.laws.static import COGGING_TORQUE, orders
 from ema_identification.rig.signals.trajectory import Segment, Trajectory
 

@@ -6,9 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ema_identification.actuator.measure.controller import measured_gains
 from ema_identification.actuator.measure.tolerances import RecordConditions
-from ema_identification.actuator.naming.law_check import check_law
+from ema_identification.actuator.naming.control_law import check_law, measured_gains
 from ema_record.channels import MOTOR_SPEED, REFERENCE_CURRENTS
 from ema_record.profile import load_profile
 from ema_sim.effects import EFFECTS, Effects

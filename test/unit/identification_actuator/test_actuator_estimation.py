@@ -12,7 +12,7 @@ from ema_identification.actuator.naming.estimates import (
     slopes_by_regression,
     two_level_design,
 )
-from ema_identification.actuator.naming.gap import WITHIN, inseparable, phase_constants
+from ema_identification.actuator.naming.next_test import WITHIN, inseparable, phase_constants
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.model_file import load_model_file

@@ -11,7 +11,7 @@ from ema_identification.actuator.measure.tolerances import (
     Tolerances,
     realise,
 )
-from ema_identification.actuator.naming.answer import CLEARLY_THERE, Case, absorbed, needed
+from ema_identification.actuator.naming.criteria import CLEARLY_THERE, Case, absorbed, needed
 from ema_identification.actuator.naming.estimates import QUANTILE, covariance_of
 from ema_identification.actuator.surrogate.catalogue import variants
 from ema_identification.actuator.surrogate.fit import EffectTerm, Fit

@@ -11,7 +11,7 @@ from ema_identification.actuator.measure.tolerances import (
     Tolerances,
     realise,
 )
-from ema_identification.actuator.naming.gap import phase_constants
+from ema_identification.actuator.naming.next_test import phase_constants
 from ema_identification.actuator.naming.proposal import ECCENTRIC, twins
 from ema_identification.actuator.surrogate.catalogue import variants
 from ema_sim.model_file import load_model_file

@@ -13,18 +13,17 @@ import typer
 import yaml
 
 from ema_cli.main import COMMANDS, build_app
-from ema_identification.report import (
+from ema_identification.report import plots
+from ema_identification.report import write as writing
+from ema_identification.report.page import advice, next_commands
+from ema_identification.report.plots import gap_stages
+from ema_identification.report.write import (
     MODEL_FILE,
     NEXT_TEST_FILE,
-    plots,
     write_answer,
     write_page,
     write_report,
 )
-from ema_identification.report import write as writing
-from ema_identification.report.commands import next_commands
-from ema_identification.report.page import advice
-from ema_identification.report.plots import gap_stages
 from ema_identification.result import Curve, Formula, Panel
 from ema_record.errors import OutputError, UsageError
 from ema_record.profile import load_profile
@@ -106,6 +105,14 @@ def test_a_contradicted_answer_is_not_to_be_used(explained, tmp_path):
     assert against.exit_status == 3
     assert json.loads((tmp_path / "out" / "identification.json").read_text())["verdict"] == (
         "contradicted")
+
+
+def test_who_is_contradicted_is_not_sent_to_the_fitted_record(explained, tmp_path):
+    """The gap before lay in the noise: "Judge by the fitted record" stood beside "Do not use"."""
+    against = replace(explained, verdict="contradicted", gap_before=1.1, gap_after=15.2,
+                      noise_floor=1.0, model_text="", next_profile=None)
+    said = text_of(write_report(against, tmp_path / "out", title="UNIT", inputs=INPUTS))
+    assert "Judge by the fitted record" not in said
 
 
 def test_without_held_out_data_none_are_claimed(explained, tmp_path):

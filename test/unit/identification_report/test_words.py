@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from ema_identification.report import words
-from ema_identification.result import Parameter
+from ema_identification.result import Parameter, after_validation
 
 
 @pytest.mark.parametrize(("value", "text"), [
@@ -54,9 +54,27 @@ def test_sentence_of_each_verdict(explained, unknown):
     assert "their gap grew from 6.10 to 15.2" in against
     assert "falls" not in against
     noise = replace(explained, gap_before=2.0, gap_after=2.1)
-    assert "grows from 2 to 2.10" in words.verdict_sentence(noise)
+    assert "grows from 2 to 2.10, within the noise," in words.verdict_sentence(noise)
     alone = words.verdict_sentence(replace(explained, held_out=False))
     assert "held-out" not in alone
     assert "the fitted data" in alone
     two = replace(explained, findings=explained.findings * 2)
     assert words.verdict_sentence(two).count("cogging torque or gear mesh ripple") == 2
+
+
+@pytest.mark.parametrize(("verdict", "before", "after", "bound", "expected", "said"), [
+    ("explained", 6.1, 15.2, 2.3, "contradicted", "grew from 6.1 to 15.2"),
+    ("partly explained", 6.1, 6.2, 2.3, "contradicted", "grew"),
+    ("explained", 1.0, 1.9, 2.3, "explained", "within the noise of the runs"),
+    ("explained", 6.1, 5.0, 2.3, "explained", ""),  # it fell, though not into the noise
+    ("explained", 1.9, 1.0, 2.3, "explained", ""),
+    ("explained", 1.5, 1.5, 2.3, "explained", ""),
+    ("explained", 6.1, 6.1, 2.3, "partly explained", "did not fall"),
+    ("explained", 1.0, 1.1, math.nan, "contradicted", "grew"),  # no run says that it is noise
+    ("no disagreement", 6.1, 6.1, 2.3, "no disagreement", ""),  # nothing was added
+    ("unknown effect", 6.1, 6.1, 2.3, "unknown effect", ""),
+])
+def test_what_validation_leaves_of_a_verdict(verdict, before, after, bound, expected, said):
+    found, reasons = after_validation(verdict, before, after, bound, "the runs")
+    assert found == expected
+    assert [said in r for r in reasons] == ([True] if said else [])

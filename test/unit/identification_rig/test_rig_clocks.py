@@ -6,7 +6,8 @@ from scipy import signal
 
 from ema_identification.rig.fit.balance import Design
 from ema_identification.rig.fit.model import Settings
-from ema_identification.rig.laws import LAWS, Term
+from ema_identification.rig.laws import LAWS
+from ema_identification.rig.laws.base import Term
 from ema_identification.rig.prepare import prepare
 from ema_identification.rig.search.shapes import cycle_frequency, smooth_shapes
 from ema_identification.rig.signals.clocks import speed_lag

@@ -18,7 +18,8 @@ from ema_identification.rig.fit.regression import (
     held_out,
 )
 from ema_identification.rig.fit.sign_flips import screen_by_sign_flips
-from ema_identification.rig.laws import LAWS, Term, unit_of
+from ema_identification.rig.laws import LAWS
+from ema_identification.rig.laws.base import Term, unit_of
 from ema_identification.rig.laws.dynamics import _since_reversal
 from ema_identification.rig.prepare import prepare
 from ema_identification.rig.report.words import binned
