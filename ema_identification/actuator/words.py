@@ -1,11 +1,4 @@
-"""What was found, in words: where an effect lives, findings, and the steps taken.
-
-Where: which signals disagree, against what, in which part of the test.
-
-What was decided, as the findings and candidates of the result.
-
-What each step did, in words and tables, for somebody who was not there.
-"""
+"""What was found, in words: where it lives, the findings of the result, and the steps taken."""
 
 from __future__ import annotations
 

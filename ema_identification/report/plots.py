@@ -1,8 +1,6 @@
-"""Plots of the report.
+"""Plots of the report: panels, and the gap before and after each addition.
 
-`Panel` to PNG: one look for all plots, colours that colour-blind readers tell apart.
-
-The gap on the held-out record, before and after each addition, against the noise floor.
+One look for all plots, in colours that colour-blind readers tell apart.
 """
 
 from __future__ import annotations

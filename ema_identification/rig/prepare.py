@@ -1,9 +1,4 @@
-"""Refuse what cannot be used, and prepare the rest.
-
-What is wrong with a rig's record, each with its remedy, before anything is fitted.
-
-Step `align`: records of a rig become a `Trajectory`.
-"""
+"""Records of a rig become a `Trajectory`; what cannot be used is refused, with its remedy."""
 
 from __future__ import annotations
 

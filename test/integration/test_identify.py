@@ -11,7 +11,7 @@ from ema_identification.actuator.measure.tolerances import align
 from ema_identification.actuator.naming import proposal as naming
 from ema_identification.actuator.naming.contest import FINAL_RUNS, Arena
 from ema_identification.actuator.naming.ensemble_search import approached, compass
-from ema_identification.actuator.surrogate import calibration, simulated
+from ema_identification.actuator.surrogate import calibration, library_runs
 from ema_identification.actuator.surrogate.calibration import library
 from ema_identification.actuator.surrogate.catalogue import variants
 from ema_identification.actuator.surrogate.evidence import RecordEvidence, evidence
@@ -39,11 +39,11 @@ def small_library(tmp_path_factory):
     """Keep libraries of fewer units and candidates in a cache of this module's own."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        patch.setattr(simulated, "NULL_UNITS", 190)
+        patch.setattr(library_runs, "NULL_UNITS", 190)
         patch.setattr(calibration, "FRESH_UNITS", 16)
         for name in ("PAIRS", "SECONDS", "SCANNED"):
             patch.setattr(naming, name, 1)
-        patch.setattr(simulated, "variants",
+        patch.setattr(library_runs, "variants",
                       lambda: tuple(v for v in variants() if v.name in KNOWN))
         yield
 

@@ -1,16 +1,12 @@
 """Features of a record: numbers that do not depend on where a limit cycle happens to be.
 
-Features of the sensors and the supply, of a record as a whole.
-
-Features of a change of speed: how speed, torque current and lag run through it.
-
-After a slow reversal they are read against the motor's travel instead of time: the gap in which
-the shaft carries nothing, its width and the torque that the motor side then needs.
-
-The feature vector of a record: what two runs with the same physics have in common.
-
-Waveforms of two runs differ, because the current relays make them chaotic; these numbers do not.
-Which numbers there are follows from the profile's plan, so they exist for any profile.
+Waveforms of two runs with the same physics differ, because the current relays make them chaotic;
+these numbers do not. They describe the sensors and the supply over the whole record, each segment
+of constant speed by means and lines in rotor angle, and each change of speed by how speed, torque
+current and lag run through it. After a slow reversal they are read against the motor's travel
+instead of time: the gap in which the shaft carries nothing, its width, and the torque that the
+motor side then needs. Which features there are follows from the profile's plan, so they exist for
+any profile.
 """
 
 from __future__ import annotations

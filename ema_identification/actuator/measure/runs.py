@@ -1,10 +1,7 @@
-"""Simulated runs and their features, several at a time in threads.
+"""Simulated runs of a unit and their features, on several processes or in threads.
 
-Simulated runs as feature vectors, one after another or on several processes.
-
-Simulated runs on one unit, several at a time in threads.
-
-Compiled code, FFTs and random numbers leave the interpreter's lock, so that two threads do nearly
+A library is built on processes. Runs on the unit at hand are few at a time and share threads:
+compiled code, FFTs and random numbers leave the interpreter's lock, so that two threads do nearly
 the work of two processes; nothing has to be started, sent, or restarted when it dies.
 """
 

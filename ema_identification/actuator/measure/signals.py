@@ -1,11 +1,8 @@
 """Signals of a record on the actuator's own scale, and their lines in rotor angle.
 
-A record made ready: errors of the current sensors removed, torque current, travel, lag.
-
-Complex lines of signals against the rotor angle, seen through a Hann window in angle.
-
-The window keeps drift and decaying transients out of the lines, so that these do not depend on
-the angle at which a segment happens to begin.
+Errors of the current sensors are removed; torque current, travel and lag follow. Lines are
+complex amplitudes against the rotor angle, seen through a Hann window in angle: it keeps drift and
+decaying transients out, so that the lines do not depend on the angle at which a segment begins.
 """
 
 from __future__ import annotations

@@ -1,13 +1,9 @@
-"""What varies between healthy units and tests, and what a record tells of it.
+"""What differs between two healthy units and two days, and what a record tells of it.
 
-What may differ between two healthy units and two days: tolerances and conditions.
-
-A tolerance is estimated from the record within its band (recalibration). A condition is measured
-in the record (temperature, bus voltage, rotor angle at the start, noise) and simply used.
-
-Where the tolerances of several records of one unit are in one vector.
-
-Align: what a record measures of its own conditions, so that the simulator can start alike.
+A tolerance is estimated from the records within its band (recalibration); those of several records
+of one unit stand in one vector, shared ones once. A condition is measured in the record
+(temperature, bus voltage, rotor angle at the start, noise) and simply used, so that the simulator
+starts alike.
 """
 
 from __future__ import annotations

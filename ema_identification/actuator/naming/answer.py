@@ -1,11 +1,4 @@
-"""From fits to an answer: which effects are there, and which names are equivalent.
-
-Prune: whether each of two effects is needed, by its size and its band.
-
-One unit on trial: what its fits have in common, and when one counts for anything.
-
-The answer on a unit, and the sets of names that its data cannot tell apart.
-"""
+"""The answer on a unit, and the sets of names that its data cannot tell apart."""
 
 from __future__ import annotations
 

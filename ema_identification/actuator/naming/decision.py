@@ -1,10 +1,6 @@
-"""The decision: none, one or two effects, or unknown.
+"""The decision: nothing missing, one effect, two, or one that the catalogue does not hold.
 
-A second effect beside one that explains a record, and each effect of a pair alone.
-
-Decide: nothing missing, one effect, two, or one that the catalogue does not hold.
-
-Decide within what the control law, measured by itself, leaves open.
+Where the control law can be measured by itself, the decision keeps within what it leaves open.
 """
 
 from __future__ import annotations

@@ -1,18 +1,13 @@
 """Estimates and intervals of what was named, and the model file that holds them.
 
-Numbers that were estimated, as parameters of the catalogue with their intervals.
-
-Estimate again what tolerances of the unit can hide: slopes by a designed experiment.
-
-The resistance of one phase and that of all, a short and the constant of its phase, the drop of
-the inverter and the resistance, friction in proportion to speed or load and the dry one: along
-such a pair the features hardly change. Slopes that hold an error make that valley look like a
-well determined point. Here all parameters are moved at once by a two-level design (Plackett and
-Burman, Biometrika 33, 1946; folded over, so that products of two drop out), each slope then
-stands on all runs, and what noise the slopes still hold is taken off the information (errors in
-variables: Fuller, Measurement Error Models, 1987, section 2.2).
-
-Add: the model with recalibrated parameters and the effects found, as its YAML file.
+Some effects can hide behind tolerances of the unit and are estimated again. The resistance of one
+phase and that of all, a short and the constant of its phase, the drop of the inverter and the
+resistance, friction in proportion to speed or load and the dry one: along such a pair the features
+hardly change. Slopes that hold an error make that valley look like a well determined point. Here
+all parameters are moved at once by a two-level design (Plackett and Burman, Biometrika 33, 1946;
+folded over, so that products of two drop out), each slope then stands on all runs, and what noise
+the slopes still hold is taken off the information (errors in variables: Fuller, Measurement Error
+Models, 1987, section 2.2).
 """
 
 from __future__ import annotations
@@ -131,7 +126,7 @@ def recalibrated_of(fit: Fit | Recalibration, evidence: Evidence) -> tuple[Param
 
 ENTANGLED = ("turn_short", "phase_resistance_imbalance", "inverter_voltage_drop",
              "load_dependent_friction", "viscous_friction")
-"""Effects whose size trades against tolerances along more than one parameter (`aliases` holds
+"""Effects whose size trades against tolerances along more than one parameter (`ALIASES` holds
 those that trade against a single one)."""
 TOLERANCE_STEP = 0.5
 """By which tolerances are moved (half widths)."""

@@ -1,10 +1,8 @@
-"""Which effects, and pairs of effects, are worth a fit with the simulator.
+"""Which effects, and pairs of effects, are worth a fit with the simulator, and where it begins.
 
-Name: what might explain a residual, at which size, and where its fit begins.
-
-Starts for the other of two effects that are nearly one machine (`inseparable`).
-
-A short changes the constants of the phases as a static eccentricity along its phase does, with
+Starts come from two screenings, from ripple, from other sizes of what was fitted, and by
+superposition for pairs. One more kind is for effects that are nearly one machine (`next_test`): a
+short changes the constants of the phases as a static eccentricity along its phase does, with
 another common factor. Where a fit of one is complete the other one is tried at just that place:
 the screening, which keeps the tolerances small, may never lead there.
 """

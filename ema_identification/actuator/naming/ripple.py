@@ -1,8 +1,7 @@
-"""Ripple candidates: the clearest line of the residual, and effects of its period.
+"""Ripple of any period: the clearest torque line that is left makes candidates of its order.
 
-The clearest torque line that a model leaves: one phase in rotor angle, in many sections.
-
-Ripple of any period: the clearest torque line that is left makes a candidate of its order.
+The line must have one phase in rotor angle in many sections of the test, as a ripple of the
+machine has; a limit cycle that keeps step with the rotor in one section has not.
 """
 
 from __future__ import annotations

@@ -1,13 +1,9 @@
-"""All that depends only on model and profile: built once, calibrated on fresh units, and kept.
-
-How far recalibrated runs without a missing effect are off: measured on fresh units.
+"""Libraries, built once a model and profile, calibrated on fresh units, and kept.
 
 The null library knows how a run repeats. What recalibration adds, such as limit cycles that no
 slope describes, is measured here: units that built no library are recalibrated. Their residuals
 give each feature its scale, and the cost of a complete model and the best gain of a useless
 effect their distributions.
-
-All that depends only on model and profile, built once and kept.
 """
 
 from __future__ import annotations
@@ -35,6 +31,13 @@ from ema_identification.actuator.surrogate.evidence import (
     noise_covariance,
 )
 from ema_identification.actuator.surrogate.library import Library, NullLibrary, Scale
+from ema_identification.actuator.surrogate.library_runs import (
+    build_effect_library,
+    build_null_library,
+    candidates,
+    pack,
+    unpack,
+)
 from ema_identification.actuator.surrogate.likelihood import (
     LAST_RUNS,
     recalibrate,
@@ -44,13 +47,6 @@ from ema_identification.actuator.surrogate.screening import (
     bounded_gains,
     residual,
     screen_catalogue,
-)
-from ema_identification.actuator.surrogate.simulated import (
-    build_effect_library,
-    build_null_library,
-    candidates,
-    pack,
-    unpack,
 )
 from ema_record.channels import DEFAULT_RATE
 from ema_record.profile import Profile

@@ -1,11 +1,9 @@
-"""Candidate effects: every effect of the catalogue in the variants that can be named.
+"""The catalogue as candidates: every effect in the variants that can be named.
 
-The catalogue as candidates: each effect with the coordinates that the data must tell.
-
-A coordinate is a number that is zero where the effect is absent and in which the features change
-nearly in proportion: a severity, or the cosine and sine parts of an amplitude with a phase.
-
-Coordinates of effects that act on the same number as a tolerance of the unit.
+Each variant has the coordinates that the data must tell. A coordinate is a number that is zero
+where the effect is absent and in which the features change nearly in proportion: a severity, or
+the cosine and sine parts of an amplitude with a phase. Some act on the same number as a tolerance
+of the unit.
 """
 
 from __future__ import annotations

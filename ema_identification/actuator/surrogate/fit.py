@@ -1,10 +1,7 @@
-"""A fit of effects and tolerances: its terms, its point, and the slopes about it.
+"""Effects fitted together with the tolerances: terms, fits, points, and slopes about a point.
 
-Effects fitted together with the tolerances.
-
-Effects and tolerances as a point where the simulator was run, and runs around it.
-
-Slopes of the features at a point: of the library, or by the simulator where it knows more.
+At a point the simulator was run. Slopes of the features there are those of the library, or by the
+simulator where it knows more.
 """
 
 from __future__ import annotations

@@ -1,16 +1,12 @@
-"""How well a model explains the features, tolerances within their bounds.
+"""How well a model explains the features: costs, and the tolerances that make them least.
 
-Least squares within bounds: what a recalibration may do, and no more.
-
-Recalibrate: move the parameters that the model has, within their tolerances.
-
-Distance between measured and predicted features, the same for all candidates of a unit.
-
-A prediction that contains a simulated effect is off by a share of what it adds. That share is
-taken of what the measurement differs from the model before, so that costs of different candidates
-are sums of squares in one metric and can be compared. While a fit is still far from its end,
-differences from the model before are compared on a logarithmic scale (`bend`): then an effect
-that moves a feature by hundreds of standard deviations pulls by its relative error.
+The model without a new effect is recalibrated by least squares, its tolerances within their
+bounds. Candidates are compared by one metric. A prediction that contains a simulated effect is off
+by a share of what it adds. That share is taken of what the measurement differs from the model
+before, so that costs of different candidates are sums of squares in one metric. While a fit is
+still far from its end, differences from the model before are compared on a logarithmic scale
+(`Metric.bend`): then an effect that moves a feature by hundreds of standard deviations pulls by
+its relative error.
 """
 
 from __future__ import annotations
@@ -19,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import lsq_linear
 
 from ema_identification.actuator.measure.tolerances import N_TOLERANCES
@@ -51,13 +46,12 @@ def bounded_least_squares(
     -------
     ndarray, shape (m,).
     """
-    scale = np.maximum(np.sqrt((columns**2).sum(axis=0) + weight), 1e-12)
-    information = (columns.T @ columns + np.diag(weight)) / np.outer(scale, scale)
-    pull = (columns.T @ target - weight * centre) / scale
-    root = cholesky(information + 1e-9 * np.eye(len(scale)), lower=True)
-    found = lsq_linear(
-        root.T, solve_triangular(root, pull, lower=True), bounds=(low * scale, high * scale),
-        method="bvls")
+    root = np.sqrt(weight)
+    rows, rest = np.vstack([columns, np.diag(root)]), np.append(target, -root * centre)
+    scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-12)
+    basis, triangle = np.linalg.qr(rows / scale)
+    found = lsq_linear(triangle, basis.T @ rest, bounds=(low * scale, high * scale),
+                       method="bvls")
     return np.clip(np.asarray(found.x) / scale, low, high)
 
 

@@ -1,4 +1,9 @@
-"""Screen: which signatures of the catalogue explain the residual, tolerances left free."""
+"""Screen the catalogue: which signatures explain what a model leaves, tolerances left free.
+
+About the recalibrated unit this is linear and sharp for small effects (`screen_catalogue`). A
+large effect is not a small one scaled up: `Sizing` compares signatures about the nominal unit at
+each of their sizes, with differences on a logarithmic scale and the tolerances integrated out.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
-"""The balance at the input port: known terms, laws, and their regressors.
+"""The balance at the input port: its terms, their regressors, and the fit of one to the other.
 
-`Design`: the regressors of terms along one trajectory.
-
-`InputBalance`: the input port of a rig, its terms, and the fit of one to the other.
+`Design` holds the regressors along one trajectory, `InputBalance` the terms and their fit.
 """
 
 from __future__ import annotations

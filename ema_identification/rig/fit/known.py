@@ -1,8 +1,6 @@
-"""Known terms within their tolerances, and a common factor on them.
+"""The terms of a model file as a balance with bounds, and a factor that is common to all of them.
 
-Step `recalibrate`: the terms of a model file as a balance with bounds.
-
-Known terms that are all off by one factor: a gain of the input looks the same.
+Known terms that are all off by one factor look like a wrong gain of the input.
 """
 
 from __future__ import annotations

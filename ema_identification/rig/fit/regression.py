@@ -1,8 +1,6 @@
-"""Least squares over blocks: fits, held-out errors, covariances.
+"""Least squares within bounds, residuals of held-out blocks of time, and honest covariance.
 
-Blocks of time: what is held out together, and what changes its sign together.
-
-Least squares with what is fixed, held-out residuals by blocks, and honest covariance.
+A block is held out, and changes its sign, together: its residuals are correlated.
 """
 
 from __future__ import annotations
@@ -10,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize, signal, stats
 
 from ema_identification.result import INTERVAL_LEVEL
 from ema_identification.rig.signals.trajectory import Trajectory
@@ -73,12 +71,15 @@ def _merged(of_row: np.ndarray) -> np.ndarray:
     return numbered
 
 
+def autocorrelation(values: np.ndarray, lags: int) -> np.ndarray:
+    """Return the sums of products of values less their mean at lags 0 to `lags` - 1."""
+    centred = values - values.mean()
+    return np.asarray(signal.correlate(centred, centred, method="fft")[len(values) - 1:][:lags])
+
+
 def correlation_time(residual: np.ndarray, rate: float) -> float:
     """Return the integral correlation time of a residual (s), by its autocorrelation."""
-    centred = residual - residual.mean()
-    size = 1 << int(np.ceil(np.log2(2 * len(centred))))
-    spectrum = np.abs(np.fft.rfft(centred, size)) ** 2
-    correlation = np.fft.irfft(spectrum)[: len(centred) // 4]
+    correlation = autocorrelation(residual, len(residual) // 4)
     if correlation[0] <= 0.0:
         return 1.0 / rate
     correlation = correlation / correlation[0]

@@ -1,11 +1,4 @@
-"""Laws without memory: friction, of motion, of position.
-
-Laws of friction against direction, speed, load and position.
-
-Laws that are linear in what a rigid axis always has: inertia, viscous friction, load.
-
-Laws of force or torque against position: springs, weight, cogging.
-"""
+"""Laws without memory: of motion (inertia, viscous friction), of friction, and of position."""
 
 from __future__ import annotations
 

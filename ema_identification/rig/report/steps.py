@@ -1,9 +1,4 @@
-"""The steps taken, and the updated model text.
-
-What each step did, in words and tables.
-
-Step `add`: the model file with what was found.
-"""
+"""What each step did, in words and tables, and the model file with what was found."""
 
 from __future__ import annotations
 

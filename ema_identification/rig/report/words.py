@@ -1,9 +1,4 @@
-"""A rig's answer in words, and the next test.
-
-Findings and remainders in words, with numbers and units.
-
-Which test would separate what a record left open.
-"""
+"""Findings and remainders in words, with numbers and units, and the test to run next."""
 
 from __future__ import annotations
 

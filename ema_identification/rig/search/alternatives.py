@@ -1,16 +1,10 @@
-"""Trials of a law: refined shapes, clock skew, and laws that the data cannot tell apart.
+"""One trial of a law: its refined shape, the clock of its input, and its equivalents.
 
-What a step of the search tried, and what it chose.
-
-The shape of a law between the points of its grid.
-
-Lag of the motion behind the recorded input: taken out where it is below one interval.
-
-A command that a digital controller holds acts half an interval after it was recorded, and
-a multiplexer reads its channels one after the other. That is how a record was made, not an
-effect of the axis; a lag of more than one interval is, and is named ``control_delay``.
-
-Which other laws the data cannot tell from a chosen one.
+Shapes are moved between the points of their grid. A lag of the motion behind the recorded input is
+taken out where it is below one interval: a command that a digital controller holds acts half an
+interval after it was recorded, and a multiplexer reads its channels one after the other. That is
+how a record was made, not an effect of the axis; a lag of more than one interval is, and is named
+``control_delay``.
 """
 
 from __future__ import annotations

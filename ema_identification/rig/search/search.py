@@ -1,10 +1,7 @@
-"""The search over laws: forward, exchange, prune.
+"""The search for what a balance lacks: laws with a name, then shapes without one.
 
-Step `prune`: laws that nothing misses once the others are there.
-
-Steps `name` and `add`: forward one law at a time, with exchanges.
-
-What a balance lacks: laws with a name, then shapes without one.
+Forward one law at a time, with exchanges; then laws that nothing misses once the others are there
+are pruned, and those that only stood in for a nameless shape given up.
 """
 
 from __future__ import annotations
@@ -15,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ema_identification.rig.fit.balance import InputBalance
-from ema_identification.rig.fit.regression import Blocks
+from ema_identification.rig.fit.regression import Blocks, autocorrelation
 from ema_identification.rig.laws.base import Term
 from ema_identification.rig.search.alternatives import (
     LawChoice,
@@ -310,9 +307,8 @@ def _left(
 
 def whiteness(balance: InputBalance) -> tuple[np.ndarray, np.ndarray, float]:
     """Return lags (s), autocorrelation of the residual, and the bound of white noise."""
-    residual = balance.fit.residual - balance.fit.residual.mean()
+    residual = balance.fit.residual
     count = min(200, len(residual) // 4)
-    size = 1 << int(np.ceil(np.log2(2 * len(residual))))
-    full = np.fft.irfft(np.abs(np.fft.rfft(residual, size)) ** 2)[:count]
+    full = autocorrelation(residual, count)
     return (np.arange(count) / balance.design.trajectory.row_rate,
             full / max(full[0], 1e-300), 1.96 / float(np.sqrt(len(residual))))

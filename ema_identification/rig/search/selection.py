@@ -1,9 +1,4 @@
-"""Which law to add: candidates screened, held out, the simplest first.
-
-Which laws may be added to a balance, each with the shapes that are tried.
-
-Step `name`: which law the balance lacks, tried one by one on held-out blocks.
-"""
+"""Which law to add next: candidates screened by sign flips, held out, the simplest first."""
 
 from __future__ import annotations
 

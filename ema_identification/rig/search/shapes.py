@@ -13,6 +13,7 @@ import numpy as np
 from scipy import signal
 
 from ema_identification.rig.fit.balance import Design
+from ema_identification.rig.fit.regression import autocorrelation
 from ema_identification.rig.laws.base import Term
 from ema_identification.rig.laws.static import COGGING_TORQUE, orders
 from ema_identification.rig.signals.trajectory import Segment, Trajectory
@@ -184,9 +185,8 @@ def cycle_frequency(trajectory: Trajectory) -> float | None:
     By the autocorrelation of the speed; its peaks at whole numbers of cycles make it sharp.
     """
     longest = max(trajectory.segments, key=len)
-    speed = longest.smooth_speed - longest.smooth_speed.mean()
-    size = 1 << int(np.ceil(np.log2(2 * len(speed))))
-    correlation = np.fft.irfft(np.abs(np.fft.rfft(speed, size)) ** 2)[: len(speed) * 2 // 3]
+    speed = longest.smooth_speed
+    correlation = autocorrelation(speed, len(speed) * 2 // 3)
     correlation /= max(correlation[0], 1e-300) * (1.0 - np.arange(len(correlation)) / len(speed))
     peaks, _ = signal.find_peaks(correlation, height=REPEATS)
     away = np.nonzero(correlation < 0.5)[0]

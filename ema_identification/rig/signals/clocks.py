@@ -1,8 +1,4 @@
-"""Band and clocks of a record: what a signal can show, and shifts between channels.
-
-How wide the measured response is: the band within which it stands above its noise.
-
-Clocks of the outputs: a speed that lags behind the position, as a drive's filter makes it.
+"""The band within which a response stands above its noise, and shifts between the outputs.
 
 A drive estimates its speed from its encoder and filters it; the record then holds a position
 and a speed of different times. Friction and ripple would be evaluated at one of them and the

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from scipy import interpolate, signal
@@ -240,19 +240,9 @@ def low_pass(values: np.ndarray, rate: float, band: float) -> np.ndarray:
     """
     if band >= 0.45 * rate:
         return values
-    sections, start = _sections(band / rate)
-    start = start.reshape(start.shape + (1,) * (values.ndim - 1))
+    sections = signal.butter(FILTER_ORDER, 2.0 * band / rate, output="sos")
     length = min(len(values) - 1, int(3 * rate / band))
-    # Odd at both ends, like scipy.signal.sosfiltfilt, whose set-up a column is dear.
-    extended = np.concatenate([
-        2 * values[:1] - values[length:0:-1], values,
-        2 * values[-1:] - values[-2:-length - 2:-1]])
-    for _ in range(2):
-        extended, _state = signal.sosfilt(
-            sections, extended, axis=0, zi=start * extended[:1][None])
-        extended = extended[::-1]
-    filtered: np.ndarray = extended[length:len(extended) - length]
-    return filtered
+    return np.asarray(signal.sosfiltfilt(sections, values, axis=0, padlen=length))
 
 
 def monotone_low_pass(values: np.ndarray, rate: float, band: float) -> np.ndarray:
@@ -287,13 +277,6 @@ def windowed(values: np.ndarray, rate: float, band: float) -> np.ndarray:
     padded = np.pad(values, half, mode="edge")
     mean: np.ndarray = signal.oaconvolve(padded, window / window.sum(), mode="valid")
     return mean
-
-
-@lru_cache(maxsize=32)
-def _sections(share: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the filter for a cut-off in units of the rate, and its state under a constant 1."""
-    sections: np.ndarray = signal.butter(FILTER_ORDER, 2.0 * share, output="sos")
-    return sections, np.asarray(signal.sosfilt_zi(sections))
 
 
 _STENCIL = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0

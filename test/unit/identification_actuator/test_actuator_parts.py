@@ -24,9 +24,9 @@ from ema_identification.actuator.surrogate.catalogue import ALIASES, variants
 from ema_identification.actuator.surrogate.evidence import Whitening, solve
 from ema_identification.actuator.surrogate.fit import EffectTerm, Fit
 from ema_identification.actuator.surrogate.library import Scale
+from ema_identification.actuator.surrogate.library_runs import unpack
 from ema_identification.actuator.surrogate.likelihood import bounded_least_squares
 from ema_identification.actuator.surrogate.screening import grid
-from ema_identification.actuator.surrogate.simulated import unpack
 from ema_record.sources import sources_of
 from ema_sim.effects import EFFECTS, Effects, parse_effects
 from ema_sim.model_file import load_model_file
@@ -173,7 +173,7 @@ def test_the_key_follows_the_model_and_the_numerical_packages(monkeypatch):
 def test_the_null_of_the_gain_depends_on_the_catalogue_that_it_was_measured_with():
     found = sources_of("ema_identification.actuator.surrogate.calibration")
     assert {f"ema_identification.actuator.surrogate.{name}" for name in (
-        "catalogue", "simulated", "screening")} <= set(found)
+        "catalogue", "library_runs", "screening")} <= set(found)
     assert "ema_sim.effects.turn_short" in found
     assert not any(name.startswith("ema_identification.report") for name in found)
 

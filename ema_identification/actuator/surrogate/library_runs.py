@@ -1,17 +1,11 @@
-"""Surrogates of the simulator: mean, covariance and signatures of the features.
-
-What effect-free runs look like: mean over tolerances and conditions, and repeatability.
+"""The runs from which a library is built: of effect-free units, and of the catalogue.
 
 Units are drawn from the fleet, each is run twice with other noise. The mean of the pairs gives
 the dependence of the features on tolerances and conditions (quadratic, ridge); the differences
 give the covariance of a repeat, which grows with the noise of the sensors.
 
-Signatures of the catalogue: what each effect adds to the features, over its coordinates.
-
-Simulated on the nominal unit at a few rotor angles, against runs without the effect. They are for
-screening; what they propose is fitted again with the simulator on the unit at hand.
-
-What is known about records of one profile from one model: the type of it.
+Effects are simulated on the nominal unit at a few rotor angles, against runs without them. Their
+signatures are for screening; what they propose is fitted again on the unit at hand.
 """
 
 from __future__ import annotations
