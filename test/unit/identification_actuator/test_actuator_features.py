@@ -8,9 +8,9 @@ import pytest
 from ema_identification.actuator.measure.features import converter_step, feature_map
 from ema_identification.actuator.measure.segments import plan
 from ema_identification.actuator.measure.signals import TURN, lines, prepare, trapezoid, turns_of
+from ema_record.actuator import load_actuator
 from ema_record.profile import load_profile, profile_names
 from ema_sim.effects import parse_effects
-from ema_sim.model_file import load_actuator
 from ema_sim.simulate import simulate
 
 

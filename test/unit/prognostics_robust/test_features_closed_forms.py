@@ -13,9 +13,9 @@ from ema_prognostics.features.extract import REVERSAL_LENGTH, REVERSALS
 from ema_prognostics.features.reversal import reversal_gap
 from ema_prognostics.features.signals import THIRD, Signals
 from ema_prognostics.features.start import TRAVELS, start_features, start_stiffness
+from ema_record.actuator import load_actuator
 from ema_record.profile import load_profile
 from ema_record.record import Record
-from ema_sim.model_file import load_actuator
 
 ACTUATOR = load_actuator()
 MOTOR, RATIO = ACTUATOR.motor, ACTUATOR.gear.ratio
