@@ -10,7 +10,7 @@ import typer
 from ema_cli.console import error_line, print_json, say, track
 
 if TYPE_CHECKING:
-    from ema_record.checks import LintReport
+    from ema_record.checks.run import LintReport
 
 
 def lint(
@@ -28,7 +28,7 @@ def lint(
     foreign software; each with time, size and remedy. Exit status: 0 clean, 1 findings, 2 a
     bag cannot be read.
     """
-    from ema_record.checks import lint_bag
+    from ema_record.checks.run import lint_bag
 
     status = 0
     for bag in track(bags, "reading", len(bags)):

@@ -12,13 +12,14 @@ from ema_prognostics.cascade.guard import BESIDE_OWN
 from ema_prognostics.cascade.model_file import Model, load_model
 from ema_prognostics.features.extract import LAST_TIME, extract
 from ema_prognostics.features.segments import ProfileKind, profile_kind
-from ema_prognostics.features.turns import check_finite
 from ema_prognostics.features.vector import differences, start_allowed
 from ema_prognostics.paper.cascade import FAULTS, LEVELS
 from ema_prognostics.paper.features import paper_features, paper_turns
 from ema_prognostics.verdict.explain import reasons_of_guard
 from ema_prognostics.verdict.report import unknown_verdict, verdict_of_finding
 from ema_prognostics.verdict.verdict import Fault, Verdict
+from ema_record.actuator import load_actuator
+from ema_record.checks.guard import guard_findings, outcome_of, reason_of
 from ema_record.errors import (
     EmaError,
     IncompleteRecordError,
@@ -32,10 +33,8 @@ from ema_record.record import Record
 
 Mode = Literal["robust", "paper"]
 MODES: tuple[Mode, ...] = ("robust", "paper")
-LARGEST_GAP = 1.5
-"""Longest interval between samples, in sample intervals, before one counts as lost."""
-TRAINED_RATE = 20_000.0
-"""Samples a second of the records trained on."""
+NEEDED = ("test_not_complete", "gap", "not_finite", "clock_jump")
+"""Rules of the guard without which nothing can be computed."""
 SAME_POSITION = 2e-3
 """Largest difference of the ends of a command from those trained on (rad)."""
 PAPER_CAVEAT = (
@@ -100,9 +99,8 @@ def _diagnose(
     record: Record, model: Model, mode: Mode, baseline: Record | Baseline | None
 ) -> Verdict:
     try:
-        check_finite(record)
         kind = profile_kind(record.profile)
-        _check_complete(record, kind)
+        _check_usable(record, kind)
     except InvalidRecordError as error:
         return Verdict(outcome="invalid", reasons=(str(error),))
     except IncompleteRecordError as error:
@@ -148,7 +146,7 @@ def _is_trained_test(record: Record, kind: ProfileKind) -> bool:
     """Whether the test is the one trained on, sampled at the rate trained on."""
     given, trained = record.profile.points, load_profile(kind).points
     same = max(abs(given[k][1] - trained[k][1]) for k in (0, -1)) < SAME_POSITION
-    return same and abs(record.rate / TRAINED_RATE - 1.0) < 0.01
+    return same and abs(record.rate / load_actuator().acquisition.rate - 1.0) < 0.01
 
 
 def verdict_of_features(
@@ -197,12 +195,11 @@ def _row(features: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
 def baseline_of(record: Record, model: Model) -> Baseline:
     """Return `record` as a baseline; UsageError if it cannot serve."""
     try:
-        check_finite(record)
         kind = profile_kind(record.profile)
         if kind is None:
             raise UsageError(f"the baseline is of the test {record.profile.name!r}, which the "
                              "networks do not know: give one of the profile step or extended")
-        _check_complete(record, kind)
+        _check_usable(record, kind)
         features = extract(record, kind)
     except RecordError as error:
         raise UsageError(f"the baseline cannot serve: {error}") from None
@@ -213,11 +210,12 @@ def baseline_of(record: Record, model: Model) -> Baseline:
     return Baseline(record=record, kind=kind, features=features)
 
 
-def _check_complete(record: Record, kind: ProfileKind | None) -> None:
-    """Raise IncompleteRecordError unless the record covers its test without a gap."""
-    status = record.provenance.status
-    if status != "complete":
-        raise IncompleteRecordError(f"the test was {status}: repeat it")
+def _check_usable(record: Record, kind: ProfileKind | None) -> None:
+    """Raise InvalidRecordError, IncompleteRecordError where the guard finds what forbids it."""
+    findings = guard_findings(record, names=NEEDED)
+    if findings:
+        invalid = outcome_of(findings) == "invalid"
+        raise (InvalidRecordError if invalid else IncompleteRecordError)(reason_of(findings[0]))
     if len(record) < 2:
         raise IncompleteRecordError(f"{len(record)} samples: repeat the test")
     time = record.time
@@ -226,13 +224,6 @@ def _check_complete(record: Record, kind: ProfileKind | None) -> None:
         raise IncompleteRecordError(
             f"the record covers {time[0]:.3f} to {time[-1]:.3f} s, the analysis needs "
             f"{record.profile.command_time:.3f} to {end:.3f} s: repeat the test"
-        )
-    gaps = np.diff(time) * record.rate
-    if gaps.max() > LARGEST_GAP:
-        at = int(np.argmax(gaps))
-        raise IncompleteRecordError(
-            f"{round(float(np.sum(gaps[gaps > LARGEST_GAP] - 1.0)))} samples are missing, the "
-            f"longest gap at {time[at]:.4f} s: repeat the test"
         )
 
 

@@ -27,7 +27,7 @@ from ema_record.errors import (
 from ema_record.files import exists
 from ema_record.limits import MAX_DURATION, MAX_RATE
 from ema_record.profile import Profile
-from ema_record.record import Provenance, Status
+from ema_record.record import LARGEST_STEP, Provenance, Status
 from ema_record.wire.samples import decode_block
 from ema_record.wire.topics import BAG_TOPICS, COMMAND, SAMPLES
 from ema_record.wire.trajectory import decode_command, trajectory_points
@@ -213,7 +213,7 @@ def _report(source: str, bag: Path, status: Status, parts: _Parts, found: Salvag
     interval = max(interval, 1.0 / MAX_RATE)
     edges = np.concatenate([[-0.5 * interval], times])
     jumps = np.diff(edges)
-    places = np.flatnonzero(jumps > 1.5 * interval)
+    places = np.flatnonzero(jumps > LARGEST_STEP * interval)
     gaps = tuple(
         Gap(time=float(edges[k] + interval), samples=round(float(jumps[k]) / interval) - 1)
         for k in places[:_MAX_GAPS].tolist()

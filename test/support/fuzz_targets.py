@@ -24,7 +24,7 @@ from ema_record.bag.container import read_content
 from ema_record.bag.metadata import END, START
 from ema_record.bag.read import read_bag, write_bag
 from ema_record.bag.recover import recover_bag
-from ema_record.checks import lint_bag
+from ema_record.checks.run import lint_bag
 from ema_record.errors import EmaError
 from ema_record.profile import load_profile
 from ema_record.record import Provenance, Record

@@ -135,7 +135,7 @@ def test_a_command_out_of_bounds_leaves_the_active_one_alone():
     clock.now += 0.1
     before = list(server.poll())
     with pytest.raises(UsageError, match="/ema/command"):
-        server.command([(0.0, 7.0)], 2)
+        server.command([(0.0, 11.0)], 2)
     rest = run(server, clock)
     assert server.status()["command_stamp"] == "1"
     assert len(samples_of([(0.0, m) for m in before] + rest)) == 9000
