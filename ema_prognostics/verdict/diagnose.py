@@ -18,7 +18,7 @@ from ema_prognostics.paper.features import paper_features, paper_turns
 from ema_prognostics.verdict.explain import reasons_of_guard
 from ema_prognostics.verdict.report import unknown_verdict, verdict_of_finding
 from ema_prognostics.verdict.verdict import Fault, Verdict
-from ema_record.actuator import load_actuator
+from ema_record.actuator import Actuator, load_actuator
 from ema_record.checks.guard import guard_findings, outcome_of, reason_of
 from ema_record.errors import (
     EmaError,
@@ -61,7 +61,7 @@ class Baseline:
 
 def diagnose(
     record: Record, model: Model | None = None, *, mode: Mode = "robust",
-    baseline: Record | Baseline | None = None,
+    baseline: Record | Baseline | None = None, actuator: Actuator | None = None,
 ) -> Verdict:
     """Say what is wrong with the actuator that `record` comes from.
 
@@ -73,6 +73,7 @@ def diagnose(
         two networks literally: it knows no healthy actuator.
     baseline : a healthy record of the same actuator and test, from its acceptance; sharpens
         the verdict of mode ``robust``. For many records take `baseline_of` once.
+    actuator : what was tested and the model was trained on, default the nominal one.
 
     Returns
     -------
@@ -91,16 +92,18 @@ def diagnose(
     if baseline is not None and mode == "paper":
         raise UsageError("mode paper takes no baseline: leave it out, or use mode robust")
     model = load_model() if model is None else model
-    verdict = _diagnose(record, model, mode, baseline)
+    actuator = load_actuator() if actuator is None else actuator
+    verdict = _diagnose(record, model, mode, baseline, actuator)
     return replace(verdict, bag=record.provenance.source)
 
 
 def _diagnose(
-    record: Record, model: Model, mode: Mode, baseline: Record | Baseline | None
+    record: Record, model: Model, mode: Mode, baseline: Record | Baseline | None,
+    actuator: Actuator,
 ) -> Verdict:
     try:
-        kind = profile_kind(record.profile)
-        _check_usable(record, kind)
+        kind = profile_kind(record.profile, actuator)
+        _check_usable(record, kind, actuator)
     except InvalidRecordError as error:
         return Verdict(outcome="invalid", reasons=(str(error),))
     except IncompleteRecordError as error:
@@ -113,7 +116,7 @@ def _diagnose(
     try:
         if mode == "paper":
             return _paper_verdict(record, model)
-        return _robust_verdict(record, kind, model, baseline)
+        return _robust_verdict(record, kind, model, baseline, actuator)
     except InvalidRecordError as error:
         return Verdict(outcome="invalid", reasons=(str(error),))
     except IncompleteRecordError as error:
@@ -122,7 +125,8 @@ def _diagnose(
 
 
 def _robust_verdict(
-    record: Record, kind: ProfileKind, model: Model, baseline: Record | Baseline | None
+    record: Record, kind: ProfileKind, model: Model, baseline: Record | Baseline | None,
+    actuator: Actuator,
 ) -> Verdict:
     cascade = model.cascade(kind, "fleet")
     if cascade is None:
@@ -131,22 +135,22 @@ def _robust_verdict(
     if baseline is not None and own is None:
         raise UsageError(f"the model has no cascade with a baseline for {kind}: leave it out")
     if isinstance(baseline, Record):
-        baseline = baseline_of(baseline, model)
+        baseline = baseline_of(baseline, model, actuator)
     if baseline is not None and baseline.kind != kind:
         raise UsageError(
             f"the baseline is of the test {baseline.record.profile.name!r}, the record of "
             "another: give a baseline of the same test"
         )
-    return verdict_of_features(extract(record, kind), kind, model,
+    return verdict_of_features(extract(record, kind, actuator), kind, model,
                                None if baseline is None else baseline.features,
-                               exact=_is_trained_test(record, kind))
+                               exact=_is_trained_test(record, kind, actuator))
 
 
-def _is_trained_test(record: Record, kind: ProfileKind) -> bool:
+def _is_trained_test(record: Record, kind: ProfileKind, actuator: Actuator) -> bool:
     """Whether the test is the one trained on, sampled at the rate trained on."""
     given, trained = record.profile.points, load_profile(kind).points
     same = max(abs(given[k][1] - trained[k][1]) for k in (0, -1)) < SAME_POSITION
-    return same and abs(record.rate / load_actuator().acquisition.rate - 1.0) < 0.01
+    return same and abs(record.rate / actuator.acquisition.rate - 1.0) < 0.01
 
 
 def verdict_of_features(
@@ -192,15 +196,16 @@ def _row(features: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
     return start_allowed(np.array([[features[n] for n in names]]), names)
 
 
-def baseline_of(record: Record, model: Model) -> Baseline:
+def baseline_of(record: Record, model: Model, actuator: Actuator | None = None) -> Baseline:
     """Return `record` as a baseline; UsageError if it cannot serve."""
+    actuator = load_actuator() if actuator is None else actuator
     try:
-        kind = profile_kind(record.profile)
+        kind = profile_kind(record.profile, actuator)
         if kind is None:
             raise UsageError(f"the baseline is of the test {record.profile.name!r}, which the "
                              "networks do not know: give one of the profile step or extended")
-        _check_usable(record, kind)
-        features = extract(record, kind)
+        _check_usable(record, kind, actuator)
+        features = extract(record, kind, actuator)
     except RecordError as error:
         raise UsageError(f"the baseline cannot serve: {error}") from None
     cascade = model.cascade(kind, "fleet")
@@ -210,9 +215,9 @@ def baseline_of(record: Record, model: Model) -> Baseline:
     return Baseline(record=record, kind=kind, features=features)
 
 
-def _check_usable(record: Record, kind: ProfileKind | None) -> None:
+def _check_usable(record: Record, kind: ProfileKind | None, actuator: Actuator) -> None:
     """Raise InvalidRecordError, IncompleteRecordError where the guard finds what forbids it."""
-    findings = guard_findings(record, names=NEEDED)
+    findings = guard_findings(record, actuator, NEEDED)
     if findings:
         invalid = outcome_of(findings) == "invalid"
         raise (InvalidRecordError if invalid else IncompleteRecordError)(reason_of(findings[0]))
