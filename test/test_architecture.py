@@ -58,12 +58,15 @@ BY_CHANCE = {
     "ema_cli/views/record_plots.py": {0.6, 11.0},  # width of a line, size of a font (points)
     "ema_identification/actuator/measure/features.py": {11.0},  # edges of bins (ms, 0.1 mrad)
     "ema_identification/actuator/naming/decision.py": {0.6},  # share of a progress bar
+    "ema_identification/actuator/naming/ensemble_search.py": {11.0},  # number of a random stream
     "ema_identification/actuator/panels.py": {500.0},  # points of a curve
     "ema_identification/actuator/surrogate/catalogue.py": {0.6, 500.0},  # severities, bounds
+    "ema_identification/actuator/surrogate/library.py": {48.0},  # units that are simulated
     "ema_identification/report/plots.py": {0.6, 500.0, 20_000.0},  # width of a line, points
     "ema_identification/rig/search/alternatives.py": {0.6},  # delays in periods
     "ema_monitor/monitor_node.py": {0.6},  # seconds of looking for another monitor
     "ema_prognostics/features/vector.py": {0.6},  # share of a turn-on time
+    "ema_prognostics/paper/experiment.py": {22.0},  # 21 extents of a fault, counted from 1
     "ema_record/checks/physics.py": {500.0, 0.6},  # samples; coherence of two phasors
     "ema_record/checks/stream.py": {11.0},  # the fifth prime
     "ema_record/wire/samples.py": {500.0},  # samples a message

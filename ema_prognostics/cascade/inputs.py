@@ -103,8 +103,8 @@ def mechanical(names: Sequence[str], x: np.ndarray) -> np.ndarray:
                         LEAST_TORQUE)
     wound = np.maximum(found["lag_ramp"] - found["gap_width"], LEAST_LAG)
     nominal = load_actuator()
-    by_torque = 2e4 * nominal.gear.ratio / nominal.shaft.stiffness  # 0.1 mrad a N m at the motor
-    compliance = np.log(wound / (by_torque * torque))
+    twice_a_torque = 2.0 * 1e4 * nominal.gear.ratio / nominal.shaft.stiffness  # 0.1 mrad / (N m)
+    compliance = np.log(wound / (twice_a_torque * torque))
     return np.column_stack([
         np.log(torque), compliance, compliance + np.log(np.maximum(found["shaft_slope"], 0.05)),
         np.exp(found["torque_full"]) - np.exp(found["torque_quarter"]),

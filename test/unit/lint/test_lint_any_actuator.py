@@ -1,4 +1,4 @@
-"""A second actuator: gear 300, four pole pairs, 28 V, 10 kHz. Nothing of the default is assumed."""
+"""A second actuator (gear 300, four pole pairs, 28 V, 10 kHz): the default is not assumed."""
 
 from dataclasses import replace
 
