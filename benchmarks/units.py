@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ema_record.actuator import Actuator
-from ema_sim.model_file import load_actuator
+from ema_record.actuator import Actuator, load_actuator
 
 UNIT_SPREAD: dict[str, float] = {
     "phase_resistance": 0.10, "phase_inductance": 0.10, "motor_friction": 0.10,

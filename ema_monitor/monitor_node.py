@@ -41,6 +41,7 @@ from ema_monitor.sequence import (
     TestSequence,
 )
 from ema_monitor.settings import SPECS
+from ema_record.actuator import load_actuator
 from ema_record.checks.live import CheckResult, Level, check_counters, check_record, worst
 from ema_record.errors import EmaError, UsageError
 from ema_record.profile import load_profile
@@ -90,8 +91,9 @@ class MonitorNode(EmaNode):
         self._directory = Path(str(values["output_directory"]))
         self._serial = str(values["serial_number"])
         self._interlock = Interlock(float(values["weight_on_wheels_timeout"]))
+        self._described = load_actuator(str(values["model_file"]) or None)
         self._sequence = TestSequence(
-            load_profile(str(values["profile"])),
+            load_profile(str(values["profile"])), self._described.surface.end_stop,
             stream_timeout=float(values["stream_timeout"]),
             test_timeout=float(values["test_timeout"]),
         )
@@ -253,7 +255,9 @@ class MonitorNode(EmaNode):
         if action.status == "complete":
             results = [
                 check_counters(action.samples_published, self._recorder.samples_recorded),
-                *check_record(self._recorder.record(self._sequence.profile)),
+                *check_record(
+                    self._recorder.record(self._sequence.profile), self._described
+                ),
             ]
         path = self._recorder.close(action.status, action.start_time)
         if path is None:

@@ -121,7 +121,8 @@ class TestSequence:
 
     Parameters
     ----------
-    profile : the test.
+    profile : the test; UsageError where it goes beyond the end stops.
+    end_stop : of the actuator, to either side (rad).
     stream_timeout : longest silence of the acquisition while it should send (s).
     test_timeout : longest test, positioning included (s).
     """
@@ -129,10 +130,13 @@ class TestSequence:
     __test__ = False
 
     def __init__(
-        self, profile: Profile, *, stream_timeout: float = 5.0, test_timeout: float = 120.0
+        self, profile: Profile, end_stop: float, *, stream_timeout: float = 5.0,
+        test_timeout: float = 120.0,
     ) -> None:
         """Begin idle."""
+        profile.check_within(end_stop)
         self.profile = profile
+        self._end_stop = end_stop
         self.stage = Stage.IDLE
         self._stream_timeout, self._test_timeout = stream_timeout, test_timeout
         self._begun = self._entered = 0.0
@@ -202,8 +206,9 @@ class TestSequence:
                 return []
             self.stage = Stage.IDLE
             return [Finish(f"refused: {waiting}")]
-        self._origin = actuator.surface_position
-        if abs(self._origin - self.profile.start) <= AT_START:
+        at = actuator.surface_position
+        self._origin = min(max(at, -self._end_stop), self._end_stop)
+        if abs(at - self.profile.start) <= AT_START:
             return self._begin_test(seen)
         self._enter(Stage.POSITIONING, seen)
         return [self._send(step_to(self.profile.start), seen)]

@@ -11,6 +11,10 @@ SPECS = (
         text="test profile: the name of a shipped one, or a YAML file",
     ),
     ParameterSpec(
+        name="model_file", default="", read_only=True,
+        text="YAML file that describes the actuator; empty: the nominal one",
+    ),
+    ParameterSpec(
         name="output_directory", default="records", read_only=True,
         text="folder in which records are made",
     ),

@@ -47,9 +47,6 @@ REFERENCE_CURRENTS = slice(5, 8)
 ROTOR_ANGLE = 8
 SURFACE_POSITION = 9
 
-DEFAULT_RATE = 20_000.0
-"""Samples a second of the acquisition (1/s)."""
-
 
 def check_channel_label(label: str) -> None:
     """Raise InvalidRecordError unless `label` is `CHANNEL_LABEL`."""

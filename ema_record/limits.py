@@ -22,6 +22,8 @@ MAX_RATE = 1_000_000.0
 """Highest rate of a record (1/s)."""
 MAX_DURATION = 60.0
 """Longest record (s)."""
+MAX_POSITION = 10.0
+"""Largest position of any surface (rad); each actuator refuses what is beyond its end stops."""
 MAX_SAMPLES = int(MAX_RATE * MAX_DURATION)
 """Most samples of a record."""
 MAX_MESSAGES = 1_000_000

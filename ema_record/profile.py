@@ -2,7 +2,8 @@
 
 A profile is a list of points ``(time, position)``. The position is interpolated
 linearly in time; two points at one time are a step. The inverter stays off for the
-first `inverter_off` seconds.
+first `inverter_off` seconds. A profile is bounded to what any actuator can be asked for; each
+actuator's own end stops are checked where it is known: `Profile.check_within`.
 """
 
 from __future__ import annotations
@@ -15,14 +16,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from ema_record.errors import UsageError, first_problem, unknown_name
+from ema_record.limits import MAX_DURATION, MAX_POSITION
 from ema_record.resources import share_path
 from ema_record.yaml_file import load_yaml
 
-MAX_DURATION = 60.0
-"""Longest profile (s)."""
 MAX_POINTS = 1000
-MAX_POSITION = 0.6
-"""Largest position of any profile (rad); an actuator refuses what is beyond its own end stops."""
 SEE = "config/profiles/step.yaml shows the form"
 
 Seconds = Annotated[float, Field(ge=0.0, le=MAX_DURATION, allow_inf_nan=False)]
@@ -73,6 +71,15 @@ class Profile(BaseModel):
                 return t0
         return self.inverter_off
 
+    def check_within(self, end_stop: float) -> None:
+        """Raise UsageError where it commands more than `end_stop` (rad) to either side."""
+        beyond = max((position for _, position in self.points), key=abs)
+        if abs(beyond) > end_stop:
+            raise UsageError(
+                f"profile {self.name!r} commands {beyond:g} rad: outside the end stops of "
+                f"this actuator, +-{end_stop:g} rad; choose a smaller movement"
+            )
+
     def command(self, time: np.ndarray) -> np.ndarray:
         """Return the commanded surface position at `time`.
 
@@ -101,11 +108,6 @@ class Profile(BaseModel):
 
 def step_profile(amplitude: float, *, start: float = -0.4, duration: float = 0.45) -> Profile:
     """Return a step of any size: from `start` by `amplitude` (rad), `duration` (s) long."""
-    if not -MAX_POSITION <= start + amplitude <= MAX_POSITION:
-        raise UsageError(
-            f"step amplitude {amplitude:g} rad from {start:g} rad ends at {start + amplitude:g} "
-            f"rad: outside the end stops of +-{MAX_POSITION:g} rad; choose a smaller step"
-        )
     return load_profile_dict(
         {
             "name": f"step_{amplitude:g}",

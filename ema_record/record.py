@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ema_record.channels import CHANNEL_NAMES, N_CHANNELS
-from ema_record.errors import UsageError
+from ema_record.channels import CHANNEL_NAMES, N_CHANNELS, TIME
+from ema_record.errors import InvalidRecordError, UsageError
+from ema_record.limits import MAX_DURATION, MAX_RATE
 from ema_record.profile import Profile
 
 Status = Literal["complete", "aborted", "interrupted"]
+LARGEST_STEP = 1.5
+"""Longest step of time, in sample intervals, after which no sample is missing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,6 +31,15 @@ class Provenance:
     """How the test ended."""
     source: str = ""
     """File or bag that it was read from."""
+
+
+class SampleBlock(NamedTuple):
+    """One message of samples."""
+
+    log_time: int
+    """Reception (ns since the epoch)."""
+    samples: np.ndarray
+    """Shape (k, 10)."""
 
 
 def _empty(columns: int) -> np.ndarray:
@@ -91,3 +103,38 @@ class Record:
     def duration(self) -> float:
         """Length of the record (s)."""
         return float(len(self) / self.rate) if len(self) > 1 else 0.0
+
+
+def check_samples(samples: np.ndarray, source: str) -> None:
+    """Check that samples, shape (n, 10), are finite, in order of time, and within its bounds.
+
+    Raises
+    ------
+    InvalidRecordError
+        The first sample that is wrong is named.
+
+    """
+    finite = np.isfinite(samples)
+    if not finite.all():
+        row, column = np.argwhere(~finite)[0]
+        raise InvalidRecordError(
+            f"{source}: sample {row}, channel {column} is {samples[row, column]}: every "
+            "value must be finite; look at the transducer or its cable"
+        )
+    steps = np.diff(samples[:, TIME])
+    if len(steps) and steps.min() <= 0.0:
+        row = int(np.argmax(steps <= 0.0)) + 1
+        raise InvalidRecordError(
+            f"{source}: time does not increase at sample {row}: {samples[row, TIME]:.9g} s "
+            f"after {samples[row - 1, TIME]:.9g} s: blocks were lost, repeated or mixed"
+        )
+    if len(steps) and steps.min() < 0.5 / MAX_RATE:
+        raise InvalidRecordError(
+            f"{source}: interval of {steps.min():.3g} s between samples, at least "
+            f"{1.0 / MAX_RATE:g} s: check the time channel"
+        )
+    if samples[-1, TIME] - samples[0, TIME] > MAX_DURATION + 1.0:
+        raise InvalidRecordError(
+            f"{source}: {samples[-1, TIME] - samples[0, TIME]:.3g} s long, at most "
+            f"{MAX_DURATION:g} s: a record holds one test"
+        )

@@ -13,9 +13,8 @@ import numpy as np
 from mcap.writer import Writer
 from pydantic import ValidationError
 
-from ema_record.bag.container import BagContent, read_content
+from ema_record.bag.container import METADATA_FILE, BagContent, read_content
 from ema_record.bag.metadata import (
-    METADATA_FILE,
     ROSBAG2,
     BagSummary,
     bagfile_information,

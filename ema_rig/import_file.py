@@ -202,7 +202,7 @@ def _actuator(rig_map: RigMap, path: Path) -> Record:
         for channel in CHANNELS[1:]
     }
     samples, _ = _joined(table, rig_map, columns, CHANNELS, notes)
-    from ema_record.bag.read import check_samples
+    from ema_record.record import check_samples
 
     check_samples(samples, str(path))
     return Record(

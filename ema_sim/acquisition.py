@@ -7,9 +7,8 @@ import math
 import numpy as np
 from numba import njit
 
-from ema_record.actuator import Actuator, Converters
+from ema_record.actuator import NOISE_RATE, Actuator, Converters
 from ema_record.channels import (
-    DEFAULT_RATE,
     MOTOR_SPEED,
     N_CHANNELS,
     PHASE_CURRENTS,
@@ -24,17 +23,17 @@ from ema_sim.normals import Normals
 class SensorNoise:
     """Seeded white noise, drawn in order: the same seed gives the same bytes in any blocks.
 
-    `level` scales all deviations of `actuator.noise` (rms a sample at 20 kHz).
+    `level` scales all deviations of `actuator.noise` (rms a sample at `NOISE_RATE`).
     """
 
     def __init__(self, actuator: Actuator, seed: int, level: float, rate: float) -> None:
         """Start the generators."""
         self._inside, self._record = Normals(seed, 0), Normals(seed, 1)
-        period_scale = np.sqrt(1.0 / (actuator.control.period * DEFAULT_RATE))
+        period_scale = np.sqrt(1.0 / (actuator.control.period * NOISE_RATE))
         self._inside_sigma = level * period_scale * np.array(
             [actuator.noise.speed, actuator.noise.position]
         )
-        self._current_sigma = level * actuator.noise.current * np.sqrt(rate / DEFAULT_RATE)
+        self._current_sigma = level * actuator.noise.current * np.sqrt(rate / NOISE_RATE)
 
     def inside(self, n: int) -> np.ndarray:
         """Return noise of speed (rad/s) and position (rad), shape (n, 2), one a period."""

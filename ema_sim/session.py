@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from ema_record.actuator import Actuator
-from ema_record.channels import DEFAULT_RATE, N_CHANNELS, TIME
+from ema_record.channels import N_CHANNELS, TIME
 from ema_record.errors import SimulationError, UsageError, bounded
 from ema_record.profile import Profile
 from ema_sim.acquisition import SensorNoise, convert, effective_converters
@@ -32,7 +32,7 @@ class ActuatorSession:
     actuator, effects : parameters.
     seed : of the sensor noise and, if `start_angle` is None, of the start angle.
     noise : factor on the sensor noise.
-    rate : samples a second.
+    rate : samples a second, default that of the actuator's acquisition.
     start_angle : electrical rotor angle at the start (rad).
     position : surface position at the start (rad).
     trace : keep torques and surface speed, see `take_trace`.
@@ -46,7 +46,7 @@ class ActuatorSession:
         *,
         seed: int = 0,
         noise: float = 1.0,
-        rate: float = DEFAULT_RATE,
+        rate: float | None = None,
         start_angle: float | None = None,
         position: float = -0.4,
         trace: bool = False,
@@ -54,6 +54,7 @@ class ActuatorSession:
         settle: bool = True,
     ) -> None:
         """Set the actuator at rest at `position`."""
+        rate = actuator.acquisition.rate if rate is None else rate
         bounded("noise", noise, *NOISE_LEVELS, "times nominal")
         bounded("rate", rate, *RATES, "samples a second")
         bounded("initial position", position, -actuator.surface.end_stop,
@@ -119,13 +120,7 @@ class ActuatorSession:
         UsageError
             It commands a position beyond the actuator's own end stops; nothing moves.
         """
-        stop = self.actuator.surface.end_stop
-        beyond = max((position for _, position in profile.points), key=abs)
-        if abs(beyond) > stop:
-            raise UsageError(
-                f"profile {profile.name!r} commands {beyond:g} rad: outside the end stops of "
-                f"this actuator, +-{stop:g} rad; choose a smaller movement"
-            )
+        profile.check_within(self.actuator.surface.end_stop)
         if self.active:
             self._begin = self.time
         else:

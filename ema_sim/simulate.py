@@ -7,13 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_record.actuator import Actuator
-from ema_record.channels import DEFAULT_RATE
+from ema_record.actuator import Actuator, load_actuator
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record
 from ema_record.version import VERSION
 from ema_sim.effects import Effects
-from ema_sim.model_file import load_actuator
 from ema_sim.plant.kernel import MAX_STEP
 from ema_sim.session import ActuatorSession
 
@@ -38,7 +36,7 @@ def simulate(
     effects: Effects | None = None,
     seed: int = 0,
     noise: float = 1.0,
-    rate: float = DEFAULT_RATE,
+    rate: float | None = None,
     start_angle: float | None = None,
     serial_number: str = "SIM-0000",
     start_time: int = 0,
@@ -52,7 +50,7 @@ def simulate(
     effects : what is hidden in the actuator, default nothing.
     seed : of noise and start angle; the same seed gives the same bytes.
     noise : factor on the sensor noise, 0 for none.
-    rate : samples a second.
+    rate : samples a second, default that of the actuator's acquisition.
     start_angle : electrical rotor angle at the start (rad), default drawn from the seed.
     serial_number : of the actuator, for the record.
     start_time : acceptance of the command (ns since the epoch), for the record.
@@ -74,7 +72,7 @@ def simulate_traced(
     effects: Effects | None = None,
     seed: int = 0,
     noise: float = 1.0,
-    rate: float = DEFAULT_RATE,
+    rate: float | None = None,
     start_angle: float | None = None,
     serial_number: str = "SIM-0000",
     start_time: int = 0,
@@ -82,14 +80,14 @@ def simulate_traced(
     max_step: float = MAX_STEP,
 ) -> Simulation:
     """Run one test and return its record with torques, surface speed and final state."""
+    actuator = load_actuator() if actuator is None else actuator
     session = ActuatorSession(
-        actuator if actuator is not None else load_actuator(), effects, seed=seed, noise=noise,
-        rate=rate, start_angle=start_angle, position=profile.start, trace=trace,
-        max_step=max_step, settle=False,
+        actuator, effects, seed=seed, noise=noise, rate=rate, start_angle=start_angle,
+        position=profile.start, trace=trace, max_step=max_step, settle=False,
     )
     session.command(profile)
     blocks, bus, temperature = [], [], []
-    block = max(1, math.ceil(AUXILIARY_PERIOD * rate))
+    block = max(1, math.ceil(AUXILIARY_PERIOD * session.rate))
     while session.active:
         samples = session.advance(block)
         if len(samples):

@@ -65,7 +65,7 @@ class SimulatorNode(EmaNode):
         super().__init__(NODE_NAME, stop)
         model_file = given_parameters(self).get(MODEL_FILE.name, MODEL_FILE.default)
         self._model = load_model(str(MODEL_FILE.check(model_file)))
-        specs = parameter_specs(self._model.effects)
+        specs = parameter_specs(self._model)
         self._values = declare_parameters(self, [*specs, SLOW_READER])
         self._slow_reader = float(self._values[SLOW_READER.name])
         settings = settings_from(self._values, self._model)

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 import tree
 
+from ema_record.actuator import load_actuator
+
 MAY_IMPORT = {
     "ema_record": set(),
     "ema_rig": {"ema_record"},
@@ -38,8 +40,39 @@ KNOWN_FOLDER_CYCLES: set[str] = set()
 KNOWN_CROWDED = {"test/unit/record"}
 ONE_FILE_AN_ENTRY = {"ema_sim/effects"}
 """A catalogue: each file is one effect, with its parameters, bounds and source. Stays."""
-KNOWN_DEPTH = {"ema_identification": 10, "ema_prognostics": 10, "ema_record": 13}
+KNOWN_DEPTH = {"ema_identification": 10, "ema_prognostics": 10}
 KNOWN_NAMES = {"Campaign", "Fault", "Finding", "Gap", "Model", "Rule"}
+DISTINCTIVE = (
+    "inverter.bus_voltage", "inverter.current_limit", "motor.phase_resistance",
+    "motor.phase_inductance", "motor.back_emf_constant", "gear.ratio", "surface.end_stop",
+    "control.position_gain", "control.speed_limit", "acquisition.rate",
+)
+"""Parameters of the default actuator whose values are hardly met by chance."""
+DESCRIPTION = "ema_record/actuator.py"
+"""The one module that may hold a number of an actuator; the default's are in `config/`."""
+BY_CHANCE = {
+    "ema_cli/views/record_plots.py": {0.6, 11.0},  # width of a line, size of a font (points)
+    "ema_identification/actuator/measure/features.py": {11.0},  # edges of bins (ms, 0.1 mrad)
+    "ema_identification/actuator/naming/decision.py": {0.6},  # share of a progress bar
+    "ema_identification/actuator/naming/ensemble_search.py": {11.0},  # number of a random stream
+    "ema_identification/actuator/panels.py": {500.0},  # points of a curve
+    "ema_identification/actuator/surrogate/catalogue.py": {0.6, 500.0},  # severities, bounds
+    "ema_identification/actuator/surrogate/library.py": {48.0},  # units that are simulated
+    "ema_identification/report/plots.py": {0.6, 500.0, 20_000.0},  # width of a line, points
+    "ema_identification/rig/search/alternatives.py": {0.6},  # delays in periods
+    "ema_monitor/monitor_node.py": {0.6},  # seconds of looking for another monitor
+    "ema_prognostics/features/vector.py": {0.6},  # share of a turn-on time
+    "ema_prognostics/paper/experiment.py": {22.0},  # 21 extents of a fault, counted from 1
+    "ema_record/checks/physics.py": {500.0, 0.6},  # samples; coherence of two phasors
+    "ema_record/checks/stream.py": {11.0},  # the fifth prime
+    "ema_record/wire/samples.py": {500.0},  # samples a message
+    "ema_rig/bag.py": {500.0},  # samples a message
+    "ema_ros/replay_node.py": {0.6},  # seconds of looking for others
+    "ema_sim/effects/stribeck_friction.py": {500.0},  # bound of any actuator
+    "ema_sim/effects/surface_load.py": {500.0},  # bound of any actuator
+    "ema_sim/plant/kernel.py": {20_000.0},  # events
+}
+"""Equal numbers of another meaning, by file."""
 UNSAFE_CALLS = {"eval", "exec", "joblib.load", "yaml.unsafe_load"}
 UNSAFE_MODULES = {"pickle", "cPickle", "dill", "cloudpickle", "shelve", "marshal"}
 # Written in pieces, so that this file passes its own check.
@@ -70,6 +103,18 @@ def ros_imports(name, source):
         return []
     tops = (module.split(".")[0] for module in tree.imported(ast.parse(source)))
     return [top for top in tops if top in ROS_PACKAGES or MESSAGE_PACKAGE.match(top)]
+
+
+def numbers_of_the_actuator(source, actuator):
+    """Return the numbers of a source that are distinctive parameters of `actuator`."""
+    values = {getattr(getattr(actuator, section), name)
+              for section, name in (dotted.split(".") for dotted in DISTINCTIVE)}
+    values.add(0.5 * actuator.inverter.current_limit)
+    return {
+        float(node.value) for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Constant) and type(node.value) in (int, float)
+        and node.value in values
+    }
 
 
 def unsafe_code(source):
@@ -148,6 +193,27 @@ def test_an_import_of_ros_is_found(source):
     assert len(ros_imports("server.py", source)) == 1
     assert ros_imports("simulator_node.py", source) == []
     assert ros_imports("messages.py", source) == []
+
+
+def test_the_numbers_of_the_actuator_stand_in_its_description(repository):
+    actuator = load_actuator()
+    found = {
+        name: numbers
+        for path in tree.product(repository)
+        if (name := str(path.relative_to(repository))) != DESCRIPTION
+        and (numbers := numbers_of_the_actuator(path.read_text(encoding="utf-8"), actuator)
+             - BY_CHANCE.get(name, set()))
+    }
+    assert found == {}
+
+
+@pytest.mark.parametrize("source", [
+    "GEAR = 500.0", "GEAR = 500", "def f(speed=790.6): pass", "LIMITS = {'i': (-22.0, 22.0)}",
+    "RATE = 20_000", "HALF = 11.0", "L = 0.72e-3",
+])
+def test_a_number_of_the_actuator_is_found(source):
+    assert len(numbers_of_the_actuator(source, load_actuator())) == 1
+    assert numbers_of_the_actuator("x = 2.0 * np.pi + 1e-3", load_actuator()) == set()
 
 
 def test_files_can_be_read_in_one_sitting(repository):

@@ -41,13 +41,12 @@ from benchmarks.detection.detectability import (
 from benchmarks.detection.print_table import make_table
 from benchmarks.units import UNIT_SPREAD, actuator_of
 from ema_prognostics.features.extract import extract
-from ema_record.actuator import Actuator
+from ema_record.actuator import Actuator, load_actuator
 from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_record.files import new_file
 from ema_record.profile import load_profile
 from ema_record.record import Record
 from ema_sim.effects.settings import effects_from_mapping
-from ema_sim.model_file import load_actuator
 from ema_sim.simulate import simulate
 
 USED = ("quarter_even_m", "full_even_m", "torque_", "gap_width", "gap_torque", "gap_load",

@@ -20,7 +20,8 @@ from typing import Any
 from benchmarks.ledger import Ledger, options_of
 from benchmarks.reliability.good_bags import good_record
 from ema_record.bag.read import read_bag, write_bag
-from ema_record.checks import guard_findings, lint_bag
+from ema_record.checks.guard import guard_findings
+from ema_record.checks.run import lint_bag
 from support.defects import DEFECTS
 from support.recording import Recording
 

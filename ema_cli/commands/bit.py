@@ -77,13 +77,16 @@ def bit(
     3 the verdict is unknown or incomplete, 4 no verdict: the test was refused or aborted, or a
     node ended.
     """
+    from ema_record.actuator import load_actuator
     from ema_record.profile import load_profile
     from ema_ros.domain import enter_domain, private_domain
     from ema_ros.supervisor import Supervisor
 
     chosen = load_profile(profile)
+    chosen.check_within(load_actuator(model).surface.end_stop)
+    model_file = str(model.resolve()) if model is not None else ""
     simulator: dict[str, ParameterValue] = {
-        "model_file": str(model.resolve()) if model is not None else "",
+        "model_file": model_file,
         "seed": seed, "noise": noise, "serial_number": serial_number,
         "real_time_factor": real_time_factor,
         **effect_parameters(effect or []),
@@ -98,7 +101,8 @@ def bit(
         supervisor.start(SIMULATOR, simulator)
         supervisor.start(PROGNOSTICS, {})
         supervisor.start(MONITOR, {
-            "profile": profile, "output_directory": str(out), "serial_number": serial_number,
+            "profile": profile, "model_file": model_file, "output_directory": str(out),
+            "serial_number": serial_number,
         })
         try:
             result = _run(supervisor, chosen.duration, real_time_factor)

@@ -10,13 +10,18 @@ import typer
 from ema_cli.console import error_line, print_json, say, track
 
 if TYPE_CHECKING:
-    from ema_record.checks import LintReport
+    from ema_record.checks.run import LintReport
 
 
 def lint(
     bags: Annotated[
         list[Path], typer.Argument(metavar="BAG...", help="Bag directories or .mcap files.")
     ],
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", metavar="FILE.yaml",
+                     help="The actuator that was tested, default the nominal one."),
+    ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object a bag.")
     ] = False,
@@ -28,11 +33,13 @@ def lint(
     foreign software; each with time, size and remedy. Exit status: 0 clean, 1 findings, 2 a
     bag cannot be read.
     """
-    from ema_record.checks import lint_bag
+    from ema_record.actuator import load_actuator
+    from ema_record.checks.run import lint_bag
 
+    actuator = load_actuator(model)
     status = 0
     for bag in track(bags, "reading", len(bags)):
-        report = lint_bag(bag)
+        report = lint_bag(bag, actuator)
         status = max(status, report.exit_status)
         if as_json:
             print_json(report.to_dict())

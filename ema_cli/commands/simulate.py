@@ -71,7 +71,10 @@ def simulate(
     noise: Annotated[
         float, typer.Option("--noise", help="Factor on the sensor noise, 0 for none.")
     ] = 1.0,
-    rate: Annotated[float, typer.Option("--rate", help="Samples a second.")] = 20_000.0,
+    rate: Annotated[
+        float | None,
+        typer.Option("--rate", help="Samples a second, default those of the actuator."),
+    ] = None,
     step: Annotated[
         float | None,
         typer.Option(
@@ -154,7 +157,8 @@ def simulate(
         if as_json:
             print_json({
                 "bag": str(written), "profile": chosen.name, "samples": len(result.record),
-                "rate": rate, "duration": chosen.duration, "serial_number": serial_number,
+                "rate": rate or loaded.actuator.acquisition.rate, "duration": chosen.duration,
+                "serial_number": serial_number,
                 "wall_time": wall, "trace": None if trace is None else str(trace),
                 "plots": [str(path) for path in plots],
             })

@@ -109,7 +109,7 @@ def torque_estimate(record: Record) -> np.ndarray:
 
     ``k Σ trapezoid(θ − φ_k) i_k``: what a healthy motor would have. Shape (n,) (N m).
     """
-    from ema_sim.model_file import load_actuator
+    from ema_record.actuator import load_actuator
     from ema_sim.plant.electrical import THIRD, unit_trapezoid
 
     motor = load_actuator().motor

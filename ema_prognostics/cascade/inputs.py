@@ -13,6 +13,7 @@ import numpy as np
 
 from ema_prognostics.cascade.lines import DERIVED, NOISE, LineFilter
 from ema_prognostics.features.vector import ABSOLUTE, squash
+from ema_record.actuator import load_actuator
 
 SURFACE = "surface_torque"
 MECHANICAL = (SURFACE, "compliance", "stiffness_agreement", "viscous_torque")
@@ -21,8 +22,6 @@ LEAST_TORQUE = 1e-2
 """Floor of the surface's torque, referred to the motor (N m)."""
 LEAST_LAG = 0.3
 """Floor of the wind-up (0.1 mrad)."""
-WIND_UP = 100.0
-"""Twice the wind-up of the nominal shaft by 1 N m at the motor (0.1 mrad)."""
 _WINDING = ("resistance_", "inductance_")
 """How the windings of the phases differ."""
 _SCATTER = ("noise_speed", "torque_quarter", "torque_full")
@@ -103,7 +102,9 @@ def mechanical(names: Sequence[str], x: np.ndarray) -> np.ndarray:
     torque = np.maximum(np.exp(found["torque_ramp"]) - np.exp(found["gap_torque"]),
                         LEAST_TORQUE)
     wound = np.maximum(found["lag_ramp"] - found["gap_width"], LEAST_LAG)
-    compliance = np.log(wound / (WIND_UP * torque))
+    nominal = load_actuator()
+    twice_a_torque = 2.0 * 1e4 * nominal.gear.ratio / nominal.shaft.stiffness  # 0.1 mrad / (N m)
+    compliance = np.log(wound / (twice_a_torque * torque))
     return np.column_stack([
         np.log(torque), compliance, compliance + np.log(np.maximum(found["shaft_slope"], 0.05)),
         np.exp(found["torque_full"]) - np.exp(found["torque_quarter"]),

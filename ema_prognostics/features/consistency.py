@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from ema_prognostics.features.signals import Signals
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
-
-FULL, QUARTER = (0.10, 0.36), (1.09, 1.458)
 
 
 def _log(value: float) -> float:
@@ -22,8 +22,16 @@ def _detrended(x: np.ndarray, n: int) -> np.ndarray:
     return x[begin:begin + len(mean)] - mean
 
 
-def consistency(signals: Signals, *, extended: bool) -> dict[str, float]:
-    """Return what relates the channels to each other, by name."""
+def consistency(
+    signals: Signals, slews: Mapping[str, tuple[float, float, int]]
+) -> dict[str, float]:
+    """Return what relates the channels to each other, by name.
+
+    Parameters
+    ----------
+    signals : of the record.
+    slews : begin and end (s after the first command) of ``full`` and maybe of ``quarter``.
+    """
     record, ratio = signals.record, signals.actuator.gear.ratio
     samples = record.samples
     off = record.time < record.profile.inverter_off - 1e-3
@@ -48,8 +56,8 @@ def consistency(signals: Signals, *, extended: bool) -> dict[str, float]:
     found["reference_rms"] = _log(float(rms.mean()))
     found["reference_spread"] = float((rms.max() - rms.min()) / max(rms.mean(), 1e-9))
     found["reference_sum"] = _log(float(samples[on][:, REFERENCE_CURRENTS].sum(axis=1).std()))
-    for name, window in (("full", FULL), ("quarter", QUARTER))[: 2 if extended else 1]:
-        part = signals.between(*window)
+    for name in [n for n in ("full", "quarter") if n in slews]:
+        part = signals.between(*slews[name][:2])
         time = signals.time[part] - signals.time[part].mean()
         turning = float(time @ signals.motor_angle[part] / (time @ time))
         moving = float(time @ signals.position[part] / (time @ time))

@@ -163,7 +163,7 @@ def extract(record: Record, kind: Kind, actuator: Actuator | None = None) -> dic
     found |= control_loop(signals, FULL_SPEED[kind])
     found |= inertia(signals, STARTS[kind])
     found["bus_sag"] = _sag(record)
-    found |= consistency(signals, extended=wide)
+    found |= consistency(signals, SEGMENTS[kind])
     found["temperature"] = (signals.temperature - 20.0) / 50.0
     found["bus_voltage"] = signals.bus_voltage / (2.0 * signals.actuator.inverter.bus_voltage)
     if not all(np.isfinite(value) for value in found.values()):

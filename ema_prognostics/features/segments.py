@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from typing import Literal
 
+from ema_record.actuator import Actuator, load_actuator
 from ema_record.profile import Profile, load_profile
 
 ProfileKind = Literal["step", "extended"]
 TOLERANCE = 2e-3
 """Largest difference of a point in time (s) and in position (rad)."""
-SLEW_SPEED = 1.55
-"""Speed of the surface that a full slew reaches at least (rad/s)."""
+SLEWING = 0.98
+"""Share of its highest speed that the surface reaches at least in a full slew."""
 SLEW_LENGTH = 0.36
 """How long after its command a step must go on slewing (s)."""
 
@@ -30,11 +31,12 @@ def _same(a: Profile, b: Profile) -> bool:
     )
 
 
-def profile_kind(profile: Profile) -> ProfileKind | None:
+def profile_kind(profile: Profile, actuator: Actuator | None = None) -> ProfileKind | None:
     """Return which trained test `profile` is, or None.
 
     Every profile whose first step keeps the actuator slewing at full speed through the
-    analysis window counts as a step, of either sign.
+    analysis window counts as a step, of either sign. The slew speed is that of `actuator`,
+    default the nominal one.
     """
     if _same(profile, load_profile("extended")):
         return "extended"
@@ -45,7 +47,8 @@ def profile_kind(profile: Profile) -> ProfileKind | None:
         if t0 == t1 == begin
     ]
     later = [t for t, _ in profile.points if t > begin]
-    if not steps or not later or abs(sum(steps)) < SLEW_SPEED * SLEW_LENGTH + 0.02:
+    slew = SLEWING * (load_actuator() if actuator is None else actuator).slew_speed
+    if not steps or not later or abs(sum(steps)) < slew * SLEW_LENGTH + 0.02:
         return None
     after = [x for t, x in profile.points if begin < t < begin + SLEW_LENGTH]
     held = all(abs(x - profile.points[-1][1]) < TOLERANCE for x in after)

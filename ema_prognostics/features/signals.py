@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ema_prognostics.features.current_sensors import CurrentSensors, current_sensors
-from ema_record.actuator import Actuator
+from ema_record.actuator import Actuator, load_actuator
 from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS, ROTOR_ANGLE, SURFACE_POSITION
 from ema_record.errors import IncompleteRecordError
 from ema_record.record import Record
 from ema_sim.effects.winding_temperature import REFERENCE, WindingTemperature
-from ema_sim.model_file import load_actuator
 from ema_sim.plant.electrical import THIRD, unit_trapezoid
 
 MAX_SAMPLES = 4_000_000

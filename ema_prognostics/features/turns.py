@@ -53,22 +53,6 @@ def paper_window(profile: Profile) -> tuple[float, float]:
     return start + WINDOW_AFTER_COMMAND[0], start + WINDOW_AFTER_COMMAND[1]
 
 
-def check_finite(record: Record) -> None:
-    """Raise InvalidRecordError if the record holds NaN or infinities or time runs back."""
-    bad = ~np.isfinite(record.samples).all(axis=1)
-    if bad.any():
-        raise InvalidRecordError(
-            f"sample {int(np.argmax(bad))}: a value is not finite ({int(bad.sum())} samples): "
-            "repeat the test"
-        )
-    if len(record) > 1 and float(np.diff(record.time).min()) <= 0.0:
-        index = int(np.argmin(np.diff(record.time)))
-        raise InvalidRecordError(
-            f"sample {index + 1}: time runs back by "
-            f"{float(record.time[index] - record.time[index + 1]):g} s: repeat the test"
-        )
-
-
 def cut(record: Record, window: tuple[float, float]) -> np.ndarray:
     """Return the samples inside `window` (s), shape (n, 10); IncompleteRecordError if short."""
     time = record.time

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ema_prognostics.features.spectrum import rotor_lines
-from ema_prognostics.features.turns import Turns, check_finite, paper_window, whole_turns
+from ema_prognostics.features.turns import Turns, paper_window, whole_turns
 from ema_prognostics.paper.concavity import concavity
 from ema_prognostics.paper.envelope import envelopes, fold, symmetry
 from ema_record.channels import MOTOR_SPEED, REFERENCE_CURRENTS
-from ema_record.record import Record
+from ema_record.record import Record, check_samples
 
 HARMONICS = 6
 CARRIERS = slice(1, 6)
@@ -84,7 +84,7 @@ class PaperFeatures:
 
 def paper_turns(record: Record) -> Turns:
     """Return the whole turns of the paper's window, after the record was found finite."""
-    check_finite(record)
+    check_samples(record.samples, record.provenance.source or "record")
     return whole_turns(record, paper_window(record.profile))
 
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from ema_prognostics.features.turns import Turns
-from ema_record.channels import DEFAULT_RATE, MOTOR_SPEED, PHASE_CURRENTS, REFERENCE_CURRENTS
+from ema_record.actuator import load_actuator
+from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS, REFERENCE_CURRENTS
 
 NOISE_LEVELS = (0.0, 0.025, 0.05)
 """Deviation as a part of the maximum of the signal in the window."""
@@ -20,7 +21,7 @@ interval, so the deviation a sample is the level divided by sqrt(REFERENCE_RATE 
 
 
 def add_noise(
-    turns: Turns, level: float, rng: np.random.Generator, rate: float = DEFAULT_RATE
+    turns: Turns, level: float, rng: np.random.Generator, rate: float | None = None
 ) -> Turns:
     """Return `turns` with white noise on speed and currents.
 
@@ -29,11 +30,12 @@ def add_noise(
     turns : the window.
     level : deviation at `REFERENCE_RATE`, as a part of the largest magnitude in the window.
     rng : where the noise comes from.
-    rate : samples a second.
+    rate : samples a second, default that of the nominal acquisition.
     """
     if level == 0.0:
         return turns
     samples = turns.samples.copy()
+    rate = load_actuator().acquisition.rate if rate is None else rate
     scale = level / np.sqrt(REFERENCE_RATE / rate)
     for columns in (slice(MOTOR_SPEED, MOTOR_SPEED + 1), PHASE_CURRENTS, REFERENCE_CURRENTS):
         block = samples[:, columns]

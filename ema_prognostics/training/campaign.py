@@ -23,9 +23,10 @@ from ema_prognostics.training.conditions import (
     draw_unit,
     effects_of,
 )
+from ema_record.actuator import load_actuator
 from ema_record.errors import RecordError
 from ema_record.profile import load_profile
-from ema_sim.model_file import Model, load_actuator, load_model_file
+from ema_sim.model_file import Model, load_model_file
 from ema_sim.simulate import simulate
 
 MIX = (("healthy", 0.16), ("turn_short", 0.20), ("static", 0.06), ("rotor_eccentricity", 0.18),

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ema_prognostics.verdict.verdict import Verdict
-from ema_record.bag.metadata import METADATA_FILE
+from ema_record.bag.container import METADATA_FILE
 from ema_record.errors import UsageError
 
 STORAGE = (".mcap", ".mcap.zstd", ".db3")

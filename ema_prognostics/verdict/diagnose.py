@@ -12,13 +12,14 @@ from ema_prognostics.cascade.guard import BESIDE_OWN
 from ema_prognostics.cascade.model_file import Model, load_model
 from ema_prognostics.features.extract import LAST_TIME, extract
 from ema_prognostics.features.segments import ProfileKind, profile_kind
-from ema_prognostics.features.turns import check_finite
 from ema_prognostics.features.vector import differences, start_allowed
 from ema_prognostics.paper.cascade import FAULTS, LEVELS
 from ema_prognostics.paper.features import paper_features, paper_turns
 from ema_prognostics.verdict.explain import reasons_of_guard
 from ema_prognostics.verdict.report import unknown_verdict, verdict_of_finding
 from ema_prognostics.verdict.verdict import Fault, Verdict
+from ema_record.actuator import Actuator, load_actuator
+from ema_record.checks.guard import guard_findings, outcome_of, reason_of
 from ema_record.errors import (
     EmaError,
     IncompleteRecordError,
@@ -32,10 +33,8 @@ from ema_record.record import Record
 
 Mode = Literal["robust", "paper"]
 MODES: tuple[Mode, ...] = ("robust", "paper")
-LARGEST_GAP = 1.5
-"""Longest interval between samples, in sample intervals, before one counts as lost."""
-TRAINED_RATE = 20_000.0
-"""Samples a second of the records trained on."""
+NEEDED = ("test_not_complete", "gap", "not_finite", "clock_jump")
+"""Rules of the guard without which nothing can be computed."""
 SAME_POSITION = 2e-3
 """Largest difference of the ends of a command from those trained on (rad)."""
 PAPER_CAVEAT = (
@@ -62,7 +61,7 @@ class Baseline:
 
 def diagnose(
     record: Record, model: Model | None = None, *, mode: Mode = "robust",
-    baseline: Record | Baseline | None = None,
+    baseline: Record | Baseline | None = None, actuator: Actuator | None = None,
 ) -> Verdict:
     """Say what is wrong with the actuator that `record` comes from.
 
@@ -74,6 +73,7 @@ def diagnose(
         two networks literally: it knows no healthy actuator.
     baseline : a healthy record of the same actuator and test, from its acceptance; sharpens
         the verdict of mode ``robust``. For many records take `baseline_of` once.
+    actuator : what was tested and the model was trained on, default the nominal one.
 
     Returns
     -------
@@ -92,17 +92,18 @@ def diagnose(
     if baseline is not None and mode == "paper":
         raise UsageError("mode paper takes no baseline: leave it out, or use mode robust")
     model = load_model() if model is None else model
-    verdict = _diagnose(record, model, mode, baseline)
+    actuator = load_actuator() if actuator is None else actuator
+    verdict = _diagnose(record, model, mode, baseline, actuator)
     return replace(verdict, bag=record.provenance.source)
 
 
 def _diagnose(
-    record: Record, model: Model, mode: Mode, baseline: Record | Baseline | None
+    record: Record, model: Model, mode: Mode, baseline: Record | Baseline | None,
+    actuator: Actuator,
 ) -> Verdict:
     try:
-        check_finite(record)
-        kind = profile_kind(record.profile)
-        _check_complete(record, kind)
+        kind = profile_kind(record.profile, actuator)
+        _check_usable(record, kind, actuator)
     except InvalidRecordError as error:
         return Verdict(outcome="invalid", reasons=(str(error),))
     except IncompleteRecordError as error:
@@ -115,7 +116,7 @@ def _diagnose(
     try:
         if mode == "paper":
             return _paper_verdict(record, model)
-        return _robust_verdict(record, kind, model, baseline)
+        return _robust_verdict(record, kind, model, baseline, actuator)
     except InvalidRecordError as error:
         return Verdict(outcome="invalid", reasons=(str(error),))
     except IncompleteRecordError as error:
@@ -124,7 +125,8 @@ def _diagnose(
 
 
 def _robust_verdict(
-    record: Record, kind: ProfileKind, model: Model, baseline: Record | Baseline | None
+    record: Record, kind: ProfileKind, model: Model, baseline: Record | Baseline | None,
+    actuator: Actuator,
 ) -> Verdict:
     cascade = model.cascade(kind, "fleet")
     if cascade is None:
@@ -133,22 +135,22 @@ def _robust_verdict(
     if baseline is not None and own is None:
         raise UsageError(f"the model has no cascade with a baseline for {kind}: leave it out")
     if isinstance(baseline, Record):
-        baseline = baseline_of(baseline, model)
+        baseline = baseline_of(baseline, model, actuator)
     if baseline is not None and baseline.kind != kind:
         raise UsageError(
             f"the baseline is of the test {baseline.record.profile.name!r}, the record of "
             "another: give a baseline of the same test"
         )
-    return verdict_of_features(extract(record, kind), kind, model,
+    return verdict_of_features(extract(record, kind, actuator), kind, model,
                                None if baseline is None else baseline.features,
-                               exact=_is_trained_test(record, kind))
+                               exact=_is_trained_test(record, kind, actuator))
 
 
-def _is_trained_test(record: Record, kind: ProfileKind) -> bool:
+def _is_trained_test(record: Record, kind: ProfileKind, actuator: Actuator) -> bool:
     """Whether the test is the one trained on, sampled at the rate trained on."""
     given, trained = record.profile.points, load_profile(kind).points
     same = max(abs(given[k][1] - trained[k][1]) for k in (0, -1)) < SAME_POSITION
-    return same and abs(record.rate / TRAINED_RATE - 1.0) < 0.01
+    return same and abs(record.rate / actuator.acquisition.rate - 1.0) < 0.01
 
 
 def verdict_of_features(
@@ -194,16 +196,16 @@ def _row(features: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
     return start_allowed(np.array([[features[n] for n in names]]), names)
 
 
-def baseline_of(record: Record, model: Model) -> Baseline:
+def baseline_of(record: Record, model: Model, actuator: Actuator | None = None) -> Baseline:
     """Return `record` as a baseline; UsageError if it cannot serve."""
+    actuator = load_actuator() if actuator is None else actuator
     try:
-        check_finite(record)
-        kind = profile_kind(record.profile)
+        kind = profile_kind(record.profile, actuator)
         if kind is None:
             raise UsageError(f"the baseline is of the test {record.profile.name!r}, which the "
                              "networks do not know: give one of the profile step or extended")
-        _check_complete(record, kind)
-        features = extract(record, kind)
+        _check_usable(record, kind, actuator)
+        features = extract(record, kind, actuator)
     except RecordError as error:
         raise UsageError(f"the baseline cannot serve: {error}") from None
     cascade = model.cascade(kind, "fleet")
@@ -213,11 +215,12 @@ def baseline_of(record: Record, model: Model) -> Baseline:
     return Baseline(record=record, kind=kind, features=features)
 
 
-def _check_complete(record: Record, kind: ProfileKind | None) -> None:
-    """Raise IncompleteRecordError unless the record covers its test without a gap."""
-    status = record.provenance.status
-    if status != "complete":
-        raise IncompleteRecordError(f"the test was {status}: repeat it")
+def _check_usable(record: Record, kind: ProfileKind | None, actuator: Actuator) -> None:
+    """Raise InvalidRecordError, IncompleteRecordError where the guard finds what forbids it."""
+    findings = guard_findings(record, actuator, NEEDED)
+    if findings:
+        invalid = outcome_of(findings) == "invalid"
+        raise (InvalidRecordError if invalid else IncompleteRecordError)(reason_of(findings[0]))
     if len(record) < 2:
         raise IncompleteRecordError(f"{len(record)} samples: repeat the test")
     time = record.time
@@ -226,13 +229,6 @@ def _check_complete(record: Record, kind: ProfileKind | None) -> None:
         raise IncompleteRecordError(
             f"the record covers {time[0]:.3f} to {time[-1]:.3f} s, the analysis needs "
             f"{record.profile.command_time:.3f} to {end:.3f} s: repeat the test"
-        )
-    gaps = np.diff(time) * record.rate
-    if gaps.max() > LARGEST_GAP:
-        at = int(np.argmax(gaps))
-        raise IncompleteRecordError(
-            f"{round(float(np.sum(gaps[gaps > LARGEST_GAP] - 1.0)))} samples are missing, the "
-            f"longest gap at {time[at]:.4f} s: repeat the test"
         )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ema_prognostics.verdict.verdict import Verdict
+from ema_record.actuator import Actuator
 from ema_record.checks.guard import guard_findings, outcome_of, reason_of
 from ema_record.record import Record
 
@@ -16,15 +17,18 @@ MOST_REASONS = 5
 """Findings that are told."""
 
 
-def guarded(record: Record, judge: Callable[[Record], Verdict]) -> Verdict:
+def guarded(
+    record: Record, judge: Callable[[Record], Verdict], actuator: Actuator | None = None
+) -> Verdict:
     """Return the verdict of `judge`, or that of the record checks where they find something.
 
     Parameters
     ----------
     record : one built-in test.
     judge : returns the verdict on a record, for example `diagnose`.
+    actuator : what was tested, default the nominal one.
     """
-    findings = guard_findings(record)
+    findings = guard_findings(record, actuator)
     if not findings:
         return judge(record)
     outcome = outcome_of(findings)

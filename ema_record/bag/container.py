@@ -12,7 +12,6 @@ from typing import IO, Any, NamedTuple
 
 from ema_record.bag.compression import unpack_zstd_stream
 from ema_record.bag.mcap_stream import McapMetadata, McapStream
-from ema_record.bag.metadata import METADATA_FILE
 from ema_record.errors import IncompleteRecordError, InvalidRecordError, UsageError
 from ema_record.limits import (
     MAX_FILES,
@@ -24,6 +23,7 @@ from ema_record.wire.schemas import MESSAGE_ENCODING
 from ema_record.wire.topics import TOPICS
 from ema_record.yaml_file import load_yaml
 
+METADATA_FILE = "metadata.yaml"
 MCAP_SUFFIXES = (".mcap", ".mcap.zstd")
 
 

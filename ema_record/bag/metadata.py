@@ -21,7 +21,6 @@ from ema_record.record import Provenance, Status
 from ema_record.wire.schemas import MESSAGE_ENCODING, type_hash
 from ema_record.wire.topics import Topic
 
-METADATA_FILE = "metadata.yaml"
 ROSBAG2_VERSION = 9
 ROS_DISTRO = "jazzy"
 ROSBAG2 = "rosbag2"

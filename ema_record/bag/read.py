@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ema_record.bag.container import BagContent, StoredMessage, read_content
-from ema_record.bag.metadata import TestMetadata, read_test_metadata
+from ema_record.bag.container import StoredMessage, read_content
+from ema_record.bag.metadata import read_test_metadata
 from ema_record.bag.writer import CHUNK_SIZE, BagWriter
 from ema_record.channels import SURFACE_POSITION, TIME
-from ema_record.errors import IncompleteRecordError, InvalidRecordError, UsageError
-from ema_record.limits import MAX_DURATION, MAX_RATE, MAX_SAMPLES
+from ema_record.errors import (
+    IncompleteRecordError,
+    InvalidRecordError,
+    RecordError,
+    UsageError,
+)
+from ema_record.limits import MAX_SAMPLES
 from ema_record.profile import Profile
-from ema_record.record import Record
+from ema_record.record import Record, SampleBlock, check_samples
 from ema_record.wire.samples import BLOCK_SIZE, decode_block, encode_block
 from ema_record.wire.sensors import (
-    BATTERY_STATE,
-    TEMPERATURE,
     bus_reading,
     encode_bool,
     encode_dc_bus,
@@ -32,6 +34,7 @@ from ema_record.wire.topics import (
     JOINT_STATES,
     PHASE_CURRENTS,
     SAMPLES,
+    TOPICS,
     WEIGHT_ON_WHEELS,
     WINDING_TEMPERATURE,
 )
@@ -72,162 +75,174 @@ def read_bag(
         The recording was cut, or the test ended before a sample was recorded.
 
     """
-    source = str(path)
-    content = read_content(Path(path), _READ_TOPICS, validate_crcs=validate_crcs)
-    found = read_test_metadata(content.metadata, source)
-    if found.provenance.status != "complete" and not content.messages.get(SAMPLES):
-        raise IncompleteRecordError(
-            f"{source}: the test was {found.provenance.status} before a sample was recorded: "
-            "record the test again"
-        )
-    _check_counts(content, found.counts, source)
-    samples = _samples(content, source)
-    check_samples(samples, source, values=validate_values)
-    try:
-        return _record(content, found, samples)
-    except InvalidRecordError as error:
-        raise InvalidRecordError(f"{source}: {error}") from None
-
-
-def _check_counts(content: BagContent, counts: Mapping[str, int], source: str) -> None:
-    """Compare the messages that were read with those that were written."""
-    for topic in sorted(_READ_TOPICS & counts.keys()):
-        read = len(content.messages.get(topic, []))
-        if read != counts[topic]:
-            raise InvalidRecordError(
-                f"{source}: {read} messages on {topic}, its recorder wrote {counts[topic]}: the "
-                "bag was edited or damaged; copy it again from where it was recorded"
-            )
-
-
-def _record(content: BagContent, found: TestMetadata, samples: np.ndarray) -> Record:
-    """Join what was read; errors name the topic, not the bag."""
-    profile, provenance = found.profile, found.provenance
+    bag = Recording(path, validate_crcs=validate_crcs)
+    bag.check_counts()
+    blocks = bag.blocks()
+    if not blocks:
+        raise bag.without_samples()
+    samples = np.concatenate([block.samples for block in blocks])
+    if validate_values:
+        check_samples(samples, bag.source)
+    profile, provenance = bag.test.profile, bag.test.provenance
+    commanded = bag.command(blocks, start=None if profile is None else profile.start)
     if profile is None:
-        command = _command(content)
-        profile = decode_command(
-            command.data,
-            start=float(samples[0, SURFACE_POSITION]),
-            duration=float(samples[-1, TIME]),
+        if commanded is None:
+            raise InvalidRecordError(
+                f"{bag.source}: neither test metadata nor a message on {COMMAND}: the test "
+                f"profile is not known; record {COMMAND} too"
+            )
+        profile = commanded
+        provenance = replace(provenance, start_time=bag.command_before(blocks)[0].log_time)
+    elif commanded is not None and trajectory_points(commanded) != trajectory_points(profile):
+        raise InvalidRecordError(
+            f"{bag.source}: the metadata say that the test was {profile.name!r}, {COMMAND} is "
+            f"another profile ({commanded.name!r}): the bag was edited or mixed; record the test "
+            "again"
         )
-        provenance = replace(provenance, start_time=command.log_time)
-    else:
-        _check_command(content, profile, samples)
-    start_time = provenance.start_time
     return Record(
-        samples=samples,
-        profile=profile,
-        provenance=provenance,
-        dc_bus=_slow(content, DC_BUS, BATTERY_STATE, start_time),
-        winding_temperature=_slow(content, WINDING_TEMPERATURE, TEMPERATURE, start_time),
+        samples=samples, profile=profile, provenance=provenance,
+        dc_bus=bag.slow(DC_BUS, provenance.start_time),
+        winding_temperature=bag.slow(WINDING_TEMPERATURE, provenance.start_time),
     )
 
 
-def _samples(content: BagContent, source: str) -> np.ndarray:
-    """Return all samples, shape (n, 10), in the order of their log times."""
-    blocks = []
-    count = 0
-    for message in content.messages.get(SAMPLES, []):
-        try:
-            block = decode_block(message.data)
-        except InvalidRecordError as error:
-            raise InvalidRecordError(f"{source}: {error}") from None
-        count += len(block)
-        if count > MAX_SAMPLES:
-            raise InvalidRecordError(f"{source}: more than {MAX_SAMPLES} samples: split the bag")
-        blocks.append(block)
-    if count == 0:
-        if SAMPLES in content.topics:
-            raise InvalidRecordError(
-                f"{source}: no message on {SAMPLES}: nothing was measured; record the test again"
-            )
-        topics = ", ".join(sorted(content.topics))[:120] or "none"
-        raise InvalidRecordError(
-            f"{source}: no topic {SAMPLES} (its topics: {topics}): record the acquisition, or "
-            "convert the file with 'ema import'"
-        )
-    return np.concatenate(blocks)
+class Recording:
+    """A bag of a test, its topics decoded one by one.
 
+    Parameters
+    ----------
+    path : path-like
+        See `read_bag`.
+    topics : sequence of str
+        What else is read.
+    as_recorded : bool
+        Leave messages in the order of the file, and note those that cannot be decoded in
+        `errors` instead of refusing the bag.
+    validate_crcs : bool
+        Compare the checksums of the file.
 
-def check_samples(samples: np.ndarray, source: str, *, values: bool = True) -> None:
-    """Check the bounds of samples and, with `values`, that they are finite and in time order.
-
-    Raises
-    ------
-    InvalidRecordError
-        The first sample that is wrong is named.
+    Attributes
+    ----------
+    content : BagContent
+        Messages and metadata as they are.
+    test : TestMetadata
+        Our own metadata, as far as the bag has them.
+    errors : list of str
+        Messages that cannot be decoded, one line each; empty where they are refused.
 
     """
-    if values:
-        finite = np.isfinite(samples)
-        if not finite.all():
-            row, column = np.argwhere(~finite)[0]
-            raise InvalidRecordError(
-                f"{source}: sample {row}, channel {column} is {samples[row, column]}: every "
-                "value must be finite; look at the transducer or its cable"
-            )
-        steps = np.diff(samples[:, TIME])
-        if len(steps) and steps.min() <= 0.0:
-            row = int(np.argmax(steps <= 0.0)) + 1
-            raise InvalidRecordError(
-                f"{source}: time does not increase at sample {row}: {samples[row, TIME]:.9g} s "
-                f"after {samples[row - 1, TIME]:.9g} s: blocks were lost, repeated or mixed"
-            )
-        if len(steps) and steps.min() < 0.5 / MAX_RATE:
-            raise InvalidRecordError(
-                f"{source}: interval of {steps.min():.3g} s between samples, at least "
-                f"{1.0 / MAX_RATE:g} s: check the time channel"
-            )
-        if samples[-1, TIME] - samples[0, TIME] > MAX_DURATION + 1.0:
-            raise InvalidRecordError(
-                f"{source}: {samples[-1, TIME] - samples[0, TIME]:.3g} s long, at most "
-                f"{MAX_DURATION:g} s: a record holds one test"
-            )
 
-
-def _command(content: BagContent) -> StoredMessage:
-    """Return the command that was given last before the first samples."""
-    commands = content.messages.get(COMMAND, [])
-    if not commands:
-        raise InvalidRecordError(
-            f"neither test metadata nor a message on {COMMAND}: the test profile is not known; "
-            f"record {COMMAND} too"
+    def __init__(
+        self, path: str | Path, topics: Sequence[str] = (), *, as_recorded: bool = False,
+        validate_crcs: bool = True,
+    ) -> None:
+        """Read the messages (InvalidRecordError, IncompleteRecordError: they cannot be)."""
+        self.source = str(path)
+        self.content = read_content(
+            Path(path), _READ_TOPICS.union(topics), validate_crcs=validate_crcs,
+            file_order=as_recorded,
         )
-    first = content.messages[SAMPLES][0].log_time
-    before = [message for message in commands if message.log_time <= first]
-    return (before or commands[:1])[-1]
+        self.test = read_test_metadata(self.content.metadata, self.source)
+        self.errors: list[str] = []
+        self._as_recorded = as_recorded
 
+    def _refuse(self, error: RecordError) -> None:
+        if not self._as_recorded:
+            raise InvalidRecordError(f"{self.source}: {error}") from None
+        self.errors.append(str(error))
 
-def _check_command(content: BagContent, profile: Profile, samples: np.ndarray) -> None:
-    """Compare the profile of the metadata with the command, where that was recorded."""
-    if not content.messages.get(COMMAND):
-        return
-    commanded = decode_command(
-        _command(content).data, start=profile.start, duration=float(samples[-1, TIME])
-    )
-    if trajectory_points(commanded) != trajectory_points(profile):
-        raise InvalidRecordError(
-            f"the metadata say that the test was {profile.name!r}, {COMMAND} is another profile "
-            f"({commanded.name!r}): the bag was edited or mixed; record the test again"
+    def check_counts(self) -> None:
+        """Compare the messages that were read with those that were written."""
+        if self.test.provenance.status != "complete" and not self.content.messages.get(SAMPLES):
+            raise IncompleteRecordError(
+                f"{self.source}: the test was {self.test.provenance.status} before a sample was "
+                "recorded: record the test again"
+            )
+        counts = self.test.counts
+        for topic in sorted(_READ_TOPICS & counts.keys()):
+            read = len(self.content.messages.get(topic, []))
+            if read != counts[topic]:
+                raise InvalidRecordError(
+                    f"{self.source}: {read} messages on {topic}, its recorder wrote "
+                    f"{counts[topic]}: the bag was edited or damaged; copy it again from where "
+                    "it was recorded"
+                )
+
+    def blocks(self) -> list[SampleBlock]:
+        """Return the messages of samples that hold any."""
+        blocks: list[SampleBlock] = []
+        count = 0
+        for message in self.content.messages.get(SAMPLES, []):
+            try:
+                samples = decode_block(message.data)
+            except InvalidRecordError as error:
+                self._refuse(error)
+                continue
+            count += len(samples)
+            if count > MAX_SAMPLES:
+                raise InvalidRecordError(
+                    f"{self.source}: more than {MAX_SAMPLES} samples: split the bag"
+                )
+            if len(samples):
+                blocks.append(SampleBlock(message.log_time, samples))
+        return blocks
+
+    def without_samples(self) -> InvalidRecordError:
+        """Return the error for a bag without a sample."""
+        if SAMPLES in self.content.topics:
+            return InvalidRecordError(
+                f"{self.source}: no message on {SAMPLES}: nothing was measured; record the test "
+                "again"
+            )
+        topics = ", ".join(sorted(self.content.topics))[:120] or "none"
+        return InvalidRecordError(
+            f"{self.source}: no topic {SAMPLES} (its topics: {topics}): record the acquisition, "
+            "or convert the file with 'ema import'"
         )
 
+    def command_before(self, blocks: Sequence[SampleBlock]) -> list[StoredMessage]:
+        """Return the command that was given last before the first samples; empty: none was."""
+        commands = self.content.messages.get(COMMAND, [])
+        before = [m for m in commands if m.log_time <= blocks[0].log_time]
+        return (before or commands[:1])[-1:]
 
-def _slow(
-    content: BagContent, topic: str, message_type: str, start_time: int
-) -> np.ndarray:
-    """Return a slow topic, columns as in `Record`."""
-    rows = []
-    for message in content.messages.get(topic, []):
-        decoded = deserialize(message.data, message_type, topic)
-        time = (_time_of(message, decoded) - start_time) / NANOSECONDS
-        values = bus_reading(decoded) if topic == DC_BUS else (float(decoded.temperature),)
-        rows.append([time, *values])
-    return np.array(rows, dtype=np.float64).reshape(len(rows), 3 if topic == DC_BUS else 2)
+    def command(
+        self, blocks: Sequence[SampleBlock], start: float | None = None
+    ) -> Profile | None:
+        """Return the profile of that command; None: there is none.
 
+        Parameters
+        ----------
+        blocks : sequence of SampleBlock
+            At least one.
+        start : float, optional
+            Where the surface stood before (rad), default as the first sample says.
 
-def _time_of(message: StoredMessage, decoded: Any) -> int:
-    """Return the stamp of a message (ns), or its log time where it has none."""
-    return stamp_of(decoded) or message.log_time
+        """
+        for message in self.command_before(blocks):
+            first, last = blocks[0].samples[0], blocks[-1].samples[-1]
+            try:
+                return decode_command(
+                    message.data, duration=float(last[TIME]),
+                    start=float(first[SURFACE_POSITION]) if start is None else start,
+                )
+            except RecordError as error:
+                self._refuse(error)
+        return None
+
+    def slow(self, topic: str, start_time: int = 0) -> np.ndarray:
+        """Return `/ema/dc_bus` or `/ema/winding_temperature`, columns as in `Record`."""
+        rows = []
+        for message in self.content.messages.get(topic, []):
+            try:
+                decoded = deserialize(message.data, TOPICS[topic].type, topic)
+            except RecordError as error:
+                self._refuse(error)
+                continue
+            time = ((stamp_of(decoded) or message.log_time) - start_time) / NANOSECONDS
+            values = bus_reading(decoded) if topic == DC_BUS else (float(decoded.temperature),)
+            rows.append([time, *values])
+        return np.array(rows, dtype=np.float64).reshape(len(rows), 3 if topic == DC_BUS else 2)
 
 
 def write_bag(

@@ -12,11 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ema_record.actuator import load_actuator
 from ema_record.bag.mcap_stream import McapMessage
 from ema_record.bag.metadata import END, START, is_intact, read_test_metadata
 from ema_record.bag.salvage import Salvage, salvage_bag
 from ema_record.bag.writer import BagWriter
-from ema_record.channels import DEFAULT_RATE, SURFACE_POSITION, TIME
+from ema_record.channels import SURFACE_POSITION, TIME
 from ema_record.errors import (
     IncompleteRecordError,
     InvalidRecordError,
@@ -26,7 +27,7 @@ from ema_record.errors import (
 from ema_record.files import exists
 from ema_record.limits import MAX_DURATION, MAX_RATE
 from ema_record.profile import Profile
-from ema_record.record import Provenance, Status
+from ema_record.record import LARGEST_STEP, Provenance, Status
 from ema_record.wire.samples import decode_block
 from ema_record.wire.topics import BAG_TOPICS, COMMAND, SAMPLES
 from ema_record.wire.trajectory import decode_command, trajectory_points
@@ -206,11 +207,13 @@ def _report(source: str, bag: Path, status: Status, parts: _Parts, found: Salvag
     times = parts.times[np.abs(parts.times) <= MAX_DURATION + 1.0]
     steps = np.diff(times)
     forward = steps[steps > 0.0]
-    interval = float(np.median(forward)) if len(forward) else 1.0 / DEFAULT_RATE
+    interval = (
+        float(np.median(forward)) if len(forward) else 1.0 / load_actuator().acquisition.rate
+    )
     interval = max(interval, 1.0 / MAX_RATE)
     edges = np.concatenate([[-0.5 * interval], times])
     jumps = np.diff(edges)
-    places = np.flatnonzero(jumps > 1.5 * interval)
+    places = np.flatnonzero(jumps > LARGEST_STEP * interval)
     gaps = tuple(
         Gap(time=float(edges[k] + interval), samples=round(float(jumps[k]) / interval) - 1)
         for k in places[:_MAX_GAPS].tolist()

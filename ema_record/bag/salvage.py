@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ema_record.bag.compression import unpack_zstd_part
-from ema_record.bag.container import MCAP_SUFFIXES, refuse_links
+from ema_record.bag.container import MCAP_SUFFIXES, METADATA_FILE, refuse_links
 from ema_record.bag.mcap_stream import McapMessage, McapMetadata, McapStream
-from ema_record.bag.metadata import METADATA_FILE
 from ema_record.errors import IncompleteRecordError, InvalidRecordError
 from ema_record.limits import (
     MAX_FILES,

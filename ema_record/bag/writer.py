@@ -17,9 +17,9 @@ from typing import IO
 
 import mcap.writer
 
+from ema_record.bag.container import METADATA_FILE
 from ema_record.bag.metadata import (
     END,
-    METADATA_FILE,
     RECOVERY,
     ROSBAG2,
     START,

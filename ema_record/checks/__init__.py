@@ -1,16 +1,7 @@
-"""Lint: defects of a recording, whatever the actuator's health.
+"""May this record be used? One engine, whatever the actuator's health.
 
-A rule is a name, a remedy and a function from `BagFacts` to what it found. A fault of the
-actuator is no defect of its recording: every bound is one that no actuator can pass. The rules
-that need the record alone also guard every verdict: `guard_findings`.
+A rule is a name, a remedy and a function from `facts.BagFacts` to what it found. A fault of the
+actuator is no defect of its recording: every bound is one that no such actuator can pass. What
+the rules find is shown in three ways: `run.lint_bag` tells all of it, `guard.guard_findings`
+what forbids a verdict, `live.check_record` the record checks of the built-in test.
 """
-
-from ema_record.checks.facts import BagFacts, gather_facts
-from ema_record.checks.finding import Finding, Rule
-from ema_record.checks.guard import guard_findings, outcome_of, reason_of
-from ema_record.checks.run import RULES, LintReport, lint_bag
-
-__all__ = [
-    "RULES", "BagFacts", "Finding", "LintReport", "Rule", "gather_facts", "guard_findings",
-    "lint_bag", "outcome_of", "reason_of",
-]

@@ -1,17 +1,18 @@
-"""What the rules look at: the messages of a bag in the order of the file, and its samples."""
+"""What the rules look at, what a rule is, and what it finds.
+
+The facts of a test are the samples of its record, and what a bag says beside them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
-from ema_record.bag.container import BagContent, read_content
-from ema_record.bag.metadata import RECOVERY, START, TestMetadata, read_test_metadata
+from ema_record.actuator import Actuator, load_actuator
 from ema_record.channels import (
     MOTOR_SPEED,
     N_CHANNELS,
@@ -19,28 +20,15 @@ from ema_record.channels import (
     SURFACE_POSITION,
     TIME,
 )
-from ema_record.errors import InvalidRecordError, RecordError
-from ema_record.limits import MAX_SAMPLES
 from ema_record.profile import Profile
-from ema_record.record import Record
-from ema_record.wire.samples import decode_block
-from ema_record.wire.sensors import BATTERY_STATE, TEMPERATURE
-from ema_record.wire.topics import COMMAND, DC_BUS, SAMPLES, WEIGHT_ON_WHEELS, WINDING_TEMPERATURE
-from ema_record.wire.trajectory import decode_command
-from ema_record.wire.types import deserialize
+from ema_record.record import Provenance, Record, SampleBlock
 
 T = TypeVar("T")
-READ_TOPICS = frozenset({SAMPLES, COMMAND, DC_BUS, WINDING_TEMPERATURE, WEIGHT_ON_WHEELS})
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Block:
-    """One message of samples."""
-
-    log_time: int
-    """Reception (ns since the epoch)."""
-    samples: np.ndarray
-    """Shape (k, 10)."""
+Severity = Literal["error", "warning"]
+SETTLED = 5e-3
+"""After the inverter is switched on; before, sensors without noise rest at zero (s)."""
+SLOWEST = 0.0253
+"""Share of the motor's highest speed below which it counts as standing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,9 +42,9 @@ class Motion:
     turned : ndarray, shape (m,)
         Motor speed times interval (rad).
     angle : ndarray, shape (m,)
-        Change of the rotor angle, -pi to pi (rad).
+        What the motor turned as the rotor angle says (rad).
     travel : ndarray, shape (m,)
-        Change of the surface position (rad).
+        The same as the surface position says: its change times the gear ratio (rad).
 
     """
 
@@ -68,21 +56,28 @@ class Motion:
 
 @dataclass(frozen=True)
 class BagFacts:
-    """A bag as recorded; the samples may be in any order and of any value."""
+    """A test as recorded; the samples may be in any order and of any value."""
 
-    source: str
-    content: BagContent
-    blocks: list[Block]
-    test: TestMetadata
-    has_start: bool
-    command: Profile | None
-    """Read off `/ema/command`."""
+    actuator: Actuator
+    """Nominal parameters of what was tested."""
+    blocks: Sequence[SampleBlock]
+    said: Profile | None
+    """The test as the metadata say."""
+    provenance: Provenance
     bus_voltage: np.ndarray
     """Shape (m,) (V)."""
     winding_temperature: np.ndarray
     """Shape (m,) (degC)."""
-    weight_on_wheels: list[bool]
-    errors: list[str]
+    command: Profile | None = None
+    """The test as read off `/ema/command`."""
+    topics: frozenset[str] = frozenset()
+    """Those with messages; empty for a record that is no bag, like all below."""
+    has_start: bool = True
+    """Whether our own software recorded it."""
+    recovered: Mapping[str, str] | None = None
+    """What 'ema recover' noted in the bag."""
+    weight_on_wheels: Sequence[bool] = ()
+    errors: Sequence[str] = ()
     """Messages that cannot be decoded, one line each."""
     _derived: dict[object, Any] = field(default_factory=dict, repr=False)
 
@@ -90,18 +85,18 @@ class BagFacts:
         """Return what `make` makes of these facts, made once for all rules."""
         if make not in self._derived:
             self._derived[make] = make(self)
-        found: T = self._derived[make]
-        return found
-
-    @property
-    def recovered(self) -> dict[str, str] | None:
-        """Return what 'ema recover' noted in the bag."""
-        return self.content.metadata.get(RECOVERY)
+        made: T = self._derived[make]
+        return made
 
     @property
     def profile(self) -> Profile | None:
-        """Return the test profile as the bag says."""
-        return self.test.profile or self.command
+        """Return the test profile as the record says."""
+        return self.said or self.command
+
+    @property
+    def standing(self) -> float:
+        """Motor speed below which it stands (rad/s)."""
+        return SLOWEST * self.actuator.control.speed_limit
 
     @cached_property
     def samples(self) -> np.ndarray:
@@ -152,88 +147,66 @@ class BagFacts:
         angle = s[:, ROTOR_ANGLE] * (np.pi / 180.0 if self.angle_in_degrees else 1.0)
         turned = np.mod(np.diff(angle) + np.pi, 2.0 * np.pi) - np.pi
         return Motion(
-            time=s[1:, TIME][regular], turned=(speed * step)[regular], angle=turned[regular],
-            travel=np.diff(s[:, SURFACE_POSITION])[regular],
+            time=s[1:, TIME][regular], turned=(speed * step)[regular],
+            angle=self.actuator.motor_angle(turned[regular]),
+            travel=self.actuator.gear.ratio * np.diff(s[:, SURFACE_POSITION])[regular],
         )
 
 
-def facts_of_record(record: Record) -> BagFacts:
-    """Return a record for those rules that need no bag."""
+def facts_of_record(record: Record, actuator: Actuator | None = None) -> BagFacts:
+    """Return a record for those rules that need no bag; `actuator` defaults to the nominal."""
     return BagFacts(
-        source=record.provenance.source, content=BagContent(),
-        blocks=[Block(log_time=0, samples=record.samples)] if len(record) else [],
-        test=TestMetadata(profile=record.profile, provenance=record.provenance, counts={}),
-        has_start=True, command=None, bus_voltage=record.dc_bus[:, 1],
-        winding_temperature=record.winding_temperature[:, 1], weight_on_wheels=[], errors=[],
+        actuator=load_actuator() if actuator is None else actuator,
+        blocks=[SampleBlock(0, record.samples)] if len(record) else [],
+        said=record.profile, provenance=record.provenance, bus_voltage=record.dc_bus[:, 1],
+        winding_temperature=record.winding_temperature[:, 1],
     )
 
 
-def gather_facts(path: str | Path) -> BagFacts:
-    """Read a bag for the rules.
+class Hit(NamedTuple):
+    """One place where a rule is broken."""
 
-    Raises
-    ------
-    InvalidRecordError, IncompleteRecordError
-        It cannot be read at all: no bag, cut, or damaged.
-
-    """
-    source = str(path)
-    content = read_content(Path(path), READ_TOPICS, file_order=True)
-    test = read_test_metadata(content.metadata, source)
-    errors: list[str] = []
-    blocks: list[Block] = []
-    count = 0
-    for message in content.messages.get(SAMPLES, []):
-        try:
-            samples = decode_block(message.data)
-        except InvalidRecordError as error:
-            errors.append(str(error))
-            continue
-        count += len(samples)
-        if count > MAX_SAMPLES:
-            raise InvalidRecordError(f"{source}: more than {MAX_SAMPLES} samples: split the bag")
-        if len(samples):
-            blocks.append(Block(log_time=message.log_time, samples=samples))
-    return BagFacts(
-        source=source, content=content, blocks=blocks, test=test,
-        has_start=START in content.metadata, command=_command(content, blocks, errors),
-        bus_voltage=_slow(content, DC_BUS, BATTERY_STATE, "voltage", errors),
-        winding_temperature=_slow(
-            content, WINDING_TEMPERATURE, TEMPERATURE, "temperature", errors
-        ),
-        weight_on_wheels=[
-            bytes(m.data[4:5]) != b"\x00" for m in content.messages.get(WEIGHT_ON_WHEELS, [])
-        ],
-        errors=errors,
-    )
+    message: str
+    time: float | None = None
+    """Since the acceptance of the command (s); None: the whole record."""
+    size: float | None = None
+    unit: str = ""
+    channel: str = ""
 
 
-def _command(content: BagContent, blocks: list[Block], errors: list[str]) -> Profile | None:
-    """Return the profile of the last command before the samples."""
-    commands = content.messages.get(COMMAND, [])
-    if not commands or not blocks:
-        return None
-    before = [m for m in commands if m.log_time <= blocks[0].log_time]
-    first = blocks[0].samples[0]
-    try:
-        return decode_command(
-            (before or commands[:1])[-1].data, start=float(first[SURFACE_POSITION]),
-            duration=float(blocks[-1].samples[-1, TIME]),
-        )
-    except RecordError as error:
-        errors.append(str(error))
-        return None
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """One defect of a recording."""
+
+    rule: str
+    level: Severity
+    message: str
+    time: float | None
+    """Since the acceptance of the command (s); None: the whole record."""
+    size: float | None
+    unit: str
+    """Of `size`."""
+    channel: str
+    """Channel or topic, empty where it is none."""
+    remedy: str
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the fields as plain types."""
+        return asdict(self)
 
 
-def _slow(
-    content: BagContent, topic: str, kind: str, field: str, errors: list[str]
-) -> np.ndarray:
-    values = []
-    for message in content.messages.get(topic, []):
-        try:
-            decoded = deserialize(message.data, kind, topic)
-        except RecordError as error:
-            errors.append(str(error))
-            continue
-        values.append(float(getattr(decoded, field)))
-    return np.array(values, dtype=np.float64)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rule:
+    """One kind of defect and how it is found."""
+
+    name: str
+    remedy: str
+    find: Callable[[BagFacts], Iterable[Hit]]
+    level: Severity = "error"
+
+    def check(self, facts: BagFacts) -> list[Finding]:
+        """Return what the rule finds in a bag."""
+        return [
+            Finding(rule=self.name, level=self.level, remedy=self.remedy, **hit._asdict())
+            for hit in self.find(facts)
+        ]

@@ -1,21 +1,26 @@
-"""The guard of a verdict: what in a record forbids to judge the actuator by it.
+"""All rules, and the guard of a verdict: what in a record forbids to judge the actuator by it.
 
-The rules are those of `ema lint`, as far as they need the record alone: so a verdict is the
-same from the bag and from the topics. What is only unusual (another recorder, another rate, a
-longer record, a topic that no verdict needs) forbids nothing.
+The guard takes those rules that need the record alone: so a verdict is the same from the bag
+and from the topics. What is only unusual (another recorder, another rate, a longer record, a
+topic that no verdict needs) forbids nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Literal
 
 import numpy as np
 
-from ema_record.checks.facts import facts_of_record
-from ema_record.checks.finding import Finding
-from ema_record.checks.run import MAX_FINDINGS, RULES
+from ema_record.actuator import Actuator
+from ema_record.checks import origin, physics, sensors, stream, values
+from ema_record.checks.facts import BagFacts, Finding, Rule, facts_of_record
 from ema_record.record import Record
+
+RULES: tuple[Rule, ...] = (*stream.RULES, *origin.RULES, *values.RULES, *physics.RULES,
+                           *sensors.RULES)
+MAX_FINDINGS = 20
+"""Most findings of one rule that are told."""
 
 Outcome = Literal["incomplete", "invalid", "unknown"]
 OUTCOMES: dict[str, Outcome] = {
@@ -32,16 +37,31 @@ SENSOR_RULES = frozenset({
     "sensor_noise", "held_samples",
 })
 """Rules whose finding is a fault of a transducer, its wires or its plug."""
-_RULES = tuple(rule for rule in RULES if rule.name in OUTCOMES)
 
 
-def guard_findings(record: Record) -> tuple[Finding, ...]:
+def findings_of(facts: BagFacts, names: Collection[str]) -> list[Finding]:
+    """Return what the rules of these names find, in the order of `RULES`."""
+    with np.errstate(all="ignore"):  # the values of a record may be anything
+        return [
+            finding for rule in RULES if rule.name in names
+            for finding in rule.check(facts)[:MAX_FINDINGS]
+        ]
+
+
+def guard_findings(
+    record: Record | BagFacts, actuator: Actuator | None = None,
+    names: Collection[str] = OUTCOMES,
+) -> tuple[Finding, ...]:
     """Return what forbids a verdict on `record`, the deciding one first; empty: nothing.
 
     Parameters
     ----------
     record : Record
-        One test. Its samples may be of any value, in any order.
+        One test, or its facts. Its samples may be of any value, in any order.
+    actuator : Actuator, optional
+        What was tested, default the nominal one; facts know it.
+    names : collection of str
+        Rules that are asked, of `OUTCOMES`.
 
     Returns
     -------
@@ -49,9 +69,8 @@ def guard_findings(record: Record) -> tuple[Finding, ...]:
         In the order of `OUTCOMES`; at most `MAX_FINDINGS` of one rule.
 
     """
-    facts = facts_of_record(record)
-    with np.errstate(all="ignore"):  # the values of a record may be anything
-        found = [f for rule in _RULES for f in rule.check(facts)[:MAX_FINDINGS] if _forbids(f)]
+    facts = facts_of_record(record, actuator) if isinstance(record, Record) else record
+    found = [f for f in findings_of(facts, names) if _forbids(f)]
     order = list(OUTCOMES)
     return tuple(sorted(found, key=lambda finding: order.index(finding.rule)))
 

@@ -1,56 +1,56 @@
-"""The record checks: can this record be trusted, whatever the actuator's health.
+"""The record checks of the built-in test: what the guard of a verdict finds, in eight groups.
 
-A check is a name and a function from a `Record` to a `CheckResult`; the worst level wins.
-An error means that the record is no good; a warning, that something is unusual and may be a
-fault of the actuator.
+A finding that makes the record invalid or incomplete is an error; one that makes the verdict
+unknown is a warning. Beside them each group tells what it measures, and a few bounds of its own
+warn of what is unusual and may be a fault of the actuator. The worst level wins.
 """
 
 from __future__ import annotations
 
 import enum
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ema_record.actuator import Actuator
 from ema_record.channels import (
     CHANNELS,
     MOTOR_SPEED,
     PHASE_CURRENTS,
     REFERENCE_CURRENTS,
     SURFACE_POSITION,
+    TIME,
 )
+from ema_record.checks.facts import BagFacts, Finding, facts_of_record
+from ema_record.checks.guard import OUTCOMES, guard_findings
+from ema_record.checks.sensors import SUM_OFFSET
+from ema_record.checks.stream import irregular
+from ema_record.limits import MAX_DURATION
 from ema_record.record import Record
 
-GEAR_RATIO = 500.0
-"""Motor rad a surface rad."""
-SLEW_SPEED = 790.6 / GEAR_RATIO
-"""Highest speed of the surface (rad/s)."""
-CURRENT_LIMIT = 22.0
-"""Limit of the reference current (A)."""
-RANGES = {
-    "time": (0.0, 61.0),
-    "motor_speed": (-1000.0, 1000.0),
-    "phase_current_a": (-32.0, 32.0),
-    "phase_current_b": (-32.0, 32.0),
-    "phase_current_c": (-32.0, 32.0),
-    "reference_current_a": (-CURRENT_LIMIT - 0.1, CURRENT_LIMIT + 0.1),
-    "reference_current_b": (-CURRENT_LIMIT - 0.1, CURRENT_LIMIT + 0.1),
-    "reference_current_c": (-CURRENT_LIMIT - 0.1, CURRENT_LIMIT + 0.1),
-    "rotor_angle": (-1e-6, 2.0 * np.pi + 1e-3),
-    "surface_position": (-0.65, 0.65),
-}
-"""What each transducer can give, in the unit of its channel."""
+BEYOND_STOPS = 13.0 / 12.0
+"""Times the end stop that no surface reads: it stands at the stop, its transducer is off."""
 SATURATION_TIME = 0.1
 """Longest time at the current limit that is usual (s)."""
-CURRENT_SUM = (0.3, 2.0)
-"""Mean of i_a + i_b + i_c that is unusual, and that no sensor may show (A)."""
+CURRENT_SUM = (SUM_OFFSET, 1.0 / 32.0)
+"""Mean of i_a + i_b + i_c that is unusual, and that no sensor may show (of a current's span)."""
 TRAVEL = (10e-3, 50e-3)
 """Difference between integrated speed and position: unusual, impossible (rad)."""
-POSITION_GAIN = 2e4 / GEAR_RATIO
-"""Of the position control, surface speed a position error (1/s)."""
 REACHED = 30e-3
 """Distance from the expected course that is unusual (rad)."""
+GROUPS = {
+    "count": ("gap", "record_length", "test_not_complete"),
+    "time order": ("clock_jump", "repeated_data"),
+    "finite": ("not_finite",),
+    "range": ("wrong_unit", "saturation", "spike", "stuck_channel", "held_samples",
+              "sensor_noise"),
+    "current sum": ("swapped_phases",),
+    "speed against position": ("discontinuity",),
+    "command reached": ("wrong_profile",),
+}
+"""Rules of each check; the others go by their channel, see `group_of`."""
+_GROUP = {rule: group for group, rules in GROUPS.items() for rule in rules}
 
 
 class Level(enum.IntEnum):
@@ -71,12 +71,37 @@ class CheckResult:
     values: dict[str, str] = field(default_factory=dict)
 
 
-Check = Callable[[Record], CheckResult]
+def group_of(finding: Finding) -> str:
+    """Return the check that tells of a finding of the guard."""
+    by_channel = "current sum" if "current" in finding.channel else "speed against position"
+    return _GROUP.get(finding.rule, by_channel)
 
 
-def check_record(record: Record) -> list[CheckResult]:
-    """Return the results of all checks, in the order of `CHECKS`."""
-    return [check(record) for check in CHECKS]
+def check_record(record: Record, actuator: Actuator | None = None) -> list[CheckResult]:
+    """Return the results of all checks, in the order of `CHECKS`.
+
+    Parameters
+    ----------
+    record : Record
+        One test. Its samples may be of any value, in any order.
+    actuator : Actuator, optional
+        What was tested, default the nominal one.
+
+    """
+    facts = facts_of_record(record, actuator)
+    findings = guard_findings(facts)
+    measured = [check(facts) for check in CHECKS]
+    return [_with(result, [f for f in findings if group_of(f) == result.name])
+            for result in measured]
+
+
+def _with(result: CheckResult, findings: list[Finding]) -> CheckResult:
+    """Return the result of a check together with what the guard finds in its group."""
+    for finding in findings:
+        level = Level.WARN if OUTCOMES[finding.rule] == "unknown" else Level.ERROR
+        if level > result.level:
+            result = replace(result, level=level, message=f"{result.message}; {finding.message}")
+    return result
 
 
 def worst(results: Iterable[CheckResult]) -> Level:
@@ -109,23 +134,24 @@ def check_counters(published: int | None, recorded: int) -> CheckResult:
     })
 
 
-def check_count(record: Record) -> CheckResult:
-    """Compare the number of samples with the profile's length, and look for gaps."""
-    expected = round(record.profile.duration * record.rate) if len(record) > 1 else 0
-    steps = np.diff(record.time)
-    gaps = int(np.count_nonzero(steps > 1.5 / record.rate)) if len(steps) else 0
-    missing = expected - len(record)
-    good = len(record) > 1 and missing == 0 and gaps == 0
+def _count(facts: BagFacts) -> CheckResult:
+    """Compare the number of samples with the profile's length, and count gaps."""
+    n = sum(len(block.samples) for block in facts.blocks)
+    duration = facts.profile.duration if facts.profile else 0.0
+    expected = round(duration / facts.interval) if len(facts.samples) > 1 else 0
+    gaps = sum(kind == "gap" for kind, _ in facts.derived(irregular))
     return CheckResult(
-        name="count", level=Level.OK if good else Level.ERROR,
-        message=f"{len(record)} of {expected} samples, {gaps} gaps",
-        values={"samples": str(len(record)), "expected": str(expected), "gaps": str(gaps)},
+        name="count", level=Level.OK if n == expected > 1 else Level.ERROR,
+        message=f"{n} of {expected} samples, {gaps} gaps",
+        values={"samples": str(n), "expected": str(expected), "gaps": str(gaps)},
     )
 
 
-def check_time_order(record: Record) -> CheckResult:
-    """Check that time increases from sample to sample."""
-    backwards = int(np.count_nonzero(~(np.diff(record.time) > 0.0)))
+def _time_order(facts: BagFacts) -> CheckResult:
+    """Count steps of time from sample to sample that do not go on."""
+    backwards = sum(
+        int(np.count_nonzero(~(np.diff(block.samples[:, TIME]) > 0.0))) for block in facts.blocks
+    )
     return CheckResult(
         name="time order", level=Level.ERROR if backwards else Level.OK,
         message=f"{backwards} steps back or still" if backwards else "time increases",
@@ -133,10 +159,10 @@ def check_time_order(record: Record) -> CheckResult:
     )
 
 
-def check_finite(record: Record) -> CheckResult:
-    """Check that every value is a finite number."""
-    bad = ~np.isfinite(record.samples)
-    names = [c.name for c, wrong in zip(CHANNELS, bad.any(axis=0)) if wrong]
+def _finite(facts: BagFacts) -> CheckResult:
+    """Name the channels with values that are no numbers."""
+    bad = np.sum([(~np.isfinite(b.samples)).sum(axis=0) for b in facts.blocks] or [[0]], axis=0)
+    names = [c.name for c, wrong in zip(CHANNELS, bad) if wrong]
     return CheckResult(
         name="finite", level=Level.ERROR if names else Level.OK,
         message=f"not finite: {', '.join(names)}" if names else "all values are finite",
@@ -144,11 +170,27 @@ def check_finite(record: Record) -> CheckResult:
     )
 
 
-def check_range(record: Record) -> CheckResult:
+def ranges(actuator: Actuator) -> dict[str, tuple[float, float]]:
+    """Return what each transducer can give, in the unit of its channel."""
+    c, limit = actuator.converters, actuator.inverter.current_limit + 0.1
+    upper = {
+        "motor_speed": 0.5 * c.speed_range,
+        "surface_position": BEYOND_STOPS * actuator.surface.end_stop,
+        **{f"phase_current_{phase}": 0.5 * c.current_range for phase in "abc"},
+        **{f"reference_current_{phase}": limit for phase in "abc"},
+    }
+    both = {name: (-bound, bound) for name, bound in upper.items()}
+    return {
+        "time": (0.0, MAX_DURATION + 1.0), "rotor_angle": (-1e-6, 2.0 * np.pi + 1e-3), **both
+    }
+
+
+def _range(facts: BagFacts) -> CheckResult:
     """Check that every value is one that its transducer can give."""
     outside = []
-    for channel, column in zip(CHANNELS, record.samples.T):
-        lower, upper = RANGES[channel.name]
+    bounds = ranges(facts.actuator)
+    for channel, column in zip(CHANNELS, facts.samples.T):
+        lower, upper = bounds[channel.name]
         wrong = int(np.count_nonzero((column < lower) | (column > upper)))
         if wrong:
             outside.append(f"{channel.name} {wrong} times outside {lower:g} to {upper:g} "
@@ -160,40 +202,41 @@ def check_range(record: Record) -> CheckResult:
     )
 
 
-def check_saturation(record: Record) -> CheckResult:
+def _saturation(facts: BagFacts) -> CheckResult:
     """Look for a current that stays at its limit."""
-    reference = np.abs(record.samples[:, REFERENCE_CURRENTS]).max(axis=1, initial=0.0)
+    limit = facts.actuator.inverter.current_limit
+    reference = np.abs(facts.samples[:, REFERENCE_CURRENTS]).max(axis=1, initial=0.0)
     edges = np.flatnonzero(np.diff(np.concatenate(
-        [[0], (reference >= 0.99 * CURRENT_LIMIT).astype(np.int8), [0]]
+        [[0], (reference >= 0.99 * limit).astype(np.int8), [0]]
     )))
-    longest = int((edges[1::2] - edges[::2]).max(initial=0)) / record.rate if len(edges) else 0.0
+    longest = int((edges[1::2] - edges[::2]).max()) * facts.interval if len(edges) else 0.0
     return CheckResult(
         name="saturation", level=Level.WARN if longest > SATURATION_TIME else Level.OK,
-        message=f"at most {longest:.3f} s on end at the current limit of {CURRENT_LIMIT:g} A",
+        message=f"at most {longest:.3f} s on end at the current limit of {limit:g} A",
         values={"longest_s": f"{longest:.4f}"},
     )
 
 
-def check_current_sum(record: Record) -> CheckResult:
+def _current_sum(facts: BagFacts) -> CheckResult:
     """Check that the phase currents of the star sum to zero in the mean."""
-    total = record.samples[:, PHASE_CURRENTS].sum(axis=1)
-    mean = float(np.nanmean(total)) if len(total) else 0.0
+    total = facts.samples[:, PHASE_CURRENTS].sum(axis=1)
+    mean = float(total.mean()) if len(total) else 0.0
     return CheckResult(
-        name="current sum", level=_graded(abs(mean), CURRENT_SUM),
+        name="current sum",
+        level=_graded(abs(mean) / facts.actuator.converters.current_range, CURRENT_SUM),
         message=f"mean of i_a + i_b + i_c is {mean:+.3f} A",
         values={"mean_A": f"{mean:.4f}"},
     )
 
 
-def check_speed_against_position(record: Record) -> CheckResult:
+def _speed_against_position(facts: BagFacts) -> CheckResult:
     """Compare the integrated motor speed with the surface position."""
-    travel = np.zeros(len(record))
-    if len(record) > 1:
-        speed = record.samples[:, MOTOR_SPEED] / GEAR_RATIO
-        travel[1:] = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(record.time))
-    difference = record.samples[:, SURFACE_POSITION] - travel
-    difference = difference[np.isfinite(difference)]
-    span = float(np.ptp(difference)) if len(difference) else 0.0
+    s = facts.samples
+    travel = np.zeros(len(s))
+    if len(s) > 1:
+        speed = s[:, MOTOR_SPEED] / facts.actuator.gear.ratio
+        travel[1:] = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(s[:, TIME]))
+    span = float(np.ptp(s[:, SURFACE_POSITION] - travel)) if len(s) else 0.0
     return CheckResult(
         name="speed against position", level=_graded(span, TRAVEL),
         message=f"integrated speed and position differ by {1e3 * span:.2f} mrad",
@@ -201,36 +244,42 @@ def check_speed_against_position(record: Record) -> CheckResult:
     )
 
 
-def expected_course(record: Record) -> np.ndarray:
+def expected_course(facts: BagFacts) -> np.ndarray:
     """Return where a healthy position control takes the surface, shape (n,) (rad).
 
-    ``dx/dt = sat(POSITION_GAIN (command - x), SLEW_SPEED)`` from the first measured position.
+    ``dx/dt = sat(gain (command - x), slew speed)`` from the first measured position, with the
+    gain of the loop at the surface.
     """
-    course = np.empty(len(record))
-    at = float(record.samples[0, SURFACE_POSITION]) if len(record) else 0.0
-    step, gain = SLEW_SPEED / record.rate, POSITION_GAIN / record.rate
-    for k, goal in enumerate(record.profile.command(record.time).tolist()):
+    s, actuator = facts.samples, facts.actuator
+    course = np.empty(len(s))
+    if facts.profile is None or len(s) < 2:
+        return s[:, SURFACE_POSITION]
+    at = float(s[0, SURFACE_POSITION])
+    step = actuator.slew_speed * facts.interval
+    gain = min(1.0, actuator.control.position_gain / actuator.gear.ratio * facts.interval)
+    for k, goal in enumerate(facts.profile.command(s[:, TIME]).tolist()):
         at += min(max(gain * (goal - at), -step), step)
         course[k] = at
     return course
 
 
-def check_command_reached(record: Record) -> CheckResult:
+def _command_reached(facts: BagFacts) -> CheckResult:
     """Check that the surface follows the command as far as speed limit and loop gain allow."""
-    if len(record) < 2 or not np.isfinite(record.time).all():
+    s = facts.samples
+    if len(s) < 2 or facts.profile is None:
         return CheckResult(name="command reached", level=Level.ERROR, message="no samples")
-    position = record.samples[:, SURFACE_POSITION]
-    away = float(np.nanmax(np.abs(position - expected_course(record)), initial=0.0))
-    left = float(position[-1] - record.profile.command(record.time[-1:])[0])
+    position = s[:, SURFACE_POSITION]
+    away = float(np.abs(position - expected_course(facts)).max())
+    left = float(position[-1] - facts.profile.command(s[-1:, TIME])[0])
     return CheckResult(
-        name="command reached", level=Level.WARN if not away <= REACHED else Level.OK,
+        name="command reached", level=Level.WARN if away > REACHED else Level.OK,
         message=f"at most {1e3 * away:.1f} mrad from the expected course, "
         f"{1e3 * left:+.1f} mrad from the command at the end",
         values={"away_rad": f"{away:.6f}", "end_rad": f"{left:.6f}"},
     )
 
 
-CHECKS: tuple[Check, ...] = (
-    check_count, check_time_order, check_finite, check_range, check_saturation,
-    check_current_sum, check_speed_against_position, check_command_reached,
+CHECKS: tuple[Callable[[BagFacts], CheckResult], ...] = (
+    _count, _time_order, _finite, _range, _saturation, _current_sum, _speed_against_position,
+    _command_reached,
 )

@@ -8,14 +8,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from ema_record.channels import (
-    DEFAULT_RATE,
     MOTOR_SPEED,
     REFERENCE_CURRENTS,
     SURFACE_POSITION,
     TIME,
 )
-from ema_record.checks.facts import BagFacts
-from ema_record.checks.finding import Hit, Rule
+from ema_record.checks.facts import BagFacts, Hit, Rule
+from ema_record.errors import UsageError
 from ema_record.version import VERSION
 from ema_record.wire.topics import COMMAND, DC_BUS, SAMPLES, WEIGHT_ON_WHEELS, WINDING_TEMPERATURE
 from ema_record.wire.trajectory import trajectory_points
@@ -23,12 +22,12 @@ from ema_record.wire.trajectory import trajectory_points
 RATE_TOLERANCE = 1e-3
 LENGTH_TOLERANCE = 2e-3
 """Of the length of a record (s)."""
-NOT_COMMANDED = 0.02
-"""Distance from the command at which the controller would drive the motor (rad)."""
-AT_REST = 20.0
-"""Motor speed below which it stands (rad/s)."""
-CONTENT = 11.0
-"""Reference current below which the controller wants no motion: half its limit (A)."""
+DRIVEN = 0.506
+"""Share of its highest speed that the controller asks for where it surely wants motion."""
+CONTENT = 0.5
+"""Share of its limit below which a reference current says that the controller wants none."""
+LEAST_DISTANCE = 0.02
+"""Share of the travel that the surface may be off its command, whatever the loop's gain."""
 STEADY_TIME = 0.01
 """In which a motor that is braked slows down (s)."""
 _REQUIRED = (SAMPLES, COMMAND, DC_BUS, WINDING_TEMPERATURE)
@@ -37,7 +36,7 @@ _REQUIRED = (SAMPLES, COMMAND, DC_BUS, WINDING_TEMPERATURE)
 def missing_topics(facts: BagFacts) -> Iterator[Hit]:
     """Find topics without a message."""
     for topic in _REQUIRED:
-        if not facts.content.messages.get(topic):
+        if topic not in facts.topics:
             yield Hit(f"no message on {topic}", channel=topic)
 
 
@@ -49,7 +48,7 @@ def undecodable(facts: BagFacts) -> Iterator[Hit]:
 
 def not_complete(facts: BagFacts) -> Iterator[Hit]:
     """Find tests that did not end as they should."""
-    status = facts.test.provenance.status
+    status = facts.provenance.status
     if status != "complete":
         end = float(facts.samples[-1, TIME]) if len(facts.samples) else 0.0
         length = facts.profile.duration if facts.profile else end
@@ -66,28 +65,39 @@ def foreign(facts: BagFacts) -> Iterator[Hit]:
     if not facts.has_start:
         yield Hit("no metadata of this software: recorded by another recorder")
         return
-    found = facts.test.provenance.software_version
+    found = facts.provenance.software_version
     if found.split(".")[:2] != VERSION.split(".")[:2]:
         yield Hit(f"recorded by version {found[:40]!r}, this is {VERSION!r}")
 
 
 def wrong_profile(facts: BagFacts) -> Iterator[Hit]:
     """Find a profile that is not the one that was commanded or driven."""
-    said, commanded = facts.test.profile, facts.command
+    said, commanded = facts.said, facts.command
     if said is not None and commanded is not None and (
         trajectory_points(said) != trajectory_points(commanded)
     ):
         yield Hit(f"the metadata say {said.name!r}, {COMMAND} is another profile "
                   f"({commanded.name!r})", 0.0)
-    profile, s = facts.profile, facts.samples
-    if profile is None or len(s) < 2:
+    profile, s, actuator = facts.profile, facts.samples, facts.actuator
+    if profile is None:
         return
+    try:
+        profile.check_within(actuator.surface.end_stop)
+    except UsageError as error:
+        yield Hit(str(error))
+    if len(s) < 2:
+        return
+    limit = actuator.control.speed_limit
+    off_command = max(
+        DRIVEN * limit / max(actuator.control.position_gain, 1.0),
+        LEAST_DISTANCE * actuator.surface.end_stop,
+    )
     command = profile.command(s[:, TIME])
-    content = (np.abs(s[:, MOTOR_SPEED]) < AT_REST) & (
-        np.abs(s[:, REFERENCE_CURRENTS]).max(axis=1) < CONTENT
+    content = (np.abs(s[:, MOTOR_SPEED]) < facts.standing) & (
+        np.abs(s[:, REFERENCE_CURRENTS]).max(axis=1) < CONTENT * actuator.inverter.current_limit
     ) & (s[:, TIME] > profile.inverter_off + 0.01)
     away = np.abs(s[:, SURFACE_POSITION] - command)
-    wrong = content & (away > NOT_COMMANDED)
+    wrong = content & (away > off_command)
     if wrong.sum() * facts.interval > 0.01:
         row = int(np.argmax(wrong))
         yield Hit(
@@ -97,7 +107,7 @@ def wrong_profile(facts: BagFacts) -> Iterator[Hit]:
         return
     lag = round(STEADY_TIME / facts.interval)
     speed = s[:, MOTOR_SPEED]
-    flees = (away > NOT_COMMANDED) & (np.abs(speed) > AT_REST) & (
+    flees = (away > off_command) & (np.abs(speed) > facts.standing) & (
         speed * (command - s[:, SURFACE_POSITION]) < 0.0
     )
     flees[lag:] &= speed[lag:] * np.sign(speed[:-lag]) > 0.95 * np.abs(speed[:-lag])
@@ -113,9 +123,9 @@ def wrong_profile(facts: BagFacts) -> Iterator[Hit]:
 def wrong_rate(facts: BagFacts) -> Iterator[Hit]:
     """Find another sampling rate than the acquisition's."""
     if len(facts.samples) > 1:
-        rate = 1.0 / facts.interval
-        if abs(rate / DEFAULT_RATE - 1.0) > RATE_TOLERANCE:
-            yield Hit(f"{rate:.1f} samples a second, expected {DEFAULT_RATE:g}", None, rate, "1/s")
+        rate, expected = 1.0 / facts.interval, facts.actuator.acquisition.rate
+        if abs(rate / expected - 1.0) > RATE_TOLERANCE:
+            yield Hit(f"{rate:.1f} samples a second, expected {expected:g}", None, rate, "1/s")
 
 
 def wrong_length(facts: BagFacts) -> Iterator[Hit]:
@@ -153,7 +163,7 @@ RULES = (
     Rule(name="wrong_profile", find=wrong_profile,
          remedy="record the test with the profile that is commanded"),
     Rule(name="sample_rate", find=wrong_rate,
-         remedy="set the acquisition to 20 kHz and record the test again"),
+         remedy="set the acquisition to the rate of its actuator and record the test again"),
     Rule(name="record_length", find=wrong_length,
          remedy="record from the command to the end of the profile"),
     Rule(name="weight_on_wheels", find=off_wheels,

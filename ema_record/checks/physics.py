@@ -15,12 +15,8 @@ from ema_record.channels import (
     ROTOR_ANGLE,
     TIME,
 )
-from ema_record.checks.facts import BagFacts
-from ema_record.checks.finding import Hit, Rule
-from ema_record.checks.values import GEAR_RATIO
+from ema_record.checks.facts import BagFacts, Hit, Rule
 
-MOVING = 20.0
-"""Motor speed above which speed, angle and position are compared (rad/s)."""
 RPM = 30.0 / np.pi
 DEGREES = 180.0 / np.pi
 NEAR = 0.1
@@ -28,11 +24,13 @@ NEAR = 0.1
 SAME_UNIT = 1.5
 """Ratio below which two channels have the same unit, whatever their scales."""
 ANGLE_STEP = 0.02
-"""Difference between turned angle and speed in one interval that no motor gives (rad)."""
+"""Difference between turned motor angle and speed in one interval that no motor gives (rad)."""
 TRAVEL_STEP = 3e-3
 """The same between surface position and speed (rad)."""
 ENOUGH = 8000
 """Samples from which the phases of currents and references are compared."""
+DRIVEN = 500
+"""Moving samples from which the order of the phases is compared with the rotor."""
 _PHASES = "abc"
 
 
@@ -46,13 +44,13 @@ class Ratios(NamedTuple):
 def ratios(facts: BagFacts) -> Ratios | None:
     """Return the slopes, or None where the motor hardly moved."""
     motion = facts.motion
-    moving = np.abs(motion.turned) > MOVING * facts.interval
+    moving = np.abs(motion.turned) > facts.standing * facts.interval
     turned = motion.turned[moving]
     if len(turned) < 100:
         return None
     return Ratios(
         angle=float(_slope(turned, motion.angle[moving])),
-        travel=float(_slope(turned, GEAR_RATIO * motion.travel[moving])),
+        travel=float(_slope(turned, motion.travel[moving])),
     )
 
 
@@ -109,17 +107,16 @@ def discontinuities(facts: BagFacts) -> Iterator[Hit]:
     found = facts.derived(ratios)
     if found is None:
         return
-    motion = facts.motion
+    motion, actuator = facts.motion, facts.actuator
     for name, step, ratio, bound in (
         ("rotor_angle", motion.angle, found.angle, ANGLE_STEP),
-        ("surface_position", motion.travel * GEAR_RATIO, found.travel,
-         TRAVEL_STEP * GEAR_RATIO),
+        ("surface_position", motion.travel, found.travel, TRAVEL_STEP * actuator.gear.ratio),
     ):
         if not _is(ratio, 1.0):
             continue
         off = np.abs(step - motion.turned)
         if name == "rotor_angle":
-            off = np.minimum(off, 2.0 * np.pi - off)
+            off = np.minimum(off, actuator.motor_angle(2.0 * np.pi) - off)
         broken = off > bound
         if broken.any():
             row = int(np.argmax(broken))
@@ -189,8 +186,8 @@ def swapped(facts: BagFacts) -> Iterator[Hit]:
 def _sequence(facts: BagFacts) -> Iterator[Hit]:
     """Find reference currents whose phases run against the rotor."""
     s = facts.derived(_driven)
-    s = s[np.abs(s[:, MOTOR_SPEED]) > MOVING]
-    if len(s) < 500 or facts.angle_in_degrees:
+    s = s[np.abs(s[:, MOTOR_SPEED]) > facts.standing]
+    if len(s) < DRIVEN or facts.angle_in_degrees:
         return
     turn = np.exp(2j * np.pi / 3.0 * np.arange(3))
     rotor = np.exp(-1j * s[:, ROTOR_ANGLE])
@@ -221,7 +218,7 @@ def current_units(facts: BagFacts) -> Iterator[Hit]:
     for k, gain in enumerate(np.abs(found.gain)):
         if gain > 5.0 or 1e-6 < gain < 0.02:
             name = f"phase_current_{_PHASES[k]}"
-            unit = "mA" if 500.0 < gain < 2000.0 else "another unit"
+            unit = "mA" if 0.5 < 1e-3 * gain < 2.0 else "another unit"
             yield Hit(f"{name} is {gain:.4g} times its reference: it is in {unit}",
                       float(facts.samples[0, TIME]), float(gain), "", name)
 

@@ -5,17 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from ema_record.checks import origin, physics, sensors, stream, values
-from ema_record.checks.facts import gather_facts
-from ema_record.checks.finding import Finding, Rule
+from ema_record.actuator import Actuator, load_actuator
+from ema_record.bag.metadata import RECOVERY, START
+from ema_record.bag.read import Recording
+from ema_record.checks.facts import BagFacts, Finding
+from ema_record.checks.guard import RULES, findings_of
 from ema_record.errors import RecordError
-
-RULES: tuple[Rule, ...] = (*stream.RULES, *origin.RULES, *values.RULES, *physics.RULES,
-                           *sensors.RULES)
-MAX_FINDINGS = 20
-"""Most findings of one rule that are told."""
+from ema_record.wire.topics import DC_BUS, WEIGHT_ON_WHEELS, WINDING_TEMPERATURE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,12 +36,37 @@ class LintReport:
         }
 
 
-def lint_bag(path: str | Path) -> LintReport:
+def facts_of_bag(path: str | Path, actuator: Actuator | None = None) -> BagFacts:
+    """Read a bag for the rules; `actuator` defaults to the nominal one.
+
+    Raises
+    ------
+    InvalidRecordError, IncompleteRecordError
+        It cannot be read at all: no bag, cut, or damaged.
+
+    """
+    bag = Recording(path, (WEIGHT_ON_WHEELS,), as_recorded=True)
+    blocks, content = bag.blocks(), bag.content
+    return BagFacts(
+        actuator=load_actuator() if actuator is None else actuator, blocks=blocks,
+        said=bag.test.profile, provenance=bag.test.provenance,
+        command=bag.command(blocks) if blocks else None,
+        bus_voltage=bag.slow(DC_BUS)[:, 1],
+        winding_temperature=bag.slow(WINDING_TEMPERATURE)[:, 1],
+        topics=frozenset(topic for topic, messages in content.messages.items() if messages),
+        has_start=START in content.metadata, recovered=content.metadata.get(RECOVERY),
+        weight_on_wheels=[
+            bytes(m.data[4:5]) != b"\x00" for m in content.messages.get(WEIGHT_ON_WHEELS, [])
+        ],
+        errors=bag.errors,
+    )
+
+
+def lint_bag(path: str | Path, actuator: Actuator | None = None) -> LintReport:
     """Return what all rules find in a bag; one that cannot be read is told, not raised."""
     try:
-        facts = gather_facts(path)
+        facts = facts_of_bag(path, actuator)
     except RecordError as error:
         return LintReport(bag=str(path), findings=(), unreadable=str(error))
-    with np.errstate(all="ignore"):  # the values of a bag may be anything
-        findings = [f for rule in RULES for f in rule.check(facts)[:MAX_FINDINGS]]
+    findings = findings_of(facts, {rule.name for rule in RULES})
     return LintReport(bag=str(path), findings=tuple(findings))

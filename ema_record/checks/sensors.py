@@ -3,7 +3,7 @@
 The true currents of a star sum to zero, the reference is what the drive makes them, angle and
 position are integrals of the speed. None of that depends on the actuator's health, so a broken
 sensor is told from a broken actuator. Bounds lie two times and more beyond what a good sensor
-may do: gain +-1 %, offset 0.05 A, twice the nominal noise.
+may do: gain +-1 %, the offset of a good transducer, twice the nominal noise.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ema_record.actuator import NOISE_RATE, Actuator
 from ema_record.channels import (
     CHANNELS,
-    DEFAULT_RATE,
     MOTOR_SPEED,
     PHASE_CURRENTS,
     REFERENCE_CURRENTS,
@@ -23,9 +23,7 @@ from ema_record.channels import (
     SURFACE_POSITION,
     TIME,
 )
-from ema_record.checks.facts import BagFacts
-from ema_record.checks.finding import Hit, Rule
-from ema_record.checks.values import GEAR_RATIO, SETTLED
+from ema_record.checks.facts import SETTLED, BagFacts, Hit, Rule
 
 GAIN_SPREAD = 0.04
 """Between the relative gains of the three current sensors."""
@@ -33,28 +31,30 @@ SCALE = 0.05
 """Relative distance of a channel from what it is compared with."""
 SPEED_SCALE = 0.01
 """The same for speed against rotor angle, which no gear and no gain stands between."""
-REST_OFFSET = 0.5
-"""Reading of a current while the inverter is off (A)."""
-SUM_OFFSET = 0.3
-"""Mean of the weighted sum of the currents over a part of the test (A)."""
-SUM_NOISE = 0.5
-"""White noise of the sum of the currents within `WINDOW` (A rms): six times the nominal."""
-NOISE = {MOTOR_SPEED: 5.0, SURFACE_POSITION: 5e-4, ROTOR_ANGLE: 2e-3}
-"""White noise of a channel within `WINDOW`: ten times the nominal and more."""
+REST_OFFSET = 1.0 / 128.0
+"""Reading of a current while the inverter is off (of the span of its converter)."""
+SUM_OFFSET = 0.0046875
+"""Mean of the weighted sum of the currents over a part of the test (of that span)."""
+NOISY = 10.0
+"""Times the nominal noise that is too much; of the sum of three currents, six times."""
+ROUGH = 14.0
+"""The same of the position, whose noise is that of its converter."""
+ANGLE_NOISE = 2e-3
+"""White noise of the commutation sensor that is too much (rad rms)."""
 HELD = 0.05
 """Share of the samples of a driven phase current that repeat the one before."""
-SPEED_OFFSET = 15.0
-"""Difference between measured speed and that of the rotor angle over `WINDOW` (rad/s)."""
+SPEED_OFFSET = 0.01897
+"""Difference between measured speed and the rotor angle's over `WINDOW` (of the highest)."""
 WINDOW = 400
 """Samples over which noise and travel are taken (20 ms)."""
 PARTS = 16
 """Of the test, for its offsets."""
 SEPARATED = 200.0
 """Ratio of the two smallest variances from which the weights of the sum are known."""
-SLOW = 300.0
-"""Motor speed below which the drive has voltage to spare (rad/s)."""
-UNLIMITED = (3.0, 20.0)
-"""Reference currents that are neither noise nor the limit (A)."""
+SLOW = 0.3795
+"""Share of the motor's highest speed below which the drive has voltage to spare."""
+UNLIMITED = (0.1364, 0.9091)
+"""Reference currents that are neither noise nor the limit (of the limit)."""
 STEADY = 20
 """Samples for which a reference is constant before its current is compared."""
 TRAVELLED = 50.0
@@ -128,7 +128,8 @@ def current_gains(facts: BagFacts) -> Iterator[Hit]:
 def _by_reference(facts: BagFacts) -> float | None:
     """Return the phase currents against steady references, the median phase."""
     s = facts.samples
-    slow = np.abs(s[:, MOTOR_SPEED]) < SLOW
+    slow = np.abs(s[:, MOTOR_SPEED]) < SLOW * facts.actuator.control.speed_limit
+    least, most = (share * facts.actuator.inverter.current_limit for share in UNLIMITED)
     ratios = []
     for k in range(3):
         reference = s[slow, REFERENCE_CURRENTS.start + k]
@@ -136,7 +137,7 @@ def _by_reference(facts: BagFacts) -> float | None:
             return None
         now, before = reference[STEADY:], reference[:-STEADY]
         size = np.abs(now)
-        use = (np.abs(now - before) < 0.1 * size) & (size > UNLIMITED[0]) & (size < UNLIMITED[1])
+        use = (np.abs(now - before) < 0.1 * size) & (size > least) & (size < most)
         use &= np.abs(now - reference[STEADY // 2:-STEADY // 2]) < 0.1 * size
         if use.sum() < WINDOW:
             continue
@@ -150,15 +151,16 @@ def current_offsets(facts: BagFacts) -> Iterator[Hit]:
     found = facts.derived(current_sum)
     if found is None:
         return
+    span = facts.actuator.converters.current_range
     k = int(np.argmax(np.abs(found.rest)))
-    if abs(found.rest[k]) > REST_OFFSET:
+    if abs(found.rest[k]) > REST_OFFSET * span:
         name = f"phase_current_{_PHASES[k]}"
         yield Hit(f"{name} reads {found.rest[k]:+.2f} A while the inverter is off",
                   0.0, float(found.rest[k]), "A", name)
     if not found.known:
         return
     means = np.array([part.mean() for part in np.array_split(found.residual, PARTS)])
-    wrong = np.abs(means) > SUM_OFFSET
+    wrong = np.abs(means) > SUM_OFFSET * span
     if wrong.any():
         part = int(np.argmax(wrong))
         row = found.start + part * len(found.residual) // PARTS
@@ -170,21 +172,38 @@ def current_offsets(facts: BagFacts) -> Iterator[Hit]:
         )
 
 
+def noise_bounds(actuator: Actuator) -> dict[int, float]:
+    """Return the white noise within `WINDOW` that is too much, rms, by column; 2: any current."""
+    noise, c = actuator.noise, actuator.converters
+
+    def least(nominal: float, span: float, bits: int) -> float:
+        return max(nominal, span / 2**bits / np.sqrt(12.0))  # a converter is white noise too
+
+    return {
+        PHASE_CURRENTS.start: NOISY * least(noise.current, c.current_range, c.current_bits),
+        MOTOR_SPEED: NOISY * least(noise.speed, c.speed_range, c.speed_bits),
+        SURFACE_POSITION: ROUGH * least(noise.position, c.position_range, c.position_bits),
+        ROTOR_ANGLE: ANGLE_NOISE,
+    }
+
+
 def noises(facts: BagFacts) -> Iterator[Hit]:
     """Find channels with much more noise than a good sensor has."""
     s = facts.samples
     currents = s[:, PHASE_CURRENTS]
-    wider = np.sqrt(max(1.0, 1.0 / (facts.interval * DEFAULT_RATE)))  # the band of the noise
-    noise, part = _noise(currents.sum(axis=1), SUM_NOISE * wider)
-    if noise > SUM_NOISE * wider:
+    wider = np.sqrt(max(1.0, 1.0 / (facts.interval * NOISE_RATE)))  # the band of the noise
+    bounds = {column: wider * b for column, b in noise_bounds(facts.actuator).items()}
+    bound = bounds.pop(PHASE_CURRENTS.start)
+    noise, part = _noise(currents.sum(axis=1), bound)
+    if noise > bound:
         rough = np.diff(currents, 2, axis=0).std(axis=0)
         name = f"phase_current_{_PHASES[int(np.argmax(rough))]}"
         yield Hit(f"noise of the sum of the phase currents is {noise:.2f} A rms, {name} has most",
                   float(s[part * WINDOW, TIME]), noise, "A", name)
-    for column, bound in NOISE.items():
+    for column, bound in bounds.items():
         values = np.unwrap(s[:, column]) if column == ROTOR_ANGLE else s[:, column]
-        noise, part = _noise(values, bound * wider)
-        if noise > bound * wider:
+        noise, part = _noise(values, bound)
+        if noise > bound:
             name, unit = CHANNELS[column]
             yield Hit(f"noise of {name} is {noise:.3g} {unit} rms",
                       float(s[part * WINDOW, TIME]), noise, unit, name)
@@ -239,7 +258,7 @@ def travel(facts: BagFacts) -> Travel | None:
         return None
     turned, angle, position = (
         x[:n * WINDOW].reshape(n, WINDOW).sum(axis=1)
-        for x in (motion.turned, motion.angle, GEAR_RATIO * motion.travel)
+        for x in (motion.turned, motion.angle, motion.travel)
     )
     if np.abs(angle).sum() < TRAVELLED:
         return None
@@ -264,7 +283,7 @@ def motion_scales(facts: BagFacts) -> Iterator[Hit]:
         if 0.2 < abs(ratio) < 5.0 and abs(ratio - 1.0) > bound:
             clock = ", or the clock of the samples is wrong" if name == "motor_speed" else ""
             yield Hit(f"{name} is {ratio:.3f} times what the other two say (gear ratio "
-                      f"{GEAR_RATIO:g}){clock}", None, ratio, "", name)
+                      f"{facts.actuator.gear.ratio:g}){clock}", None, ratio, "", name)
 
 
 def speed_offset(facts: BagFacts) -> Iterator[Hit]:
@@ -275,7 +294,7 @@ def speed_offset(facts: BagFacts) -> Iterator[Hit]:
     if abs(found.speed @ found.angle / (found.angle @ found.angle) - 1.0) > SCALE:
         return  # told by the rule on scales
     off = np.abs(found.speed - found.angle) / (WINDOW * facts.interval)
-    wrong = off > SPEED_OFFSET
+    wrong = off > SPEED_OFFSET * facts.actuator.control.speed_limit
     if wrong.any():
         row = int(np.argmax(wrong))
         yield Hit(f"motor_speed and rotor_angle differ by {off.max():.3g} rad/s",

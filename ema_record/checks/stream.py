@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from ema_record.channels import MOTOR_SPEED, ROTOR_ANGLE, TIME
-from ema_record.checks.facts import BagFacts, Block
-from ema_record.checks.finding import Hit, Rule
+from ema_record.checks.facts import BagFacts, Hit, Rule
+from ema_record.record import LARGEST_STEP, SampleBlock
 
 RECEPTION_SHIFT = 0.2
 """Lasting shift of the reception clock against the samples' that no delay explains (s)."""
 _NEIGHBOURS = 20
 
 
-def _overlaps(blocks: list[Block], number: int) -> bool:
+def _overlaps(blocks: Sequence[SampleBlock], number: int) -> bool:
     """Return whether the times of a block lie within those of another one."""
     begin, end = (float(blocks[number].samples[k, TIME]) for k in (0, -1))
     return any(
@@ -61,7 +61,7 @@ def _jumps(facts: BagFacts) -> Iterator[tuple[str, Hit]]:
     s, interval = facts.samples, facts.interval
     if len(s) < 2:
         return
-    if s[0, TIME] > 1.5 * interval:
+    if s[0, TIME] > LARGEST_STEP * interval:
         missing = float(s[0, TIME]) / interval - 0.5
         yield "gap", Hit(
             f"the first {missing:.0f} samples are missing", 0.0, float(s[0, TIME]), "s"
@@ -70,7 +70,7 @@ def _jumps(facts: BagFacts) -> Iterator[tuple[str, Hit]]:
         np.searchsorted(facts.unusable, s[:, TIME], side="left")
     )
     reception = {float(b.samples[0, TIME]): k for k, b in enumerate(facts.blocks)}
-    for row in np.flatnonzero(steps > 1.5 * interval).tolist():
+    for row in np.flatnonzero(steps > LARGEST_STEP * interval).tolist():
         jump = float(steps[row]) - interval
         number = reception.get(float(s[row + 1, TIME]), 0)
         if number > 0:
@@ -79,8 +79,9 @@ def _jumps(facts: BagFacts) -> Iterator[tuple[str, Hit]]:
             lost = waited - usual > 0.5 * jump
         else:
             turned = s[row + 1, ROTOR_ANGLE] - s[row, ROTOR_ANGLE]
+            speed = s[row, MOTOR_SPEED] * facts.actuator.motor.pole_pairs
             by_gap, by_clock = (
-                abs(np.angle(np.exp(1j * (turned - s[row, MOTOR_SPEED] * t))))
+                abs(np.angle(np.exp(1j * (turned - speed * t))))
                 for t in (jump + interval, interval)
             )
             lost = bool(by_gap <= by_clock)
@@ -96,7 +97,7 @@ def _jumps(facts: BagFacts) -> Iterator[tuple[str, Hit]]:
             )
 
 
-def _irregular(facts: BagFacts) -> list[tuple[str, Hit]]:
+def irregular(facts: BagFacts) -> list[tuple[str, Hit]]:
     """Return all that is irregular in the stream: kind and place."""
     return [*_jumps(facts), *_orders(facts)]
 
@@ -105,7 +106,7 @@ def _of_kind(kind: str) -> Callable[[BagFacts], list[Hit]]:
     """Return the function that finds irregularities of one kind."""
 
     def find(facts: BagFacts) -> list[Hit]:
-        return [hit for found, hit in facts.derived(_irregular) if found == kind]
+        return [hit for found, hit in facts.derived(irregular) if found == kind]
 
     return find
 
@@ -140,7 +141,7 @@ def repeated(facts: BagFacts) -> Iterator[Hit]:
     s = facts.samples
     if len(s) < 100:
         return
-    weights = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0, 23.0])
+    weights = np.sqrt([2, 3, 5, 7, 11, 13, 17, 19, 23])
     mark = np.zeros(len(s))
     for column, weight in enumerate(weights, start=1):
         mark += weight * s[:, column]
@@ -149,7 +150,7 @@ def repeated(facts: BagFacts) -> Iterator[Hit]:
     before = np.zeros(len(s), dtype=np.int64)
     same = number[order][1:] == number[order][:-1]
     before[order[1:][same]] = (order[1:] - order[:-1])[same]
-    moving = np.abs(s[:, MOTOR_SPEED]) > 20.0
+    moving = np.abs(s[:, MOTOR_SPEED]) > facts.standing
     again = (before > 1) & moving
     edges = np.flatnonzero(np.diff(np.where(again, before, 0), prepend=0, append=0))
     for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist()):

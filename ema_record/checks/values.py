@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ema_record.actuator import Actuator
 from ema_record.channels import (
     CHANNELS,
     MOTOR_SPEED,
@@ -15,28 +16,23 @@ from ema_record.channels import (
     SURFACE_POSITION,
     TIME,
 )
-from ema_record.checks.facts import BagFacts
-from ema_record.checks.finding import Hit, Rule
+from ema_record.checks.facts import SETTLED, BagFacts, Hit, Rule
 from ema_record.wire.topics import DC_BUS, WINDING_TEMPERATURE
 
-GEAR_RATIO = 500.0
-"""Motor rad a surface rad."""
 STUCK_TIME = 0.02
 """Run of one value of a noisy channel that no noise gives (s)."""
 TURNED = 4.0
-"""Rotor angle beyond which no commutation interval goes (rad)."""
+"""Electrical angle beyond which no commutation interval goes (rad)."""
 LOST_MOTION = 0.055
 """Motor travel, at the surface, that no worn transmission swallows (rad)."""
 STANDING = 0.05
 """Angle within which the motor stands (rad)."""
-SETTLED = 5e-3
-"""After the inverter is switched on; before, sensors without noise rest at zero (s)."""
 CLIPPED = 20
 """Samples on end at the extreme value of a noisy channel."""
-SPIKES = {MOTOR_SPEED: 40.0, 2: 15.0, 3: 15.0, 4: 15.0, SURFACE_POSITION: 3e-3}
-"""Distance from both neighbours that no motion and no current gives in one interval."""
-BUS_VOLTAGE = (5.0, 500.0)
-"""Of any bus of such an actuator (V)."""
+BUS_VOLTAGE = (0.05, 5.0)
+"""Share of the nominal voltage between the rails that no sag and no charge gives."""
+REFERENCE = 5.0
+"""Times the current limit that no reference goes to."""
 WINDING = (-60.0, 230.0)
 """Temperature that a winding survives (degC)."""
 _NOISY = (MOTOR_SPEED, *range(PHASE_CURRENTS.start, PHASE_CURRENTS.stop))
@@ -66,9 +62,11 @@ def stuck(facts: BagFacts) -> Iterator[Hit]:
     s = facts.samples
     if len(s) < 100:
         return
-    motor = np.cumsum(np.abs(s[:, MOTOR_SPEED])) * facts.interval
+    pole_pairs = facts.actuator.motor.pole_pairs
+    motor = np.cumsum(np.abs(s[:, MOTOR_SPEED])) * facts.interval * pole_pairs
     angle = np.mod(np.diff(s[:, ROTOR_ANGLE]) + np.pi, 2.0 * np.pi) - np.pi
     by_angle = np.concatenate([[0.0], np.cumsum(np.abs(angle))])
+    lost_motion = LOST_MOTION * facts.actuator.gear.ratio * pole_pairs
     off = facts.profile.inverter_off + SETTLED if facts.profile else 0.0
     live = min(int(np.searchsorted(s[:, TIME], off)), len(s) // 2)
     for column in range(1, s.shape[1]):
@@ -83,7 +81,8 @@ def stuck(facts: BagFacts) -> Iterator[Hit]:
             long = (end[k] - begin[k]) * facts.interval > STUCK_TIME
             turned = by_angle[last[k]] - by_angle[begin[k]]
             speed = s[begin[k], MOTOR_SPEED] if column == MOTOR_SPEED else 0.0
-            missed = turned - abs(speed) * (end[k] - begin[k]) * facts.interval
+            lasted = (end[k] - begin[k]) * facts.interval
+            missed = turned - abs(speed) * pole_pairs * lasted
             if column == MOTOR_SPEED and abs(speed) < 1.0 and turned < STANDING:
                 continue
             hit = long and (still < 0.9 or abs(missed) > TURNED)
@@ -91,7 +90,7 @@ def stuck(facts: BagFacts) -> Iterator[Hit]:
             moved = by_angle if column != ROTOR_ANGLE else motor
             k = int(np.argmax(moved[last] - moved[begin]))
             travel = moved[last[k]] - moved[begin[k]]
-            bound = LOST_MOTION * GEAR_RATIO if column == SURFACE_POSITION else TURNED
+            bound = lost_motion if column == SURFACE_POSITION else TURNED
             hit = travel > bound
         if hit:
             yield Hit(
@@ -118,7 +117,7 @@ def saturated(facts: BagFacts) -> Iterator[Hit]:
             if column == SURFACE_POSITION:
                 k = int(np.argmax(runs))
                 turned = np.abs(s[at[k]:at[k] + longest, MOTOR_SPEED]).sum() * facts.interval
-                clipped = turned / GEAR_RATIO > LOST_MOTION
+                clipped = turned / facts.actuator.gear.ratio > LOST_MOTION
             else:
                 clipped = longest >= CLIPPED and total < 0.97 * len(s)
             if clipped:
@@ -128,12 +127,23 @@ def saturated(facts: BagFacts) -> Iterator[Hit]:
                 )
 
 
+def spike_bounds(actuator: Actuator) -> dict[int, float]:
+    """Return the distance from both neighbours that nothing gives in one interval, by column."""
+    converters = actuator.converters
+    current = 15.0 / 64.0 * converters.current_range
+    return {
+        MOTOR_SPEED: 0.02 * converters.speed_range,
+        **dict.fromkeys(range(PHASE_CURRENTS.start, PHASE_CURRENTS.stop), current),
+        SURFACE_POSITION: 1.5e-3 * converters.position_range,
+    }
+
+
 def spikes(facts: BagFacts) -> Iterator[Hit]:
     """Find single samples far from both neighbours."""
     s = facts.samples
     if len(s) < 3:
         return
-    for column, bound in SPIKES.items():
+    for column, bound in spike_bounds(facts.actuator).items():
         step = np.diff(s[:, column])
         single = (np.sign(step[:-1]) == -np.sign(step[1:])) & (
             np.minimum(np.abs(step[:-1]), np.abs(step[1:])) > bound
@@ -151,7 +161,8 @@ def slow_units(facts: BagFacts) -> Iterator[Hit]:
     """Find bus voltages and temperatures that are in another unit."""
     if len(facts.bus_voltage):
         voltage = float(np.median(facts.bus_voltage))
-        if not BUS_VOLTAGE[0] <= voltage <= BUS_VOLTAGE[1]:
+        nominal = 2.0 * facts.actuator.inverter.bus_voltage
+        if not BUS_VOLTAGE[0] <= voltage / nominal <= BUS_VOLTAGE[1]:
             yield Hit(f"bus voltage {voltage:g} V: is it in mV or kV?", None, voltage, "V", DC_BUS)
     if len(facts.winding_temperature):
         celsius = float(np.median(facts.winding_temperature))
@@ -164,7 +175,7 @@ def references_beyond(facts: BagFacts) -> Iterator[Hit]:
     """Find reference currents that no current limit allows."""
     s = facts.samples
     peak = float(np.abs(s[:, REFERENCE_CURRENTS]).max()) if len(s) else 0.0
-    if peak > 100.0:
+    if peak > REFERENCE * facts.actuator.inverter.current_limit:
         yield Hit(f"reference currents up to {peak:g} A: are they in mA?", None, peak, "A",
                   "reference_current")
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ema_record.actuator import load_actuator
 from ema_record.channels import (
-    DEFAULT_RATE,
     MOTOR_SPEED,
     N_CHANNELS,
     PHASE_CURRENTS,
@@ -20,9 +20,6 @@ from ema_record.channels import (
 )
 from ema_record.wire.sensors import encode_currents, encode_joint_states
 from ema_record.wire.types import NANOSECONDS
-
-VIEW_RATE = 2000.0
-"""Messages a second of a view (1/s)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,12 +64,16 @@ class ViewDecimator:
     ----------
     rate : float
         Samples a second (1/s).
+    view_rate : float, optional
+        Views a second (1/s), default that of the nominal acquisition.
 
     """
 
-    def __init__(self, rate: float = DEFAULT_RATE) -> None:
+    def __init__(self, rate: float, view_rate: float | None = None) -> None:
         """Begin with no samples."""
-        self.factor = max(1, round(rate / VIEW_RATE))
+        if view_rate is None:
+            view_rate = load_actuator().acquisition.view_rate
+        self.factor = max(1, round(rate / view_rate))
         self._rest = np.empty((0, N_CHANNELS))
         self._last: tuple[float, float] | None = None
 

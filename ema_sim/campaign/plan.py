@@ -8,7 +8,6 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from ema_record.channels import DEFAULT_RATE
 from ema_record.errors import UsageError, first_problem
 from ema_record.yaml_file import load_yaml
 from ema_sim.campaign.distributions import Distribution
@@ -35,7 +34,7 @@ class Plan(BaseModel):
     seed: int = Field(default=0, ge=0, lt=1 << 63)
     runs: int | None = Field(default=None, ge=1, le=MAX_RUNS)
     """Number of runs; default all combinations of the grids."""
-    rate: float = Field(default=DEFAULT_RATE, ge=RATES[0], le=RATES[1])
+    rate: float | None = Field(default=None, ge=RATES[0], le=RATES[1])
     """Samples a second."""
     model: str | None = Field(default=None, max_length=4096)
     """Model file that the runs start from, default the nominal actuator."""

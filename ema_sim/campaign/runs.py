@@ -8,11 +8,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple, get_args, get_type_hints
+from typing import NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
-from ema_record.actuator import Actuator
+from ema_record.actuator import PARTS, Actuator
 from ema_record.errors import UsageError, bounded, unknown_name
 from ema_record.profile import Profile, load_profile
 from ema_record.record import Record
@@ -53,7 +53,7 @@ class Run:
     effects: Effects
     noise: float
     start_angle: float | None
-    rate: float
+    rate: float | None
     drawn: Mapping[str, Value]
     """What the plan names, by dotted name, relative ones multiplied out."""
 
@@ -192,11 +192,10 @@ def bounds_of(name: str) -> Bounds:
 
 
 def _actuator_bounds(name: str) -> Bounds:
-    parts: dict[str, Any] = Actuator()._asdict()
     part, _, parameter = name.partition(".")
-    if part not in parts:
-        raise unknown_name("part of the actuator", part, parts, "see config/actuator.yaml")
-    hints = get_type_hints(type(parts[part]), include_extras=True)
+    if part not in PARTS:
+        raise unknown_name("part of the actuator", part, PARTS, "see config/actuator.yaml")
+    hints = get_type_hints(PARTS[part], include_extras=True)
     if parameter not in hints:
         raise unknown_name(f"parameter of actuator.{part}", parameter, hints,
                            "see config/actuator.yaml")

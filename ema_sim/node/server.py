@@ -19,7 +19,6 @@ from ema_record.wire.topics import (
     WINDING_TEMPERATURE,
 )
 from ema_record.wire.types import NANOSECONDS
-from ema_record.wire.views import ViewDecimator
 from ema_sim.node.command import profile_of_command
 from ema_sim.node.pacing import UNPACED_BUDGET, Pacer
 from ema_sim.node.settings import SimulatorSettings
@@ -65,14 +64,14 @@ class ActuatorServer:
         """Samples of the current or last run."""
         self.runs = 0
         self._pacer = Pacer(0.0, settings.real_time_factor)
-        self._views = ViewDecimator(settings.rate)
+        self._views = settings.decimator()
         self._next_idle = 0.0
 
     def _warm_up(self) -> None:
         """Compile everything that a run needs, so that no run waits for the compiler."""
         session = self.settings.session(0.0)
         session.command(profile_of_command([(0.0, 0.01)], 0.0, self.settings.actuator))
-        views = ViewDecimator(self.settings.rate).push(session.advance(self.settings.block_size))
+        views = self.settings.decimator().push(session.advance(self.settings.block_size))
         views.joint_states(0)
         views.phase_currents(0)
         while session.active:
@@ -107,7 +106,7 @@ class ActuatorServer:
         self.session.command(profile)
         if idle:
             self._pacer = Pacer(self._clock(), self.settings.real_time_factor)
-            self._views = ViewDecimator(self.settings.rate)
+            self._views = self.settings.decimator()
             self.start_time = self._wall_clock()
             self.samples_published = 0
         self.runs += 1

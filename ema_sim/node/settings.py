@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ema_record.actuator import Actuator
-from ema_record.channels import DEFAULT_RATE
+from ema_record.profile import load_profile
+from ema_record.wire.views import ViewDecimator
 from ema_ros.parameters import ParameterSpec, Value
 from ema_sim.effects import EFFECTS, Choice, Effects
 from ema_sim.effects.settings import effects_from_mapping
@@ -29,16 +30,8 @@ _FIXED = (
         text="of sensor noise and start angle: the same seed gives the same samples",
     ),
     ParameterSpec(
-        name="rate", default=DEFAULT_RATE, lower=RATES[0], upper=RATES[1], unit="1/s",
-        read_only=True, text="samples a second",
-    ),
-    ParameterSpec(
         name="block_size", default=400, lower=10, upper=2000, read_only=True,
         text="samples a message of /ema/samples",
-    ),
-    ParameterSpec(
-        name="initial_position", default=-0.4, lower=-0.6, upper=0.6, unit="rad",
-        read_only=True, text="surface position at the start of the node",
     ),
     ParameterSpec(
         name="noise", default=1.0, lower=NOISE_LEVELS[0], upper=NOISE_LEVELS[1], unit="1",
@@ -56,12 +49,24 @@ def load_model(path: str) -> Model:
     return load_model_file(path or None)
 
 
-def parameter_specs(base: Effects) -> list[ParameterSpec]:
-    """Return all parameters of the node; those of effects default to the model's values."""
-    specs = list(_FIXED)
+def parameter_specs(model: Model) -> list[ParameterSpec]:
+    """Return all parameters of the node; the model gives defaults and the surface's travel."""
+    stop = model.actuator.surface.end_stop
+    specs = [
+        *_FIXED,
+        ParameterSpec(
+            name="rate", default=model.actuator.acquisition.rate, lower=RATES[0],
+            upper=RATES[1], unit="1/s", read_only=True, text="samples a second",
+        ),
+        ParameterSpec(
+            name="initial_position", default=max(load_profile("step").start, -stop),
+            lower=-stop, upper=stop, unit="rad", read_only=True,
+            text="surface position at the start of the node",
+        ),
+    ]
     for name, effect in EFFECTS.items():
         for field in effect.fields:
-            value = getattr(getattr(base, name), field.name)
+            value = getattr(getattr(model.effects, name), field.name)
             kind = field.kind
             dotted = f"{name}.{field.name}"
             text = f"{effect.summary.rstrip('.')}: {kind.text}"
@@ -91,6 +96,10 @@ class SimulatorSettings:
     block_size: int
     real_time_factor: float
     initial_position: float
+
+    def decimator(self) -> ViewDecimator:
+        """Return what makes the decimated topics of one run."""
+        return ViewDecimator(self.rate, self.actuator.acquisition.view_rate)
 
     def session(self, position: float) -> ActuatorSession:
         """Return the actuator at rest at `position` (rad)."""

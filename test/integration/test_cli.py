@@ -150,7 +150,7 @@ BAD_SETTINGS = [
     (["--profile", "step", "--step", "0.1"], "exclude each other"),
     (["--campaign", "absent.yaml", "--seed", "0"], "--seed and --campaign exclude each other"),
     (["--step", "1.5"], "end stops"),
-    (["--step", "nan"], "end stops"),
+    (["--step", "nan"], "finite"),
     (["--seed", "-1"], "seed"),
     (["--noise", "-1"], "noise"),
     (["--noise", "inf"], "noise"),

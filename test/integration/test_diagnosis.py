@@ -7,11 +7,11 @@ import pytest
 
 from ema_prognostics.cascade.model_file import load_model
 from ema_prognostics.verdict.diagnose import diagnose
+from ema_record.actuator import load_actuator
 from ema_record.channels import TIME
 from ema_record.errors import UsageError
 from ema_record.profile import load_profile, load_profile_dict, step_profile
 from ema_record.record import Provenance, Record
-from ema_sim.model_file import load_actuator
 from support import simulations
 
 PROFILES = ("step", "extended")

@@ -12,10 +12,10 @@ from functools import partial
 import numpy as np
 import pytest
 
+from ema_record.actuator import load_actuator
 from ema_record.profile import Profile
 from ema_record.record import Record
 from ema_sim.effects import EFFECTS, parse_effects
-from ema_sim.model_file import load_actuator
 from ema_sim.simulate import simulate, simulate_traced
 from support.reference import simulate_reference
 

@@ -19,11 +19,12 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
 from ema_prognostics.cascade.model_file import FORMAT, SHIPPED, load_model
+from ema_record.actuator import NOMINAL
 from ema_record.bag.container import read_content
 from ema_record.bag.metadata import END, START
 from ema_record.bag.read import read_bag, write_bag
 from ema_record.bag.recover import recover_bag
-from ema_record.checks import lint_bag
+from ema_record.checks.run import lint_bag
 from ema_record.errors import EmaError
 from ema_record.profile import load_profile
 from ema_record.record import Provenance, Record
@@ -32,7 +33,7 @@ from ema_record.wire.samples import decode_block, encode_block
 from ema_record.wire.schemas import definition
 from ema_record.wire.topics import BAG_TOPICS, TOPICS
 from ema_sim.effects import EFFECTS, parse_effects
-from ema_sim.model_file import NOMINAL, load_model_file
+from ema_sim.model_file import load_model_file
 
 
 class Target(NamedTuple):

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 from ema_cli.commands.bit import MONITOR, PROGNOSTICS, SIMULATOR
 from ema_record.bag.read import read_bag
-from ema_record.checks import guard_findings
+from ema_record.checks.guard import guard_findings
 from ema_record.errors import IncompleteRecordError, RecordError
 from support.chain import ACTUATOR_STATUS, MONITOR_STATUS, Chain, TimedOutError, slow_reader
 

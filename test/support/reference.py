@@ -14,8 +14,8 @@ from functools import cache
 import numpy as np
 from numba import njit
 
-from ema_record.actuator import Actuator
-from ema_record.channels import DEFAULT_RATE, N_CHANNELS
+from ema_record.actuator import Actuator, load_actuator
+from ema_record.channels import N_CHANNELS
 from ema_record.errors import SimulationError, UsageError
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record
@@ -23,7 +23,6 @@ from ema_record.sources import source_hash
 from ema_record.version import VERSION
 from ema_sim.acquisition import SensorNoise, convert, effective_converters
 from ema_sim.effects import Effects
-from ema_sim.model_file import load_actuator
 from ema_sim.plant import neutral, ports
 from ema_sim.plant import state as st
 from ema_sim.plant.control import clip, quantise, speed_control
@@ -206,7 +205,7 @@ def simulate_reference(
     effects: Effects | None = None,
     seed: int = 0,
     noise: float = 1.0,
-    rate: float = DEFAULT_RATE,
+    rate: float | None = None,
     start_angle: float | None = None,
     step: float = STEP,
 ) -> Record:
@@ -227,6 +226,7 @@ def simulate_reference(
     a = actuator if actuator is not None else load_actuator()
     e = effects if effects is not None else Effects()
     steps_a_period = _steps("control period", a.control.period, step)
+    rate = a.acquisition.rate if rate is None else rate
     steps_a_sample = _steps("sample", 1.0 / rate, step)
     if start_angle is None:
         start_angle = float(np.random.default_rng([seed, 1]).uniform(0.0, 2.0 * math.pi))

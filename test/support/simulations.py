@@ -4,11 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from pathlib import Path
 
-from ema_record.profile import Profile, load_profile
+from ema_record.actuator import Actuator, load_actuator
+from ema_record.profile import Profile, load_profile, step_profile
 from ema_record.record import Record
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
+
+SECOND_STEP = step_profile(1.4, start=-0.7, duration=1.5)
+"""A test of the second actuator: nearly all of its travel."""
+
+
+def second_actuator() -> Actuator:
+    """Return an actuator that shares no number with the default one."""
+    return load_actuator(Path(__file__).with_name("second_actuator.yaml"))
 
 
 @functools.lru_cache(maxsize=100)

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.optimize import lsq_linear
 from scipy.signal import firwin, oaconvolve
 
+from ema_record.actuator import load_actuator
 from ema_record.record import Record
-from ema_sim.model_file import load_actuator
 from ema_sim.plant.control import speed_control
 
 CUT_OFF = 900.0

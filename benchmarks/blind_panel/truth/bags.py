@@ -10,14 +10,13 @@ from pathlib import Path
 from benchmarks.blind_panel.truth.cases import Case
 from benchmarks.blind_panel.truth.foreign import foreign_actuator, foreign_record
 from benchmarks.units import actuator_of
-from ema_record.actuator import Actuator
+from ema_record.actuator import Actuator, load_actuator
 from ema_record.bag.read import write_bag
 from ema_record.files import sync_directory
 from ema_record.profile import Profile, load_profile
 from ema_record.record import Provenance, Record
 from ema_sim.effects import Effects
 from ema_sim.effects.settings import effects_from_mapping
-from ema_sim.model_file import load_actuator
 from support.reference import simulate_reference
 
 REVERSAL = Profile(

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.measure.signals import OFF_GUARD, TURN
-from ema_record.actuator import Actuator
+from ema_record.actuator import NOISE_RATE, Actuator
 from ema_record.channels import PHASE_CURRENTS
 from ema_record.record import Record
 from ema_sim.effects import EFFECTS, Effects
@@ -214,7 +214,7 @@ def _open_circuit(record: Record) -> float:
 
 def _noise(record: Record, model: Model, off: np.ndarray) -> float:
     """Return the factor on the noise, from the currents while the inverter is off."""
-    nominal = model.actuator.noise.current * np.sqrt(record.rate / 20_000.0)
+    nominal = model.actuator.noise.current * np.sqrt(record.rate / NOISE_RATE)
     if off.sum() < 40 or nominal <= 0.0:
         return 1.0
     spread = float(np.sqrt(record.samples[off, PHASE_CURRENTS].var(axis=0, ddof=1).mean()))

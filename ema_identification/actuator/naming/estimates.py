@@ -39,7 +39,7 @@ from ema_identification.actuator.surrogate.fit import (
 )
 from ema_identification.actuator.surrogate.likelihood import Recalibration, Robust
 from ema_identification.result import Parameter
-from ema_record.actuator import Actuator
+from ema_record.actuator import Actuator, load_actuator
 from ema_sim.effects import EFFECTS, Effects
 from ema_sim.effects.base import Choice, Quantity
 from ema_sim.model_file import Model
@@ -295,7 +295,7 @@ def updated_actuator(model: Model, z: np.ndarray) -> Actuator:
 
 def model_text(model: Model, z: np.ndarray, effects: Effects) -> str:
     """Return the model file: every parameter that differs from nominal, and the effects."""
-    nominal = Actuator()
+    nominal = load_actuator()
     data: dict[str, Any] = {}
     for section, part in updated_actuator(model, z)._asdict().items():
         base = getattr(nominal, section)

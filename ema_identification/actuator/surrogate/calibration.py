@@ -48,7 +48,6 @@ from ema_identification.actuator.surrogate.screening import (
     residual,
     screen_catalogue,
 )
-from ema_record.channels import DEFAULT_RATE
 from ema_record.profile import Profile
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
@@ -162,10 +161,11 @@ def _key(model: Model, profile: Profile, rate: float, made_by: Callable[..., obj
 
 
 def library(
-    model: Model, profile: Profile, *, rate: float = DEFAULT_RATE, signatures: bool = True,
+    model: Model, profile: Profile, *, rate: float | None = None, signatures: bool = True,
     seed: int = 0, workers: int = 1, progress: Progress = silent,
 ) -> Library:
     """Return the library of a model, a profile and a rate, from the cache where it is kept."""
+    rate = model.actuator.acquisition.rate if rate is None else rate
     example = simulate(profile, actuator=model.actuator, effects=model.effects, seed=seed,
                        rate=rate)
     fmap = feature_map(profile, model.actuator, example)

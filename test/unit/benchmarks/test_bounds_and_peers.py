@@ -15,7 +15,7 @@ from benchmarks.detection.peers import Perceptron
 from benchmarks.units import actuator_of
 from ema_prognostics.cascade.classes import OUTPUTS
 from ema_prognostics.training.campaign import Campaign
-from ema_sim.model_file import load_actuator
+from ema_record.actuator import load_actuator
 
 KNOWN = float(ndtri(0.99) + ndtri(0.90))  # 3.608 standard deviations
 

@@ -16,11 +16,11 @@ from benchmarks.blind_panel.truth.foreign import FOREIGN, foreign_actuator, fore
 from benchmarks.blind_panel.truth.hidden import HARD_TO_TELL, HIDEABLE
 from benchmarks.blind_panel.truth.seal import ANSWERS, seal, unseal
 from benchmarks.blind_panel.truth.views import segments, view
+from ema_record.actuator import load_actuator
 from ema_record.bag.read import write_bag
 from ema_record.errors import InvalidRecordError
 from ema_record.profile import load_profile
 from ema_sim.effects import EFFECTS, parse_effects
-from ema_sim.model_file import load_actuator
 from ema_sim.simulate import simulate
 
 

@@ -14,9 +14,9 @@ from ema_identification.actuator.measure.signals import (
     trapezoid,
     turns_of,
 )
+from ema_record.actuator import load_actuator
 from ema_record.profile import load_profile, profile_names
 from ema_sim.effects import parse_effects
-from ema_sim.model_file import load_actuator
 from ema_sim.simulate import simulate
 
 

@@ -7,8 +7,7 @@ import pytest
 
 from ema_prognostics.verdict.guarded import guarded
 from ema_prognostics.verdict.verdict import Verdict
-from ema_record.checks import guard_findings, outcome_of, reason_of
-from ema_record.checks.guard import OUTCOMES, SENSOR_RULES
+from ema_record.checks.guard import OUTCOMES, SENSOR_RULES, guard_findings, outcome_of, reason_of
 from ema_record.profile import load_profile, step_profile
 from ema_record.record import Provenance
 from ema_sim.effects import parse_effects
@@ -164,7 +163,7 @@ def test_a_longer_record_is_no_obstacle(step):
 
 
 def test_every_rule_that_forbids_exists_and_sensors_are_among_them():
-    from ema_record.checks import RULES
+    from ema_record.checks.guard import RULES
 
     assert set(OUTCOMES) <= {rule.name for rule in RULES}
     assert set(OUTCOMES) >= SENSOR_RULES

@@ -9,7 +9,8 @@ import pytest
 from ema_cli.main import run
 from ema_record.bag.read import write_bag
 from ema_record.bag.writer import BagWriter
-from ema_record.checks import RULES, lint_bag
+from ema_record.checks.guard import RULES
+from ema_record.checks.run import lint_bag
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate

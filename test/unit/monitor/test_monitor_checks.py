@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_record.checks.facts import facts_of_record
 from ema_record.checks.live import Level, check_counters, check_record, expected_course, worst
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
@@ -83,7 +84,7 @@ def test_counters():
 
 
 def test_the_expected_course_is_the_limited_first_order_lag(good):
-    course = expected_course(good)
+    course = expected_course(facts_of_record(good))
     slewing = (good.time > 0.1) & (good.time < 0.4)
     speed = np.diff(course[slewing]) * good.rate
     assert speed == pytest.approx(790.6 / 500.0)

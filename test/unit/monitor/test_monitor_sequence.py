@@ -14,9 +14,12 @@ from ema_monitor.sequence import (
     Stage,
     TestSequence,
 )
-from ema_record.profile import load_profile
+from ema_record.actuator import load_actuator
+from ema_record.errors import UsageError
+from ema_record.profile import load_profile, step_profile
 
 STEP = load_profile("step")
+END_STOP = load_actuator().surface.end_stop
 REST = ActuatorStatus(
     active=False, surface_position=0.1, command_stamp=0, start_time=0, samples_published=0
 )
@@ -31,7 +34,7 @@ class Bench:
     """An actuator that executes each command when told to."""
 
     def __init__(self, seen=START):
-        self.sequence = TestSequence(STEP)
+        self.sequence = TestSequence(STEP, END_STOP)
         self.seen = seen
 
     def start(self):
@@ -213,3 +216,22 @@ def test_a_failed_action_aborts():
     assert kinds(actions) == [CloseRecord, SendCommand]
     (finish,) = bench.executed(actions[1], 0.1, 1)
     assert finish.reason == "aborted: disk full"
+
+
+@pytest.mark.parametrize(("end_stop", "accepted"), [(0.8, True), (0.6, False)])
+def test_the_end_stops_of_the_actuator_bound_the_test(end_stop, accepted):
+    profile = step_profile(1.4, start=-0.7)
+    if accepted:
+        assert TestSequence(profile, end_stop).profile == profile
+    else:
+        with pytest.raises(UsageError, match=r"outside the end stops of this actuator, \+-0.6"):
+            TestSequence(profile, end_stop)
+
+
+def test_a_surface_that_reads_beyond_its_end_stop_is_sent_back_to_the_stop():
+    """Its transducer is off by a little: a command beyond the stop would be refused."""
+    bench = Bench(replace(START, actuator=replace(REST, surface_position=END_STOP + 1e-3)))
+    (move,) = bench.start()
+    bench.executed(move, STEP.start, 3000)
+    *_, back = bench.after(0.2, interlock="took off")
+    assert back.profile.points == ((1e-3, END_STOP),)

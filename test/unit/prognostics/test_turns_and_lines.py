@@ -5,8 +5,9 @@ import pytest
 from records import TURN, slewing_record
 
 from ema_prognostics.features.spectrum import rotor_lines
-from ema_prognostics.features.turns import check_finite, cut, whole_turns
+from ema_prognostics.features.turns import cut, whole_turns
 from ema_record.errors import IncompleteRecordError, InvalidRecordError
+from ema_record.record import check_samples
 
 WINDOW = (0.082, 0.382)
 LINES = [(1, 0.4, 0.3), (2, 1.5, -1.0), (4, 0.7, 2.0), (6, 0.2, 0.5)]
@@ -52,11 +53,11 @@ def test_values_that_are_not_finite(value):
     record = slewing_record()
     record.samples[500, 3] = value
     with pytest.raises(InvalidRecordError, match="sample 500"):
-        check_finite(record)
+        check_samples(record.samples, "a")
 
 
 def test_time_that_runs_back():
     record = slewing_record()
     record.samples[700, 0] -= 1e-3
-    with pytest.raises(InvalidRecordError, match="time runs back"):
-        check_finite(record)
+    with pytest.raises(InvalidRecordError, match="time does not increase at sample 700"):
+        check_samples(record.samples, "a")

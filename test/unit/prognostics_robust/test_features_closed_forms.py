@@ -9,13 +9,13 @@ from ema_prognostics.features.acceleration import inertia
 from ema_prognostics.features.commutation import FIRST_EDGE, SECTOR, rise
 from ema_prognostics.features.consistency import consistency
 from ema_prognostics.features.current_sensors import CurrentSensors
-from ema_prognostics.features.extract import REVERSAL_LENGTH, REVERSALS
+from ema_prognostics.features.extract import REVERSAL_LENGTH, REVERSALS, SEGMENTS
 from ema_prognostics.features.reversal import reversal_gap
 from ema_prognostics.features.signals import THIRD, Signals
 from ema_prognostics.features.start import TRAVELS, start_features, start_stiffness
+from ema_record.actuator import load_actuator
 from ema_record.profile import load_profile
 from ema_record.record import Record
-from ema_sim.model_file import load_actuator
 
 ACTUATOR = load_actuator()
 MOTOR, RATIO = ACTUATOR.motor, ACTUATOR.gear.ratio
@@ -137,7 +137,7 @@ def test_sensors_that_disagree_show_by_how_much(direction: float) -> None:
     theta = direction * 300.0 * since
     found = consistency(signals_of(
         since, theta, np.full(len(since), direction * 300.0 * 1.004), profile="extended",
-        position=theta * 0.997 / RATIO), extended=True)
+        position=theta * 0.997 / RATIO), SEGMENTS["extended"])
     for window in ("full", "quarter"):
         assert found[f"speed_over_angle_{window}"] == pytest.approx(4.0 * direction, rel=1e-6)
         assert found[f"position_over_angle_{window}"] == pytest.approx(-3.0 * direction, rel=1e-6)
@@ -149,7 +149,7 @@ def test_noise_offsets_and_sums_of_the_currents() -> None:
     currents = sign[:, None] * np.array([0.1, 0.3, 0.2]) + np.array([0.0, 0.0, 0.06])
     found = consistency(
         signals_of(since, np.zeros(len(since)), 0.5 * sign, currents=currents,
-                   position=np.full(len(since), -0.398)), extended=False)
+                   position=np.full(len(since), -0.398)), SEGMENTS["step"])
     assert found["noise_speed"] == pytest.approx(np.log(0.5))
     assert found["noise_current"] == pytest.approx(np.log(0.3))
     assert found["noise_current_least"] == pytest.approx(np.log(0.1))

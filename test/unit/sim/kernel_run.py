@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_record.actuator import Actuator
+from ema_record.actuator import Actuator, load_actuator
 from ema_record.channels import N_CHANNELS
 from ema_sim.effects import Effects
 from ema_sim.plant import kernel as k
@@ -24,7 +24,7 @@ class Run(NamedTuple):
 
 def changed(actuator: Actuator | None = None, **parts: dict) -> Actuator:
     """Return an actuator with some parameters replaced, part by part."""
-    a = actuator if actuator is not None else Actuator()
+    a = actuator if actuator is not None else load_actuator()
     return a._replace(**{name: getattr(a, name)._replace(**v) for name, v in parts.items()})
 
 

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from numba import njit
 
-from ema_record.actuator import Actuator
+from ema_record.actuator import Actuator, load_actuator
 from ema_record.sources import source_hash
 from ema_sim.effects import Effects
 from ema_sim.plant import ports
@@ -89,5 +89,5 @@ def port_values(effects: Effects, actuator: Actuator | None = None) -> np.ndarra
         rng.uniform(-20.0, 20.0, 60), rng.uniform(-0.5, 0.5, 60),
     ])
     out = np.full((len(ROWS), 60), np.nan)
-    evaluate()(actuator if actuator is not None else Actuator(), effects, points, out)
+    evaluate()(actuator if actuator is not None else load_actuator(), effects, points, out)
     return out

@@ -10,9 +10,9 @@ from kernel_run import changed, lines, run, state_of
 
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.signals import prepare
+from ema_record.actuator import load_actuator
 from ema_record.profile import load_profile
 from ema_sim.campaign.reductions import summary
-from ema_sim.model_file import load_actuator
 from ema_sim.plant import state as st
 from ema_sim.plant.electrical import unit_trapezoid
 from ema_sim.simulate import simulate, simulate_traced

@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 import pytest
 
-from ema_record.actuator import Actuator
+from ema_record.actuator import load_actuator
 from ema_record.errors import UsageError
 from ema_record.profile import load_profile, step_profile
 from ema_record.wire.samples import decode_block
@@ -45,7 +45,7 @@ class Clock:
 
 def settings(**changes):
     model = load_model_file()
-    values = {spec.name: spec.default for spec in parameter_specs(model.effects)}
+    values = {spec.name: spec.default for spec in parameter_specs(model)}
     return settings_from({**values, **changes}, model)
 
 
@@ -135,7 +135,7 @@ def test_a_command_out_of_bounds_leaves_the_active_one_alone():
     clock.now += 0.1
     before = list(server.poll())
     with pytest.raises(UsageError, match="/ema/command"):
-        server.command([(0.0, 7.0)], 2)
+        server.command([(0.0, 11.0)], 2)
     rest = run(server, clock)
     assert server.status()["command_stamp"] == "1"
     assert len(samples_of([(0.0, m) for m in before] + rest)) == 9000
@@ -172,21 +172,21 @@ def test_the_actuator_knows_its_position_from_the_transducer_alone():
 
 
 def test_one_point_is_a_step_after_the_inverter_is_on():
-    profile = profile_of_command([(0.0, 0.4)], -0.4, Actuator())
+    profile = profile_of_command([(0.0, 0.4)], -0.4, load_actuator())
     assert profile.points[1:3] == ((INVERTER_OFF, -0.4), (INVERTER_OFF, 0.4))
     assert profile.duration > INVERTER_OFF + 0.8 / 1.5812
-    assert profile_of_command([(2.0, 0.4)], -0.4, Actuator()).duration == 2.0
+    assert profile_of_command([(2.0, 0.4)], -0.4, load_actuator()).duration == 2.0
 
 
 def test_several_points_are_the_profile():
-    assert profile_of_command(STEP.points, 0.0, Actuator()) == STEP
+    assert profile_of_command(STEP.points, 0.0, load_actuator()) == STEP
 
 
 def test_defaults_of_effects_are_those_of_the_model_file(tmp_path):
     path = tmp_path / "model.yaml"
     path.write_text("effects: {turn_short: {fraction: 0.05, phase: c}}\n")
     model = load_model_file(path)
-    specs = {spec.name: spec for spec in parameter_specs(model.effects)}
+    specs = {spec.name: spec for spec in parameter_specs(model)}
     assert specs["turn_short.fraction"].default == 0.05
     assert specs["turn_short.phase"].default == "c"
     values = {name: spec.default for name, spec in specs.items()}
@@ -194,7 +194,7 @@ def test_defaults_of_effects_are_those_of_the_model_file(tmp_path):
 
 
 def short_travel():
-    nominal = Actuator()
+    nominal = load_actuator()
     return nominal._replace(surface=nominal.surface._replace(end_stop=0.3))
 
 
