@@ -57,7 +57,7 @@ BY_CHANCE = {
     "ema_identification/actuator/naming/ensemble_search.py": {11.0},  # number of a random stream
     "ema_identification/actuator/panels.py": {500.0},  # points of a curve
     "ema_identification/actuator/surrogate/catalogue.py": {0.6, 500.0},  # severities, bounds
-    "ema_identification/actuator/surrogate/library.py": {48.0},  # units that are simulated
+    "ema_identification/actuator/surrogate/calibration.py": {48.0},  # units that are simulated
     "ema_identification/report/plots.py": {0.6, 500.0, 20_000.0},  # width of a line, points
     "ema_identification/rig/search/alternatives.py": {0.6},  # delays in periods
     "ema_monitor/monitor_node.py": {0.6},  # seconds of looking for another monitor
