@@ -1,30 +1,37 @@
 """`recover_bag`: a readable bag from one that was cut or damaged; the original stays as it is.
 
 The new bag is never ``complete``: its status is that of the original if the recorder still
-wrote one that says so (``aborted``), else ``interrupted``.
+wrote one that says so (``aborted``), else ``interrupted``. Chunks are the unit: one whose
+checksum does not match is left out and reading goes on after it; of one that the end of the file
+cuts, the messages before the cut are kept.
 """
 
 from __future__ import annotations
 
+import io
+import re
 from collections import Counter
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from ema_record.bag.mcap_stream import McapMessage
-from ema_record.bag.metadata import END, START, is_intact, read_test_metadata
-from ema_record.bag.salvage import Salvage, salvage_bag
+from ema_record.bag.compression import unpack_zstd_part
+from ema_record.bag.container import MCAP_SUFFIXES, refuse_links
+from ema_record.bag.mcap_stream import McapMessage, McapMetadata, McapStream
+from ema_record.bag.metadata import END, METADATA_FILE, START, is_intact, read_test_metadata
 from ema_record.bag.writer import BagWriter
 from ema_record.channels import DEFAULT_RATE, SURFACE_POSITION, TIME
-from ema_record.errors import (
-    IncompleteRecordError,
-    InvalidRecordError,
-    RecordError,
-    UsageError,
-)
+from ema_record.errors import IncompleteRecordError, InvalidRecordError, RecordError, UsageError
 from ema_record.files import exists
-from ema_record.limits import MAX_DURATION, MAX_RATE
+from ema_record.limits import (
+    MAX_DURATION,
+    MAX_FILES,
+    MAX_MESSAGE_BYTES,
+    MAX_MESSAGES,
+    MAX_RATE,
+    MAX_UNPACKED_FILE_BYTES,
+)
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Status
 from ema_record.wire.samples import decode_block
@@ -32,6 +39,8 @@ from ema_record.wire.topics import BAG_TOPICS, COMMAND, SAMPLES
 from ema_record.wire.trajectory import decode_command, trajectory_points
 
 _MAX_GAPS = 50
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+_MAX_DAMAGES = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,7 +58,6 @@ class Recovery:
 
     source: str
     bag: str
-    """The new bag."""
     status: Status
     samples: int
     expected_samples: int
@@ -78,7 +86,6 @@ class _Parts:
     left_out: dict[str, int]
     profile: Profile
     provenance: Provenance
-    notes: tuple[str, ...]
 
 
 def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
@@ -107,10 +114,8 @@ def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
         raise exists(target)
     found = salvage_bag(place)
     if found.whole and place.is_dir():
-        raise UsageError(
-            f"{source}: the bag is whole: there is nothing to recover; 'ema lint' looks for "
-            "defects in what was recorded"
-        )
+        raise UsageError(f"{source}: the bag is whole: there is nothing to recover; 'ema lint' "
+                         "looks for defects in what was recorded")
     parts = _sorted_out(found, str(source))
     status: Status = "aborted" if parts.provenance.status == "aborted" else "interrupted"
     report = _report(str(source), target, status, parts, found)
@@ -150,19 +155,19 @@ def _sorted_out(found: Salvage, source: str) -> _Parts:
         elif topic == COMMAND and first is None:
             command = message
         kept.append(message)
-    notes, start = _start_of(found)
-    profile, provenance = _test_of(start, found, command, first, source)
+    profile, provenance = _test_of(_intact(found), found, command, first, source)
     return _Parts(
         messages=kept, times=np.concatenate(times) if times else np.empty(0),
-        left_out=dict(left_out), profile=profile, provenance=provenance, notes=notes,
+        left_out=dict(left_out), profile=profile, provenance=provenance,
     )
 
 
-def _start_of(found: Salvage) -> tuple[tuple[str, ...], dict[str, dict[str, str]]]:
-    """Return our own metadata records that are intact, and what is not."""
+def _intact(found: Salvage) -> dict[str, dict[str, str]]:
+    """Return our own metadata records that are intact, and note what is not."""
     own = {name: found.metadata[name] for name in (START, END) if name in found.metadata}
     intact = {name: values for name, values in own.items() if is_intact(values)}
-    return tuple(f"metadata {name} damaged and not used" for name in own.keys() - intact), intact
+    found.damages += [f"metadata {name} damaged and not used" for name in own.keys() - intact]
+    return intact
 
 
 def _test_of(
@@ -221,7 +226,7 @@ def _report(source: str, bag: Path, status: Status, parts: _Parts, found: Salvag
         source=source, bag=str(bag), status=status, samples=len(times),
         expected_samples=expected, end=float(times.max()) if len(times) else 0.0,
         missing_samples=missing, missing_ms=1e3 * missing * interval, gaps=gaps,
-        unread_bytes=found.unread, damages=(*found.damages, *parts.notes),
+        unread_bytes=found.unread, damages=tuple(found.damages),
         left_out=parts.left_out,
     )
 
@@ -242,3 +247,104 @@ def _write(parts: _Parts, out: Path, report: Recovery) -> None:
             "missing_ms": f"{report.missing_ms:.3f}",
             "unread_bytes": str(report.unread_bytes),
         })
+
+
+@dataclass
+class Salvage:
+    """What was read of one bag, in the order of its files."""
+
+    messages: list[McapMessage] = field(default_factory=list)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    """Values of each metadata record by its name."""
+    damages: list[str] = field(default_factory=list)
+    """What could not be read, one line each."""
+    unread: int = 0
+    """Bytes of the files that could not be read."""
+    whole: bool = True
+    """Nothing was cut or damaged, and ``metadata.yaml`` is there."""
+
+    def damaged(self, what: str, unread: int = 0) -> None:
+        """Note something that could not be read."""
+        self.whole = False
+        self.unread += unread
+        if len(self.damages) < _MAX_DAMAGES:
+            self.damages.append(what)
+
+
+def salvage_bag(path: Path) -> Salvage:
+    """Read what is left of a bag directory or of an ``.mcap`` file; nothing is changed.
+
+    Raises
+    ------
+    InvalidRecordError
+        No bag, a file that is no MCAP file, or a link out of the bag.
+    IncompleteRecordError
+        Cut before anything was recorded.
+
+    """
+    found = Salvage()
+    for file in _files(path, found):
+        try:
+            _salvage_file(file, found)
+        except OSError as error:
+            raise InvalidRecordError(
+                f"{file}: cannot be read ({error.strerror or error}): check the file and its "
+                "permissions"
+            ) from None
+        except MemoryError:
+            found.damaged(f"{file.name}: not enough memory to unpack it", file.stat().st_size)
+    if not found.messages and not found.metadata:
+        raise IncompleteRecordError(
+            f"{path}: cut before anything was recorded: record the test again"
+        )
+    return found
+
+
+def _files(path: Path, found: Salvage) -> list[Path]:
+    """Return the MCAP files at `path`, numbered ones in the order of their numbers."""
+    def number(file: Path) -> tuple[int, str]:
+        match = re.search(r"_(\d{1,9})\.mcap", file.name)
+        return (int(match[1]) if match else -1, file.name)
+
+    if path.is_file():
+        return [path]
+    if not path.is_dir():
+        raise InvalidRecordError(
+            f"{path}: no such file or directory: give a rosbag2 directory or an .mcap file"
+        )
+    files = [p for p in path.iterdir() if p.name.endswith(MCAP_SUFFIXES) and p.is_file()]
+    if not 1 <= len(files) <= MAX_FILES:
+        raise InvalidRecordError(
+            f"{path}: {len(files)} .mcap files, expected 1 to {MAX_FILES}: give the directory of "
+            "one bag"
+        )
+    refuse_links(path, files)
+    if not (path / METADATA_FILE).is_file():
+        found.damaged(f"no {METADATA_FILE}: the recorder did not finish")
+    return sorted(files, key=number)
+
+
+def _salvage_file(file: Path, found: Salvage) -> None:
+    """Add what can be read of one file to `found`."""
+    with file.open("rb") as stream:
+        if file.name.endswith(".zstd"):
+            data = unpack_zstd_part(stream.read(MAX_UNPACKED_FILE_BYTES), MAX_UNPACKED_FILE_BYTES)
+            mcap = McapStream(io.BytesIO(data), len(data), file.name, on_damage=found.damaged)
+        else:
+            mcap = McapStream(stream, file.stat().st_size, file.name, on_damage=found.damaged)
+        for item in mcap:
+            if isinstance(item, McapMetadata):
+                found.metadata[item.name] = item.values
+            elif len(found.messages) < MAX_MESSAGES:
+                found.messages.append(_unpacked_message(item))
+            else:
+                found.damaged(f"{file.name}: more than {MAX_MESSAGES} messages")
+                return
+
+
+def _unpacked_message(message: McapMessage) -> McapMessage:
+    """Return a message, unpacked where its recorder compressed each message by itself."""
+    data = bytes(message.data)
+    if not data.startswith(_ZSTD_MAGIC):
+        return message
+    return message._replace(data=memoryview(unpack_zstd_part(data, MAX_MESSAGE_BYTES)))
