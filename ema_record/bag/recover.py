@@ -103,7 +103,7 @@ def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
     UsageError
         The bag is whole.
     InvalidRecordError, IncompleteRecordError
-        Nothing can be recovered.
+        Nothing can be recovered: no bag, no sample, or the test is not known.
     OutputError
         `out` exists, or cannot be written.
 
@@ -112,11 +112,13 @@ def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
     target = Path(out) if out is not None else default_output(place)
     if target.exists():
         raise exists(target)
-    found = salvage_bag(place)
+    found = _salvage(place)
     if found.whole and place.is_dir():
         raise UsageError(f"{source}: the bag is whole: there is nothing to recover; 'ema lint' "
                          "looks for defects in what was recorded")
     parts = _sorted_out(found, str(source))
+    if not len(parts.times):
+        raise _nothing(str(source), "no sample", found)
     status: Status = "aborted" if parts.provenance.status == "aborted" else "interrupted"
     report = _report(str(source), target, status, parts, found)
     _write(parts, target, report)
@@ -198,12 +200,15 @@ def _test_of(
         if not provenance.start_time:
             provenance = replace(provenance, start_time=command.log_time)
     if profile is None:
-        reason = found.damages[0] if found.damages else "no test metadata"
-        raise IncompleteRecordError(
-            f"{source}: neither test metadata nor a message on {COMMAND} can be read ({reason}): "
-            "the test profile is not known; record the test again"
-        )
+        raise _nothing(source, f"neither test metadata nor a message on {COMMAND}", found)
     return profile, provenance
+
+
+def _nothing(source: str, what: str, found: Salvage) -> IncompleteRecordError:
+    """Return the error for a bag of which too little is left."""
+    reason = found.damages[0] if found.damages else "never recorded"
+    return IncompleteRecordError(
+        f"{source}: {what} can be read ({reason}): record the test again")
 
 
 def _report(source: str, bag: Path, status: Status, parts: _Parts, found: Salvage) -> Recovery:
@@ -271,17 +276,8 @@ class Salvage:
             self.damages.append(what)
 
 
-def salvage_bag(path: Path) -> Salvage:
-    """Read what is left of a bag directory or of an ``.mcap`` file; nothing is changed.
-
-    Raises
-    ------
-    InvalidRecordError
-        No bag, a file that is no MCAP file, or a link out of the bag.
-    IncompleteRecordError
-        Cut before anything was recorded.
-
-    """
+def _salvage(path: Path) -> Salvage:
+    """Read what is left of a bag directory or of an ``.mcap`` file; nothing is changed."""
     found = Salvage()
     for file in _files(path, found):
         try:
