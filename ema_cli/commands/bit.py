@@ -79,6 +79,8 @@ def bit(
     The effect is known to the simulator alone. Exit status: 0 healthy, 1 a fault, 2 wrong use,
     3 the verdict is unknown or incomplete, 4 no verdict: the test was refused or aborted, or a
     node ended.
+
+    Example: `ema bit --effect turn_short.fraction=0.1 --effect turn_short.phase=b`
     """
     from ema_record.profile import load_profile
     from ema_ros.domain import enter_domain, private_domain

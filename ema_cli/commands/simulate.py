@@ -109,6 +109,8 @@ def simulate(
 
     What was hidden in the actuator is not told by the bag. Outputs that exist are never
     overwritten.
+
+    Example: `ema simulate --profile step --effect turn_short.fraction=0.1 --out short`
     """
     from ema_record.bag.read import write_bag
     from ema_sim.effects import parse_effects
