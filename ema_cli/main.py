@@ -1,7 +1,7 @@
 """The `ema` command: which commands there are, and how one is found and run.
 
-A command is a function with typer options in a module of its own; the module is imported
-when the command is called, so that help and the light commands start at once.
+A command is a function with typer options in a module of its own, which imports what is heavy
+when it is called. Its docstring is its help: a summary, what else to know, and an example.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from io import TextIOWrapper
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -22,48 +22,9 @@ from typer.main import get_command
 from ema_cli.console import WRONG_USE, error_line, guarded, leave, print_table, say, stdout, styled
 from ema_record.errors import UsageError, unknown_name
 
-
-class Command(NamedTuple):
-    """One command: its module and function have its name (``import_`` for ``import``)."""
-
-    name: str
-    summary: str
-    example: str
-
-
-COMMANDS: dict[str, Command] = {
-    command.name: command
-    for command in (
-        Command("bit", "Run the whole built-in test over ROS 2 and print the verdict.",
-                "ema bit --effect turn_short.fraction=0.1 --effect turn_short.phase=b"),
-        Command("simulate", "Run a test on the emulated actuator, without ROS, into a bag.",
-                "ema simulate --profile step --effect turn_short.fraction=0.1 --out short"),
-        Command("check", "Say what is wrong with the actuator that a bag was recorded from.",
-                "ema check bags/sim_0001_extended"),
-        Command("trend", "Say how the faults of an actuator grow from flight to flight.",
-                "ema trend flights/SN-0007 --plot growth.png"),
-        Command("replay", "Put a bag back onto the topics.",
-                "ema replay bags/sim_0001_extended"),
-        Command("import", "Convert a file of a rig (CSV, MAT, NPZ) to a bag, by a map of it.",
-                "ema import run.csv --map rig.yaml --out run"),
-        Command("export", "Convert a bag to CSV, Parquet or messages for plotters; plot it.",
-                "ema export bags/sim_0000_step --format csv --out healthy.csv"),
-        Command("lint", "Look for defects of a recording: gaps, swapped phases, wrong units.",
-                "ema lint bags/sim_0001_extended --json"),
-        Command("recover", "Rebuild a readable bag from a recording that was cut or damaged.",
-                "ema recover SN-1_20260101T120000Z_extended --out recovered"),
-        Command("identify", "Say what a model lacks to explain records, and add it.",
-                "ema identify bags/sim_0004_extended --validate bags/sim_0004_step --out report"),
-        Command("effects", "List the catalogue of physical effects, or explain one.",
-                "ema effects turn_short"),
-        Command("train", "Train the cascade of networks and write its model file.",
-                "ema train --out model.json"),
-        Command("paper", "Repeat the paper's experiment, its numbers beside ours.",
-                "ema paper --json"),
-    )
-}
+COMMANDS = ("bit", "simulate", "check", "trend", "replay", "import", "export", "lint", "recover",
+            "identify", "effects", "train", "paper")
 """All commands, in the order of the help."""
-
 PROGRAM = "ema"
 
 
@@ -74,7 +35,7 @@ class Commands(TyperGroup):
         """Return one command, ready to read its options."""
         if cmd_name not in COMMANDS:
             raise unknown_name("command", cmd_name, COMMANDS, f"'{PROGRAM} --help' lists them")
-        return get_command(build_app(COMMANDS[cmd_name]))
+        return get_command(build_app(cmd_name))
 
 
 app = typer.Typer(cls=Commands, add_completion=False)
@@ -142,20 +103,23 @@ def _describe(error: Any) -> str:
     return f"{text} see '{PROGRAM if context is None else context.command_path} --help'"
 
 
-def build_app(command: Command) -> typer.Typer:
-    """Import a command and return a typer application of it, its help with an example."""
-    name = f"{command.name}_" if keyword.iskeyword(command.name) else command.name
-    module = importlib.import_module(f"ema_cli.commands.{name}")
-    function: Callable[..., object] = getattr(module, name)
-    details = inspect.cleandoc(function.__doc__ or "").partition("\n\n")[2]
+def load_command(name: str) -> Callable[..., object]:
+    """Import a command; its module and function have its name (``import_`` for ``import``)."""
+    name += "_" if keyword.iskeyword(name) else ""
+    function: Callable[..., object] = getattr(
+        importlib.import_module(f"ema_cli.commands.{name}"), name)
+    return function
+
+
+def build_app(name: str) -> typer.Typer:
+    """Return a typer application of one command, with its docstring as help."""
+    function = load_command(name)
+    text, _, example = inspect.cleandoc(function.__doc__ or "").rpartition("\n\n")
     single = typer.Typer(
         add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
-    single.command(
-        command.name, help=f"{command.summary}\n\n{details}",
-        epilog=f"Example: `{command.example}`",
-    )(function)
+    single.command(name, help=text, epilog=example)(function)
     return single
 
 
@@ -173,9 +137,10 @@ def _print_help() -> None:
     table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column()
-    for command in COMMANDS.values():
-        table.add_row(command.name, command.summary)
-        table.add_row("", styled((command.example, "dim")))
+    for name in COMMANDS:
+        lines = inspect.cleandoc(load_command(name).__doc__ or "").splitlines()
+        table.add_row(name, lines[0])
+        table.add_row("", styled((lines[-1].split("`")[1], "dim")))
     print_table(table)
     console.print(
         "\nExit status: 0 healthy or done, 1 a fault, 2 wrong use or unreadable input, "

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ema_cli.console import note, print_json, progress
+from ema_cli.console import note, print_json, print_table, progress, stdout, styled
+from ema_cli.views.verdict import print_verdict
 from ema_record.errors import TestRefusedError, UsageError
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ TEST_MARGIN = 60.0
 """Longest test beyond the duration of its profile (s)."""
 VERDICT_TIMEOUT = 60.0
 SPIN = 0.02
+LEVELS = (("ok", "green"), ("unusual", "yellow"), ("failed", "red"))
+"""Of a record check, as printed."""
 
 
 class NoVerdictError(TestRefusedError):
@@ -76,6 +79,8 @@ def bit(
     The effect is known to the simulator alone. Exit status: 0 healthy, 1 a fault, 2 wrong use,
     3 the verdict is unknown or incomplete, 4 no verdict: the test was refused or aborted, or a
     node ended.
+
+    Example: `ema bit --effect turn_short.fraction=0.1 --effect turn_short.phase=b`
     """
     from ema_record.actuator import load_actuator
     from ema_record.profile import load_profile
@@ -119,8 +124,6 @@ def bit(
     if as_json:
         print_json(result)
     else:
-        from ema_cli.views.bit import print_result
-
         print_result(result)
     return exit_status(result)
 
@@ -247,3 +250,28 @@ def summarise(answer: dict[str, Any]) -> dict[str, Any]:
         "message": test["message"], "serial_number": answer["serial_number"],
         "checks": list(checks.values()), "verdict": None,
     }
+
+
+def print_result(result: dict[str, Any]) -> None:
+    """Print the result of a built-in test."""
+    from rich.table import Table
+
+    console = stdout()
+    table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column(no_wrap=True)
+    table.add_column()
+    for check in result["checks"]:
+        table.add_row(styled(check["name"]), styled(LEVELS[min(check["level"], 2)]),
+                      styled(check["message"]))
+    console.print(styled(("Record", "bold"), f" {result['record']}"), soft_wrap=True)
+    print_table(table)
+    console.print()
+    print_verdict(result["verdict"], console)
+    times = result["times"]
+    console.print()
+    console.print(
+        f"nodes up in {times['start']:.1f} s, test {times['test']:.1f} s, verdict "
+        f"{times['after_record_closed']:.2f} s after the record was closed, "
+        f"{times['total']:.1f} s in all", style="dim",
+    )

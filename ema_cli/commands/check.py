@@ -45,6 +45,8 @@ def check(
 
     With --baseline the records are compared with the actuator's own healthy one. It must be of
     the same serial number, and be called healthy itself.
+
+    Example: `ema check bags/sim_0001_extended`
     """
     from ema_prognostics.trend.flights import is_sequence, what_else
     from ema_prognostics.trend.trend import trend_of

@@ -27,6 +27,8 @@ def effects(
 
     An effect is set with NAME.PARAMETER=VALUE, on the command line, in a model file and as a
     ROS parameter. With its defaults it is exactly absent.
+
+    Example: `ema effects turn_short`
     """
     from ema_sim.effects import EFFECTS
 

@@ -40,6 +40,8 @@ def export(
     """Convert a bag to CSV, Parquet or messages for plotters; plot it.
 
     Outputs that exist are never overwritten.
+
+    Example: `ema export bags/sim_0000_step --format csv --out healthy.csv`
     """
     from ema_record.bag.export import FORMATS, default_path, export_record
     from ema_record.bag.read import read_bag

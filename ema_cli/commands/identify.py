@@ -36,7 +36,7 @@ def identify(
         min=0, max=2**31 - 1, help="Of all simulations; the same seed, the same answer.")] = 0,
     json: Annotated[bool, typer.Option("--json", help="The result as one JSON object.")] = False,
 ) -> int:
-    """Find the disagreement between a model and measured records, and name what is missing.
+    """Say what a model lacks to explain records, and add it.
 
     Known parameters are recalibrated within their tolerances first; only what is left can be a
     missing effect. The report says where the records disagree, what was tried, what cannot be
@@ -48,6 +48,8 @@ def identify(
 
     Exit status: 0 no disagreement or explained, 3 partly explained, unknown or contradicted by the
     held-out records, 2 wrong use or data that cannot be used.
+
+    Example: `ema identify bags/sim_0004_extended --validate bags/sim_0004_step --out report`
     """
     from ema_identification.identify import identify as run
     from ema_identification.report.write import write_answer, write_page

@@ -21,10 +21,12 @@ def import_(
     as_json: Annotated[bool, typer.Option(
         "--json", help="Print what was read and written as JSON.")] = False,
 ) -> int:
-    """Convert a file of a rig, or of the actuator's own test, to a bag.
+    """Convert a file of a rig (CSV, MAT, NPZ) to a bag, by a map of it.
 
     The map names columns, units and the axis; docs/rigs.md shows the form. Outputs that exist
     are never overwritten.
+
+    Example: `ema import run.csv --map rig.yaml --out run`
     """
     from ema_record.bag.read import write_bag
     from ema_record.channels import CHANNELS

@@ -26,12 +26,14 @@ def lint(
         bool, typer.Option("--json", help="Print one JSON object a bag.")
     ] = False,
 ) -> int:
-    """Look for defects of a recording, whatever the actuator's health.
+    """Look for defects of a recording: gaps, swapped phases, wrong units.
 
     Gaps, clock jumps, duplicate or reordered blocks, saturation, stuck channels, swapped
     phases, wrong units, sign flips, missing topics, wrong profile or rate, aborted tests,
     foreign software; each with time, size and remedy. Exit status: 0 clean, 1 findings, 2 a
     bag cannot be read.
+
+    Example: `ema lint bags/sim_0001_extended --json`
     """
     from ema_record.actuator import load_actuator
     from ema_record.checks.run import lint_bag

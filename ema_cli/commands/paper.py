@@ -16,10 +16,12 @@ def paper(
         "--quick", help="One start angle and few draws, to try the way.")] = False,
     json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> int:
-    """Repeat the paper's experiment and print its tables beside ours.
+    """Repeat the paper's experiment, its numbers beside ours.
 
     Everything is simulated and trained anew; nothing is kept. Exit status 0 whether or not a
     statement of the paper was reproduced.
+
+    Example: `ema paper --json`
     """
     from ema_prognostics.paper.experiment import PaperSettings, run_experiment
     from ema_prognostics.paper.report import paper_report

@@ -30,6 +30,8 @@ def recover(
     The original is not changed. The new bag is marked as interrupted: 'ema check' calls it
     incomplete, never healthy. Exit status 0 where a bag was made, 2 or 3 where nothing can
     be recovered.
+
+    Example: `ema recover SN-1_20260101T120000Z_extended --out recovered`
     """
     from ema_record.bag.recover import recover_bag
 

@@ -28,10 +28,12 @@ def replay(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the counts as JSON.")] = False,
 ) -> int:
-    """Put a bag back onto the topics, in its own time.
+    """Put a bag back onto the topics.
 
     Everything that was recorded is published as it was, byte by byte, once a subscriber
     listens to /ema/samples; it ends when all of it is acknowledged.
+
+    Example: `ema replay bags/sim_0001_extended`
     """
     from ema_ros.domain import use_fast_discovery
     from ema_ros.replay_bag import load_messages

@@ -26,10 +26,12 @@ def train(
         help="Actuator around which the fleets spread, default the nominal one.")] = None,
     json: Annotated[bool, typer.Option("--json", help="The validation as JSON.")] = False,
 ) -> int:
-    """Train the cascade of networks and write its model file and the report of its validation.
+    """Train the cascade of networks and write its model file.
 
     The validation stands beside the model file, as Markdown. The same seed gives the same
     bytes, on any number of processes.
+
+    Example: `ema train --out model.json`
     """
     from ema_prognostics.cascade.model_file import load_model, save_model
     from ema_prognostics.training.train_model import train_model

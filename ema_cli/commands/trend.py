@@ -44,7 +44,7 @@ def trend(
     json: Annotated[bool, typer.Option(
         "--json", help="One JSON object an actuator and line.")] = False,
 ) -> int:
-    """Say how the faults of an actuator grow over its flights, and when they reach a level.
+    """Say how the faults of an actuator grow from flight to flight.
 
     Flights are ordered by the start times in the bags, equal or unknown ones by name. Bags of
     several actuators are told apart by serial number, each has its own trend.
@@ -52,6 +52,8 @@ def trend(
     Exit status: 0 no fault confirmed at the end, 1 a confirmed one, 3 one that is announced or
     suspected and not confirmed, or a last flight without an answer; 2 wrong use, or no bag that
     can be read.
+
+    Example: `ema trend flights/SN-0007 --plot growth.png`
     """
     from ema_prognostics.trend.announcement import parse_rule
     from ema_prognostics.trend.flights import is_sequence, what_else

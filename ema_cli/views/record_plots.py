@@ -6,6 +6,7 @@ same apart in black and white. Angles are in degrees, all else in SI units.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +16,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ema_cli.console import check_new, check_new_file, neutral
-from ema_cli.views.record_curves import (
-    Fold,
-    analysis_turns,
-    command_of,
-    fold_currents,
-    speed_spectrum,
-    torque_estimate,
-)
-from ema_prognostics.features.turns import Turns, paper_window
-from ema_record.errors import OutputError
+from ema_prognostics.features.spectrum import rotor_lines
+from ema_prognostics.features.turns import TURN, Turns, paper_window, whole_turns
+from ema_prognostics.paper.envelope import fold
+from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS, REFERENCE_CURRENTS
+from ema_record.errors import OutputError, RecordError
 from ema_record.files import cannot_write, new_file
 from ema_record.record import Record
 
@@ -40,6 +36,10 @@ STYLE: dict[Any, Any] = {
 }
 SIZE = (7.2, 4.4)
 """Width and height (inch): a page between its margins."""
+FOLD_BINS = 180
+"""Bins of a turn of folded currents, 2° each."""
+MAX_ORDER = 12
+"""Highest multiple of f_e in the spectrum."""
 NAMES = ("speed", "currents", "spectrum", "surface", "torque")
 """The plots; each makes one PNG of that name."""
 
@@ -80,7 +80,10 @@ def plot_record(record: Record, folder: Path, *, trace: np.ndarray | None = None
 
     """
     check_plot_folder(folder)
-    turns = analysis_turns(record)
+    try:
+        turns = whole_turns(record, paper_window(record.profile))
+    except RecordError:
+        turns = None
     with mpl.rc_context(STYLE):
         figures = {"speed": _speed(record)}
         if turns is not None:
@@ -130,8 +133,8 @@ def _speed(record: Record) -> Figure:
 def _currents(record: Record, turns: Turns) -> Figure:
     figure = Figure(figsize=(SIZE[0], 6.2))
     panels = figure.subplots(3, 1, sharex=True, sharey=True)
-    for axes, fold in zip(panels, fold_currents(turns)):
-        _fold_panel(axes, fold)
+    for k, axes in enumerate(panels):
+        _fold_panel(axes, turns, k)
     panels[0].set_title(
         f"{_title(record, 'Phase currents')}\nfolded over {turns.count} turns, "
         f"$f_e$ = {turns.frequency:.1f} Hz"
@@ -143,15 +146,35 @@ def _currents(record: Record, turns: Turns) -> Figure:
     return figure
 
 
-def _fold_panel(axes: Axes, fold: Fold) -> None:
-    colour = PHASE_COLOURS[fold.phase]
-    axes.plot(fold.angle, fold.current, ".", ms=1.2, color=GREY, alpha=0.35, rasterized=True,
-              label="samples")
-    axes.plot(fold.bins, fold.mean_current, color=colour, lw=1.8,
+def _fold_panel(axes: Axes, turns: Turns, phase: int) -> None:
+    """Draw the current of phase 0, 1 or 2 and its reference against the rotor angle."""
+    name = "abc"[phase]
+    current = turns.samples[:, PHASE_CURRENTS][:, phase]
+    reference = turns.samples[:, REFERENCE_CURRENTS][:, phase]
+    bins = (np.arange(FOLD_BINS) + 0.5) * (360.0 / FOLD_BINS)
+    axes.plot(np.degrees(np.mod(turns.theta, TURN)), current, ".", ms=1.2, color=GREY, alpha=0.35,
+              rasterized=True, label="samples")
+    axes.plot(bins, fold(turns, current, FOLD_BINS), color=PHASE_COLOURS[name], lw=1.8,
               label="mean of the current (solid, coloured)")
-    axes.plot(fold.bins, fold.mean_reference, color=BLACK, lw=1.2, ls="--",
+    axes.plot(bins, fold(turns, reference, FOLD_BINS), color=BLACK, lw=1.2, ls="--",
               label="mean of the reference")
-    axes.set_ylabel(f"phase {fold.phase} (A)")
+    axes.set_ylabel(f"phase {name} (A)")
+
+
+def speed_spectrum(turns: Turns) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lines of the motor speed at multiples of the rotor angle, mean and drift apart.
+
+    Returns
+    -------
+    order : ndarray, shape (MAX_ORDER * turns.count + 1,)
+        Multiples of f_e, spaced by one over the number of turns.
+    amplitude : ndarray, same shape
+        Peak (rad/s); 0 at order 0.
+
+    """
+    whole = replace(turns, theta=turns.theta / turns.count)  # all the turns as one
+    lines = rotor_lines(whole, turns.samples[:, MOTOR_SPEED], MAX_ORDER * turns.count)
+    return np.arange(len(lines)) / turns.count, np.abs(np.append(0.0, lines[1:]))
 
 
 def _spectrum(turns: Turns) -> Figure:
@@ -184,7 +207,7 @@ def _spectrum(turns: Turns) -> Figure:
 def _surface(record: Record) -> Figure:
     figure = Figure(figsize=(SIZE[0], 5.4))
     position, error = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    command = command_of(record)
+    command = record.profile.command(record.time)
     measured = record.channel("surface_position")
     position.plot(record.time, command, color=BLACK, ls="--", label="command")
     position.plot(record.time, measured, color=BLUE, label="measured")
@@ -197,6 +220,23 @@ def _surface(record: Record) -> Figure:
     error.set_yticklabels(["−1000", "", "−10", "", "0", "", "10", "", "1000"])
     error.set(xlabel="time (s)", ylabel="command − measured\n(mrad, linear to ±1)")
     return figure
+
+
+def torque_estimate(record: Record) -> np.ndarray:
+    """Return the torque that the measured currents give with nominal constants.
+
+    ``k Σ trapezoid(θ − φ_k) i_k``: what a healthy motor would have. Shape (n,) (N m).
+    """
+    from ema_record.actuator import load_actuator
+    from ema_sim.plant.electrical import THIRD, unit_trapezoid
+
+    motor = load_actuator().motor
+    theta = record.channel("rotor_angle")
+    torque = np.zeros(len(record))
+    for k, phase in enumerate("abc"):
+        shape = unit_trapezoid(theta - k * THIRD, motor.flat_top)
+        torque += motor.back_emf_constant * shape * record.channel(f"phase_current_{phase}")
+    return torque
 
 
 def _torque(record: Record, trace: np.ndarray | None) -> Figure:

@@ -19,8 +19,8 @@ from ema_record.limits import (
     MAX_MESSAGES,
     MAX_UNPACKED_FILE_BYTES,
 )
-from ema_record.wire.schemas import MESSAGE_ENCODING
 from ema_record.wire.topics import TOPICS
+from ema_record.wire.types import MESSAGE_ENCODING
 from ema_record.yaml_file import load_yaml
 
 METADATA_FILE = "metadata.yaml"

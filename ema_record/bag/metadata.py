@@ -14,12 +14,11 @@ from typing import Any, get_args
 
 import yaml
 
-from ema_record.bag.qos import qos_dict
 from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.profile import Profile, load_profile_dict
 from ema_record.record import Provenance, Status
-from ema_record.wire.schemas import MESSAGE_ENCODING, type_hash
-from ema_record.wire.topics import Topic
+from ema_record.wire.topics import Qos, Topic
+from ema_record.wire.types import MESSAGE_ENCODING, type_hash
 
 ROSBAG2_VERSION = 9
 ROS_DISTRO = "jazzy"
@@ -29,6 +28,8 @@ START = "ema_phm.start"
 END = "ema_phm.end"
 RECOVERY = "ema_phm.recovery"
 """In a bag that 'ema recover' made: what was lost."""
+RIG = "ema_phm.rig"
+"""In a bag that 'ema import' made of a rig's file: the axis."""
 CHECKSUM = "crc32"
 """Key of the checksum over the other values of our own records (a cut file has no other)."""
 
@@ -37,35 +38,56 @@ STATUSES: tuple[Status, ...] = get_args(Status)
 _MAX_TEXT = 200
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BagSummary:
-    """Counts and times of a finished bag of one file."""
-
-    file_name: str
-    counts: Sequence[tuple[Topic, int]]
-    """Topics in the order of the file, with their numbers of messages."""
-    first: int
-    """Earliest log time (ns since the epoch)."""
-    last: int
-    """Latest log time (ns since the epoch)."""
-    custom_data: Mapping[str, str]
-
-    @property
-    def message_count(self) -> int:
-        """Messages of all topics."""
-        return sum(count for _, count in self.counts)
+def _infinite() -> dict[str, int]:
+    """Return the longest duration of the middleware, which stands for "none"."""
+    return {"sec": 9223372036, "nsec": 854775807}
 
 
-def bagfile_information(summary: BagSummary) -> dict[str, Any]:
-    """Return the content of rosbag2's metadata, version 9, in its order."""
-    start = {"nanoseconds_since_epoch": summary.first}
-    duration = {"nanoseconds": summary.last - summary.first}
+def qos_dict(qos: Qos) -> dict[str, Any]:
+    """Return one profile in the form and the order of ``metadata.yaml``."""
+    return {
+        "history": qos.history,
+        "depth": qos.depth,
+        "reliability": qos.reliability,
+        "durability": qos.durability,
+        "deadline": _infinite(),
+        "lifespan": _infinite(),
+        "liveliness": "automatic",
+        "liveliness_lease_duration": _infinite(),
+        "avoid_ros_namespace_conventions": False,
+    }
+
+
+def offered_qos_profiles(qos: Qos) -> str:
+    """Return the YAML text of the channel metadata ``offered_qos_profiles``."""
+    return yaml.safe_dump([qos_dict(qos)], sort_keys=False).strip()
+
+
+def bagfile_information(
+    file_name: str, counts: Sequence[tuple[Topic, int]], first: int, last: int,
+    custom_data: Mapping[str, str],
+) -> dict[str, Any]:
+    """Return the content of rosbag2's metadata, version 9, in its order, for one file.
+
+    Parameters
+    ----------
+    file_name : str
+        In the directory of the bag.
+    counts : sequence of (Topic, int)
+        Topics in the order of the file, with their numbers of messages.
+    first, last : int
+        Earliest and latest log time (ns since the epoch).
+    custom_data : mapping of str to str
+        What the bag says of itself.
+
+    """
+    message_count = sum(count for _, count in counts)
     return {
         "version": ROSBAG2_VERSION,
         "storage_identifier": "mcap",
-        "duration": dict(duration),
-        "starting_time": dict(start),
-        "message_count": summary.message_count,
+        "duration": {"nanoseconds": last - first},
+        "starting_time": {"nanoseconds_since_epoch": first},
+        "message_count": message_count,
         "topics_with_message_count": [
             {
                 "topic_metadata": {
@@ -77,20 +99,20 @@ def bagfile_information(summary: BagSummary) -> dict[str, Any]:
                 },
                 "message_count": count,
             }
-            for topic, count in summary.counts
+            for topic, count in counts
         ],
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [summary.file_name],
+        "relative_file_paths": [file_name],
         "files": [
             {
-                "path": summary.file_name,
-                "starting_time": dict(start),
-                "duration": dict(duration),
-                "message_count": summary.message_count,
+                "path": file_name,
+                "starting_time": {"nanoseconds_since_epoch": first},
+                "duration": {"nanoseconds": last - first},
+                "message_count": message_count,
             }
         ],
-        "custom_data": dict(summary.custom_data) or None,
+        "custom_data": dict(custom_data) or None,
         "ros_distro": ROS_DISTRO,
     }
 
@@ -166,9 +188,14 @@ def read_test_metadata(records: Mapping[str, Mapping[str, str]], source: str) ->
     Raises
     ------
     InvalidRecordError
-        A value is damaged or out of bounds.
+        A value is damaged or out of bounds, or the bag is a rig's.
 
     """
+    if RIG in records:
+        raise InvalidRecordError(
+            f"{source}: holds the record of a rig, not the actuator's own test: 'ema identify' "
+            "says what its model lacks"
+        )
     start, end = records.get(START), records.get(END)
     for name, values in ((START, start), (END, end)):
         if values is not None and not is_intact(values):

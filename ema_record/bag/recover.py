@@ -1,31 +1,38 @@
 """`recover_bag`: a readable bag from one that was cut or damaged; the original stays as it is.
 
 The new bag is never ``complete``: its status is that of the original if the recorder still
-wrote one that says so (``aborted``), else ``interrupted``.
+wrote one that says so (``aborted``), else ``interrupted``. Chunks are the unit: one whose
+checksum does not match is left out and reading goes on after it; of one that the end of the file
+cuts, the messages before the cut are kept.
 """
 
 from __future__ import annotations
 
+import io
+import re
 from collections import Counter
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from ema_record.actuator import load_actuator
-from ema_record.bag.mcap_stream import McapMessage
+from ema_record.bag.compression import unpack_zstd_part
+from ema_record.bag.container import MCAP_SUFFIXES, METADATA_FILE, refuse_links
+from ema_record.bag.mcap_stream import McapMessage, McapMetadata, McapStream
 from ema_record.bag.metadata import END, START, is_intact, read_test_metadata
-from ema_record.bag.salvage import Salvage, salvage_bag
 from ema_record.bag.writer import BagWriter
 from ema_record.channels import SURFACE_POSITION, TIME
-from ema_record.errors import (
-    IncompleteRecordError,
-    InvalidRecordError,
-    RecordError,
-    UsageError,
-)
+from ema_record.errors import IncompleteRecordError, InvalidRecordError, RecordError, UsageError
 from ema_record.files import exists
-from ema_record.limits import MAX_DURATION, MAX_RATE
+from ema_record.limits import (
+    MAX_DURATION,
+    MAX_FILES,
+    MAX_MESSAGE_BYTES,
+    MAX_MESSAGES,
+    MAX_RATE,
+    MAX_UNPACKED_FILE_BYTES,
+)
 from ema_record.profile import Profile
 from ema_record.record import LARGEST_STEP, Provenance, Status
 from ema_record.wire.samples import decode_block
@@ -33,6 +40,8 @@ from ema_record.wire.topics import BAG_TOPICS, COMMAND, SAMPLES
 from ema_record.wire.trajectory import decode_command, trajectory_points
 
 _MAX_GAPS = 50
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+_MAX_DAMAGES = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +59,6 @@ class Recovery:
 
     source: str
     bag: str
-    """The new bag."""
     status: Status
     samples: int
     expected_samples: int
@@ -79,7 +87,6 @@ class _Parts:
     left_out: dict[str, int]
     profile: Profile
     provenance: Provenance
-    notes: tuple[str, ...]
 
 
 def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
@@ -97,7 +104,7 @@ def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
     UsageError
         The bag is whole.
     InvalidRecordError, IncompleteRecordError
-        Nothing can be recovered.
+        Nothing can be recovered: no bag, no sample, or the test is not known.
     OutputError
         `out` exists, or cannot be written.
 
@@ -106,13 +113,13 @@ def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
     target = Path(out) if out is not None else default_output(place)
     if target.exists():
         raise exists(target)
-    found = salvage_bag(place)
+    found = _salvage(place)
     if found.whole and place.is_dir():
-        raise UsageError(
-            f"{source}: the bag is whole: there is nothing to recover; 'ema lint' looks for "
-            "defects in what was recorded"
-        )
+        raise UsageError(f"{source}: the bag is whole: there is nothing to recover; 'ema lint' "
+                         "looks for defects in what was recorded")
     parts = _sorted_out(found, str(source))
+    if not len(parts.times):
+        raise _nothing(str(source), "no sample", found)
     status: Status = "aborted" if parts.provenance.status == "aborted" else "interrupted"
     report = _report(str(source), target, status, parts, found)
     _write(parts, target, report)
@@ -151,19 +158,19 @@ def _sorted_out(found: Salvage, source: str) -> _Parts:
         elif topic == COMMAND and first is None:
             command = message
         kept.append(message)
-    notes, start = _start_of(found)
-    profile, provenance = _test_of(start, found, command, first, source)
+    profile, provenance = _test_of(_intact(found), found, command, first, source)
     return _Parts(
         messages=kept, times=np.concatenate(times) if times else np.empty(0),
-        left_out=dict(left_out), profile=profile, provenance=provenance, notes=notes,
+        left_out=dict(left_out), profile=profile, provenance=provenance,
     )
 
 
-def _start_of(found: Salvage) -> tuple[tuple[str, ...], dict[str, dict[str, str]]]:
-    """Return our own metadata records that are intact, and what is not."""
+def _intact(found: Salvage) -> dict[str, dict[str, str]]:
+    """Return our own metadata records that are intact, and note what is not."""
     own = {name: found.metadata[name] for name in (START, END) if name in found.metadata}
     intact = {name: values for name, values in own.items() if is_intact(values)}
-    return tuple(f"metadata {name} damaged and not used" for name in own.keys() - intact), intact
+    found.damages += [f"metadata {name} damaged and not used" for name in own.keys() - intact]
+    return intact
 
 
 def _test_of(
@@ -194,12 +201,15 @@ def _test_of(
         if not provenance.start_time:
             provenance = replace(provenance, start_time=command.log_time)
     if profile is None:
-        reason = found.damages[0] if found.damages else "no test metadata"
-        raise IncompleteRecordError(
-            f"{source}: neither test metadata nor a message on {COMMAND} can be read ({reason}): "
-            "the test profile is not known; record the test again"
-        )
+        raise _nothing(source, f"neither test metadata nor a message on {COMMAND}", found)
     return profile, provenance
+
+
+def _nothing(source: str, what: str, found: Salvage) -> IncompleteRecordError:
+    """Return the error for a bag of which too little is left."""
+    reason = found.damages[0] if found.damages else "never recorded"
+    return IncompleteRecordError(
+        f"{source}: {what} can be read ({reason}): record the test again")
 
 
 def _report(source: str, bag: Path, status: Status, parts: _Parts, found: Salvage) -> Recovery:
@@ -224,7 +234,7 @@ def _report(source: str, bag: Path, status: Status, parts: _Parts, found: Salvag
         source=source, bag=str(bag), status=status, samples=len(times),
         expected_samples=expected, end=float(times.max()) if len(times) else 0.0,
         missing_samples=missing, missing_ms=1e3 * missing * interval, gaps=gaps,
-        unread_bytes=found.unread, damages=(*found.damages, *parts.notes),
+        unread_bytes=found.unread, damages=tuple(found.damages),
         left_out=parts.left_out,
     )
 
@@ -245,3 +255,95 @@ def _write(parts: _Parts, out: Path, report: Recovery) -> None:
             "missing_ms": f"{report.missing_ms:.3f}",
             "unread_bytes": str(report.unread_bytes),
         })
+
+
+@dataclass
+class Salvage:
+    """What was read of one bag, in the order of its files."""
+
+    messages: list[McapMessage] = field(default_factory=list)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    """Values of each metadata record by its name."""
+    damages: list[str] = field(default_factory=list)
+    """What could not be read, one line each."""
+    unread: int = 0
+    """Bytes of the files that could not be read."""
+    whole: bool = True
+    """Nothing was cut or damaged, and ``metadata.yaml`` is there."""
+
+    def damaged(self, what: str, unread: int = 0) -> None:
+        """Note something that could not be read."""
+        self.whole = False
+        self.unread += unread
+        if len(self.damages) < _MAX_DAMAGES:
+            self.damages.append(what)
+
+
+def _salvage(path: Path) -> Salvage:
+    """Read what is left of a bag directory or of an ``.mcap`` file; nothing is changed."""
+    found = Salvage()
+    for file in _files(path, found):
+        try:
+            _salvage_file(file, found)
+        except OSError as error:
+            raise InvalidRecordError(
+                f"{file}: cannot be read ({error.strerror or error}): check the file and its "
+                "permissions"
+            ) from None
+        except MemoryError:
+            found.damaged(f"{file.name}: not enough memory to unpack it", file.stat().st_size)
+    if not found.messages and not found.metadata:
+        raise IncompleteRecordError(
+            f"{path}: cut before anything was recorded: record the test again"
+        )
+    return found
+
+
+def _files(path: Path, found: Salvage) -> list[Path]:
+    """Return the MCAP files at `path`, numbered ones in the order of their numbers."""
+    def number(file: Path) -> tuple[int, str]:
+        match = re.search(r"_(\d{1,9})\.mcap", file.name)
+        return (int(match[1]) if match else -1, file.name)
+
+    if path.is_file():
+        return [path]
+    if not path.is_dir():
+        raise InvalidRecordError(
+            f"{path}: no such file or directory: give a rosbag2 directory or an .mcap file"
+        )
+    files = [p for p in path.iterdir() if p.name.endswith(MCAP_SUFFIXES) and p.is_file()]
+    if not 1 <= len(files) <= MAX_FILES:
+        raise InvalidRecordError(
+            f"{path}: {len(files)} .mcap files, expected 1 to {MAX_FILES}: give the directory of "
+            "one bag"
+        )
+    refuse_links(path, files)
+    if not (path / METADATA_FILE).is_file():
+        found.damaged(f"no {METADATA_FILE}: the recorder did not finish")
+    return sorted(files, key=number)
+
+
+def _salvage_file(file: Path, found: Salvage) -> None:
+    """Add what can be read of one file to `found`."""
+    with file.open("rb") as stream:
+        if file.name.endswith(".zstd"):
+            data = unpack_zstd_part(stream.read(MAX_UNPACKED_FILE_BYTES), MAX_UNPACKED_FILE_BYTES)
+            mcap = McapStream(io.BytesIO(data), len(data), file.name, on_damage=found.damaged)
+        else:
+            mcap = McapStream(stream, file.stat().st_size, file.name, on_damage=found.damaged)
+        for item in mcap:
+            if isinstance(item, McapMetadata):
+                found.metadata[item.name] = item.values
+            elif len(found.messages) < MAX_MESSAGES:
+                found.messages.append(_unpacked_message(item))
+            else:
+                found.damaged(f"{file.name}: more than {MAX_MESSAGES} messages")
+                return
+
+
+def _unpacked_message(message: McapMessage) -> McapMessage:
+    """Return a message, unpacked where its recorder compressed each message by itself."""
+    data = bytes(message.data)
+    if not data.startswith(_ZSTD_MAGIC):
+        return message
+    return message._replace(data=memoryview(unpack_zstd_part(data, MAX_MESSAGE_BYTES)))

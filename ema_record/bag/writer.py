@@ -1,8 +1,8 @@
 """`BagWriter`: writes a rosbag2 directory message by message, as the live recorder does.
 
-Order of a bag's life: directory, MCAP file with the start record, messages in chunks, end
-record, MCAP footer, fsync, and last ``metadata.yaml`` by temporary file and rename. A bag
-without it is incomplete.
+`RawBag`, which it builds on, knows nothing of the test. Order of a bag's life: directory, MCAP
+file with the start record, messages in chunks, end record, MCAP footer, fsync, and last
+``metadata.yaml`` by temporary file and rename. A bag without it is incomplete.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import IO
@@ -24,22 +24,21 @@ from ema_record.bag.metadata import (
     ROSBAG2,
     START,
     STATUSES,
-    BagSummary,
     bagfile_information,
     end_record,
     metadata_yaml,
+    offered_qos_profiles,
     rosbag2_record,
     start_record,
 )
-from ema_record.bag.qos import offered_qos_profiles
 from ema_record.errors import OutputError, UsageError
 from ema_record.files import cannot_write, make_new_directory, new_file, put_back
 from ema_record.limits import MAX_MESSAGE_BYTES
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Status
 from ema_record.version import VERSION
-from ema_record.wire.schemas import MESSAGE_ENCODING, SCHEMA_ENCODING, definition, type_hash
 from ema_record.wire.topics import BAG_TOPICS, Topic
+from ema_record.wire.types import MESSAGE_ENCODING, SCHEMA_ENCODING, definition, type_hash
 
 CHUNK_SIZE = 512 << 10
 """Size of a chunk before compression (bytes)."""
@@ -53,33 +52,28 @@ MCAP_PROFILE = "ros2"
 LIBRARY = f"ema_phm {VERSION}; mcap-python {mcap.__version__}"
 
 
-class BagWriter:
-    """A new bag, open for writing.
-
-    One thread at a time may use it. As a context manager it closes the bag as
-    ``interrupted`` unless `close` was called.
+class RawBag:
+    """A new bag of any topics and metadata records, open for writing; one thread at a time.
 
     Parameters
     ----------
     path : path-like
         The directory to make; its name becomes the name of the MCAP file.
-    profile : Profile
-        The test that is recorded.
-    provenance : Provenance
-        Serial number, software version and start time; its status and source are not used.
+    records : mapping of str to mapping
+        MCAP metadata that stand before the first message: values by name.
+    topics : sequence of Topic
+        The topics of the bag.
     chunk_size : int
         256 KiB to 1 MiB.
     flush_interval : float or None
         Longest time that a message waits for a chunk to fill (s): so much of the recording
         and the block in progress are lost where the process is killed. None: until the chunk
         is full; the bytes then do not depend on the clock.
-    topics : sequence of Topic
-        The topics of the bag.
 
     Raises
     ------
     OutputError
-        `path` exists, or cannot be written; also from `write_raw`, `flush` and `close`.
+        `path` exists, or cannot be written; also from `write_raw`, `flush` and `finish`.
 
     """
 
@@ -87,11 +81,10 @@ class BagWriter:
         self,
         path: str | Path,
         *,
-        profile: Profile,
-        provenance: Provenance,
+        records: Mapping[str, Mapping[str, str]],
+        topics: Sequence[Topic],
         chunk_size: int = CHUNK_SIZE,
-        flush_interval: float | None = FLUSH_INTERVAL,
-        topics: tuple[Topic, ...] = BAG_TOPICS,
+        flush_interval: float | None = None,
     ) -> None:
         """Make the directory, and begin the file in it."""
         if not MIN_CHUNK_SIZE <= chunk_size <= MAX_CHUNK_SIZE:
@@ -99,8 +92,6 @@ class BagWriter:
                 f"chunk size {chunk_size} is outside {MIN_CHUNK_SIZE} to {MAX_CHUNK_SIZE} bytes"
             )
         self.path = Path(path)
-        self.profile = profile
-        self.provenance = provenance
         self.closed = False
         self._flush_interval = flush_interval
         self._waiting_since: float | None = None
@@ -116,9 +107,9 @@ class BagWriter:
                 self._stream, chunk_size=chunk_size, enable_data_crcs=True
             )
             self._mcap.start(profile=MCAP_PROFILE, library=LIBRARY)
-            self._mcap.add_metadata(START, start_record(profile, provenance))
+            for name, values in records.items():
+                self._mcap.add_metadata(name, dict(values))
             self._channels = self._register()
-            self._mcap.flush()
         except OSError as error:
             raise cannot_write(self.file, error) from None
 
@@ -214,6 +205,85 @@ class BagWriter:
         except OSError as error:
             raise self._failed(error) from None
 
+    def finish(
+        self, records: Mapping[str, Mapping[str, str]], custom_data: Mapping[str, str]
+    ) -> Path:
+        """Write the last metadata records and the file's end, and return the directory.
+
+        Parameters
+        ----------
+        records : mapping of str to mapping
+            Values by name, as at the beginning.
+        custom_data : mapping of str to str
+            For ``metadata.yaml``.
+
+        """
+        self.closed = True
+        information = bagfile_information(
+            self.file.name, self._topic_counts(), min(self._first, self._last), self._last,
+            custom_data,
+        )
+        try:
+            for name, values in {**records, ROSBAG2: rosbag2_record(information)}.items():
+                self._mcap.add_metadata(name, dict(values))
+            self._mcap.finish()
+            self._stream.flush()
+            os.fsync(self._stream.fileno())
+            self._stream.close()
+        except OSError as error:
+            raise self._failed(error) from None
+        with new_file(self.path / METADATA_FILE) as temporary:
+            temporary.write_text(metadata_yaml(information), encoding="utf-8")
+        return self.path
+
+    def _topic_counts(self) -> list[tuple[Topic, int]]:
+        return [(topic, self._counts[name]) for name, topic in self._topics.items()]
+
+    def _failed(self, error: OSError) -> OutputError:
+        """Return the error for a bag that cannot be continued, and give its file up."""
+        self.closed = True
+        with contextlib.suppress(OSError):  # the same failure again, from its buffer
+            self._stream.close()
+        return cannot_write(self.file, error)
+
+
+class BagWriter(RawBag):
+    """A new bag of a test, open for writing.
+
+    As a context manager it closes the bag as ``interrupted`` unless `close` was called.
+
+    Parameters
+    ----------
+    path : path-like
+        See `RawBag`.
+    profile : Profile
+        The test that is recorded.
+    provenance : Provenance
+        Serial number, software version and start time; its status and source are not used.
+    chunk_size, flush_interval, topics
+        See `RawBag`.
+
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        profile: Profile,
+        provenance: Provenance,
+        chunk_size: int = CHUNK_SIZE,
+        flush_interval: float | None = FLUSH_INTERVAL,
+        topics: Sequence[Topic] = BAG_TOPICS,
+    ) -> None:
+        """Make the directory, and begin the file in it with what is known of the test."""
+        self.profile = profile
+        self.provenance = provenance
+        super().__init__(
+            path, records={START: start_record(profile, provenance)}, topics=topics,
+            chunk_size=chunk_size, flush_interval=flush_interval,
+        )
+        self.flush()
+
     def close(
         self,
         status: Status = "complete",
@@ -244,42 +314,18 @@ class BagWriter:
         if status not in STATUSES:
             raise UsageError(f"status {status!r} is none of {', '.join(STATUSES)}")
         self.closed = True
+        self.flush()
         begin = self.provenance.start_time if start_time is None else start_time
-        counts = [(topic, self._counts[name]) for name, topic in self._topics.items()]
-        first = min(self._first, self._last)
-        information = bagfile_information(BagSummary(
-            file_name=self.file.name, counts=counts, first=first, last=self._last,
-            custom_data={
-                "serial_number": self.provenance.serial_number,
-                "software_version": self.provenance.software_version,
-                "test_profile": self.profile.name,
-                "status": status,
-                **({"recovered": "true"} if recovery is not None else {}),
-            },
-        ))
-        try:
-            self._mcap.flush()
-            put_back(self.file, self._stream.fileno())
-            if recovery is not None:
-                self._mcap.add_metadata(RECOVERY, dict(recovery))
-            self._mcap.add_metadata(END, end_record(status, begin, counts))
-            self._mcap.add_metadata(ROSBAG2, rosbag2_record(information))
-            self._mcap.finish()
-            self._stream.flush()
-            os.fsync(self._stream.fileno())
-            self._stream.close()
-        except OSError as error:
-            raise self._failed(error) from None
-        with new_file(self.path / METADATA_FILE) as temporary:
-            temporary.write_text(metadata_yaml(information), encoding="utf-8")
-        return self.path
-
-    def _failed(self, error: OSError) -> OutputError:
-        """Return the error for a bag that cannot be continued, and give its file up."""
-        self.closed = True
-        with contextlib.suppress(OSError):  # the same failure again, from its buffer
-            self._stream.close()
-        return cannot_write(self.file, error)
+        records = {END: end_record(status, begin, self._topic_counts())}
+        if recovery is not None:
+            records = {RECOVERY: dict(recovery), **records}
+        return self.finish(records, {
+            "serial_number": self.provenance.serial_number,
+            "software_version": self.provenance.software_version,
+            "test_profile": self.profile.name,
+            "status": status,
+            **({"recovered": "true"} if recovery is not None else {}),
+        })
 
     def __enter__(self) -> BagWriter:
         """Return the writer itself."""

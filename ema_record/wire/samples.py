@@ -1,16 +1,19 @@
 """Blocks of `/ema/samples` to and from CDR: std_msgs/Float64MultiArray, a whole block at once.
 
-What stands in a message (XCDR1, offsets count from the end of the 4 bytes of encapsulation)::
+What stands in a message of m channels, 10 of the actuator's test (XCDR1, offsets count from the
+end of the 4 bytes of encapsulation)::
 
-    dim[0]  label "sample"            size n   stride n * 10
-    dim[1]  label "time[s],..."       size 10  stride 10
+    dim[0]  label "sample"            size n   stride n * m
+    dim[1]  label "time[s],..."       size m   stride m
     data_offset 0
-    data    n * 10 float64, row by row, aligned to 8
+    data    n * m float64, row by row, aligned to 8
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 
@@ -34,13 +37,15 @@ def _pad(buffer: bytearray, size: int) -> None:
     buffer.extend(bytes(-(len(buffer) - _HEADER) % size))
 
 
-def _build_prefix() -> tuple[bytes, int, int, int]:
-    """Return everything before the data, and where the three numbers stand that vary."""
+@cache
+def _prefix(label: str) -> tuple[bytes, int, int, int]:
+    """Return all before the data, where size and length stand in it, and how many columns."""
     out = bytearray(_LITTLE_ENDIAN + b"\x00\x00")
     out += struct.pack("<I", 2)
     places = []
-    for label, stride in ((SAMPLE_LABEL, 0), (CHANNEL_LABEL, N_CHANNELS)):
-        text = label.encode() + b"\x00"
+    columns = label.count(",") + 1
+    for name, stride in ((SAMPLE_LABEL, 0), (label, columns)):
+        text = name.encode() + b"\x00"
         out += struct.pack("<I", len(text)) + text
         _pad(out, 4)
         places.append(len(out))
@@ -49,26 +54,24 @@ def _build_prefix() -> tuple[bytes, int, int, int]:
     length = len(out)
     out += struct.pack("<I", 0)
     _pad(out, 8)
-    return bytes(out), places[0], places[0] + 4, length
+    return bytes(out), places[0], length, columns
 
 
-_PREFIX, _AT_SIZE, _AT_STRIDE, _AT_LENGTH = _build_prefix()
-_CHANNEL_LABEL_BYTES = CHANNEL_LABEL.encode()
-
-
-def encode_block(block: np.ndarray) -> bytes:
+def encode_block(block: np.ndarray, label: str = CHANNEL_LABEL) -> bytes:
     """Return one block as a serialised std_msgs/Float64MultiArray.
 
     Parameters
     ----------
-    block : ndarray, shape (n, 10)
-        Columns and units as in `channels.CHANNELS`, n >= 1.
+    block : ndarray, shape (n, m)
+        n >= 1.
+    label : str
+        Names and units of the m columns, with commas between.
 
     Returns
     -------
     bytes
         CDR with its encapsulation, little endian; ready for ``publisher.publish`` and for
-        `BagWriter.write_raw`.
+        `RawBag.write_raw`.
 
     Raises
     ------
@@ -76,14 +79,15 @@ def encode_block(block: np.ndarray) -> bytes:
         Wrong shape, or more than `MAX_BLOCK_SIZE` samples.
 
     """
-    if block.ndim != 2 or block.shape[1] != N_CHANNELS or not 1 <= len(block) <= MAX_BLOCK_SIZE:
+    head, at_size, at_length, columns = _prefix(label)
+    if block.ndim != 2 or block.shape[1] != columns or not 1 <= len(block) <= MAX_BLOCK_SIZE:
         raise UsageError(
-            f"block of samples has shape {block.shape}, expected (n, {N_CHANNELS}) with "
+            f"block of samples has shape {block.shape}, expected (n, {columns}) with "
             f"1 <= n <= {MAX_BLOCK_SIZE}: publish smaller blocks"
         )
-    prefix = bytearray(_PREFIX)
-    struct.pack_into("<II", prefix, _AT_SIZE, len(block), len(block) * N_CHANNELS)
-    struct.pack_into("<I", prefix, _AT_LENGTH, len(block) * N_CHANNELS)
+    prefix = bytearray(head)
+    struct.pack_into("<II", prefix, at_size, len(block), block.size)
+    struct.pack_into("<I", prefix, at_length, block.size)
     return bytes(prefix) + np.ascontiguousarray(block, dtype="<f8").tobytes()
 
 
@@ -132,23 +136,46 @@ def _short(needed: int, found: int) -> InvalidRecordError:
 
 
 def decode_block(data: bytes | memoryview) -> np.ndarray:
-    """Return the samples of a serialised std_msgs/Float64MultiArray of `/ema/samples`.
+    """Return the samples of a message of `/ema/samples` of the actuator's test.
+
+    Returns
+    -------
+    ndarray, shape (n, 10)
+        Columns and units as in `channels.CHANNELS`; otherwise as `decode_labelled`.
+
+    Raises
+    ------
+    InvalidRecordError
+        Damaged, too large, or other channels.
+
+    """
+    return decode_labelled(data, check_channel_label)[1]
+
+
+def decode_labelled(
+    data: bytes | memoryview, check: Callable[[str], None] | None = None
+) -> tuple[str, np.ndarray]:
+    """Return the label of the channels and the samples of a std_msgs/Float64MultiArray.
 
     Parameters
     ----------
     data : bytes-like
         CDR with its encapsulation, of either endianness.
+    check : callable, optional
+        Takes the label and raises unless it is right, before sizes are compared with it.
 
     Returns
     -------
-    ndarray, shape (n, 10)
+    label : str
+        Names and units, with commas between.
+    samples : ndarray, shape (n, m)
         Float64; read-only and without a copy where `data` is little endian. The values are
         not checked.
 
     Raises
     ------
     InvalidRecordError
-        Damaged, too large, or not the channels of `ema_record.channels`.
+        Damaged, too large, or no block of [sample, channel].
 
     """
     if len(data) > MAX_MESSAGE_BYTES:
@@ -173,18 +200,20 @@ def decode_block(data: bytes | memoryview) -> np.ndarray:
             f"/ema/samples: first dimension is {sample_label[:40]!r}, expected "
             f"{SAMPLE_LABEL!r}: publish blocks of [sample, channel]"
         )
-    if channel_label != _CHANNEL_LABEL_BYTES:
-        check_channel_label(channel_label.decode("utf-8", errors="replace"))
-    if (columns, column_stride, offset) != (N_CHANNELS, N_CHANNELS, 0) or not (
-        length == row_stride == rows * N_CHANNELS
+    label = channel_label.decode("utf-8", errors="replace")
+    if check is not None:
+        check(label)
+    named = label.count(",") + 1
+    if (columns, column_stride, offset) != (named, named, 0) or not (
+        length == row_stride == rows * named
     ):
         raise InvalidRecordError(
             f"/ema/samples: {length} numbers at offset {offset} for {rows} x {columns} "
-            f"(strides {row_stride}, {column_stride}), expected n * {N_CHANNELS} without gaps: "
+            f"(strides {row_stride}, {column_stride}), expected n * {named} without gaps: "
             "the message is damaged"
         )
     if length == 0:
-        return np.empty((0, N_CHANNELS))
+        return label, np.empty((0, named))
     cursor.align(8)
     end = cursor.at + 8 * length
     if end > len(data):
@@ -194,4 +223,4 @@ def decode_block(data: bytes | memoryview) -> np.ndarray:
             f"/ema/samples: {len(data) - end} bytes follow the last sample: damaged message"
         )
     values = np.frombuffer(data, dtype=cursor.order + "f8", count=length, offset=cursor.at)
-    return values.astype(np.float64, copy=False).reshape(rows, N_CHANNELS)
+    return label, values.astype(np.float64, copy=False).reshape(rows, named)

@@ -1,4 +1,4 @@
-"""Standard ROS 2 messages to and from CDR without ROS, through the `rosbags` type store."""
+"""Standard ROS 2 messages without ROS, through the `rosbags` type store: CDR, definitions."""
 
 from __future__ import annotations
 
@@ -12,12 +12,27 @@ from ema_record.errors import InvalidRecordError
 from ema_record.limits import MAX_SMALL_MESSAGE_BYTES
 
 NANOSECONDS = 1_000_000_000
+SCHEMA_ENCODING = "ros2msg"
+MESSAGE_ENCODING = "cdr"
 
 
 @cache
 def typestore() -> Typestore:
     """Return the types of ROS 2 Jazzy."""
     return get_typestore(Stores.ROS2_JAZZY)
+
+
+@cache
+def definition(message_type: str) -> str:
+    """Return the definition of a type, those of the types that it uses joined to it."""
+    text, _ = typestore().generate_msgdef(message_type, ros_version=2)
+    return text
+
+
+@cache
+def type_hash(message_type: str) -> str:
+    """Return the RIHS01 hash of a type (REP 2011)."""
+    return typestore().hash_rihs01(message_type)
 
 
 def message_class(message_type: str) -> Any:

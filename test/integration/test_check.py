@@ -5,8 +5,8 @@ import math
 
 import pytest
 
+from ema_cli.commands.bit import print_result
 from ema_cli.main import run
-from ema_cli.views.bit import print_result
 from ema_prognostics.cascade.model_file import load_model
 from ema_prognostics.features.extract import extract
 from ema_prognostics.verdict import diagnose as diagnosis

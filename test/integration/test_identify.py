@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from ema_cli.main import COMMANDS, build_app, run
+from ema_cli.main import build_app, run
 from ema_identification.actuator.measure.tolerances import align
 from ema_identification.actuator.naming import proposal as naming
 from ema_identification.actuator.naming.contest import FINAL_RUNS, Arena
@@ -153,8 +153,7 @@ def test_the_command_writes_a_report_and_a_model_that_runs(tmp_path, capsys):
     write_bag(record(OFFSET), bag)
     write_bag(record(OFFSET, seed=12), held)
     out = tmp_path / "out"
-    command = COMMANDS["identify"]
-    result = CliRunner().invoke(build_app(command), [
+    result = CliRunner().invoke(build_app("identify"), [
         str(bag), "--validate", str(held), "--out", str(out), "--json", "--workers", "1"])
     assert result.exception is None, result.output
     answer = json.loads(result.stdout.strip().splitlines()[-1])

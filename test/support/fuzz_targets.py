@@ -30,8 +30,8 @@ from ema_record.profile import load_profile
 from ema_record.record import Provenance, Record
 from ema_record.resources import share_path
 from ema_record.wire.samples import decode_block, encode_block
-from ema_record.wire.schemas import definition
 from ema_record.wire.topics import BAG_TOPICS, TOPICS
+from ema_record.wire.types import definition
 from ema_sim.effects import EFFECTS, parse_effects
 from ema_sim.model_file import load_model_file
 

@@ -5,8 +5,8 @@ import pytest
 from matplotlib.image import imread
 
 from ema_cli.main import run
-from ema_cli.views import record_curves as plot_data
 from ema_cli.views import record_plots as plots
+from ema_prognostics.features.turns import paper_window, whole_turns
 from ema_record.channels import N_CHANNELS
 from ema_record.errors import OutputError
 from ema_record.profile import load_profile
@@ -38,8 +38,8 @@ def rotating(lines=(), drift=0.0):
 
 def test_spectrum_finds_lines_at_multiples_of_the_rotor_angle():
     record = rotating([(1, 0.2, 0.4), (2, 0.5, -1.0), (6, 0.05, 2.0)], drift=30.0)
-    turns = plot_data.analysis_turns(record)
-    order, amplitude = plot_data.speed_spectrum(turns)
+    turns = whole_turns(record, paper_window(record.profile))
+    order, amplitude = plots.speed_spectrum(turns)
     assert turns.frequency == pytest.approx(OMEGA / (2.0 * np.pi), rel=1e-4)
     at = {n: amplitude[n * turns.count] for n in range(1, 13)}
     assert order[turns.count] == 1.0
@@ -50,19 +50,21 @@ def test_spectrum_finds_lines_at_multiples_of_the_rotor_angle():
 
 
 def test_folded_currents_are_those_of_the_sectors():
-    folds = plot_data.fold_currents(plot_data.analysis_turns(rotating()))
-    assert [fold.phase for fold in folds] == ["a", "b", "c"]
-    first = folds[0]
-    inside = (first.bins > 35.0) & (first.bins < 145.0)
-    outside = (first.bins > 155.0) & (first.bins < 205.0)
-    assert first.mean_current[inside] == pytest.approx(7.0)
-    assert first.mean_reference[inside] == pytest.approx(7.7)
-    assert first.mean_current[outside] == pytest.approx(0.0, abs=1e-12)
-    assert len(first.angle) == len(first.current)
+    record = rotating()
+    figure = plots._currents(record, whole_turns(record, paper_window(record.profile)))
+    assert [axes.get_ylabel() for axes in figure.axes] == [f"phase {p} (A)" for p in "abc"]
+    samples, current, reference = figure.axes[0].lines
+    bins = current.get_xdata()
+    inside = (bins > 35.0) & (bins < 145.0)
+    outside = (bins > 155.0) & (bins < 205.0)
+    assert current.get_ydata()[inside] == pytest.approx(7.0)
+    assert reference.get_ydata()[inside] == pytest.approx(7.7)
+    assert current.get_ydata()[outside] == pytest.approx(0.0, abs=1e-12)
+    assert len(samples.get_xdata()) > 5000
 
 
 def test_torque_estimate_of_two_phases_on_is_twice_k_times_the_current():
-    estimate = plot_data.torque_estimate(rotating())
+    estimate = plots.torque_estimate(rotating())
     assert np.median(estimate) == pytest.approx(2.0 * 0.0376 * 7.0, rel=1e-6)
 
 

@@ -12,7 +12,7 @@ import pytest
 import typer
 import yaml
 
-from ema_cli.main import COMMANDS, build_app
+from ema_cli.main import build_app
 from ema_identification.report import plots
 from ema_identification.report import write as writing
 from ema_identification.report.page import advice, next_commands
@@ -175,7 +175,7 @@ def test_what_to_run_next_is_understood_by_the_commands(explained, machine, tmp_
         program, name, *arguments = shlex.split(line)
         assert program == "ema"
         assert name != "simulate" or machine == "actuator"  # the emulated actuator, no rig
-        command = typer.main.get_command(build_app(COMMANDS[name]))
+        command = typer.main.get_command(build_app(name))
         command.make_context(name, arguments)
     assert any("'a b' c" in line and "--without backlash" in line for line in lines)
 

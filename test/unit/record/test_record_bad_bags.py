@@ -25,10 +25,10 @@ from ema_record.limits import MAX_CHUNK_BYTES
 from ema_record.profile import load_profile
 from ema_record.record import Provenance
 from ema_record.wire.samples import encode_block
-from ema_record.wire.schemas import definition
 from ema_record.wire.sensors import encode_bool
 from ema_record.wire.topics import COMMAND, SAMPLES, TOPICS, WEIGHT_ON_WHEELS
 from ema_record.wire.trajectory import encode_command
+from ema_record.wire.types import definition
 
 
 @pytest.fixture

@@ -20,7 +20,6 @@ from ema_record.bag.metadata import END, START
 from ema_record.bag.read import read_bag, write_bag
 from ema_record.profile import Profile, step_profile
 from ema_record.wire.samples import encode_block
-from ema_record.wire.schemas import definition
 from ema_record.wire.sensors import BATTERY_STATE, encode_bool
 from ema_record.wire.topics import (
     COMMAND,
@@ -32,7 +31,7 @@ from ema_record.wire.topics import (
     WEIGHT_ON_WHEELS,
 )
 from ema_record.wire.trajectory import encode_command
-from ema_record.wire.types import deserialize
+from ema_record.wire.types import definition, deserialize
 
 START_NS = 1_790_000_000_000_000_000
 

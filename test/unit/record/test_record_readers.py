@@ -20,7 +20,6 @@ from rosbags.rosbag2 import Reader as Rosbag2Reader
 
 from ema_record.bag.metadata import END, ROSBAG2, START
 from ema_record.channels import CHANNEL_LABEL, N_CHANNELS
-from ema_record.wire.schemas import type_hash
 from ema_record.wire.topics import (
     BAG_TOPICS,
     COMMAND,
@@ -32,6 +31,7 @@ from ema_record.wire.topics import (
     WEIGHT_ON_WHEELS,
     WINDING_TEMPERATURE,
 )
+from ema_record.wire.types import type_hash
 
 EXPECTED_COUNTS = {
     SAMPLES: 18, JOINT_STATES: 900, PHASE_CURRENTS: 900, DC_BUS: 45, WINDING_TEMPERATURE: 45,

@@ -9,10 +9,10 @@ import pytest
 import yaml
 from rosbags.rosbag2.metadata import parse_qos
 
-from ema_record.bag.qos import offered_qos_profiles
+from ema_record.bag.metadata import offered_qos_profiles
 from ema_record.version import VERSION
-from ema_record.wire.schemas import definition, type_hash
 from ema_record.wire.topics import BAG_TOPICS, TOPICS
+from ema_record.wire.types import definition, type_hash
 
 SHARE = Path(sys.prefix) / "share"
 TYPES = sorted({topic.type for topic in TOPICS.values()})
