@@ -5,9 +5,9 @@ import sys
 
 NODE = """
 import ctypes, types
-from ema_record import node_process
+from ema_ros import process
 
-node_process.bound_the_end.__defaults__ = (0.5,)
+process.bound_the_end.__defaults__ = (0.5,)
 
 class Node:
     exit_status = 0
@@ -24,7 +24,7 @@ executor = types.SimpleNamespace(
     add_node=lambda node: None, remove_node=lambda node: None,
     spin_once=lambda timeout_sec: None, shutdown=lambda timeout_sec: None,
 )
-raise SystemExit(node_process.run_node(ros, lambda stop: Node(), []))
+raise SystemExit(process.run_node(ros, lambda stop: Node(), []))
 """
 HOLDS_THE_INTERPRETER = "ctypes.PyDLL(None).pause()"
 
