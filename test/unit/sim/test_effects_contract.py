@@ -10,8 +10,6 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from kernel_run import changed, run, state_of
-from port_values import ROWS, port_values
 
 from ema_record.errors import SimulationError, UsageError
 from ema_record.profile import step_profile
@@ -20,6 +18,8 @@ from ema_sim.effects import base as effect_base
 from ema_sim.plant import ports
 from ema_sim.plant import state as st
 from ema_sim.simulate import simulate
+from support.kernel_run import changed, run, state_of
+from support.port_values import ROWS, port_values
 
 NAMES = list(EFFECTS)
 SHORT = step_profile(0.03, start=-0.02, duration=0.06)

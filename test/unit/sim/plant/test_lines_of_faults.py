@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 import pytest
-from kernel_run import changed, lines, run, state_of
 
 from ema_sim.effects import parse_effects
+from support.kernel_run import changed, lines, run, state_of
 
 CURRENT = 7.0
 OMEGA = 600.0

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kernel_run import changed, run, state_of
 
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.model_file import load_actuator
 from ema_sim.plant import state as st
 from ema_sim.simulate import simulate_traced
+from support.kernel_run import changed, run, state_of
 
 
 def balance(settings: list[str], profile: str, **parts: dict) -> dict[str, float]:

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from kernel_run import changed, run, state_of
 from scipy.optimize import least_squares
 
 from ema_record.profile import Profile
 from ema_sim.effects import parse_effects
 from ema_sim.plant import state as st
 from ema_sim.simulate import simulate
+from support.kernel_run import changed, run, state_of
 
 FREE = {"backlash": 0.1}  # motor and surface do not touch
 SMOOTH = {"static_friction": 0.0, "dynamic_friction": 0.0, "viscous_friction": 0.0}

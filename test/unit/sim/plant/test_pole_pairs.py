@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from kernel_run import changed, lines, run, state_of
 
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.signals import prepare
@@ -16,6 +15,7 @@ from ema_sim.model_file import load_actuator
 from ema_sim.plant import state as st
 from ema_sim.plant.electrical import unit_trapezoid
 from ema_sim.simulate import simulate, simulate_traced
+from support.kernel_run import changed, lines, run, state_of
 
 P = 4
 THIRDS = np.arange(3) * 2.0 * math.pi / 3.0
