@@ -85,7 +85,7 @@ def test_domains_differ_and_a_choice_is_taken():
 
 
 HOLDS_A_DOMAIN = """
-from ema_cli import domain
+from ema_ros import domain
 domain.DOMAINS = range(230, 232)
 with domain.private_domain(None) as found:
     print(found, flush=True)
