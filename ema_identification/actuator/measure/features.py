@@ -223,8 +223,6 @@ def feature_map(profile: Profile, actuator: Actuator, example: Record) -> Featur
                       plan=steps, features=features)
 
 
-
-
 def _walk(record: Record, steps: Plan, actuator: Actuator) -> Iterator[tuple[str, Entry]]:
     """Yield place and entry of each feature."""
     signals = prepare(record, actuator)
