@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+
+class Row(NamedTuple):
+    """One line of a table of targets."""
+
+    what: str
+    target: str
+    found: str
+    good: bool
 
 
 class Ledger:
@@ -38,14 +46,3 @@ class Ledger:
                 with self._path.open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps([key, self._done[key]]) + "\n")
         return self._done[key]
-
-
-def options_of(text: str | None, *, seed: int = 6) -> argparse.ArgumentParser:
-    """Return the options that all parts have."""
-    options = argparse.ArgumentParser(description=(text or "").splitlines()[0])
-    options.add_argument("--seed", type=int, default=seed)
-    options.add_argument(
-        "--results", type=Path, default=None, metavar="FILE",
-        help="keep results there, a JSON line each, and go on where an earlier run stopped",
-    )
-    return options

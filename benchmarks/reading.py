@@ -1,4 +1,4 @@
-"""Cost of reading and writing bags, a sample, all channels; and that of other readers.
+"""Cost of reading, writing and checking bags, a sample, all channels; and that of other readers.
 
 Run from the checkout: ``python -m benchmarks.reading``.
 
@@ -24,6 +24,7 @@ from rosbags.highlevel import AnyReader
 from ema_record.bag.read import read_bag, write_bag
 from ema_record.bag.writer import BagWriter
 from ema_record.channels import N_CHANNELS
+from ema_record.checks import guard_findings
 from ema_record.profile import load_profile
 from ema_record.record import Record
 from ema_record.wire.samples import BLOCK_SIZE, decode_block, encode_block
@@ -32,6 +33,8 @@ from ema_sim.simulate import simulate
 
 BOUND = 2.0
 """Most that `read_bag` may take (us a sample)."""
+CHECKS_LIMIT = 0.15
+"""Most that the record checks before a verdict may take of a bag (s)."""
 
 
 def by_mcap_ros2(bag: Path) -> np.ndarray:
@@ -78,11 +81,11 @@ def record_live(record: Record, folder: Path) -> float:
 
 
 def main() -> int:
-    """Print the medians; return 1 if `read_bag` misses its bound."""
+    """Print the medians; return 1 if `read_bag` or the record checks miss their bounds."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeat", type=int, default=21, help="runs a number (default 21)")
     repeat = parser.parse_args().repeat
-    slowest = 0.0
+    slowest = checks = 0.0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for profile in ("step", "extended"):
@@ -111,6 +114,9 @@ def main() -> int:
                 repeat,
             ) / len(record) * 1e6
             print(f"  {'write_bag':36s}{cost:10.3f}")
+            cost = median(lambda r=record: guard_findings(r), repeat)
+            checks = max(checks, cost)
+            print(f"  {'record checks':36s}{cost / len(record) * 1e6:10.3f}")
             live = statistics.median(record_live(record, folder) for _ in range(repeat))
             print(f"  {'BagWriter, blocks of 500':36s}{live / len(record) * 1e6:10.3f}")
     block = record.samples[:BLOCK_SIZE]
@@ -120,7 +126,9 @@ def main() -> int:
           f"decode {median(lambda: decode_block(data), 2001) * 1e6:.1f}")
     print(f"read_bag: {slowest:.3f} us a sample, at most {BOUND:g}: "
           f"{'reached' if slowest <= BOUND else 'MISSED'}")
-    return int(slowest > BOUND)
+    print(f"record checks: {checks:.3f} s a bag, {checks / CHECKS_LIMIT:.0%} of the limit of "
+          f"{CHECKS_LIMIT:g} s: {'reached' if checks <= CHECKS_LIMIT else 'MISSED'}")
+    return int(slowest > BOUND or checks > CHECKS_LIMIT)
 
 
 if __name__ == "__main__":

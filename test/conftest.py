@@ -17,6 +17,10 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 # The workers share the cores: threads of BLAS beside them spin, and cost ten times the work.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# pytest imports readline, which gives all children the width of a terminal that is not there.
+for _name in ("COLUMNS", "LINES"):
+    os.environ.pop(_name, None)
+    os.unsetenv(_name)
 # A job in the background begins with Ctrl-C ignored, and so would the commands that it starts.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -37,7 +37,7 @@ KNOWN_CYCLES = {
     "ema_sim.effects <-> ema_sim.effects.settings",
 }
 KNOWN_FOLDER_CYCLES: set[str] = set()
-KNOWN_CROWDED = {"test/unit/record"}
+KNOWN_CROWDED: set[str] = set()
 ONE_FILE_AN_ENTRY = {"ema_sim/effects"}
 """A catalogue: each file is one effect, with its parameters, bounds and source. Stays."""
 KNOWN_DEPTH = {"ema_identification": 10, "ema_prognostics": 10}

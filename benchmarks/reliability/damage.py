@@ -3,14 +3,10 @@
 Half of the flips are anywhere in the files, a quarter outside the chunks (headers, metadata,
 indexes, summary), a quarter in ``metadata.yaml``. Half of the cuts leave ``metadata.yaml``,
 a quarter take it away, a quarter cut it.
-
-Run: python -m benchmarks.reliability.damage [--flips 1000] [--cuts 200] [--seed 6]
-     [--results FILE]
 """
 
 from __future__ import annotations
 
-import json
 import struct
 import tempfile
 from collections import Counter
@@ -21,7 +17,7 @@ from random import Random
 
 import numpy as np
 
-from benchmarks.ledger import Ledger, options_of
+from benchmarks.ledger import Ledger, Row
 from ema_record.bag.read import read_bag, write_bag
 from ema_record.errors import IncompleteRecordError, RecordError
 from ema_record.profile import load_profile
@@ -124,17 +120,14 @@ def damage_all(flips: int, cuts: int, seed: int) -> dict[str, object]:
     return {**table, "different": different}
 
 
-def main() -> None:
-    """Print the table and each record that is silently different."""
-    options = options_of(__doc__)
-    options.add_argument("--flips", type=int, default=1000)
-    options.add_argument("--cuts", type=int, default=200)
-    arguments = options.parse_args()
-    seed, flips, cuts = arguments.seed, arguments.flips, arguments.cuts
-    table = Ledger(arguments.results).run(
-        f"{seed} {flips} {cuts}", partial(damage_all, flips, cuts, seed))
-    print(json.dumps({"seed": seed, **table}))
-
-
-if __name__ == "__main__":
-    main()
+def measure(ledger: Ledger, seed: int, *, flips: int, cuts: int) -> list[Row]:
+    """Flip bits and cut; say which record is silently different."""
+    found = ledger.run(f"{seed} {flips} {cuts}", partial(damage_all, flips, cuts, seed))
+    for place in found["different"]:
+        print(f"silently different: {place}")
+    return [
+        Row(f"{sum(found[kind].values())} {words}", "0 silently different records",
+            f"{found[f'{kind}_silently_different']} ({found[kind]})",
+            found[f"{kind}_silently_different"] == 0)
+        for kind, words in (("flips", "single-bit flips"), ("cuts", "truncations"))
+    ]

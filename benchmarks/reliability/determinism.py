@@ -3,8 +3,6 @@
 Paths: `ema check` alone, among other bags, with one and with two threads of the linear algebra,
 two at once; the prognostics node by the announced path, and from the topics of `ema replay` at
 rates from half to a hundred times the original.
-
-Run: python -m benchmarks.reliability.determinism [--repeats 100] [--bag DIR] [--seed 6]
 """
 
 from __future__ import annotations
@@ -15,15 +13,15 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from random import Random
 
 from std_msgs.msg import String
 
-from benchmarks.ledger import Ledger, options_of
+from benchmarks.ledger import Ledger, Row
 from ema_monitor.aircraft_node import AircraftNode, aircraft
 from ema_record.resources import share_path
 from ema_record.wire.topics import BIT_RECORD
@@ -117,29 +115,16 @@ def one(bag: str, path: str, rate: float, folder: Path) -> str:
     return answers.pop() if len(answers) == 1 else "two at once differ"
 
 
-def main() -> None:
-    """Print the number of distinct verdicts, and how often each path was taken."""
-    options = options_of(__doc__)
-    options.add_argument("--repeats", type=int, default=100)
-    options.add_argument("--bag", default=str(share_path(BAG)))
-    arguments = options.parse_args()
-    rng, ledger = Random(arguments.seed), Ledger(arguments.results)
-    found: Counter[str] = Counter()
-    taken: Counter[str] = Counter()
+def measure(ledger: Ledger, seed: int, *, repeats: int) -> list[Row]:
+    """Judge one bag `repeats` times, by all paths in turn."""
+    rng, bag = Random(seed), str(share_path(BAG))
+    found: set[str] = set()
     with tempfile.TemporaryDirectory() as name:
-        for number in range(arguments.repeats):
+        for number in range(repeats):
             path, rate = PATHS[number % len(PATHS)], rng.choice(RATES)
-            text = ledger.run(
-                f"{arguments.seed} {number} {path} {rate}",
-                lambda: one(arguments.bag, path, rate, Path(name)),  # noqa: B023
-            )
-            found[text] += 1
-            taken[path] += 1
-    for text, count in found.items():
-        print(json.dumps({"count": count, "verdict": json.loads(text)}))
-    print(json.dumps({"seed": arguments.seed, "repeats": arguments.repeats,
-                      "distinct": len(found), "paths": taken}))
-
-
-if __name__ == "__main__":
-    main()
+            found.add(ledger.run(f"{seed} {number} {path} {rate}",
+                                 partial(one, bag, path, rate, Path(name))))
+    if len(found) > 1:
+        print("\n".join(sorted(found)))
+    return [Row(f"{repeats} repeats of one verdict across paths, rates and workers",
+                "1 distinct output", str(len(found)), len(found) == 1)]

@@ -4,14 +4,11 @@ Each child records a simulated test in real time (20 kHz, blocks of 500 samples)
 `BagWriter` and notes in shared memory how many samples it was given. At a random moment the parent
 kills it (SIGKILL) or removes its directory; or its file may not grow beyond a random size. Then
 the bag is recovered and compared.
-
-Run: python -m benchmarks.reliability.kills [--kills 200] [--others 20] [--seed 6] [--results FILE]
 """
 
 from __future__ import annotations
 
 import contextlib
-import json
 import mmap
 import os
 import random
@@ -28,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.ledger import Ledger, options_of
+from benchmarks.ledger import Ledger, Row
 from ema_record.bag.read import read_bag
 from ema_record.bag.recover import recover_bag
 from ema_record.bag.writer import BagWriter
@@ -141,39 +138,31 @@ def strike_all(kinds: list[str], seed: int) -> list[dict[str, object]]:
     return results
 
 
-def table_of(results: list[dict[str, object]]) -> dict[str, object]:
+def row_of(words: str, results: list[dict[str, object]]) -> Row:
     """Return the sums over one kind."""
     struck = [r for r in results if not r["finished"]]
-    lost = [float(r["lost_ms"]) for r in struck] or [0.0]  # type: ignore[arg-type]
-    return {
-        "struck": len(results), "finished": len(results) - len(struck),
-        "lost_ms_max": max(lost), "lost_ms_median": float(np.median(lost)),
-        "over_target": sum(ms > TARGET_MS for ms in lost),
-        "recovered": sum(bool(r["recovered"]) for r in struck),
-        "called_complete": sum(bool(r["called_complete"]) for r in results),
-    }
+    lost = max([float(r["lost_ms"]) for r in struck] or [0.0])  # type: ignore[arg-type]
+    recovered = sum(bool(r["recovered"]) for r in struck)
+    complete = sum(bool(r["called_complete"]) for r in results)
+    return Row(
+        f"{len(results)} {words}", "<= 100 ms lost each, all recoverable, 0 called complete",
+        f"{lost:.0f} ms at most, {recovered} of {len(struck)} recovered "
+        f"({len(results) - len(struck)} whole), {complete} called complete",
+        lost <= TARGET_MS and complete == 0 and recovered == len(struck),
+    )
 
 
-def main() -> None:
-    """Print the table."""
-    options = options_of(__doc__)
-    options.add_argument("--kills", type=int, default=200)
-    options.add_argument("--others", type=int, default=20, help="full disks, and removals")
-    arguments = options.parse_args()
-    ledger = Ledger(arguments.results)
-    counts = {"kill": arguments.kills, "full disk": arguments.others,
-              "removed directory": arguments.others}
-    table: dict[str, object] = {"seed": arguments.seed}
-    for kind, count in counts.items():
+def measure(ledger: Ledger, seed: int, *, kills: int, others: int) -> list[Row]:
+    """Strike `kills` recordings, fill `others` disks and remove as many directories."""
+    rows = []
+    for kind, words, count in (("kill", "SIGKILLs while recording", kills),
+                               ("full disk", "disks that fill up", others),
+                               ("removed directory", "directories removed", others)):
         results: list[dict[str, object]] = []
         for first in range(0, count, BATCH):
             kinds = [kind] * min(BATCH, count - first)
-            number = 1000 * arguments.seed + first
+            number = 1000 * seed + first
             results += ledger.run(f"{number} {kind} {len(kinds)}",
                                   partial(strike_all, kinds, number))
-        table[kind] = table_of(results)
-    print(json.dumps(table))
-
-
-if __name__ == "__main__":
-    main()
+        rows.append(row_of(words, results))
+    return rows

@@ -2,8 +2,6 @@
 
 Good bags: see `good_bags`; none may have a finding, and none may be kept from its verdict.
 Defects: each of `DEFECTS` in other good bags.
-
-Run: python -m benchmarks.reliability.lint [--bags 20] [--good 200] [--seed 6] [--results FILE]
 """
 
 from __future__ import annotations
@@ -11,13 +9,12 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections import Counter
 from functools import partial
 from pathlib import Path
 from random import Random
 from typing import Any
 
-from benchmarks.ledger import Ledger, options_of
+from benchmarks.ledger import Ledger, Row
 from benchmarks.reliability.good_bags import good_record
 from ema_record.bag.read import read_bag, write_bag
 from ema_record.checks.guard import guard_findings
@@ -64,37 +61,28 @@ def defects(number: int, seed: int, folder: Path) -> dict[str, Any]:
             "missed": missed}
 
 
-def main() -> None:
-    """Print what went wrong, and the table."""
-    options = options_of(__doc__)
-    options.add_argument("--bags", type=int, default=20)
-    options.add_argument("--good", type=int, default=200)
-    arguments = options.parse_args()
-    ledger, seed = Ledger(arguments.results), arguments.seed
-    wrong = blocked = 0
-    found: Counter[str] = Counter()
+def measure(ledger: Ledger, seed: int, *, bags: int, good_bags: int) -> list[Row]:
+    """Put each defect into `bags`, none into `good_bags`; print what went wrong."""
+    wrong = blocked = found = 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for number in range(arguments.good):
+        for number in range(good_bags):
             result = ledger.run(f"good {seed} {number}", partial(good, number, seed, folder))
-            wrong += bool(result["findings"] or result["unreadable"])
+            bad = bool(result["findings"] or result["unreadable"])
+            wrong += bad
             blocked += bool(result["guard"])
-            if result["findings"] or result["unreadable"] or result["guard"]:
+            if bad or result["guard"]:
                 print(json.dumps({"good": number, **result}), flush=True)
-        for number in range(arguments.bags):
+        for number in range(bags):
             result = ledger.run(f"defects {seed} {number}",
                                 partial(defects, number, seed, folder))
-            found.update(result["found"])
+            found += len(result["found"])
             if result["missed"]:
                 print(json.dumps({"defects": number, **result, "found": ""}), flush=True)
-    total = arguments.bags * len(DEFECTS)
-    print(json.dumps({
-        "seed": seed, "kinds": len(DEFECTS), "defects": total, "found": found.total(),
-        "share": found.total() / max(total, 1),
-        "good_bags": arguments.good, "good_bags_with_findings": wrong,
-        "good_bags_without_verdict": blocked,
-    }))
-
-
-if __name__ == "__main__":
-    main()
+    total = bags * len(DEFECTS)
+    return [
+        Row(f"{len(DEFECTS)} kinds of defects x {bags} bags", ">= 99 % found",
+            f"{found} of {total}", found >= 0.99 * total),
+        Row(f"{good_bags} good bags", "0 findings",
+            f"{wrong} with findings, {blocked} kept from a verdict", wrong == 0 == blocked),
+    ]

@@ -2,8 +2,6 @@
 
 The resident memory of each node is read every two seconds. After a warm-up of a tenth of the time
 it is flat where the mean of the last fifth is within 5 % of that of the first fifth.
-
-Run: python -m benchmarks.reliability.soak [--minutes 30] [--seed 6] [--results FILE]
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ from typing import Any
 
 import psutil
 
-from benchmarks.ledger import Ledger, options_of
+from benchmarks.ledger import Ledger, Row
 from ema_cli.commands.bit import MONITOR, PROGNOSTICS, SIMULATOR
 from support.chain import Chain, chain, samples_of
 
@@ -110,15 +108,12 @@ def soak(minutes: float, seed: int) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    """Print the table."""
-    options = options_of(__doc__)
-    options.add_argument("--minutes", type=float, default=30.0)
-    arguments = options.parse_args()
-    minutes, seed = arguments.minutes, arguments.seed
-    table = Ledger(arguments.results).run(f"{seed} {minutes}", partial(soak, minutes, seed))
-    print(json.dumps({"seed": seed, **table}))
-
-
-if __name__ == "__main__":
-    main()
+def measure(ledger: Ledger, seed: int, *, minutes: float) -> list[Row]:
+    """Test for `minutes`."""
+    r = ledger.run(f"{seed} {minutes}", partial(soak, minutes, seed))
+    print(json.dumps({"CPU of a core": r["cpu_of_a_core"], "healthy": r["healthy"]}))
+    growth = ", ".join(f"{name} {100 * m['growth']:+.1f} %" for name, m in r["memory"].items())
+    return [Row(f"{r['minutes']} minutes of continuous tests ({r['tests']})",
+                "memory flat within 5 %, 0 samples lost",
+                f"{growth}; {r['lost']} of {r['samples_published']} lost",
+                bool(r["flat"]) and r["lost"] == 0 and r["passed"] == r["tests"])]

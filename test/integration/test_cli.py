@@ -7,13 +7,10 @@ import subprocess
 import sys
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 from ema_cli.main import run
-from ema_record.bag.read import read_bag, write_bag
-from ema_record.channels import CHANNEL_LABEL, CHANNEL_NAMES
-from ema_record.errors import InvalidRecordError
+from ema_record.bag.read import read_bag
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
@@ -103,38 +100,6 @@ def test_simulate_and_export_plots(tmp_path, bag, capsys):
     assert sorted(p.name for p in made.iterdir()) == sorted(names)
     assert told["written"] == [str(tmp_path / "from_bag" / name) for name in names]
     assert not list(bag.parent.glob("*.csv"))
-
-
-def test_export_csv_and_parquet_hold_the_samples(tmp_path, bag):
-    samples = read_bag(bag).samples
-    assert run(["export", str(bag), "--format", "csv", "--out", str(tmp_path / "a.csv")]) == 0
-    with (tmp_path / "a.csv").open(encoding="utf-8") as file:
-        assert file.readline().strip() == CHANNEL_LABEL
-        assert np.array_equal(np.loadtxt(file, delimiter=","), samples)
-    assert run(["export", str(bag), "--format", "parquet", "--out", str(tmp_path / "a.pq")]) == 0
-    table = pq.read_table(tmp_path / "a.pq")
-    assert tuple(table.column_names) == CHANNEL_NAMES
-    assert np.array_equal(np.column_stack([c.to_numpy() for c in table.columns]), samples)
-
-
-def test_export_mcap_is_a_bag_of_messages_a_sample(tmp_path, bag):
-    from mcap.reader import make_reader
-
-    out = tmp_path / "messages"
-    assert run(["export", str(bag), "--format", "mcap", "--out", str(out)]) == 0
-    (file,) = out.glob("*.mcap")
-    with file.open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    topics = {channel.topic: summary.statistics.channel_message_counts[number]
-              for number, channel in summary.channels.items()}
-    assert topics["/ema/joint_states"] == len(read_bag(bag))
-
-
-def test_parquet_without_pyarrow_is_one_line(tmp_path, bag, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    line = refused(capsys, "export", bag, "--format", "parquet", "--out", tmp_path / "a.parquet")
-    assert "pyarrow" in line
-    assert not (tmp_path / "a.parquet").exists()
 
 
 BAD_SETTINGS = [
@@ -253,13 +218,3 @@ def test_export_of_a_cut_bag_is_refused(tmp_path, bag, capsys):
     (cut / "cut_0.mcap").write_bytes(data[: len(data) // 2])
     refused(capsys, "export", cut, "--format", "csv", "--out", tmp_path / "a.csv", status=3)
     assert not (tmp_path / "a.csv").exists()
-
-
-def test_export_of_nan_is_refused(tmp_path, bag, capsys):
-    record = read_bag(bag)
-    record.samples[1234, 3] = np.nan
-    path = write_bag(record, tmp_path / "nan", views=False)
-    with pytest.raises(InvalidRecordError):
-        read_bag(path)
-    line = refused(capsys, "export", path, "--format", "csv", "--out", tmp_path / "a.csv")
-    assert "1234" in line

@@ -151,7 +151,8 @@ def test_a_foreign_command_aborts_the_test(chain, watcher, tmp_path):
 
 
 def test_a_killed_acquisition_aborts_the_test(chain, watcher, tmp_path):
-    simulator, _ = chain("extended", stream_timeout=0.5)
+    # Longer than a busy machine keeps the monitor from its first block.
+    simulator, _ = chain("extended", stream_timeout=2.0)
 
     def kill():
         if simulator.poll() is None and sum(map(len, watcher.blocks)) > 4000:

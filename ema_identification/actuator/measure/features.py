@@ -231,8 +231,6 @@ def feature_map(profile: Profile, actuator: Actuator, example: Record) -> Featur
                       plan=steps, features=features)
 
 
-
-
 def _walk(record: Record, steps: MotionPlan, actuator: Actuator) -> Iterator[tuple[str, Entry]]:
     """Yield place and entry of each feature."""
     signals = drive_signals(record, actuator)

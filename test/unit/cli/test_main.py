@@ -5,7 +5,6 @@ import importlib
 import inspect
 import json
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -49,21 +48,6 @@ def test_every_command_is_there_and_its_help_has_options_and_example(name, capsy
     assert all(text in printed for text in said(name))
     assert printed.count("--") >= 2
     assert "----" not in printed
-
-
-def processor_time(*arguments):
-    """Return what a Python process costs (s of a core), whatever else the machine does."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run([sys.executable, *arguments], check=True, capture_output=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
-def test_help_costs_a_quarter_of_a_second_at_most():
-    """Of a core, beyond a bare interpreter; the best of three."""
-    cost = [processor_time("-m", "ema_cli", "--help") - processor_time("-c", "pass")
-            for _ in range(3)]
-    assert min(cost) < 0.25
 
 
 def test_main_imports_no_heavy_module():

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from records import slewing_record
 
 from ema_prognostics.paper.cascade import EXTENTS, level_target
 from ema_prognostics.paper.concavity import HALF_PORTION, concavity, portion_centre
@@ -15,6 +14,7 @@ from ema_prognostics.paper.features import (
     paper_turns,
 )
 from ema_prognostics.paper.noise import add_noise
+from support.slewing import slewing_record
 
 
 def curvature(h, amplitude, phase, centre):

@@ -5,13 +5,12 @@ from __future__ import annotations
 import ast
 import inspect
 import sys
+from functools import cache
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 import pytest
-from kernel_run import changed, run, state_of
-from port_values import ROWS, port_values
 
 from ema_record.errors import SimulationError, UsageError
 from ema_record.profile import step_profile
@@ -20,6 +19,9 @@ from ema_sim.effects import base as effect_base
 from ema_sim.plant import ports
 from ema_sim.plant import state as st
 from ema_sim.simulate import simulate
+from support.actuators import Machine, both_machines, changed
+from support.kernel_run import run, state_of
+from support.port_values import ROWS, port_values
 
 NAMES = list(EFFECTS)
 SHORT = step_profile(0.03, start=-0.02, duration=0.06)
@@ -59,9 +61,11 @@ def severities(name: str) -> list[tuple[str, Effects]]:
     return found
 
 
-@pytest.fixture(scope="module")
-def neutral_samples():
-    return simulate(SHORT, seed=4).samples
+@cache
+def samples_of(machine: Machine, effects: Effects) -> np.ndarray:
+    """Return the samples of a short test."""
+    return simulate(SHORT, actuator=machine.actuator, rate=machine.rate, effects=effects,
+                    seed=4).samples
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -106,35 +110,37 @@ def test_every_law_is_used_at_a_port(name):
     assert own <= used
 
 
+@both_machines
 @pytest.mark.parametrize("name", NAMES)
-def test_neutral_is_absent_bit_for_bit(name, neutral_samples):
+def test_neutral_is_absent_bit_for_bit(name, machine):
     """With a neutral severity no other parameter matters, at the ports or in a record."""
-    expected = port_values(Effects())
+    expected = port_values(Effects(), machine.actuator)
     assert np.isfinite(expected).all()
     for effects in moved_others(name):
         assert EFFECTS[name].is_neutral(getattr(effects, name))
-        assert port_values(effects).tobytes() == expected.tobytes()
-        assert simulate(SHORT, effects=effects, seed=4).samples.tobytes() == (
-            neutral_samples.tobytes()
-        )
+        assert port_values(effects, machine.actuator).tobytes() == expected.tobytes()
+        neutral = samples_of(machine, Effects())
+        assert samples_of(machine, effects).tobytes() == neutral.tobytes()
 
 
+@both_machines
 @pytest.mark.parametrize("name", NAMES)
-def test_a_moved_severity_changes_its_port_and_no_other(name, neutral_samples):
-    expected = port_values(Effects())
+def test_a_moved_severity_changes_its_port_and_no_other(name, machine):
+    expected = port_values(Effects(), machine.actuator)
     rows_at_port = np.array([port == EFFECTS[name].port for port, _ in ROWS])
     for parameter, effects in severities(name):
-        moved = np.any(port_values(effects) != expected, axis=1)
+        moved = np.any(port_values(effects, machine.actuator) != expected, axis=1)
         assert moved[rows_at_port].any(), f"{parameter} changes nothing"
         assert not moved[~rows_at_port].any(), [
             ROWS[i] for i in np.flatnonzero(moved & ~rows_at_port)
         ]
-        samples = simulate(SHORT, effects=effects, seed=4).samples
-        assert not np.array_equal(samples, neutral_samples)
+        samples = samples_of(machine, effects)
+        assert not np.array_equal(samples, samples_of(machine, Effects()))
 
 
+@both_machines
 @pytest.mark.parametrize("name", NAMES)
-def test_finite_at_the_bounds(name):
+def test_finite_at_the_bounds(name, machine):
     """At both bounds of each parameter: a finite record, or one clear line."""
     effect = EFFECTS[name]
     for f in effect.fields:
@@ -146,18 +152,19 @@ def test_finite_at_the_bounds(name):
                 severity = field_of(name, effect.severity[0])
                 values[effect.severity[0]] = severity.kind.upper
             effects = Effects()._replace(**{name: effect.parameters(**values)})
-            assert np.isfinite(port_values(effects)).all()
+            assert np.isfinite(port_values(effects, machine.actuator)).all()
             try:
-                record = simulate(SHORT, effects=effects, seed=4)
+                samples = samples_of(machine, effects)
             except SimulationError as error:
                 assert "outside what the model holds for" in str(error)
                 assert "\n" not in str(error)
             else:
-                assert np.isfinite(record.samples).all()
+                assert np.isfinite(samples).all()
 
 
+@both_machines
 @pytest.mark.parametrize("name", NAMES)
-def test_friction_dissipates(name):
+def test_friction_dissipates(name, machine):
     """At any setting friction opposes motion, and rest is no weaker than motion."""
     row = {what: i for i, (_, what) in enumerate(ROWS)}
     rng = np.random.default_rng(5)
@@ -168,7 +175,8 @@ def test_friction_dissipates(name):
             continue
         for bound in (f.kind.lower, f.kind.upper):
             values = port_values(
-                Effects()._replace(**{name: EFFECTS[name].parameters(**{f.name: bound})})
+                Effects()._replace(**{name: EFFECTS[name].parameters(**{f.name: bound})}),
+                machine.actuator,
             )
             for body in ("motor", "surface"):
                 dynamic = values[row[f"dry dynamic, {body}"]]
@@ -233,6 +241,6 @@ def test_friction_of_a_model_without_any_cannot_turn_negative():
 
 def test_registry_and_effects_are_the_same_list():
     folder = Path(inspect.getfile(effect_base)).parent
-    files = {p.stem for p in folder.glob("*.py")} - {"__init__", "base", "settings"}
+    files = {p.stem for p in folder.glob("*.py") if "\nEFFECT = " in p.read_text()}
     assert files == set(EFFECTS) == set(Effects._fields)
     assert active_settings(Effects()) == {}

@@ -5,7 +5,6 @@ import json
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import mcap.writer
 import numpy as np
@@ -301,14 +300,13 @@ def test_renamed_bag(tmp_path, bag, record):
     assert read_bag(copy).profile == record.profile
 
 
-def test_reads_without_ros(bag):
+def test_reads_without_ros(bag, repository):
     """Reading loads neither rclpy nor a message package."""
     code = (
         "import sys; from ema_record.bag.read import read_bag; read_bag(sys.argv[1]); "
         "print([m for m in sys.modules if m.split('.')[0] in "
         "('rclpy', 'std_msgs', 'sensor_msgs', 'trajectory_msgs')])"
     )
-    root = Path(__file__).resolve().parents[3]
-    run = subprocess.run([sys.executable, "-c", code, str(bag)], cwd=root, capture_output=True,
-                         text=True, check=True)
+    run = subprocess.run([sys.executable, "-c", code, str(bag)], cwd=repository,
+                         capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"

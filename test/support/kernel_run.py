@@ -1,4 +1,4 @@
-"""Run the kernel from a state of our choice, and the parts of an actuator for closed forms."""
+"""Run the kernel from a state of our choice, and lines of what comes out."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_record.actuator import Actuator, load_actuator
+from ema_record.actuator import Actuator
 from ema_record.channels import N_CHANNELS
 from ema_sim.effects import Effects
 from ema_sim.plant import kernel as k
@@ -20,12 +20,6 @@ class Run(NamedTuple):
     out: np.ndarray
     trace: np.ndarray
     state: np.ndarray
-
-
-def changed(actuator: Actuator | None = None, **parts: dict) -> Actuator:
-    """Return an actuator with some parameters replaced, part by part."""
-    a = actuator if actuator is not None else load_actuator()
-    return a._replace(**{name: getattr(a, name)._replace(**v) for name, v in parts.items()})
 
 
 def state_of(a: Actuator, *, angle: float = 0.3, **values: float) -> np.ndarray:

@@ -6,13 +6,14 @@ import math
 
 import numpy as np
 import pytest
-from kernel_run import changed, run, state_of
 from scipy.optimize import least_squares
 
 from ema_record.profile import Profile
 from ema_sim.effects import parse_effects
 from ema_sim.plant import state as st
 from ema_sim.simulate import simulate
+from support.actuators import both_machines, changed
+from support.kernel_run import run, state_of
 
 FREE = {"backlash": 0.1}  # motor and surface do not touch
 SMOOTH = {"static_friction": 0.0, "dynamic_friction": 0.0, "viscous_friction": 0.0}
@@ -85,9 +86,11 @@ def test_motor_sticks_below_its_static_torque_and_starts_above(sign):
 
 
 @pytest.mark.parametrize("damping", [5.0, 30.0])
-def test_two_mass_resonance(damping):
+@both_machines
+def test_two_mass_resonance(damping, machine):
     """Frequency sqrt(K / J) and damping of the twist, under a load that keeps contact."""
-    a = changed(motor=SMOOTH, surface=SMOOTH, shaft={"backlash": 0.0, "damping": damping})
+    a = changed(machine.actuator, motor=SMOOTH, surface=SMOOTH,
+                shaft={"backlash": 0.0, "damping": damping})
     j_m, j_s = a.motor.inertia * a.gear.ratio**2, a.surface.inertia
     stiffness, reduced = a.shaft.stiffness, j_m * j_s / (j_m + j_s)
     load = 400.0

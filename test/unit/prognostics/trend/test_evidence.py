@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from flights import flights_of
 from scipy.special import ndtri
 
 from ema_prognostics.trend.evidence import (
@@ -13,6 +12,7 @@ from ema_prognostics.trend.evidence import (
     suspicion,
 )
 from ema_prognostics.trend.trend import trend_of
+from support.flights import flights_of
 
 
 def run_length(allowance: float, limit: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,14 +11,18 @@ import pytest
 from ema_prognostics.cascade.inputs import MECHANICAL, mechanical
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.vector import rotate, start_allowed
+from ema_record.actuator import Actuator
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
+from support.actuators import DEFAULT, Machine, both_machines
 
 
-def features(*settings: str) -> Mapping[str, float]:
-    record = simulate(load_profile("extended"), effects=parse_effects(settings), seed=12)
-    return extract(record, "extended")
+@cache
+def features(*settings: str, actuator: Actuator = DEFAULT.actuator) -> Mapping[str, float]:
+    record = simulate(load_profile("extended"), actuator=actuator,
+                      effects=parse_effects(settings), seed=12)
+    return extract(record, "extended", actuator)
 
 
 @pytest.fixture(scope="module")
@@ -25,9 +30,15 @@ def healthy() -> Mapping[str, float]:
     return features()
 
 
-def test_a_nominal_winding_is_nominal(healthy: Mapping[str, float]) -> None:
-    for name in ("winding_inductance", "winding_resistance", "winding_back_emf"):
-        assert healthy[name] == pytest.approx(0.0, abs=0.02)
+@both_machines
+def test_a_nominal_winding_is_nominal(machine: Machine) -> None:
+    healthy = features(actuator=machine.actuator)
+    # An error of 0.02 Ω is a larger part of a smaller resistance.
+    of_resistance = DEFAULT.actuator.motor.phase_resistance
+    of_resistance /= machine.actuator.motor.phase_resistance
+    for name, part in (("winding_inductance", 1.0), ("winding_resistance", of_resistance),
+                       ("winding_back_emf", 1.0)):
+        assert healthy[name] == pytest.approx(0.0, abs=0.02 * part)
     assert healthy["switch_drop"] == pytest.approx(0.0, abs=0.4)
     assert healthy["sensor_angle"] == pytest.approx(0.0, abs=10.0)
     assert np.exp(healthy["control_delay"]) == pytest.approx(0.02, abs=0.01)

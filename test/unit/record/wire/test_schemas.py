@@ -86,7 +86,6 @@ def test_offered_qos_is_what_readers_expect(topic):
     assert parsed.depth == topic.qos.depth
 
 
-def test_version_is_that_of_the_package():
-    root = Path(__file__).resolve().parents[3]
-    assert f"<version>{VERSION}</version>" in (root / "package.xml").read_text()
-    assert f'version="{VERSION}"' in (root / "setup.py").read_text()
+def test_version_is_that_of_the_package(repository):
+    assert f"<version>{VERSION}</version>" in (repository / "package.xml").read_text()
+    assert f'version="{VERSION}"' in (repository / "setup.py").read_text()

@@ -10,19 +10,22 @@ import math
 
 import numpy as np
 import pytest
-from kernel_run import changed, lines, run, state_of
 
+from ema_record.actuator import Actuator
 from ema_sim.effects import parse_effects
+from support.actuators import DEFAULT, both_machines, changed
+from support.kernel_run import lines, run, state_of
 
 CURRENT = 7.0
 OMEGA = 600.0
 
 
-def open_loop(*settings: str, current: float = CURRENT, torque_limit: float = 1.6):
+def open_loop(*settings: str, current: float = CURRENT, torque_limit: float = 1.6,
+              actuator: Actuator = DEFAULT.actuator):
     """Return speed, torque and their lines (amplitudes by order) in the steady state."""
-    k = 0.0376
-    torque = min(2.0 * k * current, torque_limit)
+    torque = min(2.0 * actuator.motor.back_emf_constant * current, torque_limit)
     a = changed(
+        actuator,
         inverter={"current_limit": current, "hysteresis": 0.1, "bus_voltage": 200.0},
         motor={"viscous_friction": torque / OMEGA, "dynamic_friction": 0.0,
                "static_friction": 0.0, "torque_limit": torque_limit},
@@ -38,14 +41,16 @@ def open_loop(*settings: str, current: float = CURRENT, torque_limit: float = 1.
     return a, speed.mean(), lines(speed, theta), lines(torque, theta), torque
 
 
+@both_machines
 @pytest.mark.parametrize("fraction", [0.05, 0.1, 0.2])
 @pytest.mark.parametrize("phase", "abc")
-def test_two_fe_speed_line_of_a_turn_short(fraction, phase):
+def test_two_fe_speed_line_of_a_turn_short(fraction, phase, machine):
     a, omega, speed, _, _ = open_loop(
-        f"turn_short.fraction={fraction}", f"turn_short.phase={phase}", "turn_short.mode=paper"
+        f"turn_short.fraction={fraction}", f"turn_short.phase={phase}", "turn_short.mode=paper",
+        actuator=machine.actuator,
     )
     kI = a.motor.back_emf_constant * CURRENT
-    expected = 0.551 * fraction * kI / (a.motor.inertia * 2.0 * omega)
+    expected = 0.551 * fraction * kI / (a.motor.inertia * 2.0 * a.motor.pole_pairs * omega)
     assert speed[2] == pytest.approx(expected, rel=0.1)
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from records import TURN, slewing_record
 
 from ema_prognostics.features.balance import torque_balance
 from ema_prognostics.features.current_sensors import current_sensors
@@ -10,6 +9,7 @@ from ema_prognostics.features.segments import profile_kind
 from ema_prognostics.features.signals import prepare
 from ema_record.profile import load_profile, load_profile_dict, step_profile
 from ema_sim.plant.electrical import trapezoid, unit_trapezoid
+from support.slewing import TURN, slewing_record
 
 
 def test_offsets_and_gains_of_the_current_sensors():

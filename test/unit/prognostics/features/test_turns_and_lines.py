@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from records import TURN, slewing_record
 
 from ema_prognostics.features.spectrum import rotor_lines
 from ema_prognostics.features.turns import cut, whole_turns
 from ema_record.errors import IncompleteRecordError, InvalidRecordError
 from ema_record.record import check_samples
+from support.slewing import TURN, slewing_record
 
 WINDOW = (0.082, 0.382)
 LINES = [(1, 0.4, 0.3), (2, 1.5, -1.0), (4, 0.7, 2.0), (6, 0.2, 0.5)]

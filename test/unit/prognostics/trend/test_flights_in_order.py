@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import pytest
-from flights import flights_of, verdict_of
 
 from ema_prognostics.trend.flights import (
     Flight,
@@ -16,6 +15,7 @@ from ema_prognostics.trend.flights import (
     what_else,
 )
 from ema_prognostics.verdict.verdict import Verdict
+from support.flights import flights_of, verdict_of
 
 
 def flight(bag, time=0, unit="SN-1", outcome="healthy"):

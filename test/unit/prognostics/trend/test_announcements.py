@@ -4,11 +4,11 @@ import itertools
 
 import numpy as np
 import pytest
-from flights import flights_of
 
 from ema_prognostics.trend.announcement import DEFAULT_RULE, episodes, falls, histories, parse_rule
 from ema_prognostics.trend.flights import in_order
 from ema_record.errors import UsageError
+from support.flights import flights_of
 
 
 def only(marks, rule=DEFAULT_RULE):

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,8 +25,6 @@ from ema_record.record import Provenance
 from ema_record.wire.samples import encode_block
 from ema_record.wire.topics import COMMAND, SAMPLES, WEIGHT_ON_WHEELS
 from ema_record.wire.trajectory import encode_command
-
-ROOT = Path(__file__).resolve().parents[3]
 
 
 def new_writer(path, **options):
@@ -78,7 +75,7 @@ def test_metadata_comes_last(tmp_path, record):
     assert names_in(tmp_path / "bag") == ["bag_0.mcap", "metadata.yaml"]
 
 
-def test_flushed_messages_survive_kill_9(tmp_path):
+def test_flushed_messages_survive_kill_9(tmp_path, repository):
     """A process that dies by SIGKILL: what it flushed is in the file."""
     code = """
 import os, signal, sys, numpy as np
@@ -93,7 +90,7 @@ for k in range(30):
         w.flush()
 os.kill(os.getpid(), signal.SIGKILL)
 """
-    run = subprocess.run([sys.executable, "-c", code, str(tmp_path / "bag")], cwd=ROOT,
+    run = subprocess.run([sys.executable, "-c", code, str(tmp_path / "bag")], cwd=repository,
                          check=False)
     assert run.returncode == -signal.SIGKILL
     found = list(messages_in(tmp_path / "bag" / "bag_0.mcap"))

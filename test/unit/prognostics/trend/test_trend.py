@@ -3,10 +3,10 @@
 import json
 
 import pytest
-from flights import flights_of
 
 from ema_prognostics.cascade.classes import LEVELS
 from ema_prognostics.trend.trend import trend_of
+from support.flights import flights_of
 
 MEDIUM, LARGE = LEVELS["turn_short"]
 

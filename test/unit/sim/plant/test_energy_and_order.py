@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kernel_run import changed, run, state_of
 
-from ema_record.actuator import load_actuator
+from ema_record.actuator import Actuator
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.plant import state as st
 from ema_sim.simulate import simulate_traced
+from support.actuators import both_machines, changed
+from support.kernel_run import run, state_of
 
 
-def balance(settings: list[str], profile: str, **parts: dict) -> dict[str, float]:
+def balance(a: Actuator, rate: float, settings: list[str], profile: str) -> dict[str, float]:
     """Return where the energy of a test went (J)."""
-    a = changed(load_actuator(), **parts)
     e = parse_effects(settings)
-    x = simulate_traced(load_profile(profile), actuator=a, effects=e, seed=3).state
+    x = simulate_traced(load_profile(profile), actuator=a, rate=rate, effects=e, seed=3).state
     r = a.motor.phase_inductance
     return {
         "terminal": x[st.E_TERMINAL],
@@ -47,12 +47,14 @@ CASES = [
 ]
 
 
+@both_machines
 @pytest.mark.parametrize("profile", ["step", "extended"])
 @pytest.mark.parametrize("settings", CASES, ids=lambda s: ",".join(s) or "neutral")
-def test_energy_balance(settings, profile):
+def test_energy_balance(settings, profile, machine):
     """Every joule at the terminals is found again, to 0.1 %, electrically and mechanically."""
     # The torque's saturation is a limit, not a loss: out of reach here.
-    j = balance(settings, profile, motor={"torque_limit": 10.0})
+    a = changed(machine.actuator, motor={"torque_limit": 10.0})
+    j = balance(a, machine.rate, settings, profile)
     electrical = j["copper"] + j["magnetic"] + j["motor"]
     mechanical = (
         j["kinetic"] + j["friction, motor"] + j["friction, surface"] + j["shaft"] + j["load"]
@@ -64,20 +66,23 @@ def test_energy_balance(settings, profile):
         assert j[loss] > 0.0
 
 
-def final_state(max_step: float, settings: list[str], electrical: bool) -> np.ndarray:
+def final_state(
+    actuator: Actuator, max_step: float, settings: list[str], electrical: bool
+) -> np.ndarray:
     """Return currents, speeds, angles after 2 ms with legs fixed or the inverter off."""
     smooth = {"static_friction": 0.0, "dynamic_friction": 0.0}
-    a = changed(motor=smooth, surface=smooth, inverter={"hysteresis": 1e6},
+    a = changed(actuator, motor=smooth, surface=smooth, inverter={"hysteresis": 1e6},
                 shaft={"backlash": 0.0, "damping": 5.0}, control={"period": 1e-3})
+    ratio = a.gear.ratio
     start = state_of(a, angle=0.7, i_a=3.0, i_b=-1.0, i_c=-2.0, leg_b=-1.0, omega_m=300.0,
-                     omega_s=0.4, theta_m=0.01 * 500.0)
+                     omega_s=0.4, theta_m=0.01 * ratio)
     # The kept derivatives of a smooth start, from a run of one tiny step.
-    shaft = a.shaft.stiffness * 0.01 + a.shaft.damping * (300.0 / 500.0 - 0.4)
+    shaft = a.shaft.stiffness * 0.01 + a.shaft.damping * (300.0 / ratio - 0.4)
     k = a.motor.back_emf_constant
     torque = k * sum(
         i * np.sin(0.7 - p * 2 * np.pi / 3) for p, i in enumerate((3.0, -1.0, -2.0))
     )
-    start[st.ALPHA_M] = (torque - shaft / 500.0 - 1e-4 * 300.0) / a.motor.inertia
+    start[st.ALPHA_M] = (torque - shaft / ratio - 1e-4 * 300.0) / a.motor.inertia
     start[st.ALPHA_S] = (shaft - 2.0 * 0.4) / a.surface.inertia
     found = run(a, start, 2e-3, effects=parse_effects(settings), rate=1000.0,
                 inverter_on=0.0 if electrical else np.inf, max_step=max_step)
@@ -85,13 +90,15 @@ def final_state(max_step: float, settings: list[str], electrical: bool) -> np.nd
     return found.state[[st.I_A, st.I_B, st.I_C, *chosen] if electrical else chosen]
 
 
+@both_machines
 @pytest.mark.parametrize("electrical", [True, False], ids=["legs fixed", "inverter off"])
-def test_order_of_convergence_is_two(electrical):
+def test_order_of_convergence_is_two(electrical, machine):
     settings = ["back_emf_shape.sine_share=1"]
-    exact = final_state(0.05e-6, settings, electrical)
+    exact = final_state(machine.actuator, 0.05e-6, settings, electrical)
     steps = np.array([20e-6, 10e-6, 5e-6, 2.5e-6])
     error = np.array([
-        np.max(np.abs(final_state(h, settings, electrical) / exact - 1.0)) for h in steps
+        np.max(np.abs(final_state(machine.actuator, h, settings, electrical) / exact - 1.0))
+        for h in steps
     ])
     order = np.polyfit(np.log(steps), np.log(error), 1)[0]
     assert 1.8 < order < 2.3, (order, error)

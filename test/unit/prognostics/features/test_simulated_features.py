@@ -1,0 +1,86 @@
+"""The features on simulated records: closed forms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ema_prognostics.features.extract import extract
+from ema_record.errors import IncompleteRecordError
+from ema_record.profile import load_profile
+from ema_record.record import Record
+from ema_sim.effects import parse_effects
+from ema_sim.simulate import simulate
+from support.actuators import DEFAULT, Machine, both_machines
+
+
+@cache
+def features(machine: Machine, *settings: str) -> Mapping[str, float]:
+    record = simulate(load_profile("extended"), actuator=machine.actuator, rate=machine.rate,
+                      effects=parse_effects(settings), seed=11)
+    return extract(record, "extended", machine.actuator)
+
+
+def line(found: Mapping[str, float], h: int) -> complex:
+    return 1e-3 * complex(found[f"quarter_even_m{h}_re"], found[f"quarter_even_m{h}_im"])
+
+
+@both_machines
+@pytest.mark.parametrize("phase", "abc")
+def test_short_gives_the_second_and_fourth_line(machine: Machine, phase: str) -> None:
+    x, healthy = 0.05, features(machine)
+    found = features(machine, f"turn_short.fraction={x}", f"turn_short.phase={phase}")
+    second = line(found, 2) - line(healthy, 2)
+    assert abs(second) == pytest.approx(0.278 * x, rel=0.1)
+    assert abs(line(found, 4) - line(healthy, 4)) == pytest.approx(0.132 * x, rel=0.2)
+    angle = np.angle(second * np.exp(2j * np.pi * 2 * "abc".index(phase) / 3.0))
+    assert abs(angle) < 0.15
+
+
+def test_eccentricity_gives_odd_lines() -> None:
+    healthy = features(DEFAULT)
+    found = features(DEFAULT, "rotor_eccentricity.zeta=0.02", "rotor_eccentricity.mode=common")
+    assert abs(line(found, 1) - line(healthy, 1)) == pytest.approx(0.02, rel=0.1)
+    assert abs(line(found, 2) - line(healthy, 2)) < 1e-3
+
+
+@both_machines
+def test_gap_is_the_backlash(machine: Machine) -> None:
+    healthy = features(machine)
+    assert 1e-4 * healthy["gap_width"] == pytest.approx(1e-4, abs=1.5e-5)
+    found = features(machine, "backlash.increase=5e-4")
+    assert 1e-4 * found["gap_width"] == pytest.approx(6e-4, abs=3e-5)
+    assert found["gap_torque"] == pytest.approx(healthy["gap_torque"], abs=0.03)
+
+
+@both_machines
+def test_friction_of_motor_and_surface_part(machine: Machine) -> None:
+    a, healthy = machine.actuator, features(machine)
+    motor = features(machine, "motor_friction.increase=0.3")
+    surface = features(machine, "surface_friction.increase=0.3")
+    dry, of_surface = a.motor.dynamic_friction, a.surface.dynamic_friction / a.gear.ratio
+    rise = {n: np.exp(f["torque_quarter"]) - np.exp(healthy["torque_quarter"])
+            for n, f in (("motor", motor), ("surface", surface))}
+    assert rise["motor"] == pytest.approx(0.3 * dry, rel=0.05)
+    assert rise["surface"] == pytest.approx(0.3 * of_surface, rel=0.05)
+    assert np.exp(motor["gap_torque"]) == pytest.approx(1.3 * dry, rel=0.04)
+    assert np.exp(surface["gap_torque"]) == pytest.approx(dry, rel=0.04)
+
+
+@both_machines
+def test_sensor_errors_do_not_reach_the_lines(machine: Machine) -> None:
+    healthy = features(machine)
+    found = features(machine, "current_sensor_gain.phase_a=0.01",
+                     "current_sensor_offset.phase_b=0.05")
+    for h in (1, 2, 4):
+        assert abs(line(found, h) - line(healthy, h)) < 1e-3
+
+
+def test_cut_record_is_refused() -> None:
+    record = simulate(load_profile("extended"), seed=1)
+    cut = Record(samples=record.samples[:30_000], profile=record.profile)
+    with pytest.raises(IncompleteRecordError):
+        extract(cut, "extended")
