@@ -135,7 +135,7 @@ class _Fitted:
         slopes, z = (model.slopes, model.z) if isinstance(model, Fit) else (
             np.vstack(self.evidence.slopes(model.centre)), model.centre)
         columns = slopes / self._root[:, None]
-        step, *_ = solve(columns, target, z, model.free, 0.0)
+        step, _ = solve(columns, target, z, model.free, 0.0)
         return np.split(target - columns @ step, self._ends)
 
     def asked(self, model: Model, seed: int) -> list[Asked]:

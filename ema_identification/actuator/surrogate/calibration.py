@@ -24,7 +24,12 @@ from ema_identification.actuator.measure.runs import (
     simulate_case,
     spread_out,
 )
-from ema_identification.actuator.measure.tolerances import align, draw_conditions, draw_tolerances
+from ema_identification.actuator.measure.tolerances import (
+    RecordConditions,
+    align,
+    draw_conditions,
+    draw_tolerances,
+)
 from ema_identification.actuator.surrogate.evidence import (
     RecordEvidence,
     evidence,
@@ -141,8 +146,6 @@ def scale_of(library: Library, rows: np.ndarray) -> Scale:
 
 
 def _unit(library: Library, row: np.ndarray) -> _Unit:
-    from ema_identification.actuator.measure.tolerances import RecordConditions
-
     d = len(library.fmap.features)
     temperature, bus, noise, angle = row[-4:]
     conditions = RecordConditions(
