@@ -103,8 +103,8 @@ def gap_of(
     draws = [worst(left(values)) for values in shown.evidence.means(shown.asked(models[-1], seed))
              if all(np.isfinite(f).all() for f in values)]
     return ModelGap(values=tuple(worst(residual)), held=held is not None,
-               draws=np.array(draws).reshape(-1, len(models)),
-               residual=tuple(tuple(r) for r in residual))
+                    draws=np.array(draws).reshape(-1, len(models)),
+                    residual=tuple(tuple(r) for r in residual))
 
 
 def worst(residual: Sequence[Sequence[np.ndarray]]) -> list[float]:

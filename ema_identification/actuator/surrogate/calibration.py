@@ -77,13 +77,13 @@ class _Unit:
 def _case(seed: int, index: int) -> UnitRun:
     rng = np.random.default_rng([seed, 4, index])
     return UnitRun(z=draw_tolerances(rng), conditions=draw_conditions(rng),
-                seed=int(rng.integers(2**31)))
+                   seed=int(rng.integers(2**31)))
 
 
 def _block(library: Library, case: UnitRun) -> RecordEvidence:
     record = simulate_case(library.model, case, library.fmap)
     return RecordEvidence(record=record, library=library, conditions=align(record, library.model),
-                 values=library.fmap.extract(record))
+                          values=library.fmap.extract(record))
 
 
 def _chunk(library: Library, seed: int, indices: Sequence[int]) -> np.ndarray:

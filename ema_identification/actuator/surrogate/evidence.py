@@ -142,7 +142,7 @@ class Evidence:
         for k, block in enumerate(self.blocks):
             cases = [
                 UnitRun(z=self.tolerances.of(k, a.z), conditions=block.conditions, seed=int(s),
-                     effects=a.effects)
+                        effects=a.effects)
                 for a in asked
                 for s in np.random.default_rng([a.seed, 3, k]).integers(2**31, size=a.runs)
             ]
