@@ -48,7 +48,7 @@ def _blocks(
         known = library(model, record.profile, rate=nominal_rate(record), signatures=signatures,
                         seed=seed, workers=workers, progress=progress)
         found.append(RecordEvidence(record=record, library=known, conditions=align(record, model),
-                           values=known.fmap.extract(record)))
+                                    values=known.fmap.extract(record)))
     return found
 
 

@@ -115,7 +115,7 @@ def plan(profile: Profile, actuator: Actuator) -> MotionPlan:
         last = end - (END_GUARD if kind != "hold" else 0.0)
         if index and last - first >= SHORTEST:
             segments.append(MotionSegment(name=f"s{len(segments) + 1}", kind=kind, begin=first,
-                                    end=last, speed=value))
+                                          end=last, speed=value))
         if index:
             before = sections[index - 1][2]
             change: Change = (

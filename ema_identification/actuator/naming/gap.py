@@ -103,8 +103,8 @@ def gap_of(
     draws = [worst(left(values)) for values in shown.evidence.means(shown.asked(models[-1], seed))
              if all(np.isfinite(f).all() for f in values)]
     return ModelGap(values=tuple(worst(residual)), held=held is not None,
-               draws=np.array(draws).reshape(-1, len(models)),
-               residual=tuple(tuple(r) for r in residual))
+                    draws=np.array(draws).reshape(-1, len(models)),
+                    residual=tuple(tuple(r) for r in residual))
 
 
 def worst(residual: Sequence[Sequence[np.ndarray]]) -> list[float]:
@@ -135,7 +135,7 @@ class _Fitted:
         slopes, z = (model.slopes, model.z) if isinstance(model, Fit) else (
             np.vstack(self.evidence.slopes(model.centre)), model.centre)
         columns = slopes / self._root[:, None]
-        step, *_ = solve(columns, target, z, model.free, 0.0)
+        step, _ = solve(columns, target, z, model.free, 0.0)
         return np.split(target - columns @ step, self._ends)
 
     def asked(self, model: Model, seed: int) -> list[Asked]:

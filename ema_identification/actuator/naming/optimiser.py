@@ -204,7 +204,7 @@ def finished(
     local = metric.at(evidence, point.mean)
     columns = local.columns(evidence, slopes, point.mean)
     rest = local.residual(evidence, point.mean)
-    _, covariance, _ = solve(columns, rest, point.z, free, local.feigned)
+    _, covariance = solve(columns, rest, point.z, free, local.feigned)
     step, _ = bounded_step(columns, rest, point, 0.0)
     terms = moved(point.terms, u + step[:free])
     step[:free] = coordinates(terms) - u

@@ -105,7 +105,7 @@ def _term(sized: Sized) -> EffectTerm:
 
 def _screened_term(evidence: Evidence, screened: Screened) -> EffectTerm:
     return EffectTerm(variant=screened.variant, signature=signature_of(evidence, screened),
-                u=screened.u)
+                      u=screened.u)
 
 
 def challengers(
@@ -252,7 +252,7 @@ def twins(evidence: Evidence, fit: Fit, *, without: Sequence[str] = ()) -> list[
         variant = evidence.blocks[0].library.signatures[index].variant
         if variant.name in wanted:
             there = EffectTerm(variant=variant, signature=stacked(evidence, index),
-                         u=wanted[variant.name])
+                               u=wanted[variant.name])
             ratio = made * phase_constants(base) / phase_constants(
                 variant.effects(there.u, base))
             starts.append(Start((there,), _with_constants(evidence, fit.z, ratio)))

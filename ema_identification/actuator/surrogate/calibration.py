@@ -24,7 +24,12 @@ from ema_identification.actuator.measure.runs import (
     simulate_case,
     spread_out,
 )
-from ema_identification.actuator.measure.tolerances import align, draw_conditions, draw_tolerances
+from ema_identification.actuator.measure.tolerances import (
+    RecordConditions,
+    align,
+    draw_conditions,
+    draw_tolerances,
+)
 from ema_identification.actuator.surrogate.evidence import (
     RecordEvidence,
     evidence,
@@ -71,13 +76,13 @@ class _Unit:
 def _case(seed: int, index: int) -> UnitRun:
     rng = np.random.default_rng([seed, 4, index])
     return UnitRun(z=draw_tolerances(rng), conditions=draw_conditions(rng),
-                seed=int(rng.integers(2**31)))
+                   seed=int(rng.integers(2**31)))
 
 
 def _block(library: Library, case: UnitRun) -> RecordEvidence:
     record = simulate_case(library.model, case, library.fmap)
     return RecordEvidence(record=record, library=library, conditions=align(record, library.model),
-                 values=library.fmap.extract(record))
+                          values=library.fmap.extract(record))
 
 
 def _chunk(library: Library, seed: int, indices: Sequence[int]) -> np.ndarray:
@@ -140,8 +145,6 @@ def scale_of(library: Library, rows: np.ndarray) -> Scale:
 
 
 def _unit(library: Library, row: np.ndarray) -> _Unit:
-    from ema_identification.actuator.measure.tolerances import RecordConditions
-
     d = len(library.fmap.features)
     temperature, bus, noise, angle = row[-4:]
     conditions = RecordConditions(

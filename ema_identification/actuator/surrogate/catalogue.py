@@ -30,7 +30,7 @@ class Variant:
     effect : name in the catalogue.
     levels : for each coordinate the values at which the library simulates it.
     settings : parameters of the effect from the coordinates.
-    fixed : nonlinear parameters that the refit may move too, with their start, bounds and step.
+    low, high : bounds of each coordinate.
     """
 
     name: str

@@ -142,7 +142,7 @@ class Evidence:
         for k, block in enumerate(self.blocks):
             cases = [
                 UnitRun(z=self.tolerances.of(k, a.z), conditions=block.conditions, seed=int(s),
-                     effects=a.effects)
+                        effects=a.effects)
                 for a in asked
                 for s in np.random.default_rng([a.seed, 3, k]).integers(2**31, size=a.runs)
             ]
@@ -194,7 +194,7 @@ def slope_noise(block: RecordEvidence, covariance: np.ndarray) -> float:
 
 def solve(
     columns: np.ndarray, target: np.ndarray, z: np.ndarray, free: int, feigned: float
-) -> tuple[np.ndarray, np.ndarray, float]:
+) -> tuple[np.ndarray, np.ndarray]:
     """Least squares over `free` coordinates without prior and tolerances with theirs.
 
     Parameters
@@ -209,7 +209,6 @@ def solve(
     -------
     step : ndarray, shape (free + tolerances,).
     covariance : ndarray, of the step.
-    cost : float, sum of squares at the solution, prior included.
     """
     scale = np.maximum(np.sqrt((columns**2).sum(axis=0)), 1e-9)
     scale[free:] = 1.0
@@ -226,7 +225,4 @@ def solve(
     # The step on what the slopes say, the covariance on what they really know.
     step = np.linalg.solve(full + np.diag(prior + 1e-9), pull)
     covariance = np.linalg.inv(corrected + np.diag(prior))
-    rest = target - scaled @ step
-    tolerances = (z + step[free:]) / PRIOR
-    cost = float(rest @ rest + tolerances @ tolerances)
-    return step / scale, covariance / np.outer(scale, scale), cost
+    return step / scale, covariance / np.outer(scale, scale)

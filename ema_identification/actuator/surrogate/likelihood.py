@@ -145,7 +145,7 @@ def _recalibrated(
         rows.append(white(slope))
         target.append(white(block.values - f))
     columns, rest = np.vstack(rows), np.concatenate(target)
-    _, covariance, _ = solve(columns, rest, z, 0, feigned)
+    _, covariance = solve(columns, rest, z, 0, feigned)
     step = bounded_least_squares(
         columns, rest, -BAND - z - TINY, BAND - z + TINY, np.full(len(z), WEIGHT), z)
     rest = rest - columns @ step

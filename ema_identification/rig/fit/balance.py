@@ -240,7 +240,7 @@ class InputBalance:
             if other.key == term.key:
                 bounds = bounds.at_zero(self.span(index))
         return InputBalance(design=self.design, terms=(*self.terms, term),
-                       bounds=bounds.joined(len(term.law.coefficients), least))
+                            bounds=bounds.joined(len(term.law.coefficients), least))
 
     def replaced(self, index: int) -> bool:
         """Return whether a later term takes the place of the one at `index`."""

@@ -113,7 +113,7 @@ class CoefficientBounds:
     def joined(self, count: int, least: float = -np.inf) -> CoefficientBounds:
         """Return these bounds and `count` coefficients of at least `least` after them."""
         return CoefficientBounds(low=np.concatenate([self.low, np.full(count, least)]),
-                      high=np.concatenate([self.high, np.full(count, np.inf)]))
+                                 high=np.concatenate([self.high, np.full(count, np.inf)]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ema_identification.report.words import number
 from ema_identification.result import Curve, Panel
 from ema_identification.rig.fit.balance import InputBalance, rms
 from ema_identification.rig.laws.static import wave
-from ema_identification.rig.report.words import binned, curve, number, signal_name, wave_words
+from ema_identification.rig.report.words import binned, curve, signal_name, wave_words
 from ema_identification.rig.search.remainder import Left
 from ema_identification.rig.search.search import whiteness
 from ema_identification.rig.signals.trajectory import Trajectory

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ema_identification.report.words import number
 from ema_identification.result import NamedEffect, Step
 from ema_identification.rig.fit.balance import InputBalance, rms
 from ema_identification.rig.fit.model import (
@@ -17,7 +18,7 @@ from ema_identification.rig.fit.model import (
 )
 from ema_identification.rig.fit.regression import Blocks, covariance, half_width
 from ema_identification.rig.laws.base import physical
-from ema_identification.rig.report.words import number, shape_words, signal_name, term_words
+from ema_identification.rig.report.words import shape_words, signal_name, term_words
 from ema_identification.rig.search.remainder import Left
 from ema_identification.rig.search.search import Search, whiteness
 from ema_identification.rig.signals.trajectory import Trajectory

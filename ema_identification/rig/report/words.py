@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ema_identification.report.words import number
 from ema_identification.result import Parameter, Where
 from ema_identification.rig.fit.balance import InputBalance
 from ema_identification.rig.laws.base import Term
@@ -15,12 +16,6 @@ from ema_identification.rig.signals.trajectory import Trajectory
 
 LEAST_IN_BIN = 3
 """Rows of a mean that is shown."""
-
-
-def number(value: float, digits: int = 3) -> str:
-    """Return a number with so many digits that count."""
-    text = f"{value:.{digits}g}"
-    return text if "e+" not in text else f"{value:.0f}"
 
 
 def signal_name(trajectory: Trajectory) -> str:

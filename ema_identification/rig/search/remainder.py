@@ -64,7 +64,7 @@ def portrait(balance: InputBalance, blocks: Blocks, shapes: Sequence[GenericShap
 
     """
     found = screen_by_sign_flips([shape.columns for shape in shapes], balance.free_columns,
-                   balance.fit.residual, blocks)
+                                 balance.fit.residual, blocks)
     squares = float(np.sum(balance.held_out(blocks) ** 2))
     total = float(np.sum(balance.design.trajectory.target**2))
     waves = [i for i in np.argsort(-found.gain) if shapes[i].order is not None][:MAX_HELD_OUT]

@@ -109,15 +109,14 @@ def test_least_squares_finds_a_coordinate_next_to_a_tolerance():
     rng = np.random.default_rng(1)
     columns = rng.normal(size=(300, 4)) * 20.0
     truth = np.array([3.0, 0.4, -0.7, 0.1])
-    step, covariance, cost = solve(columns, columns @ truth, np.zeros(3), 1, 0.0)
+    step, covariance = solve(columns, columns @ truth, np.zeros(3), 1, 0.0)
     assert step == pytest.approx(truth, abs=1e-3)
     assert np.sqrt(covariance[0, 0]) == pytest.approx(1.0 / (20.0 * np.sqrt(300)), rel=0.2)
-    assert cost < 5.0
 
 
 def test_a_coordinate_that_is_a_tolerance_is_as_uncertain_as_that():
     column = np.random.default_rng(2).normal(size=(300, 1)) * 50.0
-    _, covariance, _ = solve(np.hstack([column, column]), column[:, 0], np.zeros(1), 1, 0.0)
+    _, covariance = solve(np.hstack([column, column]), column[:, 0], np.zeros(1), 1, 0.0)
     assert np.sqrt(covariance[0, 0]) == pytest.approx(1.0 / np.sqrt(3.0), rel=0.01)
 
 
