@@ -5,7 +5,7 @@ import sys
 
 NODE = """
 import ctypes, types
-from ema_record import node_process
+from ema_ros import process as node_process
 
 node_process.bound_the_end.__defaults__ = (0.5,)
 

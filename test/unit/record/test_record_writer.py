@@ -84,8 +84,8 @@ def test_flushed_messages_survive_kill_9(tmp_path):
 import os, signal, sys, numpy as np
 from ema_record.profile import load_profile
 from ema_record.record import Provenance
-from ema_record.samples_codec import encode_block
-from ema_record.writer import BagWriter
+from ema_record.wire.samples import encode_block
+from ema_record.bag.writer import BagWriter
 w = BagWriter(sys.argv[1], profile=load_profile("step"), provenance=Provenance())
 for k in range(30):
     w.write_raw("/ema/samples", encode_block(np.full((500, 10), float(k))), k)
