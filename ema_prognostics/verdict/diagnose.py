@@ -19,7 +19,7 @@ from ema_prognostics.verdict.explain import reasons_of_guard
 from ema_prognostics.verdict.report import unknown_verdict, verdict_of_finding
 from ema_prognostics.verdict.verdict import Fault, Verdict
 from ema_record.actuator import Actuator, load_actuator
-from ema_record.checks.guard import guard_findings, outcome_of, reason_of
+from ema_record.checks.guard import OUTCOMES, guard_findings, reason_of
 from ema_record.errors import (
     EmaError,
     IncompleteRecordError,
@@ -218,9 +218,11 @@ def baseline_of(record: Record, model: Model, actuator: Actuator | None = None) 
 def _check_usable(record: Record, kind: ProfileKind | None, actuator: Actuator) -> None:
     """Raise InvalidRecordError, IncompleteRecordError where the guard finds what forbids it."""
     findings = guard_findings(record, actuator, NEEDED)
+    for finding in findings:
+        if OUTCOMES[finding.rule] == "invalid":
+            raise InvalidRecordError(reason_of(finding))
     if findings:
-        invalid = outcome_of(findings) == "invalid"
-        raise (InvalidRecordError if invalid else IncompleteRecordError)(reason_of(findings[0]))
+        raise IncompleteRecordError(reason_of(findings[0]))
     if len(record) < 2:
         raise IncompleteRecordError(f"{len(record)} samples: repeat the test")
     time = record.time

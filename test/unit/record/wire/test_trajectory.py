@@ -100,7 +100,7 @@ def point(seconds, *positions):
         ({"points": [point(k, 0.0) for k in range(1001)]}, "1001 points"),
         ({"points": [point(0, 0.0), point(1)]}, "point 1 has 0 positions"),
         ({"points": [point(2, 0.0), point(1, 0.1)]}, "must not decrease"),
-        ({"points": [point(0, 0.0), point(1, 0.7)]}, "less than or equal to 0.6"),
+        ({"points": [point(0, 0.0), point(1, 11.0)]}, "less than or equal to 10"),
         ({"points": [point(0, 0.0), point(1, np.nan)]}, "finite"),
         ({"points": [point(0, 0.0), point(61, 0.1)]}, "less than or equal to 60"),
         ({"points": [point(-1, 0.0), point(1, 0.1)]}, "greater than or equal to 0"),
