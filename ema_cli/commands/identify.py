@@ -114,6 +114,8 @@ def _title(record: Any, path: Path) -> str:
 
 def _print(found: Identification) -> None:
     """Print the answer for people."""
+    from ema_identification.report.words import probability
+
     console = stdout()
     console.print(styled((found.verdict, "bold")))
     grew = f"grew from {found.gap_before:.3g} to {found.gap_after:.3g}"
@@ -122,7 +124,7 @@ def _print(found: Identification) -> None:
     console.print(f"gap {gap}, floor {found.noise_floor:.3g}: {found.gap_unit}")
     for finding in found.findings:
         names = " or ".join((finding.effect, *finding.equivalent))
-        console.print(styled("  ", (names, "bold"), f"  (p {_probability(finding.p_value)})"))
+        console.print(styled("  ", (names, "bold"), f"  (p {probability(finding.p_value)})"))
         for name, choice in finding.choices.items():
             console.print(f"    {name} = {choice}")
         for p in finding.parameters:
@@ -136,7 +138,3 @@ def _print(found: Identification) -> None:
         console.print(f"  {reason}")
     if found.next_test is not None:
         console.print(f"  next test: {found.next_test}")
-
-
-def _probability(p: float) -> str:
-    return "< 0.001" if p < 1e-3 else f"{p:.2g}"
