@@ -15,10 +15,9 @@ from ema_record.channels import CHANNELS
 from ema_record.errors import InvalidRecordError, OutputError, UsageError
 from ema_record.profile import load_profile
 from ema_rig.bag import is_rig_bag, read_rig_bag, write_rig_bag
-from ema_rig.import_file import import_file
+from ema_rig.import_file import import_file, read_table
 from ema_rig.map import TextFormat, load_map, map_from
 from ema_rig.record import RigRecord
-from ema_rig.table import read_table
 from ema_rig.units import UNITS, unit_factor
 from ema_sim.simulate import simulate
 
