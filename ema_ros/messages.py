@@ -12,10 +12,12 @@ from rcl_interfaces.msg import (
     IntegerRange,
     ParameterDescriptor,
     ParameterType,
+    SetParametersResult,
 )
 from rclpy.clock import Clock, ClockType
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -24,7 +26,7 @@ from sensor_msgs.msg import BatteryState, JointState, Temperature
 from std_msgs.msg import Bool, Float64, Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 
-from ema_record.errors import UsageError
+from ema_record.errors import EmaError, UsageError
 from ema_record.wire.topics import DIAGNOSTICS, TOPICS, Qos
 from ema_ros.parameters import USE_SIM_TIME, ParameterSpec, Value, check_values
 from ema_ros.process import StopSignal
@@ -168,6 +170,22 @@ def declare_parameters(node: Node, specs: Iterable[ParameterSpec]) -> dict[str, 
 def given_parameters(node: Node) -> dict[str, Any]:
     """Return the parameters that an `EmaNode` was given or has declared, known or not."""
     return {name: node.get_parameter(name).value for name in node.get_parameters_by_prefix("")}
+
+
+def on_parameters(
+    node: Node, specs: Iterable[ParameterSpec], apply: Callable[[dict[str, Value]], None]
+) -> None:
+    """Call `apply` with checked new values; an EmaError that it raises refuses them."""
+    known = {spec.name: spec for spec in specs}
+
+    def callback(parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            apply({p.name: known[p.name].check(p.value) for p in parameters if p.name in known})
+        except EmaError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(callback)
 
 
 def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
