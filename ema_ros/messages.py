@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Vector3Stamped
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -22,35 +22,19 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
-from sensor_msgs.msg import BatteryState, JointState, Temperature
-from std_msgs.msg import Bool, Float64, Float64MultiArray, String
-from trajectory_msgs.msg import JointTrajectory
 
 from ema_record.errors import EmaError, UsageError
 from ema_record.wire.topics import DIAGNOSTICS, TOPICS, Qos
 from ema_ros.parameters import USE_SIM_TIME, ParameterSpec, Value, check_values
 from ema_ros.process import StopSignal
 
-_CLASSES: dict[str, Any] = {
-    "std_msgs/msg/Float64MultiArray": Float64MultiArray,
-    "sensor_msgs/msg/JointState": JointState,
-    "geometry_msgs/msg/Vector3Stamped": Vector3Stamped,
-    "sensor_msgs/msg/BatteryState": BatteryState,
-    "sensor_msgs/msg/Temperature": Temperature,
-    "trajectory_msgs/msg/JointTrajectory": JointTrajectory,
-    "std_msgs/msg/Bool": Bool,
-    "std_msgs/msg/String": String,
-    "std_msgs/msg/Float64": Float64,
-    "diagnostic_msgs/msg/DiagnosticStatus": DiagnosticStatus,
-    "diagnostic_msgs/msg/DiagnosticArray": DiagnosticArray,
-}
-
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
 def message_class(topic: str) -> Any:
     """Return the class of the messages of a topic of the table."""
-    return _CLASSES[TOPICS[topic].type]
+    package, kind, name = TOPICS[topic].type.split("/")
+    return getattr(import_module(f"{package}.{kind}"), name)
 
 
 def qos_profile(qos: Qos) -> QoSProfile:
@@ -65,17 +49,15 @@ def qos_profile(qos: Qos) -> QoSProfile:
 
 def make_publisher(node: Node, topic: str) -> Publisher:
     """Return a publisher of a topic of the table."""
-    entry = TOPICS[topic]
-    return node.create_publisher(_CLASSES[entry.type], topic, qos_profile(entry.qos))
+    return node.create_publisher(message_class(topic), topic, qos_profile(TOPICS[topic].qos))
 
 
 def make_subscription(
     node: Node, topic: str, callback: Callable[[Any], None], *, raw: bool = False
 ) -> Subscription:
     """Return a subscription to a topic of the table; `raw` gives serialised messages."""
-    entry = TOPICS[topic]
     return node.create_subscription(
-        _CLASSES[entry.type], topic, callback, qos_profile(entry.qos), raw=raw
+        message_class(topic), topic, callback, qos_profile(TOPICS[topic].qos), raw=raw
     )
 
 
