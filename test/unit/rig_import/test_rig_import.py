@@ -134,6 +134,17 @@ def test_the_bag_holds_it_bit_for_bit_and_is_never_overwritten(tmp_path):
         read_bag(tmp_path / "bag")
 
 
+@pytest.mark.parametrize("command", ["check", "lint", "export"])
+def test_a_command_for_the_actuator_names_the_one_for_a_rig(command, tmp_path, capsys):
+    np.savez(tmp_path / "a.npz", **columns())
+    write_rig_bag(import_file(tmp_path / "a.npz", map_from(MAP, "map")), tmp_path / "bag")
+    assert run([command, str(tmp_path / "bag")]) == 2
+    captured = capsys.readouterr()
+    said = captured.out + captured.err
+    assert "'ema identify'" in said
+    assert "ema import" not in said
+
+
 def test_other_tools_read_the_bag(tmp_path):
     from rosbags.rosbag2 import Reader
 
