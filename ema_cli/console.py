@@ -17,7 +17,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, NoReturn, TypeVar
 
-from ema_record.errors import EmaError
+from ema_record.errors import EmaError, InvalidRecordError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -275,6 +275,32 @@ def _missing_module(name: str) -> str:
             "source the setup.bash of a ROS installation"
         )
     return f"the Python module {name!r} is not installed: pip install it, or run 'make bit' again"
+
+
+def given_bags(paths: Iterable[Path]) -> list[Path]:
+    """Return the bags among `paths` and in those that are directories of bags.
+
+    Raises
+    ------
+    InvalidRecordError
+        There is none.
+
+    """
+    from ema_prognostics.trend.flights import bags_of, is_sequence
+
+    bags: list[Path] = []
+    for path in paths:
+        if not is_sequence(path):
+            bags.append(path)
+            continue
+        inside, others = bags_of(path)
+        if others:
+            note(f"{path}: not bags, left out: {', '.join(p.name for p in others[:5])}"
+                 + (f" and {len(others) - 5} more" if len(others) > 5 else ""))
+        bags += inside
+    if not bags:
+        raise InvalidRecordError("no bag: give bags, or a directory that holds them")
+    return bags
 
 
 def check_new(*folders: Path | None) -> None:

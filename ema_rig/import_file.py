@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
 
@@ -10,14 +11,18 @@ import numpy as np
 from ema_record.channels import CHANNELS, Channel
 from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.profile import load_profile
-from ema_record.record import Provenance, Record
+from ema_record.record import Provenance, Record, check_samples
 from ema_record.version import VERSION
-from ema_rig.map import Column, InputColumn, RigMap
+from ema_rig.map import Column, InputColumn, RigMap, TextFormat
+from ema_rig.mat import read_mat
+from ema_rig.npz import read_npz
 from ema_rig.record import INPUT_UNITS, Axis, InputQuantity, RigRecord
 from ema_rig.runs import chosen_runs, one_after_another, restarts
-from ema_rig.table import Table, read_table
+from ema_rig.table import MAX_FILE_BYTES, Table
+from ema_rig.text import read_text_table
 from ema_rig.units import SI_OF, unit_factor
 
+SUFFIXES = (".csv", ".txt", ".dat", ".tsv", ".mat", ".npz", ".gz")
 GAP = 5.0
 """An interval of so many median intervals is a gap."""
 MAX_LOST = 0.05
@@ -83,6 +88,43 @@ def _table(rig_map: RigMap, path: Path, needed: list[str | int]) -> Table:
     if rig_map.run is not None:
         needed = [rig_map.run.column, *needed]
     return read_table(path, rig_map.format, needed)
+
+
+def read_table(path: Path, text_format: TextFormat, needed: Sequence[str | int]) -> Table:
+    """Return the columns of a CSV, TXT, MAT (v5) or NPZ file.
+
+    Parameters
+    ----------
+    path : Path
+        Known by its suffix; text may be compressed by gzip.
+    text_format : TextFormat
+        How text is laid out, where that is known.
+    needed : sequence of str or int
+        Columns that are wanted; a MAT or NPZ file is read no further.
+
+    Raises
+    ------
+    InvalidRecordError
+        Damaged, too large, or of a kind that cannot be read safely.
+    UsageError
+        Not one of these kinds, or not there.
+
+    """
+    if not path.is_file():
+        raise UsageError(f"{path}: no such file: give a CSV, TXT, MAT or NPZ file")
+    size = path.stat().st_size
+    if not 0 < size <= MAX_FILE_BYTES:
+        raise InvalidRecordError(f"{path}: {size} bytes, expected 1 to {MAX_FILE_BYTES}: "
+                                 "import a part of it")
+    suffix = path.suffix.lower()
+    if suffix == ".mat":
+        return read_mat(path, needed)
+    if suffix == ".npz":
+        return read_npz(path, needed)
+    if suffix not in SUFFIXES:
+        raise UsageError(f"{path}: a file {suffix or 'without suffix'!r} is not known: give one "
+                         f"of {', '.join(SUFFIXES)}")
+    return read_text_table(path, text_format)
 
 
 def _quantity(part: Column, source: str) -> InputQuantity:
@@ -202,8 +244,6 @@ def _actuator(rig_map: RigMap, path: Path) -> Record:
         for channel in CHANNELS[1:]
     }
     samples, _ = _joined(table, rig_map, columns, CHANNELS, notes)
-    from ema_record.record import check_samples
-
     check_samples(samples, str(path))
     return Record(
         samples=samples, profile=load_profile(rig_map.profile),

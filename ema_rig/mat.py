@@ -11,7 +11,7 @@ import numpy as np
 from scipy.io import loadmat, whosmat
 
 from ema_record.errors import InvalidRecordError, UsageError
-from ema_rig.table import MAX_FILE_BYTES, Table, base_name, check_shape
+from ema_rig.table import MAX_FILE_BYTES, Table, base_name, check_shape, real_array
 
 T = TypeVar("T")
 _NUMERIC = frozenset({"double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32",
@@ -83,10 +83,7 @@ def _collect(columns: dict[str, np.ndarray], name: str, value: np.ndarray, path:
             if isinstance(inner, np.ndarray) and inner.dtype.kind in "fiub" and inner.ndim <= 2:
                 columns[f"{name}.{member}"] = inner.astype(np.float64)
         return
-    if value.dtype.kind not in "fiub" or value.ndim > 2:
-        raise InvalidRecordError(f"{path}: {name} has {value.ndim} dimensions of {value.dtype}, "
-                                 "expected one or two of real numbers")
-    columns[name] = value.astype(np.float64)
+    columns[name] = real_array(value, f"{path}: {name}")
 
 
 def _damaged(path: Path, error: Exception) -> InvalidRecordError:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ema_record.errors import InvalidRecordError
-from ema_rig.table import MAX_FILE_BYTES, Table, base_name, check_shape
+from ema_rig.table import MAX_FILE_BYTES, Table, base_name, check_shape, real_array
 
 
 def read_npz(path: Path, needed: Sequence[str | int]) -> Table:
@@ -38,7 +38,7 @@ def read_npz(path: Path, needed: Sequence[str | int]) -> Table:
                                          f"{MAX_FILE_BYTES}: import a part of it")
         with np.load(path, allow_pickle=False) as loaded:
             for name in names:
-                columns[name] = _array(loaded[name], name, path) if name in wanted else \
+                columns[name] = _array(loaded[name], f"{path}: {name}") if name in wanted else \
                     np.empty((0, 0))
     except (zipfile.BadZipFile, ValueError, OSError, EOFError, KeyError, zlib.error,
             NotImplementedError,  # zipfile: a compression that it does not know
@@ -52,11 +52,8 @@ def read_npz(path: Path, needed: Sequence[str | int]) -> Table:
     return Table(columns=columns, source=str(path))
 
 
-def _array(value: np.ndarray, name: str, path: Path) -> np.ndarray:
-    if value.dtype.kind not in "fiub" or value.ndim > 2:
-        raise InvalidRecordError(f"{path}: {name} has {value.ndim} dimensions of {value.dtype}, "
-                                 "expected one or two of real numbers")
-    if value.ndim:
-        check_shape(max(value.shape), min(value.shape) if value.ndim == 2 else 1,
-                    f"{path}: {name}")
-    return np.atleast_1d(value).astype(np.float64)
+def _array(value: np.ndarray, where: str) -> np.ndarray:
+    numbers = real_array(value, where)
+    if numbers.ndim:
+        check_shape(max(numbers.shape), min(numbers.shape) if numbers.ndim == 2 else 1, where)
+    return np.atleast_1d(numbers)

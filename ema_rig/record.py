@@ -86,6 +86,11 @@ class RigRecord:
     source : str
         File or bag that it was read from.
 
+    Raises
+    ------
+    UsageError, InvalidRecordError
+        Shape, channels or values are wrong; the first sample that is wrong is named.
+
     """
 
     samples: np.ndarray
@@ -100,8 +105,8 @@ class RigRecord:
                 f"samples have shape {self.samples.shape}, expected (n, {len(self.channels)}): "
                 "give one row a sample"
             )
-        check_rig_channels(self.channels, self.axis, self.source or "record")
-        check_rig_samples(self.samples, self.channels, self.source or "record")
+        _check_channels(self.channels, self.axis, self.source or "record")
+        _check_samples(self.samples, self.channels, self.source or "record")
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -142,15 +147,8 @@ class RigRecord:
         return float(self.time[-1] - self.time[0])
 
 
-def check_rig_channels(channels: tuple[Channel, ...], axis: Axis, source: str) -> None:
-    """Check that time, input and an output are there, known and in order.
-
-    Raises
-    ------
-    InvalidRecordError
-        One is missing, unknown, in another unit or out of order.
-
-    """
+def _check_channels(channels: tuple[Channel, ...], axis: Axis, source: str) -> None:
+    """Check that time, input and an output are there, known and in order."""
     known = axis.channels
     for channel in channels:
         if channel not in known:
@@ -175,15 +173,8 @@ def check_rig_channels(channels: tuple[Channel, ...], axis: Axis, source: str) -
         )
 
 
-def check_rig_samples(samples: np.ndarray, channels: tuple[Channel, ...], source: str) -> None:
-    """Check that the values are finite, that time increases, and the bounds of the length.
-
-    Raises
-    ------
-    InvalidRecordError
-        The first sample that is wrong is named.
-
-    """
+def _check_samples(samples: np.ndarray, channels: tuple[Channel, ...], source: str) -> None:
+    """Check that the values are finite, that time increases, and the bounds of the length."""
     if not 2 <= len(samples) <= MAX_RIG_SAMPLES:
         raise InvalidRecordError(
             f"{source}: {len(samples)} samples, expected 2 to {MAX_RIG_SAMPLES}: record longer, "

@@ -1,16 +1,14 @@
-"""Files of other tools as named columns: the bounds, and which reader takes which file."""
+"""Files of other tools as named columns, and the bounds of what is read."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
 from ema_record.errors import InvalidRecordError, UsageError, unknown_name
-from ema_rig.map import TextFormat
 
 MAX_FILE_BYTES = 1 << 30
 """Largest file (bytes), and largest content once unpacked."""
@@ -18,7 +16,6 @@ MAX_TEXT_BYTES = 512 << 20
 """Largest text, unpacked (bytes)."""
 MAX_ROWS = 5_000_000
 MAX_COLUMNS = 1000
-SUFFIXES = (".csv", ".txt", ".dat", ".tsv", ".mat", ".npz", ".gz")
 _INDEXED = re.compile(r"^(.*)\[(\d{1,4})\]$")
 
 
@@ -86,49 +83,6 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(name[:30] for name in names[:12]) + (" ..." if len(names) > 12 else "")
 
 
-def read_table(path: Path, text_format: TextFormat, needed: Sequence[str | int]) -> Table:
-    """Return the columns of a CSV, TXT, MAT (v5) or NPZ file.
-
-    Parameters
-    ----------
-    path : Path
-        Known by its suffix; text may be compressed by gzip.
-    text_format : TextFormat
-        How text is laid out, where that is known.
-    needed : sequence of str or int
-        Columns that are wanted; a MAT or NPZ file is read no further.
-
-    Raises
-    ------
-    InvalidRecordError
-        Damaged, too large, or of a kind that cannot be read safely.
-    UsageError
-        Not one of these kinds, or not there.
-
-    """
-    if not path.is_file():
-        raise UsageError(f"{path}: no such file: give a CSV, TXT, MAT or NPZ file")
-    size = path.stat().st_size
-    if not 0 < size <= MAX_FILE_BYTES:
-        raise InvalidRecordError(f"{path}: {size} bytes, expected 1 to {MAX_FILE_BYTES}: "
-                                 "import a part of it")
-    suffix = path.suffix.lower()
-    if suffix == ".mat":
-        from ema_rig.mat import read_mat
-
-        return read_mat(path, needed)
-    if suffix == ".npz":
-        from ema_rig.npz import read_npz
-
-        return read_npz(path, needed)
-    if suffix not in SUFFIXES:
-        raise UsageError(f"{path}: a file {suffix or 'without suffix'!r} is not known: give one "
-                         f"of {', '.join(SUFFIXES)}")
-    from ema_rig.text import read_text_table
-
-    return read_text_table(path, text_format)
-
-
 def check_shape(rows: int, columns: int, source: str) -> None:
     """Refuse more rows or columns than are read."""
     if rows > MAX_ROWS or columns > MAX_COLUMNS:
@@ -142,3 +96,11 @@ def base_name(name: str) -> str:
     """Return the variable that a column of a map belongs to: ``data`` of ``data.q[2]``."""
     matched = _INDEXED.match(name)
     return (matched[1] if matched else name).split(".")[0]
+
+
+def real_array(value: np.ndarray, where: str) -> np.ndarray:
+    """Return an array of a file as float64; refuse what is no array or matrix of real numbers."""
+    if value.dtype.kind not in "fiub" or value.ndim > 2:
+        raise InvalidRecordError(f"{where} has {value.ndim} dimensions of {value.dtype}, "
+                                 "expected one or two of real numbers")
+    return value.astype(np.float64)

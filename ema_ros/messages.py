@@ -3,52 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Vector3Stamped
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
     ParameterDescriptor,
     ParameterType,
+    SetParametersResult,
 )
 from rclpy.clock import Clock, ClockType
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
-from sensor_msgs.msg import BatteryState, JointState, Temperature
-from std_msgs.msg import Bool, Float64, Float64MultiArray, String
-from trajectory_msgs.msg import JointTrajectory
 
-from ema_record.errors import UsageError
+from ema_record.errors import EmaError, UsageError
 from ema_record.wire.topics import DIAGNOSTICS, TOPICS, Qos
 from ema_ros.parameters import USE_SIM_TIME, ParameterSpec, Value, check_values
 from ema_ros.process import StopSignal
-
-_CLASSES: dict[str, Any] = {
-    "std_msgs/msg/Float64MultiArray": Float64MultiArray,
-    "sensor_msgs/msg/JointState": JointState,
-    "geometry_msgs/msg/Vector3Stamped": Vector3Stamped,
-    "sensor_msgs/msg/BatteryState": BatteryState,
-    "sensor_msgs/msg/Temperature": Temperature,
-    "trajectory_msgs/msg/JointTrajectory": JointTrajectory,
-    "std_msgs/msg/Bool": Bool,
-    "std_msgs/msg/String": String,
-    "std_msgs/msg/Float64": Float64,
-    "diagnostic_msgs/msg/DiagnosticStatus": DiagnosticStatus,
-    "diagnostic_msgs/msg/DiagnosticArray": DiagnosticArray,
-}
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
 def message_class(topic: str) -> Any:
     """Return the class of the messages of a topic of the table."""
-    return _CLASSES[TOPICS[topic].type]
+    package, kind, name = TOPICS[topic].type.split("/")
+    return getattr(import_module(f"{package}.{kind}"), name)
 
 
 def qos_profile(qos: Qos) -> QoSProfile:
@@ -63,17 +49,15 @@ def qos_profile(qos: Qos) -> QoSProfile:
 
 def make_publisher(node: Node, topic: str) -> Publisher:
     """Return a publisher of a topic of the table."""
-    entry = TOPICS[topic]
-    return node.create_publisher(_CLASSES[entry.type], topic, qos_profile(entry.qos))
+    return node.create_publisher(message_class(topic), topic, qos_profile(TOPICS[topic].qos))
 
 
 def make_subscription(
     node: Node, topic: str, callback: Callable[[Any], None], *, raw: bool = False
 ) -> Subscription:
     """Return a subscription to a topic of the table; `raw` gives serialised messages."""
-    entry = TOPICS[topic]
     return node.create_subscription(
-        _CLASSES[entry.type], topic, callback, qos_profile(entry.qos), raw=raw
+        message_class(topic), topic, callback, qos_profile(TOPICS[topic].qos), raw=raw
     )
 
 
@@ -168,6 +152,22 @@ def declare_parameters(node: Node, specs: Iterable[ParameterSpec]) -> dict[str, 
 def given_parameters(node: Node) -> dict[str, Any]:
     """Return the parameters that an `EmaNode` was given or has declared, known or not."""
     return {name: node.get_parameter(name).value for name in node.get_parameters_by_prefix("")}
+
+
+def on_parameters(
+    node: Node, specs: Iterable[ParameterSpec], apply: Callable[[dict[str, Value]], None]
+) -> None:
+    """Call `apply` with checked new values; an EmaError that it raises refuses them."""
+    known = {spec.name: spec for spec in specs}
+
+    def callback(parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            apply({p.name: known[p.name].check(p.value) for p in parameters if p.name in known})
+        except EmaError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(callback)
 
 
 def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:

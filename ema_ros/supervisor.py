@@ -62,7 +62,7 @@ class Supervisor:
     def start(self, module: str, parameters: Mapping[str, ParameterValue]) -> None:
         """Start ``python -m module`` with ROS parameters."""
         settings = [item for name, value in parameters.items()
-                    for item in ("-p", f"{name}:={_yaml(value)}")]
+                    for item in ("-p", f"{name}:={json.dumps(value, ensure_ascii=False)}")]
         self._parameters[module] = parameters
         if module in self._nodes:
             self._nodes[module].wait(GENTLE_STOP)  # one that runs is not replaced
@@ -132,7 +132,3 @@ class Supervisor:
                 with contextlib.suppress(ProcessLookupError, PermissionError):
                     os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
-
-
-def _yaml(value: ParameterValue) -> str:
-    return json.dumps(value, ensure_ascii=False)

@@ -33,9 +33,9 @@ from ema_ros.messages import (
     make_publisher,
     make_subscription,
     make_timer,
+    on_parameters,
     try_publish,
 )
-from ema_ros.parameter_events import on_parameters
 from ema_ros.parameters import ParameterSpec, Value
 from ema_ros.process import StopSignal, report, run_node
 from ema_sim.node.server import ActuatorServer

@@ -7,11 +7,21 @@ from typing import Annotated
 
 import typer
 
-from ema_cli.console import check_new, check_new_file, drawing, print_json, progress, say
+from ema_cli.console import (
+    check_new,
+    check_new_file,
+    drawing,
+    given_bags,
+    print_json,
+    progress,
+    say,
+)
+from ema_record.errors import UsageError, unknown_name
 
 
 def export(
-    bag: Annotated[Path, typer.Argument(metavar="BAG", help="Bag to convert.")],
+    bags: Annotated[list[Path], typer.Argument(
+        metavar="BAG...", help="Bags to convert, or directories of them.")],
     file_format: Annotated[
         str | None,
         typer.Option(
@@ -23,14 +33,15 @@ def export(
         Path | None,
         typer.Option(
             "--out", "-o", metavar="FILE", show_default="beside the bag",
-            help="What to write; for mcap a directory.",
+            help="What to write, of a single bag; for mcap a directory.",
         ),
     ] = None,
     plot: Annotated[
         Path | None,
         typer.Option(
             "--plot", metavar="DIR",
-            help="Plot the test, as PNG into DIR; without --format and --out nothing else.",
+            help="Plot the test, as PNG into DIR (of several bags, each into a folder of its own "
+            "there); without --format and --out nothing else.",
         ),
     ] = None,
     as_json: Annotated[
@@ -43,44 +54,58 @@ def export(
 
     Example: `ema export bags/sim_0000_step --format csv --out healthy.csv`
     """
-    from ema_record.bag.export import FORMATS, default_path, export_record
-    from ema_record.bag.read import read_bag
-    from ema_record.errors import unknown_name
+    from ema_record.bag.export import FORMATS, default_path
 
     chosen = file_format or "csv"
     if chosen not in FORMATS:
         raise unknown_name("format", chosen, FORMATS, f"the formats are {', '.join(FORMATS)}")
+    found = given_bags(bags)
+    if out is not None and len(found) > 1:
+        raise UsageError(f"--out {out}: {len(found)} bags: leave it out, each is then written "
+                         "beside its bag")
     plot_only = plot is not None and file_format is None and out is None
-    target = None if plot_only else out or default_path(bag, chosen)
-    if chosen == "mcap":
-        check_new(target)
-    else:
-        check_new_file(target)
-    if plot is not None:
-        from ema_cli.views.record_plots import check_plot_folder
+    jobs: list[tuple[Path, Path | None, Path | None]] = []
+    for bag in found:
+        target = None if plot_only else out or default_path(bag, chosen)
+        (check_new if chosen == "mcap" else check_new_file)(target)
+        folder = plot / bag.name if plot is not None and len(found) > 1 else plot
+        if folder is not None:
+            from ema_cli.views.record_plots import check_plot_folder
 
-        check_plot_folder(plot)
+            check_plot_folder(folder)
+        jobs.append((bag, target, folder))
+    for job in jobs:
+        _export(*job, chosen, as_json)
+    return 0
+
+
+def _export(
+    bag: Path, target: Path | None, folder: Path | None, file_format: str, as_json: bool
+) -> None:
+    """Write a bag to `target` and plot it into `folder`, each unless None, and say so."""
+    from ema_record.bag.export import export_record
+    from ema_record.bag.read import read_bag
+
     record = read_bag(bag)
     written: list[Path] = []
     if target is not None:
         with progress(f"writing {target}"):
-            written.append(export_record(record, target, chosen))
+            written.append(export_record(record, target, file_format))
         if not as_json:
             say(str(written[0]))
     plots: list[Path] = []
     try:
-        if plot is not None:
+        if folder is not None:
             with drawing():
                 from ema_cli.views.record_plots import plot_record
 
-                plots = plot_record(record, plot)
+                plots = plot_record(record, folder)
     finally:  # a picture that fails takes nothing else with it
         if as_json:
             print_json({
-                "bag": str(bag), "format": None if target is None else chosen,
+                "bag": str(bag), "format": None if target is None else file_format,
                 "samples": len(record), "written": [str(path) for path in [*written, *plots]],
             })
     if not as_json:
         for path in plots:
             say(str(path))
-    return 0

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ema_cli.console import error_line, print_json, say, track
+from ema_cli.console import error_line, given_bags, print_json, say, track
 
 if TYPE_CHECKING:
     from ema_record.checks.run import LintReport
@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 def lint(
     bags: Annotated[
-        list[Path], typer.Argument(metavar="BAG...", help="Bag directories or .mcap files.")
+        list[Path], typer.Argument(metavar="BAG...", help="Bag directories or .mcap files; or a "
+                                   "directory of them.")
     ],
     model: Annotated[
         Path | None,
@@ -40,7 +41,8 @@ def lint(
 
     actuator = load_actuator(model)
     status = 0
-    for bag in track(bags, "reading", len(bags)):
+    found = given_bags(bags)
+    for bag in track(found, "reading", len(found)):
         report = lint_bag(bag, actuator)
         status = max(status, report.exit_status)
         if as_json:

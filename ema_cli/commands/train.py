@@ -53,6 +53,14 @@ def train(
         print_json({"out": str(out), "report": str(report), "sha256": loaded.sha256,
                     "seed": seed, "quick": quick, "held_out": loaded.training["held_out"]})
     else:
-        stdout().print(text)
+        print_report(text)
         note(f"wrote {out} (sha256 {loaded.sha256[:16]}...) and {report}")
     return 0
+
+
+def print_report(text: str) -> None:
+    """Print Markdown: set on a terminal, as it is elsewhere."""
+    from rich.markdown import Markdown
+
+    console = stdout()
+    console.print(Markdown(text) if console.is_terminal else text)

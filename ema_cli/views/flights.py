@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ema_cli.console import (
     drawing,
+    given_bags,
     note,
     print_json,
     print_table,
@@ -19,7 +20,7 @@ from ema_cli.console import (
 )
 from ema_cli.views.verdict import STYLES
 from ema_prognostics.words import class_name, counted, severity_words
-from ema_record.errors import InvalidRecordError, UsageError
+from ema_record.errors import UsageError
 
 if TYPE_CHECKING:
     from ema_cli.judge import Judge
@@ -67,20 +68,9 @@ def judged_flights(paths: Sequence[Path], judge: Judge) -> dict[str, list[Flight
     InvalidRecordError
         A directory without a bag.
     """
-    from ema_prognostics.trend.flights import Flight, bags_of, is_sequence, read_flights
+    from ema_prognostics.trend.flights import Flight, read_flights
 
-    bags: list[Path] = []
-    for path in paths:
-        if not is_sequence(path):
-            bags.append(path)
-            continue
-        inside, others = bags_of(path)
-        if others:
-            note(f"{path}: not bags, left out: {', '.join(p.name for p in others[:5])}"
-                 + (f" and {len(others) - 5} more" if len(others) > 5 else ""))
-        bags += inside
-    if not bags:
-        raise InvalidRecordError("no bag: give bags, or a directory that holds them")
+    bags = given_bags(paths)
 
     def fly(bag: Path) -> Flight:
         verdict, serial_number, start_time = judge(bag)

@@ -3,8 +3,10 @@
 import csv
 import json
 import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -100,6 +102,23 @@ def test_simulate_and_export_plots(tmp_path, bag, capsys):
     assert sorted(p.name for p in made.iterdir()) == sorted(names)
     assert told["written"] == [str(tmp_path / "from_bag" / name) for name in names]
     assert not list(bag.parent.glob("*.csv"))
+
+
+def test_lint_and_export_take_a_directory_of_bags(tmp_path, bag, capsys):
+    for name in ("one", "two"):
+        shutil.copytree(bag, tmp_path / name)
+    (tmp_path / "notes.txt").write_text("no bag", encoding="utf-8")
+    assert run(["lint", str(tmp_path), "--json"]) == 0
+    captured = capsys.readouterr()
+    assert [Path(json.loads(line)["bag"]).name for line in captured.out.splitlines()] == [
+        "one", "two"]
+    assert "notes.txt" in captured.err
+    assert run(["export", str(tmp_path), "--plot", str(tmp_path / "p"), "--format", "csv"]) == 0
+    assert {p.name for p in tmp_path.glob("*.csv")} == {"one.csv", "two.csv"}
+    assert all((tmp_path / "p" / name / "speed.png").is_file() for name in ("one", "two"))
+    capsys.readouterr()
+    assert "2 bags" in refused(capsys, "export", tmp_path / "one", tmp_path / "two", "--out",
+                               tmp_path / "x.csv")
 
 
 BAD_SETTINGS = [

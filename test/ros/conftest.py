@@ -39,14 +39,14 @@ def nodes(ros_domain, tmp_path):
 
 
 @pytest.fixture
-def watcher(ros_domain):
+def watcher(nodes):
     """Return the aircraft of this test, on the ground."""
     context = rclpy.Context()
     rclpy.init(context=context, args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = AircraftNode(context)
     executor = rclpy.executors.SingleThreadedExecutor(context=context)
     executor.add_node(node)
-    yield Watcher(node, executor)
+    yield Watcher(node, executor, nodes)
     executor.shutdown(timeout_sec=1.0)
     node.destroy_node()
     rclpy.try_shutdown(context=context)

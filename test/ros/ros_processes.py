@@ -30,6 +30,7 @@ class Nodes:
     def __init__(self, folder):
         self.folder = folder
         self.processes = []
+        self.last = {}
 
     def start(self, module, **parameters):
         """Start a node; dots in names of parameters are written ``__``."""
@@ -43,6 +44,7 @@ class Nodes:
                 stdout=subprocess.DEVNULL, stderr=log, start_new_session=True,
             )
         self.processes.append(process)
+        self.last[module] = process
         return process
 
     def log(self, process):
@@ -50,6 +52,12 @@ class Nodes:
         index = self.processes.index(process)
         (path,) = self.folder.glob(f"{index}_*.log")
         return path.read_text()
+
+    def check(self, module):
+        """Fail with what the last node of a module wrote, if it has ended."""
+        process = self.last.get(module)
+        assert process is None or process.poll() is None, (
+            f"{module} ended with status {process.returncode}: {self.log(process)}")
 
     def stop(self):
         """Ask all nodes to end, and require that they do, cleanly."""
@@ -68,8 +76,9 @@ class Nodes:
 class Watcher:
     """The aircraft, with eyes on diagnostics and samples."""
 
-    def __init__(self, node, executor):
+    def __init__(self, node, executor, nodes):
         self.node = node
+        self.nodes = nodes
         self.executor = executor
         group = PolledGroup()
         self._diagnostics = make_polled_subscription(node, DIAGNOSTICS, group)
@@ -98,25 +107,27 @@ class Watcher:
             self.spin()
 
     def wait(self, condition, timeout=20.0, what="condition"):
+        """Spin until `condition` holds; fail at once where `what` is a node that has ended."""
         end = time.monotonic() + timeout
         while not condition():
             assert time.monotonic() < end, f"{what}: not within {timeout} s"
+            self.nodes.check(what)
             self.spin()
 
     def wait_for_simulator(self):
         self.wait(
             lambda: self._command.get_subscription_count() > 0 and self.actuator,
-            START_TIMEOUT, "simulator",
+            START_TIMEOUT, SIMULATOR,
         )
 
     def wait_for_monitor(self):
         self.wait(
             lambda: self.node.missing() in ("", "the prognostics", "the actuator"),
-            START_TIMEOUT, "monitor",
+            START_TIMEOUT, MONITOR,
         )
 
     def wait_for_prognostics(self):
-        self.wait(lambda: self.node.count_publishers(VERDICT) > 0, START_TIMEOUT, "prognostics")
+        self.wait(lambda: self.node.count_publishers(VERDICT) > 0, START_TIMEOUT, PROGNOSTICS)
 
     def command(self, profile):
         stamp = time.time_ns()

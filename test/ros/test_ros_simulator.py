@@ -115,6 +115,12 @@ def test_parameters_are_described_bounded_and_settable_when_idle(nodes, watcher)
     assert "idle" in refused.reason
 
 
+def test_a_node_that_ends_at_its_start_is_told_at_once(nodes, watcher):
+    nodes.start(SIMULATOR, seed="none")
+    with pytest.raises(AssertionError, match=r"ended with status 2: .*seed"):
+        watcher.wait_for_simulator()
+
+
 @pytest.mark.parametrize(("name", "value", "hint"), [
     ("turn_short__fractoin", 0.1, "did you mean 'turn_short.fraction'"),
     ("turn_short__fraction", 2.0, "0 to 0.9"),

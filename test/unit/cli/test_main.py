@@ -5,6 +5,7 @@ import importlib
 import inspect
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from ema_cli import console, main
+from ema_cli.commands.train import print_report
 from ema_record.errors import IncompleteRecordError, OutputError, UsageError
 from ema_record.version import VERSION
 
@@ -229,6 +231,18 @@ def test_lines_are_whole_where_there_is_no_terminal(capsys, monkeypatch):
     line = "word " * 400 + "end"
     console.stdout().print(line)
     assert capsys.readouterr().out == line + "\n"
+
+
+def test_a_terminal_shows_no_raw_markdown(capsys, monkeypatch, repository):
+    text = (repository / "config/models/cascade.validation.md").read_text(encoding="utf-8")
+    print_report(text)
+    assert capsys.readouterr().out == text + "\n"
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "200")
+    print_report(text)
+    shown = capsys.readouterr().out
+    assert "right class" in shown
+    assert not re.search(r"^#|\|---|^\|", shown, re.MULTILINE)
 
 
 def test_what_cannot_be_written_is_known_before(tmp_path):

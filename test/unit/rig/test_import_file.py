@@ -15,10 +15,9 @@ from ema_record.channels import CHANNELS
 from ema_record.errors import InvalidRecordError, OutputError, UsageError
 from ema_record.profile import load_profile
 from ema_rig.bag import is_rig_bag, read_rig_bag, write_rig_bag
-from ema_rig.import_file import import_file
+from ema_rig.import_file import import_file, read_table
 from ema_rig.map import TextFormat, load_map, map_from
 from ema_rig.record import RigRecord
-from ema_rig.table import read_table
 from ema_rig.units import UNITS, unit_factor
 from ema_sim.simulate import simulate
 
@@ -133,6 +132,17 @@ def test_the_bag_holds_it_bit_for_bit_and_is_never_overwritten(tmp_path):
         write_rig_bag(record, tmp_path / "bag")
     with pytest.raises(InvalidRecordError, match="ema identify"):
         read_bag(tmp_path / "bag")
+
+
+@pytest.mark.parametrize("command", ["check", "lint", "export"])
+def test_a_command_for_the_actuator_names_the_one_for_a_rig(command, tmp_path, capsys):
+    np.savez(tmp_path / "a.npz", **columns())
+    write_rig_bag(import_file(tmp_path / "a.npz", map_from(MAP, "map")), tmp_path / "bag")
+    assert run([command, str(tmp_path / "bag")]) == 2
+    captured = capsys.readouterr()
+    said = captured.out + captured.err
+    assert "'ema identify'" in said
+    assert "ema import" not in said
 
 
 def test_other_tools_read_the_bag(tmp_path):
