@@ -1,4 +1,4 @@
-"""The plant by itself: the kernel from a state of our choice, its ports, lines of what comes out."""
+"""The plant by itself: the kernel from a state of our choice, its ports, lines of its output."""
 
 from __future__ import annotations
 
