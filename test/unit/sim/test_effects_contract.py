@@ -20,8 +20,7 @@ from ema_sim.plant import ports
 from ema_sim.plant import state as st
 from ema_sim.simulate import simulate
 from support.actuators import Machine, both_machines, changed
-from support.kernel_run import run, state_of
-from support.port_values import ROWS, port_values
+from support.plant import ROWS, port_values, run, state_of
 
 NAMES = list(EFFECTS)
 SHORT = step_profile(0.03, start=-0.02, duration=0.06)

@@ -12,7 +12,7 @@ from ema_sim.effects import parse_effects
 from ema_sim.plant import state as st
 from ema_sim.plant.electrical import reference_signs, sector_ahead, sector_of, trapezoid
 from support.actuators import changed
-from support.kernel_run import run, state_of
+from support.plant import run, state_of
 
 # The paper's Table 1: rotor angle (deg) and signs of the reference currents a, b, c.
 TABLE_1 = [

@@ -11,7 +11,7 @@ from ema_sim.effects import parse_effects
 from ema_sim.plant import state as st
 from ema_sim.simulate import simulate_traced
 from support.actuators import both_machines, changed
-from support.kernel_run import run, state_of
+from support.plant import run, state_of
 
 
 def balance(a: Actuator, rate: float, settings: list[str], profile: str) -> dict[str, float]:

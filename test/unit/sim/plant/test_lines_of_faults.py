@@ -14,7 +14,7 @@ import pytest
 from ema_record.actuator import Actuator
 from ema_sim.effects import parse_effects
 from support.actuators import DEFAULT, both_machines, changed
-from support.kernel_run import lines, run, state_of
+from support.plant import lines, run, state_of
 
 CURRENT = 7.0
 OMEGA = 600.0

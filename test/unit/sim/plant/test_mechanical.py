@@ -13,7 +13,7 @@ from ema_sim.effects import parse_effects
 from ema_sim.plant import state as st
 from ema_sim.simulate import simulate
 from support.actuators import both_machines, changed
-from support.kernel_run import run, state_of
+from support.plant import run, state_of
 
 FREE = {"backlash": 0.1}  # motor and surface do not touch
 SMOOTH = {"static_friction": 0.0, "dynamic_friction": 0.0, "viscous_friction": 0.0}

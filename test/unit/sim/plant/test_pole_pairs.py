@@ -15,7 +15,7 @@ from ema_sim.campaign.reductions import summary
 from ema_sim.plant.electrical import unit_trapezoid
 from ema_sim.simulate import simulate, simulate_traced
 from support.actuators import OTHER, changed
-from support.kernel_run import lines, run, state_of
+from support.plant import lines, run, state_of
 
 P = OTHER.actuator.motor.pole_pairs
 THIRDS = np.arange(3) * 2.0 * math.pi / 3.0
