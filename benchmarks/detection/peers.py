@@ -22,7 +22,8 @@ from ema_prognostics.cascade.model_file import Model
 from ema_prognostics.features.vector import differences
 from ema_prognostics.training.campaign import Campaign
 from ema_prognostics.training.rates import ORIGIN, detection, rate
-from ema_prognostics.verdict.diagnose import diagnose, verdict_of_error
+from ema_prognostics.verdict.diagnose import diagnose
+from ema_prognostics.verdict.judge import verdict_of_error
 from ema_record.actuator import Actuator
 from ema_record.errors import RecordError
 

@@ -20,7 +20,6 @@ from ema_prognostics.verdict.explain import reasons_of_guard
 from ema_prognostics.verdict.report import unknown_verdict, verdict_of_finding
 from ema_prognostics.verdict.verdict import Fault, Verdict
 from ema_record.errors import (
-    EmaError,
     IncompleteRecordError,
     InvalidRecordError,
     ModelError,
@@ -248,12 +247,4 @@ def _paper_verdict(record: Record, model: Model) -> Verdict:
         faults=(Fault(fault_class=fault, level=LEVELS[3][int(np.argmax(levels))]),),
         probabilities=dict(zip(FAULTS, map(float, outputs))),
         reasons=(PAPER_CAVEAT,),
-    )
-
-
-def verdict_of_error(error: EmaError, bag: str) -> Verdict:
-    """Return the verdict of a bag that could not be read: incomplete or invalid."""
-    incomplete = isinstance(error, IncompleteRecordError)
-    return Verdict(
-        outcome="incomplete" if incomplete else "invalid", reasons=(str(error),), bag=bag
     )
