@@ -12,7 +12,7 @@ from ema_record.actuator import Actuator
 from ema_record.errors import UsageError, first_problem, unknown_name
 from ema_record.resources import share_path
 from ema_record.yaml_file import load_yaml
-from ema_sim.effects import Effects
+from ema_sim.effects.registry import Effects
 from ema_sim.effects.settings import effects_from_mapping
 
 NOMINAL = "config/actuator.yaml"

@@ -46,7 +46,7 @@ def check(
     the same serial number, and be called healthy itself.
     """
     from ema_prognostics.trend.flights import is_sequence, what_else
-    from ema_prognostics.trend.trend import trend_of
+    from ema_prognostics.trend.unit_trend import trend_of
     from ema_prognostics.verdict.diagnose import MODES
     from ema_prognostics.verdict.judge import Judge, verdict_of_error
     from ema_prognostics.verdict.verdict import worst_status

@@ -21,7 +21,7 @@ from ema_prognostics.words import class_name, counted, scaled
 from ema_record.errors import UsageError
 
 if TYPE_CHECKING:
-    from ema_prognostics.trend.trend import FaultTrend, UnitTrend
+    from ema_prognostics.trend.unit_trend import FaultTrend, UnitTrend
 
 
 def trend(
@@ -54,7 +54,7 @@ def trend(
     """
     from ema_prognostics.trend.announcement import parse_rule
     from ema_prognostics.trend.flights import is_sequence, what_else
-    from ema_prognostics.trend.trend import trend_of
+    from ema_prognostics.trend.unit_trend import trend_of
     from ema_prognostics.verdict.judge import Judge
 
     chosen = parse_rule(rule)

@@ -24,7 +24,7 @@ from ema_record.errors import InvalidRecordError, UsageError
 if TYPE_CHECKING:
     from ema_prognostics.trend.announcement import Episode
     from ema_prognostics.trend.flights import Flight
-    from ema_prognostics.trend.trend import FaultTrend, UnitTrend
+    from ema_prognostics.trend.unit_trend import FaultTrend, UnitTrend
     from ema_prognostics.verdict.judge import Judge
 
 

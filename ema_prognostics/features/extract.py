@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
 from ema_prognostics.features.acceleration import inertia
 from ema_prognostics.features.balance import HARMONICS, Balance, torque_balance
-from ema_prognostics.features.commutation import rise
 from ema_prognostics.features.consistency import consistency
 from ema_prognostics.features.control_loop import control_loop
-from ema_prognostics.features.reversal import Gap, reversal_gap
+from ema_prognostics.features.profile_kind import Kind
+from ema_prognostics.features.reversal import LostMotion, reversal_gap
 from ema_prognostics.features.signals import Signals, prepare
 from ema_prognostics.features.start import start_features
-from ema_prognostics.features.winding import winding
+from ema_prognostics.features.winding import rise, winding
 from ema_record.actuator import Actuator
 from ema_record.errors import IncompleteRecordError
 from ema_record.record import Record
-
-Kind = Literal["step", "extended"]
 
 SEGMENTS: dict[Kind, dict[str, tuple[float, float, int]]] = {
     "step": {"full": (0.10, 0.36, 20)},
@@ -91,7 +87,7 @@ def _slow(signals: Signals) -> dict[str, float]:
     ahead, back = (_ramp_torque(signals, *w) for w in RAMPS.values())
     found["torque_ramp"] = float(np.log(max(0.5 * (ahead - back), 1e-3)))
     found["load_ramp"] = 0.5 * (ahead + back)
-    gaps: list[Gap] = [
+    gaps: list[LostMotion] = [
         reversal_gap(signals, begin, REVERSAL_LENGTH, sense)
         for begin, sense in REVERSALS.values()
     ]

@@ -9,15 +9,14 @@ from typing import Literal
 import numpy as np
 
 from ema_prognostics.cascade.guard import BESIDE_OWN
-from ema_prognostics.cascade.model_file import Model, load_model
+from ema_prognostics.cascade.model_file import TrainedModel, load_model
 from ema_prognostics.features.extract import LAST_TIME, extract
-from ema_prognostics.features.segments import ProfileKind, profile_kind
+from ema_prognostics.features.profile_kind import Kind, profile_kind
 from ema_prognostics.features.turns import check_finite
 from ema_prognostics.features.vector import differences, start_allowed
 from ema_prognostics.paper.cascade import FAULTS, LEVELS
 from ema_prognostics.paper.features import paper_features, paper_turns
-from ema_prognostics.verdict.explain import reasons_of_guard
-from ema_prognostics.verdict.report import unknown_verdict, verdict_of_finding
+from ema_prognostics.verdict.report import reasons_of_guard, unknown_verdict, verdict_of_detection
 from ema_prognostics.verdict.verdict import Fault, Verdict
 from ema_record.errors import (
     IncompleteRecordError,
@@ -55,12 +54,12 @@ class Baseline:
     """
 
     record: Record
-    kind: ProfileKind
+    kind: Kind
     features: Mapping[str, float]
 
 
 def diagnose(
-    record: Record, model: Model | None = None, *, mode: Mode = "robust",
+    record: Record, model: TrainedModel | None = None, *, mode: Mode = "robust",
     baseline: Record | Baseline | None = None,
 ) -> Verdict:
     """Say what is wrong with the actuator that `record` comes from.
@@ -96,7 +95,7 @@ def diagnose(
 
 
 def _diagnose(
-    record: Record, model: Model, mode: Mode, baseline: Record | Baseline | None
+    record: Record, model: TrainedModel, mode: Mode, baseline: Record | Baseline | None
 ) -> Verdict:
     try:
         check_finite(record)
@@ -123,7 +122,7 @@ def _diagnose(
 
 
 def _robust_verdict(
-    record: Record, kind: ProfileKind, model: Model, baseline: Record | Baseline | None
+    record: Record, kind: Kind, model: TrainedModel, baseline: Record | Baseline | None
 ) -> Verdict:
     cascade = model.cascade(kind, "fleet")
     if cascade is None:
@@ -143,7 +142,7 @@ def _robust_verdict(
                                exact=_is_trained_test(record, kind))
 
 
-def _is_trained_test(record: Record, kind: ProfileKind) -> bool:
+def _is_trained_test(record: Record, kind: Kind) -> bool:
     """Whether the test is the one trained on, sampled at the rate trained on."""
     given, trained = record.profile.points, load_profile(kind).points
     same = max(abs(given[k][1] - trained[k][1]) for k in (0, -1)) < SAME_POSITION
@@ -151,7 +150,7 @@ def _is_trained_test(record: Record, kind: ProfileKind) -> bool:
 
 
 def verdict_of_features(
-    features: Mapping[str, float], kind: ProfileKind, model: Model,
+    features: Mapping[str, float], kind: Kind, model: TrainedModel,
     baseline: Mapping[str, float] | None = None, *, exact: bool = True,
 ) -> Verdict:
     """Return the verdict that the features of a record amount to.
@@ -170,22 +169,22 @@ def verdict_of_features(
         return unknown_verdict("the record does not hold every feature: its interval with the "
                                "inverter off is missing")
     x = _row(features, names)
-    finding = cascade.find(x, exact=exact)[0]
+    detection = cascade.find(x, exact=exact)[0]
     with_own = baseline is not None and own is not None
-    unusual = reasons_of_guard(cascade, finding, BESIDE_OWN if with_own else 1.0)
+    unusual = reasons_of_guard(cascade, detection, BESIDE_OWN if with_own else 1.0)
     if unusual:
         return unknown_verdict("the record is unlike anything the networks were trained on",
                                *unusual)
     if baseline is None or own is None:
-        return verdict_of_finding(cascade, x[0], finding, kind)
+        return verdict_of_detection(cascade, x[0], detection, kind)
     x = differences(x, _row(baseline, names))
-    alone, finding = finding, own.find(x, exact=exact)[0]
-    finding = replace(finding, known=min(alone.known, finding.known))
-    unusual = reasons_of_guard(own, finding)
+    alone, detection = detection, own.find(x, exact=exact)[0]
+    detection = replace(detection, known=min(alone.known, detection.known))
+    unusual = reasons_of_guard(own, detection)
     if unusual:
         return unknown_verdict("the change since the baseline is unlike anything the networks "
                                "were trained on", *unusual)
-    return verdict_of_finding(own, x[0], finding, kind)
+    return verdict_of_detection(own, x[0], detection, kind)
 
 
 def _row(features: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
@@ -193,7 +192,7 @@ def _row(features: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
     return start_allowed(np.array([[features[n] for n in names]]), names)
 
 
-def baseline_of(record: Record, model: Model) -> Baseline:
+def baseline_of(record: Record, model: TrainedModel) -> Baseline:
     """Return `record` as a baseline; UsageError if it cannot serve."""
     try:
         check_finite(record)
@@ -212,7 +211,7 @@ def baseline_of(record: Record, model: Model) -> Baseline:
     return Baseline(record=record, kind=kind, features=features)
 
 
-def _check_complete(record: Record, kind: ProfileKind | None) -> None:
+def _check_complete(record: Record, kind: Kind | None) -> None:
     """Raise IncompleteRecordError unless the record covers its test without a gap."""
     status = record.provenance.status
     if status != "complete":
@@ -235,7 +234,7 @@ def _check_complete(record: Record, kind: ProfileKind | None) -> None:
         )
 
 
-def _paper_verdict(record: Record, model: Model) -> Verdict:
+def _paper_verdict(record: Record, model: TrainedModel) -> Verdict:
     if model.paper is None:
         raise ModelError("the model has no paper cascade: train again with 'ema train'")
     features = paper_features(paper_turns(record))

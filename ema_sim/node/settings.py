@@ -9,7 +9,8 @@ from typing import Any
 from ema_record.actuator import Actuator
 from ema_record.channels import DEFAULT_RATE
 from ema_ros.parameters import ParameterSpec, Value
-from ema_sim.effects import EFFECTS, Choice, Effects
+from ema_sim.effects.base import Choice
+from ema_sim.effects.registry import EFFECTS, Effects
 from ema_sim.effects.settings import effects_from_mapping
 from ema_sim.model_file import Model, load_model_file
 from ema_sim.session import NOISE_LEVELS, RATES, ActuatorSession

@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ema_identification import cache
 from ema_identification.actuator.measure.features import feature_map
 from ema_identification.actuator.measure.runs import (
     Case,
@@ -42,6 +41,7 @@ from ema_identification.actuator.surrogate.signatures import (
     pack,
     unpack,
 )
+from ema_record import array_cache as cache
 from ema_record.channels import DEFAULT_RATE
 from ema_record.profile import Profile
 from ema_sim.model_file import Model

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from records import TURN, slewing_record
 
-from ema_prognostics.features.spectrum import rotor_lines
-from ema_prognostics.features.turns import check_finite, cut, whole_turns
+from ema_prognostics.features.turns import check_finite, cut, rotor_lines, whole_turns
 from ema_record.errors import IncompleteRecordError, InvalidRecordError
 
 WINDOW = (0.082, 0.382)

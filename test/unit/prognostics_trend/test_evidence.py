@@ -12,7 +12,7 @@ from ema_prognostics.trend.evidence import (
     sequential_scores,
     suspicion,
 )
-from ema_prognostics.trend.trend import trend_of
+from ema_prognostics.trend.unit_trend import trend_of
 
 
 def run_length(allowance: float, limit: float) -> float:

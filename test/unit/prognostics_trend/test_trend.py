@@ -6,7 +6,7 @@ import pytest
 from flights import flights_of
 
 from ema_prognostics.cascade.classes import LEVELS
-from ema_prognostics.trend.trend import trend_of
+from ema_prognostics.trend.unit_trend import trend_of
 
 MEDIUM, LARGE = LEVELS["turn_short"]
 

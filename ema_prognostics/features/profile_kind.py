@@ -10,7 +10,7 @@ from typing import Literal
 
 from ema_record.profile import Profile, load_profile
 
-ProfileKind = Literal["step", "extended"]
+Kind = Literal["step", "extended"]
 TOLERANCE = 2e-3
 """Largest difference of a point in time (s) and in position (rad)."""
 SLEW_SPEED = 1.55
@@ -30,7 +30,7 @@ def _same(a: Profile, b: Profile) -> bool:
     )
 
 
-def profile_kind(profile: Profile) -> ProfileKind | None:
+def profile_kind(profile: Profile) -> Kind | None:
     """Return which trained test `profile` is, or None.
 
     Every profile whose first step keeps the actuator slewing at full speed through the
