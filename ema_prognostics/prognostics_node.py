@@ -16,7 +16,8 @@ from std_msgs.msg import String
 
 from ema_prognostics.node.assembler import TOPICS, RecordAssembler
 from ema_prognostics.node.messages import severity_message, verdict_status
-from ema_prognostics.verdict.judge import Judge, Judged, verdict_of_error
+from ema_prognostics.verdict.judge import Judge, Judged
+from ema_prognostics.verdict.report import verdict_of_error
 from ema_record.bag.container import METADATA_FILE
 from ema_record.bag.read import read_bag
 from ema_record.errors import EmaError, InvalidRecordError, RecordError, UsageError

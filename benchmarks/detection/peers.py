@@ -23,7 +23,7 @@ from ema_prognostics.features.vector import differences
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_prognostics.training.rates import ORIGIN, detection_curve, rate
 from ema_prognostics.verdict.diagnose import diagnose
-from ema_prognostics.verdict.judge import verdict_of_error
+from ema_prognostics.verdict.report import verdict_of_error
 from ema_record.actuator import Actuator
 from ema_record.errors import RecordError
 
@@ -171,8 +171,8 @@ def _column(tests: Sequence[Tested], called: Sequence[Called], visible: Mapping[
         found = [c.outcome not in UNNAMED for _, c in mine]
         right += [name in c.outcome.split("+") for (x, c), f in zip(mine, found)
                   if f and x >= visible.get(group, 0.0)]
-        curve = detection_curve(np.array([x for x, _ in mine]),
-                          np.array(found, dtype=bool), ORIGIN.get(group, 0.0)) if mine else None
+        curve = None if not mine else detection_curve(
+            np.array([x for x, _ in mine]), np.array(found, dtype=bool), ORIGIN.get(group, 0.0))
         faults[group] = None if curve is None else curve.a90_95
     return {"false alarms": plain(rate(healthy)), "strangers wrong": plain(rate(strangers)),
             "right class": plain(rate(right)), "a90_95": faults}

@@ -48,7 +48,8 @@ def check(
     from ema_prognostics.trend.flights import is_sequence, what_else
     from ema_prognostics.trend.unit_trend import trend_of
     from ema_prognostics.verdict.diagnose import MODES
-    from ema_prognostics.verdict.judge import Judge, verdict_of_error
+    from ema_prognostics.verdict.judge import Judge
+    from ema_prognostics.verdict.report import verdict_of_error
     from ema_prognostics.verdict.verdict import worst_status
 
     if mode not in MODES:

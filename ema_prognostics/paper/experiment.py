@@ -1,7 +1,7 @@
 """The paper's experiment again: 21 extents a fault, three noise levels, both networks.
 
 Simulations are free of sensor noise; the paper's noise is added to the recorded window
-(`paper_noise`). Training and test share the simulations, so the start angles of the rotor,
+(`paper.noise`). Training and test share the simulations, so the start angles of the rotor,
 but no noise; a second test uses start angles that were never trained on.
 """
 

@@ -16,7 +16,12 @@ from ema_prognostics.features.turns import check_finite
 from ema_prognostics.features.vector import differences, start_allowed
 from ema_prognostics.paper.cascade import FAULTS, LEVELS
 from ema_prognostics.paper.features import paper_features, paper_turns
-from ema_prognostics.verdict.report import reasons_of_guard, unknown_verdict, verdict_of_detection
+from ema_prognostics.verdict.report import (
+    reasons_of_guard,
+    unknown_verdict,
+    verdict_of_detection,
+    verdict_of_error,
+)
 from ema_prognostics.verdict.verdict import Fault, Verdict
 from ema_record.errors import (
     IncompleteRecordError,
@@ -101,10 +106,8 @@ def _diagnose(
         check_finite(record)
         kind = profile_kind(record.profile)
         _check_complete(record, kind)
-    except InvalidRecordError as error:
-        return Verdict(outcome="invalid", reasons=(str(error),))
-    except IncompleteRecordError as error:
-        return Verdict(outcome="incomplete", reasons=(str(error),))
+    except (InvalidRecordError, IncompleteRecordError) as error:
+        return verdict_of_error(error)
     if kind is None:
         return unknown_verdict(
             f"the test {record.profile.name!r} is not one that the networks know: run the "
@@ -115,7 +118,7 @@ def _diagnose(
             return _paper_verdict(record, model)
         return _robust_verdict(record, kind, model, baseline)
     except InvalidRecordError as error:
-        return Verdict(outcome="invalid", reasons=(str(error),))
+        return verdict_of_error(error)
     except IncompleteRecordError as error:
         # The record covers the test, so it is the actuator that did not do it.
         return unknown_verdict(str(error))
@@ -157,7 +160,7 @@ def verdict_of_features(
 
     Parameters
     ----------
-    features : of the record, as `robust.features.extract` gives them.
+    features : of the record, as `features.extract.extract` gives them.
     kind : of the test; the model must have a cascade for it.
     model : of the cascade.
     baseline : features of the actuator's own healthy record.

@@ -15,10 +15,11 @@ from threadpoolctl import ThreadpoolController
 
 from ema_prognostics.cascade.model_file import load_model
 from ema_prognostics.verdict.diagnose import Baseline, Mode, baseline_of, diagnose
+from ema_prognostics.verdict.report import verdict_of_error
 from ema_prognostics.verdict.verdict import Verdict
 from ema_record.bag.read import read_bag
 from ema_record.checks.guard import guard_findings, outcome_of, reason_of
-from ema_record.errors import EmaError, IncompleteRecordError, RecordError, UsageError
+from ema_record.errors import RecordError, UsageError
 from ema_record.profile import load_profile
 from ema_record.record import Record
 
@@ -128,11 +129,3 @@ def _check_same_actuator(baseline: Baseline, record: Record) -> None:
             f"the baseline is of actuator {ours}, the record of {theirs}: give a baseline of the "
             "same actuator"
         )
-
-
-def verdict_of_error(error: EmaError, bag: str) -> Verdict:
-    """Return the verdict of a bag that could not be read: incomplete or invalid."""
-    incomplete = isinstance(error, IncompleteRecordError)
-    return Verdict(
-        outcome="incomplete" if incomplete else "invalid", reasons=(str(error),), bag=bag
-    )

@@ -10,6 +10,7 @@ from ema_prognostics.cascade.guard_groups import GROUPS
 from ema_prognostics.features.profile_kind import Kind
 from ema_prognostics.verdict.verdict import Fault, Verdict
 from ema_prognostics.words import feature_words
+from ema_record.errors import EmaError, IncompleteRecordError
 
 RELEVANT = {
     "turn_short": ("_even_m2", "_even_m4", "resistance_spread", "inductance_spread"),
@@ -85,6 +86,14 @@ SAME_LINES = {
     ),
 }
 """Why a class is an alternative to the fault that is named."""
+
+
+def verdict_of_error(error: EmaError, bag: str = "") -> Verdict:
+    """Return the verdict on a record that cannot be read or used: incomplete or invalid."""
+    incomplete = isinstance(error, IncompleteRecordError)
+    return Verdict(
+        outcome="incomplete" if incomplete else "invalid", reasons=(str(error),), bag=bag
+    )
 
 
 def unknown_verdict(*reasons: str) -> Verdict:
