@@ -17,8 +17,8 @@ ROOT = Path(__file__).parents[3]
 RUN = """
 import hashlib
 from ema_record.profile import step_profile
-from ema_sim import kernel
 from ema_sim.effects import parse_effects
+from ema_sim.plant import kernel
 from ema_sim.simulate import simulate
 record = simulate(step_profile(0.03, start=-0.02, duration=0.06),
                   effects=parse_effects(["motor_friction.increase=0.5"]))
