@@ -18,7 +18,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from ema_sim.campaign.plan import Plan, plan_from
+from ema_sim.campaign.plan import CampaignPlan, plan_from
 from ema_sim.campaign.run import run_campaign
 
 FULL = 5_000
@@ -27,7 +27,7 @@ LIMIT, AIM = 90.0, 45.0
 EQUAL_RUNS = 400
 
 
-def training_plan(runs: int) -> Plan:
+def training_plan(runs: int) -> CampaignPlan:
     """Return the plan that is timed."""
     return plan_from(
         {

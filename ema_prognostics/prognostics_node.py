@@ -16,8 +16,8 @@ from std_msgs.msg import String
 
 from ema_prognostics.node.assembler import TOPICS, RecordAssembler
 from ema_prognostics.node.messages import severity_message, verdict_status
-from ema_prognostics.verdict.diagnose import verdict_of_error
-from ema_prognostics.verdict.prognosis import Prognosis
+from ema_prognostics.verdict.judge import Judge, Judged
+from ema_prognostics.verdict.report import verdict_of_error
 from ema_record.bag.container import METADATA_FILE
 from ema_record.bag.read import read_bag
 from ema_record.errors import EmaError, InvalidRecordError, RecordError, UsageError
@@ -69,8 +69,7 @@ class PrognosticsNode(EmaNode):
         """Load the model, then listen."""
         super().__init__(NODE_NAME, stop)
         values = declare_parameters(self, SPECS)
-        self._prognosis = Prognosis(
-            str(values["model_file"]) or None, str(values["baseline"]) or None)
+        self._judge = Judge(str(values["model_file"]) or None, str(values["baseline"]) or None)
         self._assembler = RecordAssembler()
         self._done: deque[str] = deque(maxlen=REMEMBERED)
         self._records = 0
@@ -89,7 +88,7 @@ class PrognosticsNode(EmaNode):
         if values["record"]:
             path = str(Path(str(values["record"])).resolve())
             self._done.append(path)
-            self._publish(*self._prognosis.of_bag(path))
+            self._publish(self._judge.of_bag(path))
 
     def _listen(self, topic: str) -> None:
         """Hand the serialised messages of a topic to the assembler, all that wait at once."""
@@ -119,10 +118,9 @@ class PrognosticsNode(EmaNode):
             record = read_bag(path)
         except (RecordError, UsageError, OSError) as error:
             report(f"announced {path!r}: {error}")
-            unread = verdict_of_error(InvalidRecordError(NOT_A_BAG), path)
-            self._publish(unread.to_dict(), "")
+            self._publish(Judged(verdict_of_error(InvalidRecordError(NOT_A_BAG), path)))
             return
-        self._publish(*self._prognosis.of_record(record, path))
+        self._publish(self._judge.of_record(record, path))
 
     def _poll(self) -> None:
         """Diagnose what was seen on the topics, unless a recorder announces its records."""
@@ -132,10 +130,11 @@ class PrognosticsNode(EmaNode):
             self.get_logger().warning(str(error))
             return
         if record is not None and self.count_publishers(BIT_RECORD) == 0:
-            self._publish(*self._prognosis.of_record(record, LIVE))
+            self._publish(self._judge.of_record(record, LIVE))
 
-    def _publish(self, verdict: dict[str, Any], serial_number: str) -> None:
-        self._status = verdict_status(verdict, serial_number)
+    def _publish(self, judged: Judged) -> None:
+        verdict = judged.verdict.to_dict()
+        self._status = verdict_status(verdict, judged.serial_number)
         self._verdict.publish(self._status)
         self._severity.publish(severity_message(verdict))
         self._records += 1

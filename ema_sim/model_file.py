@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from ema_record.actuator import Actuator, actuator_from, load_actuator, sections_of
 from ema_record.errors import UsageError
-from ema_sim.effects import Effects
+from ema_sim.effects.registry import Effects
 from ema_sim.effects.settings import effects_from_mapping
 
 

@@ -12,7 +12,7 @@ from ema_record.channels import N_CHANNELS, TIME
 from ema_record.errors import SimulationError, UsageError, bounded
 from ema_record.profile import Profile
 from ema_sim.acquisition import SensorNoise, convert, effective_converters
-from ema_sim.effects import Effects
+from ema_sim.effects.registry import Effects
 from ema_sim.plant import kernel as k
 from ema_sim.plant import state as st
 

@@ -11,7 +11,7 @@ from ema_record.actuator import Actuator, load_actuator
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record
 from ema_record.version import VERSION
-from ema_sim.effects import Effects
+from ema_sim.effects.registry import Effects
 from ema_sim.plant.kernel import MAX_STEP
 from ema_sim.session import ActuatorSession
 

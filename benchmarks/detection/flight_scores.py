@@ -10,7 +10,7 @@ import numpy as np
 
 from ema_prognostics.training.rates import Rate, rate
 from ema_prognostics.trend.flights import Flight, in_order
-from ema_prognostics.trend.trend import UnitTrend, trend_of
+from ema_prognostics.trend.unit_trend import UnitTrend, trend_of
 from ema_prognostics.verdict.verdict import Verdict
 
 VIEWS = ("fleet", "baseline")

@@ -32,9 +32,9 @@ from benchmarks.detection.sequences import draw_course, record_of
 from benchmarks.detection.table import TARGETS as BOTH_TARGETS
 from benchmarks.detection.table import plain
 from ema_cli.console import progress
-from ema_prognostics.cascade.model_file import Model, load_model
+from ema_prognostics.cascade.model_file import TrainedModel, load_model
 from ema_prognostics.features.extract import extract
-from ema_prognostics.training.chunks import sources_hash
+from ema_prognostics.training.fleet import sources_key
 from ema_prognostics.verdict.diagnose import verdict_of_features
 from ema_prognostics.verdict.verdict import Verdict
 from ema_record.checks.guard import guard_findings, outcome_of
@@ -76,7 +76,7 @@ def measure_unit(unit: int, flights: int) -> list[Test]:
     return found
 
 
-def judge_unit(unit: int, tests: Sequence[Test], model: Model) -> Flown:
+def judge_unit(unit: int, tests: Sequence[Test], model: TrainedModel) -> Flown:
     """Return the verdicts on the flights of a unit, without and with its baseline."""
     course = draw_course(unit, len(tests) - 1)
     acceptance, *later = tests
@@ -88,7 +88,7 @@ def judge_unit(unit: int, tests: Sequence[Test], model: Model) -> Flown:
     )
 
 
-def _verdict(test: Test, model: Model, base: dict[str, float] | None) -> Verdict:
+def _verdict(test: Test, model: TrainedModel, base: dict[str, float] | None) -> Verdict:
     """Return what `diagnose`, behind the record checks, says of a test."""
     if test.checks or test.features is None:
         return Verdict(outcome=test.checks or "unknown")  # type: ignore[arg-type]
@@ -98,7 +98,7 @@ def _verdict(test: Test, model: Model, base: dict[str, float] | None) -> Verdict
 def work_file(work: Path, unit: int, flights: int) -> Path:
     """Return where the features of a unit are kept; other sources give another file."""
     own = "".join(Path(module.__file__).read_text() for module in (sequences, fleet_units))
-    key = hashlib.sha256(f"{sources_hash()} {unit} {flights}{own}".encode()).hexdigest()
+    key = hashlib.sha256(f"{sources_key()} {unit} {flights}{own}".encode()).hexdigest()
     return work / f"unit_{unit:04d}_{key[:16]}.json"
 
 

@@ -16,7 +16,7 @@ from joblib import Parallel, delayed
 from benchmarks import units
 from benchmarks.detection import fleet
 from benchmarks.detection.fleet import Case, draw, tested
-from ema_prognostics.training.chunks import sources_hash
+from ema_prognostics.training.fleet import sources_key
 
 COUNTS = {
     "healthy": 3000, "turn_short": 1500, "rotor_eccentricity": 600, "static_eccentricity": 120,
@@ -67,7 +67,7 @@ def generate(
     """Return the fleet; `part` of `COUNTS`, at least 10 a group; `folder` keeps the parts."""
     folder.mkdir(parents=True, exist_ok=True)
     own = "".join(Path(module.__file__).read_text() for module in (fleet, units))
-    key = hashlib.sha256((sources_hash() + own).encode())
+    key = hashlib.sha256((sources_key() + own).encode())
     todo = [(g, 100_000 * i + n) for i, (g, count) in enumerate(COUNTS.items())
             for n in range(max(10, round(count * part)))]
     order = np.random.default_rng(5).permutation(len(todo))

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.detection.fleet import Case
 from benchmarks.detection.generate import Tested
-from ema_prognostics.cascade.model_file import Model
+from ema_prognostics.cascade.model_file import TrainedModel
 from ema_prognostics.verdict.diagnose import verdict_of_features
 from ema_prognostics.verdict.report import unknown_verdict
 from ema_prognostics.verdict.verdict import Fault, Verdict
@@ -74,7 +74,7 @@ class Judged:
         return float(p.get(self.verdict.outcome, 1.0))
 
 
-def judge(fleet: Iterable[Tested], model: Model, view: View) -> list[Judged]:
+def judge(fleet: Iterable[Tested], model: TrainedModel, view: View) -> list[Judged]:
     """Return the verdicts of a view on all records; without a baseline's features: none."""
     found = []
     for case, base, later, checks in fleet:

@@ -18,11 +18,12 @@ from benchmarks.detection.generate import COUNTS, Tested
 from benchmarks.detection.judge import CLASS, Judged, View
 from benchmarks.detection.table import plain
 from ema_prognostics.cascade.classes import CLASS_OF, OUTPUTS, SHORTS
-from ema_prognostics.cascade.model_file import Model
+from ema_prognostics.cascade.model_file import TrainedModel
 from ema_prognostics.features.vector import differences
-from ema_prognostics.training.campaign import Campaign
-from ema_prognostics.training.rates import ORIGIN, detection, rate
-from ema_prognostics.verdict.diagnose import diagnose, verdict_of_error
+from ema_prognostics.training.fleet import FleetFeatures
+from ema_prognostics.training.rates import ORIGIN, detection_curve, rate
+from ema_prognostics.verdict.diagnose import diagnose
+from ema_prognostics.verdict.report import verdict_of_error
 from ema_record.actuator import Actuator
 from ema_record.errors import RecordError
 
@@ -45,7 +46,7 @@ class Called(NamedTuple):
 
 
 def paper_columns(
-    cases: Sequence[tuple[Actuator, Case]], model: Model, *, jobs: int = 1
+    cases: Sequence[tuple[Actuator, Case]], model: TrainedModel, *, jobs: int = 1
 ) -> list[Called]:
     """Return what the paper's literal scheme says of each case; each is simulated again.
 
@@ -61,14 +62,14 @@ def paper_columns(
     return [called for part in found for called in part]
 
 
-def _paper_part(cases: Sequence[tuple[Actuator, Case]], model: Model) -> list[Called]:
+def _paper_part(cases: Sequence[tuple[Actuator, Case]], model: TrainedModel) -> list[Called]:
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(limits=1):
         return [_paper_call(actuator, case, model) for actuator, case in cases]
 
 
-def _paper_call(actuator: Actuator, case: Case, model: Model) -> Called:
+def _paper_call(actuator: Actuator, case: Case, model: TrainedModel) -> Called:
     try:
         verdict = diagnose(record_of(actuator, case), model, mode="paper")
     except RecordError as error:
@@ -82,7 +83,7 @@ def _paper_call(actuator: Actuator, case: Case, model: Model) -> Called:
 class Perceptron:
     """Plain perceptrons of scikit-learn: one that says which outputs, one each for how much."""
 
-    def __init__(self, train: Campaign, view: View = "fleet", *, seed: int = 1) -> None:
+    def __init__(self, train: FleetFeatures, view: View = "fleet", *, seed: int = 1) -> None:
         """Fit on a training campaign, standardised features, default settings."""
         from sklearn.neural_network import MLPClassifier, MLPRegressor
         from sklearn.preprocessing import StandardScaler
@@ -131,7 +132,7 @@ def _fit(estimator: Any, x: np.ndarray, y: np.ndarray) -> Any:
 
 
 def mlp_columns(
-    train: Campaign, held_out: Sequence[Tested], view: View = "fleet", *, seed: int = 1
+    train: FleetFeatures, held_out: Sequence[Tested], view: View = "fleet", *, seed: int = 1
 ) -> list[Called]:
     """Return what plain perceptrons, trained on `train`, say of each held-out test.
 
@@ -170,8 +171,8 @@ def _column(tests: Sequence[Tested], called: Sequence[Called], visible: Mapping[
         found = [c.outcome not in UNNAMED for _, c in mine]
         right += [name in c.outcome.split("+") for (x, c), f in zip(mine, found)
                   if f and x >= visible.get(group, 0.0)]
-        curve = detection(np.array([x for x, _ in mine]),
-                          np.array(found, dtype=bool), ORIGIN.get(group, 0.0)) if mine else None
+        curve = None if not mine else detection_curve(
+            np.array([x for x, _ in mine]), np.array(found, dtype=bool), ORIGIN.get(group, 0.0))
         faults[group] = None if curve is None else curve.a90_95
     return {"false alarms": plain(rate(healthy)), "strangers wrong": plain(rate(strangers)),
             "right class": plain(rate(right)), "a90_95": faults}
@@ -182,8 +183,8 @@ def _ours(judged: Sequence[Judged]) -> list[Called]:
 
 
 def comparison(
-    campaign: Campaign, fleet: Sequence[Tested], judged: Mapping[View, Sequence[Judged]],
-    visible: Mapping[str, float], model: Model, *, jobs: int,
+    campaign: FleetFeatures, fleet: Sequence[Tested], judged: Mapping[View, Sequence[Judged]],
+    visible: Mapping[str, float], model: TrainedModel, *, jobs: int,
 ) -> dict[str, Any]:
     """Return the columns of the comparison; the right class is counted from `visible` on."""
     columns = {"ours, fleet": _column(fleet, _ours(judged["fleet"]), visible),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.detection.judge import CLASS, Judged, detected, errors, inside, of, severities
-from ema_prognostics.training.rates import ORIGIN, Rate, detection, rate
+from ema_prognostics.training.rates import ORIGIN, Rate, detection_curve, rate
 
 PHASED = "turn_short"
 MODES = ("paper", "common", "shifted")
@@ -52,8 +52,8 @@ def fault_numbers(judged: Sequence[Judged]) -> dict[str, Any]:
     """Return detection, class, severity and coverage of the records of one fault."""
     found = detected(judged)
     group = judged[0].case.group if judged else ""
-    curve = detection(severities(judged), found, ORIGIN.get(group, 0.0))
-    in_log = detection(severities(judged), found)
+    curve = detection_curve(severities(judged), found, ORIGIN.get(group, 0.0))
+    in_log = detection_curve(severities(judged), found)
     named = [j for j in judged if j.detected]
     error = errors(judged)
     phases = [j.fault.phase == j.case.detail for j in named

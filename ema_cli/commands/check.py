@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from ema_cli.console import check_new_file, error_line, print_json, stdout
-from ema_cli.judge import bag_judge
 from ema_cli.views.flights import draw_sequence, judged_flights, print_sequence
 from ema_cli.views.verdict import print_verdict
 from ema_record.errors import InvalidRecordError, UsageError, unknown_name
@@ -49,8 +48,10 @@ def check(
     Example: `ema check bags/sim_0001_extended`
     """
     from ema_prognostics.trend.flights import is_sequence, what_else
-    from ema_prognostics.trend.trend import trend_of
-    from ema_prognostics.verdict.diagnose import MODES, verdict_of_error
+    from ema_prognostics.trend.unit_trend import trend_of
+    from ema_prognostics.verdict.diagnose import MODES
+    from ema_prognostics.verdict.judge import Judge
+    from ema_prognostics.verdict.report import verdict_of_error
     from ema_prognostics.verdict.verdict import worst_status
 
     if mode not in MODES:
@@ -62,7 +63,7 @@ def check(
             "give one directory that holds bags"
         )
     check_new_file(plot)
-    judge = bag_judge(profile=profile, model=model, mode=mode, baseline=baseline)
+    judge = Judge(model, baseline, profile=profile, mode=mode)
     statuses = []
     trends = []
     for bag in bags:
@@ -74,7 +75,7 @@ def check(
             continue
         other = what_else(bag)
         if other is None:
-            verdict, _, _ = judge(bag)
+            verdict = judge.of_bag(bag).verdict
         else:
             error = InvalidRecordError(
                 f"{bag}: {other}: give a rosbag2 directory, an .mcap file or a directory of bags")

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ema_cli.console import check_new_file, print_json, say
-from ema_cli.judge import bag_judge
 from ema_cli.views.flights import (
     draw_sequence,
     episode_text,
@@ -22,7 +21,7 @@ from ema_prognostics.words import class_name, counted, scaled
 from ema_record.errors import UsageError
 
 if TYPE_CHECKING:
-    from ema_prognostics.trend.trend import FaultTrend, UnitTrend
+    from ema_prognostics.trend.unit_trend import FaultTrend, UnitTrend
 
 
 def trend(
@@ -57,7 +56,8 @@ def trend(
     """
     from ema_prognostics.trend.announcement import parse_rule
     from ema_prognostics.trend.flights import is_sequence, what_else
-    from ema_prognostics.trend.trend import trend_of
+    from ema_prognostics.trend.unit_trend import trend_of
+    from ema_prognostics.verdict.judge import Judge
 
     chosen = parse_rule(rule)
     check_new_file(plot)
@@ -65,7 +65,7 @@ def trend(
         other = None if is_sequence(bag) else what_else(bag)
         if other is not None:
             raise UsageError(f"{bag}: {other}: give a bag, or a directory of them")
-    units = judged_flights(bags, bag_judge(profile=profile, model=model, baseline=baseline))
+    units = judged_flights(bags, Judge(model, baseline, profile=profile))
     trends = [trend_of(unit, flights, chosen) for unit, flights in units.items()]
     for found in trends:
         if json:

@@ -23,10 +23,10 @@ from ema_prognostics.words import class_name, counted, severity_words
 from ema_record.errors import UsageError
 
 if TYPE_CHECKING:
-    from ema_cli.judge import Judge
     from ema_prognostics.trend.announcement import Episode
     from ema_prognostics.trend.flights import Flight
-    from ema_prognostics.trend.trend import FaultTrend, UnitTrend
+    from ema_prognostics.trend.unit_trend import FaultTrend, UnitTrend
+    from ema_prognostics.verdict.judge import Judge
 
 
 BAG_WIDTH = 28
@@ -73,7 +73,7 @@ def judged_flights(paths: Sequence[Path], judge: Judge) -> dict[str, list[Flight
     bags = given_bags(paths)
 
     def fly(bag: Path) -> Flight:
-        verdict, serial_number, start_time = judge(bag)
+        verdict, serial_number, start_time = judge.of_bag(bag)
         return Flight(verdict=verdict, serial_number=serial_number, start_time=start_time)
 
     with progress(f"checking {len(bags)} bags", len(bags)) as advance:

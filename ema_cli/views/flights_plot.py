@@ -22,7 +22,7 @@ from ema_cli.views.record_plots import (
     literal,
 )
 from ema_prognostics.cascade.classes import LEVELS
-from ema_prognostics.trend.trend import FaultTrend, UnitTrend
+from ema_prognostics.trend.unit_trend import FaultTrend, UnitTrend
 from ema_prognostics.words import class_name, counted, scaled
 from ema_record.files import new_file
 

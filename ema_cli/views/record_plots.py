@@ -16,8 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ema_cli.console import check_new, check_new_file, neutral
-from ema_prognostics.features.spectrum import rotor_lines
-from ema_prognostics.features.turns import TURN, Turns, paper_window, whole_turns
+from ema_prognostics.features.turns import TURN, Turns, paper_window, rotor_lines, whole_turns
 from ema_prognostics.paper.envelope import fold
 from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_record.errors import OutputError, RecordError

@@ -36,7 +36,7 @@ class Severity:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class Detection:
     """What the cascade says of one record.
 
     Attributes
@@ -145,7 +145,7 @@ class Cascade:
         }
         self.guard = build_guard(view, view.guard) if view.guard is not None else None
 
-    def find(self, x: np.ndarray, *, exact: bool = True) -> list[Finding]:
+    def find(self, x: np.ndarray, *, exact: bool = True) -> list[Detection]:
         """Return what the cascade says of each row of features `x`, shape (n, d).
 
         Parameters
@@ -175,7 +175,7 @@ class Cascade:
             company = int(len(outputs) > 1)
             values = [Severity(value=float(v), lower=float(low), upper=float(high))
                       for v, low, high in (severity[o][row, company] for o in outputs)]
-            one = Finding(
+            one = Detection(
                 outputs=outputs, severity=tuple(values), probability=p[row], margin=margin[row],
                 guard=guard[row], known=float(known[row]), doubtful=False,
             )

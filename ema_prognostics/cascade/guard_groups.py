@@ -15,7 +15,7 @@ FEWEST = 2
 """Features that make a group."""
 
 
-class Group(NamedTuple):
+class FeatureGroup(NamedTuple):
     """Features that belong together."""
 
     beginnings: tuple[str, ...]
@@ -24,25 +24,25 @@ class Group(NamedTuple):
     """What they tell of, for a person."""
 
 
-GROUPS: dict[str, Group] = {
-    "transmission": Group(
+GROUPS: dict[str, FeatureGroup] = {
+    "transmission": FeatureGroup(
         ("shaft_", "stiffness_agreement", "compliance", "lag_", "gap_load", "gap_error",
          "torque_ramp", "torque_quarter_over_ramp", "start_stiffness"),
         "torque, wind-up and stiffness of the transmission"),
-    "commutation": Group(
+    "commutation": FeatureGroup(
         ("sensor_angle", "quarter_even_m6", "quarter_odd_m6", "full_even_m6", "full_odd_m6",
          "high_low"),
         "angle of the commutation and its torque ripple"),
-    "speed_sensor": Group(
+    "speed_sensor": FeatureGroup(
         ("quarter_odd_m1", "full_odd_m1", "quarter_odd_m2", "full_odd_m2", "inertia_error"),
         "ripple of the speed sensor"),
-    "motor_constant": Group(
+    "motor_constant": FeatureGroup(
         ("winding_back_emf", "rise_full", "rise_quarter", "viscous_torque", "torque_full",
          "inertia", "winding_resistance", "winding_inductance", "switch_drop"),
         "torque, voltage and current of the motor"),
-    "acceleration": Group(
+    "acceleration": FeatureGroup(
         ("inertia", "rise_time"), "acceleration of the motor"),
-    "vibration": Group(
+    "vibration": FeatureGroup(
         ("high_", "speed_rms", "torque_rms", "gap_load", "gap_error"),
         "fine ripple of torque and speed"),
 }

@@ -26,7 +26,7 @@ _CLEAR = np.array([CLEAR[CLASS_OF[output]] for output in OUTPUTS])
 
 
 def kind_found(severity: np.ndarray) -> np.ndarray:
-    """Return which of `KINDS_FOUND`, shape (n,), records with faults of `severity` are.
+    """Return the place in `KINDS_FOUND`, shape (n,), of records with faults of `severity`.
 
     Parameters
     ----------
@@ -35,7 +35,13 @@ def kind_found(severity: np.ndarray) -> np.ndarray:
     electrical = (severity[:, :ELECTRICAL] > 0.0).any(axis=1)
     mechanical = (severity[:, ELECTRICAL:] > 0.0).any(axis=1)
     clear = (severity >= _CLEAR).any(axis=1)
-    return np.where(clear, 1 + mechanical + 2 * electrical, electrical | mechanical)
+    kinds = [
+        ("both", clear & mechanical & electrical), ("mechanical", clear & mechanical),
+        ("electrical", clear & electrical), ("slight", mechanical | electrical),
+    ]
+    return np.select([where for _, where in kinds],
+                     [KINDS_FOUND.index(name) for name, _ in kinds],
+                     default=KINDS_FOUND.index("healthy"))
 
 
 def tail_probability(score: np.ndarray, tail: np.ndarray) -> np.ndarray:

@@ -29,7 +29,6 @@ DIGITS = 7
 MAX_FEATURES = 400
 MAX_HIDDEN = 400
 View = Literal["fleet", "baseline"]
-Kind = Literal["step", "extended"]
 
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e12, le=1e12)]
 Positive = Annotated[float, Field(allow_inf_nan=False, gt=0.0, le=1e12)]

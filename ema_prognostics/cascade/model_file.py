@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from ema_prognostics.cascade.find import Cascade
-from ema_prognostics.cascade.model_body import Body, Kind, PaperPart, View
+from ema_prognostics.cascade.model_body import Body, PaperPart, View
+from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.paper.cascade import ANN_B_INPUTS, FAULTS, PaperCascade
 from ema_prognostics.paper.features import ANN_A_INPUTS
 from ema_record.errors import ModelError
@@ -29,7 +30,7 @@ MAX_BYTES = 16 << 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Model:
+class TrainedModel:
     """Everything that a diagnosis needs.
 
     Attributes
@@ -50,12 +51,12 @@ class Model:
         """How it was trained and what the held-back units gave; plain values."""
         return self.body.training
 
-    def cascade(self, kind: Kind, view: View) -> Cascade | None:
+    def cascade(self, kind: ProfileKind, view: View) -> Cascade | None:
         """Return the cascade for a kind of test, None where it was not trained."""
         return self.cascades.get(f"{kind}/{view}")
 
 
-def model_of(body: Body, where: str = "model") -> Model:
+def model_of(body: Body, where: str = "model") -> TrainedModel:
     """Return the model of a body; ModelError if the parts do not fit the software."""
     try:
         cascades = {name: Cascade(part) for name, part in body.views.items()}
@@ -63,7 +64,7 @@ def model_of(body: Body, where: str = "model") -> Model:
     except ValueError as error:
         raise ModelError(f"{where}: {error}: train again") from None
     text = _canonical(body.model_dump(mode="json"))
-    return Model(body=body, cascades=cascades, paper=paper, sha256=_hash(text))
+    return TrainedModel(body=body, cascades=cascades, paper=paper, sha256=_hash(text))
 
 
 def _paper_of(part: PaperPart) -> PaperCascade:
@@ -85,7 +86,7 @@ def _hash(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def model_text(model: Model) -> str:
+def model_text(model: TrainedModel) -> str:
     """Return the model file as text."""
     text = _canonical(model.body.model_dump(mode="json"))
     return (
@@ -93,7 +94,7 @@ def model_text(model: Model) -> str:
     )
 
 
-def save_model(model: Model, path: str | Path) -> Path:
+def save_model(model: TrainedModel, path: str | Path) -> Path:
     """Write a new model file; OutputError if there is one already."""
     target = Path(path)
     with new_file(target) as temporary:
@@ -101,7 +102,7 @@ def save_model(model: Model, path: str | Path) -> Path:
     return target
 
 
-def load_model(path: str | Path | None = None) -> Model:
+def load_model(path: str | Path | None = None) -> TrainedModel:
     """Return the model of a file, default the shipped one; ModelError in one line."""
     try:
         target = share_path(SHIPPED) if path is None else Path(path)
@@ -115,7 +116,7 @@ def load_model(path: str | Path | None = None) -> Model:
     return parse_model(text, str(target))
 
 
-def parse_model(text: str, where: str) -> Model:
+def parse_model(text: str, where: str) -> TrainedModel:
     """Return the model that `text` holds; `where` names it in errors."""
     try:
         data = json.loads(text, parse_constant=_refuse_constant)

@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_prognostics.features.signals import Signals
-from ema_prognostics.features.spectrum import rotor_lines
-from ema_prognostics.features.turns import TURN, Turns, whole_turns
+from ema_prognostics.features.turns import TURN, Turns, rotor_lines, whole_turns
 from ema_record.errors import IncompleteRecordError
 
 HARMONICS = 6

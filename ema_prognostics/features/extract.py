@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
 from ema_prognostics.features.acceleration import inertia
 from ema_prognostics.features.balance import HARMONICS, Balance, torque_balance
-from ema_prognostics.features.commutation import rise
 from ema_prognostics.features.consistency import consistency
 from ema_prognostics.features.control_loop import control_loop
-from ema_prognostics.features.reversal import Gap, reversal_gap
+from ema_prognostics.features.profile_kind import ProfileKind
+from ema_prognostics.features.reversal import LostMotion, reversal_gap
 from ema_prognostics.features.signals import Signals, prepare
 from ema_prognostics.features.start import start_features
-from ema_prognostics.features.winding import winding
+from ema_prognostics.features.winding import rise, winding
 from ema_record.actuator import Actuator
 from ema_record.errors import IncompleteRecordError
 from ema_record.record import Record
 
-Kind = Literal["step", "extended"]
-
-SEGMENTS: dict[Kind, dict[str, tuple[float, float, int]]] = {
+SEGMENTS: dict[ProfileKind, dict[str, tuple[float, float, int]]] = {
     "step": {"full": (0.10, 0.36, 20)},
     "extended": {
         "full": (0.10, 0.36, 20), "full_back": (0.66, 0.878, 16),
@@ -31,16 +27,16 @@ SEGMENTS: dict[Kind, dict[str, tuple[float, float, int]]] = {
 """Begin and end after the first command (s), fewest turns; settled slews only."""
 RAMPS = {"ramp": (2.12, 2.498), "ramp_back": (2.66, 2.998)}
 """Slow ramps (s after the first command); too slow for whole turns in number."""
-LAST_TIME: dict[Kind, float] = {"step": 0.36, "extended": 3.083}
+LAST_TIME: dict[ProfileKind, float] = {"step": 0.36, "extended": 3.083}
 """What a record must cover at least (s after the first command)."""
 REVERSALS = {"gap": (2.508, -1), "gap_back": (3.008, 1)}
 REVERSAL_LENGTH = 0.075
 """Begin (s) and sense after each reversal, and the window's length (s)."""
-FULL_SPEED: dict[Kind, tuple[tuple[float, float], ...]] = {
+FULL_SPEED: dict[ProfileKind, tuple[tuple[float, float], ...]] = {
     "step": ((0.06, 0.36),), "extended": ((0.06, 0.36),),
 }
 """Slews at the limit of the speed (s after the first command)."""
-STARTS: dict[Kind, tuple[tuple[float, float], ...]] = {
+STARTS: dict[ProfileKind, tuple[tuple[float, float], ...]] = {
     "step": ((0.0, 0.06),),
     "extended": ((0.0, 0.06), (0.47, 0.64), (0.86, 1.0), (1.44, 1.54)),
 }
@@ -91,7 +87,7 @@ def _slow(signals: Signals) -> dict[str, float]:
     ahead, back = (_ramp_torque(signals, *w) for w in RAMPS.values())
     found["torque_ramp"] = float(np.log(max(0.5 * (ahead - back), 1e-3)))
     found["load_ramp"] = 0.5 * (ahead + back)
-    gaps: list[Gap] = [
+    gaps: list[LostMotion] = [
         reversal_gap(signals, begin, REVERSAL_LENGTH, sense)
         for begin, sense in REVERSALS.values()
     ]
@@ -122,7 +118,9 @@ def _sag(record: Record) -> float:
     return float(np.log(max(slope, 0.0) + LEAST_SAG))
 
 
-def extract(record: Record, kind: Kind, actuator: Actuator | None = None) -> dict[str, float]:
+def extract(
+    record: Record, kind: ProfileKind, actuator: Actuator | None = None
+) -> dict[str, float]:
     """Return the features of `record` by name.
 
     Parameters

@@ -21,7 +21,7 @@ LAG = 2e-3
 """Length of the speed's smoothing (s)."""
 
 
-class Gap(NamedTuple):
+class LostMotion(NamedTuple):
     """Result of one reversal."""
 
     width: float
@@ -71,7 +71,7 @@ def _bend(
     return float(np.log(max(after, LEAST_SLOPE) / max(before, LEAST_SLOPE)))
 
 
-def reversal_gap(signals: Signals, begin: float, length: float, direction: int) -> Gap:
+def reversal_gap(signals: Signals, begin: float, length: float, direction: int) -> LostMotion:
     """Return the gap of the reversal at `begin` (s after the first command).
 
     Parameters
@@ -105,7 +105,7 @@ def reversal_gap(signals: Signals, begin: float, length: float, direction: int) 
     end = int(after[0]) - n if len(after) else len(theta) - n
     moving[max(end, turned + 4 * n):] = False
     if np.count_nonzero(moving) < 40:
-        return Gap(0.0, 0.0, 0.0, 1.0, 0.0)
+        return LostMotion(0.0, 0.0, 0.0, 1.0, 0.0)
     x, y = travel[moving], torque[moving]
     index = (x / BIN).astype(int)
     count = np.bincount(index)
@@ -122,5 +122,5 @@ def reversal_gap(signals: Signals, begin: float, length: float, direction: int) 
         width = np.linspace(max(0.0, w - dw), w + dw, 15)
         sse, r, w, level, slope = _search(x, y, weight, release, width)
     nominal = actuator.shaft.stiffness / ratio**2
-    return Gap(w / ratio, level, slope / nominal, float(np.sqrt(max(sse, 0.0) / weight.sum())),
-               _bend(x, y, weight, r, w))
+    error = float(np.sqrt(max(sse, 0.0) / weight.sum()))
+    return LostMotion(w / ratio, level, slope / nominal, error, _bend(x, y, weight, r, w))

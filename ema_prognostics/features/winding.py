@@ -1,4 +1,4 @@
-"""What the voltage equation tells of winding, supply and commutation sensor.
+"""What voltages and currents tell of winding, supply and commutation sensor.
 
 While two phases have not reached their references their legs stand still, one on each rail, so
 the voltage between them is the whole bus, whatever the third phase and the neutral do::
@@ -9,6 +9,11 @@ That is so at the beginning of every commutation and whenever the actuator accel
 such pairs of samples, least squares give 1/L and, each over L, the bus, R of each phase, k, the
 drop U of the switches and the angle by which the commutation sensor is off (to first order the
 back-EMF is then k ω (τ − δ τ')). The derivative carries the noise, so it is the side explained.
+
+After a commutation the incoming phase rises at (V − e) / L until it meets its reference. The
+charge that it lacks meanwhile is ½ I² L / (V − e): divided by I² it is a time over a current,
+free of the load. Its growth from a quarter of the speed to the full speed shows the back-EMF,
+its scatter between the phases a winding or a joint unlike the others.
 """
 
 from __future__ import annotations
@@ -18,7 +23,7 @@ import numpy as np
 from ema_prognostics.features.signals import Signals
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_sim.effects.winding_temperature import COPPER, REFERENCE
-from ema_sim.plant.electrical import THIRD, unit_trapezoid
+from ema_sim.plant.electrical import FIRST_EDGE, SECTOR, THIRD, unit_trapezoid
 
 MARGIN = 0.3
 """Of a current to the edge of the relay's band within which its leg may switch (A)."""
@@ -146,3 +151,32 @@ def winding(signals: Signals) -> dict[str, float]:
         "inductance_spread": float(np.log(abs(inductance) + SPREAD_FLOOR)),
         "winding_error": float(np.log(error + 0.1)),
     }
+
+
+FLOOR = 1e-9
+
+
+def rise(signals: Signals, begin: float, end: float) -> tuple[float, float]:
+    """Return the mean take-over and its spread between the phases, as logarithms.
+
+    Parameters
+    ----------
+    signals : of the record.
+    begin, end : a settled slew (s after the first command).
+    """
+    part = signals.between(begin, end)
+    theta = signals.theta[part]
+    ahead = theta[-1] >= theta[0]
+    reference = signals.record.samples[part, REFERENCE_CURRENTS]
+    lack = np.empty(3)
+    for phase in range(3):
+        angle = theta - phase * THIRD
+        since = np.mod(angle - FIRST_EDGE if ahead else -FIRST_EDGE - angle, np.pi)
+        incoming = since < SECTOR
+        wanted = reference[incoming, phase]
+        missing = np.abs(wanted) - np.sign(wanted) * signals.currents[part][incoming, phase]
+        lack[phase] = missing.sum() / max(float(wanted @ wanted), FLOOR)
+    mean = float(lack.mean())
+    turned = complex(lack @ np.exp(1j * THIRD * np.arange(3)))
+    return (float(np.log(max(mean, 1e-6))),
+            float(np.log(abs(turned) / max(abs(mean), 1e-6) + 1e-3)))

@@ -18,11 +18,11 @@ from ema_prognostics.paper.features import (
     PaperFeatures,
 )
 
-Fault = Literal["turn_short", "rotor_eccentricity"]
-FAULTS: tuple[Fault, ...] = ("turn_short", "rotor_eccentricity")
+FaultName = Literal["turn_short", "rotor_eccentricity"]
+FAULTS: tuple[FaultName, ...] = ("turn_short", "rotor_eccentricity")
 """Columns of ANN_A's target."""
 N_EXTENTS = 21
-EXTENTS: dict[Fault, np.ndarray] = {
+EXTENTS: dict[FaultName, np.ndarray] = {
     "turn_short": np.linspace(0.02, 0.25, N_EXTENTS),
     "rotor_eccentricity": np.linspace(0.002, 0.034, N_EXTENTS),
 }
@@ -33,7 +33,7 @@ are 1.0 % and 2.3 % eccentricity, where the outputs of its Fig. 16 change over.
 """
 CUTS: dict[int, tuple[int, ...]] = {2: (1, 14, 21), 3: (1, 6, 14, 21)}
 """First and last rows of the columns; neighbours share the row at the cut."""
-ANN_B_INPUTS: dict[Fault, tuple[str, ...]] = {
+ANN_B_INPUTS: dict[FaultName, tuple[str, ...]] = {
     "turn_short": TURN_SHORT_INPUTS, "rotor_eccentricity": ECCENTRICITY_INPUTS,
 }
 LEVELS: dict[int, tuple[str, ...]] = {2: ("small", "large"), 3: ("small", "medium", "large")}
@@ -59,6 +59,6 @@ class PaperCascade:
         """Return the outputs of ANN_A, shape (2,), in the order of `FAULTS`."""
         return self.ann_a(features.vector(ANN_A_INPUTS)[None])[0]
 
-    def level(self, fault: Fault, features: PaperFeatures) -> np.ndarray:
+    def level(self, fault: FaultName, features: PaperFeatures) -> np.ndarray:
         """Return the outputs of ANN_B for that fault, shape (3,)."""
         return self.ann_b[fault](features.vector(ANN_B_INPUTS[fault])[None])[0]

@@ -1,7 +1,7 @@
 """The paper's experiment again: 21 extents a fault, three noise levels, both networks.
 
 Simulations are free of sensor noise; the paper's noise is added to the recorded window
-(`paper_noise`). Training and test share the simulations, so the start angles of the rotor,
+(`paper.noise`). Training and test share the simulations, so the start angles of the rotor,
 but no noise; a second test uses start angles that were never trained on.
 """
 
@@ -19,7 +19,7 @@ from ema_prognostics.paper.cascade import (
     ANN_B_INPUTS,
     EXTENTS,
     FAULTS,
-    Fault,
+    FaultName,
     PaperCascade,
     level_target,
 )
@@ -85,12 +85,12 @@ class PaperExperiment:
     angles: tuple[float, ...]
     """Start angles trained on (rad)."""
     unseen: tuple[float, ...]
-    clean: dict[Fault, list[list[PaperFeatures]]]
+    clean: dict[FaultName, list[list[PaperFeatures]]]
     """[fault][start angle, trained and unseen][row]: free of noise."""
-    test: dict[Fault, FeatureSet]
-    test_unseen: dict[Fault, FeatureSet]
+    test: dict[FaultName, FeatureSet]
+    test_unseen: dict[FaultName, FeatureSet]
     ann_a: Network
-    ann_b: dict[tuple[Fault, int], Network]
+    ann_b: dict[tuple[FaultName, int], Network]
 
     def cascade(self) -> PaperCascade:
         """Return the networks for the model file, ANN_B with three columns."""
@@ -99,7 +99,7 @@ class PaperExperiment:
         )
 
 
-def paper_window_of(fault: Fault, extent: float, start_angle: float) -> Turns:
+def paper_window_of(fault: FaultName, extent: float, start_angle: float) -> Turns:
     """Simulate the paper's step with a fault, free of sensor noise; return its window."""
     settings = {
         "turn_short": [f"turn_short.fraction={extent!r}", "turn_short.mode=paper"],
@@ -135,7 +135,7 @@ def run_experiment(
     rng = np.random.default_rng(settings.seed)
     n = settings.train_angles + settings.unseen_angles
     angles = [float(a) for a in rng.uniform(0.0, 2.0 * np.pi, n)]
-    windows: dict[Fault, list[list[Turns]]] = {fault: [] for fault in FAULTS}
+    windows: dict[FaultName, list[list[Turns]]] = {fault: [] for fault in FAULTS}
     for fault in FAULTS:
         for angle in angles:
             windows[fault].append(
@@ -165,8 +165,8 @@ def run_experiment(
 
 
 def _train(
-    settings: PaperSettings, train: dict[Fault, FeatureSet], progress: Progress
-) -> tuple[Network, dict[tuple[Fault, int], Network]]:
+    settings: PaperSettings, train: dict[FaultName, FeatureSet], progress: Progress
+) -> tuple[Network, dict[tuple[FaultName, int], Network]]:
     def network(hidden: int, inputs: np.ndarray, target: np.ndarray) -> Network:
         return train_network(inputs, target, hidden=hidden, alpha=settings.alpha,
                              n_restarts=settings.n_restarts, seed=settings.seed)

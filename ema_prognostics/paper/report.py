@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ema_prognostics.paper.cascade import ANN_B_INPUTS, FAULTS, Fault, level_target
+from ema_prognostics.paper.cascade import ANN_B_INPUTS, FAULTS, FaultName, level_target
 from ema_prognostics.paper.experiment import FeatureSet, PaperExperiment, draw, paper_window_of
 from ema_prognostics.paper.features import ANN_A_INPUTS
 from ema_prognostics.paper.noise import NOISE_LEVELS, REFERENCE_RATE
@@ -15,7 +15,7 @@ from ema_prognostics.paper.statements import check_statements
 from ema_record.resources import share_path
 from ema_record.yaml_file import load_yaml
 
-TABLES: dict[str, tuple[Fault, int]] = {
+TABLES: dict[str, tuple[FaultName, int]] = {
     "table_2": ("turn_short", 0), "table_3": ("rotor_eccentricity", 0),
     "figure_13": ("turn_short", 2), "figure_14": ("turn_short", 3),
     "figure_15": ("rotor_eccentricity", 2), "figure_16": ("rotor_eccentricity", 3),
@@ -78,7 +78,7 @@ def _accuracies(experiment: PaperExperiment) -> list[dict[str, Any]]:
 
 
 def right_level(
-    experiment: PaperExperiment, fault: Fault, columns: int, data: FeatureSet
+    experiment: PaperExperiment, fault: FaultName, columns: int, data: FeatureSet
 ) -> np.ndarray:
     """Return whether ANN_B's largest output is a level of the row, shape (n,), bool.
 
@@ -93,7 +93,7 @@ def _tables(experiment: PaperExperiment) -> dict[str, Any]:
     printed = load_yaml(share_path("config/paper.yaml"))
     assert isinstance(printed, dict)
     rng = np.random.default_rng([experiment.settings.seed, 2])
-    cache: dict[tuple[Fault, float], FeatureSet] = {}
+    cache: dict[tuple[FaultName, float], FeatureSet] = {}
     tables = {}
     for name, (fault, columns) in TABLES.items():
         rows = []

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import spearmanr
 
-from ema_prognostics.paper.cascade import FAULTS, Fault
+from ema_prognostics.paper.cascade import FAULTS, FaultName
 from ema_prognostics.paper.experiment import PaperExperiment, paper_window_of
 from ema_prognostics.paper.features import PaperFeatures, paper_features
 
 MONOTONE = 0.98
 SHORT_SIGNS = np.array([-1, 1, -1])
-FIGURE_EXTENTS: dict[Fault, float] = {"turn_short": 0.25, "rotor_eccentricity": 0.05}
+FIGURE_EXTENTS: dict[FaultName, float] = {"turn_short": 0.25, "rotor_eccentricity": 0.05}
 """Extents of the paper's Figs 9 and 10."""
 
 
@@ -62,7 +62,7 @@ def check_statements(experiment: PaperExperiment) -> list[Statement]:
     return [*_portions(figure), *_envelope(experiment, figure), *_lines(experiment)]
 
 
-def _portions(figure: dict[Fault, list[PaperFeatures]]) -> list[Statement]:
+def _portions(figure: dict[FaultName, list[PaperFeatures]]) -> list[Statement]:
     short = np.sign([f.concavity for f in figure["turn_short"]])
     eccentric = np.sign([f.concavity for f in figure["rotor_eccentricity"]])
     positive = (short[:, 0] == SHORT_SIGNS).mean()
@@ -98,7 +98,7 @@ def _list(values: np.ndarray) -> str:
 
 
 def _envelope(
-    experiment: PaperExperiment, figure: dict[Fault, list[PaperFeatures]]
+    experiment: PaperExperiment, figure: dict[FaultName, list[PaperFeatures]]
 ) -> list[Statement]:
     symmetric = float(np.mean([f.symmetry for f in figure["turn_short"]]))
     shifted = float(np.mean([f.symmetry for f in figure["rotor_eccentricity"]]))

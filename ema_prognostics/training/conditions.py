@@ -39,7 +39,7 @@ class Unit:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Conditions:
+class RunConditions:
     """Conditions of one test."""
 
     temperature: float
@@ -58,14 +58,14 @@ class Conditions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fault:
+class InjectedFault:
     """What is wrong: severities of the outputs, and the settings that inject it."""
 
     severity: Mapping[str, float] = field(default_factory=dict)
     settings: tuple[str, ...] = ()
 
 
-HEALTHY = Fault()
+HEALTHY = InjectedFault()
 
 
 def _three(rng: np.random.Generator, bound: float) -> tuple[float, float, float]:
@@ -82,9 +82,9 @@ def draw_unit(rng: np.random.Generator) -> Unit:
     )
 
 
-def draw_conditions(rng: np.random.Generator) -> Conditions:
+def draw_conditions(rng: np.random.Generator) -> RunConditions:
     """Return conditions of one test."""
-    return Conditions(
+    return RunConditions(
         temperature=float(rng.uniform(-40.0, 70.0)), bus=float(rng.uniform(-0.1, 0.1)),
         load=float(rng.uniform(-19.0, 19.0)),
         noise=float(np.exp(rng.uniform(math.log(0.5), math.log(2.0)))),
@@ -97,7 +97,7 @@ def _severity(rng: np.random.Generator, fault: str) -> float:
     return float(np.exp(rng.uniform(math.log(low), math.log(high))))
 
 
-def draw_fault(rng: np.random.Generator, fault: str) -> Fault:
+def draw_fault(rng: np.random.Generator, fault: str) -> InjectedFault:
     """Return a fault of the class `fault`; `static` is eccentricity fixed in the stator."""
     if fault == "healthy":
         return HEALTHY
@@ -105,13 +105,13 @@ def draw_fault(rng: np.random.Generator, fault: str) -> Fault:
     if fault == "turn_short":
         x = _severity(rng, fault)
         mode = ("paper", "physical", "physical")[int(rng.integers(3))]
-        return Fault(severity={OUTPUTS[phase]: x}, settings=(
+        return InjectedFault(severity={OUTPUTS[phase]: x}, settings=(
             f"turn_short.fraction={x!r}", f"turn_short.phase={'abc'[phase]}",
             f"turn_short.mode={mode}",
         ))
     if fault == "static":
         z = _severity(rng, "rotor_eccentricity")
-        return Fault(severity={"static_eccentricity": z}, settings=(
+        return InjectedFault(severity={"static_eccentricity": z}, settings=(
             f"rotor_eccentricity.zeta={z!r}", "rotor_eccentricity.mode=static",
             f"rotor_eccentricity.angle={float(rng.uniform(-math.pi, math.pi))!r}",
         ))
@@ -119,7 +119,7 @@ def draw_fault(rng: np.random.Generator, fault: str) -> Fault:
         z = _severity(rng, fault)
         mode = MODES[int(rng.integers(3))]
         sign = (-1.0, 1.0)[int(rng.integers(2))]
-        return Fault(severity={"eccentricity": z}, settings=(
+        return InjectedFault(severity={"eccentricity": z}, settings=(
             f"rotor_eccentricity.zeta={sign * z!r}", f"rotor_eccentricity.mode={mode}",
             f"rotor_eccentricity.angle={float(rng.uniform(-math.pi, math.pi))!r}",
             f"rotor_eccentricity.phase={'abc'[phase]}",
@@ -127,16 +127,16 @@ def draw_fault(rng: np.random.Generator, fault: str) -> Fault:
     if fault == "friction":
         name = ("motor_friction", "surface_friction")[int(rng.integers(2))]
         x = _severity(rng, fault)
-        return Fault(severity={name: x}, settings=(f"{name}.increase={x!r}",))
+        return InjectedFault(severity={name: x}, settings=(f"{name}.increase={x!r}",))
     x = _severity(rng, "backlash")
-    return Fault(severity={"backlash": x}, settings=(f"backlash.increase={x!r}",))
+    return InjectedFault(severity={"backlash": x}, settings=(f"backlash.increase={x!r}",))
 
 
-def draw_pair(rng: np.random.Generator) -> Fault:
+def draw_pair(rng: np.random.Generator) -> InjectedFault:
     """Return two faults of different classes at once."""
     first, second = rng.choice(4, size=2, replace=False)
     a, b = draw_fault(rng, FAULTS[first]), draw_fault(rng, FAULTS[second])
-    return Fault(severity={**a.severity, **b.severity}, settings=a.settings + b.settings)
+    return InjectedFault(severity={**a.severity, **b.severity}, settings=a.settings + b.settings)
 
 
 def actuator_of(nominal: Actuator, unit: Unit) -> Actuator:
@@ -164,7 +164,9 @@ def actuator_of(nominal: Actuator, unit: Unit) -> Actuator:
     )
 
 
-def effects_of(conditions: Conditions, fault: Fault, own: Effects | None = None) -> Effects:
+def effects_of(
+    conditions: RunConditions, fault: InjectedFault, own: Effects | None = None
+) -> Effects:
     """Return the effects of one test: those of the model, if it has any, conditions, fault."""
     c = conditions
     settings = [

@@ -7,20 +7,20 @@ from typing import Any
 import numpy as np
 
 from ema_prognostics.cascade.classes import CLASS_OF, FAULTS, OUTPUTS, SHORTS
-from ema_prognostics.cascade.find import Cascade, Finding
+from ema_prognostics.cascade.find import Cascade, Detection
 from ema_prognostics.cascade.guard import BESIDE_OWN
-from ema_prognostics.training.campaign import Campaign
-from ema_prognostics.training.rates import ORIGIN, Rate, detection, rate
-from ema_prognostics.training.training import view_inputs
+from ema_prognostics.training.fleet import FleetFeatures
+from ema_prognostics.training.rates import ORIGIN, Rate, detection_curve, rate
+from ema_prognostics.training.view_training import view_inputs
 
 
-def outcome_of(finding: Finding) -> str:
+def outcome_of(detection: Detection) -> str:
     """Return the verdict in one word: healthy, unknown or the classes, joined by ``+``."""
-    if finding.guard.size and finding.guard.max() > 1.0:
+    if detection.guard.size and detection.guard.max() > 1.0:
         return "unknown"
-    if finding.doubtful:
+    if detection.doubtful:
         return "unknown"
-    return "+".join(sorted(CLASS_OF[o] for o in finding.outputs)) or "healthy"
+    return "+".join(sorted(CLASS_OF[o] for o in detection.outputs)) or "healthy"
 
 
 def _plain(found: Rate) -> dict[str, float | int]:
@@ -29,7 +29,7 @@ def _plain(found: Rate) -> dict[str, float | int]:
 
 
 def evaluate(
-    fleet: Cascade, own: Cascade | None, campaign: Campaign, healthy: Campaign
+    fleet: Cascade, own: Cascade | None, campaign: FleetFeatures, healthy: FleetFeatures
 ) -> dict[str, Any]:
     """Return the validation of one view as plain values.
 
@@ -41,10 +41,10 @@ def evaluate(
     """
     cascade = fleet if own is None else own
     result: dict[str, Any] = {}
-    findings, outcomes = _judge(fleet, own, healthy)
+    detections, outcomes = _judge(fleet, own, healthy)
     result["false alarms"] = _plain(rate([o not in ("healthy", "unknown") for o in outcomes]))
     result["healthy called unknown"] = _plain(rate([o == "unknown" for o in outcomes]))
-    findings, outcomes = _judge(fleet, own, campaign)
+    detections, outcomes = _judge(fleet, own, campaign)
     for name in FAULTS:
         columns = [k for k, o in enumerate(OUTPUTS) if CLASS_OF[o] == name]
         mine = campaign.severity[:, columns].max(axis=1)
@@ -52,8 +52,8 @@ def evaluate(
         said = [outcomes[k] for k in np.flatnonzero(only)]
         found = np.array([o not in ("healthy", "unknown") for o in said], dtype=bool)
         right = [name in o.split("+") for o, f in zip(said, found) if f]
-        inside, error = _severities(findings, campaign, only, columns)
-        curve = detection(mine[only], found, ORIGIN.get(name, 0.0))
+        inside, error = _severities(detections, campaign, only, columns)
+        curve = detection_curve(mine[only], found, ORIGIN.get(name, 0.0))
         result[name] = {
             "detected": _plain(rate(found)), "right class of detected": _plain(rate(right)),
             "interval coverage": _plain(rate(inside)),
@@ -73,27 +73,27 @@ def evaluate(
 
 
 def _judge(
-    fleet: Cascade, own: Cascade | None, campaign: Campaign
-) -> tuple[list[Finding], list[str]]:
+    fleet: Cascade, own: Cascade | None, campaign: FleetFeatures
+) -> tuple[list[Detection], list[str]]:
     _, x = view_inputs(campaign, "fleet")
-    findings = fleet.find(x)
+    detections = fleet.find(x)
     if own is None:
-        return findings, [outcome_of(f) for f in findings]
-    guarded = [f.guard.size > 0 and f.guard.max() > BESIDE_OWN for f in findings]
+        return detections, [outcome_of(f) for f in detections]
+    guarded = [f.guard.size > 0 and f.guard.max() > BESIDE_OWN for f in detections]
     _, x = view_inputs(campaign, "baseline")
-    findings = own.find(x)
-    return findings, ["unknown" if g else outcome_of(f) for g, f in zip(guarded, findings)]
+    detections = own.find(x)
+    return detections, ["unknown" if g else outcome_of(f) for g, f in zip(guarded, detections)]
 
 
 def _severities(
-    findings: list[Finding], campaign: Campaign, rows: np.ndarray, columns: list[int]
+    detections: list[Detection], campaign: FleetFeatures, rows: np.ndarray, columns: list[int]
 ) -> tuple[list[bool], list[float]]:
     """Return whether the interval holds the truth, and the relative error, where named."""
     inside, error = [], []
     for k in np.flatnonzero(rows):
         column = next(c for c in columns if campaign.severity[k, c] > 0.0)
         truth = float(campaign.severity[k, column])
-        for output, s in zip(findings[k].outputs, findings[k].severity):
+        for output, s in zip(detections[k].outputs, detections[k].severity):
             same = output == OUTPUTS[column] or (
                 output in SHORTS and OUTPUTS[column] in SHORTS)
             if same:

@@ -36,7 +36,7 @@ def rate(hits: Sequence[bool] | np.ndarray) -> Rate:
     return Rate(k, n, float(bounds.low), float(bounds.high))
 
 
-class Detection(NamedTuple):
+class DetectionCurve(NamedTuple):
     """Probability of detection: log-odds linear in the log of severity, shifted by an origin."""
 
     intercept: float
@@ -56,12 +56,13 @@ class Detection(NamedTuple):
 
 
 ORIGIN = {"friction": 1.0, "motor_friction": 1.0, "surface_friction": 1.0}
-"""Of the curves of detection, see `detection`; others: 0. Chosen on the training's own fleets."""
+"""Of the curves of detection, see `detection_curve`; others: 0. Chosen on the fleets of the
+training itself."""
 
 
-def detection(
+def detection_curve(
     severity: np.ndarray, found: np.ndarray, origin: float = 0.0
-) -> Detection | None:
+) -> DetectionCurve | None:
     """Fit the probability of detection; None where it cannot be (all or none found).
 
     Parameters
@@ -97,4 +98,4 @@ def detection(
     error = float(np.sqrt(gradient @ covariance @ gradient))
     a90, bound = (float(np.exp(center + scale * v)) - origin for v in (u, u + 1.645 * error))
     slope = b[1] / scale
-    return Detection(float(b[0] - slope * center), float(slope), a90, bound, origin)
+    return DetectionCurve(float(b[0] - slope * center), float(slope), a90, bound, origin)

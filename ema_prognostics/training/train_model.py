@@ -9,16 +9,16 @@ from typing import Any
 
 from ema_prognostics.cascade.find import Cascade
 from ema_prognostics.cascade.model_body import Body, NetworkPart, PaperPart, View, ViewPart
-from ema_prognostics.cascade.model_file import Model, model_of
-from ema_prognostics.features.extract import Kind
+from ema_prognostics.cascade.model_file import TrainedModel, model_of
+from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.paper.experiment import PaperSettings, run_experiment
-from ema_prognostics.training.campaign import Campaign, run_campaign
 from ema_prognostics.training.evaluation import evaluate
-from ema_prognostics.training.training import train_view
+from ema_prognostics.training.fleet import FleetFeatures, simulate_fleet
+from ema_prognostics.training.view_training import train_view
 from ema_record.version import VERSION
-from ema_sim.model_file import Model as ActuatorModel
+from ema_sim.model_file import Model
 
-KINDS: tuple[Kind, ...] = ("step", "extended")
+KINDS: tuple[ProfileKind, ...] = ("step", "extended")
 VIEWS: tuple[View, ...] = ("fleet", "baseline")
 VALIDATION_SEED = 1_000_003
 """Added to the seed for the units that validate."""
@@ -55,8 +55,8 @@ def _nothing(_what: str, _part: float) -> None:
 def train_model(
     seed: int = 1, *, quick: bool = False, jobs: int = 1, progress: Progress = _nothing,
     folder: Path | None = None, settings: TrainingSettings | None = None,
-    kinds: tuple[Kind, ...] = KINDS, actuator: ActuatorModel | None = None,
-) -> Model:
+    kinds: tuple[ProfileKind, ...] = KINDS, actuator: Model | None = None,
+) -> TrainedModel:
     """Return a model trained from `seed`; the same seed gives the same bytes.
 
     Parameters
@@ -104,8 +104,8 @@ def train_model(
 
 
 def _train_kind(
-    kind: Kind, seed: int, size: TrainingSettings, jobs: int, folder: Path | None,
-    actuator: ActuatorModel | None, progress: Progress,
+    kind: ProfileKind, seed: int, size: TrainingSettings, jobs: int, folder: Path | None,
+    actuator: Model | None, progress: Progress,
 ) -> tuple[dict[str, ViewPart], dict[str, Any]]:
     """Return the views of one test and their validation."""
     def simulated(what: str, begin: float, end: float) -> Callable[[int, int], None]:
@@ -113,8 +113,8 @@ def _train_kind(
             f"{kind}: {what}, {k} of {n} units", begin + (end - begin) * k / n)
 
     def fleet_of(what: str, units: int, start: int, healthy: bool, begin: float, end: float
-                 ) -> Campaign:
-        return run_campaign(kind, units, start, healthy=healthy, jobs=jobs, folder=folder,
+                 ) -> FleetFeatures:
+        return simulate_fleet(kind, units, start, healthy=healthy, jobs=jobs, folder=folder,
                             model=actuator, progress=simulated(what, begin, end))
 
     other = seed + VALIDATION_SEED

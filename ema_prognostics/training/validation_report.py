@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ema_prognostics.cascade.classes import FAULTS, UNITS
-from ema_prognostics.cascade.model_file import Model
+from ema_prognostics.cascade.model_file import TrainedModel
 from ema_prognostics.words import scaled
 
 
@@ -22,7 +22,7 @@ def _severity(name: str, value: float | None) -> str:
     return "-" if value is None else f"{scale * value:.3g} {unit}"
 
 
-def validation_report(model: Model) -> str:
+def validation_report(model: TrainedModel) -> str:
     """Return the report of a model's validation: rates with counts and 95 % bounds."""
     training = model.training
     settings = training["settings"]

@@ -24,21 +24,21 @@ A fault that one flight finds with 90 % is missed by three in a row once in a th
 """
 
 
-class Rule(NamedTuple):
+class ConfirmationRule(NamedTuple):
     """A fault is confirmed when it is found in `k` of the last `n` flights that answered."""
 
     k: int = 2
     n: int = 3
 
 
-DEFAULT_RULE = Rule()
+DEFAULT_RULE = ConfirmationRule()
 
 
-def parse_rule(text: str) -> Rule:
+def parse_rule(text: str) -> ConfirmationRule:
     """Return the rule ``K/N``; UsageError if it is none."""
     k, separator, n = text.partition("/")
     if separator and k.strip().isdecimal() and n.strip().isdecimal():
-        rule = Rule(int(k), int(n))
+        rule = ConfirmationRule(int(k), int(n))
         if 1 <= rule.k <= rule.n <= 50:
             return rule
     raise UsageError(f"rule {text!r}: give K/N with 1 <= K <= N <= 50, for example 2/3")
@@ -121,7 +121,7 @@ def _history(
     )
 
 
-def episodes(history: History, rule: Rule = DEFAULT_RULE) -> list[Episode]:
+def episodes(history: History, rule: ConfirmationRule = DEFAULT_RULE) -> list[Episode]:
     """Return the stretches of flights in which the fault was there.
 
     An announcement that is not confirmed ends after `rule.n` flights without it, a confirmed

@@ -9,19 +9,22 @@ from typing import Literal
 import numpy as np
 
 from ema_prognostics.cascade.guard import BESIDE_OWN
-from ema_prognostics.cascade.model_file import Model, load_model
+from ema_prognostics.cascade.model_file import TrainedModel, load_model
 from ema_prognostics.features.extract import LAST_TIME, extract
-from ema_prognostics.features.segments import ProfileKind, profile_kind
+from ema_prognostics.features.profile_kind import ProfileKind, profile_kind
 from ema_prognostics.features.vector import differences, start_allowed
 from ema_prognostics.paper.cascade import FAULTS, LEVELS
 from ema_prognostics.paper.features import paper_features, paper_turns
-from ema_prognostics.verdict.explain import reasons_of_guard
-from ema_prognostics.verdict.report import unknown_verdict, verdict_of_finding
+from ema_prognostics.verdict.report import (
+    reasons_of_guard,
+    unknown_verdict,
+    verdict_of_detection,
+    verdict_of_error,
+)
 from ema_prognostics.verdict.verdict import Fault, Verdict
 from ema_record.actuator import Actuator, load_actuator
 from ema_record.checks.guard import OUTCOMES, guard_findings, reason_of
 from ema_record.errors import (
-    EmaError,
     IncompleteRecordError,
     InvalidRecordError,
     ModelError,
@@ -60,7 +63,7 @@ class Baseline:
 
 
 def diagnose(
-    record: Record, model: Model | None = None, *, mode: Mode = "robust",
+    record: Record, model: TrainedModel | None = None, *, mode: Mode = "robust",
     baseline: Record | Baseline | None = None, actuator: Actuator | None = None,
 ) -> Verdict:
     """Say what is wrong with the actuator that `record` comes from.
@@ -98,16 +101,14 @@ def diagnose(
 
 
 def _diagnose(
-    record: Record, model: Model, mode: Mode, baseline: Record | Baseline | None,
+    record: Record, model: TrainedModel, mode: Mode, baseline: Record | Baseline | None,
     actuator: Actuator,
 ) -> Verdict:
     try:
         kind = profile_kind(record.profile, actuator)
         _check_usable(record, kind, actuator)
-    except InvalidRecordError as error:
-        return Verdict(outcome="invalid", reasons=(str(error),))
-    except IncompleteRecordError as error:
-        return Verdict(outcome="incomplete", reasons=(str(error),))
+    except (InvalidRecordError, IncompleteRecordError) as error:
+        return verdict_of_error(error)
     if kind is None:
         return unknown_verdict(
             f"the test {record.profile.name!r} is not one that the networks know: run the "
@@ -118,14 +119,14 @@ def _diagnose(
             return _paper_verdict(record, model)
         return _robust_verdict(record, kind, model, baseline, actuator)
     except InvalidRecordError as error:
-        return Verdict(outcome="invalid", reasons=(str(error),))
+        return verdict_of_error(error)
     except IncompleteRecordError as error:
         # The record covers the test, so it is the actuator that did not do it.
         return unknown_verdict(str(error))
 
 
 def _robust_verdict(
-    record: Record, kind: ProfileKind, model: Model, baseline: Record | Baseline | None,
+    record: Record, kind: ProfileKind, model: TrainedModel, baseline: Record | Baseline | None,
     actuator: Actuator,
 ) -> Verdict:
     cascade = model.cascade(kind, "fleet")
@@ -154,14 +155,14 @@ def _is_trained_test(record: Record, kind: ProfileKind, actuator: Actuator) -> b
 
 
 def verdict_of_features(
-    features: Mapping[str, float], kind: ProfileKind, model: Model,
+    features: Mapping[str, float], kind: ProfileKind, model: TrainedModel,
     baseline: Mapping[str, float] | None = None, *, exact: bool = True,
 ) -> Verdict:
     """Return the verdict that the features of a record amount to.
 
     Parameters
     ----------
-    features : of the record, as `robust.features.extract` gives them.
+    features : of the record, as `features.extract.extract` gives them.
     kind : of the test; the model must have a cascade for it.
     model : of the cascade.
     baseline : features of the actuator's own healthy record.
@@ -173,22 +174,22 @@ def verdict_of_features(
         return unknown_verdict("the record does not hold every feature: its interval with the "
                                "inverter off is missing")
     x = _row(features, names)
-    finding = cascade.find(x, exact=exact)[0]
+    detection = cascade.find(x, exact=exact)[0]
     with_own = baseline is not None and own is not None
-    unusual = reasons_of_guard(cascade, finding, BESIDE_OWN if with_own else 1.0)
+    unusual = reasons_of_guard(cascade, detection, BESIDE_OWN if with_own else 1.0)
     if unusual:
         return unknown_verdict("the record is unlike anything the networks were trained on",
                                *unusual)
     if baseline is None or own is None:
-        return verdict_of_finding(cascade, x[0], finding, kind)
+        return verdict_of_detection(cascade, x[0], detection, kind)
     x = differences(x, _row(baseline, names))
-    alone, finding = finding, own.find(x, exact=exact)[0]
-    finding = replace(finding, known=min(alone.known, finding.known))
-    unusual = reasons_of_guard(own, finding)
+    alone, detection = detection, own.find(x, exact=exact)[0]
+    detection = replace(detection, known=min(alone.known, detection.known))
+    unusual = reasons_of_guard(own, detection)
     if unusual:
         return unknown_verdict("the change since the baseline is unlike anything the networks "
                                "were trained on", *unusual)
-    return verdict_of_finding(own, x[0], finding, kind)
+    return verdict_of_detection(own, x[0], detection, kind)
 
 
 def _row(features: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
@@ -196,7 +197,7 @@ def _row(features: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
     return start_allowed(np.array([[features[n] for n in names]]), names)
 
 
-def baseline_of(record: Record, model: Model, actuator: Actuator | None = None) -> Baseline:
+def baseline_of(record: Record, model: TrainedModel, actuator: Actuator | None = None) -> Baseline:
     """Return `record` as a baseline; UsageError if it cannot serve."""
     actuator = load_actuator() if actuator is None else actuator
     try:
@@ -234,7 +235,7 @@ def _check_usable(record: Record, kind: ProfileKind | None, actuator: Actuator) 
         )
 
 
-def _paper_verdict(record: Record, model: Model) -> Verdict:
+def _paper_verdict(record: Record, model: TrainedModel) -> Verdict:
     if model.paper is None:
         raise ModelError("the model has no paper cascade: train again with 'ema train'")
     features = paper_features(paper_turns(record))
@@ -246,12 +247,4 @@ def _paper_verdict(record: Record, model: Model) -> Verdict:
         faults=(Fault(fault_class=fault, level=LEVELS[3][int(np.argmax(levels))]),),
         probabilities=dict(zip(FAULTS, map(float, outputs))),
         reasons=(PAPER_CAVEAT,),
-    )
-
-
-def verdict_of_error(error: EmaError, bag: str) -> Verdict:
-    """Return the verdict of a bag that could not be read: incomplete or invalid."""
-    incomplete = isinstance(error, IncompleteRecordError)
-    return Verdict(
-        outcome="incomplete" if incomplete else "invalid", reasons=(str(error),), bag=bag
     )

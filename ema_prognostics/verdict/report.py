@@ -1,14 +1,74 @@
-"""From what the cascade found to a `Verdict` in words."""
+"""From what the cascade found to a `Verdict` with reasons that a technician understands."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ema_prognostics.cascade.classes import CLASS_OF, FAULTS, LEVELS, SHORTS, UNITS, level_of
-from ema_prognostics.cascade.find import Cascade, Finding
-from ema_prognostics.features.extract import Kind
-from ema_prognostics.verdict.explain import reasons_of_fault
+from ema_prognostics.cascade.find import Cascade, Detection
+from ema_prognostics.cascade.guard_groups import GROUPS
+from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.verdict.verdict import Fault, Verdict
+from ema_prognostics.words import feature_words
+from ema_record.errors import EmaError, IncompleteRecordError
+
+RELEVANT = {
+    "turn_short": ("_even_m2", "_even_m4", "resistance_spread", "inductance_spread"),
+    "rotor_eccentricity": ("_even_m1", "_even_m3"),
+    "friction": ("torque_", "gap_torque", "surface_torque"),
+    "backlash": ("gap_width", "lag_", "start_stiffness"),
+}
+"""Features that speak for each class."""
+MOST = 3
+
+
+def reasons_of_fault(cascade: Cascade, x: np.ndarray, output: str) -> list[str]:
+    """Return what moved, largest first, for an announced output; `x` has shape (d,)."""
+    keys = RELEVANT[CLASS_OF[output]]
+    names = cascade.inputs.input_names
+    z = cascade.inputs.deviations(x[None])[0]
+    chosen = [k for k, n in enumerate(names)
+              if any(key in n for key in keys) and not n.startswith("absolute_")]
+    chosen.sort(key=lambda k: -abs(z[k]))
+    found: list[str] = []
+    for k in chosen:
+        text = feature_words(names[k])
+        if abs(z[k]) >= 2.0 and not any(f.startswith(text) for f in found):
+            found.append(f"{text}: {z[k]:+.1f} healthy deviations")
+        if len(found) == MOST:
+            break
+    return found
+
+
+def reasons_of_guard(cascade: Cascade, detection: Detection, bound: float = 1.0) -> list[str]:
+    """Return what is unlike anything trained on, worst first; empty where nothing is.
+
+    Parameters
+    ----------
+    cascade : that found it.
+    detection : what it found.
+    bound : of the guard's scores, above 1 where another guard judges too.
+    """
+    guard = cascade.guard
+    if guard is None or detection.guard.max() <= bound:
+        return []
+    names = cascade.inputs.input_names
+    m = len(guard.checked)
+    each, groups, together = detection.guard[:m], detection.guard[m:-1], float(detection.guard[-1])
+    found = [
+        f"{feature_words(names[guard.checked[k]])}: {each[k]:.1f} times the usual bound"
+        for k in np.argsort(-each)[:MOST] if each[k] > 1.0
+    ]
+    found += [
+        f"{GROUPS[guard.groups[k]].words}, together: {groups[k]:.1f} times the usual distance"
+        for k in np.argsort(-groups)[:MOST - len(found)] if groups[k] > 1.0
+    ]
+    if not found:
+        worst = feature_words(names[guard.checked[int(np.argmax(each))]])
+        found.append(f"all features together: {together:.1f} times the usual distance, most of "
+                     f"all the {worst}")
+    return found
+
 
 GAP_CAVEAT = (
     "one step in one direction shows lost motion only where the motor crosses it at the start; if "
@@ -26,6 +86,14 @@ SAME_LINES = {
     ),
 }
 """Why a class is an alternative to the fault that is named."""
+
+
+def verdict_of_error(error: EmaError, bag: str = "") -> Verdict:
+    """Return the verdict on a record that cannot be read or used: incomplete or invalid."""
+    incomplete = isinstance(error, IncompleteRecordError)
+    return Verdict(
+        outcome="incomplete" if incomplete else "invalid", reasons=(str(error),), bag=bag
+    )
 
 
 def unknown_verdict(*reasons: str) -> Verdict:
@@ -55,8 +123,8 @@ def _doubt(probabilities: dict[str, float], *, small: bool) -> Verdict:
     )
 
 
-def verdict_of_finding(
-    cascade: Cascade, x: np.ndarray, finding: Finding, kind: Kind
+def verdict_of_detection(
+    cascade: Cascade, x: np.ndarray, detection: Detection, kind: ProfileKind
 ) -> Verdict:
     """Return the verdict.
 
@@ -64,13 +132,13 @@ def verdict_of_finding(
     ----------
     cascade : that found it.
     x : ndarray, shape (d,). Its inputs.
-    finding : what it found.
+    detection : what it found.
     kind : of the test.
     """
-    probabilities = finding.class_probability
-    if finding.doubtful:
-        return _doubt(probabilities, small=bool((finding.margin > 0.0).any()))
-    if not finding.outputs:
+    probabilities = detection.class_probability
+    if detection.doubtful:
+        return _doubt(probabilities, small=bool((detection.margin > 0.0).any()))
+    if not detection.outputs:
         reasons = ["no feature lies outside what the healthy fleet shows"]
         if kind == "step":
             reasons.append(GAP_CAVEAT)
@@ -79,7 +147,7 @@ def verdict_of_finding(
             alternatives=("backlash",) if kind == "step" else (),
         )
     faults, reasons = [], []
-    for output, severity in zip(finding.outputs, finding.severity):
+    for output, severity in zip(detection.outputs, detection.severity):
         name = CLASS_OF[output]
         faults.append(Fault(
             fault_class=name, phase=output[-1] if output in SHORTS else None,
@@ -94,7 +162,7 @@ def verdict_of_finding(
     faults.sort(key=lambda f: -(f.severity or 0.0) / LEVELS[f.fault_class][1])
     named = {f.fault_class for f in faults}
     alternatives: tuple[str, ...] = ()
-    static = "static_eccentricity" in finding.outputs
+    static = "static_eccentricity" in detection.outputs
     if "turn_short" in named and "rotor_eccentricity" not in named:
         alternatives = ("rotor_eccentricity",)
     elif static and "turn_short" not in named:

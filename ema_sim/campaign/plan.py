@@ -23,7 +23,7 @@ ProfileName = Annotated[str, Field(min_length=1, max_length=4096)]
 Setting = Distribution | float | str
 
 
-class Plan(BaseModel):
+class CampaignPlan(BaseModel):
     """A campaign: what is run, what varies, what is kept."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -58,7 +58,7 @@ class Plan(BaseModel):
         return value
 
 
-def load_plan(path: str | Path) -> Plan:
+def load_plan(path: str | Path) -> CampaignPlan:
     """Return the plan in a campaign file.
 
     Raises
@@ -70,12 +70,12 @@ def load_plan(path: str | Path) -> Plan:
     return plan_from(load_yaml(Path(path)), str(path))
 
 
-def plan_from(data: object, where: str) -> Plan:
+def plan_from(data: object, where: str) -> CampaignPlan:
     """Validate `data` (as read from YAML); `where` names its origin in errors."""
     if not isinstance(data, dict):
         raise UsageError(f"{where}: expected 'profile:', 'runs:' and so on: {SEE}")
     try:
-        return Plan.model_validate(data)
+        return CampaignPlan.model_validate(data)
     except ValidationError as error:
         text = first_problem(error, where, "campaign", SEE, branch="Distribution")
         raise UsageError(text) from None

@@ -23,7 +23,7 @@ from ema_record.bag.read import write_bag
 from ema_record.errors import OutputError, SimulationError, UsageError
 from ema_record.profile import Profile
 from ema_record.sources import source_hash
-from ema_sim.campaign.plan import Plan, load_plan
+from ema_sim.campaign.plan import CampaignPlan, load_plan
 from ema_sim.campaign.reductions import (
     Reduction,
     as_columns,
@@ -74,7 +74,7 @@ class Done(NamedTuple):
 
 
 def run_campaign(
-    plan: Plan | str | Path,
+    plan: CampaignPlan | str | Path,
     *,
     reduce: Reduction | None = None,
     jobs: int | None = None,
@@ -107,7 +107,7 @@ def run_campaign(
     UsageError, OutputError.
 
     """
-    campaign = prepare(plan if isinstance(plan, Plan) else load_plan(plan))
+    campaign = prepare(plan if isinstance(plan, CampaignPlan) else load_plan(plan))
     bags = reduce is None and campaign.plan.keep == "bags"
     if bags and out is None:
         raise UsageError("keep bags: say where to: give a folder (out, --out)")
@@ -275,7 +275,7 @@ def _warm() -> None:
     simulate(Profile(name="warm", points=((0.0, 0.0), (0.001, 0.0)), inverter_off=0.0))
 
 
-def _reduction_of(plan: Plan) -> Reduction:
+def _reduction_of(plan: CampaignPlan) -> Reduction:
     return summary if plan.keep == "bags" else named_reduction(plan.keep)
 
 

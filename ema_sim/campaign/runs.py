@@ -17,9 +17,9 @@ from ema_record.errors import UsageError, bounded, unknown_name
 from ema_record.profile import Profile, load_profile
 from ema_record.record import Record
 from ema_sim.campaign.distributions import Distribution, Value, stream
-from ema_sim.campaign.plan import Plan
-from ema_sim.effects import EFFECTS, Effects
+from ema_sim.campaign.plan import CampaignPlan
 from ema_sim.effects.base import Choice
+from ema_sim.effects.registry import EFFECTS, Effects
 from ema_sim.effects.settings import effects_from_mapping
 from ema_sim.model_file import load_model_file
 from ema_sim.session import NOISE_LEVELS
@@ -32,7 +32,7 @@ MAX_POINTS = 1_000_000
 """Most combinations of the grids."""
 
 
-class Bounds(NamedTuple):
+class ParameterBounds(NamedTuple):
     """What a parameter may be."""
 
     lower: float
@@ -70,7 +70,7 @@ class Run:
 class Campaign:
     """A plan with everything that it names loaded and checked; it can be sent to workers."""
 
-    plan: Plan
+    plan: CampaignPlan
     profiles: tuple[Profile, ...]
     actuator: Actuator
     effects: Effects
@@ -140,7 +140,7 @@ class Campaign:
             ) from None
 
 
-def prepare(plan: Plan) -> Campaign:
+def prepare(plan: CampaignPlan) -> Campaign:
     """Load what a plan names and check every value that it can give.
 
     Raises
@@ -168,10 +168,10 @@ def prepare(plan: Plan) -> Campaign:
 
 
 @cache
-def bounds_of(name: str) -> Bounds:
+def bounds_of(name: str) -> ParameterBounds:
     """Return the bounds of a parameter, by dotted name."""
     if name in GENERAL:
-        return Bounds(*GENERAL[name], "times nominal" if name == "noise" else "rad")
+        return ParameterBounds(*GENERAL[name], "times nominal" if name == "noise" else "rad")
     part, _, parameter = name.partition(".")
     if part == ACTUATOR:
         return _actuator_bounds(parameter)
@@ -187,11 +187,11 @@ def bounds_of(name: str) -> Bounds:
                            "'ema effects' lists them")
     kind = fields[parameter].kind
     if isinstance(kind, Choice):
-        return Bounds(-math.inf, math.inf, "", options=kind.options)
-    return Bounds(kind.lower, kind.upper, kind.unit)
+        return ParameterBounds(-math.inf, math.inf, "", options=kind.options)
+    return ParameterBounds(kind.lower, kind.upper, kind.unit)
 
 
-def _actuator_bounds(name: str) -> Bounds:
+def _actuator_bounds(name: str) -> ParameterBounds:
     part, _, parameter = name.partition(".")
     if part not in PARTS:
         raise unknown_name("part of the actuator", part, PARTS, "see config/actuator.yaml")
@@ -203,7 +203,7 @@ def _actuator_bounds(name: str) -> Bounds:
     marks = field.metadata
     lower = next(float(m.ge) for m in marks if hasattr(m, "ge"))
     upper = next(float(m.le) for m in marks if hasattr(m, "le"))
-    return Bounds(lower, upper, field.json_schema_extra["unit"], whole=kind is int)
+    return ParameterBounds(lower, upper, field.json_schema_extra["unit"], whole=kind is int)
 
 
 def _check(name: str, setting: Distribution | Value, actuator: Actuator) -> None:

@@ -6,13 +6,13 @@ import csv
 import fcntl
 import json
 import os
-import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
+from ema_record.array_cache import DAMAGED, read_arrays, write_arrays
 from ema_record.errors import OutputError, UsageError
 from ema_record.files import cannot_write, exists, new_file, read_bounded
 from ema_record.version import VERSION
@@ -42,19 +42,28 @@ class CampaignFolder:
 
     Parameters
     ----------
-    path : folder, made if it is not there; it must be of the same campaign if it is.
-    manifest : see `manifest_of`.
+    path : folder of a campaign.
+    manifest : what is to be run into it, see `manifest_of`; the folder is then made if it is not
+        there, and must be of the same campaign if it is. None: it is only read.
 
     Raises
     ------
     OutputError
         The folder holds something else, or is of another plan or software.
+    UsageError
+        There is no campaign to read.
 
     """
 
-    def __init__(self, path: str | Path, manifest: Mapping[str, object]) -> None:
+    def __init__(self, path: str | Path, manifest: Mapping[str, object] | None = None) -> None:
         """Make the folder, or take up the one that is there."""
         self.path = Path(path)
+        if manifest is None:
+            read_manifest(self.path)
+        else:
+            self._take_up(manifest)
+
+    def _take_up(self, manifest: Mapping[str, object]) -> None:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             names = {p.name for p in self.path.iterdir()} - {".lock"}
@@ -93,16 +102,14 @@ class CampaignFolder:
 
     def save(self, chunk: int, columns: Columns) -> None:
         """Write one chunk: whole or not at all."""
-        with new_file(self._chunk(chunk)) as temporary, temporary.open("wb") as file:
-            np.savez(file, **columns)  # type: ignore[arg-type]
+        write_arrays(self._chunk(chunk), columns)
 
     def load(self, chunk: int) -> Columns:
         """Return the columns of one chunk."""
         path = self._chunk(chunk)
         try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as found:
-                return {name: found[name] for name in found.files}
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            return read_arrays(path)
+        except DAMAGED:
             raise UsageError(
                 f"{path}: is damaged: delete it and repeat the command, which makes it anew"
             ) from None
@@ -188,9 +195,7 @@ def load_campaign(path: str | Path) -> Columns:
         ``run``, ``seed``, ``failed``, ``profile``, ``parameters.<name>``, ``results.<name>``.
 
     """
-    folder = CampaignFolder.__new__(CampaignFolder)
-    folder.path = Path(path)
-    read_manifest(folder.path)
+    folder = CampaignFolder(path)
     done = sorted(folder.done())
     if not done:
         raise UsageError(f"{path}: no run is finished yet: run the campaign")

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ema_record.errors import UsageError, bounded, unknown_name
-from ema_sim.effects import EFFECTS, Choice, Effects
+from ema_sim.effects.base import Choice
+from ema_sim.effects.registry import EFFECTS, Effects
 
 LISTED = "'ema effects' lists them"
 

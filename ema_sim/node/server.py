@@ -1,28 +1,93 @@
-"""`ActuatorServer`: the emulated actuator with its topics, without the middleware."""
+"""`ActuatorServer`: the emulated actuator with its topics, without the middleware.
+
+The simulated time is paced to real time by deadlines, so that no error adds up.
+"""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from ema_record.actuator import Actuator
 from ema_record.channels import TIME
+from ema_record.profile import Profile, load_profile_dict
 from ema_record.wire.samples import encode_block
 from ema_record.wire.sensors import encode_dc_bus, encode_joint_states, encode_temperature
 from ema_record.wire.topics import (
+    COMMAND,
     DC_BUS,
     JOINT_STATES,
     PHASE_CURRENTS,
     SAMPLES,
     WINDING_TEMPERATURE,
 )
+from ema_record.wire.trajectory import UNNAMED, profile_from_points
 from ema_record.wire.types import NANOSECONDS
-from ema_sim.node.command import profile_of_command
-from ema_sim.node.pacing import UNPACED_BUDGET, Pacer
 from ema_sim.node.settings import SimulatorSettings
 from ema_sim.plant.state import THETA_E
+
+INVERTER_OFF = 0.020
+"""Time without current at the begin of a run (s)."""
+SETTLING = 0.150
+"""Added to the slewing time of a single step (s)."""
+
+
+def profile_of_command(
+    points: Sequence[tuple[float, float]], position: float, actuator: Actuator
+) -> Profile:
+    """Return the profile of a command.
+
+    Parameters
+    ----------
+    points : (time (s), position (rad)). One point is a step there, executed as soon as the
+        inverter is on; its time, if later, is when the run ends. Several are the profile.
+    position : where the surface stands (rad).
+    actuator : its slew speed sets the length of a single step.
+
+    Raises
+    ------
+    UsageError
+        A time or a position out of bounds, or times that run back.
+    """
+    if len(points) > 1:
+        return profile_from_points(points)
+    (time, target), = points
+    slew = actuator.control.speed_limit / actuator.gear.ratio
+    end = max(time, INVERTER_OFF + abs(target - position) / slew + SETTLING)
+    step = [(0.0, position), (INVERTER_OFF, position), (INVERTER_OFF, target), (end, target)]
+    return load_profile_dict(
+        {"name": UNNAMED, "points": step, "description": f"step read off {COMMAND}"}, COMMAND
+    )
+
+
+UNPACED_BUDGET = 0.010
+"""Wall time of one turn when the simulation runs as fast as it can (s)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pacer:
+    """Says how much of a run is due.
+
+    Attributes
+    ----------
+    begin : clock at the begin of the run (s).
+    factor : simulated seconds a second, 0 for as fast as possible.
+    """
+
+    begin: float
+    factor: float
+
+    def due(self, now: float) -> float:
+        """Return the simulated time up to which samples are due at clock `now` (s)."""
+        if self.factor == 0.0:
+            return math.inf
+        return (now - self.begin) * self.factor
+
 
 IDLE_PERIOD = 0.1
 """Interval of joint states and temperature while idle (s)."""

@@ -10,7 +10,8 @@ from ema_record.actuator import Actuator
 from ema_record.profile import load_profile
 from ema_record.wire.views import ViewDecimator
 from ema_ros.parameters import ParameterSpec, Value
-from ema_sim.effects import EFFECTS, Choice, Effects
+from ema_sim.effects.base import Choice
+from ema_sim.effects.registry import EFFECTS, Effects
 from ema_sim.effects.settings import effects_from_mapping
 from ema_sim.model_file import Model, load_model_file
 from ema_sim.session import NOISE_LEVELS, RATES, ActuatorSession

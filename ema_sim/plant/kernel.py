@@ -17,7 +17,7 @@ from numba import njit
 
 from ema_record.actuator import Actuator
 from ema_record.sources import source_hash
-from ema_sim.effects import Effects
+from ema_sim.effects.registry import Effects
 from ema_sim.plant import neutral, ports
 from ema_sim.plant import state as st
 from ema_sim.plant.control import clip, delayed, quantise, reference_current

@@ -5,8 +5,8 @@ A neutral effect adds 0 or multiplies by 1; leaving it out gives the same bits i
 
 from __future__ import annotations
 
-from ema_sim.effects import Effects
 from ema_sim.effects.compile import law
+from ema_sim.effects.registry import Effects
 
 
 @law

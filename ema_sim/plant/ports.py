@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from ema_record.actuator import Actuator, Converters, Gear, Motor, Shaft, Surface
 from ema_sim.effects import (
-    Effects,
     back_emf_shape,
     backlash,
     bus_voltage_change,
@@ -38,6 +37,7 @@ from ema_sim.effects import (
     winding_temperature,
 )
 from ema_sim.effects.compile import law
+from ema_sim.effects.registry import Effects
 from ema_sim.plant.electrical import THIRD, TURN, trapezoid
 
 # --- winding -------------------------------------------------------------------------------

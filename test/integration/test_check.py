@@ -4,13 +4,15 @@ import json
 import math
 
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from ema_cli.commands.bit import print_result
 from ema_cli.main import run
 from ema_prognostics.cascade.model_file import load_model
 from ema_prognostics.features.extract import extract
 from ema_prognostics.verdict import diagnose as diagnosis
-from ema_prognostics.verdict.prognosis import Prognosis
+from ema_prognostics.verdict import judge as judging
+from ema_prognostics.verdict.judge import Judge
 from ema_record.bag.read import write_bag
 from ema_record.errors import UsageError
 from ema_record.profile import load_profile
@@ -184,8 +186,8 @@ def test_a_baseline_sharpens_and_is_checked(tmp_path, capsys):
     status, (verdict, again) = check(capsys, bags["worn"], bags["again"], "--baseline",
                                      bags["new"])
     assert (status, verdict["fault_class"], again["verdict"]) == (1, "friction", "healthy")
-    node = Prognosis(baseline=bags["new"])  # what the node does with its parameter
-    assert node.of_bag(bags["worn"]) == (verdict, "SN-7")
+    judged = Judge(baseline=bags["new"]).of_bag(bags["worn"])  # what the node does
+    assert (judged.verdict.to_dict(), judged.serial_number) == (verdict, "SN-7")
     assert run(["check", bags["worn"], "--baseline", bags["short"]]) == 2
     assert "not healthy itself" in capsys.readouterr().err
     other = simulate(load_profile("extended"), seed=77_055, serial_number="SN-8")
@@ -193,9 +195,22 @@ def test_a_baseline_sharpens_and_is_checked(tmp_path, capsys):
     status, (verdict,) = check(capsys, bags["worn"], "--baseline", foreign)
     assert (status, verdict["verdict"]) == (2, "invalid")
     assert "SN-8" in verdict["reasons"][0]
-    assert Prognosis(baseline=foreign).of_bag(bags["worn"])[0]["reasons"] != []
+    assert Judge(baseline=foreign).of_bag(bags["worn"]).verdict.reasons
     with pytest.raises(UsageError, match="not healthy itself"):
-        Prognosis(baseline=bags["short"])
+        Judge(baseline=bags["short"])
+
+
+def test_a_record_is_judged_by_one_thread(bags, monkeypatch):
+    threads = []
+
+    def diagnose(*arguments, **options):
+        threads.extend(library["num_threads"] for library in threadpool_info())
+        return diagnosis.diagnose(*arguments, **options)
+
+    monkeypatch.setattr(judging, "diagnose", diagnose)
+    with threadpool_limits(2):
+        assert Judge().of_bag(bags["worn"]).verdict.outcome == "fault"
+    assert set(threads) == {1}
 
 
 def test_features_of_a_baseline_are_taken_once(bags, capsys, monkeypatch):

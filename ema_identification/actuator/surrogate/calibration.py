@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ema_identification import cache
 from ema_identification.actuator.measure.features import feature_map
 from ema_identification.actuator.measure.runs import (
     Progress,
@@ -53,6 +52,7 @@ from ema_identification.actuator.surrogate.screening import (
     residual,
     screen_catalogue,
 )
+from ema_record import array_cache as cache
 from ema_record.profile import Profile
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate

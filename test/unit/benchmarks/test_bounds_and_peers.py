@@ -14,7 +14,7 @@ from benchmarks.detection.detectability import (
 from benchmarks.detection.peers import Perceptron
 from benchmarks.units import actuator_of
 from ema_prognostics.cascade.classes import OUTPUTS
-from ema_prognostics.training.campaign import Campaign
+from ema_prognostics.training.fleet import FleetFeatures
 from ema_record.actuator import load_actuator
 
 KNOWN = float(ndtri(0.99) + ndtri(0.90))  # 3.608 standard deviations
@@ -84,7 +84,7 @@ def test_the_perceptron_learns_what_is_plain():
     sick = which < len(OUTPUTS)
     severity[np.flatnonzero(sick), which[sick]] = 0.1
     record = 80.0 * severity + 0.3 * rng.standard_normal(severity.shape)
-    train = Campaign(names=names, baseline=np.zeros_like(record), record=record,
+    train = FleetFeatures(names=names, baseline=np.zeros_like(record), record=record,
                      severity=severity, unit=np.arange(count), friction=np.zeros((count, 2)))
     fresh = 8.0 * np.eye(len(OUTPUTS))
     called = Perceptron(train).call(np.vstack([fresh, 0.0 * fresh[:1]]), np.zeros((9, 8)))

@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 
 from ema_prognostics.paper.cascade import EXTENTS, level_target
-from ema_prognostics.paper.concavity import HALF_PORTION, concavity, portion_centre
 from ema_prognostics.paper.envelope import envelopes, symmetry
 from ema_prognostics.paper.features import (
     ANN_A_INPUTS,
     ECCENTRICITY_INPUTS,
+    HALF_PORTION,
     TURN_SHORT_INPUTS,
+    concavity,
     paper_features,
     paper_turns,
+    portion_centre,
 )
 from ema_prognostics.paper.noise import add_noise
 from support.slewing import slewing_record

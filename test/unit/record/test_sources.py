@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from ema_prognostics.training import chunks
+from ema_prognostics.training import fleet
 from ema_record.sources import OURS, source_hash, sources_of
 
 TREE = {
@@ -44,7 +44,7 @@ def test_an_unknown_module_is_an_error(tree):
 
 @pytest.mark.parametrize(
     "module",
-    ["ema_sim.plant.kernel", "ema_sim.simulate", "ema_sim.campaign.run", chunks.MODULE],
+    ["ema_sim.plant.kernel", "ema_sim.simulate", "ema_sim.campaign.run", fleet.MODULE],
 )
 def test_what_is_imported_is_in_it(module):
     """What the interpreter itself loads of ours for a module, the hash covers."""

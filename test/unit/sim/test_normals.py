@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ema_sim.normals import KEPT, Normals
+from ema_sim.acquisition import KEPT, Normals
 
 
 def plain(seed: int, stream: int, n: int) -> np.ndarray:

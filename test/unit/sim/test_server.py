@@ -20,8 +20,7 @@ from ema_record.wire.topics import (
 )
 from ema_record.wire.types import deserialize, stamp_of
 from ema_sim.model_file import load_model_file
-from ema_sim.node.command import INVERTER_OFF, profile_of_command
-from ema_sim.node.server import ActuatorServer
+from ema_sim.node.server import INVERTER_OFF, ActuatorServer, profile_of_command
 from ema_sim.node.settings import parameter_specs, settings_from
 from ema_sim.session import ActuatorSession
 from ema_sim.simulate import simulate

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ema_identification import cache
 from ema_identification.actuator.measure.tolerances import (
     N_TOLERANCES,
     TOLERANCES,
@@ -27,6 +26,7 @@ from ema_identification.actuator.surrogate.library import Scale
 from ema_identification.actuator.surrogate.library_runs import unpack
 from ema_identification.actuator.surrogate.likelihood import bounded_least_squares
 from ema_identification.actuator.surrogate.screening import grid
+from ema_record import array_cache as cache
 from ema_record.sources import sources_of
 from ema_sim.effects import EFFECTS, Effects, parse_effects
 from ema_sim.model_file import load_model_file

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from ema_prognostics.features.acceleration import inertia
-from ema_prognostics.features.commutation import FIRST_EDGE, SECTOR, rise
 from ema_prognostics.features.consistency import consistency
-from ema_prognostics.features.current_sensors import CurrentSensors
 from ema_prognostics.features.extract import REVERSAL_LENGTH, REVERSALS, SEGMENTS
 from ema_prognostics.features.reversal import reversal_gap
-from ema_prognostics.features.signals import THIRD, Signals
+from ema_prognostics.features.signals import THIRD, CurrentSensors, Signals
 from ema_prognostics.features.start import TRAVELS, start_features, start_stiffness
+from ema_prognostics.features.winding import FIRST_EDGE, SECTOR, rise
 from ema_record.actuator import load_actuator
 from ema_record.profile import load_profile
 from ema_record.record import Record

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from ema_prognostics.features.balance import torque_balance
-from ema_prognostics.features.current_sensors import current_sensors
-from ema_prognostics.features.segments import profile_kind
-from ema_prognostics.features.signals import prepare
+from ema_prognostics.features.profile_kind import profile_kind
+from ema_prognostics.features.signals import current_sensors, prepare
 from ema_record.profile import load_profile, load_profile_dict, step_profile
 from ema_sim.plant.electrical import trapezoid, unit_trapezoid
 from support.slewing import TURN, slewing_record

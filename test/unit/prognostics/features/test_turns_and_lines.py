@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from ema_prognostics.features.spectrum import rotor_lines
-from ema_prognostics.features.turns import cut, whole_turns
+from ema_prognostics.features.turns import cut, rotor_lines, whole_turns
 from ema_record.errors import IncompleteRecordError, InvalidRecordError
 from ema_record.record import check_samples
 from support.slewing import TURN, slewing_record

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-from ema_prognostics.training.rates import detection, rate
+from ema_prognostics.training.rates import detection_curve, rate
 
 
 def test_bounds_of_a_rate() -> None:
@@ -27,7 +27,7 @@ def test_a90_and_its_bound() -> None:
     above, a90 = 0, []
     for _ in range(100):
         x = np.exp(rng.uniform(np.log(1e-3), np.log(0.1), 250))
-        found = detection(x, rng.random(250) < expit(4.0 * np.log(x / 0.01)))
+        found = detection_curve(x, rng.random(250) < expit(4.0 * np.log(x / 0.01)))
         assert found is not None
         above += found.a90_95 > true
         a90.append(found.a90)
@@ -37,13 +37,13 @@ def test_a90_and_its_bound() -> None:
 
 def test_nothing_can_be_said_where_all_or_none_is_found() -> None:
     x = np.linspace(0.01, 0.1, 50)
-    assert detection(x, np.ones(50, dtype=bool)) is None
-    assert detection(x, np.zeros(50, dtype=bool)) is None
+    assert detection_curve(x, np.ones(50, dtype=bool)) is None
+    assert detection_curve(x, np.zeros(50, dtype=bool)) is None
 
 
 def test_detection_that_falls_with_severity_has_no_a90() -> None:
     x = np.linspace(0.01, 0.1, 50)
-    assert detection(x, x < 0.05) is None
+    assert detection_curve(x, x < 0.05) is None
 
 
 def test_growth_that_multiplies_is_counted_from_one() -> None:
@@ -51,7 +51,7 @@ def test_growth_that_multiplies_is_counted_from_one() -> None:
     rng = np.random.default_rng(6)
     x = np.exp(rng.uniform(np.log(0.015), 0.0, 4000))
     own = rng.logistic(scale=0.04, size=len(x))
-    found = detection(x, np.log1p(x) + own > np.log(1.12), origin=1.0)
+    found = detection_curve(x, np.log1p(x) + own > np.log(1.12), origin=1.0)
     assert found is not None
     assert found.a90 == pytest.approx(1.12 * 9.0**0.04 - 1.0, rel=0.05)
     assert found.probability(np.array([found.a90])) == pytest.approx(0.9)

@@ -11,12 +11,18 @@ import pytest
 from ema_prognostics.cascade.classes import OUTPUTS
 from ema_prognostics.cascade.find import Cascade
 from ema_prognostics.cascade.model_body import Body
-from ema_prognostics.cascade.model_file import Model, load_model, model_of, model_text, save_model
-from ema_prognostics.training.campaign import Campaign, run_campaign
+from ema_prognostics.cascade.model_file import (
+    TrainedModel,
+    load_model,
+    model_of,
+    model_text,
+    save_model,
+)
 from ema_prognostics.training.evaluation import evaluate
+from ema_prognostics.training.fleet import FleetFeatures, simulate_fleet
 from ema_prognostics.training.train_model import TrainingSettings
-from ema_prognostics.training.training import train_view
 from ema_prognostics.training.validation_report import validation_report
+from ema_prognostics.training.view_training import train_view
 from ema_prognostics.verdict.diagnose import diagnose
 from ema_record.errors import UsageError
 from ema_record.profile import load_profile
@@ -24,21 +30,21 @@ from ema_sim.effects import parse_effects
 from ema_sim.model_file import load_model_file
 from ema_sim.simulate import simulate
 
-Campaigns = tuple[Campaign, Campaign]
+Campaigns = tuple[FleetFeatures, FleetFeatures]
 
 
 @pytest.fixture(scope="module")
 def campaigns(tmp_path_factory: pytest.TempPathFactory) -> Campaigns:
     folder = tmp_path_factory.mktemp("campaign")
-    made = (run_campaign("step", 16, 31, folder=folder),
-            run_campaign("step", 8, 32, healthy=True, folder=folder))
-    again = run_campaign("step", 16, 31, folder=folder)
+    made = (simulate_fleet("step", 16, 31, folder=folder),
+            simulate_fleet("step", 8, 32, healthy=True, folder=folder))
+    again = simulate_fleet("step", 16, 31, folder=folder)
     assert np.array_equal(made[0].record, again.record)  # from the kept parts
     assert np.array_equal(made[0].friction, again.friction)
     return made
 
 
-def train(campaigns: Campaigns) -> Model:
+def train(campaigns: Campaigns) -> TrainedModel:
     faults, healthy = campaigns
     # Every severity must be there in units that train and in units that calibrate.
     rng = np.random.default_rng(0)
@@ -63,12 +69,12 @@ def train(campaigns: Campaigns) -> Model:
 
 
 @pytest.fixture(scope="module")
-def model(campaigns: Campaigns) -> Model:
+def model(campaigns: Campaigns) -> TrainedModel:
     return train(campaigns)
 
 
 def test_campaign_follows_from_the_seed(campaigns: Campaigns) -> None:
-    again = run_campaign("step", 2, 31)
+    again = simulate_fleet("step", 2, 31)
     assert np.array_equal(again.record, campaigns[0].record[: len(again)])
     assert (campaigns[1].severity == 0.0).all()
 
@@ -76,18 +82,18 @@ def test_campaign_follows_from_the_seed(campaigns: Campaigns) -> None:
 def test_a_campaign_about_another_actuator(campaigns: Campaigns, tmp_path: Path) -> None:
     file = tmp_path / "model.yaml"
     file.write_text("effects:\n  cogging_torque: {amplitude: 0.05, periods: 18}\n")
-    other = run_campaign("step", 2, 31, model=load_model_file(file))
+    other = simulate_fleet("step", 2, 31, model=load_model_file(file))
     assert np.array_equal(other.severity, campaigns[0].severity[: len(other)])
     assert not np.allclose(other.record, campaigns[0].record[: len(other)])
-    same = run_campaign("step", 2, 31, model=load_model_file())
+    same = simulate_fleet("step", 2, 31, model=load_model_file())
     assert np.array_equal(same.record, campaigns[0].record[: len(same)])
 
 
-def test_same_seed_same_bytes(campaigns: Campaigns, model: Model) -> None:
+def test_same_seed_same_bytes(campaigns: Campaigns, model: TrainedModel) -> None:
     assert model_text(train(campaigns)) == model_text(model)
 
 
-def test_file_judges_as_what_was_trained(model: Model, tmp_path: Path) -> None:
+def test_file_judges_as_what_was_trained(model: TrainedModel, tmp_path: Path) -> None:
     loaded = load_model(save_model(model, tmp_path / "model.json"))
     record = simulate(load_profile("step"), seed=5)
     own = simulate(load_profile("step"), seed=6)
@@ -95,13 +101,13 @@ def test_file_judges_as_what_was_trained(model: Model, tmp_path: Path) -> None:
     assert diagnose(record, loaded, baseline=own) == diagnose(record, model, baseline=own)
 
 
-def test_report_of_the_validation_has_every_fault(model: Model) -> None:
+def test_report_of_the_validation_has_every_fault(model: TrainedModel) -> None:
     text = validation_report(model)
     for word in ("turn_short", "rotor_eccentricity", "friction", "backlash", "false alarms"):
         assert word in text
 
 
-def test_baseline_that_cannot_serve(model: Model) -> None:
+def test_baseline_that_cannot_serve(model: TrainedModel) -> None:
     record = simulate(load_profile("step"), seed=5)
     extended = simulate(load_profile("extended"), seed=6)
     with pytest.raises(UsageError, match="of another"):
@@ -113,6 +119,6 @@ def test_baseline_that_cannot_serve(model: Model) -> None:
         diagnose(record, model, mode="paper", baseline=record)
 
 
-def test_stranger_to_a_model_of_another_test(model: Model) -> None:
+def test_stranger_to_a_model_of_another_test(model: TrainedModel) -> None:
     odd = simulate(load_profile("step"), effects=parse_effects(["cogging_torque.amplitude=0.3"]))
     assert diagnose(odd, model).outcome in ("unknown", "fault")

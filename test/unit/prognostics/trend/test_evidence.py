@@ -11,7 +11,7 @@ from ema_prognostics.trend.evidence import (
     sequential_scores,
     suspicion,
 )
-from ema_prognostics.trend.trend import trend_of
+from ema_prognostics.trend.unit_trend import trend_of
 from support.flights import flights_of
 
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from ema_prognostics.cascade.classes import LEVELS
-from ema_prognostics.trend.trend import trend_of
+from ema_prognostics.trend.unit_trend import trend_of
 from support.flights import flights_of
 
 MEDIUM, LARGE = LEVELS["turn_short"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ema_prognostics.features.extract import extract
-from ema_prognostics.features.segments import profile_kind
+from ema_prognostics.features.profile_kind import profile_kind
 from ema_record.bag.read import read_bag, write_bag
 from ema_record.checks.guard import guard_findings, outcome_of
 from ema_record.checks.live import Level, check_record, group_of, worst

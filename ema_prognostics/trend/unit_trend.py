@@ -1,7 +1,7 @@
 """`trend_of`: what the flights of one actuator say together.
 
-Announced, confirmed and gone (`trend_announcement`); how fast it grows and when it reaches the
-next level (`trend_growth`); what grows below what a flight can announce (`trend_evidence`).
+Announced, confirmed and gone (`announcement`); how fast it grows and when it reaches the
+next level (`growth`); what grows below what a flight can announce (`evidence`).
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import numpy as np
 from ema_prognostics.cascade.classes import LEVELS
 from ema_prognostics.trend.announcement import (
     DEFAULT_RULE,
+    ConfirmationRule,
     Episode,
     History,
-    Rule,
     episodes,
     falls,
     histories,
@@ -131,14 +131,14 @@ class UnitTrend:
 
 
 def trend_of(
-    serial_number: str, flights: Sequence[Flight], rule: Rule = DEFAULT_RULE
+    serial_number: str, flights: Sequence[Flight], rule: ConfirmationRule = DEFAULT_RULE
 ) -> UnitTrend:
     """Return the trend of one actuator.
 
     Parameters
     ----------
     serial_number : of the actuator.
-    flights : of `trend_flights.by_unit`: of one actuator, in order.
+    flights : of `flights.by_unit`: of one actuator, in order.
     rule : of confirmation.
     """
     faults = tuple(_fault_trend(h, rule) for h in histories(flights))
@@ -148,7 +148,7 @@ def trend_of(
     )
 
 
-def _fault_trend(history: History, rule: Rule) -> FaultTrend:
+def _fault_trend(history: History, rule: ConfirmationRule) -> FaultTrend:
     found = tuple(episodes(history, rule))
     steps = tuple(falls(history))
     begin = max([e.cleared for e in found if e.cleared is not None] + [*steps, 1])

@@ -32,12 +32,12 @@ from ema_prognostics.features.vector import (
 from ema_prognostics.networks.fitting import MEMBERS, as_classifier, fit_classifier, fit_regressor
 from ema_prognostics.networks.network import Network, logit
 from ema_prognostics.training.calibration import tail_quantile
-from ema_prognostics.training.campaign import Campaign
+from ema_prognostics.training.fleet import FleetFeatures
 from ema_prognostics.training.guard_training import GuardRecords, train_guard
 from ema_prognostics.training.severity_training import train_severity
 
 FRICTIONS = ("motor_friction", "surface_friction")
-"""Families that are found by how large a quantity is, in the order of `Campaign.friction`."""
+"""Families that are found by how large a quantity is, in the order of `FleetFeatures.friction`."""
 FALSE_ALARMS: dict[View, dict[str, float]] = {
     "fleet": {"asymmetry": 0.004, "eccentricity": 0.001, "motor_friction": 0.0005,
               "surface_friction": 0.0005, "backlash": 0.0002},
@@ -56,7 +56,7 @@ HELD_BACK = 5
 """One unit in this many calibrates instead of training."""
 
 
-def view_inputs(campaign: Campaign, view: View) -> tuple[list[str], np.ndarray]:
+def view_inputs(campaign: FleetFeatures, view: View) -> tuple[list[str], np.ndarray]:
     """Return the names and the features of a view, shape (n, d)."""
     names = list(campaign.names)
     record = start_allowed(campaign.record, names)
@@ -73,7 +73,7 @@ def _turn_labels(y: np.ndarray, thirds: int) -> np.ndarray:
 
 
 def train_view(
-    campaign: Campaign, healthy: Campaign, kind: str, view: View, *, seed: int,
+    campaign: FleetFeatures, healthy: FleetFeatures, kind: str, view: View, *, seed: int,
     hidden: int = 16, iterations: int = 200, progress: Callable[[str], None] = lambda _: None,
 ) -> ViewPart:
     """Return the cascade of one view.

@@ -1,0 +1,131 @@
+"""`Judge`: from a bag or a record to its verdict, whatever state it is in.
+
+A record is read, checked by the rules of `ema_record.checks`, and then diagnosed, if asked
+beside the actuator's own healthy record. What the checks find makes the verdict incomplete,
+invalid or unknown, with the findings as its reasons; the actuator is then not judged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+from threadpoolctl import ThreadpoolController
+
+from ema_prognostics.cascade.model_file import load_model
+from ema_prognostics.verdict.diagnose import Baseline, Mode, baseline_of, diagnose
+from ema_prognostics.verdict.report import verdict_of_error
+from ema_prognostics.verdict.verdict import Verdict
+from ema_record.bag.read import read_bag
+from ema_record.checks.guard import guard_findings, outcome_of, reason_of
+from ema_record.errors import RecordError, UsageError
+from ema_record.profile import load_profile
+from ema_record.record import Record
+
+MOST_REASONS = 5
+"""Findings of the record checks that are told."""
+UNKNOWN_SERIAL = "unknown"
+
+
+class Judged(NamedTuple):
+    """A verdict, and which test it is of."""
+
+    verdict: Verdict
+    serial_number: str = ""
+    """Of the actuator, empty where the bag could not be read."""
+    start_time: int = 0
+    """Acceptance of the command (ns since the epoch), 0 where not known."""
+
+
+class Judge:
+    """Model, baseline and commanded test, loaded once; answers for any bag.
+
+    Parameters
+    ----------
+    model : model file, default the shipped one.
+    baseline : bag of a healthy test of the same actuator.
+    profile : the test that was commanded (name or YAML file), in place of the bags' own.
+    mode : of the diagnosis.
+
+    Raises
+    ------
+    UsageError, ModelError, RecordError
+        The profile, the model or the baseline cannot serve.
+    """
+
+    def __init__(
+        self, model: str | Path | None = None, baseline: str | Path | None = None, *,
+        profile: str | None = None, mode: Mode = "robust",
+    ) -> None:
+        """Load what is named."""
+        self._profile = None if profile is None else load_profile(profile)
+        self._model = load_model(model)
+        self._mode = mode
+        # The matrices of a record are small: threads would cost ten times the work.
+        self._libraries = ThreadpoolController()
+        self._own = None if baseline is None else self._load_baseline(Path(baseline))
+
+    def of_bag(self, bag: str | Path) -> Judged:
+        """Return the verdict on a bag; one that cannot be read is incomplete or invalid."""
+        try:
+            record = read_bag(bag)
+        except (RecordError, UsageError) as error:
+            return Judged(verdict_of_error(error, str(bag)))
+        return self.of_record(record, str(bag))
+
+    def of_record(self, record: Record, source: str) -> Judged:
+        """Return the verdict on a record; `source` names its bag."""
+        if self._profile is not None:
+            record = replace(record, profile=self._profile)
+        try:
+            if self._own is not None:
+                _check_same_actuator(self._own, record)
+            verdict = replace(self._diagnose(record, self._mode, self._own), bag=source)
+        except (RecordError, UsageError) as error:
+            verdict = verdict_of_error(error, source)
+        return Judged(verdict, record.provenance.serial_number, record.provenance.start_time)
+
+    def _diagnose(self, record: Record, mode: Mode, own: Baseline | None) -> Verdict:
+        with self._libraries.limit(limits=1):
+            return forbidden(record) or diagnose(record, self._model, mode=mode, baseline=own)
+
+    def _load_baseline(self, path: Path) -> Baseline:
+        """Return the record of a bag as baseline, its features taken once."""
+        try:
+            record = read_bag(path)
+        except RecordError as error:
+            raise UsageError(f"{path}: cannot serve as baseline: {error}") from None
+        verdict = self._diagnose(record, "robust", None)
+        if verdict.outcome != "healthy":
+            named = ", ".join(f.fault_class for f in verdict.faults) or verdict.outcome
+            raise UsageError(
+                f"{path}: cannot serve as baseline, it is not healthy itself ({named}): give a "
+                "record of the actuator's acceptance"
+            )
+        try:
+            return baseline_of(record, self._model)
+        except UsageError as error:
+            raise UsageError(f"{path}: {error}") from None
+
+
+def forbidden(record: Record) -> Verdict | None:
+    """Return the verdict that the record checks amount to, None where they forbid nothing."""
+    findings = guard_findings(record)
+    if not findings:
+        return None
+    outcome = outcome_of(findings)
+    return Verdict(
+        outcome=outcome, probabilities={"unknown": 1.0} if outcome == "unknown" else {},
+        reasons=tuple(map(reason_of, findings[:MOST_REASONS])), bag=record.provenance.source,
+    )
+
+
+def _check_same_actuator(baseline: Baseline, record: Record) -> None:
+    """Raise UsageError if the two records are known to be of different actuators."""
+    ours, theirs = baseline.record.provenance.serial_number, record.provenance.serial_number
+    if UNKNOWN_SERIAL not in (ours, theirs) and ours != theirs:
+        raise UsageError(
+            f"the baseline is of actuator {ours}, the record of {theirs}: give a baseline of the "
+            "same actuator"
+        )

@@ -1,0 +1,91 @@
+"""Arrays that were computed once: kept in files, under keys that name all that they depend on.
+
+A file is written beside its place and renamed, so there are only whole ones; one that cannot be
+read counts as absent.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import zipfile
+from collections.abc import Mapping
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from ema_record.errors import OutputError
+from ema_record.files import new_file
+from ema_record.sources import source_hash
+
+FOLDER = "ema_phm"
+NUMERICAL = ("numpy", "scipy", "numba")
+"""Packages whose version may change what is computed."""
+LARGEST = 500_000_000
+"""Largest file that is read (bytes)."""
+DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
+"""What `read_arrays` raises for a file that holds no arrays."""
+
+
+def cache_directory() -> Path:
+    """Return ``$XDG_CACHE_HOME/ema_phm``, by default ``~/.cache/ema_phm``."""
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    return (Path(base) if base else Path.home() / ".cache") / FOLDER
+
+
+def key_of(*parts: str, module: str) -> str:
+    """Return a hash of `parts` and of all that the results of a module depend on.
+
+    That is the sources that it imports, one through another, and the versions of the numerical
+    packages.
+    """
+    digest = hashlib.sha256(source_hash(module).encode())
+    for name in NUMERICAL:
+        digest.update(f"\0{name} {metadata.version(name)}".encode())
+    for part in parts:
+        digest.update(b"\0" + part.encode())
+    return digest.hexdigest()[:32]
+
+
+def load(name: str, folder: Path | None = None) -> dict[str, np.ndarray] | None:
+    """Return the arrays kept under `name`, None if there are none.
+
+    Parameters
+    ----------
+    name : key, as `key_of` gives it.
+    folder : where they are kept, default `cache_directory`.
+    """
+    try:
+        return read_arrays(_place(name, folder))
+    except DAMAGED:
+        return None
+
+
+def save(name: str, arrays: Mapping[str, np.ndarray], folder: Path | None = None) -> None:
+    """Keep arrays under `name`, see `load`; where nothing can be written, nothing is kept."""
+    path = _place(name, folder)
+    with contextlib.suppress(OSError, OutputError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.unlink(missing_ok=True)  # a damaged one
+        write_arrays(path, arrays)
+
+
+def _place(name: str, folder: Path | None) -> Path:
+    return (cache_directory() if folder is None else folder) / f"{name}.npz"
+
+
+def read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of a file by name; one of `DAMAGED` if it holds none."""
+    with path.open("rb") as file:
+        if os.fstat(file.fileno()).st_size > LARGEST:
+            raise ValueError(f"{path}: more than {LARGEST} bytes")
+        with np.load(file, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+
+
+def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write arrays into a new file, whole or not at all; OutputError if there is one already."""
+    with new_file(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]
