@@ -24,10 +24,10 @@ from ema_sim.simulate import simulate
 
 RECORDER = """
 import sys, time
-from ema_record.bag import read_bag
-from ema_record.samples_codec import encode_block
-from ema_record.topics import SAMPLES
-from ema_record.writer import BagWriter
+from ema_record.bag.read import read_bag
+from ema_record.wire.samples import encode_block
+from ema_record.wire.topics import SAMPLES
+from ema_record.bag.writer import BagWriter
 record = read_bag(sys.argv[1])
 writer = BagWriter(sys.argv[2], profile=record.profile, provenance=record.provenance)
 begin = time.monotonic()
