@@ -12,13 +12,14 @@ from ema_record.record import Record
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
 
+DESCRIPTION = Path(__file__).with_name("second_actuator.yaml")
 SECOND_STEP = step_profile(1.4, start=-0.7, duration=1.5)
 """A test of the second actuator: nearly all of its travel."""
 
 
 def second_actuator() -> Actuator:
     """Return an actuator that shares no number with the default one."""
-    return load_actuator(Path(__file__).with_name("second_actuator.yaml"))
+    return load_actuator(DESCRIPTION)
 
 
 @functools.lru_cache(maxsize=100)

@@ -2,6 +2,7 @@
 
 import pytest
 
+from ema_record.actuator import load_actuator
 from ema_record.errors import UsageError
 from ema_record.yaml_file import load_yaml
 
@@ -44,3 +45,26 @@ def test_errors_are_one_line(tmp_path, text, match):
 def test_missing_file(tmp_path):
     with pytest.raises(UsageError, match="No such file"):
         load_yaml(tmp_path / "nothing.yaml")
+
+
+def test_the_description_of_an_actuator_keeps_the_nominal_values_that_it_does_not_name(tmp_path):
+    path = written(tmp_path, "gear: {ratio: 300}\neffects: {backlash: {increase: 0.01}}\n")
+    changed, nominal = load_actuator(path), load_actuator()
+    assert changed.gear.ratio == 300.0
+    assert changed._replace(gear=nominal.gear) == nominal
+    assert changed.slew_speed == pytest.approx(nominal.slew_speed * nominal.gear.ratio / 300.0)
+
+
+@pytest.mark.parametrize(("text", "match"), [
+    ("gears: {ratio: 300}", "did you mean 'gear'"),
+    ("gear: {ration: 300}", "did you mean 'ratio'"),
+    ("gear: {ratio: 0.5}", "gear: ratio.*greater than or equal to 1"),
+    ("motor: {pole_pairs: 1.5}", "pole_pairs"),
+    ("acquisition: {rate: .nan}", "rate"),
+    ("gear: 300", "gear: expected parameters and values"),
+    ("- 1", "expected sections"),
+])
+def test_a_wrong_description_is_one_line(tmp_path, text, match):
+    with pytest.raises(UsageError, match=match) as caught:
+        load_actuator(written(tmp_path, text))
+    assert "\n" not in str(caught.value)

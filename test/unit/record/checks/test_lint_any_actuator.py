@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_cli.main import run
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import profile_kind
 from ema_record.bag.read import read_bag, write_bag
@@ -12,7 +13,7 @@ from ema_record.checks.guard import guard_findings, outcome_of
 from ema_record.checks.live import Level, check_record, group_of, worst
 from ema_record.checks.run import lint_bag
 from support.recording import Recording
-from support.simulations import SECOND_STEP, record_of, second_actuator
+from support.simulations import DESCRIPTION, SECOND_STEP, record_of, second_actuator
 
 SECOND = second_actuator()
 ROW = 5000
@@ -46,6 +47,12 @@ def test_taken_for_the_default_one_it_does_not_pass(tmp_path):
     found = {finding.rule for finding in lint_bag(bag).findings}
     assert {"sensor_scale", "sample_rate", "wrong_profile"} <= found
     assert guard_findings(record) != ()
+
+
+def test_the_command_takes_its_description(tmp_path, capsys):
+    bag = write_bag(second(), tmp_path / "bag")
+    assert run(["lint", "--model", str(DESCRIPTION), str(bag)]) == 0
+    assert "clean" in capsys.readouterr().out
 
 
 def column(index, law):
