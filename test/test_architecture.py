@@ -37,7 +37,7 @@ KNOWN_CROWDED: set[str] = set()
 ONE_FILE_AN_ENTRY = {"ema_sim/effects"}
 """A catalogue: each file is one effect, with its parameters, bounds and source. Stays."""
 KNOWN_DEPTH = {"ema_identification": 10}
-KNOWN_NAMES = {"Finding", "Gap"}
+KNOWN_NAMES: set[str] = set()
 DISTINCTIVE = (
     "inverter.bus_voltage", "inverter.current_limit", "motor.phase_resistance",
     "motor.phase_inductance", "motor.back_emf_constant", "gear.ratio", "surface.end_stop",

@@ -8,6 +8,11 @@ import pytest
 LINK = re.compile(r"(?<!`)\]\(([^)\s]+)\)")
 ELSEWHERE = re.compile(r"[a-z]+:|#")
 README_LINES = 120
+PLACE = re.compile(r"(?<![\w./-])((?:ema_[a-z]+|benchmarks|config|docs|test)/[\w./*-]*)")
+MODULE = re.compile(r"(?<![\w./-])((?:ema_(?!phm)[a-z]+|benchmarks)(?:\.[A-Za-z_]\w*)+)")
+RUN = re.compile(r"python -m ([\w.]+)")
+EXAMPLE = {"ema_sim/effects/windage_drag.py", "ema_sim.effects.windage_drag.WindageDrag"}
+"""The effect that docs/adding-an-effect.md adds."""
 # Written in pieces, so that this file passes its own check.
 NOT_HERE = re.compile("DESIGN, sec" + r"tion|DESIGN\." + "md")
 
@@ -32,6 +37,42 @@ def broken_links(path, text):
     return [link for link in links if not (path.parent / link).exists()]
 
 
+def code_of(text):
+    """Return what stands in backticks or in an indented or fenced block, imports in one piece."""
+    blocks = re.findall(r"^ *```.*?^ *```|^(?: {4}\S.*\n)+", text, re.DOTALL | re.MULTILINE)
+    code = "\n".join([*blocks, *re.findall(r"`[^`\n]+`", text)])
+    return re.sub(r"from ([\w.]+) import (\w+)", r"\1.\2", code)
+
+
+def is_module(root, name):
+    """Whether a dotted name is a module, or a name that a module holds."""
+    path = root / name.replace(".", "/")
+    if path.is_dir() or path.with_suffix(".py").is_file():
+        return True
+    module, last = path.parent, path.name
+    for source in (module.with_suffix(".py"), module / "__init__.py"):
+        if source.is_file() and re.search(rf"\b{last}\b", source.read_text(encoding="utf-8")):
+            return True
+    return False
+
+
+def can_run(root, name):
+    """Whether ``python -m name`` finds a program, for a name of ours."""
+    path = root / name.replace(".", "/")
+    ours = (root / name.split(".")[0]).is_dir()
+    return not ours or path.with_suffix(".py").is_file() or (path / "__main__.py").is_file()
+
+
+def not_there(root, text):
+    """Return the paths, modules and programs of this tree that a document names wrongly."""
+    code = code_of(text)
+    wrong = [place for place in PLACE.findall(code)
+             if place not in EXAMPLE and not any(root.glob(place.rstrip("/.")))]
+    wrong += [name for name in MODULE.findall(code)
+              if name not in EXAMPLE and not name.endswith(".py") and not is_module(root, name)]
+    return wrong + [name for name in RUN.findall(code) if not can_run(root, name)]
+
+
 @pytest.fixture(scope="module")
 def files(repository):
     return tracked(repository)
@@ -49,6 +90,26 @@ def test_a_broken_link_is_found(repository):
     text = "[a](nodes.md#terms) ![b](../README.md) [c](https://example.com/x) [d](#below)"
     assert broken_links(page, text) == []
     assert broken_links(page, text + " [e](nowhere.md)") == ["nowhere.md"]
+
+
+def test_every_path_and_module_is_there(files, repository):
+    documents = {name: text for name, text in files.items() if name.endswith(".md")}
+    wrong = {name: not_there(repository, text) for name, text in documents.items()}
+    assert {name: found for name, found in wrong.items() if found} == {}
+
+
+@pytest.mark.parametrize("text", [
+    "`ema_sim/nowhere.py`", "`test/unit/nowhere/`", "`ema_sim.plant.ports.nothing_of_this_name`",
+    "`python -m benchmarks.units.nowhere`", "`config/nowhere*.xml`",
+    "```python\nfrom ema_record.bag import nothing_of_this_name\n```",
+    "    python -m ema_sim\n",
+])
+def test_what_is_not_there_is_found(text, repository):
+    assert not_there(repository, text) != []
+    right = ("`ema_sim/plant/ports.py` `ema_record/` `config/fastdds*.xml` `ema_phm.rig` "
+             "`ema_record.bag.read.read_bag` `python -m ema_sim.simulator_node`\n"
+             "```\npython -m benchmarks.reliability\n```\n")
+    assert not_there(repository, right) == []
 
 
 def test_the_readme_is_short_and_leads_to_every_page(files):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from linear_unit import FEATURES, MODEL, UNITS, features_of, library, term, unit
 
 from ema_identification.actuator.measure.tolerances import N_TOLERANCES, draw_tolerances
 from ema_identification.actuator.naming import next_test
@@ -23,7 +24,6 @@ from ema_identification.actuator.surrogate.screening import (
     residual,
     screen_catalogue,
 )
-from support.linear_unit import FEATURES, MODEL, UNITS, features_of, library, term, unit
 
 VISCOUS, BACKLASH = UNITS["viscous_friction", "coefficient"], UNITS["backlash", "increase"]
 
