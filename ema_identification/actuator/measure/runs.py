@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,10 +25,6 @@ from ema_record.record import Record
 from ema_sim.effects import Effects
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
-
-if TYPE_CHECKING:
-    from ema_identification.actuator.measure.features import FeatureMap
-    from ema_sim.model_file import Model
 
 
 CHUNK = 8
