@@ -26,7 +26,6 @@ from ema_sim.effects import Effects
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
 
-
 CHUNK = 8
 """Runs a job."""
 Progress = Callable[[str, float], None]
