@@ -32,6 +32,7 @@ class Tolerance(NamedTuple):
     shared: bool = True
     """Whether all records of one unit have the same value."""
 
+
 TOLERANCES: tuple[Tolerance, ...] = (
     Tolerance("motor.phase_resistance", 0.10, "1"),
     Tolerance("motor.phase_inductance", 0.10, "1"),

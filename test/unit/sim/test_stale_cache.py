@@ -27,6 +27,7 @@ print(hashlib.sha256(record.samples.tobytes()).hexdigest(), sum(stats.cache_hits
       kernel.__file__)
 """
 
+
 @pytest.fixture
 def copied(tmp_path):
     """Return a copy of the sources that the simulator needs."""
