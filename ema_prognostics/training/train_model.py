@@ -115,7 +115,7 @@ def _train_kind(
     def fleet_of(what: str, units: int, start: int, healthy: bool, begin: float, end: float
                  ) -> FleetFeatures:
         return simulate_fleet(kind, units, start, healthy=healthy, jobs=jobs, folder=folder,
-                            model=actuator, progress=simulated(what, begin, end))
+                              model=actuator, progress=simulated(what, begin, end))
 
     other = seed + VALIDATION_SEED
     faults = fleet_of("fleet with faults", size.units, seed, False, 0.0, 0.50)

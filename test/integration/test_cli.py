@@ -153,7 +153,7 @@ def test_bad_settings(arguments, expected, tmp_path, capsys, monkeypatch):
     ("text", "expected"),
     [
         ("name: [", "malformed YAML"),
-        ("name: x\npoints: [[0, 0], [1, 9]]\n", "points"),
+        ("name: x\npoints: [[0, 0], [1, 99]]\n", "points"),
         ("name: x\npoints: [[1, 0], [0.5, 0]]\n", "must not decrease"),
         ("&a [*a]", "YAML"),
         ("- 1\n", "profile"),

@@ -188,7 +188,7 @@ def viscous():
     model = load_model_file()
     known = library(model, measured.profile)
     block = RecordEvidence(record=measured, library=known, conditions=align(measured, model),
-                  values=known.fmap.extract(measured))
+                           values=known.fmap.extract(measured))
     found = evidence([block])
     signature = next(s for s in known.signatures if s.variant.name == "viscous_friction")
     return found, recalibrate(found), signature

@@ -1,4 +1,4 @@
-"""Simulated records that many tests look at: each is simulated once a process."""
+"""Records that many tests look at: simulated ones, each once a process, and closed forms."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ import dataclasses
 import functools
 from pathlib import Path
 
+import numpy as np
+
 from ema_record.actuator import Actuator, load_actuator
 from ema_record.profile import Profile, load_profile, step_profile
 from ema_record.record import Record
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
 
+TURN = 2 * np.pi
 DESCRIPTION = Path(__file__).with_name("second_actuator.yaml")
 SECOND_STEP = step_profile(1.4, start=-0.7, duration=1.5)
 """A test of the second actuator: nearly all of its travel."""
@@ -40,3 +43,32 @@ def record_of(profile: str | Profile, *effects: str, seed: int, **options) -> Re
     """
     found = _simulated(profile, effects, seed, **options)
     return dataclasses.replace(found, samples=found.samples.copy())
+
+
+def slewing_record(
+    *, speed=790.6, rate=20_000.0, duration=0.45, speed_lines=(), current=7.0,
+    current_lines=(), direction=1, noise=0.0, seed=0,
+):
+    """Return a step record of a rotor at constant speed, no simulation; lines are (harmonic, amplitude, phase)."""
+    n = round(duration * rate)
+    time = (np.arange(n) + 0.5) / rate
+    theta = direction * speed * time + 0.3
+    samples = np.zeros((n, 10))
+    samples[:, 0] = time
+    omega = np.full(n, direction * speed)
+    for h, amplitude, phase in speed_lines:
+        omega += amplitude * np.cos(h * theta + phase)
+    reference = np.full(n, current)
+    for h, amplitude, phase in current_lines:
+        reference += amplitude * np.cos(h * theta + phase)
+    samples[:, 1] = omega
+    sector = np.floor(np.mod(theta - TURN / 12, TURN) / (TURN / 6)).astype(int)
+    signs = np.array(
+        [[1, -1, 0], [1, 0, -1], [0, 1, -1], [-1, 1, 0], [-1, 0, 1], [0, -1, 1]]
+    )[sector]
+    samples[:, 5:8] = signs * reference[:, None] * direction
+    samples[:, 2:5] = samples[:, 5:8] * (time > 0.020)[:, None]
+    samples[:, 8] = np.mod(theta, TURN)
+    samples[:, 9] = -0.4 + theta / 500
+    samples[:, 1:5] += noise * np.random.default_rng(seed).normal(size=(n, 4))
+    return Record(samples=samples, profile=load_profile("step"))

@@ -74,8 +74,6 @@ def rivals_of(fits: Sequence[Fit], null_cost: float, size: int) -> tuple[Fit, ..
     return tuple(found)
 
 
-
-
 def order_of(answer: Answer) -> list[int]:
     """Return the terms of the fit in the order found: the one that explains more alone first."""
     if answer.fit is None:

@@ -202,5 +202,3 @@ class _HeldOut:
             effects = with_terms(moved(terms, drawn[:len(u)]), base)
             found.append(Asked(there, effects, 1, seed + 200 + k))
         return found
-
-

@@ -157,5 +157,3 @@ def pack(signatures: tuple[Signature, ...]) -> np.ndarray:
                 at = np.flatnonzero(known == level)
                 rows.append(values[at[0]] if len(at) else np.full(values.shape[1], np.nan))
     return np.array(rows)
-
-

@@ -85,7 +85,7 @@ def test_the_perceptron_learns_what_is_plain():
     severity[np.flatnonzero(sick), which[sick]] = 0.1
     record = 80.0 * severity + 0.3 * rng.standard_normal(severity.shape)
     train = FleetFeatures(names=names, baseline=np.zeros_like(record), record=record,
-                     severity=severity, unit=np.arange(count), friction=np.zeros((count, 2)))
+                          severity=severity, unit=np.arange(count), friction=np.zeros((count, 2)))
     fresh = 8.0 * np.eye(len(OUTPUTS))
     called = Perceptron(train).call(np.vstack([fresh, 0.0 * fresh[:1]]), np.zeros((9, 8)))
     assert called[0].outcome == "turn_short"

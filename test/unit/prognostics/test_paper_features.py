@@ -16,7 +16,7 @@ from ema_prognostics.paper.features import (
     portion_centre,
 )
 from ema_prognostics.paper.noise import add_noise
-from support.slewing import slewing_record
+from support.simulations import slewing_record
 
 
 def curvature(h, amplitude, phase, centre):

@@ -8,7 +8,7 @@ from ema_prognostics.features.profile_kind import profile_kind
 from ema_prognostics.features.signals import current_sensors, prepare
 from ema_record.profile import load_profile, load_profile_dict, step_profile
 from ema_sim.plant.electrical import trapezoid, unit_trapezoid
-from support.slewing import TURN, slewing_record
+from support.simulations import TURN, slewing_record
 
 
 def test_offsets_and_gains_of_the_current_sensors():

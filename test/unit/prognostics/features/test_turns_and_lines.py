@@ -6,7 +6,7 @@ import pytest
 from ema_prognostics.features.turns import cut, rotor_lines, whole_turns
 from ema_record.errors import IncompleteRecordError, InvalidRecordError
 from ema_record.record import check_samples
-from support.slewing import TURN, slewing_record
+from support.simulations import TURN, slewing_record
 
 WINDOW = (0.082, 0.382)
 LINES = [(1, 0.4, 0.3), (2, 1.5, -1.0), (4, 0.7, 2.0), (6, 0.2, 0.5)]
