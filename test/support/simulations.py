@@ -49,7 +49,7 @@ def slewing_record(
     *, speed=790.6, rate=20_000.0, duration=0.45, speed_lines=(), current=7.0,
     current_lines=(), direction=1, noise=0.0, seed=0,
 ):
-    """Return a step record of a rotor at constant speed, no simulation; lines are (harmonic, amplitude, phase)."""
+    """Return a step of a rotor at constant speed; lines are (harmonic, amplitude, phase)."""
     n = round(duration * rate)
     time = (np.arange(n) + 0.5) / rate
     theta = direction * speed * time + 0.3
