@@ -17,6 +17,7 @@ from numba import njit
 from ema_record.actuator import Actuator
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_record.record import Record
+from ema_sim.plant.electrical import unit_trapezoid
 
 TURN = 2.0 * np.pi
 TABLE = 3 * 2**15
@@ -62,19 +63,10 @@ class DriveSignals:
         return slice(int(first), int(last))
 
 
-def trapezoid(theta: np.ndarray, flat_top: float) -> np.ndarray:
-    """Return the unit trapezoid, its flat top of width `flat_top` (rad) centred at π/2."""
-    ramp = max(0.5 * (np.pi - flat_top), 1e-3)
-    # Distance from the centre of the nearest flat top, and the sign of that half wave.
-    from_top = np.abs(np.mod(theta, TURN) - np.pi)  # 0 at π, π at 0
-    half = np.minimum(from_top, np.pi - from_top)
-    return np.where(np.mod(theta, TURN) < np.pi, 1.0, -1.0) * np.minimum(half / ramp, 1.0)
-
-
 @lru_cache(maxsize=8)
 def _table(flat_top: float) -> np.ndarray:
     """Return half the trapezoid at the middles of `TABLE` parts of a turn."""
-    return 0.5 * trapezoid((np.arange(TABLE) + 0.5) * (TURN / TABLE), flat_top)
+    return 0.5 * unit_trapezoid((np.arange(TABLE) + 0.5) * (TURN / TABLE), flat_top)
 
 
 @njit(cache=True, nogil=True)

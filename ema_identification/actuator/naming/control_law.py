@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.measure.runs import UnitRun, simulate_case
-from ema_identification.actuator.measure.signals import TURN, trapezoid
+from ema_identification.actuator.measure.signals import TURN
 from ema_identification.actuator.measure.tolerances import N_TOLERANCES
 from ema_identification.actuator.surrogate.evidence import Evidence, RecordEvidence
 from ema_record.actuator import Actuator, Control
@@ -22,6 +22,7 @@ from ema_record.channels import REFERENCE_CURRENTS
 from ema_record.errors import SimulationError
 from ema_record.record import Record
 from ema_sim.effects import EFFECTS, Effects
+from ema_sim.plant.electrical import unit_trapezoid
 
 BLOCK = 10
 """Samples of a sum, over which what converters and instants of reading differ by cancels."""
@@ -110,7 +111,7 @@ def _reference(record: Record, flat_top: float) -> np.ndarray:
     mixed = (rows[:, 0] > share * rows[:, 2] + least) | (
         rows[:, 1] < (1.0 - share) * rows[:, 2] - least)
     angle = record.channel("rotor_angle")
-    torque = sum(trapezoid(angle - k * TURN / 3.0, flat_top) * phases[:, k] for k in range(3))
+    torque = sum(unit_trapezoid(angle - k * TURN / 3.0, flat_top) * phases[:, k] for k in range(3))
     return np.where(mixed, np.nan, np.sign(torque) * rows[:, 2])
 
 

@@ -11,7 +11,6 @@ from ema_identification.actuator.measure.signals import (
     TURN,
     drive_signals,
     lines,
-    trapezoid,
     turns_of,
 )
 from ema_record.actuator import load_actuator
@@ -35,12 +34,6 @@ def runs(nominal):
     }
     return {name: simulate(profile, actuator=nominal, effects=parse_effects(e), seed=3)
             for name, e in hidden.items()}
-
-
-def test_trapezoid_has_its_flat_top_at_a_quarter_turn():
-    theta = np.radians([0.0, 15.0, 30.0, 90.0, 150.0, 180.0, 270.0, 360.0])
-    shape = trapezoid(theta, 2.0 * math.pi / 3.0)
-    assert shape == pytest.approx([0, 0.5, 1, 1, 1, 0, -1, 0], abs=1e-12)
 
 
 def test_a_line_is_half_its_amplitude_and_drift_leaks_nothing():
