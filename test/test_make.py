@@ -29,6 +29,7 @@ def test_help_names_the_jobs(make):
             if job not in done.stdout] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("job", "tests", "status"), [
     ("test", "test/test_requirements.py", 0),  # none with real processes among them
     ("test-slow", "test/test_requirements.py", 2),  # no test at all
@@ -49,6 +50,7 @@ def test_every_effect_becomes_an_option(make, effect, options):
     assert make("-n", "bit", f"EFFECT={effect}").stdout.count("--effect") == options
 
 
+@pytest.mark.slow
 @pytest.mark.ros
 def test_bit_with_hidden_effects_is_done_whatever_the_verdict(make, tmp_path):
     done = make(

@@ -38,6 +38,7 @@ def test_mypy(ours):
     assert checked > 40
 
 
+@pytest.mark.slow
 def test_ament_flake8(ours):
     status, errors = main_with_errors(argv=ours)
     assert (status, errors) == (0, [])
@@ -51,6 +52,7 @@ def test_ament_flake8_finds_a_long_line(tmp_path, monkeypatch):
     assert "E501" in errors[0]
 
 
+@pytest.mark.slow
 def test_ament_pep257(ours, capsys):
     """Packages in numpydoc's convention, which is that of ruff; tests in ament's, less D213.
 

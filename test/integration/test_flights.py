@@ -112,6 +112,7 @@ def test_a_recovered_copy_hides_no_fault(growing, tmp_path, capsys, name):
     assert [f["fault_class"] for f in found["faults"]] == ["turn_short"]
 
 
+@pytest.mark.slow
 def test_a_picture_that_fails_takes_no_answer_with_it(growing, tmp_path):
     """Matplotlib is set to draw its text with LaTeX, which is not there."""
     (tmp_path / "matplotlibrc").write_text("text.usetex: True\n")

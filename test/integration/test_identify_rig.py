@@ -19,6 +19,8 @@ from support.rigs import EFFECTS, RIGS, STRANGERS, judged, make
 
 QUICK = ("joint", "valve")
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(("rig", "effect"), [
     ("joint", "coulomb_friction"), ("valve", "quadratic_drag"), ("joint", "cogging_torque"),
@@ -60,7 +62,6 @@ def test_the_updated_model_explains_what_was_found(tmp_path):
     assert second.gap_before < 1.2 * first.gap_after
 
 
-@pytest.mark.slow
 def test_parameters_lie_in_their_intervals_and_keep_their_unit():
     rig, inside, total = RIGS["valve"], 0, 0
     for seed in range(4):
@@ -201,7 +202,6 @@ def emps(repository, shared_data, name):
     return record
 
 
-@pytest.mark.slow
 def test_the_measured_drive_names_coulomb_friction_and_offset(repository, shared_data, tmp_path):
     measured = emps(repository, shared_data, "DATA_EMPS.mat")
     found = identify([measured], validate=[emps(repository, shared_data, "DATA_EMPS_PULSES.mat")])

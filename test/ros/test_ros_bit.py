@@ -68,6 +68,7 @@ def test_check_gives_the_same_verdict_without_ros(short):
     assert json.loads(run.stdout) == short["verdict"]
 
 
+@pytest.mark.slow
 def test_replay_gives_the_same_verdict(short, nodes, watcher):
     nodes.start(PROGNOSTICS)
     watcher.wait_for_prognostics()  # the watcher reads samples too, and replay takes any reader
@@ -80,6 +81,7 @@ def test_replay_gives_the_same_verdict(short, nodes, watcher):
     assert without_bag(watcher.node.verdict) == without_bag(short["verdict"])
 
 
+@pytest.mark.slow
 def test_replay_refuses_a_domain_with_an_actuator(repository, nodes, watcher):
     nodes.start(SIMULATOR)
     watcher.wait_for_simulator()
@@ -159,6 +161,7 @@ def start_and_wait_for_samples(out):
     return process, children
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_test_leaves_a_marked_record_and_no_process(tmp_path, number):
     out = tmp_path / "records"
@@ -180,6 +183,7 @@ def child_named(children, name):
     return found
 
 
+@pytest.mark.slow
 def test_killed_prognostics_are_started_again_and_find_the_record(tmp_path):
     process, children = start_and_wait_for_samples(tmp_path / "records")
     child_named(children, "prognostics_node").kill()
@@ -189,6 +193,7 @@ def test_killed_prognostics_are_started_again_and_find_the_record(tmp_path):
     assert "HEALTHY" in out
 
 
+@pytest.mark.slow
 def test_a_killed_simulator_ends_the_test_without_a_verdict(tmp_path):
     out = tmp_path / "records"
     process, children = start_and_wait_for_samples(out)
@@ -201,6 +206,7 @@ def test_a_killed_simulator_ends_the_test_without_a_verdict(tmp_path):
     assert [c for c in children if c.is_running() and c.status() != psutil.STATUS_ZOMBIE] == []
 
 
+@pytest.mark.slow
 def test_no_node_survives_a_killed_supervisor(tmp_path):
     out = tmp_path / "records"
     process, children = start_and_wait_for_samples(out)

@@ -79,6 +79,7 @@ def test_a_request_that_overtakes_weight_on_wheels_waits_for_it(chain, watcher):
     assert answer["passed"], answer
 
 
+@pytest.mark.slow
 def test_refused_when_no_weight_on_wheels_ever_comes(chain, watcher, tmp_path):
     watcher.node.send = False
     chain(weight_on_wheels_timeout=0.5)
@@ -91,6 +92,7 @@ def test_refused_when_no_weight_on_wheels_ever_comes(chain, watcher, tmp_path):
     assert records(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_refused_when_weight_on_wheels_is_stale(chain, watcher, tmp_path):
     chain()
     watcher.wait(lambda: watcher.node.stage == "idle")
@@ -150,6 +152,7 @@ def test_a_foreign_command_aborts_the_test(chain, watcher, tmp_path):
     assert float(watcher.actuator["surface_position"]) == pytest.approx(-0.2, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_a_killed_acquisition_aborts_the_test(chain, watcher, tmp_path):
     # Longer than a busy machine keeps the monitor from its first block.
     simulator, _ = chain("extended", stream_timeout=2.0)
@@ -246,6 +249,7 @@ def test_an_interlock_that_opens_aborts_the_test_while_calls_wait(chain, watcher
     assert watcher.self_test()["passed"], "weight on wheels is not evaluated any more"
 
 
+@pytest.mark.slow
 def test_eight_callers_are_answered_when_the_monitor_ends(chain, watcher):
     _, monitor = chain("extended")
     calls = eight_callers(watcher)
@@ -255,6 +259,7 @@ def test_eight_callers_are_answered_when_the_monitor_ends(chain, watcher):
     assert monitor.wait(5.0) == 0
 
 
+@pytest.mark.slow
 def test_a_second_monitor_on_the_domain_is_refused(chain, nodes, watcher):
     chain()
     second = nodes.start(MONITOR)

@@ -118,6 +118,7 @@ def test_a_bad_record_has_a_verdict_too_that_does_not_tell_which_files_exist(
     assert listener.verdicts[-1]["verdict"] == "fault"
 
 
+@pytest.mark.slow
 def test_what_was_announced_is_forgotten_in_the_end(nodes, watcher, listener):
     """However many paths are announced, the memory that they take is bounded."""
     announce = make_publisher(watcher.node, BIT_RECORD)
@@ -139,6 +140,7 @@ def test_a_wrong_model_is_one_line_and_status_2(nodes):
     assert "error: /nonexistent/model.json" in nodes.log(process)
 
 
+@pytest.mark.slow
 def test_a_baseline_by_parameter(nodes, listener, bags):
     nodes.start(PROGNOSTICS, record=bags[1], baseline=bags[0])
     listener.wait(1)
