@@ -1,7 +1,8 @@
 """The description of an actuator: NamedTuples that enter the kernel, with units and bounds.
 
 The bounds are those within which the model is meant to hold; `load_actuator` checks them. The
-values of the default actuator stand in `config/actuator.yaml` and nowhere else.
+values stand in the `actuator.yaml` of a kit, those of the default actuator in `config/`, and
+nowhere else.
 """
 
 from __future__ import annotations
@@ -11,11 +12,11 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from ema_record.errors import UsageError, first_problem, unknown_name
+from ema_record.kit import ACTUATOR, kit_path
 from ema_record.limits import MAX_POSITION
-from ema_record.resources import share_path
 from ema_record.yaml_file import load_yaml
 
 NOMINAL = "config/actuator.yaml"
@@ -23,8 +24,8 @@ NOISE_RATE = 20_000.0
 """Rate that the values of `Noise` are given for (1/s): white noise is less on a longer mean."""
 
 
-def _unit(unit: str, lower: float, upper: float, text: str) -> object:
-    """Return the pydantic field of a quantity: bounds, unit, meaning."""
+def quantity(unit: str, lower: float, upper: float, text: str) -> object:
+    """Return the pydantic field of a quantity: its unit, bounds and meaning."""
     return Field(
         ge=lower, le=upper, allow_inf_nan=False, description=text, json_schema_extra={"unit": unit}
     )
@@ -34,98 +35,159 @@ def _count(lower: int, upper: int, text: str) -> object:
     return Field(ge=lower, le=upper, description=text, json_schema_extra={"unit": "1"})
 
 
-class Inverter(NamedTuple):
-    """Three half bridges with a hysteresis current control a phase."""
+def _choice(names: tuple[str, ...], text: str) -> tuple[object, object]:
+    """Return the pydantic metadata of a word that the kernel sees as its place in `names`."""
+    def code(value: object) -> object:
+        if isinstance(value, str):
+            if value not in names:
+                raise ValueError(f"{value[:60]!r} is none of {', '.join(names)}")
+            return names.index(value)
+        return int(value) if isinstance(value, bool) else value
 
-    bus_voltage: Annotated[float, _unit("V", 1.0, 400.0, "leg voltage, + and -")]
-    hysteresis: Annotated[float, _unit("A", 0.05, 10.0, "half width of the band")]
-    current_limit: Annotated[float, _unit("A", 0.1, 500.0, "limit of the reference")]
+    return BeforeValidator(code), Field(
+        ge=0, lt=len(names), description=text,
+        json_schema_extra={"unit": "1", "choices": list(names)})
+
+
+DRIVES = ("relay", "pwm", "foc")
+RELAY, PWM, FOC = range(len(DRIVES))
+"""Kinds of drive: a hysteresis relay a phase, or pulse width modulation with a PI current
+control, a phase with six-step references or in the rotor's d and q axes with sinusoidal ones."""
+BACK_EMFS = ("trapezoid", "harmonics")
+TRAPEZOID, HARMONICS = range(len(BACK_EMFS))
+SAMPLINGS = ("mean", "instant")
+MEAN, INSTANT = range(len(SAMPLINGS))
+NO_OR_YES = ("no", "yes")
+
+def _yes(text: str) -> object:
+    """Return the pydantic field of a yes or no, 1 or 0 in the kernel (YAML: true, false)."""
+    return Field(ge=0, le=1, description=text, json_schema_extra={"unit": "1"})
+
+
+_DRIVE = _choice(DRIVES, "kind of current control")
+_BACK_EMF = _choice(BACK_EMFS, "shape of the back-EMF over the electrical angle")
+_SAMPLING = _choice(SAMPLINGS, "what a sample is: the mean over its interval, or one instant")
+
+
+class Drive(NamedTuple):
+    """The current control. A relay needs none of the numbers (its band: `Inverter`)."""
+
+    kind: Annotated[int, _DRIVE[0], _DRIVE[1]]
+    pwm_frequency: Annotated[float, quantity("1/s", 1e3, 5e5, "of the carrier")]
+    proportional_gain: Annotated[float, quantity("V/A", 0.0, 1e3, "of the current control")]
+    integral_gain: Annotated[float, quantity("V/(A s)", 0.0, 1e7, "of the current control")]
+
+
+class Inverter(NamedTuple):
+    """Three half bridges between the rails + and - `bus_voltage`."""
+
+    bus_voltage: Annotated[float, quantity("V", 1.0, 400.0, "leg voltage, + and -")]
+    hysteresis: Annotated[float, quantity("A", 0.05, 10.0, "half width of the band")]
+    current_limit: Annotated[float, quantity("A", 0.1, 500.0, "limit of the reference")]
 
 
 class Motor(NamedTuple):
-    """Brushless DC motor: three phases in star, trapezoidal back-EMF."""
+    """Brushless DC motor: three phases in star.
 
-    phase_resistance: Annotated[float, _unit("Ω", 1e-3, 100.0, "R of a phase")]
-    phase_inductance: Annotated[float, _unit("H", 2e-5, 0.1, "L of a phase")]
-    back_emf_constant: Annotated[float, _unit("V s/rad", 1e-4, 10.0, "k of a phase")]
-    back_emf_deviation_a: Annotated[float, _unit("1", -0.5, 0.5, "relative, of phase a")]
-    back_emf_deviation_b: Annotated[float, _unit("1", -0.5, 0.5, "relative, of phase b")]
-    back_emf_deviation_c: Annotated[float, _unit("1", -0.5, 0.5, "relative, of phase c")]
-    flat_top: Annotated[float, _unit("rad", 0.0, 3.0, "width of the trapezoid's top")]
+    k(θ) of a phase is `back_emf_constant` times a unit trapezoid, or times
+    sin θ + h3 sin 3θ + h5 sin 5θ + h7 sin 7θ.
+    """
+
+    phase_resistance: Annotated[float, quantity("Ω", 1e-3, 100.0, "R of a phase")]
+    phase_inductance: Annotated[float, quantity("H", 2e-5, 0.1, "L of a phase")]
+    back_emf_constant: Annotated[float, quantity("V s/rad", 1e-4, 10.0, "k of a phase")]
+    back_emf_deviation_a: Annotated[float, quantity("1", -0.5, 0.5, "relative, of phase a")]
+    back_emf_deviation_b: Annotated[float, quantity("1", -0.5, 0.5, "relative, of phase b")]
+    back_emf_deviation_c: Annotated[float, quantity("1", -0.5, 0.5, "relative, of phase c")]
+    back_emf: Annotated[int, _BACK_EMF[0], _BACK_EMF[1]]
+    flat_top: Annotated[float, quantity("rad", 0.0, 3.0, "width of the trapezoid's top")]
+    harmonic_3: Annotated[float, quantity("1", -0.5, 0.5, "of the fundamental")]
+    harmonic_5: Annotated[float, quantity("1", -0.5, 0.5, "of the fundamental")]
+    harmonic_7: Annotated[float, quantity("1", -0.5, 0.5, "of the fundamental")]
     pole_pairs: Annotated[int, _count(1, 50, "pole pairs")]
-    torque_limit: Annotated[float, _unit("N m", 1e-3, 1e4, "saturation of the torque")]
-    inertia: Annotated[float, _unit("kg m²", 1e-8, 10.0, "inertia of rotor and gear")]
-    viscous_friction: Annotated[float, _unit("N m s/rad", 0.0, 10.0, "viscous")]
-    dynamic_friction: Annotated[float, _unit("N m", 0.0, 1e3, "dry, while moving")]
-    static_friction: Annotated[float, _unit("N m", 0.0, 1e3, "dry, at standstill")]
+    torque_limit: Annotated[float, quantity("N m", 1e-3, 1e4, "saturation of the torque")]
+    inertia: Annotated[float, quantity("kg m²", 1e-8, 10.0, "inertia of rotor and gear")]
+    viscous_friction: Annotated[float, quantity("N m s/rad", 0.0, 10.0, "viscous")]
+    dynamic_friction: Annotated[float, quantity("N m", 0.0, 1e3, "dry, while moving")]
+    static_friction: Annotated[float, quantity("N m", 0.0, 1e3, "dry, at standstill")]
 
 
 class Gear(NamedTuple):
     """Reduction gear."""
 
-    ratio: Annotated[float, _unit("1", 1.0, 1e5, "motor rad a surface rad")]
-    efficiency: Annotated[float, _unit("1", 0.05, 1.0, "of the torque, driving")]
+    ratio: Annotated[float, quantity("1", 1.0, 1e5, "motor rad a surface rad")]
+    efficiency: Annotated[float, quantity("1", 0.05, 1.0, "of the torque, driving")]
 
 
 class Surface(NamedTuple):
     """Control surface."""
 
-    inertia: Annotated[float, _unit("kg m²", 1e-4, 1e4, "inertia")]
-    viscous_friction: Annotated[float, _unit("N m s/rad", 0.0, 1e4, "viscous")]
-    dynamic_friction: Annotated[float, _unit("N m", 0.0, 1e5, "dry, while moving")]
-    static_friction: Annotated[float, _unit("N m", 0.0, 1e5, "dry, at standstill")]
-    end_stop: Annotated[float, _unit("rad", 0.01, MAX_POSITION, "end stops at + and -")]
+    inertia: Annotated[float, quantity("kg m²", 1e-4, 1e4, "inertia")]
+    viscous_friction: Annotated[float, quantity("N m s/rad", 0.0, 1e4, "viscous")]
+    dynamic_friction: Annotated[float, quantity("N m", 0.0, 1e5, "dry, while moving")]
+    static_friction: Annotated[float, quantity("N m", 0.0, 1e5, "dry, at standstill")]
+    end_stop: Annotated[float, quantity("rad", 0.01, MAX_POSITION, "end stops at + and -")]
 
 
 class Shaft(NamedTuple):
     """Elastic shaft with lost motion between gear and surface."""
 
-    stiffness: Annotated[float, _unit("N m/rad", 1e2, 1e7, "stiffness")]
-    damping: Annotated[float, _unit("N m s/rad", 0.0, 1e4, "damping")]
-    backlash: Annotated[float, _unit("rad", 0.0, 0.1, "total lost motion, at the surface")]
+    stiffness: Annotated[float, quantity("N m/rad", 1e2, 1e7, "stiffness")]
+    damping: Annotated[float, quantity("N m s/rad", 0.0, 1e4, "damping")]
+    backlash: Annotated[float, quantity("rad", 0.0, 0.1, "total lost motion, at the surface")]
 
 
 class Control(NamedTuple):
     """Position (P) and speed (PI) control."""
 
-    period: Annotated[float, _unit("s", 1e-5, 1e-3, "control period")]
-    position_gain: Annotated[float, _unit("1/s", 0.0, 1e6, "speed a position error")]
-    speed_limit: Annotated[float, _unit("rad/s", 0.1, 1e4, "of the motor")]
-    proportional_gain: Annotated[float, _unit("A s/rad", 0.0, 1e3, "Kp")]
-    integral_gain: Annotated[float, _unit("A/rad", 0.0, 1e5, "Ki")]
+    period: Annotated[float, quantity("s", 1e-5, 1e-3, "control period")]
+    position_gain: Annotated[float, quantity("1/s", 0.0, 1e6, "speed a position error")]
+    speed_limit: Annotated[float, quantity("rad/s", 0.1, 1e4, "of the motor")]
+    proportional_gain: Annotated[float, quantity("A s/rad", 0.0, 1e3, "Kp")]
+    integral_gain: Annotated[float, quantity("A/rad", 0.0, 1e5, "Ki")]
 
 
 class Converters(NamedTuple):
     """Analogue to digital converters; position and speed close the loop."""
 
-    position_range: Annotated[float, _unit("rad", 0.1, 100.0, "span")]
+    position_range: Annotated[float, quantity("rad", 0.1, 100.0, "span")]
     position_bits: Annotated[int, _count(4, 32, "bits")]
-    speed_range: Annotated[float, _unit("rad/s", 1.0, 1e5, "span")]
+    speed_range: Annotated[float, quantity("rad/s", 1.0, 1e5, "span")]
     speed_bits: Annotated[int, _count(4, 32, "bits")]
-    current_range: Annotated[float, _unit("A", 0.1, 1e4, "span, of the record")]
+    current_range: Annotated[float, quantity("A", 0.1, 1e4, "span, of the record")]
     current_bits: Annotated[int, _count(4, 32, "bits")]
-    angle_range: Annotated[float, _unit("rad", 6.0, 100.0, "span, of the record")]
+    angle_range: Annotated[float, quantity("rad", 6.0, 100.0, "span, of the record")]
     angle_bits: Annotated[int, _count(4, 32, "bits")]
 
 
 class Noise(NamedTuple):
     """White noise, rms a sample at `NOISE_RATE`."""
 
-    speed: Annotated[float, _unit("rad/s", 0.0, 100.0, "inside the loop")]
-    current: Annotated[float, _unit("A", 0.0, 10.0, "on the record only")]
-    position: Annotated[float, _unit("rad", 0.0, 0.1, "inside the loop")]
+    speed: Annotated[float, quantity("rad/s", 0.0, 100.0, "inside the loop")]
+    current: Annotated[float, quantity("A", 0.0, 10.0, "on the record only")]
+    position: Annotated[float, quantity("rad", 0.0, 0.1, "inside the loop")]
 
 
 class Acquisition(NamedTuple):
-    """How the test is recorded."""
+    """How the test is recorded. Time, motor speed and two phase currents are always there."""
 
-    rate: Annotated[float, _unit("1/s", 1e3, 1e6, "samples a second")]
-    view_rate: Annotated[float, _unit("1/s", 1.0, 1e6, "messages a second of a view for people")]
+    rate: Annotated[float, quantity("1/s", 1e3, 1e6, "samples a second")]
+    view_rate: Annotated[float, quantity("1/s", 1.0, 1e6, "messages a second, for people")]
+    sampling: Annotated[int, _SAMPLING[0], _SAMPLING[1]]
+    time_at: Annotated[float, quantity("1", 0.0, 1.0, "place of its time in the interval")]
+    command_latency: Annotated[float, quantity("1", 0.0, 100.0, "control periods until it acts")]
+    reference_latency: Annotated[float, quantity("1", 0.0, 100.0, "control periods until it acts")]
+    converters: Annotated[int, _yes("whether samples are rounded by converters")]
+    phase_current_c: Annotated[int, _yes("whether the third current is recorded")]
+    reference_currents: Annotated[int, _yes("whether the reference currents are recorded")]
+    rotor_angle: Annotated[int, _yes("whether the rotor angle is recorded")]
+    surface_position: Annotated[int, _yes("whether the surface position is recorded")]
 
 
 class Actuator(NamedTuple):
     """All parameters of one actuator."""
 
+    drive: Drive
     inverter: Inverter
     motor: Motor
     gear: Gear
@@ -151,14 +213,16 @@ class Actuator(NamedTuple):
 
 PARTS: dict[str, Any] = get_type_hints(Actuator)
 """The type of each section."""
+OTHER_SECTIONS = ("tolerances", "conditions", "effects")
+"""Sections of the same file that describe no single actuator: see `spread` and `ema_sim`."""
 _ADAPTERS = {name: TypeAdapter(part) for name, part in PARTS.items()}
 
 
 def load_actuator(path: str | Path | None = None) -> Actuator:
-    """Return the actuator that a model file describes, default the nominal one.
+    """Return the actuator that a model file describes, default that of the present kit.
 
-    Sections are those of `Actuator`; what is left out keeps the nominal value. The effects
-    that a model file may add are not looked at.
+    Sections are those of `Actuator`; what is left out keeps the value of the present kit. The
+    effects that a model file may add are not looked at.
 
     Raises
     ------
@@ -166,21 +230,19 @@ def load_actuator(path: str | Path | None = None) -> Actuator:
         No such file, an unknown name, or a value out of bounds.
 
     """
-    if path is None:
-        return _nominal()
-    return actuator_from(sections_of(path), str(path))
+    own = _of_kit(kit_path(ACTUATOR))
+    return own if path is None else actuator_from(sections_of(path), str(path), own)
 
 
 @cache
-def _nominal() -> Actuator:
-    data = sections_of(share_path(NOMINAL), NOMINAL)
+def _of_kit(path: Path) -> Actuator:
+    """Return the actuator of a kit's file, in which every parameter stands."""
+    data = sections_of(path)
     missing = [f"{section}.{name}" for section, part in PARTS.items()
                for name in part._fields if name not in (data.get(section) or {})]
     if missing:
-        raise UsageError(f"{NOMINAL}: {missing[0]} is missing: every parameter stands there")
-    parts = {name: part(**{field: data[name][field] for field in part._fields})
-             for name, part in PARTS.items()}
-    return actuator_from(data, NOMINAL, Actuator(**parts))
+        raise UsageError(f"{path}: {missing[0]} is missing: every parameter stands there")
+    return Actuator(**{name: _checked(name, data[name], str(path)) for name in PARTS})
 
 
 def sections_of(path: str | Path, where: str = "") -> Mapping[str, Any]:
@@ -192,13 +254,13 @@ def sections_of(path: str | Path, where: str = "") -> Mapping[str, Any]:
 
 
 def actuator_from(data: Mapping[str, Any], where: str, base: Actuator | None = None) -> Actuator:
-    """Return `base`, default the nominal actuator, with what the sections change."""
-    actuator = _nominal() if base is None else base
+    """Return `base`, default the present kit's actuator, with what the sections change."""
+    actuator = load_actuator() if base is None else base
     for section, values in data.items():
-        if section == "effects":
+        if section in OTHER_SECTIONS:
             continue
         if section not in PARTS:
-            raise unknown_name(f"section of {where}", str(section), [*PARTS, "effects"],
+            raise unknown_name(f"section of {where}", str(section), [*PARTS, *OTHER_SECTIONS],
                                f"see {NOMINAL}")
         if not isinstance(values, Mapping):
             raise UsageError(f"{where}: {section}: expected parameters and values")
@@ -207,10 +269,15 @@ def actuator_from(data: Mapping[str, Any], where: str, base: Actuator | None = N
             if name not in part._fields:
                 raise unknown_name(f"parameter of {section} in {where}", str(name), part._fields,
                                    f"see {NOMINAL}")
-        try:
-            checked = _ADAPTERS[section].validate_python({**part._asdict(), **values})
-        except ValidationError as error:
-            text = first_problem(error, f"{where}: {section}", section, f"see {NOMINAL}")
-            raise UsageError(text) from None
+        checked = _checked(section, {**part._asdict(), **values}, where)
         actuator = actuator._replace(**{section: checked})
     return actuator
+
+
+def _checked(section: str, values: Mapping[str, Any], where: str) -> Any:
+    """Return a section of those values; UsageError where one is out of its bounds."""
+    try:
+        return _ADAPTERS[section].validate_python(dict(values))
+    except ValidationError as error:
+        text = first_problem(error, f"{where}: {section}", section, f"see {NOMINAL}")
+        raise UsageError(text) from None

@@ -16,8 +16,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from ema_record.errors import UsageError, first_problem, unknown_name
+from ema_record.kit import PROFILES, kit_name, kit_path
 from ema_record.limits import MAX_DURATION, MAX_POSITION
-from ema_record.resources import share_path
 from ema_record.yaml_file import load_yaml
 
 MAX_POINTS = 1000
@@ -131,28 +131,28 @@ def load_profile_dict(data: object, where: str) -> Profile:
 
 
 def profile_names() -> list[str]:
-    """Return the names of the profiles that are shipped."""
-    return list(_shipped_names())
+    """Return the names of the present kit's profiles."""
+    return list(_names(kit_path(PROFILES)))
 
 
 @cache
-def _shipped_names() -> tuple[str, ...]:
-    return tuple(sorted(p.stem for p in share_path("config/profiles").glob("*.yaml")))
+def _names(folder: Path) -> tuple[str, ...]:
+    return tuple(sorted(p.stem for p in folder.glob("*.yaml")))
 
 
 @cache
-def _shipped(name: str) -> Profile:
-    return load_profile_dict(load_yaml(share_path(f"config/profiles/{name}.yaml")), name)
+def _of_kit(path: Path) -> Profile:
+    return load_profile_dict(load_yaml(path), path.stem)
 
 
 def load_profile(name_or_path: str | Path) -> Profile:
-    """Return the shipped profile of that name, or the one in that YAML file."""
+    """Return the profile of that name of the present kit, or the one in that YAML file."""
     text = str(name_or_path)
-    if text in _shipped_names():
-        return _shipped(text)
+    if text in profile_names():
+        return _of_kit(kit_path(PROFILES) / f"{text}.yaml")
     if text.endswith((".yaml", ".yml")):
         return load_profile_dict(load_yaml(Path(text)), text)
     raise unknown_name(
         "profile", text, profile_names(),
-        f"the shipped ones are {', '.join(profile_names())}; a file must end in .yaml",
+        f"{kit_name()} has {', '.join(profile_names()) or 'none'}; a file must end in .yaml",
     )

@@ -21,11 +21,10 @@ from ema_prognostics.paper.cascade import ANN_B_INPUTS, FAULTS, PaperCascade
 from ema_prognostics.paper.features import ANN_A_INPUTS
 from ema_record.errors import ModelError
 from ema_record.files import new_file, read_bounded
-from ema_record.resources import share_path
+from ema_record.kit import CASCADE, kit_name, kit_path
 
 FORMAT = "ema_phm model"
 VERSION = 3
-SHIPPED = "config/models/cascade.json"
 MAX_BYTES = 16 << 20
 
 
@@ -103,15 +102,18 @@ def save_model(model: TrainedModel, path: str | Path) -> Path:
 
 
 def load_model(path: str | Path | None = None) -> TrainedModel:
-    """Return the model of a file, default the shipped one; ModelError in one line."""
+    """Return the model of a file, default the present kit's; ModelError in one line."""
+    target = kit_path(CASCADE) if path is None else Path(path)
+    if path is None and not target.exists():
+        raise ModelError(f"{kit_name()} has no {CASCADE}: 'ema commission' makes it from records "
+                         "of healthy units, 'ema train' from the description alone")
     try:
-        target = share_path(SHIPPED) if path is None else Path(path)
         text = read_bounded(target, MAX_BYTES).decode("utf-8")
     except UnicodeDecodeError:
-        raise ModelError(f"{path}: not UTF-8 text: not a model file") from None
+        raise ModelError(f"{target}: not UTF-8 text: not a model file") from None
     except OSError as error:
         raise ModelError(
-            f"{path or SHIPPED}: {error.strerror or error}: 'ema train --out FILE' makes one"
+            f"{target}: {error.strerror or error}: 'ema train --out FILE' makes one"
         ) from None
     return parse_model(text, str(target))
 

@@ -234,7 +234,7 @@ def test_lines_are_whole_where_there_is_no_terminal(capsys, monkeypatch):
 
 
 def test_a_terminal_shows_no_raw_markdown(capsys, monkeypatch, repository):
-    text = (repository / "config/models/cascade.validation.md").read_text(encoding="utf-8")
+    text = (repository / "config/validation.md").read_text(encoding="utf-8")
     print_report(text)
     assert capsys.readouterr().out == text + "\n"
     monkeypatch.setenv("FORCE_COLOR", "1")

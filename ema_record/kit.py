@@ -1,0 +1,95 @@
+"""The kit: everything that the software knows of one type of actuator, in one folder.
+
+``actuator.yaml`` (parameters, tolerances, conditions, drive, acquisition), ``profiles/`` (the
+tests, made for its stroke and speed), ``cascade.json`` (trained), ``library/`` (for identify),
+``validation.json`` and ``report.html`` (what it can detect). The shipped one, `config/`, is that
+of the default actuator. A process works with one kit: what `$EMA_KIT` names, which processes that
+it starts inherit; `--kit` of a command and `kit` of a node set it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+from ema_record.errors import UsageError
+from ema_record.resources import share_path
+
+ENVIRONMENT = "EMA_KIT"
+SHIPPED = "config"
+ACTUATOR, PROFILES, CASCADE = "actuator.yaml", "profiles", "cascade.json"
+LIBRARY, VALIDATION, REPORT = "library", "validation.json", "report.html"
+
+
+@cache
+def shipped_kit() -> Path:
+    """Return the folder of the default actuator's kit."""
+    return share_path(SHIPPED)
+
+
+def kit_folder() -> Path:
+    """Return the folder of the present kit.
+
+    Raises
+    ------
+    UsageError
+        What `$EMA_KIT` names is no kit.
+    """
+    named = os.environ.get(ENVIRONMENT, "")
+    return check_kit(Path(named)) if named else shipped_kit()
+
+
+def check_kit(folder: Path) -> Path:
+    """Return `folder`; UsageError where it holds no `actuator.yaml`."""
+    if not (folder / ACTUATOR).is_file():
+        what = "no such folder" if not folder.is_dir() else f"it holds no {ACTUATOR}"
+        raise UsageError(f"kit {folder}: {what}: 'ema new-actuator' begins one, "
+                         "'ema commission' completes it")
+    return folder
+
+
+def use_kit(folder: str | Path | None) -> None:
+    """Make `folder` the kit of this process and of those that it starts; None: no change."""
+    if folder is not None and str(folder):
+        os.environ[ENVIRONMENT] = str(check_kit(Path(folder)).resolve())
+
+
+@contextlib.contextmanager
+def using_kit(folder: str | Path | None) -> Iterator[None]:
+    """Use a kit inside a ``with`` block; None: the shipped one."""
+    before = os.environ.get(ENVIRONMENT)
+    try:
+        if folder is None:
+            os.environ.pop(ENVIRONMENT, None)
+        else:
+            use_kit(folder)
+        yield
+    finally:
+        os.environ.pop(ENVIRONMENT, None)
+        if before is not None:
+            os.environ[ENVIRONMENT] = before
+
+
+def kit_path(name: str) -> Path:
+    """Return where the present kit has, or would have, that file or folder."""
+    return kit_folder() / name
+
+
+def kit_name() -> str:
+    """Return the present kit as users name it."""
+    folder = kit_folder()
+    return "the default kit" if folder == shipped_kit() else f"kit {folder}"
+
+
+def actuator_hash() -> str:
+    """Return what names the present kit's actuator in records: of its parameters, 16 digits."""
+    from ema_record.actuator import load_actuator
+
+    parts = {name: part._asdict() for name, part in load_actuator()._asdict().items()}
+    text = json.dumps(parts, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -1,0 +1,113 @@
+"""How units of one type and the conditions of their tests differ: sections of `actuator.yaml`.
+
+Both are drawn evenly within their bounds. What a record cannot measure is spread as real
+actuators spread (docs/kit.md); acceptance records may narrow it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from ema_record.actuator import NOMINAL, quantity, sections_of
+from ema_record.errors import UsageError, first_problem, unknown_name
+from ema_record.kit import ACTUATOR, kit_path
+
+
+class Tolerances(NamedTuple):
+    """Half widths of the bands of a type's units, relative where no unit stands."""
+
+    resistance: Annotated[float, quantity("1", 0.0, 0.5, "of a phase")]
+    inductance: Annotated[float, quantity("1", 0.0, 0.5, "of a phase")]
+    back_emf: Annotated[float, quantity("1", 0.0, 0.3, "of all phases together")]
+    back_emf_phase: Annotated[float, quantity("1", 0.0, 0.1, "of each phase")]
+    flat_top: Annotated[float, quantity("rad", 0.0, 0.5, "of the trapezoid")]
+    motor_friction: Annotated[float, quantity("1", 0.0, 0.8, "dry, of the motor")]
+    surface_friction: Annotated[float, quantity("1", 0.0, 0.8, "dry, of the surface")]
+    static_ratio: Annotated[float, quantity("1", 0.0, 0.8, "static over dynamic friction")]
+    viscous_factor: Annotated[float, quantity("1", 1.0, 10.0, "factor up and down")]
+    inertia: Annotated[float, quantity("1", 0.0, 0.5, "of the motor")]
+    stiffness: Annotated[float, quantity("1", 0.0, 0.8, "of the shaft")]
+    damping: Annotated[float, quantity("1", 0.0, 0.9, "of the shaft")]
+    control_gain: Annotated[float, quantity("1", 0.0, 0.5, "each gain of the control")]
+    hysteresis: Annotated[float, quantity("1", 0.0, 0.5, "band of the relay")]
+    latency: Annotated[float, quantity("1", 0.0, 20.0, "control periods, 0 up to this")]
+
+
+class Conditions(NamedTuple):
+    """Bounds of the conditions of a test."""
+
+    temperature_least: Annotated[float, quantity("degC", -70.0, 200.0, "winding, least")]
+    temperature_most: Annotated[float, quantity("degC", -70.0, 200.0, "winding, most")]
+    bus: Annotated[float, quantity("1", 0.0, 0.5, "change of the bus voltage, + and -")]
+    load: Annotated[float, quantity("N m", 0.0, 1e5, "torque on the surface, + and -")]
+    noise_least: Annotated[float, quantity("1", 0.0, 100.0, "factor on the noise, least")]
+    noise_most: Annotated[float, quantity("1", 0.0, 100.0, "factor on the noise, most")]
+    current_gain: Annotated[float, quantity("1", 0.0, 0.2, "of each current sensor, + and -")]
+    current_offset: Annotated[float, quantity("A", 0.0, 100.0, "of each sensor, + and -")]
+
+
+class Spread(NamedTuple):
+    """What differs from unit to unit and from test to test."""
+
+    tolerances: Tolerances
+    conditions: Conditions
+
+
+_Part = TypeVar("_Part", Tolerances, Conditions)
+
+
+def load_spread(path: str | Path | None = None) -> Spread:
+    """Return the spread that a model file describes; default the present kit's.
+
+    Raises
+    ------
+    UsageError
+        An unknown name, or a value out of bounds.
+    """
+    own = _of_kit(kit_path(ACTUATOR))
+    return own if path is None else spread_from(sections_of(path), str(path), own)
+
+
+@cache
+def _of_kit(path: Path) -> Spread:
+    return spread_from(sections_of(path), str(path), ({}, {}))
+
+
+def spread_from(
+    data: Mapping[str, Any], where: str,
+    base: Spread | tuple[Mapping[str, float], Mapping[str, float]],
+) -> Spread:
+    """Return `base` with what the sections of a model file change."""
+    return Spread(_section(Tolerances, "tolerances", data, where, base[0]),
+                  _section(Conditions, "conditions", data, where, base[1]))
+
+
+def _section(
+    part: type[_Part], name: str, data: Mapping[str, Any], where: str,
+    base: _Part | Mapping[str, float],
+) -> _Part:
+    values = data.get(name, {})
+    if not isinstance(values, Mapping):
+        raise UsageError(f"{where}: {name}: expected parameters and values")
+    for key in values:
+        if key not in part._fields:
+            raise unknown_name(f"parameter of {name} in {where}", str(key), part._fields,
+                               f"see {NOMINAL}")
+    given = base if isinstance(base, Mapping) else base._asdict()
+    try:
+        found = TypeAdapter(part).validate_python({**given, **values})
+    except ValidationError as error:
+        text = first_problem(error, f"{where}: {name}", name, f"see {NOMINAL}")
+        raise UsageError(text) from None
+    if isinstance(found, Conditions):
+        for what in ("temperature", "noise"):
+            least, most = getattr(found, f"{what}_least"), getattr(found, f"{what}_most")
+            if least > most:
+                raise UsageError(f"{where}: conditions: {what}_least {least:g} is above "
+                                 f"{what}_most {most:g}")
+    return found
