@@ -70,9 +70,9 @@ SOURCES = ("described", "physics", "records", "units", "cases")
 
 
 def decided_by(*parts: object) -> str:
-    """Return what names verdicts in a ledger: `parts`, the present kit, and the code of both sides.
+    """Return 16 digits that name verdicts in a ledger.
 
-    Kit: its actuator and its cascade. 16 digits.
+    Of `parts`, the present kit (actuator and cascade), and the code of both sides.
     """
     digest = hashlib.sha256(source_hash("ema_prognostics.verdict.judge").encode())
     for name in SOURCES:
