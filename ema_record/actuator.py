@@ -203,6 +203,18 @@ class Actuator(NamedTuple):
         """Highest speed of the surface (rad/s)."""
         return self.control.speed_limit / self.gear.ratio
 
+    @property
+    def friction_torque(self) -> float:
+        """Torque of the dry friction of motor and surface while they move, at the motor (N m)."""
+        return self.motor.dynamic_friction + self.surface.dynamic_friction / self.gear.ratio
+
+    @property
+    def wind_up(self) -> float:
+        """Travel of the motor until a surface at rest starts: lost motion, wind-up (rad)."""
+        shaft = self.shaft
+        return self.gear.ratio * (
+            self.surface.static_friction / shaft.stiffness + shaft.backlash)
+
     def motor_angle(self, electrical: Any) -> Any:
         """Return the mechanical angle of the motor (rad) to electrical angles (rad), any shape.
 
