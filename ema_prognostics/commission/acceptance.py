@@ -60,7 +60,7 @@ class Acceptance:
         names = list(found[0])
         for record, row in zip(self.records, found):
             if set(row) != set(names):
-                odd = sorted(set(row) ^ set(names))[0]
+                odd = min(set(row) ^ set(names))
                 raise UsageError(f"{record.provenance.source}: other channels than the first "
                                  f"record ({odd}): give records of one recorder")
         return names, np.array([[row[n] for n in names] for row in found])

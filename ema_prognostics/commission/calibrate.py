@@ -33,7 +33,7 @@ PRIORS: dict[str, float] = {
     "acquisition.reference_latency": 1.0, "acquisition.command_latency": 1.0,
 }
 """Standard deviation of what a description says: of the logarithm, of latencies in periods. A
-data sheet gives motor constants within its tolerance, friction and stiffness are mostly assumed."""
+data sheet gives motor constants within their tolerance; friction and stiffness are assumed."""
 LATENCIES = ("acquisition.reference_latency", "acquisition.command_latency")
 RELAY_ONLY = ("inverter.hysteresis", "motor.phase_resistance", "motor.phase_inductance")
 """Only a relay's currents show them: others hide them behind their current control."""
@@ -121,7 +121,7 @@ def model_features(
     return np.asarray(np.mean(rows, axis=0))
 
 
-def conditions_of(acceptance: Acceptance, names: Sequence[str], mean: np.ndarray) -> list[str]:
+def conditions_of(names: Sequence[str], mean: np.ndarray) -> list[str]:
     """Return the mean conditions of the records as settings of effects."""
     place = {n: float(mean[k]) for k, n in enumerate(names)}
     temperature = 20.0 + 50.0 * place["temperature"]
@@ -148,7 +148,7 @@ def calibrate(
     mean = np.mean(each, axis=0)
     sigma = spread(names)
     profile = acceptance.records[0].profile
-    settings = conditions_of(acceptance, names, mean)
+    settings = conditions_of(names, mean)
     used = np.array([n not in CONDITIONS for n in names])
 
     def residual(candidate: Actuator, load: float) -> np.ndarray:

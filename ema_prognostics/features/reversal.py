@@ -100,8 +100,8 @@ def reversal_gap(signals: Signals, begin: float, length: float, direction: int) 
     )
     turned = int(np.argmin(theta))
     travel = theta - theta[turned]
-    moving = (np.arange(len(theta)) > turned) & (travel > NEAR * wind_up) & (np.arange(len(theta)) > n)
-    moving &= np.arange(len(theta)) < len(theta) - n
+    place = np.arange(len(theta))
+    moving = (travel > NEAR * wind_up) & (place > max(turned, n)) & (place < len(theta) - n)
     # The curve ends where the surface moves.
     if signals.has_position:
         rest = direction * signals.position[part][turned:turned + n].mean()
@@ -123,7 +123,8 @@ def reversal_gap(signals: Signals, begin: float, length: float, direction: int) 
     x = np.bincount(index, x)[used] / weight
     y = np.bincount(index, y)[used] / weight
     span = float(x[-1])
-    release, width = np.linspace(NEAR * wind_up, max(span, LEAST_SPAN * wind_up), 28), np.linspace(0.0, span, 40)
+    release = np.linspace(NEAR * wind_up, max(span, LEAST_SPAN * wind_up), 28)
+    width = np.linspace(0.0, span, 40)
     sse, r, w, level, slope = _search(x, y, weight, release, width)
     for _ in range(3):
         dr, dw = release[1] - release[0], width[1] - width[0]
