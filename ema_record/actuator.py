@@ -7,11 +7,13 @@ nowhere else.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
+import yaml
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from ema_record.errors import UsageError, first_problem, unknown_name
@@ -293,3 +295,28 @@ def _checked(section: str, values: Mapping[str, Any], where: str) -> Any:
     except ValidationError as error:
         text = first_problem(error, f"{where}: {section}", section, f"see {NOMINAL}")
         raise UsageError(text) from None
+
+
+def with_values(text: str, actuator: Actuator) -> str:
+    """Return the text of an `actuator.yaml` with the values of `actuator`, comments kept.
+
+    A parameter stands on a line of its own, ``  name: value  # comment``; values that are equal
+    are left as they are written.
+    """
+    section, lines = "", []
+    for line in text.splitlines():
+        heading = re.match(r"([a-z_]+):\s*(#.*)?$", line)
+        section = heading.group(1) if heading else section
+        entry = re.match(r"(\s+)([a-z_0-9]+):(\s*)([^#\s]+)(\s*)(#.*)?$", line)
+        if entry and section in PARTS:
+            indent, name, gap, old, space, comment = entry.groups()
+            value = getattr(getattr(actuator, section), name)
+            given = _checked(section, {**getattr(actuator, section)._asdict(),
+                                       name: yaml.safe_load(old)}, "text")
+            if getattr(given, name) != value:
+                new = f"{value:.6g}" if isinstance(value, float) else str(value)
+                new = str(bool(value)).lower() if old in ("true", "false") else new
+                written = old + space if comment else old
+                line = f"{indent}{name}:{gap}{new.ljust(len(written) - 1)} {comment or ''}".rstrip()
+        lines.append(line)
+    return "\n".join(lines) + "\n"

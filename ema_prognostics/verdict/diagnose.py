@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from ema_prognostics.cascade.guard import BESIDE_OWN
+from ema_prognostics.cascade.model_body import DiscrepancyPart
 from ema_prognostics.cascade.model_file import TrainedModel, load_model
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import SAME_POSITION, ProfileKind, profile_kind
@@ -173,7 +174,8 @@ def verdict_of_features(
     if set(features) != set(names):
         return unknown_verdict("the record does not hold every feature: its interval with the "
                                "inverter off is missing")
-    x = _row(features, names)
+    left = model.body.discrepancy.get(kind)
+    x = corrected_row(features, names, left)
     detection = cascade.find(x, exact=exact)[0]
     with_own = baseline is not None and own is not None
     unusual = reasons_of_guard(cascade, detection, BESIDE_OWN if with_own else 1.0)
@@ -182,7 +184,7 @@ def verdict_of_features(
                                *unusual)
     if baseline is None or own is None:
         return verdict_of_detection(cascade, x[0], detection, kind)
-    x = differences(x, _row(baseline, names))
+    x = differences(x, corrected_row(baseline, names, left))
     alone, detection = detection, own.find(x, exact=exact)[0]
     detection = replace(detection, known=min(alone.known, detection.known))
     unusual = reasons_of_guard(own, detection)
@@ -192,9 +194,12 @@ def verdict_of_features(
     return verdict_of_detection(own, x[0], detection, kind)
 
 
-def _row(features: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
-    """Return features as the networks take them, shape (1, d)."""
-    return start_allowed(np.array([[features[n] for n in names]]), names)
+def corrected_row(
+    features: Mapping[str, float], names: Sequence[str], left: DiscrepancyPart | None
+) -> np.ndarray:
+    """Return features as the networks take them, less the discrepancy `left`, shape (1, d)."""
+    off = {} if left is None else dict(zip(left.names, left.mean))
+    return start_allowed(np.array([[features[n] - off.get(n, 0.0) for n in names]]), names)
 
 
 def baseline_of(record: Record, model: TrainedModel, actuator: Actuator | None = None) -> Baseline:
