@@ -22,7 +22,7 @@ from typer.main import get_command
 from ema_cli.console import WRONG_USE, error_line, guarded, leave, print_table, say, stdout, styled
 from ema_record.errors import UsageError, unknown_name
 
-COMMANDS = ("bit", "simulate", "check", "trend", "replay", "import", "export", "lint", "recover",
+COMMANDS = ("bit", "simulate", "commission", "check", "trend", "replay", "import", "export", "lint", "recover",
             "identify", "effects", "train", "paper")
 """All commands, in the order of the help."""
 PROGRAM = "ema"

@@ -17,7 +17,7 @@ import yaml
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from ema_record.errors import UsageError, first_problem, unknown_name
-from ema_record.kit import ACTUATOR, kit_path
+from ema_record.kit import ACTUATOR, kit_file
 from ema_record.limits import MAX_POSITION
 from ema_record.yaml_file import load_yaml
 
@@ -244,12 +244,12 @@ def load_actuator(path: str | Path | None = None) -> Actuator:
         No such file, an unknown name, or a value out of bounds.
 
     """
-    own = _of_kit(kit_path(ACTUATOR))
+    own = _of_kit(*kit_file(ACTUATOR))
     return own if path is None else actuator_from(sections_of(path), str(path), own)
 
 
 @cache
-def _of_kit(path: Path) -> Actuator:
+def _of_kit(path: Path, _changed: int) -> Actuator:
     """Return the actuator of a kit's file, in which every parameter stands."""
     data = sections_of(path)
     missing = [f"{section}.{name}" for section, part in PARTS.items()

@@ -80,6 +80,12 @@ def kit_path(name: str) -> Path:
     return kit_folder() / name
 
 
+def kit_file(name: str) -> tuple[Path, int]:
+    """Return the path of a file of the present kit and when it changed (ns): a cache's key."""
+    path = kit_path(name)
+    return path, path.stat().st_mtime_ns
+
+
 def kit_name() -> str:
     """Return the present kit as users name it."""
     folder = kit_folder()

@@ -115,7 +115,7 @@ def _kind(record: Record, path: str, actuator: Actuator) -> ProfileKind:
     if kind is None:
         raise UsageError(f"{path}: its test {record.profile.name!r} is not one of the kit's: "
                          "record the kit's profile extended or step")
-    verdict = forbidden(record, actuator)
+    verdict = forbidden(record)
     if verdict is not None:
         raise UsageError(f"{path}: cannot serve as acceptance record: {verdict.reasons[0]}")
     return kind

@@ -42,17 +42,17 @@ from ema_prognostics.training.rates import rate
 from ema_prognostics.training.train_model import VALIDATION_SEED, TrainingSettings
 from ema_prognostics.training.view_training import train_view
 from ema_record.actuator import Actuator, load_actuator, with_values
-from ema_record.errors import EmaError, OutputError, UsageError
+from ema_record.errors import OutputError, UsageError
 from ema_record.files import exists
 from ema_record.kit import ACTUATOR, CASCADE, PROFILES, REPORT, VALIDATION, using_kit
 from ema_record.version import VERSION
-from ema_sim.model_file import Model
 from ema_sim.effects import Effects
+from ema_sim.model_file import Model
 
 MOST_FALSE_ALARMS, MOST_UNKNOWN = 0.01, 0.05
 """Of the kit's own fleet, and of the acceptance records left out: above, no kit is made."""
 FULL = TrainingSettings(units=700, healthy=900, validation=150, validation_healthy=400)
-QUICK = TrainingSettings(units=200, healthy=300, validation=60, validation_healthy=150,
+QUICK = TrainingSettings(units=40, healthy=60, validation=15, validation_healthy=30,
                          hidden=12, iterations=120)
 SPREAD_UNITS = 24
 """Healthy units from which the spread of the features is read before the model is corrected."""
@@ -129,7 +129,7 @@ def make_draft(description: Path, draft: Path) -> None:
 
     The tests are those beside the description, or made for the actuator.
     """
-    from ema_record.profile_design import write_profiles
+    from ema_record.profiles.design import default_profiles
     from ema_record.spread import load_spread
 
     if not description.is_file():
@@ -167,7 +167,8 @@ class _Work:
         recorder = measured_recorder(described, self._acceptance.records)
         self._write_actuator(recorder)
         calibration = calibrate(
-            self._acceptance, recorder, self._spread_of(recorder),
+            self._acceptance, recorder, self._spread_of(recorder), seed=self._seed,
+            jobs=self._jobs,
             progress=lambda part: self._progress("correcting the model", 0.02 + 0.13 * part))
         actuator = calibration.actuator
         self._write_actuator(actuator)
@@ -191,7 +192,7 @@ class _Work:
             accepted = ["healthy" if o == "unknown" else o for o in accepted]
         else:
             factor = 1.0
-        found = self._validation(calibration, held_out, accepted, discrepancy)
+        found = self._validation(calibration, dict(held_out), accepted, discrepancy)
         found["guard_widened"] = factor
         found["bound"] = {"fleet": linear_bound(faults, healthy, own=False),
                           "baseline": linear_bound(faults, healthy, own=True)}
@@ -251,7 +252,7 @@ class _Work:
     def _model(self, actuator: Actuator, names: list[str], rows: np.ndarray) -> np.ndarray:
         return model_features(
             actuator, actuator, self._acceptance.records[0].profile, self._acceptance.kind, names,
-            conditions_of(names, rows.mean(axis=0)), range(100, 106))
+            conditions_of(names, rows.mean(axis=0)), range(100, 112)).mean(axis=0)
 
     def _views(self, faults: FleetFeatures, healthy: FleetFeatures, discrepancy: DiscrepancyPart
                ) -> dict[View, ViewPart]:
@@ -338,7 +339,8 @@ def _spread(names: list[str], fleet: FleetFeatures) -> np.ndarray:
                          "description say which channels are recorded?")
     rows = np.vstack([fleet.baseline, fleet.record])[:, [place[n] for n in names]]
     low, high = np.quantile(rows, [0.16, 0.84], axis=0)
-    return np.asarray(np.maximum(0.5 * (high - low), 1e-6 + 1e-3 * np.abs(rows).mean(axis=0)))
+    return np.asarray(np.maximum.reduce([
+        0.5 * (high - low), 0.5 * rows.std(axis=0), 1e-3 + 1e-3 * np.abs(rows).mean(axis=0)]))
 
 
 def _largest(names: Sequence[str], z: np.ndarray, order: np.ndarray | None = None
