@@ -23,6 +23,7 @@ from ema_record.profiles.sizes import (
     braking,
     crossing,
     down,
+    nearest,
     settled,
     sizes,
     up,
@@ -216,7 +217,7 @@ def _full(leg: Leg, size: Sizes, actuator: Actuator, latest: float) -> SettledSl
     """Return the settled part of a slew at full speed, which ends before it brakes."""
     settling = settled(size.motion, SETTLING, leg.end - leg.begin)
     brakes = braking(size.motion, abs(leg.travel), actuator.slew_speed)
-    end = leg.begin + before(min(brakes, leg.until - leg.begin), size.tick)
+    end = leg.begin + min(nearest(brakes, size.tick), before(leg.until - leg.begin, size.tick))
     return _segment(up(leg.begin + settling, size.tick), round(min(end, latest), 9), leg.speed,
                     actuator)
 

@@ -91,9 +91,9 @@ def braking(at: Capability, travel: float, slew: float) -> float:
     """Return when a slew over `travel` (rad) begins to brake (s after its command).
 
     The speed leaves its limit when the position error is less than the limit over the gain; the
-    start has delayed the slew.
+    start has delayed the slew by half the acceleration.
     """
-    return travel / slew - at.position_loop + at.acceleration
+    return travel / slew - at.position_loop + 0.5 * at.acceleration
 
 
 def sizes(actuator: Actuator) -> Sizes:
@@ -135,7 +135,7 @@ def sizes(actuator: Actuator) -> Sizes:
     turning = actuator.motor.pole_pairs * actuator.control.speed_limit / (2.0 * math.pi)
     end = max(down(begin + WINDOW * travel / slew, tick),
               up(settled_from + SETTLED_TURNS / turning, tick))
-    end = min(end, before(braking(at, travel, slew), tick))
+    end = min(end, nearest(braking(at, travel, slew), tick))
     return Sizes(at, tick, settling, travel, quarter, round(quarter_speed, 9), ramp,
                  round(ramp_speed, 9), (begin, end))
 
@@ -148,6 +148,11 @@ def up(time: float, tick: float) -> float:
 def down(time: float, tick: float) -> float:
     """Return the last multiple of `tick` not after `time` (s)."""
     return round(math.floor(time / tick + 1e-6) * tick, 9)
+
+
+def nearest(time: float, tick: float) -> float:
+    """Return the multiple of `tick` nearest to `time` (s)."""
+    return round(round(time / tick) * tick, 9)
 
 
 def before(time: float, tick: float) -> float:
