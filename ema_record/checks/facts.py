@@ -34,6 +34,8 @@ SETTLED = 5e-3
 """After the inverter is switched on; before, sensors without noise rest at zero (s)."""
 SLOWEST = 0.0253
 """Share of the motor's highest speed below which it counts as standing."""
+IMPOSSIBLE = 3.0
+"""Times the motor's highest speed that it never reaches."""
 WINDOW_TIME = 0.02
 """Time over which noise and travel are taken (s)."""
 LEAST_WINDOW = 100
@@ -208,6 +210,13 @@ class BagFacts:
         """Median interval of the samples (s); NaN below 2 samples."""
         time = self.samples[:, TIME]
         return float(np.median(np.diff(time))) if len(time) > 1 else float("nan")
+
+    @property
+    def too_fast(self) -> bool:
+        """Whether the speed goes so far beyond the highest one that its unit is another."""
+        speed = self.samples[:, MOTOR_SPEED]
+        bound = IMPOSSIBLE * self.actuator.control.speed_limit
+        return bool(len(speed)) and float(np.abs(speed).max()) > bound
 
     @cached_property
     def angle_in_degrees(self) -> bool:

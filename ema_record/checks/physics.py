@@ -76,6 +76,11 @@ def motion_units(facts: BagFacts) -> Iterator[Hit]:
         yield Hit("rotor_angle goes beyond a turn in rad: it is in degrees",
                   None, DEGREES, "", "rotor_angle")
     found = facts.derived(ratios)
+    if facts.too_fast and not (facts.has(ROTOR_ANGLE) or facts.has(SURFACE_POSITION)):
+        peak = float(np.abs(facts.samples[:, MOTOR_SPEED]).max())
+        yield Hit(f"motor_speed goes to {peak:.4g}, the motor to "
+                  f"{facts.actuator.control.speed_limit:.4g} rad/s: it is in another unit",
+                  None, peak, "", "motor_speed")
     if found is None:
         return
     angle, travel = abs(found.angle), abs(found.travel)
@@ -212,7 +217,10 @@ def _sequence(facts: BagFacts) -> Iterator[Hit]:
     """Find reference currents, else phase currents, whose phases run against the rotor."""
     rows = facts.derived(_driven)
     rows = rows[np.abs(facts.samples[rows, MOTOR_SPEED]) > facts.standing]
-    if len(rows) < DRIVEN or facts.angle_in_degrees or not facts.has(ROTOR_ANGLE):
+    if len(rows) < DRIVEN or facts.angle_in_degrees:
+        return
+    if not facts.has(ROTOR_ANGLE):
+        yield from _rotation(facts)
         return
     vector = vector_of(facts, _asked(facts))[rows]
     rotor = np.exp(-1j * facts.samples[rows, ROTOR_ANGLE])
@@ -221,6 +229,23 @@ def _sequence(facts: BagFacts) -> Iterator[Hit]:
     if ahead < 0.3 and back > 0.6:
         yield Hit("swapped phases: the currents run against the rotor angle", None, float(back),
                   "", "phase_current")
+
+
+def _rotation(facts: BagFacts) -> Iterator[Hit]:
+    """Find currents that rotate against the motor's speed, where no angle was recorded."""
+    speed = facts.samples[:, MOTOR_SPEED]
+    usual = float(np.median(np.abs(speed[np.abs(speed) > facts.standing])))
+    turn = facts.actuator.motor.pole_pairs * usual * facts.interval
+    lag = max(1, round(np.pi / 3.0 / turn))  # a sixth of an electrical turn
+    vector = vector_of(facts, _asked(facts))
+    steady = (np.abs(np.abs(speed) - usual) < 0.3 * usual)[:-lag]
+    if steady.sum() < DRIVEN:
+        return
+    ahead = np.sign(speed[:-lag]) * (vector[:-lag].conj() * vector[lag:]).imag
+    share = float(ahead[steady].sum() / (np.abs(vector[:-lag]) ** 2)[steady].sum())
+    if share < -0.3:
+        yield Hit("swapped phases: the currents rotate against the motor's speed (two are "
+                  "swapped, or one has the opposite sign)", None, share, "", "phase_current")
 
 
 def current_signs(facts: BagFacts) -> Iterator[Hit]:

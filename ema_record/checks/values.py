@@ -80,8 +80,9 @@ class _Course:
 
     def __init__(self, facts: BagFacts) -> None:
         s, pole_pairs = facts.samples, facts.actuator.motor.pole_pairs
-        self.speed = np.cumsum(np.abs(s[:, MOTOR_SPEED])) * facts.interval * pole_pairs
-        self.angle = None
+        self.speed = self.angle = self.position = None
+        if not facts.too_fast:
+            self.speed = np.cumsum(np.abs(s[:, MOTOR_SPEED])) * facts.interval * pole_pairs
         if facts.has(ROTOR_ANGLE):
             step = np.mod(np.diff(s[:, ROTOR_ANGLE]) + np.pi, 2.0 * np.pi) - np.pi
             self.angle = _path(step)
@@ -90,12 +91,12 @@ class _Course:
             n = max(1, facts.window // 4)
             slow = np.convolve(s[:, SURFACE_POSITION], np.full(n, 1.0 / n), mode="same")
             slow[:n], slow[-n:] = slow[n], slow[-n - 1]
-            self.angle = _path(np.diff(slow)) * facts.actuator.gear.ratio * pole_pairs
+            self.position = _path(np.diff(slow)) * facts.actuator.gear.ratio * pole_pairs
 
     def without(self, column: int) -> np.ndarray | None:
         """Return the path as a channel other than `column` tells it, None: there is none."""
         if column == MOTOR_SPEED:
-            return self.angle
+            return self.position if self.angle is None else self.angle
         return self.speed if column == ROTOR_ANGLE or self.angle is None else self.angle
 
 
@@ -110,7 +111,9 @@ def stuck(facts: BagFacts) -> Iterator[Hit]:
     for column in facts.columns[1:]:
         moved = course.without(column)
         if moved is None:
-            continue
+            if column not in _NOISY:
+                continue
+            moved = np.zeros(len(s))
         begin, end = _runs(s[:, column])
         if column in _NOISY:
             begin = np.maximum(begin, live)
@@ -144,7 +147,7 @@ def _stopped(facts: BagFacts, column: int, begin: int, end: int, moved: np.ndarr
     turned = moved[end - 1] - moved[begin]
     reading = abs(s[begin, MOTOR_SPEED]) if column == MOTOR_SPEED else 0.0
     missed = turned - reading * pole_pairs * (end - begin) * facts.interval
-    if abs(missed) > TURNED:
+    if abs(missed) > TURNED and moved.any():
         return True
     if column == MOTOR_SPEED and reading < STANDING[0] * highest and turned < STANDING[1]:
         return False
@@ -178,6 +181,10 @@ def saturated(facts: BagFacts) -> Iterator[Hit]:
                 lost = LOST_MOTION * facts.actuator.surface.end_stop
                 clipped = turned / facts.actuator.gear.ratio > lost
             else:
+                if column == MOTOR_SPEED and (
+                    abs(extreme) < STANDING[0] * facts.actuator.control.speed_limit
+                ):
+                    continue  # it stands
                 rest = len(s) - total
                 still = (len(s) - len(begin) - (total - len(runs))) / max(rest, 1)
                 clipped = longest >= CLIPPED and total < 0.97 * len(s) and still < LIVELY
