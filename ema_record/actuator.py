@@ -227,7 +227,9 @@ class Actuator(NamedTuple):
 
 PARTS: dict[str, Any] = get_type_hints(Actuator)
 """The type of each section."""
-OTHER_SECTIONS = ("tolerances", "conditions", "effects")
+FORMERLY = "formerly"
+"""Section of a kit's file: hashes of earlier descriptions of the same type, see `kit`."""
+OTHER_SECTIONS = ("tolerances", "conditions", "effects", FORMERLY)
 """Sections of the same file that describe no single actuator: see `spread` and `ema_sim`."""
 _ADAPTERS = {name: TypeAdapter(part) for name, part in PARTS.items()}
 
