@@ -5,9 +5,9 @@ One rigid body at the motor, inertia and friction of the surface reflected by th
     J dω/dt = T(ω) − F(ω),   T(ω) = min(torque limit, k_T min(I limit, I_V(ω)))
 
 I_V is the current that the bus drives against the back-EMF. Six-step currents flow through two
-phases in series, V = ½ k_T ω + R I; sinusoidal ones meet the reactance too,
-V² = (⅔ k_T ω + R I)² + (p ω L I)² (Krishnan, Permanent Magnet Synchronous and Brushless DC
-Motor Drives, 2010, chapters 3 and 9).
+phases in series, V = ½ k_T ω + R I with legs at ±V; sinusoidal ones meet the reactance too,
+(2 V / √3)² = (⅔ k_T ω + R I)² + (p ω L I)² with centred legs (Krishnan, Permanent Magnet
+Synchronous and Brushless DC Motor Drives, 2010, chapters 3 and 9).
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ SPEEDS = 400
 """Points of the integral over the speed."""
 RESERVE = 1.2
 """Torque at the speed limit over friction: hot windings, low bus and stiff grease need it."""
+CENTRED = 2.0 / math.sqrt(3.0)
+"""Amplitude of the phases' voltages over that of a leg, legs centred between the rails."""
 SAMPLES_A_TURN = 24
 """Fewest samples an electrical turn: the sixth line and a trimmed portion are resolved."""
 
@@ -84,6 +86,7 @@ def torque_at(actuator: Actuator, speed: np.ndarray) -> np.ndarray:
     motor, limit = actuator.motor, actuator.inverter
     k, r, v = torque_constant(actuator), motor.phase_resistance, limit.bus_voltage
     if actuator.drive.kind == FOC:
+        v *= CENTRED
         e = k * speed / 1.5
         x = motor.pole_pairs * speed * motor.phase_inductance
         z = r * r + x * x
@@ -92,6 +95,12 @@ def torque_at(actuator: Actuator, speed: np.ndarray) -> np.ndarray:
     else:
         current = np.maximum(v - 0.5 * k * speed, 0.0) / r
     return np.minimum(motor.torque_limit, k * np.minimum(current, limit.current_limit))
+
+
+def free_speed(actuator: Actuator) -> float:
+    """Return the motor's speed (rad/s) at which its back-EMF takes the whole bus."""
+    k, v = torque_constant(actuator), actuator.inverter.bus_voltage
+    return 1.5 * CENTRED * v / k if actuator.drive.kind == FOC else 2.0 * v / k
 
 
 def motion(actuator: Actuator) -> Capability:

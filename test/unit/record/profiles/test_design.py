@@ -9,7 +9,7 @@ from ema_record.actuator import FOC, HARMONICS, actuator_from, load_actuator
 from ema_record.errors import UsageError
 from ema_record.profile import Profile, load_profile, step_profile
 from ema_record.profiles.design import default_profiles
-from ema_record.profiles.motion import friction_at, motion, torque_at, torque_constant
+from ema_record.profiles.motion import free_speed, friction_at, motion, torque_at, torque_constant
 from ema_record.profiles.plan import test_plan as plan_of
 from ema_record.profiles.sizes import before, down, round_number, sizes, up
 
@@ -192,8 +192,10 @@ def test_time_to_accelerate_closed_form():
 def test_no_torque_is_left_at_the_speed_of_the_bus():
     for kind in (0, FOC):
         actuator = machine(SMALL, drive__kind=kind)
-        k = torque_constant(actuator)
-        free = actuator.inverter.bus_voltage / (k * (0.5 if kind == 0 else 1.0 / 1.5))
+        free = free_speed(actuator)
+        line = math.sqrt(3.0) * actuator.motor.back_emf_constant * (
+            1.2158541651 if kind == FOC else 2.0 / math.sqrt(3.0))
+        assert free == pytest.approx(2.0 * actuator.inverter.bus_voltage / line, rel=1e-6)
         found = torque_at(actuator, np.array([0.0, 0.99 * free, 1.01 * free]))
         assert found[0] > found[1] > found[2] == 0.0
 
