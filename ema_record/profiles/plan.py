@@ -34,6 +34,8 @@ FULL, FAST = 0.9, 2.0 * SLOW
 RAMP_FROM_REST, RAMP_TURNED = 1.5, 2.0
 """Crossings of lost motion and wind-up until a slow ramp is steady; after a turn without rest the
 whole wind-up is to be crossed."""
+APPROACH = 5.0
+"""Time constants of the position control until a quarter-speed slew is steady (e⁻⁵ is 0.7 %)."""
 CLOSE = 0.05
 """Of the slew speed: nearer to its speed than this a slew has ended its start."""
 FEWEST = 0.7
@@ -224,7 +226,8 @@ def _full(leg: Leg, size: Sizes, actuator: Actuator, latest: float) -> SettledSl
 
 def _quarter(leg: Leg, size: Sizes, actuator: Actuator) -> SettledSlew | None:
     length = leg.end - leg.begin
-    settling = max(TRANSIENT * length, _start_of_ramp(leg, None, size))
+    settling = max(TRANSIENT * length, _start_of_ramp(leg, None, size),
+                   min(APPROACH * size.motion.position_loop, 0.5 * length))
     return _segment(up(leg.begin + settling, size.tick),
                     round(leg.begin + before(length, size.tick), 9), leg.speed, actuator)
 

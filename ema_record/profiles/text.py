@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import NamedTuple
 
 from ema_record.actuator import Actuator
+from ema_record.files import new_file
 from ema_record.profile import Profile
+from ema_record.profiles.design import default_profiles
+
+DEFAULTS = {
+    "step": "The paper's test: one step, analysed immediately after the transient.",
+    "extended": "The default test: full slews, quarter-speed slews, slow ramps and reversals.",
+}
+"""First lines of the files of the default tests."""
 
 
 class Move(NamedTuple):
@@ -67,6 +76,24 @@ def profile_yaml(profile: Profile, actuator: Actuator, comment: str) -> str:
         begin, end = profile.window
         lines.append(f"window: [{_number(begin)}, {_number(end)}]  # s; of the paper's features")
     return "\n".join(lines) + "\n"
+
+
+def write_profiles(actuator: Actuator, folder: Path) -> list[Path]:
+    """Write the default tests of an actuator into a folder, which is made; return the files.
+
+    Raises
+    ------
+    UsageError, OutputError
+        It cannot make them (see `default_profiles`), or a file exists.
+    """
+    made = default_profiles(actuator)
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name, profile in made.items():
+        written.append(folder / f"{name}.yaml")
+        with new_file(written[-1]) as temporary:
+            temporary.write_text(profile_yaml(profile, actuator, DEFAULTS[name]), encoding="utf-8")
+    return written
 
 
 def _number(value: float) -> str:
