@@ -182,7 +182,7 @@ class _Work:
         fleet, own = Cascade(views["fleet"]), Cascade(views["baseline"])
         held, held_healthy = (with_discrepancy(f, discrepancy, self._seed + 1)
                               for f in (held, held_healthy))
-        held_out = {kind: {"fleet": evaluate(fleet, None, held, held_healthy),
+        held_out: dict[str, Any] = {kind: {"fleet": evaluate(fleet, None, held, held_healthy),
                            "baseline": evaluate(fleet, own, held, held_healthy)}}
         accepted, widest = self._left_out(fleet, names, rows, model, spread)
         if 1.0 < widest <= WIDEN:
@@ -191,7 +191,7 @@ class _Work:
             accepted = ["healthy" if o == "unknown" else o for o in accepted]
         else:
             factor = 1.0
-        found = self._validation(calibration, dict(held_out), accepted, discrepancy)
+        found = self._validation(calibration, held_out, accepted, discrepancy)
         found["guard_widened"] = factor
         found["bound"] = {"fleet": linear_bound(faults, healthy, own=False),
                           "baseline": linear_bound(faults, healthy, own=True)}
