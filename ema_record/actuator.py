@@ -7,6 +7,8 @@ nowhere else.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
 from collections.abc import Mapping
 from functools import cache
@@ -298,6 +300,13 @@ def _checked(section: str, values: Mapping[str, Any], where: str) -> Any:
     except ValidationError as error:
         text = first_problem(error, f"{where}: {section}", section, f"see {NOMINAL}")
         raise UsageError(text) from None
+
+
+def actuator_hash() -> str:
+    """Return what names the present kit's actuator in records: of its parameters, 16 digits."""
+    parts = {name: part._asdict() for name, part in load_actuator()._asdict().items()}
+    text = json.dumps(parts, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def with_values(text: str, actuator: Actuator) -> str:

@@ -109,7 +109,7 @@ def _sag(record: Record, actuator: Actuator) -> float:
         return float(np.log(least))
     voltage, current = (record.dc_bus[:, k] - record.dc_bus[:, k].mean() for k in (1, 2))
     slope = -float(voltage @ current) / max(float(current @ current), 1e-3)
-    return float(np.log(max(slope, 0.0) + least))
+    return float(np.log(max(slope, least)))
 
 
 def extract(
