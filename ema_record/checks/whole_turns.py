@@ -70,16 +70,16 @@ def whole_turns(facts: BagFacts) -> WholeTurns | None:
                       *(weight @ currents), *(weight @ np.abs(currents))))
     if len(found) < MEDIAN + 2:
         return None
-    rows = np.array(found)
-    steady = np.ones(len(rows) - 2, dtype=bool)
-    for values, bound in ((rows[:, 1], STEADY[0]), (rows[:, 4:6].sum(axis=1), STEADY[1])):
+    turns = np.array(found)
+    unsteady = np.zeros(len(turns) - 2)
+    for values, bound in ((turns[:, 1], STEADY[0]), (turns[:, 4:6].sum(axis=1), STEADY[1])):
         middle = values[1:-1]
         for beside in (values[:-2], values[2:]):
-            steady &= np.abs(beside - middle) < bound * middle
-    rows = rows[1:-1][steady]
-    if len(rows) < MEDIAN:
+            unsteady = np.maximum(unsteady, np.abs(beside - middle) / (bound * middle))
+    turns = turns[1:-1][unsteady < 1.0]
+    if len(turns) < MEDIAN:
         return None
-    return WholeTurns(rows[:, 0], rows[:, 1], rows[:, 2:4], rows[:, 4:6])
+    return WholeTurns(turns[:, 0], turns[:, 1], turns[:, 2:4], turns[:, 4:6])
 
 
 def _medians(values: np.ndarray) -> np.ndarray:

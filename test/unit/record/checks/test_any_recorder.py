@@ -1,4 +1,4 @@
-"""Records of other recorders: fewer channels, other rates, finer, coarser or quieter converters."""
+"""Records of other recorders: fewer channels, other rates, finer, coarser, quieter converters."""
 
 from dataclasses import replace
 
