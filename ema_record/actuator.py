@@ -61,6 +61,7 @@ SAMPLINGS = ("mean", "instant")
 MEAN, INSTANT = range(len(SAMPLINGS))
 NO_OR_YES = ("no", "yes")
 
+
 def _yes(text: str) -> object:
     """Return the pydantic field of a yes or no, 1 or 0 in the kernel (YAML: true, false)."""
     return Field(ge=0, le=1, description=text, json_schema_extra={"unit": "1"})

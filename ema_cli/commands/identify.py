@@ -22,7 +22,8 @@ def identify(
         metavar="BAG", help="A record of the same unit that takes no part in the fit, of another "
         "command; repeatable.")] = None,
     model: Annotated[Path | None, typer.Option(
-        metavar="FILE.yaml", help="The model: changes over the kit's actuator; of a rig the whole.")] = None,
+        metavar="FILE.yaml", help="The model: changes over the kit's actuator; of a rig the whole."
+    )] = None,
     without: Annotated[list[str] | None, typer.Option(
         metavar="NAME", help="An effect of the catalogue to leave out; repeatable.")] = None,
     profile: Annotated[str | None, typer.Option(

@@ -64,7 +64,8 @@ def simulate(
     model: Annotated[
         Path | None,
         typer.Option(
-            "--model", metavar="FILE.yaml", help="Actuator parameters and effects: changes over the kit's."
+            "--model", metavar="FILE.yaml",
+            help="Actuator parameters and effects: changes over the kit's.",
         ),
     ] = None,
     seed: Annotated[

@@ -12,7 +12,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,6 @@ from ema_prognostics.commission.calibrate import (
 )
 from ema_prognostics.commission.discrepancy import fit_discrepancy, widened, with_discrepancy
 from ema_prognostics.commission.report import write_report
-from ema_prognostics.features.extract import extract
 from ema_prognostics.training.evaluation import evaluate, outcome_of
 from ema_prognostics.training.fleet import FleetFeatures, simulate_fleet
 from ema_prognostics.training.rates import rate
@@ -52,7 +51,7 @@ from ema_sim.model_file import Model
 MOST_FALSE_ALARMS, MOST_UNKNOWN = 0.01, 0.05
 """Of the kit's own fleet, and of the acceptance records left out: above, no kit is made."""
 FULL = TrainingSettings(units=700, healthy=900, validation=150, validation_healthy=400)
-QUICK = TrainingSettings(units=40, healthy=60, validation=15, validation_healthy=30,
+QUICK = TrainingSettings(units=120, healthy=200, validation=40, validation_healthy=100,
                          hidden=12, iterations=120)
 SPREAD_UNITS = 24
 """Healthy units from which the spread of the features is read before the model is corrected."""
@@ -129,7 +128,7 @@ def make_draft(description: Path, draft: Path) -> None:
 
     The tests are those beside the description, or made for the actuator.
     """
-    from ema_record.profiles.design import default_profiles
+    from ema_record.profiles.text import write_profiles
     from ema_record.spread import load_spread
 
     if not description.is_file():
@@ -175,7 +174,7 @@ class _Work:
         faults, healthy, held, held_healthy = self._fleets(actuator)
         names, rows = self._acceptance.features(actuator)
         model, spread = self._model(actuator, names, rows), _spread(names, healthy)
-        self._check_described(calibration, names, rows, model, spread)
+        self._check_described(names, rows, model, spread)
         units = self._acceptance.units
         discrepancy = fit_discrepancy(names, rows, units, model, spread)
         self._progress("training", 0.70)
@@ -183,7 +182,7 @@ class _Work:
         fleet, own = Cascade(views["fleet"]), Cascade(views["baseline"])
         held, held_healthy = (with_discrepancy(f, discrepancy, self._seed + 1)
                               for f in (held, held_healthy))
-        held_out = {kind: {"fleet": evaluate(fleet, None, held, held_healthy),
+        held_out: dict[str, Any] = {kind: {"fleet": evaluate(fleet, None, held, held_healthy),
                            "baseline": evaluate(fleet, own, held, held_healthy)}}
         accepted, widest = self._left_out(fleet, names, rows, model, spread)
         if 1.0 < widest <= WIDEN:
@@ -192,7 +191,7 @@ class _Work:
             accepted = ["healthy" if o == "unknown" else o for o in accepted]
         else:
             factor = 1.0
-        found = self._validation(calibration, dict(held_out), accepted, discrepancy)
+        found = self._validation(calibration, held_out, accepted, discrepancy)
         found["guard_widened"] = factor
         found["bound"] = {"fleet": linear_bound(faults, healthy, own=False),
                           "baseline": linear_bound(faults, healthy, own=True)}
@@ -269,8 +268,9 @@ class _Work:
 
     def _left_out(self, fleet: Cascade, names: list[str], rows: np.ndarray, model: np.ndarray,
                   spread: np.ndarray) -> tuple[list[str], float]:
-        """Return the outcome of each record, and the largest score of the guard among those that
-        it alone makes unknown; the discrepancy is that of the other units.
+        """Return the outcome of each record, and the largest score of the guard.
+
+        The discrepancy is that of the other units. Infinite: more than the guard says unknown.
         """
         from ema_prognostics.verdict.diagnose import corrected_row
 
@@ -289,8 +289,7 @@ class _Work:
         return found, widest
 
     def _check_described(
-        self, calibration: Calibration, names: list[str], rows: np.ndarray, model: np.ndarray,
-        spread: np.ndarray,
+        self, names: list[str], rows: np.ndarray, model: np.ndarray, spread: np.ndarray
     ) -> None:
         from ema_prognostics.commission.discrepancy import NOT_SHIFTED
         from ema_prognostics.words import feature_words

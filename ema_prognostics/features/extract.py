@@ -15,8 +15,8 @@ from ema_prognostics.features.start import start_features
 from ema_prognostics.features.winding import rise, winding
 from ema_record.actuator import FOC, RELAY, Actuator
 from ema_record.errors import IncompleteRecordError
-from ema_record.record import Record
 from ema_record.profiles.plan import TestPlan, test_plan
+from ema_record.record import Record
 
 LEAST_SAG = 0.05
 """Resistance of a supply, of that of a phase, below which all are alike."""

@@ -31,7 +31,7 @@ DROP_CURRENT = 1.0
 """Current at which the drop of a switch counts as fully there, of the relay's band."""
 STEP = 1e-3
 """Angle over which the slope of the trapezoid is taken (rad)."""
-PRIOR = np.array([0.3] * 5 + [0.02, 0.1, 0.1, 0.1])
+PRIOR = np.array([0.3] * 5 + [0.1] * 4)
 """Standard deviation of each unknown where nothing is measured, the drop of a switch of the bus
 voltage: few pairs of samples say little, and then move little."""
 NOMINAL = np.array([1.0] * 5 + [0.0] * 4)

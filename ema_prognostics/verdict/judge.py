@@ -1,8 +1,9 @@
 """`Judge`: from a bag or a record to its verdict, whatever state it is in.
 
-What judges is the present kit's: its networks, its actuator, its tests. A record is read, checked by the rules of `ema_record.checks`, and then diagnosed, if asked
-beside the actuator's own healthy record. What the checks find makes the verdict incomplete,
-invalid or unknown, with the findings as its reasons; the actuator is then not judged.
+What judges is the present kit's: its networks, its actuator, its tests. A record is read, checked
+by the rules of `ema_record.checks`, and then diagnosed, if asked beside the actuator's own healthy
+record. What the checks find makes the verdict incomplete, invalid or unknown, with the findings
+as its reasons; the actuator is then not judged.
 """
 
 from __future__ import annotations

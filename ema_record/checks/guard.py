@@ -26,7 +26,8 @@ Outcome = Literal["incomplete", "invalid", "unknown"]
 OUTCOMES: dict[str, Outcome] = {
     "other_actuator": "invalid",
     "test_not_complete": "incomplete", "record_length": "incomplete", "gap": "incomplete",
-    "not_finite": "invalid", "missing_channel": "unknown", "clock_jump": "invalid", "repeated_data": "invalid",
+    "not_finite": "invalid", "missing_channel": "unknown", "clock_jump": "invalid",
+    "repeated_data": "invalid",
     "stuck_channel": "unknown", "wrong_unit": "invalid", "sign_flip": "invalid",
     "swapped_phases": "invalid", "held_samples": "unknown", "sensor_noise": "unknown",
     "discontinuity": "invalid", "spike": "unknown", "saturation": "unknown",
