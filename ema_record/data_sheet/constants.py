@@ -52,8 +52,10 @@ def shape_constants(shape: str) -> ShapeConstants:
 
     line = phase(angle) - phase(angle - 2.0 * np.pi / 3.0)
     near = np.abs(angle - np.pi / 3.0) < np.pi / 6.0
-    return ShapeConstants(float(line.max()), float(line[near].mean()), float(np.sqrt((line**2).mean())),
-                 2.0 * float((phase(angle) * np.sin(angle)).mean()))
+    return ShapeConstants(
+        peak=float(line.max()), mean=float(line[near].mean()),
+        rms=float(np.sqrt((line**2).mean())),
+        fundamental=2.0 * float((phase(angle) * np.sin(angle)).mean()))
 
 
 def phase_constant(
