@@ -55,8 +55,7 @@ QUANTITIES: dict[str, Stated] = {
     "nominal-voltage": Stated(VOLT, 1.0, 800.0, "24V", "that no-load values are given at"),
     "pole-pairs": Stated(NUMBER, 1.0, 50.0, "1", "pairs of poles, not poles", True),
     "inertia": Stated(INERTIA, 1e-8, 10.0, "34gcm2", "of the rotor", True),
-    "friction": Stated(TORQUE, 0.0, 1e3, "1.1mNm", "dry friction of motor and gear, at the "
-                         "motor"),
+    "friction": Stated(TORQUE, 0.0, 1e3, "1.1mNm", "dry, of motor and gear at the motor"),
     "viscous-friction": Stated(VISCOUS, 0.0, 10.0, "2.4e-4mNm/rpm", "of motor and gear"),
     "gear": Stated(NUMBER, 1.0, 1e5, "100", "turns of the motor a turn of the surface", True),
     "gear-efficiency": Stated(NUMBER, 0.05, 1.0, "0.7", "of the torque"),
