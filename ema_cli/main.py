@@ -24,7 +24,7 @@ from ema_cli.kit_option import with_kit
 from ema_record.errors import UsageError, unknown_name
 
 COMMANDS = ("bit", "simulate", "check", "trend", "replay", "import", "export", "lint", "recover",
-            "identify", "effects", "train", "paper")
+            "identify", "effects", "profile", "new-actuator", "commission", "train", "paper")
 """All commands, in the order of the help."""
 PROGRAM = "ema"
 
@@ -105,8 +105,11 @@ def _describe(error: Any) -> str:
 
 
 def load_command(name: str) -> Callable[..., object]:
-    """Import a command; its module and function have its name (``import_`` for ``import``)."""
-    name += "_" if keyword.iskeyword(name) else ""
+    """Import a command; its module and function have its name as Python can write it.
+
+    ``import_`` for ``import``, ``new_actuator`` for ``new-actuator``.
+    """
+    name = name.replace("-", "_") + ("_" if keyword.iskeyword(name) else "")
     function: Callable[..., object] = getattr(
         importlib.import_module(f"ema_cli.commands.{name}"), name)
     return function

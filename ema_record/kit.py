@@ -10,8 +10,6 @@ it starts inherit; `--kit` of a command and `kit` of a node set it.
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import json
 import os
 from collections.abc import Iterator
 from functools import cache
@@ -80,6 +78,12 @@ def kit_path(name: str) -> Path:
     return kit_folder() / name
 
 
+def kit_file(name: str) -> tuple[Path, int]:
+    """Return the path of a file of the present kit and when it changed (ns): a cache's key."""
+    path = kit_path(name)
+    return path, path.stat().st_mtime_ns
+
+
 def kit_name() -> str:
     """Return the present kit as users name it."""
     return "the default kit" if is_default_kit() else f"kit {kit_folder()}"
@@ -88,47 +92,3 @@ def kit_name() -> str:
 def is_default_kit() -> bool:
     """Return whether the present kit is that of the default actuator."""
     return kit_folder().resolve() == shipped_kit().resolve()
-
-
-def actuator_hash() -> str:
-    """Return what names the present kit's actuator in records: of its parameters, 16 digits."""
-    from ema_record.actuator import load_actuator
-
-    parts = {name: part._asdict() for name, part in load_actuator()._asdict().items()}
-    text = json.dumps(parts, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def actuator_hashes() -> tuple[str, ...]:
-    """Return all that may name the present kit's actuator in a record, `actuator_hash` first.
-
-    The others are those of earlier descriptions of the same type: who corrects a description
-    that records were taken with keeps its hash in the list ``formerly`` of `actuator.yaml`.
-
-    Raises
-    ------
-    UsageError
-        ``formerly`` is no list of hashes.
-    """
-    from ema_record.actuator import FORMERLY, sections_of
-
-    path = kit_path(ACTUATOR)
-    former = sections_of(path).get(FORMERLY) or []
-    if not isinstance(former, list) or not all(isinstance(name, str) for name in former):
-        raise UsageError(f"{path}: {FORMERLY}: expected a list of hashes in quotes")
-    return actuator_hash(), *former
-
-
-OWN_KIT = "give the kit that it was recorded with (--kit DIR)"
-"""What to do about a record of another actuator."""
-
-
-def is_of_another_actuator(named: str) -> bool:
-    """Return whether a record that names its actuator so is not of the present kit's."""
-    return bool(named) and named != actuator_hash() and named not in actuator_hashes()
-
-
-def another_actuator(named: str) -> str:
-    """Return in words that a record names another actuator than the present kit's."""
-    return (f"the record is of the actuator {named[:16]!r}, {kit_name()} describes "
-            f"{actuator_hash()!r}")

@@ -34,8 +34,9 @@ MAX_DEPTH = 8
 KNOWN_CYCLES: set[str] = set()
 KNOWN_FOLDER_CYCLES: set[str] = set()
 KNOWN_CROWDED: set[str] = set()
-ONE_FILE_AN_ENTRY = {"ema_sim/effects"}
-"""A catalogue: each file is one effect, with its parameters, bounds and source. Stays."""
+ONE_FILE_AN_ENTRY = {"ema_sim/effects", "ema_cli/commands"}
+"""Catalogues: each file is one effect, with its parameters, bounds and source; or one command,
+with its options and help. Stay."""
 KNOWN_DEPTH = {"ema_identification": 10}
 KNOWN_NAMES: set[str] = set()
 DISTINCTIVE = (

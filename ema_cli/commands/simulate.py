@@ -179,7 +179,7 @@ def _named(record: Record) -> Record:
     """Return a record that names the kit's actuator."""
     from dataclasses import replace
 
-    from ema_record.kit import actuator_hash
+    from ema_record.actuator_type import actuator_hash
 
     named = replace(record.provenance, actuator=actuator_hash())
     return replace(record, provenance=named)

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ema_prognostics.features.rebuild import torque_command
 from ema_prognostics.features.signals import Signals
+from ema_record.actuator import FOC
 from ema_record.channels import REFERENCE_CURRENTS
-from ema_sim.plant.electrical import FIRST_EDGE, SECTOR, reference_signs
+from ema_sim.plant.electrical import FIRST_EDGE, SECTOR
 
 LONGEST = 1.5e-3
 """Longest delay that is sought (s)."""
@@ -22,16 +24,17 @@ RIDGE = 0.03
 """Added to the powers: what the filter has taken out of the noise cannot be told."""
 FLOOR = 0.02
 """Delay below which all are alike (ms)."""
-_SIGNS = np.array([reference_signs.py_func(sector) for sector in range(6)])
 
 
 def _command(signals: Signals) -> np.ndarray:
     """Return the reference of the torque current, shape (n,) (A), NaN at commutations."""
+    value = torque_command(signals.record.samples[:, REFERENCE_CURRENTS], signals.theta,
+                           signals.actuator)
+    if signals.actuator.drive.kind == FOC:
+        return value
     place = (signals.theta - FIRST_EDGE) / SECTOR
     reach = 0.5 * np.abs(np.gradient(place)) + 1e-3
     whole = np.floor(place - reach) == np.floor(place + reach)
-    signs = _SIGNS[np.floor(place).astype(int) % 6]
-    value = 0.5 * (signs * signals.record.samples[:, REFERENCE_CURRENTS]).sum(axis=1)
     return np.where(whole, value, np.nan)
 
 

@@ -9,8 +9,9 @@ import pytest
 from ros_processes import MONITOR, PROGNOSTICS, SIMULATOR
 
 from ema_monitor.sequence import step_to
+from ema_record.actuator_type import actuator_hash
 from ema_record.bag.read import read_bag
-from ema_record.kit import actuator_hash, using_kit
+from ema_record.kit import using_kit
 from support.kits import second_kit
 from support.simulations import SECOND_STEP
 

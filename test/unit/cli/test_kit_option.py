@@ -9,8 +9,9 @@ from typer.main import get_command
 from ema_cli.kit_option import with_kit
 from ema_cli.main import COMMANDS, build_app, run
 from ema_record.actuator import load_actuator
+from ema_record.actuator_type import actuator_hash
 from ema_record.bag.read import read_bag
-from ema_record.kit import ENVIRONMENT, actuator_hash, using_kit
+from ema_record.kit import ENVIRONMENT, using_kit
 from support.kits import second_kit
 
 
