@@ -27,9 +27,9 @@ _WINDING = ("resistance_", "inductance_")
 _SCATTER = ("noise_speed", "torque_quarter", "torque_full")
 """What the scatter of the lines depends on."""
 _BALANCE = (
-    "torque_", "gap_torque", SURFACE, "gap_load", "gap_width", "load_", "temperature",
-    "bus_voltage", "lag_", "shaft_slope", "start_stiffness", "short_like_best",
-    "amplitude_1", "amplitude_3", "noise_speed", "winding_back_emf", "inertia",
+    "dry_torque", "viscous_share", "torque_", "gap_torque", SURFACE, "gap_load", "gap_width",
+    "load_", "temperature", "bus_voltage", "lag_", "shaft_slope", "start_stiffness",
+    "short_like_best", "amplitude_1", "amplitude_3", "noise_speed", "winding_back_emf", "inertia",
 )
 """What the mean torque depends on."""
 GROUPS: dict[str, tuple[str, ...]] = {

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_prognostics.cascade.guard import (
+    ALONE,
     FLOOR,
     GROUP_SQUEEZE,
     MEASURED,
@@ -138,12 +139,12 @@ def train_guard(
     d = [names.index(n) for n in drivers]
     c = [names.index(n) for n in checked]
     known = records.known
-    mean = fit_regressor(known[:, d], known[:, c], hidden=32, seed=seed + 2, iterations=iterations)
-    residual = known[:, c] - mean(known[:, d])
-    scale = fit_regressor(
-        known[:, d], np.log(np.abs(residual) + FLOOR), hidden=16, seed=seed + 3,
-        iterations=iterations // 2, decay=30.0,
-    )
+    alone = np.isin(checked, ALONE)  # of these neither mean nor scatter depends on the drivers
+    target = np.where(alone, np.median(known[:, c], axis=0), known[:, c])
+    mean = fit_regressor(known[:, d], target, hidden=32, seed=seed + 2, iterations=iterations)
+    size = np.log(np.abs(known[:, c] - mean(known[:, d])) + FLOOR)
+    scale = fit_regressor(known[:, d], np.where(alone, size.mean(axis=0), size), hidden=16,
+                          seed=seed + 3, iterations=iterations // 2, decay=30.0)
 
     def residuals(rows: np.ndarray) -> np.ndarray:
         z = (rows[:, c] - mean(rows[:, d])) / (np.exp(scale(rows[:, d])) + FLOOR)
