@@ -7,11 +7,13 @@ nowhere else.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
+import yaml
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from ema_record.errors import UsageError, first_problem, unknown_name
@@ -203,6 +205,18 @@ class Actuator(NamedTuple):
         """Highest speed of the surface (rad/s)."""
         return self.control.speed_limit / self.gear.ratio
 
+    @property
+    def friction_torque(self) -> float:
+        """Torque of the dry friction of motor and surface while they move, at the motor (N m)."""
+        return self.motor.dynamic_friction + self.surface.dynamic_friction / self.gear.ratio
+
+    @property
+    def wind_up(self) -> float:
+        """Travel of the motor until a surface at rest starts: lost motion, wind-up (rad)."""
+        shaft = self.shaft
+        return self.gear.ratio * (
+            self.surface.static_friction / shaft.stiffness + shaft.backlash)
+
     def motor_angle(self, electrical: Any) -> Any:
         """Return the mechanical angle of the motor (rad) to electrical angles (rad), any shape.
 
@@ -281,3 +295,28 @@ def _checked(section: str, values: Mapping[str, Any], where: str) -> Any:
     except ValidationError as error:
         text = first_problem(error, f"{where}: {section}", section, f"see {NOMINAL}")
         raise UsageError(text) from None
+
+
+def with_values(text: str, actuator: Actuator) -> str:
+    """Return the text of an `actuator.yaml` with the values of `actuator`, comments kept.
+
+    A parameter stands on a line of its own, ``  name: value  # comment``; values that are equal
+    are left as they are written.
+    """
+    section, lines = "", []
+    for line in text.splitlines():
+        heading = re.match(r"([a-z_]+):\s*(#.*)?$", line)
+        section = heading.group(1) if heading else section
+        entry = re.match(r"(\s+)([a-z_0-9]+):(\s*)([^#\s]+)(\s*)(#.*)?$", line)
+        if entry and section in PARTS:
+            indent, name, gap, old, space, comment = entry.groups()
+            value = getattr(getattr(actuator, section), name)
+            given = _checked(section, {**getattr(actuator, section)._asdict(),
+                                       name: yaml.safe_load(old)}, "text")
+            if getattr(given, name) != value:
+                new = f"{value:.6g}" if isinstance(value, float) else str(value)
+                new = str(bool(value)).lower() if old in ("true", "false") else new
+                written = old + space if comment else old
+                line = f"{indent}{name}:{gap}{new.ljust(len(written) - 1)} {comment or ''}".rstrip()
+        lines.append(line)
+    return "\n".join(lines) + "\n"

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ema_prognostics.features.signals import Signals
+from ema_prognostics.features.signals import MIN_SAMPLES, Signals
 from ema_record.actuator import NOISE_RATE, Actuator
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
 
@@ -87,13 +87,14 @@ def consistency(
     off = slice(0, int(np.searchsorted(signals.time, record.profile.inverter_off - 1e-3)))
     on = slice(int(np.searchsorted(signals.time, record.profile.command_time, side="right")), None)
     found: dict[str, float] = {}
-    if off.stop >= 40:
+    if off.stop >= MIN_SAMPLES:
         quiet = record.samples[off, PHASE_CURRENTS].std(axis=0)
         found["noise_speed"] = _log(float(signals.speed[off].std()), least["speed"])
         found["noise_current"] = _log(float(quiet.max()), least["current"])
         found["noise_current_least"] = _log(float(quiet.min()), least["current"])
         start = record.profile.start
-        found["start_position"] = 1e3 * float(signals.position[off].mean() - start)
+        if signals.has_position:
+            found["start_position"] = 1e3 * float(signals.position[off].mean() - start)
     found["offset_largest"] = float(np.abs(signals.sensors.offset).max())
     gain = signals.sensors.gain - 1.0
     found["gain_largest"] = float(np.abs(gain).max())
@@ -103,11 +104,12 @@ def consistency(
     total = currents[0] + currents[1] + currents[2]
     found["sum_rms"] = _log(float(total.std()), least["current"])
     found["sum_mean"] = float(total.mean())
-    rms = np.array([(i - r).std() for i, r in zip(currents, references)])
-    found["reference_rms"] = _log(float(rms.mean()))
-    found["reference_spread"] = float((rms.max() - rms.min()) / max(rms.mean(), TINY))
-    found["reference_sum"] = _log(
-        float((references[0] + references[1] + references[2]).std()), least["current"])
+    if signals.has_references:
+        rms = np.array([(i - r).std() for i, r in zip(currents, references)])
+        found["reference_rms"] = _log(float(rms.mean()))
+        found["reference_spread"] = float((rms.max() - rms.min()) / max(rms.mean(), TINY))
+        found["reference_sum"] = _log(
+            float((references[0] + references[1] + references[2]).std()), least["current"])
     for name in [n for n in ("full", "quarter") if n in slews]:
         part = signals.between(*slews[name][:2])
         time = signals.time[part] - signals.time[part].mean()
@@ -115,15 +117,18 @@ def consistency(
         moving = float(time @ signals.position[part] / (time @ time))
         mean = float(signals.speed[part].mean())
         if name == "full":
-            found["position_step"] = _log(
-                resolution(signals.position[part]), least["position_step"])
+            if signals.has_position:
+                found["position_step"] = _log(
+                    resolution(signals.position[part]), least["position_step"])
             found["speed_step"] = _log(resolution(signals.speed[part]), least["speed_step"])
         scale = max(abs(turning), 1.0)
         found[f"speed_over_angle_{name}"] = 1e3 * (mean - turning) / scale
-        found[f"position_over_angle_{name}"] = 1e3 * (moving * ratio - turning) / scale
+        if signals.has_position:
+            found[f"position_over_angle_{name}"] = 1e3 * (moving * ratio - turning) / scale
         residual = signals.position[part] - moving * time - signals.position[part].mean()
         if name == "quarter":
-            found["position_rms_quarter"] = _log(float(residual.std()), least["position"])
+            if signals.has_position:
+                found["position_rms_quarter"] = _log(float(residual.std()), least["position"])
             found["speed_rms_quarter"] = _log(
                 float(detrended(signals.speed[part]).std()), least["speed"])
             found["torque_rms_quarter"] = _log(

@@ -12,9 +12,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ema_prognostics.features.rebuild import torque_command
 from ema_prognostics.features.signals import Signals
+from ema_record.actuator import FOC
 from ema_record.channels import REFERENCE_CURRENTS
-from ema_sim.plant.electrical import FIRST_EDGE, SECTOR, reference_signs
+from ema_sim.plant.electrical import FIRST_EDGE, SECTOR
 
 LONGEST = 1.5e-3
 """Longest delay that is sought (s)."""
@@ -28,16 +30,18 @@ FILTERED = 1.5
 TINY = 1e-9
 FLOOR = 0.02
 """Delay below which all are alike (ms)."""
-_SIGNS = np.array([reference_signs.py_func(sector) for sector in range(6)])
 
 
 def _command(signals: Signals, part: slice) -> np.ndarray:
     """Return the reference of the torque current, shape (n,) (A), NaN at commutations."""
-    place = (signals.theta[part] - FIRST_EDGE) / SECTOR
+    theta = signals.theta[part]
+    value = torque_command(signals.record.samples[part, REFERENCE_CURRENTS], theta,
+                           signals.actuator)
+    if signals.actuator.drive.kind == FOC:
+        return value
+    place = (theta - FIRST_EDGE) / SECTOR
     reach = 0.5 * np.abs(np.gradient(place)) + 1e-3
     whole = np.floor(place - reach) == np.floor(place + reach)
-    signs = _SIGNS[np.floor(place).astype(int) % 6]
-    value = 0.5 * (signs * signals.record.samples[part, REFERENCE_CURRENTS]).sum(axis=1)
     return np.where(whole, value, np.nan)
 
 

@@ -23,30 +23,28 @@ import numpy as np
 from ema_prognostics.features.signals import Signals
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_sim.effects.winding_temperature import COPPER, REFERENCE
-from ema_sim.plant.electrical import FIRST_EDGE, SECTOR, THIRD, unit_trapezoid
+from ema_sim.plant.electrical import FIRST_EDGE, SECTOR, THIRD, unit_back_emf
 
-MARGIN = 0.3
-"""Of a current to the edge of the relay's band within which its leg may switch (A)."""
-DROP_CURRENT = 0.5
-"""Current at which the drop of a switch counts as fully there (A)."""
+MARGIN = 0.6
+"""Of a current to the edge of the relay's band within which its leg may switch, of the band."""
+DROP_CURRENT = 1.0
+"""Current at which the drop of a switch counts as fully there, of the relay's band."""
 STEP = 1e-3
 """Angle over which the slope of the trapezoid is taken (rad)."""
 MIN_PAIRS = 60
 ROUNDS = 8
-LEAST_ERROR = 0.05
-"""Least size of the errors (V)."""
+LEAST_ERROR = 1e-3
+"""Least size of the errors, of the bus voltage."""
 PAIRS = ((0, 1), (1, 2), (2, 0))
 FEATURES = ("winding_inductance", "winding_resistance", "winding_back_emf", "switch_drop",
             "sensor_angle", "resistance_m1_re", "resistance_m1_im", "inductance_m1_re",
             "inductance_m1_im", "resistance_spread", "inductance_spread", "winding_error")
-LENGTH = 2.03
-"""Time after the first command that is used: all but the slow ramps (s)."""
 PHASES = np.exp(-1j * THIRD * np.arange(3))
 """Weights that make one complex number of three phases; turns with them like a line 1."""
 SPREAD_FLOOR = 0.02
 
 
-def _saturated(signals: Signals) -> np.ndarray:
+def _saturated(signals: Signals, length: float) -> np.ndarray:
     """Return where each leg stands still from a sample to the next, shape (n - 1, 3).
 
     +1: on the upper rail, -1: on the lower, 0: not certain.
@@ -54,22 +52,23 @@ def _saturated(signals: Signals) -> np.ndarray:
     samples = signals.record.samples
     reading, reference = samples[:, PHASE_CURRENTS], samples[:, REFERENCE_CURRENTS]
     band = signals.actuator.inverter.hysteresis
+    margin = MARGIN * band
     half = 0.5 * np.diff(reading, axis=0)
     begin, end = reading[:-1] - half, reading[1:] + half
     low = np.minimum(reference[:-1], reference[1:])
     high = np.maximum(reference[:-1], reference[1:])
-    up = (begin < low - band - MARGIN) & (end < low + band - MARGIN)
-    down = (begin > high + band + MARGIN) & (end > high - band + MARGIN)
+    up = (begin < low - band - margin) & (end < low + band - margin)
+    down = (begin > high + band + margin) & (end > high - band + margin)
     turned = np.diff(signals.theta)
     place = (signals.theta - np.pi / 6.0) / (np.pi / 3.0)
     reach = 0.5 * turned / (np.pi / 3.0)
     same = np.floor(place[:-1] - reach) == np.floor(place[1:] + reach)
     on = signals.time[:-1] > signals.record.profile.inverter_off + 2.0 / signals.rate
-    on &= signals.time[1:] < signals.record.profile.command_time + LENGTH
+    on &= signals.time[1:] < signals.record.profile.command_time + length
     return np.where((same & on)[:, None], up.astype(int) - down.astype(int), 0)
 
 
-def _equations(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
+def _equations(signals: Signals, length: float) -> tuple[np.ndarray, np.ndarray]:
     """Return L0 di/dt, shape (n,), and what explains it, shape (n, 9), of all pairs (V).
 
     Columns: bus, fall over each winding (3), back-EMF, drop of a volt, angle of a radian,
@@ -77,12 +76,12 @@ def _equations(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
     """
     actuator = signals.actuator
     motor = actuator.motor
-    state = _saturated(signals)
+    state = _saturated(signals, length)
     middle = 0.5 * (signals.currents[1:] + signals.currents[:-1])
     rise = np.diff(signals.currents, axis=0) / np.diff(signals.time)[:, None]
     warm = signals.temperature - REFERENCE
     resistance = motor.phase_resistance * (1.0 + COPPER * warm)
-    sign = np.clip(middle / DROP_CURRENT, -1.0, 1.0)
+    sign = np.clip(middle / (DROP_CURRENT * actuator.inverter.hysteresis), -1.0, 1.0)
     rows, sides = [], []
     for j, k in PAIRS:
         used = np.flatnonzero(state[:, j] * state[:, k] < 0)
@@ -95,8 +94,8 @@ def _equations(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
         for phase, part in ((j, 0.5), (k, -0.5)):
             for at in (used, used + 1):
                 angle = signals.theta[at] - phase * THIRD
-                ahead = unit_trapezoid(angle + STEP, motor.flat_top)
-                behind = unit_trapezoid(angle - STEP, motor.flat_top)
+                ahead = unit_back_emf(angle + STEP, motor)
+                behind = unit_back_emf(angle - STEP, motor)
                 shape = shape + part * 0.5 * (ahead + behind)
                 slope = slope + part * (ahead - behind) / (2.0 * STEP)
         emf = 0.5 * signals.torque_constant * s * speed
@@ -110,8 +109,10 @@ def _equations(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(sides), np.vstack(rows)
 
 
-def _fit(rows: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, float]:
+def _fit(rows: np.ndarray, side: np.ndarray, least: float) -> tuple[np.ndarray, float]:
     """Return the solution of rows x = side, and the error's size, freed of stray equations.
+
+    `least`: least size of the errors (V).
 
     A leg that switched unseen makes an equation wrong by some ten volts. Weights of Cauchy and
     the median of the errors leave such out (iteratively reweighted least squares).
@@ -120,22 +121,24 @@ def _fit(rows: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, float]:
     scale = 0.0
     for _ in range(ROUNDS):
         error = np.abs(side - rows @ found)
-        scale = max(1.5 * float(np.median(error)), LEAST_ERROR)
+        scale = max(1.5 * float(np.median(error)), least)
         root = 1.0 / np.sqrt(1.0 + (error / (2.0 * scale)) ** 2)
         found = np.linalg.lstsq(rows * root[:, None], side * root, rcond=None)[0]
     return found, scale
 
 
-def winding(signals: Signals) -> dict[str, float]:
+def winding(signals: Signals, length: float) -> dict[str, float]:
     """Return `FEATURES`: logarithms of L, R and k over nominal, U (V), angle (mrad), errors.
 
     Zero where the record has fewer than `MIN_PAIRS` pairs of samples to tell from. Lines 1:
-    percent by which the phases differ.
+    percent by which the phases differ. `length`: time after the first command that is used: all
+    but the slow ramps (s).
     """
-    side, rows = _equations(signals)
+    side, rows = _equations(signals, length)
     if len(side) < MIN_PAIRS:
         return dict.fromkeys(FEATURES, 0.0)
-    found, error = _fit(rows, side)
+    bus = signals.actuator.inverter.bus_voltage
+    found, error = _fit(rows, side, LEAST_ERROR * bus)
     gain = max(float(found[0]), 0.1)
     r = found[1:4] / gain
     resistance, inductance = complex(r @ PHASES), 1.5 * complex(*found[7:9])
@@ -149,7 +152,7 @@ def winding(signals: Signals) -> dict[str, float]:
         "inductance_m1_re": 1e2 * inductance.real, "inductance_m1_im": 1e2 * inductance.imag,
         "resistance_spread": float(np.log(abs(resistance) + SPREAD_FLOOR)),
         "inductance_spread": float(np.log(abs(inductance) + SPREAD_FLOOR)),
-        "winding_error": float(np.log(error + 0.1)),
+        "winding_error": float(np.log(error + 2.0 * LEAST_ERROR * bus)),
     }
 
 

@@ -1,0 +1,52 @@
+"""Verdicts of the product on cases, kept line by line so that a run can go on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.any_actuator.cases import BenchCase
+from benchmarks.any_actuator.records import record_of
+from benchmarks.ledger import Ledger
+from ema_prognostics.verdict.judge import Judge
+from ema_record.profile import Profile
+
+
+def judge_cases(
+    cases: Sequence[BenchCase], profile: Profile, judge: Judge, ledger: Ledger, name: str,
+    progress: Callable[[int, int], None] = lambda _done, _all: None,
+) -> list[dict[str, Any]]:
+    """Return what `ema check` says of each case, simulated when its verdict is not there yet.
+
+    Parameters
+    ----------
+    cases, profile : the fleet and its test.
+    judge : of the present kit.
+    ledger, name : keep the verdicts; `name` stands for all that decides them but the case.
+    progress : called with cases done and all cases.
+    """
+    rows = []
+    for n, case in enumerate(cases):
+        rows.append(ledger.run(f"{name}/{case.key}", lambda c=case: _judged(c, profile, judge)))
+        progress(n + 1, len(cases))
+    return rows
+
+
+def _judged(case: BenchCase, profile: Profile, judge: Judge) -> dict[str, Any]:
+    verdict = judge.of_record(record_of(case.test, profile), case.key).verdict
+    found = verdict.to_dict()
+    return {
+        "group": case.group, "detail": case.detail, "size": case.size, "phase": case.phase,
+        "outcome": verdict.outcome, "named": [f.fault_class for f in verdict.faults],
+        "alternatives": list(verdict.alternatives), "named_phase": found["phase"],
+        "severity": found["severity"], "interval": found["severity_interval"],
+        "reasons": list(verdict.reasons[:3]),
+    }
+
+
+def folder_key(path: Path) -> str:
+    """Return what names the cascade of a kit: 12 digits of the file's hash, ``none`` without."""
+    import hashlib
+
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:12] if path.is_file() else "none"
