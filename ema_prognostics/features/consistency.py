@@ -57,15 +57,17 @@ def floors(actuator: Actuator, rate: float) -> dict[str, float]:
 
     Returns
     -------
-    ``current``, ``speed`` and ``position``, parts of the noise of a sample; ``speed_step`` and
-    ``position_step``, the steps of the declared converters if these are larger. SI units.
+    ``current``, ``speed`` and ``position``, parts of the noise of a sample; ``sum``, of three
+    currents; ``speed_step`` and ``position_step``, the steps of the declared converters if these
+    are larger. SI units.
     """
     noise, c = actuator.noise, actuator.converters
     inside = 1.0 / np.sqrt(actuator.control.period * NOISE_RATE)
     rounds = actuator.acquisition.converters
     speed, position = QUIET * noise.speed * inside, QUIET * noise.position * inside
+    current = QUIET * noise.current * float(np.sqrt(rate / NOISE_RATE))
     return {
-        "current": QUIET * noise.current * float(np.sqrt(rate / NOISE_RATE)),
+        "current": current, "sum": float(np.sqrt(3.0)) * current,
         "speed": speed, "position": position,
         "speed_step": max(speed, rounds * c.speed_range / 2.0**c.speed_bits),
         "position_step": max(position, rounds * c.position_range / 2.0**c.position_bits),
@@ -102,14 +104,14 @@ def consistency(
     currents = [signals.currents[on, k] for k in range(3)]
     references = [record.samples[on, REFERENCE_CURRENTS.start + k] for k in range(3)]
     total = currents[0] + currents[1] + currents[2]
-    found["sum_rms"] = _log(float(total.std()), least["current"])
+    found["sum_rms"] = _log(float(total.std()), least["sum"])
     found["sum_mean"] = float(total.mean())
     if signals.has_references:
         rms = np.array([(i - r).std() for i, r in zip(currents, references)])
         found["reference_rms"] = _log(float(rms.mean()))
         found["reference_spread"] = float((rms.max() - rms.min()) / max(rms.mean(), TINY))
         found["reference_sum"] = _log(
-            float((references[0] + references[1] + references[2]).std()), least["current"])
+            float((references[0] + references[1] + references[2]).std()), least["sum"])
     for name in [n for n in ("full", "quarter") if n in slews]:
         part = signals.between(*slews[name][:2])
         time = signals.time[part] - signals.time[part].mean()

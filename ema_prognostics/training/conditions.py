@@ -55,7 +55,8 @@ class Unit:
     """Static over dynamic friction, of motor and surface."""
     viscous: tuple[float, float]
     """Factors on the viscous friction of motor and surface."""
-    inertia: float
+    inertia: tuple[float, float]
+    """Of motor and surface."""
     stiffness: float
     damping: float
     gains: tuple[float, float, float]
@@ -119,7 +120,8 @@ def draw_unit(rng: np.random.Generator, spread: Tolerances) -> Unit:
         flat_top=one(spread.flat_top), motor_friction=one(spread.motor_friction),
         surface_friction=one(spread.surface_friction),
         static_ratio=_two(rng, -spread.static_ratio, spread.static_ratio),
-        viscous=(math.exp(first), math.exp(second)), inertia=one(spread.inertia),
+        viscous=(math.exp(first), math.exp(second)),
+        inertia=_two(rng, -spread.inertia, spread.inertia),
         stiffness=one(spread.stiffness), damping=one(spread.damping),
         gains=_three(rng, spread.control_gain),
         current_gains=_two(rng, -spread.control_gain, spread.control_gain),
@@ -173,11 +175,12 @@ def actuator_of(nominal: Actuator, unit: Unit, conditions: RunConditions) -> Act
             flat_top=float(np.clip(motor.flat_top + unit.flat_top, 0.0, math.pi)),
             phase_resistance=motor.phase_resistance * (1.0 + unit.resistance),
             phase_inductance=motor.phase_inductance * (1.0 + unit.inductance),
-            inertia=motor.inertia * (1.0 + unit.inertia),
+            inertia=motor.inertia * (1.0 + unit.inertia[0]),
             viscous_friction=motor.viscous_friction * unit.viscous[0],
             dynamic_friction=dry_m, static_friction=dry_m * over_m,
         ),
         surface=surface._replace(
+            inertia=surface.inertia * (1.0 + unit.inertia[1]),
             viscous_friction=surface.viscous_friction * unit.viscous[1],
             dynamic_friction=dry_s, static_friction=dry_s * over_s,
         ),

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ema_prognostics.cascade.classes import FAULTS, OUTPUTS
+from ema_prognostics.cascade.classes import FAULTS, OUTPUTS, scale_of
 
 SEVERITY: dict[str, tuple[float, float]] = {
     "turn_short": (1e-3, 0.4), "rotor_eccentricity": (5e-4, 0.2), "friction": (0.01, 2.0),
-    "backlash": (2e-5, 4e-3),
+    "backlash": (0.2, 40.0),
 }
-"""Least and largest severity, drawn evenly in its logarithm (1, 1, 1, rad)."""
+"""Least and largest severity, drawn evenly in its logarithm, in `classes.scale_of`."""
 MODES = ("paper", "common", "shifted")
 
 
@@ -34,7 +34,7 @@ HEALTHY = InjectedFault()
 
 def _severity(rng: np.random.Generator, fault: str) -> float:
     low, high = SEVERITY[fault]
-    return float(np.exp(rng.uniform(math.log(low), math.log(high))))
+    return scale_of(fault) * float(np.exp(rng.uniform(math.log(low), math.log(high))))
 
 
 def draw_fault(rng: np.random.Generator, fault: str) -> InjectedFault:

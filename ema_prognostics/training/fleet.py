@@ -25,7 +25,7 @@ from ema_prognostics.training.faults import HEALTHY, InjectedFault, draw_fault, 
 from ema_record import array_cache
 from ema_record.actuator import load_actuator
 from ema_record.errors import RecordError
-from ema_record.kit import ACTUATOR, PROFILES, kit_path
+from ema_record.kit import ACTUATOR, PROFILES, kit_folder, kit_path, using_kit
 from ema_record.profile import Profile, load_profile
 from ema_record.record import Record
 from ema_record.spread import Spread, load_spread
@@ -137,7 +137,8 @@ def _features(
 
 def sources_key(*parts: str) -> str:
     """Return a hash of `parts` and of all that decides the features: simulator, extraction."""
-    data = (kit_path(name).read_text(encoding="utf-8") for name in DATA)
+    files = [kit_path(name) for name in DATA]
+    data = (f.read_text(encoding="utf-8") if f.is_file() else "" for f in files)
     return array_cache.key_of(*data, *parts, module=MODULE)
 
 
@@ -145,8 +146,8 @@ Arrays = dict[str, np.ndarray]
 
 
 def _run(kinds: tuple[ProfileKind, ...], model: Model, plans: list[_UnitPlan], key: str,
-         folder: Path | None) -> Arrays:
-    """Simulate units and return the features of their records, kept in `folder`.
+         folder: Path | None, kit: Path) -> Arrays:
+    """Simulate units of a kit and return the features of their records, kept in `folder`.
 
     Returns
     -------
@@ -159,7 +160,7 @@ def _run(kinds: tuple[ProfileKind, ...], model: Model, plans: list[_UnitPlan], k
     if kept is not None and set(kept) == {
             f"{what}_{k}" for k in kinds for what in ("names", "features")}:
         return kept
-    with threadpool_limits(limits=1):
+    with threadpool_limits(limits=1), using_kit(kit):
         found = [[_features(kinds, model, plan.unit, *test)
                   for test in ((plan.base, HEALTHY), *plan.tests)] for plan in plans]
     arrays = {}
@@ -215,7 +216,8 @@ def simulate_fleets(
     keys = [sources_key(json.dumps([kinds, repr(of), seed, healthy, chunk, k]))
             for k in range(len(parts))]
     work = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(_run)(kinds, of, part, key, folder) for part, key in zip(parts, keys))
+        delayed(_run)(kinds, of, part, key, folder, kit_folder())
+        for part, key in zip(parts, keys))
     results = []
     for result in work:
         results.append(result)

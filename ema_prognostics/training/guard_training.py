@@ -58,6 +58,8 @@ class GuardRecords(NamedTuple):
     """With and without faults; they train it."""
     known_kind: np.ndarray
     """Of the known: which of `KINDS_FOUND`, shape (k,)."""
+    weight: np.ndarray
+    """Of the known, shape (k,)."""
     other: np.ndarray
     """Others of all known kinds; they set the limits."""
     kind: np.ndarray
@@ -141,10 +143,12 @@ def train_guard(
     known = records.known
     alone = np.isin(checked, ALONE)  # of these neither mean nor scatter depends on the drivers
     target = np.where(alone, np.median(known[:, c], axis=0), known[:, c])
-    mean = fit_regressor(known[:, d], target, hidden=32, seed=seed + 2, iterations=iterations)
+    mean = fit_regressor(known[:, d], target, hidden=32, seed=seed + 2, iterations=iterations,
+                         weight=records.weight)
     size = np.log(np.abs(known[:, c] - mean(known[:, d])) + FLOOR)
     scale = fit_regressor(known[:, d], np.where(alone, size.mean(axis=0), size), hidden=16,
-                          seed=seed + 3, iterations=iterations // 2, decay=30.0)
+                          seed=seed + 3, iterations=iterations // 2, decay=30.0,
+                          weight=records.weight)
 
     def residuals(rows: np.ndarray) -> np.ndarray:
         z = (rows[:, c] - mean(rows[:, d])) / (np.exp(scale(rows[:, d])) + FLOOR)
