@@ -10,6 +10,7 @@ from ema_prognostics.cascade.guard import (
     ALONE,
     FLOOR,
     GROUP_SQUEEZE,
+    LEAST_EXCESS,
     MEASURED,
     NO_FAULT_MOVES,
     checked_of,
@@ -33,8 +34,9 @@ from ema_prognostics.training.calibration import tail_quantile
 GUARD_RATE, GROUP_RATE = 0.001, 0.0005
 """Rate of records that each of the guard's rules may turn away: all single features, all features
 together, and each group of them."""
-SHRINKAGE = 0.02
-"""Part of the variances added to the diagonal of the covariance."""
+SHRINKAGE, LEAST_VARIANCE = 0.02, 0.05
+"""Part of the variances added to the diagonal of the covariance; least variance of a residual,
+which is 1 where its scatter is as the network says."""
 MARGINS = {"healthy": 1.07, "slight": 1.15, "mechanical": 1.25, "electrical": 1.5, "both": 1.4}
 """On the limits of records with a fault, which few units set."""
 WOUND = ("resistance_", "inductance_", "winding_")
@@ -71,7 +73,8 @@ class GuardRecords(NamedTuple):
 def _whitening(squeezed: np.ndarray) -> np.ndarray:
     """Return the matrix that makes `squeezed` residuals, shape (n, m), uncorrelated."""
     covariance = squeezed.T @ squeezed / len(squeezed)
-    covariance += SHRINKAGE * np.diag(np.diag(covariance)) + 1e-6 * np.eye(len(covariance))
+    variance = np.diag(covariance)
+    covariance += np.diag(SHRINKAGE * variance + np.maximum(LEAST_VARIANCE - variance, 0.0))
     return np.array(rounded(np.linalg.cholesky(np.linalg.inv(covariance)).T))
 
 
@@ -89,7 +92,7 @@ def _groups(known: np.ndarray, z: np.ndarray, checked: list[str], margin: float
 
 
 def _limits(
-    known: np.ndarray, z: np.ndarray, checked: list[str], least: LimitPart | None,
+    known: np.ndarray, z: np.ndarray, checked: list[str], least: np.ndarray,
     margin: np.ndarray, all_margin: float,
 ) -> LimitPart:
     """Return the limits for a kind of record.
@@ -99,8 +102,7 @@ def _limits(
     known : ndarray, shape (k, m). Scaled residuals of records that trained; their scatter.
     z : ndarray, shape (n, m). Those of others, which set the bounds.
     checked : names of the features, (m,).
-    least : of healthy records, of which there are more units: no limit is below these; None
-        for the healthy ones themselves.
+    least : ndarray, shape (m,). No limit is below these.
     margin, all_margin : on the limits of the features, shape (m,), and on those of several.
     """
     whitening = _whitening(squeeze(known))
@@ -108,10 +110,8 @@ def _limits(
     each = np.array([max(tail_quantile(v, SINGLE_RATE), 1e-3) for v in np.abs(z).T])
     worst = (np.abs(z) / each).max(axis=1)
     limit, distance = each * tail_quantile(worst, GUARD_RATE), tail_quantile(length, GUARD_RATE)
-    if least is not None:
-        limit = np.maximum(limit, least.limit)
     part = LimitPart(
-        limit=rounded(margin * limit), whitening=rounded(whitening),
+        limit=rounded(margin * np.maximum(limit, least)), whitening=rounded(whitening),
         distance=float(f"{all_margin * distance:.6g}"), tail=[0.0] * len(TAIL_RATES),
         groups=_groups(known, z, checked, all_margin),
     )
@@ -150,23 +150,27 @@ def train_guard(
                           seed=seed + 3, iterations=iterations // 2, decay=30.0,
                           weight=records.weight)
 
+    def scatter(rows: np.ndarray) -> np.ndarray:
+        return np.asarray(np.exp(scale(rows[:, d])) + FLOOR)
+
     def residuals(rows: np.ndarray) -> np.ndarray:
-        z = (rows[:, c] - mean(rows[:, d])) / (np.exp(scale(rows[:, d])) + FLOOR)
+        z = (rows[:, c] - mean(rows[:, d])) / scatter(rows)
         return np.where(signed(checked), z, np.maximum(z, 0.0))
 
-    def limits(first: np.ndarray, z: np.ndarray, found: str, least: LimitPart | None = None
-               ) -> LimitPart:
+    def limits(first: np.ndarray, z: np.ndarray, found: str, least: np.ndarray) -> LimitPart:
         wound = WOUND_MARGIN if found in ("electrical", "both") else TAIL_MARGIN
         each = np.array([wound if n.startswith(WOUND) and n != NO_FAULT_MOVES else 1.0
                          for n in checked])
         return _limits(first, z, checked, least, MARGINS[found] * each, MARGINS[found])
 
     seen, other = residuals(known), residuals(records.other)
-    healthy = limits(seen[records.known_kind == 0], residuals(records.healthy), KINDS_FOUND[0])
+    excess = np.where(signed(checked), 1e-3, LEAST_EXCESS / np.median(scatter(known), axis=0))
+    healthy = limits(seen[records.known_kind == 0], residuals(records.healthy), KINDS_FOUND[0],
+                     excess)
     parts = {KINDS_FOUND[0]: healthy}
-    for name, within in WITHIN.items():
+    for name, within in WITHIN.items():  # healthy records are of more units: no limit is below
         parts[name] = limits(seen[np.isin(records.known_kind, within)],
-                             other[np.isin(records.kind, within)], name, healthy)
+                             other[np.isin(records.kind, within)], name, np.array(healthy.limit))
     measured = {n: known[:, k] for k, n in enumerate(names) if n in MEASURED}
     return GuardPart(
         seen={n: (float(f"{v.min():.6g}"), float(f"{v.max():.6g}")) for n, v in measured.items()},

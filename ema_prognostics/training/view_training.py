@@ -10,7 +10,8 @@ import numpy as np
 
 from ema_prognostics.cascade.classes import FAMILIES, FAMILY_OF, OUTPUTS, SEVERITY_OF
 from ema_prognostics.cascade.find import Cascade
-from ema_prognostics.cascade.inputs import ITSELF, Inputs, derive, group_inputs
+from ema_prognostics.cascade.guard import LOG_SIZES
+from ema_prognostics.cascade.inputs import ITSELF, Inputs, derive, group_inputs, input_names
 from ema_prognostics.cascade.known import kind_found
 from ema_prognostics.cascade.lines import LineFilter, fit_line_filter
 from ema_prognostics.cascade.model_body import (
@@ -51,8 +52,8 @@ STEP_FALSE_ALARMS = {"asymmetry": 0.002, "eccentricity": 0.0003, "motor_friction
 """The same of a single step, in either view."""
 DOUBT = 0.004
 """Rate of healthy records that may be called unknown because healthy is improbable."""
-LEAST_SPREAD = 1e-3
-"""Floor of a feature's spread, in its own unit."""
+LEAST_SPREAD, LEAST_SIZE_SPREAD = 1e-3, 0.25
+"""Floor of a feature's spread, in its own unit; of sizes that are logarithms."""
 HELD_BACK = 5
 """One unit in this many calibrates instead of training."""
 
@@ -111,13 +112,15 @@ def train_view(
         sound = np.vstack([sound, view_inputs(swapped, view)[1]])
     lines, absolute = _filters(names, reference, x[fit], y[fit], view)
     raw = derive(names, reference, lines, absolute)
+    least = np.where([n.removeprefix(ABSOLUTE).startswith(LOG_SIZES) for n in input_names(names)],
+                     LEAST_SIZE_SPREAD, LEAST_SPREAD)
     center, spread = rounded(np.median(raw, axis=0)), rounded(
-        np.maximum(raw.std(axis=0), LEAST_SPREAD))
+        np.maximum(raw.std(axis=0), least))
     inputs = Inputs(names, lines, absolute, np.array(center), np.array(spread))
     xs = np.vstack([x[fit], extra])
     ys = np.vstack([y[fit], np.zeros((len(extra), y.shape[1]))])
     rates = STEP_FALSE_ALARMS if kind == "step" else FALSE_ALARMS[view]
-    records = TrainingRecords(xs, ys, weight, itself, tests.astype(float), own)
+    records = TrainingRecords(xs, ys, weight, itself, tests[:len(itself)].astype(float), own)
     work = _Work(inputs, records, rates, seed, hidden, iterations)
     parts = campaign.unit % HELD_BACK
     families, members = {}, {}
