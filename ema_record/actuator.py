@@ -7,6 +7,8 @@ nowhere else.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
 from collections.abc import Mapping
 from functools import cache
@@ -17,7 +19,7 @@ import yaml
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from ema_record.errors import UsageError, first_problem, unknown_name
-from ema_record.kit import ACTUATOR, kit_path
+from ema_record.kit import ACTUATOR, kit_file
 from ema_record.limits import MAX_POSITION
 from ema_record.yaml_file import load_yaml
 
@@ -60,6 +62,7 @@ TRAPEZOID, HARMONICS = range(len(BACK_EMFS))
 SAMPLINGS = ("mean", "instant")
 MEAN, INSTANT = range(len(SAMPLINGS))
 NO_OR_YES = ("no", "yes")
+
 
 def _yes(text: str) -> object:
     """Return the pydantic field of a yes or no, 1 or 0 in the kernel (YAML: true, false)."""
@@ -227,7 +230,9 @@ class Actuator(NamedTuple):
 
 PARTS: dict[str, Any] = get_type_hints(Actuator)
 """The type of each section."""
-OTHER_SECTIONS = ("tolerances", "conditions", "effects")
+FORMERLY = "formerly"
+"""Section of a kit's file: hashes of earlier descriptions of the same type, see `kit`."""
+OTHER_SECTIONS = ("tolerances", "conditions", "effects", FORMERLY)
 """Sections of the same file that describe no single actuator: see `spread` and `ema_sim`."""
 _ADAPTERS = {name: TypeAdapter(part) for name, part in PARTS.items()}
 
@@ -244,12 +249,12 @@ def load_actuator(path: str | Path | None = None) -> Actuator:
         No such file, an unknown name, or a value out of bounds.
 
     """
-    own = _of_kit(kit_path(ACTUATOR))
+    own = _of_kit(*kit_file(ACTUATOR))
     return own if path is None else actuator_from(sections_of(path), str(path), own)
 
 
 @cache
-def _of_kit(path: Path) -> Actuator:
+def _of_kit(path: Path, _changed: int) -> Actuator:
     """Return the actuator of a kit's file, in which every parameter stands."""
     data = sections_of(path)
     missing = [f"{section}.{name}" for section, part in PARTS.items()
@@ -295,6 +300,13 @@ def _checked(section: str, values: Mapping[str, Any], where: str) -> Any:
     except ValidationError as error:
         text = first_problem(error, f"{where}: {section}", section, f"see {NOMINAL}")
         raise UsageError(text) from None
+
+
+def actuator_hash() -> str:
+    """Return what names the present kit's actuator in records: of its parameters, 16 digits."""
+    parts = {name: part._asdict() for name, part in load_actuator()._asdict().items()}
+    text = json.dumps(parts, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def with_values(text: str, actuator: Actuator) -> str:

@@ -15,7 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from ema_record.actuator import NOMINAL, quantity, sections_of
 from ema_record.errors import UsageError, first_problem, unknown_name
-from ema_record.kit import ACTUATOR, kit_path
+from ema_record.kit import ACTUATOR, kit_file
 
 
 class Tolerances(NamedTuple):
@@ -69,12 +69,12 @@ def load_spread(path: str | Path | None = None) -> Spread:
     UsageError
         An unknown name, or a value out of bounds.
     """
-    own = _of_kit(kit_path(ACTUATOR))
+    own = _of_kit(*kit_file(ACTUATOR))
     return own if path is None else spread_from(sections_of(path), str(path), own)
 
 
 @cache
-def _of_kit(path: Path) -> Spread:
+def _of_kit(path: Path, _changed: int) -> Spread:
     return spread_from(sections_of(path), str(path), ({}, {}))
 
 

@@ -107,7 +107,7 @@ class RigMap(_Part):
     disturbance: Column | None = None
     """Known force or torque from outside, positive where it helps the input."""
     channels: dict[str, Column] = Field(default_factory=dict, max_length=20)
-    """With ``axis: actuator``: the channels of the built-in test but time, those that there are."""
+    """With ``axis: actuator``: channels of the built-in test, those that there are, but time."""
     profile: str = Field(default="extended", max_length=4096)
     """With ``axis: actuator``: the test profile."""
     start: Finite | None = None

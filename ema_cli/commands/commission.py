@@ -15,7 +15,8 @@ def commission(
         metavar="RECORD...", help="Bags of healthy units, from their acceptance.")],
     actuator: Annotated[Path, typer.Option(
         "--actuator", metavar="FILE.yaml", help="Description of the type.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="KIT", help="Folder of the new kit.")],
+    out: Annotated[Path, typer.Option(
+        "--out", "-o", metavar="KIT", help="Folder of the new kit.")],
     quick: Annotated[bool, typer.Option(
         "--quick", help="A small training, to try the way.")] = False,
     seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Of the training.")] = 1,

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ema_record.profile import Profile
+    from ema_record.record import Record
     from ema_sim.campaign.runs import Campaign
 
 DEFAULT_PROFILE = "extended"
@@ -50,7 +51,7 @@ def simulate(
         str | None,
         typer.Option(
             "--profile", "-p", metavar="NAME|FILE.yaml", show_default=DEFAULT_PROFILE,
-            help="Test profile: step, extended, or a file.",
+            help="Test profile: one of the kit's (step, extended), or a file.",
         ),
     ] = None,
     effect: Annotated[
@@ -63,7 +64,8 @@ def simulate(
     model: Annotated[
         Path | None,
         typer.Option(
-            "--model", metavar="FILE.yaml", help="Actuator parameters, default the nominal ones."
+            "--model", metavar="FILE.yaml",
+            help="Actuator parameters and effects: changes over the kit's.",
         ),
     ] = None,
     seed: Annotated[
@@ -80,7 +82,8 @@ def simulate(
         float | None,
         typer.Option(
             "--step", metavar="AMPLITUDE",
-            help="Instead of a profile: one step of this size (rad) from -0.4 rad.",
+            help="Instead of a profile: one step of this size (rad) from where the kit's profile "
+            "step begins.",
         ),
     ] = None,
     start_angle: Annotated[
@@ -110,8 +113,8 @@ def simulate(
 ) -> int:
     """Run a test on the emulated actuator, without ROS, into a bag.
 
-    What was hidden in the actuator is not told by the bag. Outputs that exist are never
-    overwritten.
+    What was hidden in the actuator is not told by the bag, which names the kit's actuator.
+    Outputs that exist are never overwritten.
 
     Example: `ema simulate --profile step --effect turn_short.fraction=0.1 --out short`
     """
@@ -142,7 +145,7 @@ def simulate(
             trace=trace is not None or plot is not None,
         )
     wall = time.perf_counter() - begin
-    written = write_bag(result.record, out)
+    written = write_bag(_named(result.record), out)
     if trace is not None:
         write_trace(trace, result.record.time, result.trace)
     if not as_json:
@@ -169,6 +172,16 @@ def simulate(
         say(str(path))
     note(f"simulated {chosen.duration:g} s in {wall:.2f} s; next: ema check {written}")
     return 0
+
+
+def _named(record: Record) -> Record:
+    """Return a record that names the kit's actuator."""
+    from dataclasses import replace
+
+    from ema_record.actuator import actuator_hash
+
+    named = replace(record.provenance, actuator=actuator_hash())
+    return replace(record, provenance=named)
 
 
 def _refuse_own_options(context: typer.Context, file: Path) -> None:

@@ -24,13 +24,14 @@ def train(
     )] = None,
     model: Annotated[Path | None, typer.Option(
         "--model", metavar="FILE.yaml",
-        help="Actuator around which the fleets spread, default the nominal one.")] = None,
+        help="Actuator around which the fleets spread: changes over the kit's.")] = None,
     json: Annotated[bool, typer.Option("--json", help="The validation as JSON.")] = False,
 ) -> int:
     """Train the cascade of networks and write its model file.
 
     The validation stands beside the model file, as Markdown and as JSON. The same seed gives the
-    same bytes, on any number of processes.
+    same bytes, on any number of processes. With --kit it is trained for that actuator; the kit
+    takes it as its cascade.json.
 
     Example: `ema train --out model.json`
     """

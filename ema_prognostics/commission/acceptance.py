@@ -33,6 +33,8 @@ MIN_RECORDS, MIN_UNITS = 4, 2
 MOST_RECORDS = 1000
 LEAST_SAMPLES = 16
 """Of the interval without current from which the noise is read."""
+MIN_STEPS = 6
+"""Fewest different values while the inverter is off from which the noise is read."""
 ROUNDED = 0.3
 """Share of repeated values in the steps of a channel from which it counts as rounded."""
 
@@ -115,7 +117,7 @@ def _kind(record: Record, path: str, actuator: Actuator) -> ProfileKind:
     if kind is None:
         raise UsageError(f"{path}: its test {record.profile.name!r} is not one of the kit's: "
                          "record the kit's profile extended or step")
-    verdict = forbidden(record, actuator)
+    verdict = forbidden(record)
     if verdict is not None:
         raise UsageError(f"{path}: cannot serve as acceptance record: {verdict.reasons[0]}")
     return kind
@@ -139,7 +141,7 @@ def measured_recorder(actuator: Actuator, records: Sequence[Record]) -> Actuator
         found = [_noise(record, place) for record in records]
         known = [value for value in found if value is not None]
         if known:
-            noise[name] = float(np.median(known)) * scale
+            noise[name] = float(np.median(known)) * float(scale)
     rounded = all(_rounded(record.samples[:, MOTOR_SPEED]) for record in records)
     currents = range(PHASE_CURRENTS.start, PHASE_CURRENTS.stop)
     return actuator._replace(
@@ -154,12 +156,17 @@ def measured_recorder(actuator: Actuator, records: Sequence[Record]) -> Actuator
 
 
 def _noise(record: Record, place: slice) -> float | None:
-    """Return the noise of a channel while the inverter is off (rms), None if not measured."""
+    """Return the noise of a channel while the inverter is off (rms), None if not measured.
+
+    A channel that stands on few of its steps shows its rounding and not its noise.
+    """
     off = record.time < record.profile.inverter_off - 1e-3
     if np.count_nonzero(off) < LEAST_SAMPLES:
         return None
     values = record.samples[off][:, place]
-    return float(np.nanmean(values.std(axis=0)))
+    if len(np.unique(values[:, 0])) < MIN_STEPS:
+        return None
+    return float(values.std(axis=0).mean())
 
 
 def _rounded(values: np.ndarray) -> bool:

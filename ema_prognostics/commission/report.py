@@ -29,7 +29,8 @@ simulated ones{{ " (small training: --quick)" if v.quick }}. ema_phm {{ v.softwa
 <div class="wide"><table><tr><th>Fault</th><th>found in nine of ten (95 % sure)</th>
 <th>best linear detector</th><th>right fault named</th><th>truth in the interval</th></tr>
 {% for name in faults %}{% set one = f[name] %}
-<tr><td>{{ names[name] }}</td><td>{{ size(name, one["a90"]) }} ({{ size(name, one["a90/95"]) }})</td>
+<tr><td>{{ names[name] }}</td>
+<td>{{ size(name, one["a90"]) }} ({{ size(name, one["a90/95"]) }})</td>
 <td>{{ size(name, v.bound[view].get(name)) }}</td>
 <td>{{ percent(one["right class of detected"]) }}</td>
 <td>{{ percent(one["interval coverage"]) }}</td></tr>{% endfor %}</table></div>{% endfor %}
@@ -47,8 +48,8 @@ in the fault, at {{ alarms }} % false alarms; a network may do better where they
 <td>{{ change(name, value) }}</td></tr>{% endfor %}</table></div>
 <h2>What the model still leaves unexplained</h2>
 <p>{% for one in v.largest_after[:5] %}{{ words(one.feature) }}:
-{{ "%+.1f"|format(one.deviations) }} healthy deviations{{ "; " if not loop.last }}{% endfor %}. This
-discrepancy is subtracted, and its uncertainty is part of the training.</p>
+{{ "%+.1f"|format(one.deviations) }} healthy deviations{{ "; " if not loop.last }}{% endfor %}.
+This discrepancy is subtracted, and its uncertainty is part of the training.</p>
 <h2>What was assumed</h2>
 <p>Units and tests differ as <code>tolerances</code> and <code>conditions</code> of
 <code>actuator.yaml</code> say; faults are those of the simulator: shorted turns, eccentricity, dry
@@ -67,8 +68,8 @@ def write_report(validation: dict[str, Any], path: Path) -> None:
     held = validation["held_out"][validation["profile"]]
     kind = (f"{DRIVES[actuator['drive']['kind']].upper()} drive, "
             f"{BACK_EMFS[motor['back_emf']]} back-EMF, {motor['pole_pairs']} pole pairs, "
-            f"{2 * actuator['inverter']['bus_voltage']:g} V bus, gear {actuator['gear']['ratio']:g}, "
-            f"{actuator['acquisition']['rate']:g} samples a second")
+            f"{2 * actuator['inverter']['bus_voltage']:g} V bus, "
+            f"gear {actuator['gear']['ratio']:g}, {actuator['acquisition']['rate']:g} samples a second")
     page = Environment(autoescape=True).from_string(PAGE)
     path.write_text(page.render(
         v=validation, held=held, type=kind, faults=FAULTS, names=NAMES, percent=percent,

@@ -7,7 +7,7 @@ from math import exp
 import numpy as np
 
 from ema_prognostics.features.acceleration import inertia
-from ema_prognostics.features.balance import HARMONICS, TURN, Balance, torque_balance
+from ema_prognostics.features.balance import HARMONICS, Balance, torque_balance
 from ema_prognostics.features.consistency import consistency
 from ema_prognostics.features.control_loop import control_loop
 from ema_prognostics.features.dry_friction import dry_friction
@@ -18,20 +18,15 @@ from ema_prognostics.features.start import start_features
 from ema_prognostics.features.winding import rise, winding
 from ema_record.actuator import FOC, RELAY, Actuator
 from ema_record.errors import IncompleteRecordError
+from ema_record.profiles.plan import TestPlan, test_plan
 from ema_record.record import Record
-from ema_record.test_plan import TestPlan, test_plan
 
-LEAST_TURNS = 0.6
-"""Share of the turns that the command asks for below which the actuator did not do its test."""
 LEAST_SAG = 0.05
 """Resistance of a supply, of that of a phase, below which all are alike."""
 LEAST_TORQUE = 2e-3
 """Floor of a torque, of that of nominal friction."""
 HIGH_BANDS = {"low": slice(0, 6), "mid": slice(6, 14), "top": slice(14, 30)}
 """Bands of the lines 7 to 36."""
-
-
-Slews = dict[str, tuple[float, float, int]]
 
 
 def _lines(found: dict[str, float], name: str, residual: np.ndarray) -> None:
@@ -72,7 +67,9 @@ def _slow(signals: Signals, plan: TestPlan) -> dict[str, float]:
     """What the ramps and their reversals tell of friction, lost motion and stiffness."""
     found: dict[str, float] = {}
     floor = LEAST_TORQUE * signals.actuator.friction_torque
-    ahead, back = (_ramp_torque(signals, *plan.segments[n]) for n in ("ramp", "ramp_back"))
+    ramps = [window for window in (plan.ramp, plan.ramp_back) if window is not None]
+    quarters = [plan.segments[n][:2] for n in ("quarter", "quarter_back")]
+    ahead, back = (_ramp_torque(signals, *window) for window in ramps)
     found["torque_ramp"] = float(np.log(max(0.5 * (ahead - back), floor)))
     found["load_ramp"] = 0.5 * (ahead + back)
     gaps: list[LostMotion] = [
@@ -88,25 +85,24 @@ def _slow(signals: Signals, plan: TestPlan) -> dict[str, float]:
     found["gap_error"] = float(np.log(max(g.error for g in gaps) + floor))
     if signals.has_position:
         lag = signals.motor_angle / signals.actuator.gear.ratio - signals.position
-        for name in ("ramp", "quarter"):
-            first, second = (float(lag[signals.between(*plan.segments[n])].mean())
-                             for n in (name, f"{name}_back"))
+        for name, windows in (("ramp", ramps), ("quarter", quarters)):
+            first, second = (float(lag[signals.between(*window)].mean()) for window in windows)
             found[f"lag_{name}"] = 1e4 * (first - second)
     return found
 
 
-def _winding(signals: Signals, plan: TestPlan, slews: Slews) -> dict[str, float]:
+def _winding(signals: Signals, plan: TestPlan) -> dict[str, float]:
     """What the currents tell beside their references: of the windings, supply and control."""
     found: dict[str, float] = {}
     if not signals.has_references:
         return found
     kind = signals.actuator.drive.kind
     if kind != FOC:  # sinusoidal references are never far ahead of the currents
-        for name, (begin, end, _) in slews.items():
+        for name, (begin, end, _) in plan.segments.items():
             found[f"rise_{name}"], found[f"rise_spread_{name}"] = rise(signals, begin, end)
     if kind == RELAY:  # the only drive whose leg voltages a record tells
-        found |= winding(signals, plan.winding_end)
-    return found | control_loop(signals, plan.full_speed)
+        found |= winding(signals, plan.slow_from)
+    return found | control_loop(signals, (plan.full_speed,))
 
 
 def _sag(record: Record, actuator: Actuator) -> float:
@@ -116,7 +112,7 @@ def _sag(record: Record, actuator: Actuator) -> float:
         return float(np.log(least))
     voltage, current = (record.dc_bus[:, k] - record.dc_bus[:, k].mean() for k in (1, 2))
     slope = -float(voltage @ current) / max(float(current @ current), 1e-3)
-    return float(np.log(max(slope, 0.0) + least))
+    return float(np.log(max(slope, least)))
 
 
 def extract(
@@ -137,7 +133,7 @@ def extract(
     """
     signals = prepare(record, actuator)
     plan = test_plan(record.profile, signals.actuator)
-    slews = _slews(signals, plan)
+    slews = plan.segments
     wide = kind == "extended"
     balances = {
         name: torque_balance(signals, *segment, high=True) for name, segment in slews.items()
@@ -147,7 +143,7 @@ def extract(
         for speed in ("full", "quarter"):
             _pair(found, speed, balances[speed], balances[f"{speed}_back"])
         found |= _slow(signals, plan)
-        ramps = [plan.segments[name] for name in ("ramp", "ramp_back")]
+        ramps = [window for window in (plan.ramp, plan.ramp_back) if window is not None]
         found |= dry_friction(signals, balances, ramps, exp(found["torque_ramp"]))
         found["torque_full_over_quarter"] = found["torque_full"] - found["torque_quarter"]
         found["torque_quarter_over_ramp"] = found["torque_quarter"] - found["torque_ramp"]
@@ -159,7 +155,7 @@ def extract(
             found[f"high_{band}_full"] = float(np.log(high.max() + 1e-5))
         if signals.has_position:
             found |= start_features(signals, *slews["full"][:2])
-    found |= _winding(signals, plan, slews)
+    found |= _winding(signals, plan)
     found |= _start(signals, balances["full"], slews["full"][0])
     found |= inertia(signals, plan.starts)
     found["bus_sag"] = _sag(record, signals.actuator)
@@ -169,21 +165,4 @@ def extract(
     if not all(np.isfinite(value) for value in found.values()):
         bad = next(name for name, value in found.items() if not np.isfinite(value))
         raise IncompleteRecordError(f"feature {bad} is not finite: repeat the test")
-    return found
-
-
-def _slews(signals: Signals, plan: TestPlan) -> Slews:
-    """Return begin and end (s after the first command) and fewest turns of each settled slew."""
-    actuator, profile = signals.actuator, signals.record.profile
-    t0 = profile.command_time
-    found = {}
-    for name in ("full", "full_back", "quarter", "quarter_back"):
-        if name in plan.segments:
-            begin, end = plan.segments[name]
-            speed = actuator.slew_speed
-            if name.startswith("quarter"):
-                ends = profile.command(np.array([begin + t0, end + t0]))
-                speed = abs(float(ends[1] - ends[0])) / (end - begin)
-            turns = speed * (end - begin) * actuator.gear.ratio * actuator.motor.pole_pairs / TURN
-            found[name] = begin, end, max(1, int(LEAST_TURNS * turns))
     return found

@@ -10,7 +10,7 @@ from typing import Literal
 
 from ema_record.actuator import Actuator, load_actuator
 from ema_record.profile import Profile, load_profile, profile_names
-from ema_record.test_plan import test_plan
+from ema_record.profiles.plan import test_plan
 
 ProfileKind = Literal["step", "extended"]
 SAME_TIME = 2e-3

@@ -31,14 +31,14 @@ DROP_CURRENT = 1.0
 """Current at which the drop of a switch counts as fully there, of the relay's band."""
 STEP = 1e-3
 """Angle over which the slope of the trapezoid is taken (rad)."""
-MIN_PAIRS = 60
+PRIOR = np.array([0.3] * 5 + [0.1] * 4)
+"""Standard deviation of each unknown where nothing is measured, the drop of a switch of the bus
+voltage: few pairs of samples say little, and then move little."""
+NOMINAL = np.array([1.0] * 5 + [0.0] * 4)
 ROUNDS = 8
 LEAST_ERROR = 1e-3
 """Least size of the errors, of the bus voltage."""
 PAIRS = ((0, 1), (1, 2), (2, 0))
-FEATURES = ("winding_inductance", "winding_resistance", "winding_back_emf", "switch_drop",
-            "sensor_angle", "resistance_m1_re", "resistance_m1_im", "inductance_m1_re",
-            "inductance_m1_im", "resistance_spread", "inductance_spread", "winding_error")
 PHASES = np.exp(-1j * THIRD * np.arange(3))
 """Weights that make one complex number of three phases; turns with them like a line 1."""
 SPREAD_FLOOR = 0.02
@@ -109,36 +109,38 @@ def _equations(signals: Signals, length: float) -> tuple[np.ndarray, np.ndarray]
     return np.concatenate(sides), np.vstack(rows)
 
 
-def _fit(rows: np.ndarray, side: np.ndarray, least: float) -> tuple[np.ndarray, float]:
+def _fit(
+    rows: np.ndarray, side: np.ndarray, least: float, prior: np.ndarray
+) -> tuple[np.ndarray, float]:
     """Return the solution of rows x = side, and the error's size, freed of stray equations.
 
-    `least`: least size of the errors (V).
+    `least`: least size of the errors (V); `prior`: standard deviation of each unknown about
+    `NOMINAL`, shape (9,).
 
     A leg that switched unseen makes an equation wrong by some ten volts. Weights of Cauchy and
     the median of the errors leave such out (iteratively reweighted least squares).
     """
-    found = np.array([1.0] * 5 + [0.0] * 4)
-    scale = 0.0
-    for _ in range(ROUNDS):
+    found, scale = NOMINAL, 2.0 * least
+    for _ in range(ROUNDS if len(side) else 0):
         error = np.abs(side - rows @ found)
         scale = max(1.5 * float(np.median(error)), least)
         root = 1.0 / np.sqrt(1.0 + (error / (2.0 * scale)) ** 2)
-        found = np.linalg.lstsq(rows * root[:, None], side * root, rcond=None)[0]
+        known = np.diag(scale / prior)
+        found = np.linalg.lstsq(np.vstack([rows * root[:, None], known]),
+                                np.concatenate([side * root, known @ NOMINAL]), rcond=None)[0]
     return found, scale
 
 
 def winding(signals: Signals, length: float) -> dict[str, float]:
-    """Return `FEATURES`: logarithms of L, R and k over nominal, U (V), angle (mrad), errors.
+    """Return logarithms of L, R and k over nominal, U (V), angle (mrad), errors.
 
-    Zero where the record has fewer than `MIN_PAIRS` pairs of samples to tell from. Lines 1:
-    percent by which the phases differ. `length`: time after the first command that is used: all
+    Nominal where the record has no pairs of samples to tell from. Lines 1: percent by which the phases differ. `length`: time after the first command that is used: all
     but the slow ramps (s).
     """
     side, rows = _equations(signals, length)
-    if len(side) < MIN_PAIRS:
-        return dict.fromkeys(FEATURES, 0.0)
     bus = signals.actuator.inverter.bus_voltage
-    found, error = _fit(rows, side, LEAST_ERROR * bus)
+    prior = np.where(np.arange(9) == 5, bus * PRIOR, PRIOR)
+    found, error = _fit(rows, side, LEAST_ERROR * bus, prior)
     gain = max(float(found[0]), 0.1)
     r = found[1:4] / gain
     resistance, inductance = complex(r @ PHASES), 1.5 * complex(*found[7:9])

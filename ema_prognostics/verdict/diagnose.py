@@ -33,8 +33,8 @@ from ema_record.errors import (
     UsageError,
 )
 from ema_record.profile import load_profile
+from ema_record.profiles.plan import test_plan
 from ema_record.record import Record
-from ema_record.test_plan import test_plan
 
 Mode = Literal["robust", "paper"]
 MODES: tuple[Mode, ...] = ("robust", "paper")

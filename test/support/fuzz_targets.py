@@ -18,7 +18,7 @@ import yaml
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
-from ema_prognostics.cascade.model_file import FORMAT, SHIPPED, load_model
+from ema_prognostics.cascade.model_file import FORMAT, load_model
 from ema_record.actuator import NOMINAL
 from ema_record.bag.container import read_content
 from ema_record.bag.metadata import END, START
@@ -154,7 +154,7 @@ def _model_texts() -> st.SearchStrategy[str]:
         st.dictionaries(st.text(max_size=8), VALUES, max_size=6), st.integers(0, 3),
     )
     try:
-        model = share_path(SHIPPED).read_bytes()
+        model = share_path("config/cascade.json").read_bytes()
     except FileNotFoundError:
         return values
     return st.one_of(
