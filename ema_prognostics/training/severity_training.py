@@ -28,7 +28,7 @@ LEAST: dict[View, dict[str, float]] = {
 """Smallest severity that is announced, in `classes.scale_of`; others: 0. Where networks see far
 less than is asked for, the least that they see is as likely a side of something else: a third to
 half of the target."""
-COVERED: dict[View, float] = {"fleet": 0.877, "baseline": 0.895}
+COVERED: dict[View, float] = {"fleet": 0.905, "baseline": 0.895}
 """Part of the training's own errors that an interval holds, so that it holds 90 % of new ones.
 
 A little less than 0.9, since the networks of the expected error that judge a part of the units
