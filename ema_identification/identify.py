@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from ema_identification.result import Identification
+from ema_record.actuator_type import OWN_KIT, another_actuator, is_of_another_actuator
 from ema_record.errors import UsageError
-from ema_record.kit import OWN_KIT, another_actuator, is_of_another_actuator
 from ema_record.record import Provenance, Record
 
 if TYPE_CHECKING:

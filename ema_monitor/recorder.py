@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from ema_monitor.log_clock import LogClock
+from ema_record.actuator_type import actuator_hash
 from ema_record.bag.writer import BagWriter
 from ema_record.channels import N_CHANNELS, TIME
-from ema_record.actuator import actuator_hash
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record, Status
 from ema_record.version import VERSION

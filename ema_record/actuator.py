@@ -7,8 +7,6 @@ nowhere else.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import re
 from collections.abc import Mapping
 from functools import cache
@@ -302,13 +300,6 @@ def _checked(section: str, values: Mapping[str, Any], where: str) -> Any:
         raise UsageError(text) from None
 
 
-def actuator_hash() -> str:
-    """Return what names the present kit's actuator in records: of its parameters, 16 digits."""
-    parts = {name: part._asdict() for name, part in load_actuator()._asdict().items()}
-    text = json.dumps(parts, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
 def with_values(text: str, actuator: Actuator) -> str:
     """Return the text of an `actuator.yaml` with the values of `actuator`, comments kept.
 
@@ -329,6 +320,8 @@ def with_values(text: str, actuator: Actuator) -> str:
                 new = f"{value:.6g}" if isinstance(value, float) else str(value)
                 new = str(bool(value)).lower() if old in ("true", "false") else new
                 written = old + space if comment else old
-                line = f"{indent}{name}:{gap}{new.ljust(len(written) - 1)} {comment or ''}".rstrip()
+                lines.append(f"{indent}{name}:{gap}{new.ljust(len(written) - 1)} "
+                             f"{comment or ''}".rstrip())
+                continue
         lines.append(line)
     return "\n".join(lines) + "\n"

@@ -32,7 +32,7 @@ class Provenance:
     source: str = ""
     """File or bag that it was read from."""
     actuator: str = ""
-    """Hash of the actuator of the kit that it was recorded with (`actuator.actuator_hash`); empty:
+    """Hash of the actuator of the kit that it was recorded with (`actuator_type.actuator_hash`); empty:
     not known."""
 
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ema_sim.campaign.runs import Campaign
 
 DEFAULT_PROFILE = "extended"
+STEP = "step"
 TRACE_LABELS = ("motor_torque[N m]", "shaft_torque[N m]", "surface_speed[rad/s]")
 
 
@@ -178,7 +179,7 @@ def _named(record: Record) -> Record:
     """Return a record that names the kit's actuator."""
     from dataclasses import replace
 
-    from ema_record.actuator import actuator_hash
+    from ema_record.actuator_type import actuator_hash
 
     named = replace(record.provenance, actuator=actuator_hash())
     return replace(record, provenance=named)
@@ -197,14 +198,22 @@ def _refuse_own_options(context: typer.Context, file: Path) -> None:
 
 
 def choose_profile(name: str | None, step: float | None) -> Profile:
-    """Return the profile of that name or file, or a step; UsageError if both are given."""
-    from ema_record.profile import load_profile, step_profile
+    """Return the profile of that name or file, or a step; UsageError if both are given.
+
+    The step begins where the kit's own begins, and is as long.
+    """
+    from ema_record.profile import load_profile, profile_names, step_profile
 
     if step is None:
         return load_profile(name or DEFAULT_PROFILE)
     if name is not None:
         raise UsageError(f"--profile {name} and --step {step:g} exclude each other: give one")
-    return step_profile(step)
+    names = sorted(profile_names(), key=lambda known: (known != STEP, known))
+    if not names:
+        raise UsageError(f"--step {step:g}: the kit has no test that says where it begins: give "
+                         "--profile FILE.yaml")
+    own = load_profile(names[0])
+    return step_profile(step, start=own.start, duration=own.duration)
 
 
 def write_trace(path: Path, time: np.ndarray, trace: np.ndarray) -> None:

@@ -46,7 +46,8 @@ from ema_prognostics.training.fleet import FleetFeatures, simulate_fleet
 from ema_prognostics.training.rates import rate
 from ema_prognostics.training.train_model import VALIDATION_SEED, TrainingSettings
 from ema_prognostics.training.view_training import train_view
-from ema_record.actuator import Actuator, load_actuator, with_values
+from ema_record.actuator import FORMERLY, Actuator, load_actuator, with_values
+from ema_record.actuator_type import actuator_hashes
 from ema_record.errors import OutputError, UsageError
 from ema_record.files import exists
 from ema_record.kit import ACTUATOR, CASCADE, PROFILES, REPORT, VALIDATION, using_kit
@@ -212,9 +213,13 @@ class _Work:
         return found
 
     def _write_actuator(self, actuator: Actuator) -> None:
+        """Write the description with other values; the hashes of what it was are kept with it."""
         file = self._draft / ACTUATOR
+        former = actuator_hashes()
         text = with_values(file.read_text(encoding="utf-8"), actuator)
-        file.write_text(text, encoding="utf-8")
+        lines = [line for line in text.splitlines() if not line.startswith(f"{FORMERLY}:")]
+        lines.append(f"{FORMERLY}: {json.dumps(list(former))}  # of the records taken with it")
+        file.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
     def _simulated(self, what: str, begin: float, end: float) -> Callable[[int, int], None]:
         return lambda k, n: self._progress(f"{what}, {k} of {n} units",

@@ -123,6 +123,16 @@ class BagFacts:
         """Time in which full torque brings the motor to its highest speed (s)."""
         return self.actuator.control.speed_limit / self.acceleration
 
+    @property
+    def twist(self) -> float:
+        """How far shaft and lost motion part surface and motor, from one sense to the other (rad).
+
+        That is the way between friction and load one way and the other.
+        """
+        a = self.actuator
+        torque = max(a.surface.static_friction, a.surface.dynamic_friction) + self.conditions.load
+        return 2.0 * torque / a.shaft.stiffness + a.shaft.backlash
+
     @cached_property
     def conditions(self) -> Conditions:
         """Bounds of good sensors and of the conditions of a test, as the kit says."""

@@ -37,10 +37,12 @@ SATURATION_TIME = 12.8
 """Longest time at the current limit that is usual (of that in which the motor runs up)."""
 CURRENT_SUM = 2.0 / 22.0
 """Mean of i_a + i_b + i_c that no sensor may show (of the limit); unusual: `SUM_OFFSET`."""
-TRAVEL = (1.0 / 60.0, 1.0 / 12.0)
-"""Difference between integrated speed and position: unusual, impossible (of the end stop)."""
-REACHED = 1.0 / 20.0
-"""Distance from the expected course that is unusual (of the end stop)."""
+TRAVEL = (1.0 / 80.0, 1.0 / 12.0)
+"""Difference between integrated speed and position: unusual, impossible (of the end stop), beyond
+what the shaft twists."""
+REACHED = 0.03
+"""Distance from the expected course that is unusual (of the end stop), beyond the way at the slew
+speed in the time of run-up."""
 GROUPS = {
     "count": ("gap", "record_length", "test_not_complete", "other_actuator"),
     "time order": ("clock_jump", "repeated_data"),
@@ -257,7 +259,7 @@ def _speed_against_position(facts: BagFacts) -> CheckResult:
         travel[1:] = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(s[:, TIME]))
     span = float(np.ptp(s[:, SURFACE_POSITION] - travel)) if len(s) else 0.0
     return CheckResult(
-        name="speed against position", level=_graded(span / stop, TRAVEL),
+        name="speed against position", level=_graded((span - facts.twist) / stop, TRAVEL),
         message=f"integrated speed and position differ by {1e3 * span:.2f} mrad",
         values={"difference_rad": f"{span:.6f}"},
     )
@@ -289,10 +291,11 @@ def _command_reached(facts: BagFacts) -> CheckResult:
         return CheckResult(name="command reached", level=Level.ERROR, message="no samples")
     position = facts.surface
     away = float(np.abs(position - expected_course(facts)).max())
+    usual = REACHED * facts.actuator.surface.end_stop + facts.actuator.slew_speed * facts.run_up
     left = float(position[-1] - facts.profile.command(s[-1:, TIME])[0])
     return CheckResult(
         name="command reached",
-        level=Level.WARN if away > REACHED * facts.actuator.surface.end_stop else Level.OK,
+        level=Level.WARN if away > usual else Level.OK,
         message=f"at most {1e3 * away:.1f} mrad from the expected course, "
         f"{1e3 * left:+.1f} mrad from the command at the end",
         values={"away_rad": f"{away:.6f}", "end_rad": f"{left:.6f}"},

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ema_record.actuator_type import OWN_KIT, another_actuator, is_of_another_actuator
 from ema_record.channels import (
     CHANNELS,
     MOTOR_SPEED,
@@ -16,7 +17,7 @@ from ema_record.channels import (
 )
 from ema_record.checks.facts import BagFacts, Hit, Rule
 from ema_record.errors import UsageError
-from ema_record.kit import OWN_KIT, another_actuator, is_of_another_actuator, kit_name
+from ema_record.kit import kit_name
 from ema_record.version import VERSION
 from ema_record.wire.topics import COMMAND, DC_BUS, SAMPLES, WEIGHT_ON_WHEELS, WINDING_TEMPERATURE
 from ema_record.wire.trajectory import trajectory_points

@@ -25,6 +25,7 @@ from ema_record.channels import (
     SURFACE_POSITION,
     TIME,
 )
+from ema_record.checks import whole_turns
 from ema_record.checks.facts import SETTLED, BagFacts, Hit, Rule
 from ema_record.checks.held import held
 from ema_record.checks.travel import SCALE, motion_scales, speed_offset
@@ -121,6 +122,7 @@ def current_gains(facts: BagFacts) -> Iterator[Hit]:
         yield Hit(f"{name} reads {100 * error[k]:+.1f} % against the other two, which with it sum "
                   "to zero", None, float(error[k]), "", name)
         return
+    yield from whole_turns.gains(facts, SLOW * facts.actuator.control.speed_limit)
     ratio = _by_reference(facts) if facts.has_references else None
     if ratio is not None and abs(ratio - 1.0) > max(SCALE, 5.0 * facts.conditions.current_gain):
         yield Hit(f"the phase currents are {ratio:.3f} times their references at low speed",
@@ -190,6 +192,7 @@ def current_offsets(facts: BagFacts) -> Iterator[Hit]:
         name = f"phase_current_{_PHASES[k]}"
         yield Hit(f"{name} reads {found.rest[k]:+.2f} A while the inverter is off",
                   0.0, float(found.rest[k]), "A", name)
+    yield from whole_turns.offsets(facts, offset_bound(facts, REST_OFFSET))
     if not found.known:
         return
     means = np.array([part.mean() for part in np.array_split(found.residual, PARTS)])

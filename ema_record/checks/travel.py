@@ -64,9 +64,14 @@ def motion_scales(facts: BagFacts) -> Iterator[Hit]:
     fast = np.abs(found.angle) > TURNED * highest
     if fast.sum() < 4:
         return
-    # The median: lost motion in the transmission changes few windows.
     speed = float(np.median((found.speed / found.angle)[fast]))
-    position = float(np.median((found.position / found.angle)[fast]))
+    # Lost motion changes few windows, a shaft that twists none of the whole way: neither both.
+    position = min(
+        float(np.median((found.position / found.angle)[fast])),
+        float((found.position * np.sign(found.angle))[fast].sum()
+              / np.abs(found.angle[fast]).sum()),
+        key=lambda ratio: abs(ratio - 1.0),
+    )
     ratios = {"motor_speed": (speed, SPEED_SCALE), "surface_position": (position, SCALE)}
     if abs(speed - 1.0) > SCALE and abs(position - speed) < 0.5 * SCALE * abs(speed):
         ratios = {"rotor_angle": (1.0 / speed, SPEED_SCALE)}

@@ -27,7 +27,7 @@ LOST_MOTION = 11.0 / 120.0
 """Motor travel, at the surface, that no worn transmission swallows (of the way to the stop)."""
 STANDING = (1.3e-3, 0.05)
 """A motor that stands: reads so little (of its highest speed), turns so little (rad)."""
-RESTLESS = 0.9
+RESTLESS = 0.5
 """Share of repeated samples below which a channel changes all the time."""
 LIVELY = 0.2
 """The same of a channel that is cut off where it does not change."""

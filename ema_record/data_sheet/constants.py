@@ -28,7 +28,7 @@ AGREE = 0.12
 _POINTS = 7200
 
 
-class Shape(NamedTuple):
+class ShapeConstants(NamedTuple):
     """Constants of a back-EMF shape, all for k = 1."""
 
     peak: float
@@ -39,7 +39,7 @@ class Shape(NamedTuple):
     """Of a phase."""
 
 
-def shape_constants(shape: str) -> Shape:
+def shape_constants(shape: str) -> ShapeConstants:
     """Return the constants of ``sine`` or ``trapezoid``."""
     angle = (np.arange(_POINTS) + 0.5) * (2.0 * np.pi / _POINTS)
 
@@ -52,8 +52,10 @@ def shape_constants(shape: str) -> Shape:
 
     line = phase(angle) - phase(angle - 2.0 * np.pi / 3.0)
     near = np.abs(angle - np.pi / 3.0) < np.pi / 6.0
-    return Shape(float(line.max()), float(line[near].mean()), float(np.sqrt((line**2).mean())),
-                 2.0 * float((phase(angle) * np.sin(angle)).mean()))
+    return ShapeConstants(
+        peak=float(line.max()), mean=float(line[near].mean()),
+        rms=float(np.sqrt((line**2).mean())),
+        fundamental=2.0 * float((phase(angle) * np.sin(angle)).mean()))
 
 
 def phase_constant(
@@ -105,7 +107,7 @@ def phase_constant(
     return k, f"--{name} {given[name].text} ({words}), over {k_over(name, of, line, torque):.4g}"
 
 
-def k_over(name: str, of: Shape, line: float, torque: float) -> float:
+def k_over(name: str, of: ShapeConstants, line: float, torque: float) -> float:
     """Return what a stated constant is over k of a phase."""
     return {"torque-constant": torque, "no-load-speed": of.mean}.get(name, line)
 

@@ -31,7 +31,7 @@ RATE = {"Hz": 1.0, "kHz": 1e3}
 NUMBER: dict[str, float] = {"": 1.0}
 
 
-class Quantity(NamedTuple):
+class Stated(NamedTuple):
     """A quantity that a data sheet may state."""
 
     units: dict[str, float]
@@ -44,36 +44,35 @@ class Quantity(NamedTuple):
     needed: bool = False
 
 
-QUANTITIES: dict[str, Quantity] = {
-    "resistance": Quantity(OHM, 2e-3, 200.0, "1.2ohm", "between two terminals, at 20 degC", True),
-    "inductance": Quantity(HENRY, 4e-5, 0.2, "0.194mH", "between two terminals", True),
-    "kv": Quantity(KV, 1e-2, 1e4, "475rpm/V", "speed constant"),
-    "back-emf": Quantity(BACK_EMF, 1e-4, 20.0, "2.107mV/rpm", "voltage constant, line to line"),
-    "torque-constant": Quantity(TORQUE_CONSTANT, 1e-4, 20.0, "20.1mNm/A", "torque a current"),
-    "no-load-speed": Quantity(SPEED, 1.0, 2e4, "11300rpm", "at the nominal voltage"),
-    "no-load-current": Quantity(AMPERE, 1e-4, 100.0, "0.189A", "at the no-load speed"),
-    "nominal-voltage": Quantity(VOLT, 1.0, 800.0, "24V", "that no-load values are given at"),
-    "pole-pairs": Quantity(NUMBER, 1.0, 50.0, "1", "pairs of poles, not poles", True),
-    "inertia": Quantity(INERTIA, 1e-8, 10.0, "34gcm2", "of the rotor", True),
-    "friction": Quantity(TORQUE, 0.0, 1e3, "1.1mNm", "dry friction of motor and gear, at the "
-                         "motor"),
-    "viscous-friction": Quantity(VISCOUS, 0.0, 10.0, "2.4e-4mNm/rpm", "of motor and gear"),
-    "gear": Quantity(NUMBER, 1.0, 1e5, "100", "turns of the motor a turn of the surface", True),
-    "gear-efficiency": Quantity(NUMBER, 0.05, 1.0, "0.7", "of the torque"),
-    "gear-inertia": Quantity(INERTIA, 0.0, 10.0, "4gcm2", "at the motor"),
-    "end-stop": Quantity(ANGLE, 0.01, 10.0, "40deg", "from the middle to either end stop", True),
-    "current-limit": Quantity(AMPERE, 0.1, 500.0, "7.5A", "of the drive, peak of a phase", True),
-    "bus": Quantity(VOLT, 2.0, 800.0, "24V", "between the rails", True),
-    "speed": Quantity(SPEED, 0.1, 1e4, "6000rpm", "limit of the motor's speed in the control"),
-    "peak-torque": Quantity(TORQUE, 1e-3, 1e4, "0.15Nm", "of the motor, where it saturates"),
-    "surface-inertia": Quantity(INERTIA, 1e-4, 1e4, "2e-3kgm2", "of what the gear turns"),
-    "surface-friction": Quantity(TORQUE, 0.0, 1e5, "0.4Nm", "dry, of what the gear turns"),
-    "stiffness": Quantity(STIFFNESS, 1e2, 1e7, "1.5Nm/arcmin", "of gear and shaft"),
-    "backlash": Quantity(ANGLE, 0.0, 0.1, "1arcmin", "of the gear, total, at its output"),
-    "control-period": Quantity(TIME, 1e-5, 1e-3, "50us", "of the speed control"),
-    "pwm": Quantity(RATE, 1e3, 5e5, "40kHz", "frequency of the carrier"),
-    "hysteresis": Quantity(AMPERE, 0.05, 10.0, "0.2A", "half width of the relay's band"),
-    "rate": Quantity(RATE, 1e3, 1e6, "10kHz", "samples of the recorder"),
+QUANTITIES: dict[str, Stated] = {
+    "resistance": Stated(OHM, 2e-3, 200.0, "1.2ohm", "between two terminals, at 20 degC", True),
+    "inductance": Stated(HENRY, 4e-5, 0.2, "0.194mH", "between two terminals", True),
+    "kv": Stated(KV, 1e-2, 1e4, "475rpm/V", "speed constant"),
+    "back-emf": Stated(BACK_EMF, 1e-4, 20.0, "2.107mV/rpm", "voltage constant, line to line"),
+    "torque-constant": Stated(TORQUE_CONSTANT, 1e-4, 20.0, "20.1mNm/A", "torque a current"),
+    "no-load-speed": Stated(SPEED, 1.0, 2e4, "11300rpm", "at the nominal voltage"),
+    "no-load-current": Stated(AMPERE, 1e-4, 100.0, "0.189A", "at the no-load speed"),
+    "nominal-voltage": Stated(VOLT, 1.0, 800.0, "24V", "that no-load values are given at"),
+    "pole-pairs": Stated(NUMBER, 1.0, 50.0, "1", "pairs of poles, not poles", True),
+    "inertia": Stated(INERTIA, 1e-8, 10.0, "34gcm2", "of the rotor", True),
+    "friction": Stated(TORQUE, 0.0, 1e3, "1.1mNm", "dry, of motor and gear at the motor"),
+    "viscous-friction": Stated(VISCOUS, 0.0, 10.0, "2.4e-4mNm/rpm", "of motor and gear"),
+    "gear": Stated(NUMBER, 1.0, 1e5, "100", "turns of the motor a turn of the surface", True),
+    "gear-efficiency": Stated(NUMBER, 0.05, 1.0, "0.7", "of the torque"),
+    "gear-inertia": Stated(INERTIA, 0.0, 10.0, "4gcm2", "at the motor"),
+    "end-stop": Stated(ANGLE, 0.01, 10.0, "40deg", "from the middle to either end stop", True),
+    "current-limit": Stated(AMPERE, 0.1, 500.0, "7.5A", "of the drive, peak of a phase", True),
+    "bus": Stated(VOLT, 2.0, 800.0, "24V", "between the rails", True),
+    "speed": Stated(SPEED, 0.1, 1e4, "6000rpm", "limit of the motor's speed in the control"),
+    "peak-torque": Stated(TORQUE, 1e-3, 1e4, "0.15Nm", "of the motor, where it saturates"),
+    "surface-inertia": Stated(INERTIA, 1e-4, 1e4, "2e-3kgm2", "of what the gear turns"),
+    "surface-friction": Stated(TORQUE, 0.0, 1e5, "0.4Nm", "dry, of what the gear turns"),
+    "stiffness": Stated(STIFFNESS, 1e2, 1e7, "1.5Nm/arcmin", "of gear and shaft"),
+    "backlash": Stated(ANGLE, 0.0, 0.1, "1arcmin", "of the gear, total, at its output"),
+    "control-period": Stated(TIME, 1e-5, 1e-3, "50us", "of the speed control"),
+    "pwm": Stated(RATE, 1e3, 5e5, "40kHz", "frequency of the carrier"),
+    "hysteresis": Stated(AMPERE, 0.05, 10.0, "0.2A", "half width of the relay's band"),
+    "rate": Stated(RATE, 1e3, 1e6, "10kHz", "samples of the recorder"),
 }
 """By the name of the option; bounds are those of the model, doubled where two phases count."""
 _TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")

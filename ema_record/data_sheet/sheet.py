@@ -73,9 +73,12 @@ def read_sheet(
     given = {option: read_quantity(option, text) for option, text in texts.items()}
     lacking = missing(texts)
     if lacking:
-        raise UsageError("the data sheet lacks " + ", ".join(
-            f"--{option} ({QUANTITIES[option].example})" for option in lacking)
-            + ": give them, or answer the questions at a terminal")
+        words = [f"--{option} ({QUANTITIES[option].example})" for option in lacking
+                 if option not in CONSTANTS]
+        if len(words) < len(lacking):
+            words.append(f"a constant (one of --{', --'.join(CONSTANTS)})")
+        raise UsageError(f"the data sheet lacks {', '.join(words)}: give them, or answer the "
+                         "questions at a terminal")
     shape = choices.get("shape") or ""
     return DataSheet(
         given, choices.get("drive") or "", shape or SHAPES[0], bool(shape),

@@ -13,8 +13,8 @@ from typing import NamedTuple, get_args, get_type_hints
 import numpy as np
 
 from ema_record.actuator import PARTS, Actuator
+from ema_record.actuator_type import actuator_hash
 from ema_record.errors import UsageError, bounded, unknown_name
-from ema_record.actuator import actuator_hash
 from ema_record.profile import Profile, load_profile
 from ema_record.record import Record
 from ema_sim.campaign.distributions import Distribution, Value, stream
