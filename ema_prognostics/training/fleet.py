@@ -24,7 +24,7 @@ from ema_prognostics.training.conditions import (
 from ema_prognostics.training.faults import HEALTHY, InjectedFault, draw_fault, draw_pair
 from ema_record import array_cache
 from ema_record.actuator import load_actuator
-from ema_record.errors import RecordError
+from ema_record.errors import RecordError, UsageError
 from ema_record.kit import ACTUATOR, PROFILES, kit_folder, kit_path, using_kit
 from ema_record.profile import Profile, load_profile
 from ema_record.record import Record
@@ -36,6 +36,8 @@ MIX = (("healthy", 0.16), ("turn_short", 0.20), ("static", 0.06), ("rotor_eccent
        ("friction", 0.15), ("backlash", 0.09), ("pair", 0.16))
 """What the tests of the training units have, with probabilities."""
 TESTS_A_UNIT = 3
+LEAST_UNITS = 0.5
+"""Share of the units whose acceptance test must give features."""
 MODULE = "ema_prognostics.training.fleet"
 """This module: it decides, with all that it imports, what the features are."""
 DATA = (ACTUATOR, f"{PROFILES}/step.yaml", f"{PROFILES}/extended.yaml")
@@ -248,6 +250,12 @@ def _collected(
                     friction.append(
                         np.log1p([plan.unit.motor_friction, plan.unit.surface_friction]))
             unit += 1
+    units = sum(map(len, parts))
+    if unit < LEAST_UNITS * units:
+        raise UsageError(
+            f"{units - unit} of {units} simulated healthy units do not do the test {kind!r}, at "
+            f"most {100 * (1 - LEAST_UNITS):g} % may fail: check the profile's speed and stroke, "
+            "and friction, current limit and tolerances of the actuator.yaml")
     return FleetFeatures(
         names=tuple(names), baseline=np.array(base), record=np.array(record),
         severity=np.array(severity), unit=np.array(number), friction=np.array(friction),

@@ -11,10 +11,13 @@ from ema_prognostics.cascade.find import Cascade
 from ema_prognostics.cascade.model_body import Body, NetworkPart, PaperPart
 from ema_prognostics.cascade.model_file import TrainedModel, model_of
 from ema_prognostics.features.profile_kind import ProfileKind
-from ema_prognostics.paper.experiment import PaperSettings, run_experiment
+from ema_prognostics.paper.cascade import PaperCascade
+from ema_prognostics.paper.experiment import PaperSettings
 from ema_prognostics.training.evaluation import evaluate
 from ema_prognostics.training.fleet import FleetFeatures, simulate_fleets
 from ema_prognostics.training.training_jobs import VIEWS, Campaign, train_views
+from ema_record.actuator import RELAY, TRAPEZOID, load_actuator
+from ema_record.profile import profile_names
 from ema_record.version import VERSION
 from ema_sim.model_file import Model
 
@@ -22,7 +25,8 @@ KINDS: tuple[ProfileKind, ...] = ("step", "extended")
 VALIDATION_SEED = 1_000_003
 """Added to the seed for the units that validate."""
 PAPER = PaperSettings(unseen_angles=0, test_draws=0, columns=(3,))
-"""The paper's networks for the model file; `ema paper` measures them."""
+"""The paper's networks for the model file, of an actuator such as the paper's: relay, trapezoid;
+`ema paper` measures them."""
 QUICK_PAPER = replace(PAPER, train_angles=1, train_draws=4, n_restarts=1)
 Progress = Callable[[str, float], None]
 
@@ -54,7 +58,7 @@ def _nothing(_what: str, _part: float) -> None:
 def train_model(
     seed: int = 1, *, quick: bool = False, jobs: int = 1, progress: Progress = _nothing,
     folder: Path | None = None, settings: TrainingSettings | None = None,
-    kinds: tuple[ProfileKind, ...] = KINDS, actuator: Model | None = None,
+    kinds: tuple[ProfileKind, ...] | None = None, actuator: Model | None = None,
 ) -> TrainedModel:
     """Return a model trained from `seed`; the same seed gives the same bytes.
 
@@ -66,11 +70,14 @@ def train_model(
     progress : called with what goes on and how much of the whole is done, 0 to 1.
     folder : keeps the features of the campaigns, so that a training that was stopped goes on.
     settings : other sizes than those of `quick` or the default.
-    kinds : the tests to train for.
+    kinds : the tests to train for, default those that the kit has.
     actuator : the actuator around which the fleets spread, for example a model that
         `ema identify` has completed; default the nominal one.
     """
     size = settings or (QUICK if quick else TrainingSettings())
+    kinds = kinds or tuple(kind for kind in KINDS if kind in profile_names())
+    nominal = load_actuator()
+    literal = nominal.drive.kind == RELAY and nominal.motor.back_emf == TRAPEZOID
     fleets = _Fleets(kinds, jobs, folder, actuator, progress)
     faults = fleets.simulated("fleet with faults", size.units, seed, False, 0.0, 0.42)
     healthy = fleets.simulated("healthy fleet", size.healthy, seed, True, 0.42, 0.63)
@@ -81,26 +88,18 @@ def train_model(
     trained = train_views(
         {kind: Campaign(faults[kind], healthy[kind]) for kind in kinds}, seed=seed,
         hidden=size.hidden, iterations=size.iterations, jobs=jobs,
+        paper=replace(QUICK_PAPER if quick else PAPER, seed=seed) if literal else None,
         progress=lambda what, part: progress(what, 0.75 + 0.20 * part))
-    views = {f"{kind}/{view}": part for kind, parts in trained.items()
+    views = {f"{kind}/{view}": part for kind, parts in trained.views.items()
              for view, part in parts.items()}
     progress("validation", 0.95)
     held_out: dict[str, Any] = {}
     for kind in kinds:
-        fleet, own = (Cascade(trained[kind][view]) for view in VIEWS)
+        fleet, own = (Cascade(trained.views[kind][view]) for view in VIEWS)
         held_out[kind] = {"fleet": evaluate(fleet, None, held[kind], sound[kind]),
                           "baseline": evaluate(fleet, own, held[kind], sound[kind])}
-    progress("the paper's networks", 0.97)
-    experiment = run_experiment(replace(QUICK_PAPER if quick else PAPER, seed=seed),
-                                lambda _: None)
-    paper = experiment.cascade()
     body = Body(
-        views=views,
-        paper=PaperPart(
-            ann_a=NetworkPart.of(paper.ann_a),
-            ann_b={name: NetworkPart.of(b)  # type: ignore[misc]
-                   for name, b in paper.ann_b.items()},
-        ),
+        views=views, paper=None if trained.paper is None else _paper_part(trained.paper),
         training={
             "seed": seed, "quick": quick, "software_version": VERSION,
             "settings": asdict(size), "held_out": held_out,
@@ -109,6 +108,13 @@ def train_model(
     )
     progress("done", 1.0)
     return model_of(body)
+
+
+def _paper_part(paper: PaperCascade) -> PaperPart:
+    return PaperPart(
+        ann_a=NetworkPart.of(paper.ann_a),
+        ann_b={name: NetworkPart.of(b) for name, b in paper.ann_b.items()},  # type: ignore[misc]
+    )
 
 
 class _Fleets:
