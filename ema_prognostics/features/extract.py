@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from math import exp
+
 import numpy as np
 
 from ema_prognostics.features.acceleration import inertia
 from ema_prognostics.features.balance import HARMONICS, Balance, torque_balance
 from ema_prognostics.features.consistency import consistency
 from ema_prognostics.features.control_loop import control_loop
+from ema_prognostics.features.dry_friction import dry_friction
 from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.features.reversal import LostMotion, reversal_gap
 from ema_prognostics.features.signals import Signals, prepare
@@ -140,6 +143,8 @@ def extract(
         for speed in ("full", "quarter"):
             _pair(found, speed, balances[speed], balances[f"{speed}_back"])
         found |= _slow(signals, plan)
+        ramps = [window for window in (plan.ramp, plan.ramp_back) if window is not None]
+        found |= dry_friction(signals, balances, ramps, exp(found["torque_ramp"]))
         found["torque_full_over_quarter"] = found["torque_full"] - found["torque_quarter"]
         found["torque_quarter_over_ramp"] = found["torque_quarter"] - found["torque_ramp"]
     else:

@@ -172,8 +172,8 @@ def verdict_of_features(
     cascade, own = model.cascades[f"{kind}/fleet"], model.cascade(kind, "baseline")
     names = cascade.view.names
     if set(features) != set(names):
-        return unknown_verdict("the record does not hold every feature: its interval with the "
-                               "inverter off is missing")
+        return unknown_verdict("the record does not hold every feature: record every channel of "
+                               "the kit, from the acceptance of the command, the inverter off")
     left = model.body.discrepancy.get(kind)
     x = corrected_row(features, names, left)
     detection = cascade.find(x, exact=exact)[0]
