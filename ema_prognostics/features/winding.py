@@ -27,6 +27,9 @@ from ema_sim.plant.electrical import FIRST_EDGE, SECTOR, THIRD, unit_back_emf
 
 MARGIN = 0.6
 """Of a current to the edge of the relay's band within which its leg may switch, of the band."""
+LATENCY = 2.0
+"""Control periods, beyond those declared, by which a reference may act later than recorded."""
+TINY = 1e-9
 DROP_CURRENT = 1.0
 """Current at which the drop of a switch counts as fully there, of the relay's band."""
 STEP = 1e-3
@@ -44,27 +47,46 @@ PHASES = np.exp(-1j * THIRD * np.arange(3))
 SPREAD_FLOOR = 0.02
 
 
-def _saturated(signals: Signals, length: float) -> np.ndarray:
-    """Return where each leg stands still from a sample to the next, shape (n - 1, 3).
+def _references(signals: Signals, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return least and largest reference that may act on each leg, shape (n - 1, 3) each (A).
 
-    +1: on the upper rail, -1: on the lower, 0: not certain.
+    The phases that carry it are those of the present rotor angle; how large it is may have been
+    commanded up to `LATENCY` control periods ago.
     """
-    samples = signals.record.samples
-    reading, reference = samples[:, PHASE_CURRENTS], samples[:, REFERENCE_CURRENTS]
+    acquisition, period = signals.actuator.acquisition, signals.actuator.control.period
+    late = int(np.ceil((acquisition.reference_latency + LATENCY) * period * signals.rate))
+    reference = signals.record.samples[:n, REFERENCE_CURRENTS]
+    command = np.abs(reference).max(axis=1)
+    least, most = command.copy(), command.copy()
+    for k in range(1, late + 1):
+        least[k:] = np.minimum(least[k:], command[:-k])
+        most[k:] = np.maximum(most[k:], command[:-k])
+    share = reference / np.maximum(command, TINY)[:, None]
+    one, other = share * least[:, None], share * most[:, None]
+    low, high = np.minimum(one, other), np.maximum(one, other)
+    return np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])
+
+
+def _saturated(signals: Signals, length: float) -> np.ndarray:
+    """Return where each leg stands still from a sample to the next, shape (k, 3), k < n.
+
+    +1: on the upper rail, -1: on the lower, 0: not certain. `k` ends with `length`.
+    """
+    begin_time = signals.record.profile.inverter_off + 2.0 / signals.rate
+    n = int(np.searchsorted(signals.time, signals.record.profile.command_time + length))
+    reading = signals.record.samples[:n, PHASE_CURRENTS]
     band = signals.actuator.inverter.hysteresis
     margin = MARGIN * band
     half = 0.5 * np.diff(reading, axis=0)
     begin, end = reading[:-1] - half, reading[1:] + half
-    low = np.minimum(reference[:-1], reference[1:])
-    high = np.maximum(reference[:-1], reference[1:])
+    low, high = _references(signals, n)
     up = (begin < low - band - margin) & (end < low + band - margin)
     down = (begin > high + band + margin) & (end > high - band + margin)
-    turned = np.diff(signals.theta)
-    place = (signals.theta - np.pi / 6.0) / (np.pi / 3.0)
-    reach = 0.5 * turned / (np.pi / 3.0)
+    theta = signals.theta[:n]
+    place = (theta - np.pi / 6.0) / (np.pi / 3.0)
+    reach = 0.5 * np.diff(place)
     same = np.floor(place[:-1] - reach) == np.floor(place[1:] + reach)
-    on = signals.time[:-1] > signals.record.profile.inverter_off + 2.0 / signals.rate
-    on &= signals.time[1:] < signals.record.profile.command_time + length
+    on = signals.time[:n - 1] > begin_time
     return np.where((same & on)[:, None], up.astype(int) - down.astype(int), 0)
 
 
@@ -77,8 +99,10 @@ def _equations(signals: Signals, length: float) -> tuple[np.ndarray, np.ndarray]
     actuator = signals.actuator
     motor = actuator.motor
     state = _saturated(signals, length)
-    middle = 0.5 * (signals.currents[1:] + signals.currents[:-1])
-    rise = np.diff(signals.currents, axis=0) / np.diff(signals.time)[:, None]
+    n = len(state) + 1
+    currents = signals.currents[:n]
+    middle = 0.5 * (currents[1:] + currents[:-1])
+    rise = np.diff(currents, axis=0) / np.diff(signals.time[:n])[:, None]
     warm = signals.temperature - REFERENCE
     resistance = motor.phase_resistance * (1.0 + COPPER * warm)
     sign = np.clip(middle / (DROP_CURRENT * actuator.inverter.hysteresis), -1.0, 1.0)

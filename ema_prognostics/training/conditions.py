@@ -196,6 +196,8 @@ def actuator_of(nominal: Actuator, unit: Unit, conditions: RunConditions) -> Act
             speed=nominal.noise.speed * speed, current=nominal.noise.current * current,
             position=nominal.noise.position * position),
         acquisition=acquisition._replace(
+            command_latency=acquisition.command_latency + unit.latency[0],
+            reference_latency=acquisition.reference_latency + unit.latency[1],
             sampling=_other(acquisition.sampling) if recorder.kind == "sampled"
             else acquisition.sampling,
         ),
@@ -222,18 +224,9 @@ def _converters(declared: Converters, recorder: Recorder) -> Converters:
 
 
 def effects_of(
-    conditions: RunConditions, fault: InjectedFault, own: Effects | None = None,
-    unit: Unit | None = None, period: float = 0.0,
+    conditions: RunConditions, fault: InjectedFault, own: Effects | None = None
 ) -> Effects:
-    """Return the effects of one test: those of the model, if it has any, conditions, fault.
-
-    Parameters
-    ----------
-    conditions, fault : of the test.
-    own : effects of the model.
-    unit : whose reference currents are late, by `unit.latency` control periods.
-    period : of the control (s).
-    """
+    """Return the effects of one test: those of the model, if it has any, conditions, fault."""
     c = conditions
     settings = [
         f"winding_temperature.temperature={c.temperature!r}",
@@ -242,6 +235,4 @@ def effects_of(
         *(f"current_sensor_offset.phase_{p}={v!r}" for p, v in zip("abc", c.offset)),
         *fault.settings,
     ]
-    if unit is not None:
-        settings.append(f"control_delay.delay={unit.latency[1] * period!r}")
     return parse_effects(settings, own)

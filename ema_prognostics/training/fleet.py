@@ -119,7 +119,7 @@ def _features(
     """
     nominal = load_actuator()  # as the diagnosis will see it
     actuator = actuator_of(model.actuator, unit, conditions)
-    effects = effects_of(conditions, fault, model.effects, unit, nominal.control.period)
+    effects = effects_of(conditions, fault, model.effects)
     found: dict[ProfileKind, dict[str, float]] = {}
     longest: Record | None = None
     for kind in sorted(kinds, key=lambda k: -load_profile(k).duration):
