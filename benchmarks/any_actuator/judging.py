@@ -14,8 +14,9 @@ from benchmarks.ledger import Ledger
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import profile_kind
 from ema_prognostics.verdict.judge import Judge
+from ema_record.actuator_type import actuator_hash
 from ema_record.errors import RecordError
-from ema_record.kit import CASCADE, actuator_hash, kit_path
+from ema_record.kit import CASCADE, kit_path
 from ema_record.profile import Profile
 from ema_record.record import Record
 from ema_record.sources import source_hash

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ema_prognostics.cascade.classes import CLASS_OF, FAULTS, LEVELS, SHORTS, UNITS, level_of
+from ema_prognostics.cascade.classes import CLASS_OF, FAULTS, SHORTS, UNITS, level_of, levels_of
 from ema_prognostics.cascade.find import Cascade, Detection
 from ema_prognostics.cascade.guard_groups import GROUPS
 from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.verdict.verdict import Fault, Verdict
-from ema_prognostics.words import feature_words
+from ema_prognostics.words import REPEAT, feature_words, next_step
 from ema_record.errors import EmaError, IncompleteRecordError
 
 RELEVANT = {
@@ -41,7 +41,7 @@ def reasons_of_fault(cascade: Cascade, x: np.ndarray, output: str) -> list[str]:
 
 
 def reasons_of_guard(cascade: Cascade, detection: Detection, bound: float = 1.0) -> list[str]:
-    """Return what is unlike anything trained on, worst first; empty where nothing is.
+    """Return what is unlike anything trained on, worst first, and what to do; empty: nothing is.
 
     Parameters
     ----------
@@ -67,7 +67,9 @@ def reasons_of_guard(cascade: Cascade, detection: Detection, bound: float = 1.0)
         worst = feature_words(names[guard.checked[int(np.argmax(each))]])
         found.append(f"all features together: {together:.1f} times the usual distance, most of "
                      f"all the {worst}")
-    return found
+    odd = np.argmax(each) if each.size and each.max() > 1.0 else None
+    step = REPEAT if odd is None else next_step(names[guard.checked[odd]])
+    return [*found, f"next: {step}"]
 
 
 GAP_CAVEAT = (
@@ -159,7 +161,7 @@ def verdict_of_detection(
             side = "motor" if output == "motor_friction" else "surface"
             reasons.append(f"the friction is most likely that of the {side}")
         reasons += reasons_of_fault(cascade, x, output)
-    faults.sort(key=lambda f: -(f.severity or 0.0) / LEVELS[f.fault_class][1])
+    faults.sort(key=lambda f: -(f.severity or 0.0) / levels_of(f.fault_class)[1])
     named = {f.fault_class for f in faults}
     alternatives: tuple[str, ...] = ()
     static = "static_eccentricity" in detection.outputs

@@ -24,8 +24,10 @@ MAX_FINDINGS = 20
 
 Outcome = Literal["incomplete", "invalid", "unknown"]
 OUTCOMES: dict[str, Outcome] = {
+    "other_actuator": "invalid",
     "test_not_complete": "incomplete", "record_length": "incomplete", "gap": "incomplete",
-    "not_finite": "invalid", "clock_jump": "invalid", "repeated_data": "invalid",
+    "not_finite": "invalid", "missing_channel": "unknown", "clock_jump": "invalid",
+    "repeated_data": "invalid",
     "stuck_channel": "unknown", "wrong_unit": "invalid", "sign_flip": "invalid",
     "swapped_phases": "invalid", "held_samples": "unknown", "sensor_noise": "unknown",
     "discontinuity": "invalid", "spike": "unknown", "saturation": "unknown",
@@ -40,7 +42,13 @@ SENSOR_RULES = frozenset({
 
 
 def findings_of(facts: BagFacts, names: Collection[str]) -> list[Finding]:
-    """Return what the rules of these names find, in the order of `RULES`."""
+    """Return what the rules of these names find, in the order of `RULES`.
+
+    Of a record of another actuator than the kit's nothing else is told.
+    """
+    other = origin.OTHER_ACTUATOR
+    if other.name in names and (found := other.check(facts)):
+        return found
     with np.errstate(all="ignore"):  # the values of a record may be anything
         return [
             finding for rule in RULES if rule.name in names
@@ -59,7 +67,7 @@ def guard_findings(
     record : Record
         One test, or its facts. Its samples may be of any value, in any order.
     actuator : Actuator, optional
-        What was tested, default the nominal one; facts know it.
+        What was tested, default the kit's; facts know it.
     names : collection of str
         Rules that are asked, of `OUTCOMES`.
 
