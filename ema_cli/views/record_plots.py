@@ -6,6 +6,7 @@ same apart in black and white. Angles are in degrees, all else in SI units.
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from ema_record.channels import (
     MOTOR_SPEED,
     PHASE_CURRENTS,
     REFERENCE_CURRENTS,
+    ROTOR_ANGLE,
 )
 from ema_record.errors import OutputError, RecordError
 from ema_record.files import cannot_write, new_file
@@ -91,10 +93,10 @@ def plot_record(record: Record, folder: Path, *, trace: np.ndarray | None = None
     check_plot_folder(folder)
     actuator = load_actuator()
     record, rebuilt = _completed(record, actuator)
-    try:
-        turns = whole_turns(record, paper_window(record.profile))
-    except RecordError:
-        turns = None
+    turns = None
+    if ROTOR_ANGLE in record.columns:
+        with contextlib.suppress(RecordError):
+            turns = whole_turns(record, paper_window(record.profile))
     with mpl.rc_context(STYLE):
         figures = {"speed": _speed(record)}
         if rebuilt:
