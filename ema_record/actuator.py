@@ -339,7 +339,8 @@ def with_values(text: str, actuator: Actuator) -> str:
                 new = f"{value:.6g}" if isinstance(value, float) else str(value)
                 new = str(bool(value)).lower() if old in ("true", "false") else new
                 written = old + space if comment else old
-                line = f"{indent}{name}:{gap}{new.ljust(len(written) - 1)} {comment or ''}"
-                line = line.rstrip()
+                lines.append(f"{indent}{name}:{gap}{new.ljust(len(written) - 1)} "
+                             f"{comment or ''}".rstrip())
+                continue
         lines.append(line)
     return "\n".join(lines) + "\n"

@@ -124,16 +124,25 @@ class Profile(BaseModel):
         return x[k] + (x[k + 1] - x[k]) * np.clip(part, 0.0, 1.0)
 
 
-def step_profile(amplitude: float, *, start: float = -0.4, duration: float = 0.45) -> Profile:
-    """Return a step of any size: from `start` by `amplitude` (rad), `duration` (s) long."""
+def step_profile(
+    amplitude: float, *, start: float | None = None, duration: float | None = None
+) -> Profile:
+    """Return a step of any size, `amplitude` (rad), at the time of the present kit's ``step``.
+
+    Without them `start` (rad) and `duration` (s) are those of that test, and so is the window
+    where it lies inside.
+    """
+    like = load_profile("step")
+    begin = like.start if start is None else start
+    end = like.duration if duration is None else duration
+    at, window = like.command_time, like.window
     return load_profile_dict(
         {
             "name": f"step_{amplitude:g}",
-            "points": [
-                [0.0, start], [0.022, start], [0.022, start + amplitude],
-                [duration, start + amplitude],
-            ],
-            "window": [0.082, 0.382] if duration >= 0.382 else None,
+            "points": [[0.0, begin], [at, begin], [at, begin + amplitude],
+                       [end, begin + amplitude]],
+            "inverter_off": like.inverter_off,
+            "window": window if window is not None and end >= window[1] else None,
             "description": f"step of {amplitude:g} rad",
         },
         "step",

@@ -1,4 +1,4 @@
-"""What the acquisition makes of the kernel's means: sensor noise and converters.
+"""What the acquisition makes of the kernel's samples: sensor noise and converters.
 
 The noise is made of seeded standard normal numbers, drawn once for all runs that share a seed:
 candidates are compared on equal noise, so the same few seeds come again thousands of times.
@@ -14,7 +14,7 @@ from threading import Lock
 import numpy as np
 from numba import njit
 
-from ema_record.actuator import NOISE_RATE, Actuator, Converters
+from ema_record.actuator import INSTANT, NOISE_RATE, Acquisition, Actuator, Converters
 from ema_record.channels import (
     MOTOR_SPEED,
     N_CHANNELS,
@@ -27,6 +27,7 @@ from ema_sim.effects.registry import Effects
 
 KEPT = 200_000
 """Numbers of a stream that are kept: the default test takes 190 000 for its currents."""
+TURN = 2.0 * math.pi
 STREAMS = 64
 """Streams that are kept, the last ones used: at most 100 MB."""
 
@@ -83,7 +84,8 @@ def _stream(seed: int, stream: int) -> _Stream:
 class SensorNoise:
     """Seeded white noise, drawn in order: the same seed gives the same bytes in any blocks.
 
-    `level` scales all deviations of `actuator.noise` (rms a sample at `NOISE_RATE`).
+    `level` scales all deviations of `actuator.noise` (rms a sample at `NOISE_RATE`). An instant
+    has all of a current sensor's noise whatever the `rate`, a mean less the longer it is.
     """
 
     def __init__(self, actuator: Actuator, seed: int, level: float, rate: float) -> None:
@@ -93,7 +95,9 @@ class SensorNoise:
         self._inside_sigma = level * period_scale * np.array(
             [actuator.noise.speed, actuator.noise.position]
         )
-        self._current_sigma = level * actuator.noise.current * np.sqrt(rate / NOISE_RATE)
+        instant = actuator.acquisition.sampling == INSTANT
+        share = 1.0 if instant else math.sqrt(rate / NOISE_RATE)
+        self._current_sigma = level * actuator.noise.current * share
 
     def inside(self, n: int) -> np.ndarray:
         """Return noise of speed (rad/s) and position (rad), shape (n, 2), one a period."""
@@ -113,13 +117,18 @@ def effective_converters(nominal: Converters, effects: Effects) -> Converters:
     )
 
 
-def convert(c: Converters, means: np.ndarray, current_noise: np.ndarray) -> np.ndarray:
-    """Return the samples as recorded: noise added, every channel through its converter.
+def convert(
+    c: Converters, acquisition: Acquisition, samples: np.ndarray, current_noise: np.ndarray
+) -> np.ndarray:
+    """Make what is recorded of the kernel's `samples`, in place, and return them.
+
+    Noise is added, every channel goes through its converter if there are any, and what is not
+    recorded is not a number.
 
     Parameters
     ----------
-    c : the converters.
-    means : ndarray, shape (n, 10), from the kernel; rotor angle not wrapped.
+    c, acquisition : the converters; whether they are there, and which channels are recorded.
+    samples : ndarray, shape (n, 10), from the kernel; rotor angle not wrapped.
     current_noise : ndarray, shape (n, 3) (A).
     """
     spans, bits = np.full(N_CHANNELS, math.inf), np.zeros(N_CHANNELS)
@@ -131,29 +140,36 @@ def convert(c: Converters, means: np.ndarray, current_noise: np.ndarray) -> np.n
         (SURFACE_POSITION, c.position_range, c.position_bits),
     ):
         spans[columns], bits[columns] = span, depth
-    return _converted(means, current_noise, PHASE_CURRENTS.start, spans / 2.0**bits, 0.5 * spans)
+    _convert(samples, current_noise, spans / 2.0**bits, 0.5 * spans,
+             acquisition.converters != 0)
+    for channels, recorded in (
+        (PHASE_CURRENTS.stop - 1, acquisition.phase_current_c),
+        (REFERENCE_CURRENTS, acquisition.reference_currents),
+        (ROTOR_ANGLE, acquisition.rotor_angle),
+        (SURFACE_POSITION, acquisition.surface_position),
+    ):
+        if not recorded:
+            samples[:, channels] = np.nan
+    return samples
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _converted(
-    means: np.ndarray, noise: np.ndarray, first: int, step: np.ndarray, half: np.ndarray
-) -> np.ndarray:
-    """Return `means` with `noise` in columns `first` on, in steps and within ± `half` a column.
+def _convert(
+    samples: np.ndarray, noise: np.ndarray, step: np.ndarray, half: np.ndarray, rounded: bool
+) -> None:
+    """Add `noise` to the phase currents; round to steps within ± `half` a column if `rounded`.
 
-    The rotor angle is wrapped and rounded down; a column with an infinite step is left alone.
+    The rotor angle is wrapped and, if rounded, rounded down; time stays as it is.
     """
-    samples = means + 0.0
-    rows = means.shape[0]
-    for k in range(noise.shape[1]):
-        for i in range(rows):
-            samples[i, first + k] += noise[i, k]
-    for k in range(means.shape[1]):
-        one, most = step[k], half[k]
-        if k == ROTOR_ANGLE:
-            for i in range(rows):
-                samples[i, k] = math.floor(samples[i, k] % (2.0 * math.pi) / one) * one + 0.0
-        elif one < math.inf:
-            for i in range(rows):
-                value = np.rint(samples[i, k] / one) * one
-                samples[i, k] = min(max(value, -most), most) + 0.0
-    return samples
+    for i in range(samples.shape[0]):
+        for k in range(3):
+            samples[i, 2 + k] += noise[i, k]
+        angle = samples[i, ROTOR_ANGLE]
+        angle -= TURN * math.floor(angle / TURN)
+        angle = 0.0 if angle >= TURN else angle
+        if rounded:
+            for k in range(1, N_CHANNELS):
+                value = np.rint(samples[i, k] / step[k]) * step[k]
+                samples[i, k] = min(max(value, -half[k]), half[k]) + 0.0
+            angle = math.floor(angle / step[ROTOR_ANGLE]) * step[ROTOR_ANGLE]
+        samples[i, ROTOR_ANGLE] = angle

@@ -52,6 +52,7 @@ class ActuatorSession:
         trace: bool = False,
         max_step: float = k.MAX_STEP,
         settle: bool = True,
+        switching: bool = False,
     ) -> None:
         """Set the actuator at rest at `position`."""
         rate = actuator.acquisition.rate if rate is None else rate
@@ -74,10 +75,10 @@ class ActuatorSession:
         self._inverter_on = math.inf
         self._keep_trace = trace
         self._max_step = max_step
-        self._settle = settle
+        self._settle, self._switching = settle, switching
         self._traces: list[np.ndarray] = []
         self._read = NOTHING_READ
-        self.last_bus = (self._bus_voltage(0.0), 0.0)
+        self.last_bus = (self.bus_voltage(0.0), 0.0)
         """Bus voltage (V) and mean current (A) of the last block."""
         self.final_state = self._state.copy()
         """State with the last sample of the last run."""
@@ -100,7 +101,7 @@ class ActuatorSession:
     @property
     def dc_bus(self) -> tuple[float, float]:
         """Voltage between the rails (V) and current (A): the last block's mean, 0 when idle."""
-        return self.last_bus if self.active else (self._bus_voltage(0.0), 0.0)
+        return self.last_bus if self.active else (self.bus_voltage(0.0), 0.0)
 
     @property
     def winding_temperature(self) -> float:
@@ -136,19 +137,37 @@ class ActuatorSession:
         """
         if self._profile is None:
             return np.empty((0, N_CHANNELS))
+        return self.advance_reading(n_samples, n_samples)[0]
+
+    @property
+    def samples_left(self) -> int:
+        """How many samples the present run still has, 0 when idle."""
+        if self._profile is None:
+            return 0
         total = round((self._begin + self._profile.duration) * self.rate)
-        n = min(n_samples, total - int(self._state[st.SAMPLE]))
+        return total - int(self._state[st.SAMPLE])
+
+    def advance_reading(self, n_samples: int, block: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the next samples, as `advance`, and the bus current in blocks of them.
+
+        Returns
+        -------
+        samples : ndarray, shape (k, 10).
+        bus : ndarray, shape (m,), mean current (A) over each `block` samples begun.
+        """
+        left = self.samples_left
+        n = min(n_samples, left)
         if n <= 0:
             self._finish()
-            return np.empty((0, N_CHANNELS))
-        charge = self._state[st.CHARGE]
-        means = self._run(n)
-        current = float(self._state[st.CHARGE] - charge) * self.rate / n
-        self.last_bus = (self._bus_voltage(current), current)
-        samples = convert(self._converters, means, self._noise.currents(n))
-        if int(self._state[st.SAMPLE]) >= total:
+            return np.empty((0, N_CHANNELS)), np.empty(0)
+        bus = np.empty(-(-n // block))
+        samples = self._run(n, bus, block)
+        current = float(bus[-1])
+        self.last_bus = (self.bus_voltage(current), current)
+        convert(self._converters, self.actuator.acquisition, samples, self._noise.currents(n))
+        if n == left:
             self._finish()
-        return samples
+        return samples, bus
 
     def take_trace(self) -> np.ndarray:
         """Return and forget the trace, shape (n, 3), columns `kernel.TRACE_NAMES`."""
@@ -156,14 +175,14 @@ class ActuatorSession:
         self._traces = []
         return found
 
-    def _bus_voltage(self, current: float) -> float:
+    def bus_voltage(self, current: float) -> float:
         """Return the voltage between the rails (V) at the mean bus current (A)."""
         e = self.effects
         nominal = 2.0 * self.actuator.inverter.bus_voltage
         sag = e.bus_voltage_sag.resistance * current
         return nominal * (1.0 + e.bus_voltage_change.change) - sag
 
-    def _run(self, n: int) -> np.ndarray:
+    def _run(self, n: int, bus: np.ndarray, block: int) -> np.ndarray:
         assert self._profile is not None
         control = self.actuator.control
         first = int(self._state[st.TICK])
@@ -175,9 +194,9 @@ class ActuatorSession:
         noise = self._noise.inside(periods) if periods else np.zeros((1, 2))
         out = np.empty((n, N_CHANNELS))
         trace = np.empty((n if self._keep_trace else 0, len(k.TRACE_NAMES)))
-        status = k.kernel()(
+        status = k.kernel(self.actuator.drive.kind, self._switching)(
             self.actuator, self.effects, self._state, command, noise, self._inverter_on,
-            self.rate, self._max_step, out, trace,
+            self.rate, self._max_step, out, trace, bus, block,
         )
         if status != k.OK:
             raise SimulationError(
@@ -213,7 +232,8 @@ class ActuatorSession:
         self._begin, self._read = self.time, NOTHING_READ
         self.final_state = self._state.copy()
         if self._settle:
-            self._run(round(SETTLE_TIME * self.rate))
+            n = round(SETTLE_TIME * self.rate)
+            self._run(n, np.empty(1), n)
         self._profile, self._keep_trace = None, keep
 
 

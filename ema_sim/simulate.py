@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_record.actuator import Actuator, load_actuator
+from ema_record.channels import TIME
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record
 from ema_record.version import VERSION
@@ -78,29 +79,28 @@ def simulate_traced(
     start_time: int = 0,
     trace: bool = True,
     max_step: float = MAX_STEP,
+    switching: bool = False,
 ) -> Simulation:
     """Run one test and return its record with torques, surface speed and final state."""
     actuator = load_actuator() if actuator is None else actuator
     session = ActuatorSession(
         actuator, effects, seed=seed, noise=noise, rate=rate, start_angle=start_angle,
-        position=profile.start, trace=trace, max_step=max_step, settle=False,
+        position=profile.start, trace=trace, max_step=max_step,
+        settle=False, switching=switching,
     )
     session.command(profile)
-    blocks, bus, temperature = [], [], []
     block = max(1, math.ceil(AUXILIARY_PERIOD * session.rate))
-    while session.active:
-        samples = session.advance(block)
-        if len(samples):
-            blocks.append(samples)
-            bus.append((float(samples[-1, 0]), *session.last_bus))
-            temperature.append((float(samples[-1, 0]), session.winding_temperature))
+    samples, current = session.advance_reading(session.samples_left, block)
+    times = samples[np.minimum(np.arange(1, len(current) + 1) * block, len(samples)) - 1, TIME]
+    bus = [(t, session.bus_voltage(i), i) for t, i in zip(times, current)]
     record = Record(
-        samples=np.concatenate(blocks),
+        samples=samples,
         profile=profile,
         provenance=Provenance(
             serial_number=serial_number, software_version=VERSION, start_time=start_time
         ),
         dc_bus=np.array(bus),
-        winding_temperature=np.array(temperature),
+        winding_temperature=np.column_stack(
+            [times, np.full(len(times), session.winding_temperature)]),
     )
     return Simulation(record, session.take_trace(), session.final_state)

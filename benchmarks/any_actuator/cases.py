@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +13,8 @@ from benchmarks.any_actuator.described import Damage
 from benchmarks.any_actuator.records import BenchTest
 from benchmarks.any_actuator.units import draw_test
 from ema_record.actuator import Actuator
-from ema_record.spread import Spread
+from ema_record.kit import VALIDATION
+from ema_record.spread import TypeSpread
 
 CLASS = {"turn_short": "turn_short", "rotor_eccentricity": "rotor_eccentricity",
          "motor_friction": "friction", "surface_friction": "friction", "backlash": "backlash"}
@@ -25,6 +25,8 @@ ACCEPTANCE, TEST = 1, 2
 """Fleets: those that a kit is made from, and those that it is judged on."""
 EVENT = 0.4
 """When a sensor fails, of the length of the test."""
+LARGEST = 3.0
+"""Severity of a fault, whatever a kit says."""
 
 
 class Counts(NamedTuple):
@@ -58,15 +60,21 @@ def usual_sizes(a: Actuator) -> dict[str, float]:
 def sizes_of(a: Actuator, kit: Path | None, times: float = 2.0) -> dict[str, float]:
     """Return `times` the a90 of each fault that the kit itself gives, the usual where none."""
     sizes = usual_sizes(a)
-    file = None if kit is None else kit / "validation.json"
+    file = None if kit is None else kit / VALIDATION
     if file is None or not file.is_file():
         return sizes
-    given = json.loads(file.read_text(encoding="utf-8")).get("a90", {})
-    for group in sizes:
-        value = given.get(group, given.get(CLASS[group]))
-        if isinstance(value, (int, float)) and math.isfinite(value) and value > 0.0:
-            sizes[group] = times * float(value)
+    found = json.loads(file.read_text(encoding="utf-8"))
+    views = found.get("held_out", {}).get(found.get("profile"), {}).get("fleet", {})
+    for group, name in CLASS.items():
+        value = (views.get(name) or {}).get("a90")
+        if value is not None:
+            sizes[group] = min(times * float(value), LARGEST)
     return sizes
+
+
+def _damage(name: str, size: float, **more: Any) -> Damage:
+    fields: dict[str, Any] = {name: size, **more}
+    return Damage(**fields)
 
 
 def _fault(group: str, size: float, rng: np.random.Generator) -> tuple[Damage, str, str | None]:
@@ -78,7 +86,7 @@ def _fault(group: str, size: float, rng: np.random.Generator) -> tuple[Damage, s
         shifted = bool(rng.integers(2))
         return Damage(eccentricity=size, shifted=shifted, angle=float(rng.uniform(-3.1, 3.1))), (
             "shifted" if shifted else "common"), None
-    return Damage(**{group: size}), "", None
+    return _damage(group, size), "", None
 
 
 def _stranger(a: Actuator, name: str, rng: np.random.Generator) -> Damage:
@@ -92,17 +100,17 @@ def _stranger(a: Actuator, name: str, rng: np.random.Generator) -> Damage:
         "sag": 0.05 * (2.0 * a.inverter.bus_voltage) ** 2 / power, "resistance": 0.5,
         "hall": 0.1, "mesh": 0.2 * x.dynamic_friction / a.shaft.stiffness,
     }[name]
-    return Damage(**{name: size}, phase=int(rng.integers(3)))
+    return _damage(name, size, phase=int(rng.integers(3)))
 
 
 def _sensor_fault(a: Actuator, name: str, duration: float, rng: np.random.Generator) -> Damage:
     size = {"current_offset": 0.1 * a.inverter.current_limit, "current_gain": 0.1,
             "speed_gain": 0.05, "slip": 0.02 * a.surface.end_stop}[name]
-    return Damage(**{name: size}, phase=int(rng.integers(3)), event=EVENT * duration)
+    return _damage(name, size, phase=int(rng.integers(3)), event=EVENT * duration)
 
 
 def draw_cases(
-    a: Actuator, spread: Spread, counts: Counts, sizes: Mapping[str, float], *,
+    a: Actuator, spread: TypeSpread, counts: Counts, sizes: Mapping[str, float], *,
     seed: int, fleet: int, duration: float, own: bool,
 ) -> list[BenchCase]:
     """Return the tests of a fleet in a fixed order; each is drawn from its own seed.
@@ -116,11 +124,10 @@ def draw_cases(
     duration : of the test (s).
     own : whether units have effects that the product's simulator does not know.
     """
-    plan = [("healthy", "", counts.healthy)]
-    plan += [(group, "", counts.each_fault) for group in CLASS]
-    plan += [("stranger", "", counts.strangers), ("sensor", "", counts.sensor_faults)]
+    plan = [("healthy", counts.healthy), *((group, counts.each_fault) for group in CLASS),
+            ("stranger", counts.strangers), ("sensor", counts.sensor_faults)]
     cases = []
-    for kind, (group, _, count) in enumerate(plan):
+    for kind, (group, count) in enumerate(plan):
         for n in range(count):
             rng = np.random.default_rng([seed, fleet, kind, n])
             detail, phase, size, damage = "", None, 0.0, Damage()

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from benchmarks.any_actuator.cases import BenchCase
 from benchmarks.any_actuator.records import record_of
 from benchmarks.ledger import Ledger
+from ema_prognostics.features.extract import extract
+from ema_prognostics.features.profile_kind import profile_kind
 from ema_prognostics.verdict.judge import Judge
+from ema_record.errors import RecordError
 from ema_record.profile import Profile
+from ema_record.record import Record
 
 
 def judge_cases(
     cases: Sequence[BenchCase], profile: Profile, judge: Judge, ledger: Ledger, name: str,
-    progress: Callable[[int, int], None] = lambda _done, _all: None,
+    progress: Callable[[int, int], None] = lambda _done, _all: None, *, features: bool = False,
 ) -> list[dict[str, Any]]:
     """Return what `ema check` says of each case, simulated when its verdict is not there yet.
 
@@ -25,18 +31,22 @@ def judge_cases(
     judge : of the present kit.
     ledger, name : keep the verdicts; `name` stands for all that decides them but the case.
     progress : called with cases done and all cases.
+    features : keep the features of each record too, where it gives any.
     """
     rows = []
     for n, case in enumerate(cases):
-        rows.append(ledger.run(f"{name}/{case.key}", lambda c=case: _judged(c, profile, judge)))
+        rows.append(ledger.run(
+            f"{name}/{case.key}", partial(_judged, case, profile, judge, features)))
         progress(n + 1, len(cases))
     return rows
 
 
-def _judged(case: BenchCase, profile: Profile, judge: Judge) -> dict[str, Any]:
-    verdict = judge.of_record(record_of(case.test, profile), case.key).verdict
+def _judged(case: BenchCase, profile: Profile, judge: Judge, features: bool) -> dict[str, Any]:
+    record = record_of(case.test, profile)
+    verdict = judge.of_record(record, case.key).verdict
     found = verdict.to_dict()
     return {
+        "features": _features(record) if features else None,
         "group": case.group, "detail": case.detail, "size": case.size, "phase": case.phase,
         "outcome": verdict.outcome, "named": [f.fault_class for f in verdict.faults],
         "alternatives": list(verdict.alternatives), "named_phase": found["phase"],
@@ -45,8 +55,14 @@ def _judged(case: BenchCase, profile: Profile, judge: Judge) -> dict[str, Any]:
     }
 
 
+def _features(record: Record) -> dict[str, float] | None:
+    try:
+        kind = profile_kind(record.profile)
+        return None if kind is None else extract(record, kind)
+    except RecordError:
+        return None
+
+
 def folder_key(path: Path) -> str:
     """Return what names the cascade of a kit: 12 digits of the file's hash, ``none`` without."""
-    import hashlib
-
     return hashlib.sha256(path.read_bytes()).hexdigest()[:12] if path.is_file() else "none"

@@ -24,7 +24,7 @@ import numpy as np
 from numba import njit
 
 from benchmarks.any_actuator.described import Damage, Own, Surroundings
-from ema_record.actuator import FOC, HARMONICS, NOISE_RATE, RELAY, Actuator
+from ema_record.actuator import FOC, HARMONICS, NOISE_RATE, RELAY, Actuator, Drive
 from ema_record.channels import ROTOR_ANGLE
 from ema_record.profile import Profile
 
@@ -75,7 +75,8 @@ def rotor_table(a: Actuator, own: Own, d: Damage, temperature: float) -> np.ndar
 
 
 @njit(cache=True)
-def _slide(speed, force, inertia, dry, stuck, knee, dt):
+def _slide(speed: float, force: float, inertia: float, dry: float, stuck: float, knee: float,
+           dt: float) -> float:
     """Return the speed after a step under a force and dry friction."""
     level = dry
     if abs(speed) < 4.0 * knee:
@@ -85,12 +86,13 @@ def _slide(speed, force, inertia, dry, stuck, knee, dt):
 
 
 @njit(cache=True)
-def _rounded(value, bit):
+def _rounded(value: float, bit: float) -> float:
     return bit * math.floor(value / bit + 0.5) if bit > 0.0 else value
 
 
 @njit(cache=True)
-def _six_step(drive, rail, wanted, read, integral, leg):
+def _six_step(drive: Drive, rail: float, wanted: np.ndarray, read: np.ndarray,
+              integral: np.ndarray, leg: np.ndarray) -> None:
     """Set the legs' demands, in rails, by a PI control a phase; once a carrier period."""
     for n in range(3):
         error = wanted[n] - read[n]
@@ -101,7 +103,8 @@ def _six_step(drive, rail, wanted, read, integral, leg):
 
 
 @njit(cache=True)
-def _field_oriented(drive, rail, wanted, read, angle, integral, leg):
+def _field_oriented(drive: Drive, rail: float, wanted: np.ndarray, read: np.ndarray,
+                    angle: float, integral: np.ndarray, leg: np.ndarray) -> None:
     """Set the legs' demands by PI controls of the currents along q (sine) and d (cosine)."""
     error, raw = np.zeros(2), np.zeros(2)
     for n in range(3):
@@ -120,7 +123,7 @@ def _field_oriented(drive, rail, wanted, read, angle, integral, leg):
 
 
 @njit(cache=True)
-def _on_share(demand, phase, step):
+def _on_share(demand: float, phase: float, step: float) -> float:
     """Return the mean of a leg, in rails, over a step of the carrier's period."""
     after = phase + step
     one = 1.0 - 4.0 * abs(phase - 0.5)
@@ -130,7 +133,8 @@ def _on_share(demand, phase, step):
 
 
 @njit(cache=True)
-def _windings(i, v, k, omega, keep, gains, new):
+def _windings(i: np.ndarray, v: np.ndarray, k: np.ndarray, omega: float, keep: np.ndarray,
+              gains: np.ndarray, new: np.ndarray) -> None:
     """Set the currents after a step; the neutral's voltage keeps their sum at zero."""
     neutral = 0.0
     for n in range(3):
@@ -142,7 +146,8 @@ def _windings(i, v, k, omega, keep, gains, new):
 
 
 @njit(cache=True)
-def _crossed(band, rail, wanted, read, change, leg, v):
+def _crossed(band: float, rail: float, wanted: np.ndarray, read: np.ndarray, change: np.ndarray,
+             leg: np.ndarray, v: np.ndarray) -> bool:
     """Switch the relays whose current crosses the band in this step, there; say if any."""
     any_did = False
     for n in range(3):
@@ -155,7 +160,9 @@ def _crossed(band, rail, wanted, read, change, leg, v):
 
 
 @njit(cache=True)
-def _run(a, own, s, d, averaged, table, command, noise, start, off, per_period, per_sample, n_out):
+def _run(a: Actuator, own: Own, s: Surroundings, d: Damage, averaged: bool, table: np.ndarray,
+         command: np.ndarray, noise: np.ndarray, start: float, off: float, per_period: int,
+         per_sample: int, n_out: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return samples (n_out, 10), bus current (n_out,), energies (6,): the equations in time."""
     out, bus, energy, total = np.zeros((n_out, 10)), np.zeros(n_out), np.zeros(6), np.zeros(9)
     motor, surface, shaft, control, q = a.motor, a.surface, a.shaft, a.control, a.acquisition

@@ -43,7 +43,7 @@ def _convert(x: np.ndarray, span: float, bits: int, low: float) -> np.ndarray:
 
 
 def record_of(test: BenchTest, profile: Profile) -> Record:
-    """Simulate a test and return its record, absent channels too."""
+    """Simulate a test and return its record; channels that are not recorded are NaN."""
     a, s = test.actuator, test.surroundings
     samples, bus, _ = run(a, profile, test.own, s, test.damage, seed=test.seed)
     rng = np.random.default_rng([test.seed, 1])
@@ -59,6 +59,12 @@ def record_of(test: BenchTest, profile: Profile) -> Record:
             samples[:, channel] = _convert(samples[:, channel], span, bits, -0.5 * span)
         samples[:, ROTOR_ANGLE] = _convert(samples[:, ROTOR_ANGLE], c.angle_range, c.angle_bits,
                                            0.0)
+    q = a.acquisition
+    for there, channel in ((q.phase_current_c, PHASE_CURRENTS.stop - 1),
+                           (q.reference_currents, REFERENCE_CURRENTS),
+                           (q.rotor_angle, ROTOR_ANGLE), (q.surface_position, SURFACE_POSITION)):
+        if not there:
+            samples[:, channel] = np.nan
     rail = 2.0 * a.inverter.bus_voltage * (1.0 + s.bus)
     slow = slow_means(samples[:, 0], bus, a.acquisition.rate)
     return Record(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from benchmarks.any_actuator.cases import CLASS
@@ -68,15 +68,14 @@ def text_of(r: Rate) -> str:
     return f"{r.hits} of {r.total} ({100 * r.lower:.1f}-{100 * r.upper:.1f} %)"
 
 
-def markdown(columns: dict[str, Sequence[Row]]) -> str:
+def markdown(columns: Mapping[str, Sequence[Row]]) -> str:
     """Return the table: a column a machine and, where there are several, one pooled."""
     names = list(columns)
     if len(names) > 1:
         columns = {**columns, "pooled": [r for rows in columns.values() for r in rows]}
         names.append("pooled")
     found = {name: rates(rows) for name, rows in columns.items()}
-    lines = ["| what | target | " + " | ".join(names) + " |", "|---|---" * 1 + "|---" * len(names)
-             + "|"]
+    lines = ["| what | target | " + " | ".join(names) + " |", "|---" * (2 + len(names)) + "|"]
     wanted = {t.what: t for t in TARGETS}
     for what in next(iter(found.values())):
         target = wanted.get(what)

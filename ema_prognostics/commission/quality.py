@@ -1,4 +1,4 @@
-"""Whether a kit is good enough: does the model describe the records, does the cascade know them."""
+"""Whether a kit is good enough: its model describes the records, its cascade knows them."""
 
 from __future__ import annotations
 

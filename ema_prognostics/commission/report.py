@@ -69,7 +69,8 @@ def write_report(validation: dict[str, Any], path: Path) -> None:
     kind = (f"{DRIVES[actuator['drive']['kind']].upper()} drive, "
             f"{BACK_EMFS[motor['back_emf']]} back-EMF, {motor['pole_pairs']} pole pairs, "
             f"{2 * actuator['inverter']['bus_voltage']:g} V bus, "
-            f"gear {actuator['gear']['ratio']:g}, {actuator['acquisition']['rate']:g} samples a second")
+            f"gear {actuator['gear']['ratio']:g}, "
+            f"{actuator['acquisition']['rate']:g} samples a second")
     page = Environment(autoescape=True).from_string(PAGE)
     path.write_text(page.render(
         v=validation, held=held, type=kind, faults=FAULTS, names=NAMES, percent=percent,

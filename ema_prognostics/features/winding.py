@@ -134,8 +134,8 @@ def _fit(
 def winding(signals: Signals, length: float) -> dict[str, float]:
     """Return logarithms of L, R and k over nominal, U (V), angle (mrad), errors.
 
-    Nominal where the record has no pairs of samples to tell from. Lines 1: percent by which the phases differ. `length`: time after the first command that is used: all
-    but the slow ramps (s).
+    Nominal where the record has no pairs of samples to tell from. Lines 1: percent by which the
+    phases differ. `length`: time after the first command that is used: all but the slow ramps (s).
     """
     side, rows = _equations(signals, length)
     bus = signals.actuator.inverter.bus_voltage

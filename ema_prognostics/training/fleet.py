@@ -28,8 +28,8 @@ from ema_prognostics.training.conditions import (
 from ema_record import array_cache
 from ema_record.actuator import load_actuator
 from ema_record.errors import RecordError
+from ema_record.kit import share_path
 from ema_record.profile import load_profile
-from ema_record.resources import share_path
 from ema_sim.model_file import Model, load_model_file
 from ema_sim.simulate import simulate
 

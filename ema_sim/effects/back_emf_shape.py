@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, NamedTuple
 
 from ema_sim.effects.base import Effect, Quantity
@@ -28,7 +27,10 @@ EFFECT = Effect(
     parameters=BackEmfShape,
     port="winding",
     severity=("flat_top_change", "fifth_harmonic", "sine_share"),
-    equation="shape = (1-s) trapezoid(θ, top + change) + s sin θ + c5 sin 5θ",
+    equation=(
+        "shape = (1-s) trapezoid(θ, top + change) + s sin θ + c5 sin 5θ; harmonics in place of "
+        "the trapezoid: plus what the change does to one"
+    ),
     reference="Pillay and Krishnan 1989, IEEE Trans. Ind. Appl. 25(2) (back-EMF of BLDC drives)",
 )
 
@@ -42,11 +44,17 @@ def width(p: BackEmfShape, nominal: float) -> float:
 
 
 @law
-def shape(p: BackEmfShape, trapezoid: float, theta: float) -> float:
-    """Return the unit shape at electrical angle `theta` (rad), given the trapezoid there."""
-    value = trapezoid
+def shape(p: BackEmfShape, value: float, sine: float) -> float:
+    """Return the unit shape where it is `value` without this effect and `sine` is sin θ."""
     if p.sine_share != 0.0:
-        value += p.sine_share * (math.sin(theta) - trapezoid)
+        value += p.sine_share * (sine - value)
     if p.fifth_harmonic != 0.0:
-        value += p.fifth_harmonic * math.sin(5.0 * theta)
+        square = sine * sine
+        value += p.fifth_harmonic * sine * (5.0 + square * (16.0 * square - 20.0))  # sin 5θ
     return value
+
+
+@law
+def needs_sine(p: BackEmfShape) -> bool:
+    """Whether `shape` looks at the sine."""
+    return p.sine_share != 0.0 or p.fifth_harmonic != 0.0

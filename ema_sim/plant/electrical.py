@@ -22,8 +22,14 @@ from ema_sim.effects.compile import law
 TURN = 2.0 * math.pi
 THIRD = TURN / 3.0
 SECTOR = math.pi / 3.0
+QUARTER = 0.5 * math.pi
+ROOT_3_HALF = 0.5 * math.sqrt(3.0)
 FIRST_EDGE = math.pi / 6.0
 BEYOND_EDGE = 1e-9
+NO_SLOPE = 1e-150
+"""Stands for no slope towards the band (A/s)."""
+MOST_BEND = 0.5
+"""Limit of the second-order part of a time to a crossing, of the first."""
 
 
 @law
@@ -34,21 +40,33 @@ def wrap(theta: float) -> float:
 
 @law
 def trapezoid(theta: float, flat_top: float) -> float:
-    """Return the unit trapezoid at electrical angle `theta` in [0, 2π) (rad).
+    """Return the unit trapezoid at electrical angle `theta` in [-2π, 2π] (rad).
 
     The positive flat top, `flat_top` wide (rad), is centred at π/2; zero at 0 and π.
     """
-    ramp = 0.5 * (math.pi - flat_top)
-    x = theta
-    sign = 1.0
-    if x >= math.pi:
-        x -= math.pi
-        sign = -1.0
-    if x < ramp:
-        return sign * x / ramp
-    if x > math.pi - ramp:
-        return sign * (math.pi - x) / ramp
-    return sign
+    beyond = theta - QUARTER
+    beyond = beyond - TURN if beyond > math.pi else beyond
+    beyond = beyond + TURN if beyond < -math.pi else beyond
+    value = (QUARTER - abs(beyond)) * (2.0 / (math.pi - flat_top))
+    value = min(value, 1.0)
+    return max(value, -1.0)
+
+
+@law
+def harmonics(sine: float, third: float, fifth: float, seventh: float) -> float:
+    """Return sin θ + h3 sin 3θ + h5 sin 5θ + h7 sin 7θ, given sin θ and the h (1)."""
+    x = sine * sine
+    return sine * (
+        1.0 + third * (3.0 - 4.0 * x) + fifth * (5.0 + x * (16.0 * x - 20.0))
+        + seventh * (7.0 + x * (x * (112.0 - 64.0 * x) - 56.0))
+    )
+
+
+@law
+def of_phases(sine: float, cosine: float) -> tuple[float, float, float]:
+    """Return sin(θ - φ_k) of phases a, b, c, given sin θ and cos θ."""
+    half, far = -0.5 * sine, ROOT_3_HALF * cosine
+    return sine, half - far, half + far
 
 
 def unit_trapezoid(theta: np.ndarray, flat_top: float) -> np.ndarray:
@@ -101,29 +119,28 @@ def relay(leg: float, excess: float, band: float) -> float:
     excess : current above its reference (A).
     band : half width of the hysteresis (A).
     """
-    if excess >= band:
-        return -1.0
-    if excess <= -band:
-        return 1.0
-    return leg
+    leg = -1.0 if excess >= band else leg
+    return 1.0 if excess <= -band else leg
 
 
 @law
 def time_to_switch(
-    leg: float, excess: float, slope: float, band: float, curvature: float
+    leg: float, excess: float, slope: float, change: float, band: float
 ) -> float:
-    """Return the time to the relay's crossing (s), infinite if the current moves away from it.
+    """Return the time to the relay's crossing (s), huge if the current moves away from it.
 
     Parameters
     ----------
-    leg, excess, band : as in `relay`.
-    slope : of the current (A/s).
-    curvature : relative fall of the slope in a second, halved: R / 2L (1/s).
+    leg, excess, band : as in `relay`, which has looked: the current is within the band.
+    slope, change : of the current (A/s), of its slope (A/s²).
     """
-    if leg * slope <= 0.0:
-        return math.inf
-    reach = (band - leg * excess) / abs(slope)
-    return reach * (1.0 + curvature * reach)
+    towards = leg * slope
+    per = 1.0 / (max(NO_SLOPE, towards))
+    reach = (band - leg * excess) * per
+    bend = (0.5 * leg * change) * (per * reach)
+    bend = min(bend, MOST_BEND)
+    bend = max(bend, -MOST_BEND)
+    return reach - bend * reach
 
 
 @law

@@ -10,19 +10,6 @@ from ema_sim.effects.registry import Effects
 
 
 @law
-def winding_is_plain(e: Effects) -> bool:
-    """Whether nothing but the temperature changes the back-EMF."""
-    return (
-        e.back_emf_shape.sine_share == 0.0
-        and e.back_emf_shape.fifth_harmonic == 0.0
-        and e.turn_short.fraction == 0.0
-        and e.rotor_eccentricity.zeta == 0.0
-        and e.torque_constant_drop.drop == 0.0
-        and e.magnetic_saturation.inverse_current == 0.0
-    )
-
-
-@law
 def friction_is_steady(e: Effects) -> bool:
     """Whether the dry friction of the motor depends on neither speed nor load."""
     return e.stribeck_friction.increase == 0.0 and e.load_dependent_friction.coefficient == 0.0

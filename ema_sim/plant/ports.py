@@ -5,7 +5,9 @@ An effect that is neutral returns at once, so its term is exactly absent.
 
 from __future__ import annotations
 
-from ema_record.actuator import Actuator, Converters, Gear, Motor, Shaft, Surface
+import math
+
+from ema_record.actuator import FOC, HARMONICS, Actuator, Converters, Gear, Motor, Shaft, Surface
 from ema_sim.effects import (
     back_emf_shape,
     backlash,
@@ -38,7 +40,7 @@ from ema_sim.effects import (
 )
 from ema_sim.effects.compile import law
 from ema_sim.effects.registry import Effects
-from ema_sim.plant.electrical import THIRD, TURN, trapezoid
+from ema_sim.plant.electrical import THIRD, harmonics, trapezoid
 
 # --- winding -------------------------------------------------------------------------------
 
@@ -60,7 +62,7 @@ def phase_inductance(e: Effects, motor: Motor, phase: int, current: float) -> fl
     return (
         motor.phase_inductance
         * turn_short.inductance_factor(e.turn_short, phase)
-        * magnetic_saturation.factor(e.magnetic_saturation, current)
+        * saturation(e, current)
     )
 
 
@@ -87,46 +89,70 @@ def unit_factor(motor: Motor, phase: int) -> float:
 
 
 @law
-def back_emf_constant(
-    e: Effects, motor: Motor, top: float, phase: int, theta_e: float, theta_r: float,
-    current: float, plain: bool = False,
-) -> float:
-    """k_k(θ) of a phase (V s/rad) at electrical and mechanical rotor angle (rad), current (A).
+def winding_swings(e: Effects) -> bool:
+    """Whether k of a phase depends on the mechanical angle."""
+    return e.rotor_eccentricity.zeta != 0.0
 
-    `plain` leaves out what `neutral.winding_is_plain` says is absent.
-    """
-    theta = theta_e - phase * THIRD
-    if theta < 0.0:
-        theta += TURN
-    if plain:
-        return (
-            motor.back_emf_constant
-            * unit_factor(motor, phase)
-            * trapezoid(theta, top)
-            * winding_temperature.k_factor(e.winding_temperature)
-        )
+
+@law
+def needs_sine(e: Effects, motor: Motor) -> bool:
+    """Whether the shape of the back-EMF is made of the sine of the electrical angle."""
+    return motor.back_emf == HARMONICS or back_emf_shape.needs_sine(e.back_emf_shape)
+
+
+@law
+def phase_constant(e: Effects, motor: Motor, phase: int) -> float:
+    """K of a phase (V s/rad) without what depends on an angle or a current."""
     return (
         motor.back_emf_constant
         * unit_factor(motor, phase)
-        * back_emf_shape.shape(e.back_emf_shape, trapezoid(theta, top), theta)
         * turn_short.k_factor(e.turn_short, phase)
-        * rotor_eccentricity.k_factor(e.rotor_eccentricity, phase, theta_r)
         * torque_constant_drop.k_factor(e.torque_constant_drop)
         * winding_temperature.k_factor(e.winding_temperature)
-        * magnetic_saturation.factor(e.magnetic_saturation, current)
     )
 
 
 @law
-def back_emf_constants(
-    e: Effects, motor: Motor, top: float, theta_e: float, theta_r: float,
-    i_a: float, i_b: float, i_c: float, plain: bool,
-) -> tuple[float, float, float]:  # fmt: skip
-    """k_k(θ) of the three phases, as `back_emf_constant`."""
+def unit_shape(
+    e: Effects, motor: Motor, top: float, theta: float, sine: float, harmonic: bool
+) -> float:
+    """Shape of the back-EMF (1) at a phase's own electrical angle (rad), given its sine.
+
+    `top` is that of `flat_top`, `harmonic` whether the motor's shape is of harmonics.
+    """
+    if harmonic:
+        value = harmonics(sine, motor.harmonic_3, motor.harmonic_5, motor.harmonic_7)
+        if top != motor.flat_top:
+            value += trapezoid(theta, top) - trapezoid(theta, motor.flat_top)
+    else:
+        value = trapezoid(theta, top)
+    return back_emf_shape.shape(e.back_emf_shape, value, sine)
+
+
+@law
+def swing(e: Effects, phase: int, theta_r: float) -> float:
+    """Factor on k of a phase at mechanical rotor angle (rad)."""
+    return rotor_eccentricity.k_factor(e.rotor_eccentricity, phase, theta_r)
+
+
+@law
+def saturation(e: Effects, current: float) -> float:
+    """Factor on k and L of a phase at its current (A)."""
+    return magnetic_saturation.factor(e.magnetic_saturation, current)
+
+
+@law
+def back_emf_constant(
+    e: Effects, motor: Motor, top: float, phase: int, theta_e: float, theta_r: float,
+    current: float,
+) -> float:
+    """k_k(θ) of a phase (V s/rad) at electrical and mechanical rotor angle (rad), current (A)."""
+    theta = theta_e - phase * THIRD
     return (
-        back_emf_constant(e, motor, top, 0, theta_e, theta_r, i_a, plain),
-        back_emf_constant(e, motor, top, 1, theta_e, theta_r, i_b, plain),
-        back_emf_constant(e, motor, top, 2, theta_e, theta_r, i_c, plain),
+        phase_constant(e, motor, phase)
+        * unit_shape(e, motor, top, theta, math.sin(theta), motor.back_emf == HARMONICS)
+        * swing(e, phase, theta_r)
+        * saturation(e, current)
     )
 
 
@@ -215,11 +241,14 @@ def gear_slope(e: Effects, gear: Gear, theta_r: float) -> float:
 
 
 @law
-def ripple_periods(e: Effects, motor: Motor) -> float:
-    """Periods a mechanical turn of the finest active ripple; the back-EMF has 1 a pole pair."""
-    finest = 1.0 * motor.pole_pairs
-    if e.back_emf_shape.fifth_harmonic != 0.0:
-        finest = 5.0 * motor.pole_pairs
+def ripple_periods(e: Effects, a: Actuator) -> float:
+    """Periods a mechanical turn of the finest active ripple; six sectors make 6 a pole pair."""
+    motor, pure = a.motor, a.drive.kind == FOC and a.motor.back_emf == HARMONICS
+    pure = pure and motor.harmonic_3 == 0.0 and motor.harmonic_5 == 0.0
+    pure = pure and motor.harmonic_7 == 0.0 and e.back_emf_shape.fifth_harmonic == 0.0
+    finest = motor.pole_pairs * (1.0 if pure else 6.0)
+    if motor.back_emf == HARMONICS and motor.harmonic_7 != 0.0:
+        finest = 7.0 * motor.pole_pairs
     if e.cogging_torque.amplitude != 0.0:
         finest = max(finest, e.cogging_torque.periods)
     if e.gear_mesh_ripple.amplitude != 0.0:

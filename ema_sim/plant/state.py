@@ -10,11 +10,17 @@ from ema_record.actuator import Actuator
     TIME, I_A, I_B, I_C, OMEGA_M, THETA_M, OMEGA_S, THETA_S, THETA_E, LEG_A, LEG_B, LEG_C,
     ALPHA_M, ALPHA_S, I_SET, INTEGRAL, SPEED_NOISE, POSITION_NOISE, TICK, SAMPLE, THETA_0,
     STEPS, CHARGE, E_TERMINAL, E_COPPER, E_MOTOR, E_FRICTION_M, E_FRICTION_S, E_SHAFT, E_LOAD,
-    HISTORY,
-) = range(31)  # fmt: skip
+    I_ACT, SECTOR, EDGE, DIRECTION, SHAFT_TORQUE, MOTOR_LOAD, CARRIER, U_A, U_B, U_C, HISTORY,
+) = range(41)  # fmt: skip
+"""`I_SET` is the reference current as recorded, `I_ACT` as it acts. `SECTOR`, `EDGE`, `DIRECTION`
+are of the commutation, the angle to its next edge 0 where that is not known yet. The torques of
+the shaft (N m), on the surface and on the motor, are not numbers before the first step. With a
+carrier the states of the legs are their means over its period, `CARRIER` counts those that have
+begun, and U are the integrals of the current control (V; in the rotor's axes: d, q and none)."""
 
-N_HISTORY = 256
-"""Reference currents kept for `control_delay`, one a control period."""
+N_HISTORY = 512
+"""Reference currents kept for their delay, one a control period: the longest is 2 ms of the
+effect in the shortest periods and the longest latency, 300."""
 N_STATE = HISTORY + N_HISTORY
 
 
@@ -33,6 +39,7 @@ def initial_state(actuator: Actuator, position: float, start_angle: float) -> np
     state[THETA_E] = start_angle % (2.0 * np.pi)
     state[THETA_0] = state[THETA_E] / actuator.motor.pole_pairs - state[THETA_M]
     state[[LEG_A, LEG_B, LEG_C]] = 1.0
+    state[[SHAFT_TORQUE, MOTOR_LOAD]] = np.nan
     return state
 
 

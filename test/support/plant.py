@@ -44,14 +44,15 @@ def run(
     command: float = 0.0,
     rate: float = 20_000.0,
     max_step: float = k.MAX_STEP,
+    switching: bool = False,
 ) -> Run:
     """Run the kernel with a constant command and no noise; `state` is not changed."""
     n = round(duration * rate)
     periods = round(duration / a.control.period) + 2
     out, trace, after = np.empty((n, N_CHANNELS)), np.empty((n, 3)), state.copy()
-    status = k.kernel()(
+    status = k.kernel(a.drive.kind, switching)(
         a, effects if effects is not None else Effects(), after, np.full(periods, command),
-        np.zeros((periods, 2)), inverter_on, rate, max_step, out, trace,
+        np.zeros((periods, 2)), inverter_on, rate, max_step, out, trace, np.empty(1), n,
     )
     assert status == k.OK
     return Run(out, trace, after)

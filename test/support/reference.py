@@ -23,7 +23,7 @@ from ema_record.sources import source_hash
 from ema_record.version import VERSION
 from ema_sim.acquisition import SensorNoise, convert, effective_converters
 from ema_sim.effects import Effects
-from ema_sim.plant import neutral, ports
+from ema_sim.plant import ports
 from ema_sim.plant import state as st
 from ema_sim.plant.control import clip, quantise, speed_control
 from ema_sim.plant.electrical import reference_signs, sector_of, wrap
@@ -71,7 +71,7 @@ def _build(sources: str) -> Callable[..., None]:
         theta_m, theta_s = state[st.THETA_M], state[st.THETA_S]
         theta_0 = state[st.THETA_0]
         # What no step changes.
-        top, plain = ports.flat_top(e, motor), neutral.winding_is_plain(e)
+        top = ports.flat_top(e, motor)
         varies = ports.inductance_varies(e)
         for j in range(3):
             r[j] = ports.phase_resistance(e, motor, j)
@@ -128,8 +128,7 @@ def _build(sources: str) -> Callable[..., None]:
             # Electrical: L di/dt = v - v_n - R i - k ω, star point floating.
             bus_current = 0.0
             for j in range(3):
-                k[j] = ports.back_emf_constant(
-                    e, motor, top, j, theta_e, theta_r, i[j], plain)
+                k[j] = ports.back_emf_constant(e, motor, top, j, theta_e, theta_r, i[j])
             if n >= inverter_on:
                 bus_current = 0.5 * (legs[0] * i[0] + legs[1] * i[1] + legs[2] * i[2])
                 rail = ports.leg_voltage(e, a.inverter.bus_voltage)
@@ -254,7 +253,8 @@ def simulate_reference(
     temperature = np.full(len(ends), e.winding_temperature.temperature)
     return Record(
         samples=convert(
-            effective_converters(a.converters, e), out[:, :N_CHANNELS], sensor_noise.currents(n)
+            effective_converters(a.converters, e), a.acquisition,
+            out[:, :N_CHANNELS].copy(), sensor_noise.currents(n),
         ),
         profile=profile,
         provenance=Provenance(serial_number="SIM-REFERENCE", software_version=VERSION),

@@ -7,7 +7,8 @@ import yaml
 
 from ema_record.actuator import load_actuator
 from ema_record.errors import UsageError
-from ema_record.profile import load_profile, load_profile_dict
+from ema_record.kit import shipped_kit, using_kit
+from ema_record.profile import load_profile, load_profile_dict, step_profile
 from ema_record.profiles.design import default_profiles
 from ema_record.profiles.text import moves, profile_yaml, write_profiles
 
@@ -61,6 +62,20 @@ def test_bad_own_units_are_one_line(points, units, message):
     with pytest.raises(UsageError, match=message) as caught:
         made(points, **units)
     assert "\n" not in str(caught.value)
+
+
+def test_a_step_of_another_size_is_like_the_step_of_the_kit(tmp_path):
+    assert step_profile(0.8).points == load_profile("step").points
+    assert step_profile(0.8).window == load_profile("step").window
+    assert step_profile(0.1, duration=0.2).window is None
+    actuator = load_actuator()
+    far = actuator._replace(surface=actuator.surface._replace(end_stop=0.2))
+    write_profiles(far, tmp_path / "profiles")
+    text = (shipped_kit() / "actuator.yaml").read_text(encoding="utf-8")
+    (tmp_path / "actuator.yaml").write_text(text.replace("end_stop: 0.6", "end_stop: 0.2"),
+                                            encoding="utf-8")
+    with using_kit(tmp_path):
+        assert step_profile(0.1).start == load_profile("step").start == -0.18
 
 
 def test_a_profile_as_moves_of_an_actuator():

@@ -1,0 +1,205 @@
+"""The currents over one step of the mechanics: from switch to switch of the legs.
+
+Back-EMF and torque constants go linearly in time from begin to end of the step. Between two
+switches the currents follow their second-order series, i + h di/dt + h²/2 d²i/dt², of the
+linear circuit; a relay's crossing is found on the same series.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ema_sim.effects.compile import law
+from ema_sim.effects.registry import Effects
+from ema_sim.plant import ports
+from ema_sim.plant.control import clip
+from ema_sim.plant.electrical import relay, time_to_switch
+from ema_sim.plant.modulation import leg_now
+from ema_sim.plant.prepared import Winding
+
+SAME_TIME = 1e-12
+"""Events that are less apart are one (s)."""
+THIRD_PART = 1.0 / 3.0
+MOST_SWITCHES = 20_000
+"""In one step; more are a fault of the parameters."""
+
+
+class Circuit(NamedTuple):
+    """The star of three phases with floating neutral, reduced to the currents a and b.
+
+    di_a/dt = Σ_j a_j v_j - a_0 i_a - a_1 i_b - Σ_j a_j e_j, and with b alike; i_c = -i_a - i_b.
+    """
+
+    a_a: float
+    """Weights of the voltages (1/H)."""
+    a_b: float
+    a_c: float
+    b_a: float
+    b_b: float
+    b_c: float
+    a_0: float
+    """Weights of the currents (1/s)."""
+    a_1: float
+    b_0: float
+    b_1: float
+
+
+@law
+def circuit_of(
+    r_a: float, r_b: float, r_c: float, g_a: float, g_b: float, g_c: float
+) -> Circuit:
+    """Return the circuit of phases with resistances r (Ω) and inverse inductances g (1/H).
+
+    From L_k di_k/dt = v_k - v_n - r_k i_k - e_k and Σ i_k = 0: see `electrical`.
+    """
+    g_n = 1.0 / (g_a + g_b + g_c)
+    a_a, a_b, a_c = g_a * (1.0 - g_a * g_n), -g_a * g_b * g_n, -g_a * g_c * g_n
+    b_a, b_b, b_c = -g_b * g_a * g_n, g_b * (1.0 - g_b * g_n), -g_b * g_c * g_n
+    return Circuit(
+        a_a, a_b, a_c, b_a, b_b, b_c,
+        a_a * r_a - a_c * r_c, a_b * r_b - a_c * r_c,
+        b_a * r_a - b_c * r_c, b_b * r_b - b_c * r_c,
+    )
+
+
+class Legs(NamedTuple):
+    """What moves the legs of the inverter in a step."""
+
+    s_a: float
+    """States of the legs, ±1, or their means."""
+    s_b: float
+    s_c: float
+    aim_a: float
+    """Currents (A) that the relays aim at, and half widths of their bands (A)."""
+    aim_b: float
+    aim_c: float
+    band_a: float
+    band_b: float
+    band_c: float
+    begin: float
+    """Begin and length of the carrier's period (s)."""
+    period: float
+
+
+class Flow(NamedTuple):
+    """Currents at the end of a step, and what they did in it."""
+
+    i_a: float
+    i_b: float
+    s_a: float
+    s_b: float
+    s_c: float
+    charge_a: float
+    """Integrals of the currents (A s)."""
+    charge_b: float
+    impulse: float
+    """Integral of the torque (N m s)."""
+    bus_charge: float
+    """Taken from the bus (A s)."""
+    terminal: float
+    """Energy at the terminals (J)."""
+    copper: float
+    """Energy lost in the resistances (J)."""
+    switches: int
+    """Steps that it took."""
+
+
+@law
+def advance_currents(
+    relays: bool, switching: bool, traced: bool, on: bool, e: Effects, w: Winding,
+    limit: float, fixed: Circuit, legs: Legs, now: float, length: float, i_a: float, i_b: float,
+    k_a: float, k_b: float, k_c: float, omega: float,
+    k_a1: float, k_b1: float, k_c1: float, omega1: float,
+) -> Flow:  # fmt: skip
+    """Return the currents after a step.
+
+    Parameters
+    ----------
+    relays, switching : kind of drive: hysteresis; edges of a carrier (else mean voltages).
+    traced : whether energies are counted.
+    on : whether the inverter drives; the currents stand still where it does not.
+    e, w, legs : parameters. limit : of the torque (N m).
+    fixed : the circuit without saturation.
+    now, length : begin and length of the step (s).
+    i_a, i_b : currents at its begin (A).
+    k_a, k_b, k_c, omega : torque constants (V s/rad) and motor speed (rad/s) at its begin.
+    k_a1, k_b1, k_c1, omega1 : the same at its end, predicted.
+    """
+    s_a, s_b, s_c = legs.s_a, legs.s_b, legs.s_c
+    q_a = q_b = impulse = bus = terminal = copper = 0.0
+    per, left, switches, c = 1.0 / length, length, 0, fixed
+    f_a = f_b = f_c = 1.0
+    if w.varies:
+        f_a, f_b = ports.saturation(e, i_a), ports.saturation(e, i_b)
+        f_c = ports.saturation(e, -i_a - i_b)
+        k_a, k_b, k_c = k_a * f_a, k_b * f_b, k_c * f_c
+        k_a1, k_b1, k_c1 = k_a1 * f_a, k_b1 * f_b, k_c1 * f_c
+        c = circuit_of(w.r_a, w.r_b, w.r_c, w.g_a / f_a, w.g_b / f_b, w.g_c / f_c)
+    # Back-EMF as it moves the currents (A/s), torque a current (N m/A), with their rates.
+    e_a, e_b, e_c = k_a * omega, k_b * omega, k_c * omega
+    n_a = c.a_a * e_a + c.a_b * e_b + c.a_c * e_c
+    n_b = c.b_a * e_a + c.b_b * e_b + c.b_c * e_c
+    e_a, e_b, e_c = k_a1 * omega1 - e_a, k_b1 * omega1 - e_b, k_c1 * omega1 - e_c
+    dn_a = (c.a_a * e_a + c.a_b * e_b + c.a_c * e_c) * per
+    dn_b = (c.b_a * e_a + c.b_b * e_b + c.b_c * e_c) * per
+    t_a, t_b = k_a - k_c, k_b - k_c
+    dt_a, dt_b = (k_a1 - k_c1 - t_a) * per, (k_b1 - k_c1 - t_b) * per
+    v_a = v_b = v_c = 0.0
+    d_a = d_b = c_a = c_b = 0.0
+    while True:
+        h = left
+        turn_a = turn_b = turn_c = 1.0
+        if on:
+            if relays:
+                over_a, over_b = i_a - legs.aim_a, i_b - legs.aim_b
+                over_c = -i_a - i_b - legs.aim_c
+                s_a = relay(s_a, over_a, legs.band_a)
+                s_b = relay(s_b, over_b, legs.band_b)
+                s_c = relay(s_c, over_c, legs.band_c)
+            elif switching:
+                s_a, to_a = leg_now(legs.s_a, legs.begin, legs.period, now)
+                s_b, to_b = leg_now(legs.s_b, legs.begin, legs.period, now)
+                s_c, to_c = leg_now(legs.s_c, legs.begin, legs.period, now)
+                h = min(h, to_a, to_b, to_c)
+            v_a, v_b, v_c = ports.leg_voltages(
+                e, w.rail, s_a, s_b, s_c, i_a, i_b, -i_a - i_b, w.ideal)
+            d_a = c.a_a * v_a + c.a_b * v_b + c.a_c * v_c - n_a - (c.a_0 * i_a + c.a_1 * i_b)
+            d_b = c.b_a * v_a + c.b_b * v_b + c.b_c * v_c - n_b - (c.b_0 * i_a + c.b_1 * i_b)
+            c_a = -dn_a - (c.a_0 * d_a + c.a_1 * d_b)
+            c_b = -dn_b - (c.b_0 * d_a + c.b_1 * d_b)
+            if relays:
+                to_a = time_to_switch(s_a, over_a, d_a, c_a, legs.band_a)
+                to_b = time_to_switch(s_b, over_b, d_b, c_b, legs.band_b)
+                to_c = time_to_switch(s_c, over_c, -d_a - d_b, -c_a - c_b, legs.band_c)
+                h = min(h, to_a, to_b, to_c)
+                turn_a = -1.0 if to_a <= h else 1.0
+                turn_b = -1.0 if to_b <= h else 1.0
+                turn_c = -1.0 if to_c <= h else 1.0
+        h = max(SAME_TIME, h)
+        h = left if left - h < SAME_TIME else h
+
+        half, third = 0.5 * h, THIRD_PART * h
+        i_a1, i_b1 = i_a + h * (d_a + half * c_a), i_b + h * (d_b + half * c_b)
+        m_a = h * (i_a + half * (d_a + third * c_a))
+        m_b = h * (i_b + half * (d_b + third * c_b))
+        q_a, q_b = q_a + m_a, q_b + m_b
+        impulse += clip((t_a + half * dt_a) * m_a + (t_b + half * dt_b) * m_b, h * limit)
+        n_a, n_b, t_a, t_b = n_a + h * dn_a, n_b + h * dn_b, t_a + h * dt_a, t_b + h * dt_b
+        bus += (s_a - s_c) * m_a + (s_b - s_c) * m_b
+        if traced:
+            terminal += (v_a - v_c) * m_a + (v_b - v_c) * m_b
+            i_c, i_c1 = i_a + i_b, i_a1 + i_b1
+            copper += h * THIRD_PART * (
+                w.r_a * (i_a * (i_a + i_a1) + i_a1 * i_a1)
+                + w.r_b * (i_b * (i_b + i_b1) + i_b1 * i_b1)
+                + w.r_c * (i_c * (i_c + i_c1) + i_c1 * i_c1)
+            )
+        i_a, i_b = i_a1, i_b1
+        if relays:
+            s_a, s_b, s_c = s_a * turn_a, s_b * turn_b, s_c * turn_c
+        switches += 1
+        left -= h
+        now += h
+        if left <= 0.0 or switches > MOST_SWITCHES:
+            return Flow(
+                i_a, i_b, s_a, s_b, s_c, q_a, q_b, impulse, 0.5 * bus, terminal, copper, switches)
