@@ -61,6 +61,7 @@ BY_CHANCE = {
     "ema_identification/rig/search/alternatives.py": {0.6, 1.6},  # delays in periods
     "ema_monitor/monitor_node.py": {0.6},  # seconds of looking for another monitor
     "ema_prognostics/features/vector.py": {0.6},  # share of a turn-on time
+    "ema_prognostics/training/severity_training.py": {0.6},  # units of lost motion
     "ema_prognostics/paper/experiment.py": {22.0},  # 21 extents of a fault, counted from 1
     "ema_record/checks/physics.py": {500.0, 0.6},  # samples; coherence of two phasors
     "ema_record/checks/stream.py": {11.0},  # the fifth prime
