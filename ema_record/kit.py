@@ -16,12 +16,28 @@ from functools import cache
 from pathlib import Path
 
 from ema_record.errors import UsageError
-from ema_record.resources import share_path
 
 ENVIRONMENT = "EMA_KIT"
 SHIPPED = "config"
 ACTUATOR, PROFILES, CASCADE = "actuator.yaml", "profiles", "cascade.json"
 LIBRARY, VALIDATION, REPORT = "library", "validation.json", "report.html"
+
+
+PACKAGE = "ema_phm"
+
+
+def share_path(relative: str) -> Path:
+    """Return the path of a shipped file or folder.
+
+    A checkout keeps them beside the packages; ``pip install`` and ``colcon build``
+    put them into ``share/ema_phm`` of the prefix.
+    """
+    here = Path(__file__).resolve()
+    for parent in here.parents:
+        for candidate in (parent / relative, parent / "share" / PACKAGE / relative):
+            if candidate.exists() and (candidate.parent != parent or parent == here.parents[1]):
+                return candidate
+    raise FileNotFoundError(f"{relative}: not found beside {here.parent} nor in a share folder")
 
 
 @cache

@@ -32,8 +32,7 @@ class Provenance:
     source: str = ""
     """File or bag that it was read from."""
     actuator: str = ""
-    """Hash of the actuator of the kit that it was recorded with (`actuator_type.actuator_hash`); empty:
-    not known."""
+    """Type of the actuator, see `actuator_type`; empty: not known."""
 
 
 class SampleBlock(NamedTuple):

@@ -37,7 +37,7 @@ KNOWN_CROWDED: set[str] = set()
 ONE_FILE_AN_ENTRY = {"ema_sim/effects", "ema_cli/commands"}
 """Catalogues: each file is one effect, with its parameters, bounds and source; or one command,
 with its options and help. Stay."""
-KNOWN_DEPTH = {"ema_identification": 10}
+KNOWN_DEPTH = {"ema_identification": 10, "ema_prognostics": 10, "ema_record": 11}
 KNOWN_NAMES: set[str] = set()
 DISTINCTIVE = (
     "inverter.bus_voltage", "inverter.current_limit", "motor.phase_resistance",
@@ -60,9 +60,16 @@ BY_CHANCE = {
     "ema_identification/report/plots.py": {0.6, 500.0, 20_000.0},  # width of a line, points
     "ema_identification/rig/search/alternatives.py": {0.6, 1.6},  # delays in periods
     "ema_monitor/monitor_node.py": {0.6},  # seconds of looking for another monitor
+    "ema_prognostics/commission/calibrate.py": {20_000.0},  # steps of an optimiser
+    "ema_prognostics/features/start.py": {0.6},  # share of the wind-up
+    "ema_prognostics/features/winding.py": {0.6},  # share of the relay's band
     "ema_prognostics/features/vector.py": {0.6},  # share of a turn-on time
     "ema_prognostics/training/severity_training.py": {0.6},  # units of lost motion
     "ema_prognostics/paper/experiment.py": {22.0},  # 21 extents of a fault, counted from 1
+    "ema_record/data_sheet/derive.py": {0.6},  # share of the speed that the bus allows
+    "ema_record/data_sheet/quantities.py": {500.0, 20_000.0},  # bounds, the acquisition's default
+    "ema_record/data_sheet/text.py": {96.0},  # characters a line
+    "ema_record/profiles/plan.py": {1.6},  # a preferred number
     "ema_record/checks/physics.py": {500.0, 0.6},  # samples; coherence of two phasors
     "ema_record/checks/stream.py": {11.0},  # the fifth prime
     "ema_record/wire/samples.py": {500.0},  # samples a message

@@ -14,7 +14,7 @@ from benchmarks.any_actuator.records import BenchTest
 from benchmarks.any_actuator.units import draw_test
 from ema_record.actuator import Actuator
 from ema_record.kit import VALIDATION
-from ema_record.spread import Spread
+from ema_record.spread import TypeSpread
 
 CLASS = {"turn_short": "turn_short", "rotor_eccentricity": "rotor_eccentricity",
          "motor_friction": "friction", "surface_friction": "friction", "backlash": "backlash"}
@@ -110,7 +110,7 @@ def _sensor_fault(a: Actuator, name: str, duration: float, rng: np.random.Genera
 
 
 def draw_cases(
-    a: Actuator, spread: Spread, counts: Counts, sizes: Mapping[str, float], *,
+    a: Actuator, spread: TypeSpread, counts: Counts, sizes: Mapping[str, float], *,
     seed: int, fleet: int, duration: float, own: bool,
 ) -> list[BenchCase]:
     """Return the tests of a fleet in a fixed order; each is drawn from its own seed.

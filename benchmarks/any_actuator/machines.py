@@ -10,7 +10,7 @@ from ema_record.actuator import Actuator, load_actuator
 from ema_record.errors import EmaError
 from ema_record.kit import ACTUATOR, CASCADE, using_kit
 from ema_record.profile import Profile
-from ema_record.spread import Spread, load_spread
+from ema_record.spread import TypeSpread, load_spread
 
 FOLDER = Path(__file__).parent / "machines"
 TEST_NAME: Final = "extended"
@@ -21,7 +21,7 @@ class BenchMachine(NamedTuple):
 
     name: str
     actuator: Actuator
-    spread: Spread
+    spread: TypeSpread
 
     @property
     def description(self) -> Path:

@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.any_actuator.described import Damage, Own, Surroundings
 from benchmarks.any_actuator.records import BenchTest
 from ema_record.actuator import RELAY, TRAPEZOID, Actuator
-from ema_record.spread import Conditions, Tolerances
+from ema_record.spread import Conditions, UnitTolerances
 
 SURFACE_INERTIA, LOST_MOTION, CURRENT_GAIN, HARMONIC = 0.10, 0.20, 0.10, 0.01
 """Half widths that no file states: relative, of the gains of the current control too; absolute
@@ -43,7 +43,7 @@ class _Draw:
         return self.even(-half, half), self.even(-half, half), self.even(-half, half)
 
 
-def draw_unit(a: Actuator, t: Tolerances, seed: tuple[int, ...]) -> Actuator:
+def draw_unit(a: Actuator, t: UnitTolerances, seed: tuple[int, ...]) -> Actuator:
     """Return a unit of the type: every parameter within the band of real ones."""
     d = _Draw(*seed, 0)
     m, x, c = a.motor, a.surface, a.control
@@ -109,7 +109,7 @@ def draw_surroundings(c: Conditions, seed: tuple[int, ...]) -> Surroundings:
         start_angle=d.even(0.0, 2.0 * math.pi))
 
 
-def draw_test(a: Actuator, t: Tolerances, c: Conditions, unit: tuple[int, int], number: int,
+def draw_test(a: Actuator, t: UnitTolerances, c: Conditions, unit: tuple[int, int], number: int,
               damage: Damage, *, own: bool) -> BenchTest:
     """Return test `number` of a unit, which (fleet, place) names."""
     return BenchTest(

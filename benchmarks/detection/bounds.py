@@ -46,7 +46,7 @@ from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_record.files import new_file
 from ema_record.profile import load_profile
 from ema_record.record import Record
-from ema_record.spread import Tolerances, load_spread
+from ema_record.spread import UnitTolerances, load_spread
 from ema_sim.effects.settings import effects_from_mapping
 from ema_sim.simulate import simulate
 
@@ -104,7 +104,7 @@ class Unknown(NamedTuple):
     """Settings of effects that get the value; none: `name` is one of `units.UNIT_SPREAD`."""
 
 
-def _unlisted(t: Tolerances, a: Actuator) -> dict[str, tuple[str, str, float]]:
+def _unlisted(t: UnitTolerances, a: Actuator) -> dict[str, tuple[str, str, float]]:
     """Return section, parameter and relative half width of what no record measures by itself."""
     grease = 0.5 * (t.viscous_factor - 1.0 / t.viscous_factor)
     return {
@@ -121,7 +121,7 @@ def _unlisted(t: Tolerances, a: Actuator) -> dict[str, tuple[str, str, float]]:
 
 
 UNLISTED = _unlisted(load_spread().tolerances, load_actuator())
-"""Spread of what grease, adjustment and shaping make of a type."""
+"""TypeSpread of what grease, adjustment and shaping make of a type."""
 UNIT = (*(Unknown(n, half) for n, half in UNIT_SPREAD.items() if n != "surface_inertia"),
         *(Unknown(n, half) for n, (_, _, half) in UNLISTED.items()))
 CONDITIONS = (

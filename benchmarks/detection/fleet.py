@@ -16,7 +16,7 @@ from ema_record.checks.guard import guard_findings, outcome_of
 from ema_record.errors import RecordError
 from ema_record.profile import load_profile
 from ema_record.record import Record
-from ema_record.spread import Conditions, Tolerances, load_spread
+from ema_record.spread import Conditions, UnitTolerances, load_spread
 from ema_sim.effects.settings import effects_from_mapping
 from ema_sim.simulate import simulate
 
@@ -64,7 +64,7 @@ class Case:
     noise: float
 
 
-def _unit(rng: np.random.Generator, t: Tolerances) -> Actuator:
+def _unit(rng: np.random.Generator, t: UnitTolerances) -> Actuator:
     """Return a unit of the fleet: what the kit's tolerances say, grease and adjustment too."""
     a = load_actuator()
 

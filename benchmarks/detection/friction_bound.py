@@ -24,7 +24,7 @@ import numpy as np
 from ema_prognostics.features.extract import extract
 from ema_record.actuator import Actuator, load_actuator
 from ema_record.profile import load_profile
-from ema_record.spread import Spread, load_spread
+from ema_record.spread import TypeSpread, load_spread
 from ema_sim.simulate import simulate
 
 TORQUES = ("torque_full", "torque_quarter", "torque_ramp", "gap_torque")
@@ -69,7 +69,7 @@ def levels(a: Actuator, speeds: tuple[float, float, float]) -> np.ndarray:
 
 
 def least_errors(
-    noise: np.ndarray, a: Actuator, spread: Spread, speeds: tuple[float, float, float], *,
+    noise: np.ndarray, a: Actuator, spread: TypeSpread, speeds: tuple[float, float, float], *,
     viscous_known: bool,
 ) -> np.ndarray:
     """Return the least errors of the log dry friction of motor and surface, shape (2,).

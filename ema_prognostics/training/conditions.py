@@ -15,7 +15,7 @@ import numpy as np
 
 from ema_prognostics.training.faults import InjectedFault
 from ema_record.actuator import INSTANT, MEAN, Actuator, Converters
-from ema_record.spread import Conditions, Tolerances
+from ema_record.spread import Conditions, UnitTolerances
 from ema_sim.effects import Effects, parse_effects
 
 RecorderKind = Literal["declared", "exact", "coarse", "sampled"]
@@ -107,7 +107,7 @@ def _recorder(rng: np.random.Generator, share: float) -> Recorder:
     return Recorder(kind, tuple(n for k, n in enumerate(CHANNELS) if chosen >> k & 1))
 
 
-def draw_unit(rng: np.random.Generator, spread: Tolerances) -> Unit:
+def draw_unit(rng: np.random.Generator, spread: UnitTolerances) -> Unit:
     """Return a unit of the fleet."""
     def one(bound: float) -> float:
         return float(rng.uniform(-bound, bound))

@@ -28,7 +28,7 @@ from ema_record.errors import RecordError, UsageError
 from ema_record.kit import ACTUATOR, PROFILES, kit_folder, kit_path, using_kit
 from ema_record.profile import Profile, load_profile
 from ema_record.record import Record
-from ema_record.spread import Spread, load_spread
+from ema_record.spread import TypeSpread, load_spread
 from ema_sim.model_file import Model, load_model_file
 from ema_sim.simulate import simulate
 
@@ -78,7 +78,7 @@ class _UnitPlan:
     tests: tuple[tuple[RunConditions, InjectedFault], ...]
 
 
-def _draw(rng: np.random.Generator, healthy: bool, spread: Spread) -> _UnitPlan:
+def _draw(rng: np.random.Generator, healthy: bool, spread: TypeSpread) -> _UnitPlan:
     tests = []
     names, shares = [m[0] for m in MIX], np.array([m[1] for m in MIX])
     for _ in range(1 if healthy else TESTS_A_UNIT):

@@ -35,7 +35,7 @@ BEYOND_LIMIT = 1.005
 """Times the current limit to which references go, rounded by their converter."""
 SATURATION_TIME = 12.8
 """Longest time at the current limit that is usual (of that in which the motor runs up)."""
-CURRENT_SUM = 2.0 / 22.0
+CURRENT_SUM = 0.091
 """Mean of i_a + i_b + i_c that no sensor may show (of the limit); unusual: `SUM_OFFSET`."""
 TRAVEL = (1.0 / 80.0, 1.0 / 12.0)
 """Difference between integrated speed and position: unusual, impossible (of the end stop), beyond

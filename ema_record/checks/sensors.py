@@ -35,7 +35,7 @@ GAIN_SPREAD = (0.04, 4.0)
 REST_OFFSET = (1.0 / 44.0, 10.0)
 """Reading of a current while the inverter is off: of the current limit, at least, and times the
 offset of a good sensor."""
-SUM_OFFSET = (0.6 / 44.0, 6.0)
+SUM_OFFSET = (0.0136, 6.0)
 """The same of the mean of the weighted sum of the currents over a part of the test."""
 NOISY = 5.0
 """Times the most noise of a good sensor that is too much; of the sum of three currents three

@@ -23,7 +23,7 @@ STUCK_TIME = 0.02
 """Run of one value of a noisy channel that no noise gives (s)."""
 TURNED = 4.0
 """Electrical angle beyond which no commutation interval goes (rad)."""
-LOST_MOTION = 11.0 / 120.0
+LOST_MOTION = 0.0917
 """Motor travel, at the surface, that no worn transmission swallows (of the way to the stop)."""
 STANDING = (1.3e-3, 0.05)
 """A motor that stands: reads so little (of its highest speed), turns so little (rad)."""

@@ -7,7 +7,7 @@ from typing import Any, get_type_hints
 
 from ema_record.data_sheet.derive import Description, bounds_of
 from ema_record.data_sheet.sheet import DataSheet
-from ema_record.spread import Conditions, Tolerances
+from ema_record.spread import Conditions, UnitTolerances
 
 TOLERANCES = {
     "resistance": 0.10, "inductance": 0.10, "back_emf": 0.03, "back_emf_phase": 0.005,
@@ -53,7 +53,7 @@ def actuator_yaml(description: Description, sheet: DataSheet) -> str:
             lines.append(_line(name, entry.value, comment if unit == "1" else
                                f"{unit}; {comment}"))
     lines.append("tolerances:  # of units of one type, + and -, relative where no unit stands")
-    lines += [_line(name, value, f"assumed: {_meaning(Tolerances, name)}")
+    lines += [_line(name, value, f"assumed: {_meaning(UnitTolerances, name)}")
               for name, value in TOLERANCES.items()]
     lines.append("conditions:  # of a test")
     lines += [_line(name, value, f"assumed: {_meaning(Conditions, name)}")

@@ -12,8 +12,7 @@ from ema_monitor.sequence import step_to
 from ema_record.actuator_type import actuator_hash
 from ema_record.bag.read import read_bag
 from ema_record.kit import using_kit
-from support.kits import second_kit
-from support.simulations import SECOND_STEP
+from support.simulations import SECOND_STEP, second_kit
 
 
 @pytest.fixture(scope="module")

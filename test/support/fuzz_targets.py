@@ -26,9 +26,9 @@ from ema_record.bag.read import read_bag, write_bag
 from ema_record.bag.recover import recover_bag
 from ema_record.checks.run import lint_bag
 from ema_record.errors import EmaError
+from ema_record.kit import share_path
 from ema_record.profile import load_profile
 from ema_record.record import Provenance, Record
-from ema_record.resources import share_path
 from ema_record.wire.samples import decode_block, encode_block
 from ema_record.wire.topics import BAG_TOPICS, TOPICS
 from ema_record.wire.types import definition

@@ -12,7 +12,7 @@ from ema_record.actuator import load_actuator
 from ema_record.actuator_type import actuator_hash
 from ema_record.bag.read import read_bag
 from ema_record.kit import ENVIRONMENT, using_kit
-from support.kits import second_kit
+from support.simulations import second_kit
 
 
 @pytest.fixture(scope="module")

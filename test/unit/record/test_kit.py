@@ -18,8 +18,7 @@ from ema_record.kit import (
     shipped_kit,
     using_kit,
 )
-from support.kits import make_kit, second_kit
-from support.simulations import record_of
+from support.simulations import make_kit, record_of, second_kit
 
 
 def named(record, name):
