@@ -64,6 +64,7 @@ BY_CHANCE = {
     "ema_prognostics/features/start.py": {0.6},  # share of the wind-up
     "ema_prognostics/features/winding.py": {0.6},  # share of the relay's band
     "ema_prognostics/features/vector.py": {0.6},  # share of a turn-on time
+    "ema_prognostics/training/severity_training.py": {0.6},  # units of lost motion
     "ema_prognostics/paper/experiment.py": {22.0},  # 21 extents of a fault, counted from 1
     "ema_record/data_sheet/derive.py": {0.6},  # share of the speed that the bus allows
     "ema_record/data_sheet/quantities.py": {500.0, 20_000.0},  # bounds, the acquisition's default

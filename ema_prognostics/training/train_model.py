@@ -15,7 +15,7 @@ from ema_prognostics.paper.cascade import PaperCascade
 from ema_prognostics.paper.experiment import PaperSettings
 from ema_prognostics.training.evaluation import evaluate
 from ema_prognostics.training.fleet import FleetFeatures, simulate_fleets
-from ema_prognostics.training.training_jobs import VIEWS, Campaign, train_views
+from ema_prognostics.training.training_jobs import VIEWS, TrainingFleets, train_views
 from ema_record.actuator import RELAY, TRAPEZOID, load_actuator
 from ema_record.profile import profile_names
 from ema_record.version import VERSION
@@ -86,7 +86,7 @@ def train_model(
     sound = fleets.simulated("healthy fleet that validates", size.validation_healthy, other, True,
                              0.70, 0.75)
     trained = train_views(
-        {kind: Campaign(faults[kind], healthy[kind]) for kind in kinds}, seed=seed,
+        {kind: TrainingFleets(faults[kind], healthy[kind]) for kind in kinds}, seed=seed,
         hidden=size.hidden, iterations=size.iterations, jobs=jobs,
         paper=replace(QUICK_PAPER if quick else PAPER, seed=seed) if literal else None,
         progress=lambda what, part: progress(what, 0.75 + 0.20 * part))

@@ -17,7 +17,7 @@ from ema_record.kit import kit_folder, using_kit
 VIEWS: tuple[View, ...] = ("fleet", "baseline")
 
 
-class Campaign(NamedTuple):
+class TrainingFleets(NamedTuple):
     """The fleets that train the views of one kind of test."""
 
     faults: FleetFeatures
@@ -37,7 +37,7 @@ class _Job(NamedTuple):
     kit: Path
     kind: ProfileKind | None
     view: View
-    campaign: Campaign | None
+    campaign: TrainingFleets | None
     seed: int
     hidden: int
     iterations: int
@@ -57,7 +57,7 @@ def _run(job: _Job) -> tuple[_Job, ViewPart | None, PaperCascade | None]:
 
 
 def train_views(
-    campaigns: Mapping[ProfileKind, Campaign], *, seed: int, hidden: int, iterations: int,
+    campaigns: Mapping[ProfileKind, TrainingFleets], *, seed: int, hidden: int, iterations: int,
     jobs: int = 1, progress: Callable[[str, float], None] = lambda _what, _part: None,
     paper: PaperSettings | None = None,
 ) -> Trained:

@@ -22,14 +22,14 @@ from ema_prognostics.training.conditions import (
 from ema_prognostics.training.fleet import begins_alike, simulate_fleets
 from ema_record.actuator import INSTANT, Actuator, load_actuator
 from ema_record.profile import Profile, load_profile
-from ema_record.spread import Tolerances, load_spread
+from ema_record.spread import UnitTolerances, load_spread
 
 NOMINAL = load_actuator()
 SPREAD = load_spread()
 QUIET_PLACE = SPREAD.conditions._replace(noise_least=1.0, noise_most=1.0)
 
 
-def units(spread: Tolerances, n: int = 400) -> list[Unit]:
+def units(spread: UnitTolerances, n: int = 400) -> list[Unit]:
     rng = np.random.default_rng(11)
     return [draw_unit(rng, spread) for _ in range(n)]
 
@@ -80,7 +80,7 @@ def test_static_friction_is_never_below_dynamic() -> None:
 
 
 def test_a_type_without_tolerances_has_one_unit() -> None:
-    none = Tolerances(*(1.0 if n == "viscous_factor" else 0.0 for n in Tolerances._fields))
+    none = UnitTolerances(*(1.0 if n == "viscous_factor" else 0.0 for n in UnitTolerances._fields))
     unit = next(u for u in units(none) if u.recorder.kind == "declared")
     assert actuator_of(NOMINAL, unit, one_test()) == NOMINAL
 
