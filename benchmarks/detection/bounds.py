@@ -121,7 +121,7 @@ def _unlisted(t: UnitTolerances, a: Actuator) -> dict[str, tuple[str, str, float
 
 
 UNLISTED = _unlisted(load_spread().tolerances, load_actuator())
-"""TypeSpread of what grease, adjustment and shaping make of a type."""
+"""Spread of what grease, adjustment and shaping make of a type."""
 UNIT = (*(Unknown(n, half) for n, half in UNIT_SPREAD.items() if n != "surface_inertia"),
         *(Unknown(n, half) for n, (_, _, half) in UNLISTED.items()))
 CONDITIONS = (
