@@ -79,7 +79,7 @@ def load_at(
     return Load(shaft, shaft * driving * slope, ports.load_torque(e, q_s), slope)
 
 
-class Motion(NamedTuple):
+class Bodies(NamedTuple):
     """Speeds (rad/s) and accelerations (rad/s²) at the end of a step, surface angle (rad)."""
 
     w_m: float
@@ -95,7 +95,7 @@ class Motion(NamedTuple):
 def move(
     a: Actuator, e: Effects, m: Masses, h: float, torque: float, torque1: float,
     w_m: float, w_p: float, w_s: float, ws_p: float, q_s: float, load: Load, load1: Load,
-) -> Motion:  # fmt: skip
+) -> Bodies:  # fmt: skip
     """Return the motion after a step by the trapezoidal rule.
 
     Parameters
@@ -131,4 +131,4 @@ def move(
     if abs(q_s) >= a.surface.end_stop and q_s * w_s1 > 0.0:
         q_s = math.copysign(a.surface.end_stop, q_s)
         w_s1 = al_s1 = 0.0
-    return Motion(w_m1, w_s1, al_m1, al_s1, q_s, dynamic)
+    return Bodies(w_m1, w_s1, al_m1, al_s1, q_s, dynamic)
