@@ -14,7 +14,7 @@ from ema_prognostics.cascade.classes import CLASS_OF, FAULTS, OUTPUTS
 from ema_prognostics.training.fleet import FleetFeatures
 
 FALSE_ALARMS = 0.01
-FEWEST = 5
+FEWEST, ROUNDS = 5, 20
 SMALL, LARGE = 8.0, 100.0
 """Distances, squared, beyond that of a healthy record, between which a fault is small enough for
 its features to be linear in it and large enough to be seen."""
@@ -35,18 +35,30 @@ def linear_bound(faults: FleetFeatures, healthy: FleetFeatures, *, own: bool) ->
     if own:
         sound, rows = sound - healthy.baseline, rows - faults.baseline
     center, scale = np.median(sound, axis=0), np.maximum(sound.std(axis=0), 1e-9)
-    covariance, _ = ledoit_wolf((sound - center) / scale)
+    sound = (sound - center) / scale
+    covariance, _ = ledoit_wolf(sound[::2])  # the others tell how far a healthy test is from it
     root = np.linalg.cholesky(np.linalg.inv(covariance))
     distance = ((((rows - center) / scale) @ root) ** 2).sum(axis=1)
-    usual = float(((((sound - center) / scale) @ root) ** 2).sum(axis=1).mean())
+    usual = float(((sound[1::2] @ root) ** 2).sum(axis=1).mean())
     wanted = float(norm.ppf(1.0 - FALSE_ALARMS) + norm.ppf(0.9))
     found = {}
     alone = (faults.severity > 0.0).sum(axis=1) == 1
     for name in FAULTS:
         columns = [k for k, o in enumerate(OUTPUTS) if CLASS_OF[o] == name]
         size = faults.severity[:, columns].max(axis=1)
-        more = distance - usual
-        used = alone & (size > 0.0) & (more > SMALL) & (more < LARGE)
-        if np.count_nonzero(used) >= FEWEST:
-            found[name] = wanted / float(np.sqrt(np.median(more[used] / size[used] ** 2)))
+        there = alone & (size > 0.0)
+        if np.count_nonzero(there) < FEWEST:
+            continue
+        power = (distance[there] - usual) / size[there] ** 2
+        information = float(np.median(power))
+        for _ in range(ROUNDS):  # only sizes that are seen and still small, by what was found
+            if information <= 0.0:
+                break
+            low, high = np.sqrt(SMALL / information), np.sqrt(LARGE / information)
+            used = (size[there] >= low) & (size[there] <= high)
+            if np.count_nonzero(used) < FEWEST:
+                break
+            information = float(np.median(power[used]))
+        else:
+            found[name] = wanted / float(np.sqrt(information))
     return found
