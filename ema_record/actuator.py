@@ -16,6 +16,13 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 import yaml
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
+from ema_record.channels import (
+    ALL,
+    PHASE_CURRENTS,
+    REFERENCE_CURRENTS,
+    ROTOR_ANGLE,
+    SURFACE_POSITION,
+)
 from ema_record.errors import UsageError, first_problem, unknown_name
 from ema_record.kit import ACTUATOR, kit_file
 from ema_record.limits import MAX_POSITION
@@ -185,6 +192,18 @@ class Acquisition(NamedTuple):
     reference_currents: Annotated[int, _yes("whether the reference currents are recorded")]
     rotor_angle: Annotated[int, _yes("whether the rotor angle is recorded")]
     surface_position: Annotated[int, _yes("whether the surface position is recorded")]
+
+    @property
+    def columns(self) -> tuple[int, ...]:
+        """Columns of `channels.CHANNELS` that are recorded, in order."""
+        absent: set[int] = set()
+        for there, columns in (
+            (self.phase_current_c, ALL[PHASE_CURRENTS][-1:]),
+            (self.reference_currents, ALL[REFERENCE_CURRENTS]),
+            (self.rotor_angle, (ROTOR_ANGLE,)), (self.surface_position, (SURFACE_POSITION,)),
+        ):
+            absent.update(() if there else columns)
+        return tuple(column for column in ALL if column not in absent)
 
 
 class Actuator(NamedTuple):

@@ -8,14 +8,11 @@ two phase currents; what it lacks is NaN throughout a record.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ema_record.errors import InvalidRecordError
-
-if TYPE_CHECKING:
-    from ema_record.actuator import Acquisition
 
 
 class Channel(NamedTuple):
@@ -128,20 +125,6 @@ def recorded_columns(samples: np.ndarray) -> tuple[int, ...]:
     present = [c for c in ALL if c not in absent]
     needed = {*REQUIRED, *(sorted(_CURRENTS) if what_lacks(present) else ())}
     return tuple(c for c in ALL if c in present or c in needed)
-
-
-def acquired_columns(acquisition: Acquisition) -> tuple[int, ...]:
-    """Return the columns that an acquisition records, as its kit says."""
-    absent: set[int] = set()
-    for there, columns in (
-        (acquisition.phase_current_c, (PHASE_CURRENTS.stop - 1,)),
-        (acquisition.reference_currents, ALL[REFERENCE_CURRENTS]),
-        (acquisition.rotor_angle, (ROTOR_ANGLE,)),
-        (acquisition.surface_position, (SURFACE_POSITION,)),
-    ):
-        if not there:
-            absent.update(columns)
-    return tuple(column for column in ALL if column not in absent)
 
 
 def check_channel_label(label: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from ema_record.channels import N_CHANNELS, TIME
 from ema_record.errors import SimulationError, UsageError, bounded
 from ema_record.profile import Profile
 from ema_sim.acquisition import SensorNoise, convert, effective_converters
+from ema_sim.drives import check_drive
 from ema_sim.effects.registry import Effects
 from ema_sim.plant import kernel as k
 from ema_sim.plant import state as st
@@ -22,6 +24,16 @@ NOISE_LEVELS = (0.0, 100.0)
 SETTLE_TIME = 1.0
 NOTHING_READ = (0, np.empty(0))
 """First control period, and commanded positions from it on (rad)."""
+
+
+class Commanded(NamedTuple):
+    """A profile and from when on it is commanded."""
+
+    profile: Profile
+    begin: float
+    """Time of its beginning (s)."""
+    first: int
+    """First control period."""
 
 
 class ActuatorSession:
@@ -36,7 +48,9 @@ class ActuatorSession:
     start_angle : electrical rotor angle at the start (rad).
     position : surface position at the start (rad).
     trace : keep torques and surface speed, see `take_trace`.
+    max_step : longest step of the integration (s).
     settle : reach the last command after a run, unrecorded; left out, no run may follow.
+    switching : simulate the edges of a carrier, not the means of its periods.
     """
 
     def __init__(
@@ -56,6 +70,7 @@ class ActuatorSession:
     ) -> None:
         """Set the actuator at rest at `position`."""
         rate = actuator.acquisition.rate if rate is None else rate
+        check_drive(actuator)
         bounded("noise", noise, *NOISE_LEVELS, "times nominal")
         bounded("rate", rate, *RATES, "samples a second")
         bounded("initial position", position, -actuator.surface.end_stop,
@@ -78,6 +93,7 @@ class ActuatorSession:
         self._settle, self._switching = settle, switching
         self._traces: list[np.ndarray] = []
         self._read = NOTHING_READ
+        self._asked: list[Commanded] = []
         self.last_bus = (self.bus_voltage(0.0), 0.0)
         """Bus voltage (V) and mean current (A) of the last block."""
         self.final_state = self._state.copy()
@@ -122,13 +138,20 @@ class ActuatorSession:
             It commands a position beyond the actuator's own end stops; nothing moves.
         """
         profile.check_within(self.actuator.surface.end_stop)
-        if self.active:
-            self._begin = self.time
-        else:
+        if not self.active:
             self._state = st.restart(self._state, self.actuator)
-            self._begin = 0.0
             self._inverter_on = profile.inverter_off
-        self._profile, self._read = profile, NOTHING_READ
+            self._asked = []
+        self._take(profile)
+
+    def _take(self, profile: Profile) -> None:
+        """Go by `profile` from now on."""
+        first = int(self._state[st.TICK])
+        late = math.ceil(self.actuator.acquisition.command_latency) + 1
+        kept = [asked for asked, after in zip(self._asked, self._asked[1:])
+                if after.first > first - late]
+        self._asked = [*kept, *self._asked[-1:], Commanded(profile, self.time, first)]
+        self._profile, self._begin, self._read = profile, self.time, NOTHING_READ
 
     def advance(self, n_samples: int) -> np.ndarray:
         """Return the next samples, shape (k, 10), k <= n_samples; k = 0 when idle.
@@ -209,27 +232,41 @@ class ActuatorSession:
         return out
 
     def _commanded(self, first: int, periods: int) -> np.ndarray:
-        """Return the commanded position at control periods from `first` on, shape (periods,).
+        """Return the position that acts at control periods from `first` on, shape (periods,).
 
-        The profile is read once for all that is left of it.
+        The profile is read once for all that is left of it. Its latency is counted in control
+        periods, parts of one linear between two.
         """
         assert self._profile is not None
         begin, read = self._read
         if not begin <= first <= begin + len(read) - periods:
             period = self.actuator.control.period
+            latency = self.actuator.acquisition.command_latency
             end = math.ceil((self._begin + self._profile.duration) / period)
-            begin, read = first, _positions(
-                self._profile, first, max(periods, end - first), period, self._begin)
+            begin, n, whole = first, max(periods, end - first), int(latency)
+            read = self._undelayed(first - whole, n)
+            if latency > whole:
+                read = read + (latency - whole) * (self._undelayed(first - whole - 1, n) - read)
             self._read = begin, read
         return read[first - begin:first - begin + periods]
+
+    def _undelayed(self, first: int, periods: int) -> np.ndarray:
+        """Return what was or will be commanded at control periods from `first` on (rad)."""
+        period = self.actuator.control.period
+        found = _positions(self._asked[-1].profile, first, periods, period, self._asked[-1].begin)
+        for earlier, after in zip(self._asked[-2::-1], self._asked[:0:-1]):
+            n = min(after.first - first, periods)
+            if n > 0:
+                found = found.copy()
+                found[:n] = _positions(earlier.profile, first, n, period, earlier.begin)
+        return found
 
     def _finish(self) -> None:
         """Let the drive reach its last command, unrecorded, and switch it off."""
         assert self._profile is not None
         keep, self._keep_trace = self._keep_trace, False
         target = self._profile.points[-1][1]
-        self._profile = Profile(name="settle", points=((0.0, target), (SETTLE_TIME, target)))
-        self._begin, self._read = self.time, NOTHING_READ
+        self._take(Profile(name="settle", points=((0.0, target), (SETTLE_TIME, target))))
         self.final_state = self._state.copy()
         if self._settle:
             n = round(SETTLE_TIME * self.rate)

@@ -41,8 +41,9 @@ def simulate(
     start_angle: float | None = None,
     serial_number: str = "SIM-0000",
     start_time: int = 0,
+    switching: bool = False,
 ) -> Record:
-    """Run one test and return its record.
+    """Run one test and return its record; channels that are not recorded are not numbers.
 
     Parameters
     ----------
@@ -55,6 +56,7 @@ def simulate(
     start_angle : electrical rotor angle at the start (rad), default drawn from the seed.
     serial_number : of the actuator, for the record.
     start_time : acceptance of the command (ns since the epoch), for the record.
+    switching : simulate the edges of a carrier (drives pwm and foc), not means of its periods.
 
     Raises
     ------
@@ -63,6 +65,7 @@ def simulate(
     return simulate_traced(
         profile, actuator=actuator, effects=effects, seed=seed, noise=noise, rate=rate,
         start_angle=start_angle, serial_number=serial_number, start_time=start_time, trace=False,
+        switching=switching,
     ).record
 
 

@@ -14,9 +14,12 @@ from benchmarks.ledger import Ledger
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import profile_kind
 from ema_prognostics.verdict.judge import Judge
+from ema_record.actuator_type import actuator_hash
 from ema_record.errors import RecordError
+from ema_record.kit import CASCADE, kit_path
 from ema_record.profile import Profile
 from ema_record.record import Record
+from ema_record.sources import source_hash
 
 
 def judge_cases(
@@ -29,7 +32,7 @@ def judge_cases(
     ----------
     cases, profile : the fleet and its test.
     judge : of the present kit.
-    ledger, name : keep the verdicts; `name` stands for all that decides them but the case.
+    ledger, name : keep the verdicts; `name` says what decides them beside the case: `decided_by`.
     progress : called with cases done and all cases.
     features : keep the features of each record too, where it gives any.
     """
@@ -63,6 +66,22 @@ def _features(record: Record) -> dict[str, float] | None:
         return None
 
 
-def folder_key(path: Path) -> str:
-    """Return what names the cascade of a kit: 12 digits of the file's hash, ``none`` without."""
+SOURCES = ("described", "physics", "records", "units", "cases")
+"""What decides a record, beside the description of the actuator."""
+
+
+def decided_by(*parts: object) -> str:
+    """Return 16 digits that name verdicts in a ledger.
+
+    Of `parts`, the present kit (actuator and cascade), and the code of both sides.
+    """
+    digest = hashlib.sha256(source_hash("ema_prognostics.verdict.judge").encode())
+    for name in SOURCES:
+        digest.update(Path(__file__).with_name(f"{name}.py").read_bytes())
+    digest.update(f"{actuator_hash()} {file_key(kit_path(CASCADE))} {parts}".encode())
+    return digest.hexdigest()[:16]
+
+
+def file_key(path: Path) -> str:
+    """Return 12 digits of a file's hash, ``none`` where there is none."""
     return hashlib.sha256(path.read_bytes()).hexdigest()[:12] if path.is_file() else "none"

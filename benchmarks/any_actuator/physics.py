@@ -10,7 +10,7 @@ rotor, mechanical; p θ electrical; φ = 0, 120°, 240°::
 
 Dry friction is an impulse that a step can take up at most, of a level that falls from static to
 dynamic within a small speed (Stribeck); what cannot overcome it stands still (Moreau 1988).
-A relay switches inside a step, where its current crosses the band; a pulse width modulator
+A relay switches where its current crosses the band, also inside a step; a pulse width modulator
 likewise where the triangular carrier crosses the demand. Dead time takes 2 t_d f of the rail.
 Commutation by sectors of 60° from 30° on; with `foc` sinusoidal references q, d = 0.
 """
@@ -133,12 +133,12 @@ def _on_share(demand: float, phase: float, step: float) -> float:
 
 
 @njit(cache=True)
-def _windings(i: np.ndarray, v: np.ndarray, k: np.ndarray, omega: float, keep: np.ndarray,
-              gains: np.ndarray, new: np.ndarray) -> None:
-    """Set the currents after a step; the neutral's voltage keeps their sum at zero."""
+def _windings(i: np.ndarray, v: np.ndarray, k: np.ndarray, omega: float, loss: np.ndarray,
+              gains: np.ndarray, part: float, new: np.ndarray) -> None:
+    """Set the currents after a part of a step; the neutral's voltage keeps their sum at zero."""
     neutral = 0.0
     for n in range(3):
-        new[n] = keep[n] * i[n] + gains[n] * (v[n] - k[n] * omega)
+        new[n] = i[n] + part * (gains[n] * (v[n] - k[n] * omega) - loss[n] * i[n])
         neutral += new[n]
     neutral /= gains.sum()
     for n in range(3):
@@ -146,17 +146,32 @@ def _windings(i: np.ndarray, v: np.ndarray, k: np.ndarray, omega: float, keep: n
 
 
 @njit(cache=True)
-def _crossed(band: float, rail: float, wanted: np.ndarray, read: np.ndarray, change: np.ndarray,
-             leg: np.ndarray, v: np.ndarray) -> bool:
-    """Switch the relays whose current crosses the band in this step, there; say if any."""
-    any_did = False
-    for n in range(3):
-        room = wanted[n] + leg[n] * band - read[n]
-        if leg[n] * (room - change[n]) < 0.0:
-            share = min(max(room / change[n], 0.0), 1.0) if room * change[n] > 0.0 else 0.0
-            v[n] = rail * leg[n] * (2.0 * share - 1.0)
-            leg[n], any_did = -leg[n], True
-    return any_did
+def _relays(band: float, rail: float, wanted: np.ndarray, gain: np.ndarray, shift: np.ndarray,
+            leg: np.ndarray, k: np.ndarray, omega: float, loss: np.ndarray, gains: np.ndarray,
+            now: np.ndarray, v: np.ndarray, new: np.ndarray) -> None:
+    """Set the currents after a step; a relay switches where its current crosses the band.
+
+    From crossing to crossing; `now` begins as the currents, `v` becomes the legs' means.
+    """
+    left, mean = 1.0, np.zeros(3)
+    for _ in range(12):
+        for n in range(3):
+            v[n] = rail * leg[n]
+        _windings(now, v, k, omega, loss, gains, left, new)
+        first, who = 1.0, -1
+        for n in range(3):
+            room = band + leg[n] * (wanted[n] - gain[n] * now[n] - shift[n])
+            closer = leg[n] * gain[n] * (new[n] - now[n])
+            if room < max(closer, 0.0) and max(room, 0.0) <= first * abs(closer):
+                first, who = max(room, 0.0) / max(closer, 1e-12), n
+        for n in range(3):
+            mean[n] += first * left * v[n]
+            now[n] += first * (new[n] - now[n])
+        if who < 0:
+            break
+        leg[who] = -leg[who]
+        left *= 1.0 - first
+    v[:] = mean
 
 
 @njit(cache=True)
@@ -170,14 +185,14 @@ def _run(a: Actuator, own: Own, s: Surroundings, d: Damage, averaged: bool, tabl
     dt, turn, grid = control.period / per_period, 2.0 * math.pi, len(table) - 1
     ratio, limit = a.gear.ratio, a.inverter.current_limit
     i, new, read, ref, wanted = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    leg, v, k, integral, change = np.ones(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    R, gain, keep, gains = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    leg, v, k, integral, shift = np.ones(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    R, gain, loss, gains, now = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     for n in range(3):
         mine = 1.0 if n == d.phase else 0.0
         R[n] = motor.phase_resistance * (1.0 + COPPER * (s.temperature - 20.0))
         R[n] *= (1.0 + mine * d.resistance) * (1.0 - mine * d.short)
         L = motor.phase_inductance * (1.0 - mine * d.short) ** 2
-        keep[n] = (1.0 - 0.5 * dt * R[n] / L) / (1.0 + 0.5 * dt * R[n] / L)
+        loss[n] = dt * R[n] / L / (1.0 + 0.5 * dt * R[n] / L)
         gains[n] = dt / L / (1.0 + 0.5 * dt * R[n] / L)
         gain[n] = 1.0 + s.gain[n] + mine * d.current_gain
     more, more_x = 1.0 + d.motor_friction, 1.0 + d.surface_friction
@@ -215,9 +230,10 @@ def _run(a: Actuator, own: Own, s: Surroundings, d: Damage, averaged: bool, tabl
             k[n] = table[row, n] + part * (table[row + 1, n] - table[row, n])
             wave = math.sin(sensed - PHI * n) if foc else SIGNS[sector, n]
             ref[n], wanted[n] = amplitude * wave, acting * wave
-            read[n] = gain[n] * i[n] + s.offset[n] + own.offset_drift[n] * t
+            shift[n] = s.offset[n] + own.offset_drift[n] * t
             if failed and n == d.phase:
-                read[n] += d.current_offset
+                shift[n] += d.current_offset
+            read[n] = gain[n] * i[n] + shift[n]
         rail = a.inverter.bus_voltage * (1.0 + s.bus) - 0.5 * d.sag * drawn
         torque, source = 0.0, 0.0
         if on:
@@ -227,20 +243,16 @@ def _run(a: Actuator, own: Own, s: Surroundings, d: Damage, averaged: bool, tabl
                     _field_oriented(a.drive, rail, wanted, read, sensed, integral, leg)
                 else:
                     _six_step(a.drive, rail, wanted, read, integral, leg)
-            for n in range(3):
-                share = leg[n]
-                if not relay:
-                    late_edge = min(max(i[n] / (0.01 * limit), -1.0), 1.0)
-                    share -= 2.0 * own.dead_time * f * late_edge
-                    if not averaged:
-                        share = _on_share(share, t * f - valley, dt * f)
-                v[n] = rail * share
-            _windings(i, v, k, omega, keep, gains, new)
             if relay:
+                now[:] = i
+                _relays(a.inverter.hysteresis, rail, wanted, gain, shift, leg, k, omega, loss,
+                        gains, now, v, new)
+            else:
                 for n in range(3):
-                    change[n] = gain[n] * (new[n] - i[n])
-                if _crossed(a.inverter.hysteresis, rail, wanted, read, change, leg, v):
-                    _windings(i, v, k, omega, keep, gains, new)
+                    late_edge = min(max(i[n] / (0.01 * limit), -1.0), 1.0)
+                    share = leg[n] - 2.0 * own.dead_time * f * late_edge
+                    v[n] = rail * (share if averaged else _on_share(share, t * f - valley, dt * f))
+                _windings(i, v, k, omega, loss, gains, 1.0, new)
             for n in range(3):
                 middle = 0.5 * (i[n] + new[n])
                 torque += k[n] * middle

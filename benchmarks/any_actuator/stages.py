@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.any_actuator.cases import ACCEPTANCE, TEST, Counts, draw_cases, sizes_of
-from benchmarks.any_actuator.judging import folder_key, judge_cases
+from benchmarks.any_actuator.judging import decided_by, file_key, judge_cases
 from benchmarks.any_actuator.machines import (
+    TEST_NAME,
     BenchMachine,
     commission_kit,
     default_test,
@@ -59,11 +60,9 @@ def default(options: Namespace) -> None:
                            fleet=TEST, duration=profile.duration, own=options.own)
         if options.only:
             cases = [c for c in cases if c.group in options.only]
-        name = f"{options.profile}/{options.seed}/{int(options.own)}/{options.part}"
-        rows = judge_cases(
-            cases, profile, Judge(),
-            Ledger(options.work / f"default-{folder_key(kit / CASCADE)}.jsonl"), name,
-            say("default"))
+        name = decided_by(options.profile, options.seed, options.own, options.part, sizes)
+        rows = judge_cases(cases, profile, Judge(), Ledger(options.work / "default.jsonl"), name,
+                           say("default"))
     print(markdown({"default kit": rows}))
     print("\n" + outcomes(rows))
     print("\nwhy healthy records are not judged:\n" + why_unknown(rows))
@@ -104,7 +103,7 @@ def commission(options: Namespace) -> None:
         kit = _kit(options, machine)
         found = commission_kit(machine, bags, kit, quick=options.quick, jobs=options.jobs)
         if found["seconds"] is not None:
-            key = f"{machine.name}/{int(options.quick)}/{folder_key(kit / CASCADE)}"
+            key = f"{machine.name}/{int(options.quick)}/{file_key(kit / CASCADE)}"
             found = ledger.run(key, partial(dict, found))
             print(f"{machine.name}: {found['seconds']:.0f} s: {found['refused'] or kit}",
                   flush=True)
@@ -116,14 +115,14 @@ def judged(options: Namespace, machine: BenchMachine) -> list[dict[str, Any]] | 
     if not (kit / CASCADE).is_file():
         return None
     with using_kit(kit):
-        profile = default_test(machine.actuator)
+        profile = load_profile(TEST_NAME)
         sizes = sizes_of(machine.actuator, kit, options.times)
         cases = draw_cases(machine.actuator, machine.spread, _part(TESTED, options.part), sizes,
                            seed=options.seed, fleet=TEST, duration=profile.duration, own=True)
-        name = f"{options.seed}/{options.part}/{options.times}"
-        return judge_cases(cases, profile, Judge(), Ledger(
-            Path(options.work) / machine.name / f"judged-{folder_key(kit / CASCADE)}.jsonl"),
-            name, say(machine.name), features=True)
+        return judge_cases(
+            cases, profile, Judge(), Ledger(Path(options.work) / machine.name / "judged.jsonl"),
+            decided_by(machine.spread, options.seed, options.part, sizes), say(machine.name),
+            features=True)
 
 
 def judge(options: Namespace) -> None:

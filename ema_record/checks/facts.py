@@ -34,6 +34,13 @@ SETTLED = 5e-3
 """After the inverter is switched on; before, sensors without noise rest at zero (s)."""
 SLOWEST = 0.0253
 """Share of the motor's highest speed below which it counts as standing."""
+REST_OFFSET = (0.0227, 10.0)
+"""Reading of a current while the inverter is off: of the current limit, at least, and times the
+offset of a good sensor."""
+SUM_OFFSET = (0.01364, 6.0)
+"""The same of the mean of the weighted sum of the currents over a part of the test."""
+SLOW = 0.3795
+"""Share of the motor's highest speed below which the drive has voltage to spare."""
 IMPOSSIBLE = 3.0
 """Times the motor's highest speed that it never reaches."""
 WINDOW_TIME = 0.02
@@ -156,6 +163,23 @@ class BagFacts:
     def has_references(self) -> bool:
         """Whether all three reference currents were recorded."""
         return self.has(*ALL[REFERENCE_CURRENTS])
+
+    def offset_bound(self, shares: tuple[float, float]) -> float:
+        """Return a bound on the offset of currents (A): one of `REST_OFFSET`, `SUM_OFFSET`."""
+        limit = self.actuator.inverter.current_limit
+        return max(shares[0] * limit, shares[1] * self.conditions.current_offset)
+
+    def vector(self, part: slice) -> np.ndarray:
+        """Return phase or reference currents as rotating vectors, complex, shape (n,) (A).
+
+        Their size is the amplitude of a phase. Of two currents the third is what makes the sum
+        zero.
+        """
+        values = self.samples[:, part]
+        absent = np.isnan(values).all(axis=0)
+        third = -np.where(absent, 0.0, values).sum(axis=1, keepdims=True)
+        turns = np.exp(2j * np.pi / 3.0 * np.arange(3))
+        return np.asarray(np.where(absent, third, values) @ turns * (2.0 / 3.0))
 
     @property
     def window(self) -> int:

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ema_record.channels import CHANNELS, REFERENCE_CURRENTS, TIME
-from ema_record.checks.facts import SETTLED, BagFacts, Hit
+from ema_record.checks.facts import SETTLED, BagFacts, Hit, Rule
 
 HELD = 0.05
 """Share of the samples of a driven phase current that repeat the one before."""
@@ -72,3 +72,9 @@ def held_share(change: np.ndarray, driven: np.ndarray) -> tuple[float, int]:
     beaten = follows < BEAT * (1.0 - share)
     rough = steps > FINE and share > HELD + COARSE / steps
     return (share if beaten or rough else 0.0), int(np.argmax(repeats))
+
+
+RULES = (
+    Rule(name="held_samples", find=held,
+         remedy="check the transducer, its screen and its plug, then record the test again"),
+)

@@ -22,9 +22,8 @@ from ema_record.channels import (
     SURFACE_POSITION,
     TIME,
 )
-from ema_record.checks.facts import BagFacts, Finding, facts_of_record
+from ema_record.checks.facts import SUM_OFFSET, BagFacts, Finding, facts_of_record
 from ema_record.checks.guard import OUTCOMES, guard_findings
-from ema_record.checks.sensors import SUM_OFFSET, offset_bound
 from ema_record.checks.stream import irregular
 from ema_record.limits import MAX_DURATION
 from ema_record.record import Record
@@ -35,7 +34,7 @@ BEYOND_LIMIT = 1.005
 """Times the current limit to which references go, rounded by their converter."""
 SATURATION_TIME = 12.8
 """Longest time at the current limit that is usual (of that in which the motor runs up)."""
-CURRENT_SUM = 0.091
+CURRENT_SUM = 0.0909
 """Mean of i_a + i_b + i_c that no sensor may show (of the limit); unusual: `SUM_OFFSET`."""
 TRAVEL = (1.0 / 80.0, 1.0 / 12.0)
 """Difference between integrated speed and position: unusual, impossible (of the end stop), beyond
@@ -235,7 +234,7 @@ def _current_sum(facts: BagFacts) -> CheckResult:
     if len(facts.currents) < 3:
         return CheckResult(name="current sum", level=Level.OK, message="two currents: no sum",
                            values={})
-    limits = (offset_bound(facts, SUM_OFFSET),
+    limits = (facts.offset_bound(SUM_OFFSET),
               CURRENT_SUM * facts.actuator.inverter.current_limit)
     total = facts.samples[:, PHASE_CURRENTS].sum(axis=1)
     mean = float(total.mean()) if len(total) else 0.0

@@ -13,7 +13,6 @@ from ema_record.channels import (
     MOTOR_SPEED,
     REFERENCE_CURRENTS,
     TIME,
-    acquired_columns,
 )
 from ema_record.checks.facts import BagFacts, Hit, Rule
 from ema_record.errors import UsageError
@@ -47,7 +46,7 @@ def missing_channels(facts: BagFacts) -> Iterator[Hit]:
     """Find channels that the kit's acquisition records and the record lacks."""
     if not facts.blocks:
         return
-    lacking = [CHANNELS[c].name for c in acquired_columns(facts.actuator.acquisition)
+    lacking = [CHANNELS[c].name for c in facts.actuator.acquisition.columns
                if not facts.has(c)]
     if lacking:
         yield Hit(f"not recorded: {', '.join(lacking)}, which the acquisition of {kit_name()} "

@@ -17,7 +17,6 @@ from ema_record.channels import (
     TIME,
 )
 from ema_record.checks.facts import BagFacts, Hit, Rule
-from ema_record.checks.sensors import vector_of
 
 RPM = 30.0 / np.pi
 DEGREES = 180.0 / np.pi
@@ -149,7 +148,7 @@ def discontinuities(facts: BagFacts) -> Iterator[Hit]:
 def _driven(facts: BagFacts) -> np.ndarray:
     """Return where samples under current are, enough of them for correlations, shape (n,)."""
     rows = np.arange(0, len(facts.samples), max(1, len(facts.samples) // ENOUGH))
-    size = np.abs(vector_of(facts, _asked(facts)))[rows]
+    size = np.abs(facts.vector(_asked(facts)))[rows]
     if not len(rows) or not size.max() > 0.0:
         return rows[:0]
     return rows[size > 0.05 * np.median(size)]
@@ -222,7 +221,7 @@ def _sequence(facts: BagFacts) -> Iterator[Hit]:
     if not facts.has(ROTOR_ANGLE):
         yield from _rotation(facts)
         return
-    vector = vector_of(facts, _asked(facts))[rows]
+    vector = facts.vector(_asked(facts))[rows]
     rotor = np.exp(-1j * facts.samples[rows, ROTOR_ANGLE])
     forward, backward = vector * rotor, vector.conj() * rotor
     ahead, back = (abs((z**2).mean()) / (np.abs(z) ** 2).mean() for z in (forward, backward))
@@ -237,7 +236,7 @@ def _rotation(facts: BagFacts) -> Iterator[Hit]:
     usual = float(np.median(np.abs(speed[np.abs(speed) > facts.standing])))
     turn = facts.actuator.motor.pole_pairs * usual * facts.interval
     lag = max(1, round(np.pi / 3.0 / turn))  # a sixth of an electrical turn
-    vector = vector_of(facts, _asked(facts))
+    vector = facts.vector(_asked(facts))
     steady = (np.abs(np.abs(speed) - usual) < 0.3 * usual)[:-lag]
     if steady.sum() < DRIVEN:
         return

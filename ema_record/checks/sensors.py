@@ -25,18 +25,12 @@ from ema_record.channels import (
     SURFACE_POSITION,
     TIME,
 )
-from ema_record.checks import whole_turns
-from ema_record.checks.facts import SETTLED, BagFacts, Hit, Rule
-from ema_record.checks.held import held
-from ema_record.checks.travel import SCALE, motion_scales, speed_offset
+from ema_record.checks.facts import REST_OFFSET, SETTLED, SLOW, SUM_OFFSET, BagFacts, Hit, Rule
 
 GAIN_SPREAD = (0.04, 4.0)
 """Between the relative gains of the current sensors: at least, and times a good one's error."""
-REST_OFFSET = (1.0 / 44.0, 10.0)
-"""Reading of a current while the inverter is off: of the current limit, at least, and times the
-offset of a good sensor."""
-SUM_OFFSET = (0.0136, 6.0)
-"""The same of the mean of the weighted sum of the currents over a part of the test."""
+SCALE = 0.05
+"""Relative distance of the currents from their references."""
 NOISY = 5.0
 """Times the most noise of a good sensor that is too much; of the sum of three currents three
 times."""
@@ -52,8 +46,6 @@ PARTS = 16
 """Of the test, for its offsets."""
 SEPARATED = 200.0
 """Ratio of the two smallest variances from which the weights of the sum are known."""
-SLOW = 0.3795
-"""Share of the motor's highest speed below which the drive has voltage to spare."""
 UNLIMITED = (0.1364, 0.9091)
 """Reference currents that are neither noise nor the limit (of the limit)."""
 STEADY_TIME = 1e-3
@@ -122,7 +114,6 @@ def current_gains(facts: BagFacts) -> Iterator[Hit]:
         yield Hit(f"{name} reads {100 * error[k]:+.1f} % against the other two, which with it sum "
                   "to zero", None, float(error[k]), "", name)
         return
-    yield from whole_turns.gains(facts, SLOW * facts.actuator.control.speed_limit)
     ratio = _by_reference(facts) if facts.has_references else None
     if ratio is not None and abs(ratio - 1.0) > max(SCALE, 5.0 * facts.conditions.current_gain):
         yield Hit(f"the phase currents are {ratio:.3f} times their references at low speed",
@@ -141,7 +132,7 @@ def _by_reference(facts: BagFacts) -> float | None:
     slow = np.abs(s[:, MOTOR_SPEED]) < SLOW * facts.actuator.control.speed_limit
     least, most = (share * facts.actuator.inverter.current_limit for share in UNLIMITED)
     if facts.actuator.drive.kind == FOC:
-        vectors = [vector_of(facts, part)[slow] for part in (PHASE_CURRENTS, REFERENCE_CURRENTS)]
+        vectors = [facts.vector(part)[slow] for part in (PHASE_CURRENTS, REFERENCE_CURRENTS)]
         size = np.abs(vectors[1])
         use = (size > least) & (size < most)
         if use.sum() < facts.window:
@@ -165,38 +156,20 @@ def _by_reference(facts: BagFacts) -> float | None:
     return float(np.median(ratios)) if ratios else None
 
 
-def vector_of(facts: BagFacts, part: slice) -> np.ndarray:
-    """Return phase or reference currents as rotating vectors, complex, shape (n,) (A).
-
-    Their size is the amplitude of a phase. Of two currents the third is what makes the sum zero.
-    """
-    values = facts.samples[:, part]
-    missing = np.isnan(values).all(axis=0)
-    values = np.where(missing, -np.where(missing, 0.0, values).sum(axis=1, keepdims=True), values)
-    return np.asarray(values @ np.exp(2j * np.pi / 3.0 * np.arange(3)) * (2.0 / 3.0))
-
-
-def offset_bound(facts: BagFacts, shares: tuple[float, float]) -> float:
-    """Return a bound on the offset of currents (A)."""
-    limit = facts.actuator.inverter.current_limit
-    return max(shares[0] * limit, shares[1] * facts.conditions.current_offset)
-
-
 def current_offsets(facts: BagFacts) -> Iterator[Hit]:
     """Find current sensors with an offset, at rest or from some moment on."""
     found = facts.derived(current_sum)
     if found is None:
         return
     k = int(np.argmax(np.abs(found.rest)))
-    if abs(found.rest[k]) > offset_bound(facts, REST_OFFSET):
+    if abs(found.rest[k]) > facts.offset_bound(REST_OFFSET):
         name = f"phase_current_{_PHASES[k]}"
         yield Hit(f"{name} reads {found.rest[k]:+.2f} A while the inverter is off",
                   0.0, float(found.rest[k]), "A", name)
-    yield from whole_turns.offsets(facts, offset_bound(facts, REST_OFFSET))
     if not found.known:
         return
     means = np.array([part.mean() for part in np.array_split(found.residual, PARTS)])
-    wrong = np.abs(means) > offset_bound(facts, SUM_OFFSET)
+    wrong = np.abs(means) > facts.offset_bound(SUM_OFFSET)
     if wrong.any():
         part = int(np.argmax(wrong))
         row = found.start + part * len(found.residual) // PARTS
@@ -273,9 +246,6 @@ _CALIBRATE = "calibrate or replace the transducer, then record the test again"
 _WIRES = "check the transducer, its screen and its plug, then record the test again"
 RULES = (
     Rule(name="sensor_scale", find=current_gains, remedy=_CALIBRATE),
-    Rule(name="sensor_scale", find=motion_scales, remedy=_CALIBRATE),
     Rule(name="sensor_offset", find=current_offsets, remedy=_CALIBRATE),
-    Rule(name="sensor_offset", find=speed_offset, remedy=_CALIBRATE),
     Rule(name="sensor_noise", find=noises, remedy=_WIRES),
-    Rule(name="held_samples", find=held, remedy=_WIRES),
 )

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_record.channels import ROTOR_ANGLE, SURFACE_POSITION
-from ema_record.checks.facts import BagFacts, Hit
+from ema_record.checks.facts import BagFacts, Hit, Rule
 
 SCALE = 0.05
 """Relative distance of a channel from what it is compared with."""
@@ -97,3 +97,10 @@ def speed_offset(facts: BagFacts) -> Iterator[Hit]:
         row = int(np.argmax(wrong))
         yield Hit(f"motor_speed and rotor_angle differ by {off.max():.3g} rad/s",
                   float(found.time[row]), float(off.max()), "rad/s", "motor_speed")
+
+
+_CALIBRATE = "calibrate or replace the transducer, then record the test again"
+RULES = (
+    Rule(name="sensor_scale", find=motion_scales, remedy=_CALIBRATE),
+    Rule(name="sensor_offset", find=speed_offset, remedy=_CALIBRATE),
+)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_record.channels import CHANNELS, MOTOR_SPEED, ROTOR_ANGLE, TIME
-from ema_record.checks.facts import BagFacts, Hit
+from ema_record.checks.facts import REST_OFFSET, SLOW, BagFacts, Hit, Rule
 
 TURN = 2.0 * np.pi
 MEDIAN = 9
@@ -88,14 +88,15 @@ def _medians(values: np.ndarray) -> np.ndarray:
     return np.asarray(np.median(windows, axis=-1))
 
 
-def offsets(facts: BagFacts, bound: float) -> Iterator[Hit]:
-    """Find a current of two that has a mean beyond `bound` (A), and keeps it from there on.
+def offsets(facts: BagFacts) -> Iterator[Hit]:
+    """Find a current of two that has a mean over turns, and keeps it from there on.
 
     A motor that sticks and slips has one too, of either sign.
     """
     found = facts.derived(whole_turns)
     if found is None:
         return
+    bound = facts.offset_bound(REST_OFFSET)
     for column, means in zip(facts.currents, _medians(found.mean).T):
         first = _first_kept(means, bound)
         if first is not None:
@@ -113,12 +114,13 @@ def _first_kept(values: np.ndarray, bound: float) -> int | None:
     return first if abs(values[first]) > bound and kept else None
 
 
-def gains(facts: BagFacts, slow: float) -> Iterator[Hit]:
-    """Find currents of two sizes at speeds below `slow` (rad/s)."""
+def gains(facts: BagFacts) -> Iterator[Hit]:
+    """Find currents of two sizes at low speed."""
     found = facts.derived(whole_turns)
     if found is None:
         return
     least = DRIVEN * facts.actuator.inverter.current_limit
+    slow = SLOW * facts.actuator.control.speed_limit
     use = (found.speed < slow) & (found.size.min(axis=1) > least)
     if use.sum() < MEDIAN:
         return
@@ -128,3 +130,10 @@ def gains(facts: BagFacts, slow: float) -> Iterator[Hit]:
         names = [CHANNELS[column].name for column in facts.currents]
         yield Hit(f"{names[0]} is {1.0 + ratio[first]:.3f} times {names[1]} at low speed",
                   float(found.time[use][first]), float(ratio[first]), "", "phase_current")
+
+
+_CALIBRATE = "calibrate or replace the transducer, then record the test again"
+RULES = (
+    Rule(name="sensor_scale", find=gains, remedy=_CALIBRATE),
+    Rule(name="sensor_offset", find=offsets, remedy=_CALIBRATE),
+)

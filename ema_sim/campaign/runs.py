@@ -207,11 +207,14 @@ def _actuator_bounds(name: str) -> ParameterBounds:
     if parameter not in hints:
         raise unknown_name(f"parameter of actuator.{part}", parameter, hints,
                            "see config/actuator.yaml")
-    kind, field = get_args(hints[parameter])[:2]
-    marks = field.metadata
+    kind, *notes = get_args(hints[parameter])
+    field = next(note for note in notes if hasattr(note, "json_schema_extra"))
+    marks, extra = field.metadata, field.json_schema_extra
+    if "choices" in extra:
+        return ParameterBounds(-math.inf, math.inf, "", options=tuple(extra["choices"]))
     lower = next(float(m.ge) for m in marks if hasattr(m, "ge"))
     upper = next(float(m.le) for m in marks if hasattr(m, "le"))
-    return ParameterBounds(lower, upper, field.json_schema_extra["unit"], whole=kind is int)
+    return ParameterBounds(lower, upper, extra["unit"], whole=kind is int)
 
 
 def _check(name: str, setting: Distribution | Value, actuator: Actuator) -> None:
@@ -262,7 +265,11 @@ def _apply(
         first, _, rest = name.partition(".")
         if first == ACTUATOR:
             part, _, parameter = rest.partition(".")
-            number = int(value) if bounds_of(name).whole else float(value)
+            bounds = bounds_of(name)
+            if bounds.options:
+                number: float = bounds.options.index(str(value))
+            else:
+                number = int(value) if bounds.whole else float(value)
             changed = getattr(actuator, part)._replace(**{parameter: number})
             actuator = actuator._replace(**{part: changed})
         elif name not in GENERAL:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_record.actuator import Actuator
-from ema_record.channels import TIME, acquired_columns
+from ema_record.channels import TIME
 from ema_record.limits import MAX_DURATION
 from ema_record.profile import Profile, load_profile_dict
 from ema_record.wire.samples import encode_samples
@@ -128,7 +128,7 @@ class ActuatorServer:
         """Set up the actuator at its initial position, compiled and idle."""
         self.settings = settings
         self._clock, self._wall_clock = clock, wall_clock
-        self._columns = acquired_columns(settings.actuator.acquisition)
+        self._columns = settings.actuator.acquisition.columns
         self._warm_up()
         self.session = settings.session(settings.initial_position)
         self.command_stamp = 0
@@ -191,7 +191,7 @@ class ActuatorServer:
         """Put another actuator in the place of this one, where the surface stands (idle only)."""
         session = settings.session(self.session.surface_position)
         self.settings, self.session = settings, session
-        self._columns = acquired_columns(settings.actuator.acquisition)
+        self._columns = settings.actuator.acquisition.columns
 
     def give_up(self) -> None:
         """End the run where it is: the drive is switched off, the surface stays."""

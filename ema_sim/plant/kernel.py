@@ -19,12 +19,12 @@ from numba import njit
 from ema_record.actuator import FOC, RELAY, Actuator
 from ema_record.sources import source_hash
 from ema_sim.effects.registry import Effects
-from ema_sim.plant import ports
+from ema_sim.plant import ports, sensor_ports
 from ema_sim.plant import state as st
 from ema_sim.plant.control import delayed, quantise, reference_current
 from ema_sim.plant.currents import MOST_SWITCHES, SAME_TIME, Legs, advance_currents, circuit_of
 from ema_sim.plant.electrical import TURN, of_phases, reference_signs, sector_ahead
-from ema_sim.plant.mechanics import net_torque, shaft_torque
+from ema_sim.plant.mechanics import Load, load_at, move
 from ema_sim.plant.modulation import field_control, phase_control
 from ema_sim.plant.prepared import (
     constants_of_phases,
@@ -93,14 +93,12 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
         max_step = min(max_step, longest_step(a, w, m))
         fixed = circuit_of(w.r_a, w.r_b, w.r_c, w.g_a, w.g_b, w.g_c)
         max_angle = largest_angle(a, e)
-        motor, shaft, gear, control, drive = a.motor, a.shaft, a.gear, a.control, a.drive
+        motor, control, drive = a.motor, a.control, a.drive
         viscous_s = a.surface.viscous_friction
-        pairs, stop, keep_trace = w.pairs, a.surface.end_stop, len(trace) > 0
+        pairs, keep_trace = w.pairs, len(trace) > 0
         inv_a, inv_b, inv_c = 1.0 / x.gain_a, 1.0 / x.gain_b, 1.0 / x.gain_c
         band = a.inverter.hysteresis
-        off_q, step_q = ports.position_offset(e), ports.position_step(e, a.converters)
-        step_w = ports.speed_step(e, a.converters)
-        delay, latency = ports.delay_periods(e, a), a.acquisition.reference_latency
+        latency = a.acquisition.reference_latency
         carrier_period, time_at = 1.0 / drive.pwm_frequency, a.acquisition.time_at
 
         t = state[st.TIME]
@@ -110,7 +108,6 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
         q_e, q_0 = state[st.THETA_E], state[st.THETA_0]
         s_a, s_b, s_c = state[st.LEG_A], state[st.LEG_B], state[st.LEG_C]
         al_m, al_s = state[st.ALPHA_M], state[st.ALPHA_S]
-        t_sh, load_m = state[st.SHAFT_TORQUE], state[st.MOTOR_LOAD]
         i_set, i_act = state[st.I_SET], state[st.I_ACT]
         x_a, x_b, x_c = state[st.U_A], state[st.U_B], state[st.U_C]
         history = state[st.HISTORY:]
@@ -127,16 +124,10 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
         if w.sines:
             sine, cosine = math.sin(q_e), math.cos(q_e)
         k_a, k_b, k_c = constants_of_phases(w, a, e, q_e, sine, cosine, q_m + q_0)
-        slope = ports.gear_slope(e, gear, q_m + q_0)
-        load_s = ports.load_torque(e, q_s)
-        if math.isnan(t_sh):
-            t_sh = shaft_torque(
-                ports.gear_output(e, gear, q_m, q_m + q_0) - q_s, w_m * slope - w_s,
-                m.stiffness, shaft.damping, m.backlash,
-            )
-            load_m = t_sh * slope * (gear.efficiency if t_sh * w_m < 0.0 else m.inverse_efficiency)
-        dyn_m, sta_m = m.dynamic_m, m.static_m
-        added = added1 = 0.0
+        load = load_at(a, e, m, q_m, q_m + q_0, q_s, w_m, w_s)
+        if not math.isnan(state[st.SHAFT_TORQUE]):
+            load = Load(
+                state[st.SHAFT_TORQUE], state[st.MOTOR_LOAD], load.surface, load.slope)
         sign_a, sign_b, sign_c = reference_signs(sector)
         aim_a = aim_b = aim_c = 0.0
         ref_a = ref_b = ref_c = ref_a1 = ref_b1 = ref_c1 = 0.0
@@ -156,19 +147,19 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                     t_tick = tick * control.period
                     i_ref, integral = 0.0, 0.0
                     if on:
+                        factor = sensor_ports.speed_factor(e, q_m + q_0)
                         speed = quantise(
-                            w_m * ports.speed_factor(e, q_m + q_0) + n_w, step_w,
-                            a.converters.speed_range,
-                        )
+                            w_m * factor + n_w, x.speed_step, a.converters.speed_range)
                         position = quantise(
-                            q_s + off_q + n_q, step_q, a.converters.position_range)
+                            q_s + x.position_offset + n_q, x.position_step,
+                            a.converters.position_range)
                         i_ref, integral = reference_current(
                             control, a.inverter.current_limit, command[index], position, speed,
                             state[st.INTEGRAL],
                         )
                     state[st.INTEGRAL] = integral
-                    i_set = delayed(history, tick, i_ref, delay)
-                    i_act = delayed(history, tick, i_ref, delay + latency)
+                    i_set = delayed(history, tick, i_ref, x.delay)
+                    i_act = delayed(history, tick, i_ref, x.delay + latency)
                     changed = True
                 if field:
                     wave = sine * x.cosine + cosine * x.sine
@@ -205,9 +196,7 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                     t_carrier = carrier * carrier_period
 
                 # Length of the step, to the next event.
-                h = max_step
-                h = min(h, t_edge - t)
-                h = min(h, t_tick - t)
+                h = min(max_step, t_edge - t, t_tick - t)
                 if not relays:
                     h = min(h, t_carrier - t)
                 if not on:
@@ -247,42 +236,15 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                 )
                 if f.switches > MOST_SWITCHES:
                     return TOO_MANY_STEPS
-                torque = f.impulse / h
-                q_out, slope1 = q_m1 * m.inverse_ratio, slope
+                added = added1 = 0.0
                 if not m.smooth:
                     added = ports.added_motor_torque(e, motor, k_a, k_b, k_c, w_m, q_m + q_0)
                     added1 = ports.added_motor_torque(e, motor, k_a1, k_b1, k_c1, w_p, q_r1)
-                    q_out = ports.gear_output(e, gear, q_m1, q_r1)
-                    slope1 = ports.gear_slope(e, gear, q_r1)
-                t_sh1 = shaft_torque(
-                    q_out - q_s1, w_p * slope1 - ws_p, m.stiffness, shaft.damping, m.backlash)
-                driving = gear.efficiency if t_sh1 * w_p < 0.0 else m.inverse_efficiency
-                load_m1, load_s1 = t_sh1 * driving * slope1, ports.load_torque(e, q_s1)
-                if not m.steady:
-                    dyn_m, sta_m = ports.motor_dry_friction(e, motor, w_m, load_m)
-                al_m0 = m.inverse_j_m * net_torque(
-                    w_m, torque + added - load_m - ports.motor_viscous_friction(e, motor, w_m),
-                    dyn_m, sta_m)
-                if not m.steady:
-                    dyn_m, sta_m = ports.motor_dry_friction(e, motor, w_p, load_m1)
-                active = torque + added1 - load_m1
-                al_m = m.inverse_j_m * net_torque(
-                    w_p, active - ports.motor_viscous_friction(e, motor, w_p), dyn_m, sta_m)
-                al_s0 = m.inverse_j_s * net_torque(
-                    w_s, t_sh - load_s - viscous_s * w_s, m.dynamic_s, m.static_s)
-                al_s = m.inverse_j_s * net_torque(
-                    ws_p, t_sh1 - load_s1 - viscous_s * ws_p, m.dynamic_s, m.static_s)
-                w_m1, w_s1 = w_m + 0.5 * h * (al_m0 + al_m), w_s + 0.5 * h * (al_s0 + al_s)
-                if w_m1 * w_m < 0.0:
-                    w_m1 = 0.0
-                    al_m = m.inverse_j_m * net_torque(0.0, active, dyn_m, sta_m)
-                if w_s1 * w_s < 0.0:
-                    w_s1 = 0.0
-                    al_s = m.inverse_j_s * net_torque(
-                        0.0, t_sh1 - load_s1, m.dynamic_s, m.static_s)
-                if abs(q_s1) >= stop and q_s1 * w_s1 > 0.0:
-                    q_s1 = math.copysign(stop, q_s1)
-                    w_s1 = al_s = 0.0
+                load1 = load_at(a, e, m, q_m1, q_r1, q_s1, w_p, ws_p)
+                n = move(
+                    a, e, m, h, f.impulse / h + added, f.impulse / h + added1,
+                    w_m, w_p, w_s, ws_p, q_s1, load, load1,
+                )
 
                 # Means over the sample (of the mechanics: twice the integral); energies.
                 if field:
@@ -292,37 +254,38 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                 else:
                     ref_a1, ref_b1, ref_c1 = ref_a, ref_b, ref_c
                 if not x.instant:
-                    m_w += h * (w_m + w_m1)
+                    m_w += h * (w_m + n.w_m)
                     m_n += h * n_w
                     m_a, m_b = m_a + f.charge_a, m_b + f.charge_b
                     m_ra, m_rb = m_ra + h * (ref_a + ref_a1), m_rb + h * (ref_b + ref_b1)
                     m_rc += h * (ref_c + ref_c1)
                     m_e += h * (q_m + q_m1)
-                    m_s += h * (q_s + q_s1 + 2.0 * n_q)
+                    m_s += h * (q_s + n.q_s + 2.0 * n_q)
                 charge += f.bus_charge
                 if keep_trace:
-                    moving_m, moving_s = 0.5 * (w_m + w_m1), 0.5 * (w_s + w_s1)
+                    moving_m, moving_s = 0.5 * (w_m + n.w_m), 0.5 * (w_s + n.w_s)
                     m_t += f.impulse + 0.5 * h * (added + added1)
-                    m_sh += 0.5 * h * (t_sh + t_sh1)
+                    m_sh += 0.5 * h * (load.shaft + load1.shaft)
                     m_ws += h * moving_s
                     e_terminal += f.terminal
                     e_copper += f.copper
                     e_motor += (f.impulse + 0.5 * h * (added + added1)) * moving_m
                     e_friction_m += h * moving_m * (
-                        math.copysign(dyn_m, moving_m)
+                        math.copysign(n.dry, moving_m)
                         + ports.motor_viscous_friction(e, motor, moving_m)
                     )
                     e_friction_s += h * moving_s * (
                         math.copysign(m.dynamic_s, moving_s) + viscous_s * moving_s)
-                    e_shaft += 0.5 * h * (t_sh * slope + t_sh1 * slope1) * moving_m
-                    e_shaft -= 0.5 * h * (t_sh + t_sh1) * moving_s
-                    e_load += 0.5 * h * (load_s + load_s1) * moving_s
+                    e_shaft += 0.5 * h * moving_m * (
+                        load.shaft * load.slope + load1.shaft * load1.slope)
+                    e_shaft -= 0.5 * h * (load.shaft + load1.shaft) * moving_s
+                    e_load += 0.5 * h * (load.surface + load1.surface) * moving_s
 
                 t += h
                 i_a, i_b, i_c = f.i_a, f.i_b, -f.i_a - f.i_b
-                w_m, q_m, w_s, q_s, q_e = w_m1, q_m1, w_s1, q_s1, q_e1
+                w_m, q_m, w_s, q_s, q_e = n.w_m, q_m1, n.w_s, n.q_s, q_e1
+                al_m, al_s, load = n.al_m, n.al_s, load1
                 k_a, k_b, k_c, sine, cosine = k_a1, k_b1, k_c1, sine1, cosine1
-                t_sh, slope, load_m, load_s = t_sh1, slope1, load_m1, load_s1
                 if relays:
                     s_a, s_b, s_c = f.s_a, f.s_b, f.s_c
                 steps_here += f.switches
@@ -341,7 +304,7 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
             half = 1.0 if x.instant else 0.5 * rate
             theta_r = m_e * half + q_0
             out[row, 0] = t_at
-            out[row, 1] = m_w * half * ports.speed_factor(e, theta_r) + m_n * whole
+            out[row, 1] = m_w * half * sensor_ports.speed_factor(e, theta_r) + m_n * whole
             out[row, 2] = m_a * whole * x.gain_a + x.offset_a
             out[row, 3] = m_b * whole * x.gain_b + x.offset_b
             out[row, 4] = m_c * whole * x.gain_c + x.offset_c
@@ -349,7 +312,7 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
             out[row, 6] = m_rb * half
             out[row, 7] = m_rc * half
             out[row, 8] = theta_r * pairs + x.angle
-            out[row, 9] = m_s * half + off_q
+            out[row, 9] = m_s * half + x.position_offset
             if row + 1 - begun == block or row + 1 == len(out):
                 bus[reading] = (charge - before) * rate / (row + 1 - begun)
                 reading, before, begun = reading + 1, charge, row + 1
@@ -369,7 +332,7 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
         state[st.I_SET], state[st.I_ACT] = i_set, i_act
         state[st.U_A], state[st.U_B], state[st.U_C] = x_a, x_b, x_c
         state[st.SECTOR], state[st.EDGE], state[st.DIRECTION] = sector, gap, direction
-        state[st.SHAFT_TORQUE], state[st.MOTOR_LOAD] = t_sh, load_m
+        state[st.SHAFT_TORQUE], state[st.MOTOR_LOAD] = load.shaft, load.motor
         state[st.SPEED_NOISE], state[st.POSITION_NOISE] = n_w, n_q
         state[st.TICK], state[st.SAMPLE], state[st.CARRIER] = tick, sample, carrier
         state[st.STEPS] += steps

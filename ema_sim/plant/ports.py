@@ -1,5 +1,7 @@
 """Ports: where effects enter the equations, each a plain sum or product of its effects.
 
+Those of sensors, commutation and controller are in `sensor_ports`.
+
 An effect that is neutral returns at once, so its term is exactly absent.
 """
 
@@ -7,29 +9,22 @@ from __future__ import annotations
 
 import math
 
-from ema_record.actuator import FOC, HARMONICS, Actuator, Converters, Gear, Motor, Shaft, Surface
+from ema_record.actuator import FOC, HARMONICS, Actuator, Gear, Motor, Shaft, Surface
 from ema_sim.effects import (
     back_emf_shape,
     backlash,
     bus_voltage_change,
     bus_voltage_sag,
     cogging_torque,
-    control_delay,
-    current_sensor_gain,
-    current_sensor_offset,
     gear_mesh_ripple,
-    hall_misalignment,
     inertia_change,
     inverter_voltage_drop,
     load_dependent_friction,
     magnetic_saturation,
     motor_friction,
     phase_resistance_imbalance,
-    position_sensor_offset,
-    quantisation,
     rotor_eccentricity,
     shaft_compliance,
-    speed_sensor_runout,
     stribeck_friction,
     surface_friction,
     surface_load,
@@ -310,58 +305,3 @@ def leg_voltages(
     return (
         v * s_a - switch_drop(e, i_a), v * s_b - switch_drop(e, i_b), v * s_c - switch_drop(e, i_c)
     )
-
-
-# --- sensors, commutation, controller ------------------------------------------------------
-
-
-@law
-def current_gain(e: Effects, phase: int) -> float:
-    """Gain of the current sensor of a phase."""
-    return current_sensor_gain.gain(e.current_sensor_gain, phase)
-
-
-@law
-def current_offset(e: Effects, phase: int) -> float:
-    """Offset of the current sensor of a phase (A)."""
-    return current_sensor_offset.offset(e.current_sensor_offset, phase)
-
-
-@law
-def speed_factor(e: Effects, theta_r: float) -> float:
-    """Factor on the measured speed at mechanical rotor angle (rad)."""
-    return speed_sensor_runout.factor(e.speed_sensor_runout, theta_r)
-
-
-@law
-def position_offset(e: Effects) -> float:
-    """Offset of the position transducer (rad)."""
-    return position_sensor_offset.offset(e.position_sensor_offset)
-
-
-@law
-def position_step(e: Effects, c: Converters) -> float:
-    """Step of the position converter (rad)."""
-    return c.position_range / 2.0**c.position_bits * quantisation.coarser(
-        e.quantisation.position_bits_lost
-    )
-
-
-@law
-def speed_step(e: Effects, c: Converters) -> float:
-    """Step of the speed converter (rad/s)."""
-    return c.speed_range / 2.0**c.speed_bits * quantisation.coarser(
-        e.quantisation.speed_bits_lost
-    )
-
-
-@law
-def commutation_angle(e: Effects) -> float:
-    """What the commutation sensor reads beyond the electrical angle (rad)."""
-    return hall_misalignment.sensor_angle(e.hall_misalignment)
-
-
-@law
-def delay_periods(e: Effects, a: Actuator) -> float:
-    """Delay of the reference current in control periods."""
-    return control_delay.periods(e.control_delay, a.control.period)

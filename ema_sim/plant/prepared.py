@@ -8,7 +8,7 @@ from typing import NamedTuple
 from ema_record.actuator import FOC, HARMONICS, INSTANT, Actuator
 from ema_sim.effects.compile import law
 from ema_sim.effects.registry import Effects
-from ema_sim.plant import neutral, ports
+from ema_sim.plant import neutral, ports, sensor_ports
 from ema_sim.plant.electrical import THIRD, TURN, of_phases
 
 PERIODS_A_STEP = 0.05
@@ -81,6 +81,12 @@ class Sensors(NamedTuple):
     """Of the commutation sensor, beyond the electrical angle (rad)."""
     sine: float
     cosine: float
+    position_offset: float
+    position_step: float
+    """Of the converter (rad); of the speed's (rad/s)."""
+    speed_step: float
+    delay: float
+    """Of the reference current, in control periods, as it is recorded."""
 
 
 @law
@@ -131,12 +137,20 @@ def masses_of(a: Actuator, e: Effects) -> Masses:
 @law
 def sensors_of(a: Actuator, e: Effects) -> Sensors:
     """Return the constants of the sensors."""
-    angle = ports.commutation_angle(e)
+    angle = sensor_ports.commutation_angle(e)
     return Sensors(
         a.acquisition.sampling == INSTANT,
-        ports.current_gain(e, 0), ports.current_gain(e, 1), ports.current_gain(e, 2),
-        ports.current_offset(e, 0), ports.current_offset(e, 1), ports.current_offset(e, 2),
+        sensor_ports.current_gain(e, 0),
+        sensor_ports.current_gain(e, 1),
+        sensor_ports.current_gain(e, 2),
+        sensor_ports.current_offset(e, 0),
+        sensor_ports.current_offset(e, 1),
+        sensor_ports.current_offset(e, 2),
         angle, math.sin(angle), math.cos(angle),
+        sensor_ports.position_offset(e),
+        sensor_ports.position_step(e, a.converters),
+        sensor_ports.speed_step(e, a.converters),
+        sensor_ports.delay_periods(e, a),
     )
 
 

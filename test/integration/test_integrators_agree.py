@@ -77,7 +77,8 @@ def features(record: Record, pole_pairs: int = 1) -> dict[str, float]:
     found["lost motion"] = mean_ahead["up"] - mean_ahead["down"]
     hold = (t > HOLD[0]) & (t < HOLD[1])
     found["hold position"] = record.channel("surface_position")[hold].mean()
-    found["travel at 0.1 s"] = float(np.interp(0.1, t, record.channel("surface_position")))
+    passing = (t > 0.095) & (t < 0.105)  # over many steps of the converter
+    found["travel at 0.1 s"] = record.channel("surface_position")[passing].mean()
     return found
 
 
@@ -121,9 +122,11 @@ def test_every_fault_is_in_the_panel():
 
 
 def test_features_agree_within_the_spread_over_start_angles(differences, names):
+    """Of 530 differences of 24 runs and 2 none exceeds 4 spreads (5.4 of its errors, t of 23)
+    by chance but in one panel of a hundred; 3 one does in three of ten."""
     for case, (difference, spread, _) in differences.items():
         worst = np.argmax(np.abs(difference) / spread)
-        assert abs(difference[worst]) < 3.0 * spread[worst], (case, names[worst])
+        assert abs(difference[worst]) < 4.0 * spread[worst], (case, names[worst])
 
 
 def test_differences_are_no_larger_than_chance(differences, names):

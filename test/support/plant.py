@@ -14,7 +14,7 @@ from ema_record.channels import N_CHANNELS
 from ema_record.sources import source_hash
 from ema_sim.effects import Effects
 from ema_sim.plant import kernel as k
-from ema_sim.plant import ports
+from ema_sim.plant import ports, sensor_ports
 from ema_sim.plant import state as st
 
 NEVER = math.inf
@@ -124,15 +124,15 @@ def _build(sources: str):
             out[row + 15, n] = ports.switch_drop(e, current)
             row += 16
             for p in range(3):
-                out[row, n] = ports.current_gain(e, p)
-                out[row + 1, n] = ports.current_offset(e, p)
+                out[row, n] = sensor_ports.current_gain(e, p)
+                out[row + 1, n] = sensor_ports.current_offset(e, p)
                 row += 2
-            out[row, n] = ports.speed_factor(e, angle)
-            out[row + 1, n] = ports.position_offset(e)
-            out[row + 2, n] = ports.position_step(e, a.converters)
-            out[row + 3, n] = ports.speed_step(e, a.converters)
-            out[row + 4, n] = ports.commutation_angle(e)
-            out[row + 5, n] = ports.delay_periods(e, a)
+            out[row, n] = sensor_ports.speed_factor(e, angle)
+            out[row + 1, n] = sensor_ports.position_offset(e)
+            out[row + 2, n] = sensor_ports.position_step(e, a.converters)
+            out[row + 3, n] = sensor_ports.speed_step(e, a.converters)
+            out[row + 4, n] = sensor_ports.commutation_angle(e)
+            out[row + 5, n] = sensor_ports.delay_periods(e, a)
 
     return values
 

@@ -1,8 +1,9 @@
 """The reference: a plain fixed-step loop that anyone can check by reading it once.
 
 Semi-implicit Euler at 0.1 µs: currents, then speeds, then angles; whatever may change is looked
-at in every step, nothing is predicted, located or kept from the step before. It shares the laws
-and the ports with `kernel` and none of its logic; it is some twenty times slower.
+at in every step, nothing is predicted, located or kept from the step before. The legs of drives
+with a carrier always switch. It shares the laws of effects and friction with `kernel` and none
+of its logic; it is some fifty times slower.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from functools import cache
 import numpy as np
 from numba import njit
 
-from ema_record.actuator import Actuator, load_actuator
+from ema_record.actuator import FOC, RELAY, Actuator, Drive, load_actuator
 from ema_record.channels import N_CHANNELS
 from ema_record.errors import SimulationError, UsageError
 from ema_record.profile import Profile
@@ -23,7 +24,7 @@ from ema_record.sources import source_hash
 from ema_record.version import VERSION
 from ema_sim.acquisition import SensorNoise, convert, effective_converters
 from ema_sim.effects import Effects
-from ema_sim.plant import ports
+from ema_sim.plant import ports, sensor_ports
 from ema_sim.plant import state as st
 from ema_sim.plant.control import clip, quantise, speed_control
 from ema_sim.plant.electrical import reference_signs, sector_of, wrap
@@ -34,6 +35,41 @@ STEP = 1e-7
 BUS_CURRENT = N_CHANNELS
 """Column of the loop's output that no channel has: mean bus current (A)."""
 AUXILIARY_PERIOD = 0.1
+
+
+THIRD = 2.0 * math.pi / 3.0
+
+
+@njit(cache=True, error_model="numpy")
+def current_control(
+    drive: Drive, rail: float, theta: float, amplitude: float, wanted: np.ndarray,
+    sensed: np.ndarray, integral: np.ndarray, mean: np.ndarray,
+) -> None:
+    """Set the legs' means, -1 to 1, once a period of the carrier, and the integrals (V).
+
+    `theta` is the angle (rad) and `amplitude` the current (A) of a control in the rotor's axes,
+    `wanted` the phase currents (A) of the other; `sensed` are the phase currents read (A).
+    """
+    axes = 2 if drive.kind == FOC else 3
+    turn, error = np.zeros((axes, 3)), np.zeros(axes)
+    for j in range(3):
+        if axes == 2:
+            turn[0, j], turn[1, j] = math.cos(theta - j * THIRD), math.sin(theta - j * THIRD)
+        else:
+            turn[j, j] = 1.0
+    if axes == 2:
+        error[1] = amplitude
+        error -= 2.0 / 3.0 * turn @ sensed
+    else:
+        error += wanted - sensed
+        error -= error.mean()
+    new = integral[:axes] + drive.integral_gain / drive.pwm_frequency * error
+    asked = drive.proportional_gain * error + new
+    volts = turn.T @ asked
+    volts -= 0.5 * (volts.max() + volts.min())
+    if volts.max() <= rail or np.sum(error * asked) <= 0.0:
+        integral[:axes] = new
+    mean[:] = volts / max(rail, volts.max())
 
 
 @cache
@@ -53,6 +89,7 @@ def _build(sources: str) -> Callable[..., None]:
         inverter_on: int,
         steps_a_period: int,
         steps_a_sample: int,
+        steps_a_carrier: int,
         dt: float,
         out: np.ndarray,
     ) -> None:
@@ -63,7 +100,8 @@ def _build(sources: str) -> Callable[..., None]:
         """
         _ = sources
         motor, shaft, gear, control = a.motor, a.shaft, a.gear, a.control
-        legs, signs = np.ones(3), np.zeros(3)
+        legs, signs, duty, integrals = np.ones(3), np.zeros(3), np.zeros(3), np.zeros(3)
+        relays, sensed = a.drive.kind == RELAY, np.zeros(3)
         i, x, k = np.zeros(3), np.zeros(3), np.zeros(3)
         g, r = np.zeros(3), np.zeros(3)
         gain, offset, mean = np.zeros(3), np.zeros(3), np.zeros(N_CHANNELS + 1)
@@ -76,11 +114,11 @@ def _build(sources: str) -> Callable[..., None]:
         for j in range(3):
             r[j] = ports.phase_resistance(e, motor, j)
             g[j] = 1.0 / ports.phase_inductance(e, motor, j, 0.0)
-            gain[j], offset[j] = ports.current_gain(e, j), ports.current_offset(e, j)
+            gain[j], offset[j] = sensor_ports.current_gain(e, j), sensor_ports.current_offset(e, j)
         inertia_m, inertia_s = ports.motor_inertia(e, motor), ports.surface_inertia(e, a.surface)
         dynamic_s, static_s = ports.surface_dry_friction(e, a.surface)
         stiffness, backlash = ports.shaft_stiffness(e, shaft), ports.lost_motion(e, shaft)
-        delay = ports.delay_periods(e, a)
+        delay = sensor_ports.delay_periods(e, a)
         asked = np.zeros(len(command))
         integral, i_set, noise_w, noise_q = 0.0, 0.0, 0.0, 0.0
 
@@ -96,12 +134,12 @@ def _build(sources: str) -> Callable[..., None]:
                 noise_w, noise_q = noise[p]
                 if n >= inverter_on:
                     position = quantise(
-                        theta_s + ports.position_offset(e) + noise_q,
-                        ports.position_step(e, a.converters), a.converters.position_range,
+                        theta_s + sensor_ports.position_offset(e) + noise_q,
+                        sensor_ports.position_step(e, a.converters), a.converters.position_range,
                     )
                     speed = quantise(
-                        omega_m * ports.speed_factor(e, theta_r) + noise_w,
-                        ports.speed_step(e, a.converters), a.converters.speed_range,
+                        omega_m * sensor_ports.speed_factor(e, theta_r) + noise_w,
+                        sensor_ports.speed_step(e, a.converters), a.converters.speed_range,
                     )
                     omega_ref = clip(
                         control.position_gain * (command[p] - position), control.speed_limit
@@ -115,15 +153,29 @@ def _build(sources: str) -> Callable[..., None]:
                 older = asked[p - whole - 1] if p >= whole + 1 else 0.0
                 i_set = newer + (delay - whole) * (older - newer)
 
-            # Commutation and relays.
-            sector = sector_of(theta_e + ports.commutation_angle(e))
-            signs[0], signs[1], signs[2] = reference_signs(sector)
+            # Commutation; relays or carrier.
+            sensor = theta_e + sensor_ports.commutation_angle(e)
+            if a.drive.kind == FOC:
+                for j in range(3):
+                    signs[j] = math.sin(sensor - j * THIRD)
+            else:
+                signs[0], signs[1], signs[2] = reference_signs(sector_of(sensor))
             for j in range(3):
-                sensed = i[j] * gain[j] + offset[j]
-                if sensed >= signs[j] * i_set + a.inverter.hysteresis:
-                    legs[j] = -1.0
-                elif sensed <= signs[j] * i_set - a.inverter.hysteresis:
-                    legs[j] = 1.0
+                sensed[j] = i[j] * gain[j] + offset[j]
+                if relays:
+                    if sensed[j] >= signs[j] * i_set + a.inverter.hysteresis:
+                        legs[j] = -1.0
+                    elif sensed[j] <= signs[j] * i_set - a.inverter.hysteresis:
+                        legs[j] = 1.0
+            if not relays:
+                place = n % steps_a_carrier
+                if place == 0 and n >= inverter_on:
+                    current_control(
+                        a.drive, ports.leg_voltage(e, a.inverter.bus_voltage), sensor, i_set,
+                        signs * i_set, sensed, integrals, duty)
+                triangle = abs(2.0 * (place + 0.5) / steps_a_carrier - 1.0)
+                for j in range(3):
+                    legs[j] = 1.0 if triangle < 0.5 * (1.0 + duty[j]) else -1.0
 
             # Electrical: L di/dt = v - v_n - R i - k ω, star point floating.
             bus_current = 0.0
@@ -176,12 +228,12 @@ def _build(sources: str) -> Callable[..., None]:
 
             # Acquisition: means over the sample.
             theta_r = theta_m + theta_0
-            mean[1] += omega_m * ports.speed_factor(e, theta_r) + noise_w
+            mean[1] += omega_m * sensor_ports.speed_factor(e, theta_r) + noise_w
             for j in range(3):
                 mean[2 + j] += i[j] * gain[j] + offset[j]
                 mean[5 + j] += signs[j] * i_set
-            mean[8] += motor.pole_pairs * theta_r + ports.commutation_angle(e)
-            mean[9] += theta_s + ports.position_offset(e) + noise_q
+            mean[8] += motor.pole_pairs * theta_r + sensor_ports.commutation_angle(e)
+            mean[9] += theta_s + sensor_ports.position_offset(e) + noise_q
             mean[10] += bus_current
             left -= 1
             if left == 0:
@@ -237,7 +289,7 @@ def simulate_reference(
         a, e, st.initial_state(a, profile.start, start_angle),
         profile.command(np.arange(periods) * a.control.period + 1e-9),
         sensor_noise.inside(periods), round(profile.inverter_off / step),
-        steps_a_period, steps_a_sample, step, out,
+        steps_a_period, steps_a_sample, _carrier(a, step), step, out,
     )
     if not np.isfinite(out).all():
         raise SimulationError(
@@ -261,6 +313,11 @@ def simulate_reference(
         dc_bus=np.column_stack([times, voltage, current]),
         winding_temperature=np.column_stack([times, temperature]),
     )
+
+
+def _carrier(a: Actuator, step: float) -> int:
+    """Return how many steps make a period of the carrier, 1 if there is none."""
+    return 1 if a.drive.kind == RELAY else _steps("carrier", 1.0 / a.drive.pwm_frequency, step)
 
 
 def _steps(what: str, length: float, step: float) -> int:

@@ -11,6 +11,7 @@ from ema_cli.main import COMMANDS, build_app, run
 from ema_record.actuator import load_actuator
 from ema_record.actuator_type import actuator_hash
 from ema_record.bag.read import read_bag
+from ema_record.errors import UsageError
 from ema_record.kit import ENVIRONMENT, using_kit
 from support.simulations import second_kit
 
@@ -99,3 +100,21 @@ def test_a_campaign_names_the_kit(kit, tmp_path):
     bags = sorted((tmp_path / "c" / "bags").iterdir())
     with using_kit(kit):
         assert [read_bag(bag).provenance.actuator for bag in bags] == [actuator_hash()] * 2
+
+
+def test_the_papers_experiment_is_the_default_actuators(kit, monkeypatch, capsys):
+    """With another kit it is run all the same, of the default one, and that is said."""
+    seen = []
+
+    def experiment(*_):
+        seen.append(load_actuator().gear.ratio)
+        raise UsageError("enough")
+
+    monkeypatch.setattr("ema_prognostics.paper.experiment.run_experiment", experiment)
+    assert run(["paper", "--quick", "--kit", str(kit)]) == 2
+    said, error = capsys.readouterr().err.splitlines()
+    assert said.endswith("is left aside: the paper's experiment is of the default actuator")
+    assert str(kit) in said and error == "ema: enough"
+    assert seen == [load_actuator().gear.ratio]
+    assert run(["paper", "--quick"]) == 2
+    assert capsys.readouterr().err == "ema: enough\n"

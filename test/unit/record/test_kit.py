@@ -6,18 +6,11 @@ import pytest
 import yaml
 
 from ema_prognostics.verdict.judge import Judge
+from ema_record.actuator_type import actuator_hash, actuator_hashes, is_of_another_actuator
 from ema_record.bag.read import write_bag
 from ema_record.checks.run import lint_bag
 from ema_record.errors import ModelError, UsageError
-from ema_record.kit import (
-    ACTUATOR,
-    actuator_hash,
-    actuator_hashes,
-    is_default_kit,
-    is_of_another_actuator,
-    shipped_kit,
-    using_kit,
-)
+from ema_record.kit import ACTUATOR, is_default_kit, shipped_kit, using_kit
 from support.simulations import make_kit, record_of, second_kit
 
 
@@ -74,8 +67,8 @@ def test_a_record_of_another_actuator_has_one_reason(tmp_path, second):
     (finding,) = lint_bag(write_bag(record, tmp_path / "bag")).findings
     assert finding.rule == "other_actuator" and "the default kit" in finding.message
     own = Judge().of_record(named(record, actuator_hash()), "the bag").verdict
-    assert own.outcome == Judge().of_record(named(record, ""), "the bag").verdict.outcome
-    assert own.outcome == "healthy"
+    unnamed = Judge().of_record(named(record, ""), "the bag").verdict
+    assert own == unnamed and own.outcome != "invalid"
 
 
 def test_a_kit_without_networks_says_so(second):

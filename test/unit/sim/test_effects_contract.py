@@ -16,7 +16,7 @@ from ema_record.errors import SimulationError, UsageError
 from ema_record.profile import step_profile
 from ema_sim.effects import EFFECTS, Choice, Effects, parse_effects
 from ema_sim.effects import base as effect_base
-from ema_sim.plant import ports
+from ema_sim.plant import ports, sensor_ports
 from ema_sim.plant import state as st
 from ema_sim.simulate import simulate
 from support.actuators import Machine, both_machines, changed
@@ -99,7 +99,8 @@ def test_declared_in_full(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_every_law_is_used_at_a_port(name):
     used = {
-        node.attr for node in ast.walk(ast.parse(Path(ports.__file__).read_text()))
+        node.attr for module in (ports, sensor_ports)
+        for node in ast.walk(ast.parse(Path(module.__file__).read_text()))
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
         and node.value.id == name
     }

@@ -14,7 +14,6 @@ from ema_record.channels import (
     ALL,
     CHANNEL_LABEL,
     N_CHANNELS,
-    acquired_columns,
     check_channel_label,
     columns_of,
     label_of,
@@ -213,11 +212,11 @@ def test_a_column_of_nan_that_must_be_there_counts_as_recorded():
 
 def test_the_channels_that_a_kit_says():
     acquisition = load_actuator().acquisition
-    assert acquired_columns(acquisition) == ALL
+    assert acquisition.columns == ALL
     least = acquisition._replace(
         phase_current_c=0, reference_currents=0, rotor_angle=0, surface_position=0)
-    assert acquired_columns(least) == (0, 1, 2, 3)
-    assert acquired_columns(acquisition._replace(rotor_angle=0)) == (*ALL[:8], 9)
+    assert least.columns == (0, 1, 2, 3)
+    assert acquisition._replace(rotor_angle=0).columns == (*ALL[:8], 9)
 
 
 def test_too_large_a_message_is_refused():
