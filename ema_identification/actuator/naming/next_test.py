@@ -65,7 +65,7 @@ def inseparable(fits: Sequence[Fit], base: Effects) -> str:
 
 
 PROFILES = ("extended", "ramps", "speeds", "steps", "deflections")
-"""The kit's commands that are proposed before its others, the default test first."""
+"""Commands that may be proposed where the kit has them, the default test first."""
 COMPARED = 3
 """Candidates that are compared."""
 TEST_RUNS = 3
@@ -103,7 +103,7 @@ def separating_test(evidence: Evidence, fits: Sequence[Fit], *, seed: int = 0) -
     used = {tuple(b.record.profile.points) for b in evidence.blocks}
     best: Proposed | None = None
     fits = fits[:COMPARED]
-    for name in sorted(profile_names(), key=_turn):
+    for name in (name for name in PROFILES if name in profile_names()):
         if best is not None and best.separation >= ENOUGH_SEPARATION:
             break
         profile = load_profile(name)
@@ -116,11 +116,6 @@ def separating_test(evidence: Evidence, fits: Sequence[Fit], *, seed: int = 0) -
                 f"run the profile {name!r} ({profile.description}): it would set {names} "
                 f"{separation:.0f} standard deviations apart"))
     return best if best is not None and best.separation >= LEAST_SEPARATION else None
-
-
-def _turn(name: str) -> tuple[int, str]:
-    """Return a key that orders the kit's tests: those of `PROFILES` first."""
-    return (PROFILES.index(name) if name in PROFILES else len(PROFILES)), name
 
 
 def _separation(
