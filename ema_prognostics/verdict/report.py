@@ -76,6 +76,10 @@ GAP_CAVEAT = (
     "one step in one direction shows lost motion only where the motor crosses it at the start; if "
     "the last motion left the shaft wound that way, only the extended profile rules backlash out"
 )
+GREASE_CAVEAT = (
+    "one speed does not tell dry friction from grease that is twice as stiff: only the extended "
+    "profile rules a growth of the friction out"
+)
 SAME_LINES = {
     "rotor_eccentricity": (
         "a rotor off centre in a fixed direction (static eccentricity), along the axis of that "
@@ -143,10 +147,10 @@ def verdict_of_detection(
     if not detection.outputs:
         reasons = ["no feature lies outside what the healthy fleet shows"]
         if kind == "step":
-            reasons.append(GAP_CAVEAT)
+            reasons += [GAP_CAVEAT, GREASE_CAVEAT]
         return Verdict(
             outcome="healthy", probabilities=probabilities, reasons=tuple(reasons),
-            alternatives=("backlash",) if kind == "step" else (),
+            alternatives=("backlash", "friction") if kind == "step" else (),
         )
     faults, reasons = [], []
     for output, severity in zip(detection.outputs, detection.severity):
