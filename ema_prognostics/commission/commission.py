@@ -48,7 +48,7 @@ from ema_prognostics.training.train_model import VALIDATION_SEED, TrainingSettin
 from ema_prognostics.training.view_training import train_view
 from ema_record.actuator import FORMERLY, Actuator, load_actuator, with_values
 from ema_record.actuator_type import actuator_hashes
-from ema_record.errors import OutputError, UsageError
+from ema_record.errors import EmaError, OutputError, UsageError
 from ema_record.files import exists
 from ema_record.kit import ACTUATOR, CASCADE, PROFILES, REPORT, VALIDATION, using_kit
 from ema_record.version import VERSION
@@ -110,11 +110,16 @@ def commission(
     draft = target.with_name(target.name + ".unfinished")
     progress("reading the description", 0.0)
     make_draft(Path(description), draft)
-    with using_kit(draft):
-        actuator = load_actuator()
-        acceptance = read_acceptance(paths, actuator)
-        found = _Work(acceptance, draft, quick=quick, seed=seed, jobs=jobs,
-                      progress=progress).run(actuator)
+    try:
+        with using_kit(draft):
+            actuator = load_actuator()
+            acceptance = read_acceptance(paths, actuator)
+            found = _Work(acceptance, draft, quick=quick, seed=seed, jobs=jobs,
+                          progress=progress).run(actuator)
+    except EmaError:
+        if not (draft / "work").is_dir():  # nothing that a second run could take up
+            shutil.rmtree(draft, ignore_errors=True)
+        raise
     shutil.rmtree(draft / "work", ignore_errors=True)
     try:
         draft.rename(target)

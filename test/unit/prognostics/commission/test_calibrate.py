@@ -14,12 +14,15 @@ from ema_prognostics.commission.acceptance import (
     read_acceptance,
 )
 from ema_prognostics.commission.calibrate import changed, linear_bayes, parameters_of
+from ema_prognostics.commission.commission import commission
 from ema_prognostics.commission.discrepancy import fit_discrepancy, with_discrepancy
 from ema_prognostics.commission.quality import check_described, check_good
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_record.actuator import load_actuator
 from ema_record.bag.read import write_bag
 from ema_record.errors import UsageError
+from ema_record.kit import ACTUATOR as ACTUATOR_FILE
+from ema_record.kit import kit_path
 from ema_record.profile import load_profile, step_profile
 from ema_record.record import Record
 from support.simulations import record_of
@@ -150,3 +153,10 @@ def test_a_faulty_unit_among_the_healthy_is_named() -> None:
     rates["extended"]["fleet"]["false alarms"]["count"] = 2
     with pytest.raises(UsageError, match="2 of 100 healthy tests"):
         check_good({"records": [good], "healthy_left_out_unknown": none, "held_out": rates})
+
+
+def test_a_refusal_before_any_work_leaves_nothing(tmp_path: Path) -> None:
+    one = saved(tmp_path, "one", record_of("step", seed=3), "A")
+    with pytest.raises(UsageError, match="1 acceptance records"):
+        commission([one], kit_path(ACTUATOR_FILE), tmp_path / "kit")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["one"]
