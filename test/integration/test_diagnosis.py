@@ -58,16 +58,18 @@ def test_turn_short_with_its_phase_and_size(model, profile, mode, phase, fractio
 
 
 @pytest.mark.parametrize("profile", PROFILES)
-@pytest.mark.parametrize(("mode", "bound"), [("paper", 1.3), ("common", 1.15), ("shifted", 2.6)])
+@pytest.mark.parametrize(("mode", "bound"), [("paper", 1.3), ("common", 1.15), ("shifted", 1.7)])
 @pytest.mark.parametrize("zeta", [0.03, -0.03, 0.08])
-def test_rotor_eccentricity(model, profile, mode, bound, zeta):
+def test_rotor_eccentricity(model, profile, mode, bound, zeta, request):
     """The size is right within a factor that depends on how the eccentricity shows.
 
     Over nine records a case the size was 0.93 to 1.09 of the truth in mode common, 0.81 to 1.09
     in mode paper and, on the extended test, 0.63 to 0.82 in mode shifted, whose size is said too
-    small: there the interval misses the truth in five of nine. Since the training has the wider
-    spread of units, mode shifted is said to be 0.40 to 0.82 of what it is.
+    small: there the interval misses the truth in five of nine.
     """
+    if (mode, profile) == ("shifted", "extended") and zeta > 0.0:
+        request.applymarker(pytest.mark.xfail(
+            reason="said to be 0.57 and 0.40 of what it is, since the model of the wider spread"))
     verdict = diagnose(record_of(
         profile, f"rotor_eccentricity.zeta={zeta}", f"rotor_eccentricity.mode={mode}"
     ), model)
@@ -86,12 +88,11 @@ def test_rotor_eccentricity(model, profile, mode, bound, zeta):
      "backlash.increase=0.003"],
 )
 @pytest.mark.parametrize("seed", [77_021, 77_022, 77_023])
-def test_large_wear_is_never_called_healthy(model, profile, effect, seed):
-    verdict = diagnose(record_of(profile, effect, seed=seed), model)
+def test_large_wear_is_never_called_healthy(model, profile, effect, seed, request):
     if profile == "step" and effect == "surface_friction.increase=0.5":
-        # 0.06 N m at the motor, at the one speed of the step: stiffer grease gives the same.
-        assert verdict.outcome != "healthy" or "friction" in verdict.alternatives
-        return
+        request.applymarker(pytest.mark.xfail(
+            reason="0.06 N m at the one speed of the step: grease twice as stiff gives the same"))
+    verdict = diagnose(record_of(profile, effect, seed=seed), model)
     assert verdict.outcome != "healthy"
     assert verdict.exit_status in (1, 3)
     assert verdict.reasons

@@ -15,7 +15,7 @@ from ema_record.actuator import Actuator
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
-from support.actuators import DEFAULT, Machine, both_machines
+from support.actuators import DEFAULT, OTHER, Machine, both_machines
 
 
 @cache
@@ -31,15 +31,20 @@ def healthy() -> Mapping[str, float]:
 
 
 @both_machines
-def test_a_nominal_winding_is_nominal(machine: Machine) -> None:
+def test_a_nominal_winding_is_nominal(
+    machine: Machine, request: pytest.FixtureRequest
+) -> None:
+    if machine is OTHER:
+        request.applymarker(pytest.mark.xfail(
+            reason="drop of the switches read as -0.46 V at 10 kHz, where there is none"))
     healthy = features(actuator=machine.actuator)
     # An error of 0.02 Ω is a larger part of a smaller resistance.
     of_resistance = DEFAULT.actuator.motor.phase_resistance
     of_resistance /= machine.actuator.motor.phase_resistance
     for name, part in (("winding_inductance", 1.0), ("winding_resistance", of_resistance),
                        ("winding_back_emf", 1.0)):
-        assert healthy[name] == pytest.approx(0.0, abs=0.025 * part)
-    assert healthy["switch_drop"] == pytest.approx(0.0, abs=0.6)
+        assert healthy[name] == pytest.approx(0.0, abs=0.02 * part)
+    assert healthy["switch_drop"] == pytest.approx(0.0, abs=0.4)
     assert healthy["sensor_angle"] == pytest.approx(0.0, abs=10.0)
     assert np.exp(healthy["control_delay"]) == pytest.approx(0.02, abs=0.01)
 
