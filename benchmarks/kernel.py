@@ -1,8 +1,10 @@
-"""Speed and truth of the kernel, one table: ``python -m benchmarks.kernel`` (about 3 minutes).
+"""Speed and truth of the kernel, two tables: ``python -m benchmarks.kernel`` (about 4 minutes).
 
-Speed: simulated seconds a wall second on one core, extended profile, 20 kHz, all effects
-compiled in and neutral, warm. Truth: the 2 f_e line of the speed (turn short of 10 %, step
-profile, mean over start angles) against the fixed-step reference at 0.1 µs.
+Drives: seconds of processor time a simulated second (extended profile, 20 kHz, all effects
+compiled in and neutral, warm, medians) against their limits; errors of the lines of a turn short
+of 10 % (step profile, mean over start angles), of the relays against the fixed-step reference at
+0.1 µs, of drives with a carrier against switching edges and steps of 2 µs. Steps: the relays
+with other steps, and the reference itself.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from ema_record.actuator import DRIVES, FOC, PWM, RELAY, Actuator, load_actuator
 from ema_record.profile import load_profile, step_profile
 from ema_record.record import Record
 from ema_sim.effects import parse_effects
@@ -28,9 +31,15 @@ from ema_sim.plant.kernel import MAX_STEP
 from ema_sim.simulate import simulate_traced
 from support.reference import STEP, simulate_reference
 
-STEPS = (MAX_STEP, 10e-6, 5e-6, 2e-6)
+STEPS = (MAX_STEP, 20e-6, 5e-6, 2e-6)
+FINE_STEP = 2e-6
+LIMITS = {RELAY: 0.012, PWM: 0.004, FOC: 0.004}
+"""Processor seconds a simulated second, of the default actuator with each drive."""
+MOST_ERROR = 0.02
+"""Of the lines."""
 SHORT = ["turn_short.fraction=0.1"]
 WINDOW = (0.082, 0.382)
+GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 
 START = """
 import time
@@ -66,17 +75,46 @@ def two_fe(record: Record) -> complex:
     return complex(fit[5], -fit[6])
 
 
-def speed(run: Callable[[], object], simulated: float, repeats: int) -> tuple[str, str]:
-    """Return simulated seconds a second of wall and of processor time, medians, as text."""
+def fundamental(record: Record) -> complex:
+    """Return the complex line of phase a's current at the electrical frequency (A)."""
+    keep = (record.time > WINDOW[0]) & (record.time < WINDOW[1])
+    theta = np.unwrap(record.channel("rotor_angle")[keep])
+    return complex(2.0 * np.mean(record.channel("phase_current_a")[keep] * np.exp(-1j * theta)))
+
+
+def speed(run: Callable[[], object], simulated: float, repeats: int) -> float:
+    """Return the median processor time a simulated second (s)."""
     run()
-    wall, processor = [], []
+    used = []
     for _ in range(repeats):
-        begin, used = time.perf_counter(), time.process_time()
+        begin = time.process_time()
         run()
-        wall.append(time.perf_counter() - begin)
-        processor.append(time.process_time() - used)
-    return (f"{simulated / statistics.median(wall):.2f}",
-            f"{simulated / statistics.median(processor):.2f}")
+        used.append(time.process_time() - begin)
+    return statistics.median(used) / simulated
+
+
+def drive_of(kind: int) -> Actuator:
+    """Return the default actuator with that drive, its current control tuned to the winding."""
+    a = load_actuator()
+    gain = 0.3 * a.motor.phase_inductance * a.drive.pwm_frequency
+    return a._replace(drive=a.drive._replace(
+        kind=kind, proportional_gain=gain, integral_gain=300.0 * gain))
+
+
+def of_carrier(kind: int, angles: int) -> tuple[float, float]:
+    """Return the errors of 2 f_e of the speed and of the current's fundamental, averaged."""
+    profile, effects = load_profile("step"), parse_effects(SHORT)
+    found: dict[bool, list[list[complex]]] = {False: [], True: []}
+    for seed in range(angles):
+        for switching, step in ((False, MAX_STEP), (True, FINE_STEP)):
+            record = simulate_traced(
+                profile, actuator=drive_of(kind), effects=effects, seed=seed, noise=0.0,
+                start_angle=seed * GOLDEN_ANGLE, trace=False, max_step=step, switching=switching,
+            ).record
+            found[switching].append([two_fe(record), fundamental(record)])
+    mean, fine = (np.mean(found[switching], axis=0) for switching in (False, True))
+    errors = np.abs(mean - fine) / np.abs(fine)
+    return float(errors[0]), float(errors[1])
 
 
 def lines(max_step: float | None, angles: int, step: float = STEP) -> np.ndarray:
@@ -84,7 +122,7 @@ def lines(max_step: float | None, angles: int, step: float = STEP) -> np.ndarray
     profile, effects = load_profile("step"), parse_effects(SHORT)
     found = []
     for seed in range(angles):
-        angle = seed * math.pi * (3.0 - math.sqrt(5.0))
+        angle = seed * GOLDEN_ANGLE
         if max_step is None:
             record = simulate_reference(
                 profile, effects=effects, seed=seed if step == STEP else seed + 20_000,
@@ -121,6 +159,33 @@ def child(code: str, **environment: str) -> list[float]:
     return [float(x) for x in done.stdout.split()]
 
 
+def print_drives(console: Console, angles: int, repeats: int, reference: np.ndarray) -> None:
+    """Print the table of the drives; `reference` are lines of the relays."""
+    table = Table(title="Default actuator by drive: CPU s a simulated s, errors of lines")
+    for title in ("drive", "CPU s", "limit", "2 f_e of speed", "f_e of current", "limit", ""):
+        table.add_column(title, justify="left" if title in {"drive", ""} else "right")
+    extended = load_profile("extended")
+    for kind, switching in ((RELAY, True), (PWM, False), (FOC, False), (PWM, True), (FOC, True)):
+        used = speed(
+            lambda k=kind, s=switching: simulate_traced(
+                extended, actuator=drive_of(k), trace=False, switching=s),
+            extended.duration, repeats)
+        row = [DRIVES[kind] + ("" if kind == RELAY else ", edges" if switching else ", means"),
+               f"{used:.4f}"]
+        if kind == RELAY:
+            relative, deviation = error(lines(MAX_STEP, angles), reference)
+            kept = used <= LIMITS[kind] and abs(relative) - 2.0 * deviation <= MOST_ERROR
+            row += [f"{LIMITS[kind]:g}", f"{relative:+.2%} ± {deviation:.2%}", "",
+                    f"{MOST_ERROR:.0%}", "kept" if kept else "NOT KEPT"]
+        elif not switching:
+            two, one = of_carrier(kind, min(angles, 20))
+            kept = used <= LIMITS[kind] and max(two, one) <= MOST_ERROR
+            row += [f"{LIMITS[kind]:g}", f"{two:.2%}", f"{one:.2%}", f"{MOST_ERROR:.0%}",
+                    "kept" if kept else "NOT KEPT"]
+        table.add_row(*row)
+    console.print(table)
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -131,32 +196,29 @@ def main() -> None:
     console = Console()
 
     reference = lines(None, options.reference_angles)
-    table = Table(title="Kernel: simulated s a wall and CPU s (extended, 20 kHz); error of 2 f_e")
-    for title in ("integration", "x wall", "x CPU", "2 f_e", "± s.e."):
+    extended = load_profile("extended")
+    print_drives(console, options.angles, options.repeats, reference)
+    table = Table(title="Relays: CPU s a simulated s (extended, 20 kHz); error of 2 f_e")
+    for title in ("integration", "CPU s", "2 f_e", "± s.e."):
         table.add_column(title, justify="left" if title == "integration" else "right",
                          no_wrap=True)
-    extended = load_profile("extended")
     for max_step in STEPS:
         relative, deviation = error(lines(max_step, options.angles), reference)
         name = f"events, {max_step * 1e6:g} µs"
-        table.add_row(
-            name + (" (default)" if max_step == MAX_STEP else ""),
-            *speed(
-                lambda h=max_step: simulate_traced(extended, trace=False, max_step=h),
-                extended.duration, options.repeats,
-            ),
-            f"{relative:+.2%}", f"{deviation:.2%}",
-        )
+        used = speed(lambda h=max_step: simulate_traced(extended, trace=False, max_step=h),
+                     extended.duration, options.repeats)
+        table.add_row(name + (" (default)" if max_step == MAX_STEP else ""), f"{used:.4f}",
+                      f"{relative:+.2%}", f"{deviation:.2%}")
     profile = step_profile(0.4)
     for step in (STEP, 1e-6):
         relative, deviation = error(lines(None, options.reference_angles, step), reference)
+        used = speed(lambda h=step: simulate_reference(profile, step=h), profile.duration, 3)
         table.add_row(
-            f"fixed step, {step * 1e6:g} µs",
-            *speed(lambda h=step: simulate_reference(profile, step=h), profile.duration, 3),
+            f"fixed step, {step * 1e6:g} µs", f"{used:.4f}",
             *(("reference", "") if step == STEP else (f"{relative:+.2%}", f"{deviation:.2%}")),
         )
     (ratio,) = child(PYTHON_LOOP, NUMBA_DISABLE_JIT="1")
-    table.add_row("plain Python, 1 µs", f"{ratio:.4f}", "", "", "")
+    table.add_row("plain Python, 1 µs", f"{1.0 / ratio:.0f}", "", "")
     console.print(table)
     console.print(
         f"2 f_e line of the reference: {abs(reference.mean()):.4f} rad/s; "

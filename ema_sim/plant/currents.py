@@ -107,7 +107,7 @@ class Flow(NamedTuple):
 @law
 def advance_currents(
     relays: bool, switching: bool, traced: bool, on: bool, e: Effects, w: Winding,
-    limit: float, fixed: Circuit, legs: Legs, now: float, length: float, i_a: float, i_b: float,
+    limit: float, fixed: Circuit, legs: Legs, now: float, length: float, per: float, i_a: float, i_b: float,
     k_a: float, k_b: float, k_c: float, omega: float,
     k_a1: float, k_b1: float, k_c1: float, omega1: float,
 ) -> Flow:  # fmt: skip
@@ -120,14 +120,14 @@ def advance_currents(
     on : whether the inverter drives; the currents stand still where it does not.
     e, w, legs : parameters. limit : of the torque (N m).
     fixed : the circuit without saturation.
-    now, length : begin and length of the step (s).
+    now, length, per : begin of the step, its length (s) and the inverse of that.
     i_a, i_b : currents at its begin (A).
     k_a, k_b, k_c, omega : torque constants (V s/rad) and motor speed (rad/s) at its begin.
     k_a1, k_b1, k_c1, omega1 : the same at its end, predicted.
     """
     s_a, s_b, s_c = legs.s_a, legs.s_b, legs.s_c
     q_a = q_b = impulse = bus = terminal = copper = 0.0
-    per, left, switches, c = 1.0 / length, length, 0, fixed
+    left, switches, c = length, 0, fixed
     f_a = f_b = f_c = 1.0
     if w.varies:
         f_a, f_b = ports.saturation(e, i_a), ports.saturation(e, i_b)

@@ -228,11 +228,12 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                 if w.sines:
                     sine1, cosine1 = math.sin(q_e1), math.cos(q_e1)
                 k_a1, k_b1, k_c1 = constants_of_phases(w, a, e, q_e1, sine1, cosine1, q_r1)
+                per = 1.0 / h
                 f = advance_currents(
                     relays, switching, keep_trace, on, e, w, motor.torque_limit, fixed,
                     Legs(s_a, s_b, s_c, aim_a, aim_b, aim_c, band * inv_a, band * inv_b,
                          band * inv_c, t_carrier - carrier_period, carrier_period),
-                    t, h, i_a, i_b, k_a, k_b, k_c, w_m, k_a1, k_b1, k_c1, w_p,
+                    t, h, per, i_a, i_b, k_a, k_b, k_c, w_m, k_a1, k_b1, k_c1, w_p,
                 )
                 if f.switches > MOST_SWITCHES:
                     return TOO_MANY_STEPS
@@ -241,8 +242,9 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                     added = ports.added_motor_torque(e, motor, k_a, k_b, k_c, w_m, q_m + q_0)
                     added1 = ports.added_motor_torque(e, motor, k_a1, k_b1, k_c1, w_p, q_r1)
                 load1 = load_at(a, e, m, q_m1, q_r1, q_s1, w_p, ws_p)
+                torque = f.impulse * per
                 n = move(
-                    a, e, m, h, f.impulse / h + added, f.impulse / h + added1,
+                    a, e, m, h, torque + added, torque + added1,
                     w_m, w_p, w_s, ws_p, q_s1, load, load1,
                 )
 
