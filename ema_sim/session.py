@@ -26,7 +26,7 @@ NOTHING_READ = (0, np.empty(0))
 """First control period, and commanded positions from it on (rad)."""
 
 
-class Asked(NamedTuple):
+class Commanded(NamedTuple):
     """A profile and from when on it is commanded."""
 
     profile: Profile
@@ -93,7 +93,7 @@ class ActuatorSession:
         self._settle, self._switching = settle, switching
         self._traces: list[np.ndarray] = []
         self._read = NOTHING_READ
-        self._asked: list[Asked] = []
+        self._asked: list[Commanded] = []
         self.last_bus = (self.bus_voltage(0.0), 0.0)
         """Bus voltage (V) and mean current (A) of the last block."""
         self.final_state = self._state.copy()
@@ -150,7 +150,7 @@ class ActuatorSession:
         late = math.ceil(self.actuator.acquisition.command_latency) + 1
         kept = [asked for asked, after in zip(self._asked, self._asked[1:])
                 if after.first > first - late]
-        self._asked = [*kept, *self._asked[-1:], Asked(profile, self.time, first)]
+        self._asked = [*kept, *self._asked[-1:], Commanded(profile, self.time, first)]
         self._profile, self._begin, self._read = profile, self.time, NOTHING_READ
 
     def advance(self, n_samples: int) -> np.ndarray:
