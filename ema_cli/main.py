@@ -20,10 +20,11 @@ from typer.core import TyperGroup
 from typer.main import get_command
 
 from ema_cli.console import WRONG_USE, error_line, guarded, leave, print_table, say, stdout, styled
+from ema_cli.kit_option import with_kit
 from ema_record.errors import UsageError, unknown_name
 
 COMMANDS = ("bit", "simulate", "check", "trend", "replay", "import", "export", "lint", "recover",
-            "identify", "effects", "train", "paper")
+            "identify", "effects", "profile", "new-actuator", "commission", "train", "paper")
 """All commands, in the order of the help."""
 PROGRAM = "ema"
 
@@ -104,22 +105,25 @@ def _describe(error: Any) -> str:
 
 
 def load_command(name: str) -> Callable[..., object]:
-    """Import a command; its module and function have its name (``import_`` for ``import``)."""
-    name += "_" if keyword.iskeyword(name) else ""
+    """Import a command; its module and function have its name as Python can write it.
+
+    ``import_`` for ``import``, ``new_actuator`` for ``new-actuator``.
+    """
+    name = name.replace("-", "_") + ("_" if keyword.iskeyword(name) else "")
     function: Callable[..., object] = getattr(
         importlib.import_module(f"ema_cli.commands.{name}"), name)
     return function
 
 
 def build_app(name: str) -> typer.Typer:
-    """Return a typer application of one command, with its docstring as help."""
+    """Return a typer application of one command, with its docstring as help and `--kit`."""
     function = load_command(name)
     text, _, example = inspect.cleandoc(function.__doc__ or "").rpartition("\n\n")
     single = typer.Typer(
         add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
-    single.command(name, help=text, epilog=example)(function)
+    single.command(name, help=text, epilog=example)(with_kit(function))
     return single
 
 
@@ -142,6 +146,10 @@ def _print_help() -> None:
         table.add_row(name, lines[0])
         table.add_row("", styled((lines[-1].split("`")[1], "dim")))
     print_table(table)
+    console.print(
+        "\nEach takes --kit DIR (or $EMA_KIT): the kit of another type of actuator than the "
+        "default one"
+    )
     console.print(
         "\nExit status: 0 healthy or done, 1 a fault, 2 wrong use or unreadable input, "
         "3 unknown or incomplete, 70 an error in this software, 130 interrupted"

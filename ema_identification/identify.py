@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from ema_identification.result import Identification
+from ema_record.actuator_type import OWN_KIT, another_actuator, is_of_another_actuator
 from ema_record.errors import UsageError
 from ema_record.record import Provenance, Record
 
@@ -27,7 +28,7 @@ def identify(
     Parameters
     ----------
     measured : records of one unit; several may be of different profiles.
-    model : the model or its file; None for the nominal actuator (for a rig: what it has).
+    model : the model or its file; None for the kit's actuator (for a rig: what it has).
     validate : records of the same unit that take no part in the fit.
     without : effects of the catalogue that are not to be considered.
     progress : called with what is being done and how much of it is (0 to 1).
@@ -39,7 +40,8 @@ def identify(
     RecordError
         A record cannot be used; the error says which test to run.
     UsageError
-        Records of two units or kinds, or an effect that is not known.
+        Records of two units or kinds, of another actuator than the kit's, or an effect that is
+        not known.
     """
     if not measured:
         raise UsageError("0 records: give at least one measured record")
@@ -55,6 +57,7 @@ def identify(
             cast("Sequence[RigRecord]", measured), model,
             validate=cast("Sequence[RigRecord]", validate), without=without, progress=progress)
     _check_one_unit(cast("Sequence[Record]", (*measured, *validate)))
+    _check_kit(cast("Sequence[Record]", (*measured, *validate)))
     from ema_identification.actuator.measure.runs import silent
     from ema_identification.actuator.workflow import identify_actuator
     from ema_sim.model_file import load_model_file
@@ -65,6 +68,15 @@ def identify(
         cast("Sequence[Record]", measured), model,
         validate=cast("Sequence[Record]", validate), without=without,
         progress=progress or silent, workers=workers, seed=seed)
+
+
+def _check_kit(records: Sequence[Record]) -> None:
+    """Refuse a record that names another actuator than the kit's."""
+    for record in records:
+        if is_of_another_actuator(record.provenance.actuator):
+            raise UsageError(
+                f"{record.provenance.source or record.profile.name}: "
+                f"{another_actuator(record.provenance.actuator)}: {OWN_KIT}")
 
 
 def _check_one_unit(records: Sequence[Record]) -> None:

@@ -56,7 +56,14 @@ from ema_record.wire.topics import (
 )
 from ema_record.wire.trajectory import encode_command
 from ema_record.wire.types import stamp_of
-from ema_ros.messages import EmaNode, declare_parameters, make_publisher, make_timer, take_all
+from ema_ros.messages import (
+    EmaNode,
+    declare_parameters,
+    make_publisher,
+    make_timer,
+    take_all,
+    use_given_kit,
+)
 from ema_ros.process import SHUT_DOWN, StopSignal, run_node
 
 NODE_NAME = "ema_monitor"
@@ -87,13 +94,14 @@ class MonitorNode(EmaNode):
     def __init__(self, stop: StopSignal) -> None:
         """Read the parameters, look for another monitor, then offer the service."""
         super().__init__(NODE_NAME, stop)
+        use_given_kit(self)
         values = declare_parameters(self, SPECS)
         self._directory = Path(str(values["output_directory"]))
         self._serial = str(values["serial_number"])
         self._interlock = Interlock(float(values["weight_on_wheels_timeout"]))
         self._described = load_actuator(str(values["model_file"]) or None)
         self._sequence = TestSequence(
-            load_profile(str(values["profile"])), self._described.surface.end_stop,
+            load_profile(str(values["profile"])), self._described,
             stream_timeout=float(values["stream_timeout"]),
             test_timeout=float(values["test_timeout"]),
         )

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ema_monitor.log_clock import LogClock
+from ema_record.actuator_type import actuator_hash
 from ema_record.bag.writer import BagWriter
 from ema_record.channels import N_CHANNELS, TIME
 from ema_record.profile import Profile
@@ -58,11 +59,12 @@ class BitRecorder:
         self.samples_received, self.last_sample = 0, -1.0
 
     def open(self, path: Path, profile: Profile, serial_number: str, stamp: int) -> None:
-        """Make the bag (OutputError: it cannot be made)."""
+        """Make the bag, which names the kit's actuator (OutputError: it cannot be made)."""
         self._writer = BagWriter(
             path, profile=profile,
             provenance=Provenance(
-                serial_number=serial_number, software_version=VERSION, start_time=stamp
+                serial_number=serial_number, software_version=VERSION, start_time=stamp,
+                actuator=actuator_hash(),
             ),
         )
         self._blocks = []

@@ -15,19 +15,21 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
+from ema_record.actuator import Actuator
 from ema_record.profile import Profile, load_profile_dict
 from ema_record.record import Status
 
-AT_START = 3e-3
-"""Distance from the profile's start at which no move is needed (rad)."""
+AT_START = 0.005
+"""Distance from the profile's start at which no move is needed (of the way to the end stop)."""
 FIND_TIMEOUT = 10.0
 """Longest search for an idle actuator (s)."""
 COUNT_TIMEOUT = 5.0
 """Longest wait for the counters after the last sample (s)."""
-END_MARGIN = 2e-3
-"""By how much the last sample may come before the end of the profile (s)."""
+END_MARGIN = (2e-3, 2.0)
+"""By how much the last sample may come before the end of the profile: in s, and at least in
+samples."""
 RETURN_TIMEOUT = 5.0
-"""Longest wait for the surface to be back after an abort (s)."""
+"""Longest wait for the surface to be back after an abort, beyond its way from stop to stop (s)."""
 
 
 class Stage(enum.Enum):
@@ -122,7 +124,7 @@ class TestSequence:
     Parameters
     ----------
     profile : the test; UsageError where it goes beyond the end stops.
-    end_stop : of the actuator, to either side (rad).
+    actuator : its travel, slew speed and rate of samples.
     stream_timeout : longest silence of the acquisition while it should send (s).
     test_timeout : longest test, positioning included (s).
     """
@@ -130,13 +132,16 @@ class TestSequence:
     __test__ = False
 
     def __init__(
-        self, profile: Profile, end_stop: float, *, stream_timeout: float = 5.0,
+        self, profile: Profile, actuator: Actuator, *, stream_timeout: float = 5.0,
         test_timeout: float = 120.0,
     ) -> None:
         """Begin idle."""
-        profile.check_within(end_stop)
+        self._end_stop = actuator.surface.end_stop
+        profile.check_within(self._end_stop)
         self.profile = profile
-        self._end_stop = end_stop
+        self._near = AT_START * self._end_stop
+        self._end_margin = max(END_MARGIN[0], END_MARGIN[1] / actuator.acquisition.rate)
+        self._return_timeout = RETURN_TIMEOUT + 2.0 * self._end_stop / actuator.slew_speed
         self.stage = Stage.IDLE
         self._stream_timeout, self._test_timeout = stream_timeout, test_timeout
         self._begun = self._entered = 0.0
@@ -208,7 +213,7 @@ class TestSequence:
             return [Finish(f"refused: {waiting}")]
         at = actuator.surface_position
         self._origin = min(max(at, -self._end_stop), self._end_stop)
-        if abs(at - self.profile.start) <= AT_START:
+        if abs(at - self.profile.start) <= self._near:
             return self._begin_test(seen)
         self._enter(Stage.POSITIONING, seen)
         return [self._send(step_to(self.profile.start), seen)]
@@ -218,7 +223,7 @@ class TestSequence:
             return []
         assert seen.actuator is not None
         away = seen.actuator.surface_position - self.profile.start
-        if abs(away) > AT_START:
+        if abs(away) > self._near:
             return self._abort(
                 f"the surface stays {1e3 * away:+.1f} mrad from the start of the test", seen
             )
@@ -240,7 +245,7 @@ class TestSequence:
         done = self._done(seen)
         if not done and seen.now - self._entered <= COUNT_TIMEOUT:
             return []
-        if done and seen.last_sample < self.profile.duration - END_MARGIN:
+        if done and seen.last_sample < self.profile.duration - self._end_margin:
             return self._abort(
                 f"the actuator ended the test at {max(seen.last_sample, 0.0):.3f} s of "
                 f"{self.profile.duration:.3f} s", seen
@@ -257,7 +262,7 @@ class TestSequence:
 
     def _returning(self, seen: Observation) -> list[Action]:
         if not self._done(seen):
-            if seen.now - self._entered <= RETURN_TIMEOUT and not seen.stop:
+            if seen.now - self._entered <= self._return_timeout and not seen.stop:
                 return []
             self._reason += "; the surface is not confirmed to be back"
         self.stage = Stage.IDLE

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from ema_monitor.interlock import DEFAULT_TIMEOUT
-from ema_ros.parameters import ParameterSpec
+from ema_ros.parameters import KIT, ParameterSpec
 
 SPECS = (
+    KIT,
     ParameterSpec(
         name="profile", default="extended", read_only=True,
-        text="test profile: the name of a shipped one, or a YAML file",
+        text="test profile: the name of one of the kit's, or a YAML file",
     ),
     ParameterSpec(
         name="model_file", default="", read_only=True,
-        text="YAML file that describes the actuator; empty: the nominal one",
+        text="YAML file of the actuator, changes over the kit's; empty: the kit's",
     ),
     ParameterSpec(
         name="output_directory", default="records", read_only=True,

@@ -32,8 +32,9 @@ from ema_ros.messages import (
     make_subscription,
     make_timer,
     take_all,
+    use_given_kit,
 )
-from ema_ros.parameters import ParameterSpec
+from ema_ros.parameters import KIT, ParameterSpec
 from ema_ros.process import StopSignal, report, run_node
 
 NODE_NAME = "ema_prognostics"
@@ -47,13 +48,14 @@ NOT_A_BAG = "no bag that can be read: 'ema check', where it was recorded, says m
 LIVE = "live"
 """What stands for the bag of a record that was seen on the topics."""
 SPECS = (
+    KIT,
     ParameterSpec(
         name="record", default="", read_only=True,
         text="bag to diagnose at the start; empty: wait for /ema/bit/record",
     ),
     ParameterSpec(
         name="model_file", default="", read_only=True,
-        text="model of the cascade; empty: the shipped one",
+        text="model of the cascade; empty: the kit's",
     ),
     ParameterSpec(
         name="baseline", default="", read_only=True,
@@ -68,6 +70,7 @@ class PrognosticsNode(EmaNode):
     def __init__(self, stop: StopSignal) -> None:
         """Load the model, then listen."""
         super().__init__(NODE_NAME, stop)
+        use_given_kit(self)
         values = declare_parameters(self, SPECS)
         self._judge = Judge(str(values["model_file"]) or None, str(values["baseline"]) or None)
         self._assembler = RecordAssembler()

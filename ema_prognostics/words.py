@@ -50,6 +50,9 @@ FEATURES = {
     "stiffness_agreement": "stiffness of the shaft, from the ramps against the reversals",
     "viscous_torque": "torque that grows with the speed",
     "torque_quarter_over_ramp": "growth of the torque from ramp to slew",
+    "dry_torque": "dry friction of motor and surface together",
+    "viscous_share": "viscous friction, as grease makes it",
+    "position_step": "resolution of the position", "speed_step": "resolution of the speed",
     "winding_inductance": "inductance of the winding",
     "winding_resistance": "resistance of the winding, its temperature allowed for",
     "winding_back_emf": "back-EMF, voltage a speed",
@@ -71,6 +74,17 @@ FEATURES = {
     **{f"lag_start_{k}": "wind-up of the shaft when the motor starts" for k in range(1, 10)},
 }
 """What a feature is."""
+REPEAT = ("repeat the test; if it says the same again, 'ema identify RECORD' tells what has "
+          "changed, and --baseline compares with the unit's own healthy record")
+NEXT_STEPS: tuple[tuple[tuple[str, ...], str], ...] = (
+    (("noise_", "sum_", "reference_", "offset_", "gain_", "position_step", "speed_step",
+      "speed_over_angle", "position_over_angle", "position_rms", "start_position"),
+     "look at that sensor and its cable ('ema lint RECORD' tells more), then repeat the test"),
+    (("control_", "bus_sag", "switch_drop", "sensor_angle", "overshoot"),
+     "compare supply and settings of the drive with the type's actuator.yaml, then repeat the "
+     "test; 'ema identify RECORD' tells what differs"),
+)
+"""What to do about a record that is unlike anything known, by the beginnings of the features."""
 
 
 def class_name(fault_class: str, phase: str | None = None) -> str:
@@ -105,6 +119,12 @@ def look_alike(named: Sequence[str], alternative: str) -> str:
     """Return an alternative in words, beside the classes that are named."""
     found = (LOOK_ALIKES.get(name, {}).get(alternative) for name in named)
     return next(filter(None, found), NAMES.get(alternative, alternative))
+
+
+def next_step(feature: str) -> str:
+    """Return what to do where a feature is unlike anything known."""
+    found = (text for names, text in NEXT_STEPS if feature.startswith(names))
+    return next(found, REPEAT)
 
 
 def feature_words(name: str) -> str:

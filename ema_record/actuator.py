@@ -7,15 +7,24 @@ nowhere else.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
+import yaml
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
+from ema_record.channels import (
+    ALL,
+    PHASE_CURRENTS,
+    REFERENCE_CURRENTS,
+    ROTOR_ANGLE,
+    SURFACE_POSITION,
+)
 from ema_record.errors import UsageError, first_problem, unknown_name
-from ema_record.kit import ACTUATOR, kit_path
+from ema_record.kit import ACTUATOR, kit_file
 from ema_record.limits import MAX_POSITION
 from ema_record.yaml_file import load_yaml
 
@@ -58,6 +67,7 @@ TRAPEZOID, HARMONICS = range(len(BACK_EMFS))
 SAMPLINGS = ("mean", "instant")
 MEAN, INSTANT = range(len(SAMPLINGS))
 NO_OR_YES = ("no", "yes")
+
 
 def _yes(text: str) -> object:
     """Return the pydantic field of a yes or no, 1 or 0 in the kernel (YAML: true, false)."""
@@ -183,6 +193,18 @@ class Acquisition(NamedTuple):
     rotor_angle: Annotated[int, _yes("whether the rotor angle is recorded")]
     surface_position: Annotated[int, _yes("whether the surface position is recorded")]
 
+    @property
+    def columns(self) -> tuple[int, ...]:
+        """Columns of `channels.CHANNELS` that are recorded, in order."""
+        absent: set[int] = set()
+        for there, columns in (
+            (self.phase_current_c, ALL[PHASE_CURRENTS][-1:]),
+            (self.reference_currents, ALL[REFERENCE_CURRENTS]),
+            (self.rotor_angle, (ROTOR_ANGLE,)), (self.surface_position, (SURFACE_POSITION,)),
+        ):
+            absent.update(() if there else columns)
+        return tuple(column for column in ALL if column not in absent)
+
 
 class Actuator(NamedTuple):
     """All parameters of one actuator."""
@@ -203,6 +225,18 @@ class Actuator(NamedTuple):
         """Highest speed of the surface (rad/s)."""
         return self.control.speed_limit / self.gear.ratio
 
+    @property
+    def friction_torque(self) -> float:
+        """Torque of the dry friction of motor and surface while they move, at the motor (N m)."""
+        return self.motor.dynamic_friction + self.surface.dynamic_friction / self.gear.ratio
+
+    @property
+    def wind_up(self) -> float:
+        """Travel of the motor until a surface at rest starts: lost motion, wind-up (rad)."""
+        shaft = self.shaft
+        return self.gear.ratio * (
+            self.surface.static_friction / shaft.stiffness + shaft.backlash)
+
     def motor_angle(self, electrical: Any) -> Any:
         """Return the mechanical angle of the motor (rad) to electrical angles (rad), any shape.
 
@@ -213,7 +247,9 @@ class Actuator(NamedTuple):
 
 PARTS: dict[str, Any] = get_type_hints(Actuator)
 """The type of each section."""
-OTHER_SECTIONS = ("tolerances", "conditions", "effects")
+FORMERLY = "formerly"
+"""Section of a kit's file: hashes of earlier descriptions of the same type, see `kit`."""
+OTHER_SECTIONS = ("tolerances", "conditions", "effects", FORMERLY)
 """Sections of the same file that describe no single actuator: see `spread` and `ema_sim`."""
 _ADAPTERS = {name: TypeAdapter(part) for name, part in PARTS.items()}
 
@@ -230,12 +266,12 @@ def load_actuator(path: str | Path | None = None) -> Actuator:
         No such file, an unknown name, or a value out of bounds.
 
     """
-    own = _of_kit(kit_path(ACTUATOR))
+    own = _of_kit(*kit_file(ACTUATOR))
     return own if path is None else actuator_from(sections_of(path), str(path), own)
 
 
 @cache
-def _of_kit(path: Path) -> Actuator:
+def _of_kit(path: Path, _changed: int) -> Actuator:
     """Return the actuator of a kit's file, in which every parameter stands."""
     data = sections_of(path)
     missing = [f"{section}.{name}" for section, part in PARTS.items()
@@ -281,3 +317,30 @@ def _checked(section: str, values: Mapping[str, Any], where: str) -> Any:
     except ValidationError as error:
         text = first_problem(error, f"{where}: {section}", section, f"see {NOMINAL}")
         raise UsageError(text) from None
+
+
+def with_values(text: str, actuator: Actuator) -> str:
+    """Return the text of an `actuator.yaml` with the values of `actuator`, comments kept.
+
+    A parameter stands on a line of its own, ``  name: value  # comment``; values that are equal
+    are left as they are written.
+    """
+    section, lines = "", []
+    for line in text.splitlines():
+        heading = re.match(r"([a-z_]+):\s*(#.*)?$", line)
+        section = heading.group(1) if heading else section
+        entry = re.match(r"(\s+)([a-z_0-9]+):(\s*)([^#\s]+)(\s*)(#.*)?$", line)
+        if entry and section in PARTS:
+            indent, name, gap, old, space, comment = entry.groups()
+            value = getattr(getattr(actuator, section), name)
+            given = _checked(section, {**getattr(actuator, section)._asdict(),
+                                       name: yaml.safe_load(old)}, "text")
+            if getattr(given, name) != value:
+                new = f"{value:.6g}" if isinstance(value, float) else str(value)
+                new = str(bool(value)).lower() if old in ("true", "false") else new
+                written = old + space if comment else old
+                lines.append(f"{indent}{name}:{gap}{new.ljust(len(written) - 1)} "
+                             f"{comment or ''}".rstrip())
+                continue
+        lines.append(line)
+    return "\n".join(lines) + "\n"

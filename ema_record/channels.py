@@ -1,12 +1,16 @@
-"""The channels of `/ema/samples`: names, units, order.
+"""The channels of `/ema/samples`: names, units, order, and which of them must be there.
 
-A sample is the mean over its interval. Sample k covers ``[k, k + 1] / rate``;
-its time is the middle of the interval.
+A sample is the mean over its interval, or one instant of it, as the kit's acquisition says;
+sample k covers ``[k, k + 1] / rate``. A recorder may lack any channel but those of `REQUIRED` and
+two phase currents; what it lacks is NaN throughout a record.
 """
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
+
+import numpy as np
 
 from ema_record.errors import InvalidRecordError
 
@@ -39,6 +43,7 @@ CHANNELS: tuple[Channel, ...] = (
 N_CHANNELS = len(CHANNELS)
 CHANNEL_NAMES: tuple[str, ...] = tuple(c.name for c in CHANNELS)
 CHANNEL_LABEL: str = ",".join(c.label for c in CHANNELS)
+ALL: tuple[int, ...] = tuple(range(N_CHANNELS))
 
 TIME = 0
 MOTOR_SPEED = 1
@@ -47,21 +52,82 @@ REFERENCE_CURRENTS = slice(5, 8)
 ROTOR_ANGLE = 8
 SURFACE_POSITION = 9
 
+REQUIRED = (TIME, MOTOR_SPEED)
+"""Channels without which there is no record."""
+LEAST_CURRENTS = 2
+"""Phase currents without which there is no record."""
+_CURRENTS = frozenset(ALL[PHASE_CURRENTS])
+
+
+def label_of(columns: tuple[int, ...]) -> str:
+    """Return the label of a message that holds these columns."""
+    return ",".join(CHANNELS[column].label for column in columns)
+
+
+@lru_cache(maxsize=64)
+def columns_of(label: str) -> tuple[int, ...]:
+    """Return the column of `CHANNELS` of each channel that a label names, in its order.
+
+    Raises
+    ------
+    InvalidRecordError
+        A channel is not known, is of another unit, comes twice or comes too late; or one is
+        missing that must be there.
+    """
+    columns: list[int] = []
+    known = {channel.label: column for column, channel in enumerate(CHANNELS)}
+    for index, found in enumerate(label.split(",")):
+        column = known.get(found)
+        if column is None:
+            raise _unknown(index, found)
+        if columns and column <= columns[-1]:
+            raise InvalidRecordError(
+                f"/ema/samples: channel {index} is {found!r}, after "
+                f"{CHANNELS[columns[-1]].name}: keep the order of the channel list, each once"
+            )
+        columns.append(column)
+    missing = what_lacks(columns)
+    if missing:
+        raise InvalidRecordError(
+            f"/ema/samples: no channel {missing}: time, motor speed and two phase currents must "
+            "be there; record them too"
+        )
+    return tuple(columns)
+
+
+def _unknown(index: int, found: str) -> InvalidRecordError:
+    """Return the error for a channel that is not in the list, or not in that unit."""
+    unit = next((c.unit for c in CHANNELS if c.name == found.partition("[")[0]), None)
+    expected = "none of the channel list" if unit is None else f"expected in [{unit}]"
+    return InvalidRecordError(
+        f"/ema/samples: channel {index} is {found[:60]!r}, {expected}: record with an "
+        "acquisition that publishes the channels of this version, or convert the file with "
+        "'ema import'"
+    )
+
+
+def what_lacks(columns: list[int] | tuple[int, ...]) -> str:
+    """Return which channel that a record must have is not among `columns`; empty: none."""
+    for column in REQUIRED:
+        if column not in columns:
+            return CHANNELS[column].name
+    if len(_CURRENTS.intersection(columns)) < LEAST_CURRENTS:
+        return next(CHANNELS[k].name for k in sorted(_CURRENTS) if k not in columns)
+    return ""
+
+
+def recorded_columns(samples: np.ndarray) -> tuple[int, ...]:
+    """Return the columns of samples, shape (n, 10), that were recorded.
+
+    A column of NaN alone was not, unless a record must have it.
+    """
+    absent = [c for c in ALL if len(samples) and bool(np.isnan(samples[:, c]).all())]
+    present = [c for c in ALL if c not in absent]
+    needed = {*REQUIRED, *(sorted(_CURRENTS) if what_lacks(present) else ())}
+    return tuple(c for c in ALL if c in present or c in needed)
+
 
 def check_channel_label(label: str) -> None:
-    """Raise InvalidRecordError unless `label` is `CHANNEL_LABEL`."""
-    if label == CHANNEL_LABEL:
-        return
-    found = label.split(",")
-    for index, channel in enumerate(CHANNELS):
-        if index >= len(found) or found[index] != channel.label:
-            got = found[index][:60] if index < len(found) else "nothing"
-            raise InvalidRecordError(
-                f"/ema/samples: channel {index} is {got!r}, expected {channel.label!r}: "
-                "record with an acquisition that publishes the channels of this version, or "
-                "convert the file with 'ema import'"
-            )
-    raise InvalidRecordError(
-        f"/ema/samples: {len(found)} channels, expected {N_CHANNELS}: the last ones "
-        f"({found[N_CHANNELS].strip()[:60]!r} ...) are not known"
-    )
+    """Raise InvalidRecordError unless `label` names channels of a record."""
+    if label != CHANNEL_LABEL:
+        columns_of(label)

@@ -10,20 +10,34 @@ it starts inherit; `--kit` of a command and `kit` of a node set it.
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import json
 import os
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
 from ema_record.errors import UsageError
-from ema_record.resources import share_path
 
 ENVIRONMENT = "EMA_KIT"
 SHIPPED = "config"
 ACTUATOR, PROFILES, CASCADE = "actuator.yaml", "profiles", "cascade.json"
 LIBRARY, VALIDATION, REPORT = "library", "validation.json", "report.html"
+
+
+PACKAGE = "ema_phm"
+
+
+def share_path(relative: str) -> Path:
+    """Return the path of a shipped file or folder.
+
+    A checkout keeps them beside the packages; ``pip install`` and ``colcon build``
+    put them into ``share/ema_phm`` of the prefix.
+    """
+    here = Path(__file__).resolve()
+    for parent in here.parents:
+        for candidate in (parent / relative, parent / "share" / PACKAGE / relative):
+            if candidate.exists() and (candidate.parent != parent or parent == here.parents[1]):
+                return candidate
+    raise FileNotFoundError(f"{relative}: not found beside {here.parent} nor in a share folder")
 
 
 @cache
@@ -80,16 +94,17 @@ def kit_path(name: str) -> Path:
     return kit_folder() / name
 
 
+def kit_file(name: str) -> tuple[Path, int]:
+    """Return the path of a file of the present kit and when it changed (ns): a cache's key."""
+    path = kit_path(name)
+    return path, path.stat().st_mtime_ns
+
+
 def kit_name() -> str:
     """Return the present kit as users name it."""
-    folder = kit_folder()
-    return "the default kit" if folder == shipped_kit() else f"kit {folder}"
+    return "the default kit" if is_default_kit() else f"kit {kit_folder()}"
 
 
-def actuator_hash() -> str:
-    """Return what names the present kit's actuator in records: of its parameters, 16 digits."""
-    from ema_record.actuator import load_actuator
-
-    parts = {name: part._asdict() for name, part in load_actuator()._asdict().items()}
-    text = json.dumps(parts, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+def is_default_kit() -> bool:
+    """Return whether the present kit is that of the default actuator."""
+    return kit_folder().resolve() == shipped_kit().resolve()

@@ -4,17 +4,33 @@ A profile is a list of points ``(time, position)``. The position is interpolated
 linearly in time; two points at one time are a step. The inverter stays off for the
 first `inverter_off` seconds. A profile is bounded to what any actuator can be asked for; each
 actuator's own end stops are checked where it is known: `Profile.check_within`.
+
+A file may be written in the actuator's own units, and by moves in place of times; what is loaded
+are points in seconds and radians::
+
+    units: {position: stroke, speed: slew}  # of the way to the end stop, of the slew speed
+    points:
+      - [0.0, -0.5]                         # [time (s), position]
+      - {hold: 0.022}                       # s
+      - {to: 0.5}                           # a step
+      - {hold: 1.5}
+      - {to: 0.0, speed: 0.25}
+
+Positions: rad, stroke, or turns (of the rotor); speeds: rad/s or slew.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
+from ema_record.actuator import load_actuator
 from ema_record.errors import UsageError, first_problem, unknown_name
 from ema_record.kit import PROFILES, kit_name, kit_path
 from ema_record.limits import MAX_DURATION, MAX_POSITION
@@ -22,6 +38,8 @@ from ema_record.yaml_file import load_yaml
 
 MAX_POINTS = 1000
 SEE = "config/profiles/step.yaml shows the form"
+POSITION_UNITS, SPEED_UNITS = ("rad", "stroke", "turns"), ("rad/s", "slew")
+UNITS = "units"
 
 Seconds = Annotated[float, Field(ge=0.0, le=MAX_DURATION, allow_inf_nan=False)]
 Radians = Annotated[float, Field(ge=-MAX_POSITION, le=MAX_POSITION, allow_inf_nan=False)]
@@ -106,16 +124,25 @@ class Profile(BaseModel):
         return x[k] + (x[k + 1] - x[k]) * np.clip(part, 0.0, 1.0)
 
 
-def step_profile(amplitude: float, *, start: float = -0.4, duration: float = 0.45) -> Profile:
-    """Return a step of any size: from `start` by `amplitude` (rad), `duration` (s) long."""
+def step_profile(
+    amplitude: float, *, start: float | None = None, duration: float | None = None
+) -> Profile:
+    """Return a step of any size, `amplitude` (rad), at the time of the present kit's ``step``.
+
+    Without them `start` (rad) and `duration` (s) are those of that test, and so is the window
+    where it lies inside.
+    """
+    like = load_profile("step")
+    begin = like.start if start is None else start
+    end = like.duration if duration is None else duration
+    at, window = like.command_time, like.window
     return load_profile_dict(
         {
             "name": f"step_{amplitude:g}",
-            "points": [
-                [0.0, start], [0.022, start], [0.022, start + amplitude],
-                [duration, start + amplitude],
-            ],
-            "window": [0.082, 0.382] if duration >= 0.382 else None,
+            "points": [[0.0, begin], [at, begin], [at, begin + amplitude],
+                       [end, begin + amplitude]],
+            "inverter_off": like.inverter_off,
+            "window": window if window is not None and end >= window[1] else None,
             "description": f"step of {amplitude:g} rad",
         },
         "step",
@@ -123,11 +150,83 @@ def step_profile(amplitude: float, *, start: float = -0.4, duration: float = 0.4
 
 
 def load_profile_dict(data: object, where: str) -> Profile:
-    """Validate `data` (as read from YAML or JSON); `where` names its origin in errors."""
+    """Validate `data` (as read from YAML or JSON); `where` names its origin in errors.
+
+    What is in the actuator's own units is meant for the present kit's.
+    """
+    if isinstance(data, Mapping) and _has_moves(data):
+        data = _in_seconds(data, where)
     try:
         return Profile.model_validate(data)
     except ValidationError as error:
         raise UsageError(first_problem(error, where, "profile", SEE)) from None
+
+
+def _has_moves(data: Mapping[str, Any]) -> bool:
+    """Whether a profile has units of its own or moves, not only points in s and rad."""
+    points = data.get("points")
+    return UNITS in data or (
+        isinstance(points, Sequence) and any(isinstance(point, Mapping) for point in points))
+
+
+def _in_seconds(data: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Return a profile as points in s and rad, for the present kit's actuator."""
+    position, speed = _units(data.get(UNITS, {}), where)
+    given = data.get("points")
+    if not isinstance(given, Sequence) or len(given) > MAX_POINTS:
+        raise UsageError(f"{where}: points: expected a list of at most {MAX_POINTS}: {SEE}")
+    time, place = 0.0, math.nan
+    points: list[tuple[float, float]] = []
+    for index, entry in enumerate(given):
+        name = f"{where}: points.{index}"
+        if isinstance(entry, Mapping):
+            if not (set(entry) == {"hold"} or {"to"} <= set(entry) <= {"to", "speed"}):
+                raise UsageError(f"{name}: a move is {{hold: s}}, {{to: position}} or {{to: "
+                                 f"position, speed: speed}}, not {str(entry)[:60]}")
+            if not points and set(entry) != {"to"}:
+                raise UsageError(f"{name}: the first point is [time, position]")
+            moved = _number(entry["to"], f"{name}.to") * position if "to" in entry else place
+            if "speed" in entry:
+                pace = _number(entry["speed"], f"{name}.speed") * speed
+                if pace <= 0.0:
+                    raise UsageError(f"{name}.speed: {entry['speed']} must be above 0: the sense "
+                                     "follows from the position")
+                time += abs(moved - place) / pace
+            elif "hold" in entry:
+                time += _number(entry["hold"], f"{name}.hold")
+            place = moved
+        elif isinstance(entry, Sequence) and not isinstance(entry, str) and len(entry) == 2:
+            time = _number(entry[0], name)
+            place = _number(entry[1], name) * position
+        else:
+            raise UsageError(f"{name}: expected [time, position] or a move (value "
+                             f"{str(entry)[:60]}): {SEE}")
+        points.append((round(time, 9), round(place, 9)))
+    return {**{k: v for k, v in data.items() if k != UNITS}, "points": points}
+
+
+def _units(given: object, where: str) -> tuple[float, float]:
+    """Return the units of positions (rad) and speeds (rad/s)."""
+    if not isinstance(given, Mapping):
+        raise UsageError(f"{where}: {UNITS}: expected {{position: stroke, speed: slew}}")
+    for key in given:
+        if key not in ("position", "speed"):
+            raise unknown_name(f"unit of {where}", str(key), ("position", "speed"), SEE)
+    position, speed = given.get("position", "rad"), given.get("speed", "rad/s")
+    for word, known in ((position, POSITION_UNITS), (speed, SPEED_UNITS)):
+        if word not in known:
+            raise unknown_name(f"unit in {where}", str(word)[:60], known,
+                               f"one of {', '.join(known)}")
+    actuator = load_actuator()
+    scale = {"rad": 1.0, "stroke": actuator.surface.end_stop,
+             "turns": 2.0 * math.pi / actuator.gear.ratio}
+    return scale[position], actuator.slew_speed if speed == "slew" else 1.0
+
+
+def _number(value: object, where: str) -> float:
+    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e9:
+        return float(value)
+    raise UsageError(f"{where}: {str(value)[:60]!r} is not a number: {SEE}")
 
 
 def profile_names() -> list[str]:

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ema_record.channels import CHANNEL_NAMES, N_CHANNELS, TIME
+from ema_record.channels import CHANNEL_NAMES, N_CHANNELS, TIME, recorded_columns
 from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.limits import MAX_DURATION, MAX_RATE
 from ema_record.profile import Profile
@@ -31,6 +31,8 @@ class Provenance:
     """How the test ended."""
     source: str = ""
     """File or bag that it was read from."""
+    actuator: str = ""
+    """Type of the actuator, see `actuator_type`; empty: not known."""
 
 
 class SampleBlock(NamedTuple):
@@ -53,7 +55,8 @@ class Record:
     Attributes
     ----------
     samples : ndarray, shape (n, 10)
-        One row a sample, columns as in `channels.CHANNELS`.
+        One row a sample, columns as in `channels.CHANNELS`; NaN throughout where the recorder
+        lacks a channel.
     profile : Profile
         The position command.
     provenance : Provenance
@@ -83,6 +86,11 @@ class Record:
         """Return the number of samples."""
         return len(self.samples)
 
+    @property
+    def columns(self) -> tuple[int, ...]:
+        """Return the columns that were recorded, in order."""
+        return recorded_columns(self.samples)
+
     def channel(self, name: str) -> np.ndarray:
         """Return one channel, shape (n,), in the unit of `channels.CHANNELS`."""
         return self.samples[:, CHANNEL_NAMES.index(name)]
@@ -108,6 +116,8 @@ class Record:
 def check_samples(samples: np.ndarray, source: str) -> None:
     """Check that samples, shape (n, 10), are finite, in order of time, and within its bounds.
 
+    A channel that a recorder may lack may be NaN throughout.
+
     Raises
     ------
     InvalidRecordError
@@ -115,6 +125,8 @@ def check_samples(samples: np.ndarray, source: str) -> None:
 
     """
     finite = np.isfinite(samples)
+    if not finite.all():
+        finite[:, [c for c in range(N_CHANNELS) if c not in recorded_columns(samples)]] = True
     if not finite.all():
         row, column = np.argwhere(~finite)[0]
         raise InvalidRecordError(

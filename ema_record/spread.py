@@ -15,10 +15,10 @@ from pydantic import TypeAdapter, ValidationError
 
 from ema_record.actuator import NOMINAL, quantity, sections_of
 from ema_record.errors import UsageError, first_problem, unknown_name
-from ema_record.kit import ACTUATOR, kit_path
+from ema_record.kit import ACTUATOR, kit_file
 
 
-class Tolerances(NamedTuple):
+class UnitTolerances(NamedTuple):
     """Half widths of the bands of a type's units, relative where no unit stands."""
 
     resistance: Annotated[float, quantity("1", 0.0, 0.5, "of a phase")]
@@ -51,17 +51,17 @@ class Conditions(NamedTuple):
     current_offset: Annotated[float, quantity("A", 0.0, 100.0, "of each sensor, + and -")]
 
 
-class Spread(NamedTuple):
+class TypeSpread(NamedTuple):
     """What differs from unit to unit and from test to test."""
 
-    tolerances: Tolerances
+    tolerances: UnitTolerances
     conditions: Conditions
 
 
-_Part = TypeVar("_Part", Tolerances, Conditions)
+_Part = TypeVar("_Part", UnitTolerances, Conditions)
 
 
-def load_spread(path: str | Path | None = None) -> Spread:
+def load_spread(path: str | Path | None = None) -> TypeSpread:
     """Return the spread that a model file describes; default the present kit's.
 
     Raises
@@ -69,21 +69,21 @@ def load_spread(path: str | Path | None = None) -> Spread:
     UsageError
         An unknown name, or a value out of bounds.
     """
-    own = _of_kit(kit_path(ACTUATOR))
+    own = _of_kit(*kit_file(ACTUATOR))
     return own if path is None else spread_from(sections_of(path), str(path), own)
 
 
 @cache
-def _of_kit(path: Path) -> Spread:
+def _of_kit(path: Path, _changed: int) -> TypeSpread:
     return spread_from(sections_of(path), str(path), ({}, {}))
 
 
 def spread_from(
     data: Mapping[str, Any], where: str,
-    base: Spread | tuple[Mapping[str, float], Mapping[str, float]],
-) -> Spread:
+    base: TypeSpread | tuple[Mapping[str, float], Mapping[str, float]],
+) -> TypeSpread:
     """Return `base` with what the sections of a model file change."""
-    return Spread(_section(Tolerances, "tolerances", data, where, base[0]),
+    return TypeSpread(_section(UnitTolerances, "tolerances", data, where, base[0]),
                   _section(Conditions, "conditions", data, where, base[1]))
 
 

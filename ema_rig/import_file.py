@@ -8,7 +8,7 @@ from typing import get_args
 
 import numpy as np
 
-from ema_record.channels import CHANNELS, Channel
+from ema_record.channels import CHANNELS, N_CHANNELS, Channel
 from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.profile import load_profile
 from ema_record.record import Provenance, Record, check_samples
@@ -241,9 +241,11 @@ def _actuator(rig_map: RigMap, path: Path) -> Record:
     columns = {
         channel.name: _converted(
             table, rig_map.channels[channel.name], channel.name, _QUANTITY_OF[channel.unit])
-        for channel in CHANNELS[1:]
+        for channel in CHANNELS[1:] if channel.name in rig_map.channels
     }
-    samples, _ = _joined(table, rig_map, columns, CHANNELS, notes)
+    recorded, chosen = _joined(table, rig_map, columns, CHANNELS, notes)
+    samples = np.full((len(recorded), N_CHANNELS), np.nan)
+    samples[:, [CHANNELS.index(channel) for channel in chosen]] = recorded
     check_samples(samples, str(path))
     return Record(
         samples=samples, profile=load_profile(rig_map.profile),

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from ema_record.channels import CHANNEL_NAMES
+from ema_record.channels import CHANNEL_NAMES, TIME, what_lacks
 from ema_record.errors import UsageError, first_problem
 from ema_record.yaml_file import load_yaml
 from ema_rig.record import InputQuantity
@@ -107,7 +107,7 @@ class RigMap(_Part):
     disturbance: Column | None = None
     """Known force or torque from outside, positive where it helps the input."""
     channels: dict[str, Column] = Field(default_factory=dict, max_length=20)
-    """With ``axis: actuator``: every channel of the built-in test but time."""
+    """With ``axis: actuator``: channels of the built-in test, those that there are, but time."""
     profile: str = Field(default="extended", max_length=4096)
     """With ``axis: actuator``: the test profile."""
     start: Finite | None = None
@@ -122,12 +122,15 @@ class RigMap(_Part):
             given = [name for name in own if getattr(self, name) is not None]
             if given:
                 raise ValueError(f"{given[0]!r} is for a rig; an actuator has 'channels'")
-            missing = [name for name in CHANNEL_NAMES[1:] if name not in self.channels]
             extra = [name for name in self.channels if name not in CHANNEL_NAMES[1:]]
-            if missing or extra:
-                raise ValueError(
-                    f"'channels' {'lacks' if missing else 'has the unknown'} "
-                    f"{(missing or extra)[0]!r}; an actuator has {', '.join(CHANNEL_NAMES[1:])}")
+            if extra:
+                raise ValueError(f"'channels' has the unknown {extra[0]!r}; an actuator has "
+                                 f"{', '.join(CHANNEL_NAMES[1:])}")
+            missing = what_lacks(
+                [TIME, *(CHANNEL_NAMES.index(name) for name in self.channels)])
+            if missing:
+                raise ValueError(f"'channels' lacks {missing!r}: motor_speed and two phase "
+                                 "currents must be there")
         else:
             if self.channels:
                 raise ValueError("'channels' is for 'axis: actuator'; a rig has 'input', "

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from ema_record.errors import UsageError
-from ema_record.resources import share_path
+from ema_record.kit import share_path
 
 DOMAINS = range(1, 102)
 """Domains whose ports are below those that the kernel hands out."""

@@ -24,8 +24,9 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from ema_record.errors import EmaError, UsageError
+from ema_record.kit import use_kit
 from ema_record.wire.topics import DIAGNOSTICS, TOPICS, Qos
-from ema_ros.parameters import USE_SIM_TIME, ParameterSpec, Value, check_values
+from ema_ros.parameters import KIT, USE_SIM_TIME, ParameterSpec, Value, check_values
 from ema_ros.process import StopSignal
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -125,6 +126,17 @@ class EmaNode(Node):
         self.exit_status: int | None = None
         """Set: the process is to end with this status."""
         self._stop = stop
+
+
+def use_given_kit(node: Node) -> None:
+    """Work with the kit that the node's parameter `KIT` names, if it does.
+
+    Raises
+    ------
+    UsageError
+        There is no such kit.
+    """
+    use_kit(str(KIT.check(given_parameters(node).get(KIT.name, KIT.default))))
 
 
 def declare_parameters(node: Node, specs: Iterable[ParameterSpec]) -> dict[str, Value]:

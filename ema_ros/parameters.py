@@ -76,6 +76,13 @@ class ParameterSpec:
         return checked
 
 
+KIT = ParameterSpec(
+    name="kit", default="", read_only=True,
+    text="folder of the kit of this type of actuator; empty: $EMA_KIT, else the default one's",
+)
+"""Parameter of every node; it counts before all others."""
+
+
 def check_values(specs: Iterable[ParameterSpec], given: Mapping[str, Any]) -> dict[str, Value]:
     """Return the values of all parameters: those given, checked, else the defaults.
 

@@ -35,6 +35,7 @@ from ema_ros.messages import (
     make_timer,
     on_parameters,
     try_publish,
+    use_given_kit,
 )
 from ema_ros.parameters import ParameterSpec, Value
 from ema_ros.process import StopSignal, report, run_node
@@ -63,6 +64,7 @@ class SimulatorNode(EmaNode):
     def __init__(self, stop: StopSignal) -> None:
         """Read the parameters, compile, then appear on the graph."""
         super().__init__(NODE_NAME, stop)
+        use_given_kit(self)
         model_file = given_parameters(self).get(MODEL_FILE.name, MODEL_FILE.default)
         self._model = load_model(str(MODEL_FILE.check(model_file)))
         specs = parameter_specs(self._model)

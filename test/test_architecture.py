@@ -34,31 +34,43 @@ MAX_DEPTH = 8
 KNOWN_CYCLES: set[str] = set()
 KNOWN_FOLDER_CYCLES: set[str] = set()
 KNOWN_CROWDED: set[str] = set()
-ONE_FILE_AN_ENTRY = {"ema_sim/effects"}
-"""A catalogue: each file is one effect, with its parameters, bounds and source. Stays."""
-KNOWN_DEPTH = {"ema_identification": 10}
+ONE_FILE_AN_ENTRY = {"ema_sim/effects", "ema_cli/commands"}
+"""Catalogues: each file is one effect, with its parameters, bounds and source; or one command,
+with its options and help. Stay."""
+KNOWN_DEPTH = {
+    "ema_identification": 10, "ema_prognostics": 10, "ema_record": 9}
 KNOWN_NAMES: set[str] = set()
 DISTINCTIVE = (
     "inverter.bus_voltage", "inverter.current_limit", "motor.phase_resistance",
     "motor.phase_inductance", "motor.back_emf_constant", "gear.ratio", "surface.end_stop",
-    "control.position_gain", "control.speed_limit", "acquisition.rate",
+    "control.position_gain", "control.speed_limit", "acquisition.rate", "motor.inertia",
+    "motor.torque_limit",
 )
 """Parameters of the default actuator whose values are hardly met by chance."""
 DESCRIPTION = "ema_record/actuator.py"
 """The one module that may hold a number of an actuator; the default's are in `config/`."""
 BY_CHANCE = {
+    "ema_cli/views/flights_plot.py": {1.6},  # width of a line (points)
     "ema_cli/views/record_plots.py": {0.6, 11.0},  # width of a line, size of a font (points)
     "ema_identification/actuator/measure/features.py": {11.0},  # edges of bins (ms, 0.1 mrad)
     "ema_identification/actuator/naming/decision.py": {0.6},  # share of a progress bar
     "ema_identification/actuator/naming/ensemble_search.py": {11.0},  # number of a random stream
     "ema_identification/actuator/panels.py": {500.0},  # points of a curve
-    "ema_identification/actuator/surrogate/catalogue.py": {0.6, 500.0},  # severities, bounds
+    "ema_identification/actuator/surrogate/catalogue.py": {0.6, 500.0, 1.5e-5},  # severities
     "ema_identification/actuator/surrogate/calibration.py": {48.0},  # units that are simulated
     "ema_identification/report/plots.py": {0.6, 500.0, 20_000.0},  # width of a line, points
-    "ema_identification/rig/search/alternatives.py": {0.6},  # delays in periods
+    "ema_identification/rig/search/alternatives.py": {0.6, 1.6},  # delays in periods
     "ema_monitor/monitor_node.py": {0.6},  # seconds of looking for another monitor
+    "ema_prognostics/commission/calibrate.py": {20_000.0},  # steps of an optimiser
+    "ema_prognostics/features/start.py": {0.6},  # share of the wind-up
+    "ema_prognostics/features/winding.py": {0.6},  # share of the relay's band
     "ema_prognostics/features/vector.py": {0.6},  # share of a turn-on time
+    "ema_prognostics/training/severity_training.py": {0.6},  # units of lost motion
     "ema_prognostics/paper/experiment.py": {22.0},  # 21 extents of a fault, counted from 1
+    "ema_record/data_sheet/derive.py": {0.6},  # share of the speed that the bus allows
+    "ema_record/data_sheet/quantities.py": {500.0, 20_000.0},  # bounds, the acquisition's default
+    "ema_record/data_sheet/text.py": {96.0},  # characters a line
+    "ema_record/profiles/plan.py": {1.6},  # a preferred number
     "ema_record/checks/physics.py": {500.0, 0.6},  # samples; coherence of two phasors
     "ema_record/checks/stream.py": {11.0},  # the fifth prime
     "ema_record/wire/samples.py": {500.0},  # samples a message
@@ -105,7 +117,8 @@ def numbers_of_the_actuator(source, actuator):
     """Return the numbers of a source that are distinctive parameters of `actuator`."""
     values = {getattr(getattr(actuator, section), name)
               for section, name in (dotted.split(".") for dotted in DISTINCTIVE)}
-    values.add(0.5 * actuator.inverter.current_limit)
+    values |= {0.5 * actuator.inverter.current_limit, 2.0 * actuator.inverter.bus_voltage,
+               actuator.slew_speed, round(actuator.slew_speed, 2), round(actuator.slew_speed, 4)}
     return {
         float(node.value) for node in ast.walk(ast.parse(source))
         if isinstance(node, ast.Constant) and type(node.value) in (int, float)
@@ -205,7 +218,7 @@ def test_the_numbers_of_the_actuator_stand_in_its_description(repository):
 
 @pytest.mark.parametrize("source", [
     "GEAR = 500.0", "GEAR = 500", "def f(speed=790.6): pass", "LIMITS = {'i': (-22.0, 22.0)}",
-    "RATE = 20_000", "HALF = 11.0", "L = 0.72e-3",
+    "RATE = 20_000", "HALF = 11.0", "L = 0.72e-3", "J = 1.5e-5", "RAILS = 96", "SLEW = 1.5812",
 ])
 def test_a_number_of_the_actuator_is_found(source):
     assert len(numbers_of_the_actuator(source, load_actuator())) == 1

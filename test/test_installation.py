@@ -89,7 +89,7 @@ def test_every_shipped_file_is_installed(tree, prefix):
 def test_installed_code_uses_its_own_files(prefix, overlay, tmp_path):
     found = run(
         sys.executable, "-c",
-        "import ema_record; from ema_record.resources import share_path\n"
+        "import ema_record; from ema_record.kit import share_path\n"
         "print(ema_record.__file__); print(share_path('config/actuator.yaml'))",
         env=overlay, cwd=tmp_path,
     )

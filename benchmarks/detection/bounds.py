@@ -46,11 +46,12 @@ from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_record.files import new_file
 from ema_record.profile import load_profile
 from ema_record.record import Record
+from ema_record.spread import UnitTolerances, load_spread
 from ema_sim.effects.settings import effects_from_mapping
 from ema_sim.simulate import simulate
 
 USED = ("quarter_even_m", "full_even_m", "torque_", "gap_width", "gap_torque", "gap_load",
-        "load_", "shaft_slope", "lag_", "rise_", "overshoot", "speed_full")
+        "load_", "shaft_slope", "lag_", "rise_", "overshoot", "speed_full", "winding_back_emf")
 """Beginnings of the names of the features that take part."""
 DERIVED = "_over_"
 """In the names of those that are differences of others, left out."""
@@ -103,7 +104,26 @@ class Unknown(NamedTuple):
     """Settings of effects that get the value; none: `name` is one of `units.UNIT_SPREAD`."""
 
 
-UNIT = tuple(Unknown(n, half) for n, half in UNIT_SPREAD.items() if n != "surface_inertia")
+def _unlisted(t: UnitTolerances, a: Actuator) -> dict[str, tuple[str, str, float]]:
+    """Return section, parameter and relative half width of what no record measures by itself."""
+    grease = 0.5 * (t.viscous_factor - 1.0 / t.viscous_factor)
+    return {
+        "motor_viscous": ("motor", "viscous_friction", grease),
+        "surface_viscous": ("surface", "viscous_friction", grease),
+        "motor_static": ("motor", "static_friction", t.static_ratio),
+        "surface_static": ("surface", "static_friction", t.static_ratio),
+        "flat_top": ("motor", "flat_top", t.flat_top / a.motor.flat_top),
+        "damping": ("shaft", "damping", t.damping),
+        "hysteresis": ("inverter", "hysteresis", t.hysteresis),
+        **{f"{n}_gain": ("control", f"{n}_gain", t.control_gain)
+           for n in ("position", "proportional", "integral")},
+    }
+
+
+UNLISTED = _unlisted(load_spread().tolerances, load_actuator())
+"""Spread of what grease, adjustment and shaping make of a type."""
+UNIT = (*(Unknown(n, half) for n, half in UNIT_SPREAD.items() if n != "surface_inertia"),
+        *(Unknown(n, half) for n, (_, _, half) in UNLISTED.items()))
 CONDITIONS = (
     Unknown("temperature", 55.0, ("winding_temperature.temperature",)),
     Unknown("bus", 0.1, ("bus_voltage_change.change",)),
@@ -190,7 +210,15 @@ class Library:
         value = unknown.half
         if unknown.name == "temperature":
             value += TEMPERATURE
-        actuator = self.nominal if unknown.effects else actuator_of({unknown.name: value})
+        if unknown.effects:
+            actuator = self.nominal
+        elif unknown.name in UNLISTED:
+            section, name, _ = UNLISTED[unknown.name]
+            part = getattr(self.nominal, section)
+            part = part._replace(**{name: getattr(part, name) * (1.0 + value)})
+            actuator = self.nominal._replace(**{section: part})
+        else:
+            actuator = actuator_of({unknown.name: value})
         shift, error = self.derivative(dict.fromkeys(unknown.effects, value), actuator, 1.0)
         return np.where(np.abs(shift) > SIGNIFICANT * error, shift, 0.0)
 

@@ -23,7 +23,7 @@ from std_msgs.msg import String
 
 from benchmarks.ledger import Ledger, Row
 from ema_monitor.aircraft_node import AircraftNode, aircraft
-from ema_record.resources import share_path
+from ema_record.kit import share_path
 from ema_record.wire.topics import BIT_RECORD
 from ema_ros.domain import enter_domain, private_domain
 from ema_ros.messages import make_publisher

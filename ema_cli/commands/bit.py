@@ -56,7 +56,8 @@ def bit(
     ] = Path("records"),
     model: Annotated[
         Path | None,
-        typer.Option("--model", metavar="FILE.yaml", help="Actuator parameters and effects."),
+        typer.Option("--model", metavar="FILE.yaml",
+                     help="Actuator parameters and effects: changes over the kit's."),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Of noise and start angle.")] = 0,
     noise: Annotated[float, typer.Option("--noise", help="Factor on the sensor noise.")] = 1.0,
@@ -76,9 +77,9 @@ def bit(
     """Run the whole built-in test over ROS 2 and print the verdict.
 
     Simulator, monitor and prognostics run as three processes; this one plays the aircraft.
-    The effect is known to the simulator alone. Exit status: 0 healthy, 1 a fault, 2 wrong use,
-    3 the verdict is unknown or incomplete, 4 no verdict: the test was refused or aborted, or a
-    node ended.
+    With --kit all three work with that kit. The effect is known to the simulator alone. Exit
+    status: 0 healthy, 1 a fault, 2 wrong use, 3 the verdict is unknown or incomplete, 4 no
+    verdict: the test was refused or aborted, or a node ended.
 
     Example: `ema bit --effect turn_short.fraction=0.1 --effect turn_short.phase=b`
     """

@@ -21,10 +21,10 @@ def check(
         help="The test that was commanded (name or YAML file), in place of the bag's own."
     )] = None,
     model: Annotated[Path | None, typer.Option(
-        help="Model file of 'ema train', in place of the shipped one.")] = None,
+        help="Model file of 'ema train', in place of the kit's.")] = None,
     mode: Annotated[str, typer.Option(
         help="robust: healthy class and guard; paper: the paper's two networks, which know "
-        "no healthy actuator.")] = "robust",
+        "no healthy actuator and no other than the default one.")] = "robust",
     baseline: Annotated[Path | None, typer.Option(
         metavar="BAG", help="A healthy bag of the same actuator and test, from its acceptance: "
         "sharpens the verdict.")] = None,

@@ -22,7 +22,8 @@ def identify(
         metavar="BAG", help="A record of the same unit that takes no part in the fit, of another "
         "command; repeatable.")] = None,
     model: Annotated[Path | None, typer.Option(
-        metavar="FILE.yaml", help="The model, default the nominal actuator.")] = None,
+        metavar="FILE.yaml", help="The model: changes over the kit's actuator; of a rig the whole."
+    )] = None,
     without: Annotated[list[str] | None, typer.Option(
         metavar="NAME", help="An effect of the catalogue to leave out; repeatable.")] = None,
     profile: Annotated[str | None, typer.Option(
@@ -53,6 +54,7 @@ def identify(
     """
     from ema_identification.identify import identify as run
     from ema_identification.report.write import write_answer, write_page
+    from ema_record.kit import kit_name
 
     check_new(out)
     records = [_read(path, profile) for path in measured]
@@ -71,7 +73,7 @@ def identify(
                     workers=workers, seed=seed)
     inputs: dict[str, str | list[str]] = {
         "measured": [str(p) for p in measured],
-        "model": "nominal" if model is None else str(model),
+        "model": kit_name() if model is None else str(model),
     }
     if validate:
         inputs["validate"] = [str(p) for p in validate]

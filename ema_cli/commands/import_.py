@@ -42,7 +42,7 @@ def import_(
     with progress(f"writing {out}"):
         if isinstance(record, Record):
             written = write_bag(record, out)
-            channels = [channel.label for channel in CHANNELS]
+            channels = [CHANNELS[column].label for column in record.columns]
             notes: list[str] = []
         else:
             written = write_rig_bag(record, out)

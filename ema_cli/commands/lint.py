@@ -21,7 +21,7 @@ def lint(
     model: Annotated[
         Path | None,
         typer.Option("--model", metavar="FILE.yaml",
-                     help="The actuator that was tested, default the nominal one."),
+                     help="The actuator that was tested: changes over the kit's."),
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object a bag.")

@@ -15,9 +15,11 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ema_record.profile import Profile
+    from ema_record.record import Record
     from ema_sim.campaign.runs import Campaign
 
 DEFAULT_PROFILE = "extended"
+STEP = "step"
 TRACE_LABELS = ("motor_torque[N m]", "shaft_torque[N m]", "surface_speed[rad/s]")
 
 
@@ -50,7 +52,7 @@ def simulate(
         str | None,
         typer.Option(
             "--profile", "-p", metavar="NAME|FILE.yaml", show_default=DEFAULT_PROFILE,
-            help="Test profile: step, extended, or a file.",
+            help="Test profile: one of the kit's (step, extended), or a file.",
         ),
     ] = None,
     effect: Annotated[
@@ -63,7 +65,8 @@ def simulate(
     model: Annotated[
         Path | None,
         typer.Option(
-            "--model", metavar="FILE.yaml", help="Actuator parameters, default the nominal ones."
+            "--model", metavar="FILE.yaml",
+            help="Actuator parameters and effects: changes over the kit's.",
         ),
     ] = None,
     seed: Annotated[
@@ -80,7 +83,8 @@ def simulate(
         float | None,
         typer.Option(
             "--step", metavar="AMPLITUDE",
-            help="Instead of a profile: one step of this size (rad) from -0.4 rad.",
+            help="Instead of a profile: one step of this size (rad) from where the kit's profile "
+            "step begins.",
         ),
     ] = None,
     start_angle: Annotated[
@@ -110,8 +114,8 @@ def simulate(
 ) -> int:
     """Run a test on the emulated actuator, without ROS, into a bag.
 
-    What was hidden in the actuator is not told by the bag. Outputs that exist are never
-    overwritten.
+    What was hidden in the actuator is not told by the bag, which names the kit's actuator.
+    Outputs that exist are never overwritten.
 
     Example: `ema simulate --profile step --effect turn_short.fraction=0.1 --out short`
     """
@@ -142,7 +146,7 @@ def simulate(
             trace=trace is not None or plot is not None,
         )
     wall = time.perf_counter() - begin
-    written = write_bag(result.record, out)
+    written = write_bag(_named(result.record), out)
     if trace is not None:
         write_trace(trace, result.record.time, result.trace)
     if not as_json:
@@ -171,6 +175,16 @@ def simulate(
     return 0
 
 
+def _named(record: Record) -> Record:
+    """Return a record that names the kit's actuator."""
+    from dataclasses import replace
+
+    from ema_record.actuator_type import actuator_hash
+
+    named = replace(record.provenance, actuator=actuator_hash())
+    return replace(record, provenance=named)
+
+
 def _refuse_own_options(context: typer.Context, file: Path) -> None:
     """Raise UsageError for an option of a single run: the campaign's file gives them."""
     for name in ("profile", "effect", "model", "seed", "noise", "rate", "step", "start_angle",
@@ -184,14 +198,22 @@ def _refuse_own_options(context: typer.Context, file: Path) -> None:
 
 
 def choose_profile(name: str | None, step: float | None) -> Profile:
-    """Return the profile of that name or file, or a step; UsageError if both are given."""
-    from ema_record.profile import load_profile, step_profile
+    """Return the profile of that name or file, or a step; UsageError if both are given.
+
+    The step begins where the kit's own begins, and is as long.
+    """
+    from ema_record.profile import load_profile, profile_names, step_profile
 
     if step is None:
         return load_profile(name or DEFAULT_PROFILE)
     if name is not None:
         raise UsageError(f"--profile {name} and --step {step:g} exclude each other: give one")
-    return step_profile(step)
+    names = sorted(profile_names(), key=lambda known: (known != STEP, known))
+    if not names:
+        raise UsageError(f"--step {step:g}: the kit has no test that says where it begins: give "
+                         "--profile FILE.yaml")
+    own = load_profile(names[0])
+    return step_profile(step, start=own.start, duration=own.duration)
 
 
 def write_trace(path: Path, time: np.ndarray, trace: np.ndarray) -> None:

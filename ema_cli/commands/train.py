@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from json import dumps
 from pathlib import Path
 from typing import Annotated
 
@@ -23,23 +24,24 @@ def train(
     )] = None,
     model: Annotated[Path | None, typer.Option(
         "--model", metavar="FILE.yaml",
-        help="Actuator around which the fleets spread, default the nominal one.")] = None,
+        help="Actuator around which the fleets spread: changes over the kit's.")] = None,
     json: Annotated[bool, typer.Option("--json", help="The validation as JSON.")] = False,
 ) -> int:
     """Train the cascade of networks and write its model file.
 
-    The validation stands beside the model file, as Markdown. The same seed gives the same
-    bytes, on any number of processes.
+    The validation stands beside the model file, as Markdown and as JSON. The same seed gives the
+    same bytes, on any number of processes. With --kit it is trained for that actuator; the kit
+    takes it as its cascade.json.
 
     Example: `ema train --out model.json`
     """
     from ema_prognostics.cascade.model_file import load_model, save_model
     from ema_prognostics.training.train_model import train_model
-    from ema_prognostics.training.validation_report import validation_report
+    from ema_prognostics.training.validation_report import validation_data, validation_report
     from ema_sim.model_file import load_model_file
 
-    report = out.with_suffix(".validation.md")
-    check_new_file(out, report)
+    report, data = out.with_suffix(".validation.md"), out.with_suffix(".validation.json")
+    check_new_file(out, report, data)
     actuator = None if model is None else load_model_file(model)
     with progress_of("training") as advance:
         trained = train_model(seed, quick=quick, jobs=jobs or -1, progress=advance, folder=work,
@@ -49,12 +51,14 @@ def train(
     text = validation_report(loaded)
     with report.open("x", encoding="utf-8") as file:
         file.write(text)
+    with data.open("x", encoding="utf-8") as file:
+        file.write(dumps(validation_data(loaded), indent=1) + "\n")
     if json:
         print_json({"out": str(out), "report": str(report), "sha256": loaded.sha256,
                     "seed": seed, "quick": quick, "held_out": loaded.training["held_out"]})
     else:
         print_report(text)
-        note(f"wrote {out} (sha256 {loaded.sha256[:16]}...) and {report}")
+        note(f"wrote {out} (sha256 {loaded.sha256[:16]}...), {report} and {data}")
     return 0
 
 

@@ -34,7 +34,7 @@ def trend(
         help="The test that was commanded (name or YAML file), in place of the bags' own."
     )] = None,
     model: Annotated[Path | None, typer.Option(
-        help="Model file of 'ema train', in place of the shipped one.")] = None,
+        help="Model file of 'ema train', in place of the kit's.")] = None,
     baseline: Annotated[Path | None, typer.Option(
         metavar="BAG", help="A healthy bag of the same actuator and test, from its acceptance: "
         "sharpens the verdicts.")] = None,

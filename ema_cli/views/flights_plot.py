@@ -21,7 +21,7 @@ from ema_cli.views.record_plots import (
     VERMILION,
     literal,
 )
-from ema_prognostics.cascade.classes import LEVELS
+from ema_prognostics.cascade.classes import LEVELS, levels_of
 from ema_prognostics.trend.unit_trend import FaultTrend, UnitTrend
 from ema_prognostics.words import class_name, counted, scaled
 from ema_record.files import new_file
@@ -85,7 +85,7 @@ def _severity_panel(axes: Axes, faults: list[FaultTrend]) -> None:
         _growth_line(axes, fault, scale, colour)
     axes.set_ylim(bottom=0.0)
     top = axes.get_ylim()[1]
-    for level, value in zip(("medium", "large"), LEVELS.get(name, ())):
+    for level, value in zip(("medium", "large"), levels_of(name) if name in LEVELS else ()):
         if scale * value < top:
             axes.axhline(scale * value, color=GREY, ls="-.", lw=0.7)
             axes.text(0.995, scale * value, f"{level} above", ha="right", va="bottom",

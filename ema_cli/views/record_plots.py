@@ -6,6 +6,7 @@ same apart in black and white. Angles are in degrees, all else in SI units.
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ema_cli.console import check_new, check_new_file, neutral
+from ema_prognostics.features.rebuild import completed
 from ema_prognostics.features.turns import TURN, Turns, paper_window, rotor_lines, whole_turns
 from ema_prognostics.paper.envelope import fold
-from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS, REFERENCE_CURRENTS
+from ema_record.actuator import Actuator, load_actuator
+from ema_record.channels import (
+    ALL,
+    CHANNELS,
+    MOTOR_SPEED,
+    PHASE_CURRENTS,
+    REFERENCE_CURRENTS,
+    ROTOR_ANGLE,
+)
 from ema_record.errors import OutputError, RecordError
 from ema_record.files import cannot_write, new_file
 from ema_record.record import Record
@@ -37,6 +47,8 @@ SIZE = (7.2, 4.4)
 """Width and height (inch): a page between its margins."""
 FOLD_BINS = 180
 """Bins of a turn of folded currents, 2° each."""
+LINEAR = 1.0 / 600.0
+"""Of the way to the end stop, to a power of ten: up to there errors are drawn linearly."""
 MAX_ORDER = 12
 """Highest multiple of f_e in the spectrum."""
 NAMES = ("speed", "currents", "spectrum", "surface", "torque")
@@ -79,22 +91,38 @@ def plot_record(record: Record, folder: Path, *, trace: np.ndarray | None = None
 
     """
     check_plot_folder(folder)
-    try:
-        turns = whole_turns(record, paper_window(record.profile))
-    except RecordError:
-        turns = None
+    actuator = load_actuator()
+    record, rebuilt = _completed(record, actuator)
+    turns = None
+    if ROTOR_ANGLE in record.columns:
+        with contextlib.suppress(RecordError):
+            turns = whole_turns(record, paper_window(record.profile))
     with mpl.rc_context(STYLE):
         figures = {"speed": _speed(record)}
+        if rebuilt:
+            figures["speed"].text(0.01, 0.005, rebuilt, fontsize=8.0, color=GREY)
         if turns is not None:
             figures["currents"] = _currents(record, turns)
             figures["spectrum"] = _spectrum(turns)
-        figures["surface"] = _surface(record)
+        figures["surface"] = _surface(record, actuator)
         figures["torque"] = _torque(record, trace)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             return [_save(figures[name], folder / f"{name}.png") for name in figures]
         except OSError as error:
             raise cannot_write(folder, error) from None
+
+
+def _completed(record: Record, actuator: Actuator) -> tuple[Record, str]:
+    """Return a record with the channels that it lacks rebuilt, and a line that says which."""
+    missing = [CHANNELS[c].name for c in ALL if c not in record.columns]
+    if not missing:
+        return record, ""
+    try:
+        whole = replace(record, samples=completed(record, actuator))
+    except RecordError:
+        return record, f"not recorded: {', '.join(missing)}"
+    return whole, f"not recorded, rebuilt from the others: {', '.join(missing)}"
 
 
 def _save(figure: Figure, path: Path) -> Path:
@@ -203,7 +231,7 @@ def _spectrum(turns: Turns) -> Figure:
     return figure
 
 
-def _surface(record: Record) -> Figure:
+def _surface(record: Record, actuator: Actuator) -> Figure:
     figure = Figure(figsize=(SIZE[0], 5.4))
     position, error = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     command = record.profile.command(record.time)
@@ -214,26 +242,29 @@ def _surface(record: Record) -> Figure:
     position.legend(loc="lower right")
     difference = 1e3 * (command - measured)
     error.plot(record.time, difference, color=VERMILION, lw=0.7)
-    error.set_yscale("symlog", linthresh=1.0)
-    error.set_yticks([-1000, -100, -10, -1, 0, 1, 10, 100, 1000])
-    error.set_yticklabels(["−1000", "", "−10", "", "0", "", "10", "", "1000"])
-    error.set(xlabel="time (s)", ylabel="command − measured\n(mrad, linear to ±1)")
+    linear = 10.0 ** np.rint(np.log10(1e3 * LINEAR * actuator.surface.end_stop))
+    ticks = linear * 10.0 ** np.arange(4)
+    labels = [f"{tick:g}" if k % 2 else "" for k, tick in enumerate(ticks)]
+    error.set_yscale("symlog", linthresh=linear)
+    error.set_yticks([*-ticks[::-1], 0.0, *ticks])
+    error.set_yticklabels([*(f"−{text}" if text else "" for text in labels[::-1]), "0", *labels])
+    error.set(xlabel="time (s)", ylabel=f"command − measured\n(mrad, linear to ±{linear:g})")
     return figure
 
 
 def torque_estimate(record: Record) -> np.ndarray:
     """Return the torque that the measured currents give with nominal constants.
 
-    ``k Σ trapezoid(θ − φ_k) i_k``: what a healthy motor would have. Shape (n,) (N m).
+    ``k Σ f(θ − φ_k) i_k``, f the back-EMF of a turn: what a healthy motor would have. Shape (n,)
+    (N m).
     """
-    from ema_record.actuator import load_actuator
-    from ema_sim.plant.electrical import THIRD, unit_trapezoid
+    from ema_sim.plant.electrical import THIRD, unit_back_emf
 
     motor = load_actuator().motor
     theta = record.channel("rotor_angle")
     torque = np.zeros(len(record))
     for k, phase in enumerate("abc"):
-        shape = unit_trapezoid(theta - k * THIRD, motor.flat_top)
+        shape = unit_back_emf(theta - k * THIRD, motor)
         torque += motor.back_emf_constant * shape * record.channel(f"phase_current_{phase}")
     return torque
 

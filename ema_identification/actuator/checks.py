@@ -8,7 +8,7 @@ import numpy as np
 
 from ema_identification.actuator.measure.segments import path
 from ema_identification.actuator.measure.signals import TURN
-from ema_record.channels import CHANNEL_NAMES, PHASE_CURRENTS, REFERENCE_CURRENTS
+from ema_record.channels import ALL, CHANNEL_NAMES, PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_record.errors import (
     IncompleteRecordError,
     InvalidRecordError,
@@ -22,8 +22,8 @@ from ema_sim.model_file import Model
 
 SHORTEST = 0.15
 """s."""
-LEAST_RATE = 5_000.0
-"""1/s."""
+LEAST_RATE = 24.0
+"""Samples an electrical turn at the motor's highest speed."""
 LEAST_TURNS = 3.0
 """Of the rotor; below it nothing excites the effects."""
 MISSING = 0.05
@@ -68,6 +68,11 @@ def _check(record: Record, model: Model) -> None:
         raise IncompleteRecordError(
             f"{name}: {record.duration:.3g} s, at least {SHORTEST:g} s: too short to identify "
             "anything; run the profile 'extended'")
+    lacking = [CHANNEL_NAMES[c] for c in ALL if c not in record.columns]
+    if lacking:
+        raise InvalidRecordError(
+            f"{name}: not recorded: {', '.join(lacking)}: identify compares all channels; record "
+            "them too")
     bad = ~np.isfinite(record.samples).all(axis=0)
     if bad.any():
         raise InvalidRecordError(
@@ -75,9 +80,11 @@ def _check(record: Record, model: Model) -> None:
             "finite: repeat the test")
     if np.diff(record.time).min() <= 0.0:
         raise InvalidRecordError(f"{name}: time runs back: 'ema lint' says where")
-    if record.rate < LEAST_RATE:
+    motor, highest = model.actuator.motor, model.actuator.control.speed_limit
+    least = LEAST_RATE * motor.pole_pairs * highest / TURN
+    if record.rate < least:
         raise InvalidRecordError(
-            f"{name}: {record.rate:.0f} samples/s, at least {LEAST_RATE:.0f}: record faster")
+            f"{name}: {record.rate:.0f} samples/s, at least {least:.0f}: record faster")
     planned = record.profile.duration
     if record.time[-1] < (1.0 - MISSING) * planned:
         raise IncompleteRecordError(

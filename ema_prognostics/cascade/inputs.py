@@ -11,25 +11,26 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ema_prognostics.cascade.classes import scale_of
 from ema_prognostics.cascade.lines import DERIVED, NOISE, LineFilter
 from ema_prognostics.features.vector import ABSOLUTE, squash
 from ema_record.actuator import load_actuator
 
 SURFACE = "surface_torque"
-MECHANICAL = (SURFACE, "compliance", "stiffness_agreement", "viscous_torque")
-"""Names of what `mechanical` returns, in order."""
-LEAST_TORQUE = 1e-2
-"""Floor of the surface's torque, referred to the motor (N m)."""
+MECHANICAL = (SURFACE, "viscous_torque", "compliance", "stiffness_agreement")
+"""Names of what `mechanical` returns, in order; the last two need the position."""
+LEAST_TORQUE = 0.024
+"""Floor of the surface's torque, of `Actuator.friction_torque`."""
 LEAST_LAG = 0.3
-"""Floor of the wind-up (0.1 mrad)."""
+"""Floor of the wind-up, in `classes.scale_of` the lost motion."""
 _WINDING = ("resistance_", "inductance_")
 """How the windings of the phases differ."""
 _SCATTER = ("noise_speed", "torque_quarter", "torque_full")
 """What the scatter of the lines depends on."""
 _BALANCE = (
-    "torque_", "gap_torque", SURFACE, "gap_load", "gap_width", "load_", "temperature",
-    "bus_voltage", "lag_", "shaft_slope", "start_stiffness", "short_like_best",
-    "amplitude_1", "amplitude_3", "noise_speed", "winding_back_emf", "inertia",
+    "dry_torque", "viscous_share", "torque_", "gap_torque", SURFACE, "gap_load", "gap_width",
+    "load_", "temperature", "bus_voltage", "lag_", "shaft_slope", "start_stiffness",
+    "short_like_best", "amplitude_1", "amplitude_3", "noise_speed", "winding_back_emf", "inertia",
 )
 """What the mean torque depends on."""
 GROUPS: dict[str, tuple[str, ...]] = {
@@ -78,9 +79,16 @@ def group_inputs(group: str, input_names: Sequence[str], *, size: bool = False) 
 
 def input_names(names: Sequence[str]) -> list[str]:
     """Return the names of all inputs for features `names`."""
-    surface = list(MECHANICAL) if "gap_torque" in names else []
+    surface = mechanical_names(names)
     own = [f"{ABSOLUTE}{n}" for n in (*DERIVED, *surface)] if _absolute(names) else []
     return [*names, *DERIVED, *surface, *own]
+
+
+def mechanical_names(names: Sequence[str]) -> list[str]:
+    """Return those of `MECHANICAL` that features `names` tell of."""
+    if "gap_torque" not in names:
+        return []
+    return list(MECHANICAL if "lag_ramp" in names else MECHANICAL[:2])
 
 
 def mechanical(names: Sequence[str], x: np.ndarray) -> np.ndarray:
@@ -88,27 +96,30 @@ def mechanical(names: Sequence[str], x: np.ndarray) -> np.ndarray:
 
     The torque on the slow ramp is that of motor and surface, the torque in the gap of zero
     shaft torque that of the motor alone, so their difference is what the surface takes (log of
-    N m). That torque winds the shaft up, one way on the ramp forward, the other way on the ramp
-    back: the lag between them less the lost motion is twice the compliance times the torque
-    (log, over nominal). Compliance and stiffness from the reversals must agree (log of their
-    product). Dry friction falls out of the torque at full less that at a quarter of the speed
-    (N m).
+    N m). Dry friction falls out of the torque at full less that at a quarter of the speed (N m).
+    The torque of the surface winds the shaft up, one way on the ramp forward, the other way on
+    the ramp back: the lag between them less the lost motion is twice the compliance times the
+    torque (log, over nominal). Compliance and stiffness from the reversals must agree (log of
+    their product).
     """
-    if "gap_torque" not in names:
+    wanted = mechanical_names(names)
+    if not wanted:
         return np.empty((len(x), 0))
-    found = {n: x[:, names.index(n)] for n in (
-        "torque_ramp", "gap_torque", "lag_ramp", "gap_width", "shaft_slope", "torque_full",
-        "torque_quarter")}
-    torque = np.maximum(np.exp(found["torque_ramp"]) - np.exp(found["gap_torque"]),
-                        LEAST_TORQUE)
-    wound = np.maximum(found["lag_ramp"] - found["gap_width"], LEAST_LAG)
+
+    def of(name: str) -> np.ndarray:
+        return np.asarray(x[:, names.index(name)])
+
     nominal = load_actuator()
-    twice_a_torque = 2.0 * 1e4 * nominal.gear.ratio / nominal.shaft.stiffness  # 0.1 mrad / (N m)
-    compliance = np.log(wound / (twice_a_torque * torque))
-    return np.column_stack([
-        np.log(torque), compliance, compliance + np.log(np.maximum(found["shaft_slope"], 0.05)),
-        np.exp(found["torque_full"]) - np.exp(found["torque_quarter"]),
-    ])
+    torque = np.maximum(np.exp(of("torque_ramp")) - np.exp(of("gap_torque")),
+                        LEAST_TORQUE * nominal.friction_torque)
+    found = [np.log(torque), np.exp(of("torque_full")) - np.exp(of("torque_quarter"))]
+    if len(wanted) > len(found):
+        least = 1e4 * LEAST_LAG * scale_of("backlash")  # 0.1 mrad
+        wound = np.maximum(of("lag_ramp") - of("gap_width"), least)
+        twice_a_torque = 2.0 * 1e4 * nominal.gear.ratio / nominal.shaft.stiffness  # 0.1 mrad/(N m)
+        compliance = np.log(wound / (twice_a_torque * torque))
+        found += [compliance, compliance + np.log(np.maximum(of("shaft_slope"), 0.05))]
+    return np.column_stack(found)
 
 
 def _absolute(names: Sequence[str]) -> bool:
@@ -161,9 +172,14 @@ class Inputs:
         return squash(raw, self._center, self._spread)
 
     def noise(self, u: np.ndarray) -> np.ndarray:
-        """Return the noise of the records themselves, shape (n,), of all inputs `u`, squashed."""
-        own = ABSOLUTE + NOISE
-        return u[:, self.columns([own if own in self.input_names else NOISE])[0]]
+        """Return the noise of the records themselves, shape (n,), of all inputs `u`, squashed.
+
+        Zero where no interval without current tells it.
+        """
+        for name in (ABSOLUTE + NOISE, NOISE):
+            if name in self.input_names:
+                return np.asarray(u[:, self.input_names.index(name)])
+        return np.zeros(len(u))
 
     def columns(self, inputs: Sequence[str]) -> np.ndarray:
         """Return where `inputs` stand; ValueError if one is unknown."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ema_prognostics.cascade.classes import CLASS_OF, OUTPUTS
+from ema_prognostics.cascade.classes import CLASS_OF, OUTPUTS, scale_of
 
 KINDS_FOUND = ("healthy", "slight", "mechanical", "electrical", "both")
 """What may be found in a record: no fault, none that is clear, and where one is: friction or
@@ -19,10 +19,10 @@ STRANGERS = 0.04
 """Odds of a stranger before the record is seen."""
 ELECTRICAL = 5
 """The first outputs, of `classes.OUTPUTS`, are shorts and eccentricity."""
-CLEAR = {"turn_short": 0.03, "rotor_eccentricity": 0.01, "friction": 0.2, "backlash": 3e-4}
-"""Severity from which a fault is clear, and the guard's limits are wider: it then moves features
-beside its own (the last two), or nothing but a fault looks like that (the first two)."""
-_CLEAR = np.array([CLEAR[CLASS_OF[output]] for output in OUTPUTS])
+CLEAR = {"turn_short": 0.03, "rotor_eccentricity": 0.01, "friction": 0.2, "backlash": 3.0}
+"""Severity, in `classes.scale_of`, from which a fault is clear, and the guard's limits are wider:
+it then moves features beside its own (the last two), or nothing but a fault looks like that (the
+first two)."""
 
 
 def kind_found(severity: np.ndarray) -> np.ndarray:
@@ -34,7 +34,8 @@ def kind_found(severity: np.ndarray) -> np.ndarray:
     """
     electrical = (severity[:, :ELECTRICAL] > 0.0).any(axis=1)
     mechanical = (severity[:, ELECTRICAL:] > 0.0).any(axis=1)
-    clear = (severity >= _CLEAR).any(axis=1)
+    least = [scale_of(CLASS_OF[o]) * CLEAR[CLASS_OF[o]] for o in OUTPUTS]
+    clear = (severity >= np.array(least)).any(axis=1)
     kinds = [
         ("both", clear & mechanical & electrical), ("mechanical", clear & mechanical),
         ("electrical", clear & electrical), ("slight", mechanical | electrical),

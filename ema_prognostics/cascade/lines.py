@@ -17,12 +17,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ema_record.actuator import load_actuator
+
 HARMONICS = 6
 SPEEDS = ("quarter", "full")
 SHORT_LINES = (2, 4)
 ECCENTRIC_LINES = (1, 3)
-NOISE = "noise_speed"
-"""Feature that tells the sensor noise, as a logarithm."""
+NOISE, CURRENT_NOISE = "noise_speed", "noise_current_least"
+"""Features that tell the noise of speed and current sensors, as logarithms."""
+TWO_OF_THREE = 0.7
+"""Noise of the torque current over that of a phase: half the sum of two."""
 WINDING = ("resistance_m1", "inductance_m1")
 """How the windings of the phases differ, complex."""
 FLOOR = 1e-6
@@ -66,10 +70,18 @@ def winding_differences(names: Sequence[str], x: np.ndarray) -> np.ndarray:
 
 
 def sensor_noise(names: Sequence[str], x: np.ndarray) -> np.ndarray:
-    """Return the noise of the speed of features `x` (rad/s), shape (n,); 1 where not measured."""
+    """Return the noise of features `x` as one of the speed (rad/s), shape (n,); 1: not measured.
+
+    The torque current has the noise of the speed sensor times the controller's gain, and that of
+    the current sensors.
+    """
     if NOISE not in names:
         return np.ones(len(x))
-    return np.exp(x[:, list(names).index(NOISE)])
+    speed = np.exp(x[:, list(names).index(NOISE)])
+    gain = load_actuator().control.proportional_gain
+    if CURRENT_NOISE not in names or gain <= 0.0:
+        return speed
+    return np.hypot(speed, TWO_OF_THREE / gain * np.exp(x[:, list(names).index(CURRENT_NOISE)]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

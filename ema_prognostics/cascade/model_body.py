@@ -308,12 +308,30 @@ class PaperPart(Part):
     ann_b: dict[Literal["turn_short", "rotor_eccentricity"], NetworkPart]
 
 
+class DiscrepancyPart(Part):
+    """What healthy machines leave over the model, feature by feature."""
+
+    names: Names
+    mean: Vector
+    """Subtracted from the features of a record."""
+    spread: Vector
+    """Standard deviation between units, which the training was given."""
+
+    @model_validator(mode="after")
+    def _sizes(self) -> DiscrepancyPart:
+        if not len(self.names) == len(self.mean) == len(self.spread):
+            raise ValueError("one mean and one spread a feature of the discrepancy are needed")
+        return self
+
+
 class Body(Part):
     """The whole body."""
 
     views: dict[Annotated[str, Field(pattern="^(step|extended)/(fleet|baseline)$")], ViewPart]
     """By ``<kind>/<view>``, e.g. ``extended/fleet``."""
     paper: PaperPart | None
+    discrepancy: dict[Literal["step", "extended"], DiscrepancyPart] = {}
+    """By kind of test; empty: nothing is known of it."""
     training: dict[str, Any]
 
     @classmethod

@@ -19,13 +19,26 @@ HARMONICS = 6
 BINS = 360
 HIGH = tuple(range(7, 37))
 """Lines that no fault class excites; cogging, gear mesh and saturation do."""
+DRIVEN = 0.01
+"""Share of the torque of nominal friction below which the motor was driven from outside."""
+
+
+def line_orders(pole_pairs: int) -> tuple[float, ...]:
+    """Return the multiples of the electrical angle of lines 1 to 6.
+
+    Even lines are those of the windings, 2, 4, 6. Odd ones are those of the rotor: once a turn
+    of the rotor (its eccentricity as a whole, run-out of the speed sensor), and that beside lines
+    2 and 4 (an eccentricity weighs the phases unlike). With one pole pair they are 1, 3, 5.
+    """
+    turn = 1.0 / pole_pairs
+    return turn, 2.0, 2.0 + turn, 4.0, 4.0 + turn, 6.0
 
 
 class Balance(NamedTuple):
     """Torque balance of one segment."""
 
     residual: np.ndarray
-    """m_1..m_6, complex, shape (6,), in parts of the mean torque."""
+    """m of the lines of `line_orders`, complex, shape (6,), in parts of the mean torque."""
     torque: float
     """Mean torque of the motor along its sense of rotation (N m)."""
     speed: float
@@ -34,20 +47,23 @@ class Balance(NamedTuple):
     """|m_h| of the lines `HIGH`, shape (30,)."""
 
 
-def _high_lines(turns: Turns, signal: np.ndarray, low: np.ndarray) -> np.ndarray:
+def _high_lines(
+    turns: Turns, signal: np.ndarray, low: np.ndarray, orders: tuple[float, ...]
+) -> np.ndarray:
     """Return the lines `HIGH` of what the low lines leave, complex, shape (30, m).
 
     Over whole turns the lines are orthogonal, so a projection serves; angles are taken in
     `BINS` parts of a turn, which leaves 98 % of line 36.
     """
+    whole = [k for k, h in enumerate(orders, start=1) if h == round(h)]
     place = (turns.theta * (BINS / TURN)).astype(int) % BINS
     mean = np.column_stack([
         np.bincount(place, turns.weight * column, minlength=BINS) for column in signal.T])
     weight = np.bincount(place, turns.weight, minlength=BINS)[:, None]
     angle = (np.arange(BINS) + 0.5) * (TURN / BINS)
-    powers = np.exp(-1j * np.outer(np.arange(1, HIGH[-1] + 1), angle))
-    rest = mean - weight * (low[0].real + (powers[:HARMONICS].conj().T @ low[1:]).real)
-    return 2.0 * powers[HARMONICS:] @ rest
+    known = np.exp(1j * np.outer(angle, [orders[k - 1] for k in whole]))
+    rest = mean - weight * (low[0].real + (known @ low[whole]).real)
+    return 2.0 * np.exp(-1j * np.outer(HIGH, angle)) @ rest
 
 
 def torque_balance(
@@ -61,23 +77,25 @@ def torque_balance(
         The motor did not turn, or was driven from outside.
     """
     t0 = signals.record.profile.command_time
-    turns = whole_turns(signals.record, (t0 + begin, t0 + end), min_turns=min_turns)
+    motor = signals.actuator.motor
+    turns = whole_turns(signals.record, (t0 + begin, t0 + end), min_turns=min_turns,
+                        pole_pairs=motor.pole_pairs)
     first = int(np.searchsorted(signals.time, turns.samples[0, 0]))
     part = slice(first, first + len(turns.theta))
     signal = np.column_stack([signals.speed[part], signals.torque_current[part]])
-    lines = rotor_lines(turns, signal, HARMONICS)
+    orders = line_orders(motor.pole_pairs)
+    lines = rotor_lines(turns, signal, orders)
+    h = np.array(orders)
     if high:
-        lines = np.vstack([lines, _high_lines(turns, signal, lines)])
-    top = len(lines) - 1
+        lines = np.vstack([lines, _high_lines(turns, signal, lines, orders)])
+        h = np.concatenate([h, HIGH])
+    k2 = signals.torque_constant
     mean_speed, mean = lines[0, 0].real, lines[0, 1].real
-    if turns.direction * mean <= 0.05:
+    if turns.direction * mean * k2 <= DRIVEN * signals.actuator.friction_torque:
         raise IncompleteRecordError(
             f"mean torque current {mean:.3g} A against the sense of rotation: the motor was "
             "driven from outside, repeat the test without load"
         )
-    h = np.arange(1, top + 1)
-    k2 = signals.torque_constant
-    motor = signals.actuator.motor
     turning = motor.pole_pairs * mean_speed  # electrical: the lines are those of `theta`
     residual = (1j * motor.inertia * h * turning * lines[1:, 0] - k2 * lines[1:, 1]) / (k2 * mean)
     return Balance(

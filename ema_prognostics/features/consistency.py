@@ -1,4 +1,9 @@
-"""Do the sensors agree with each other, and does anything unknown show: inputs of the guard."""
+"""Do the sensors agree with each other, and does anything unknown show: inputs of the guard.
+
+What measures the recorder and not the machine (noise, rounding, sums that should vanish) has a
+floor: below a part of what the actuator's description declares all records are alike, so none is
+suspicious for being quieter, finer or exactly zero.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +11,67 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ema_prognostics.features.signals import Signals
+from ema_prognostics.features.signals import MIN_SAMPLES, Signals
+from ema_record.actuator import NOISE_RATE, Actuator
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
 
+QUIET = 0.25
+"""Part of the declared noise below which all records are alike."""
+TINY = 1e-9
+"""Floor where nothing is declared, in the unit of the channel."""
+SMOOTHING = 41
+"""Samples of the running mean that is taken off before a scatter is measured."""
 
-def _log(value: float) -> float:
+
+def _log(value: float, floor: float = 0.0) -> float:
     """Return the logarithm of a positive quantity, floored where it vanishes."""
-    return float(np.log(max(value, 1e-9)))
+    return float(np.log(max(value, floor, TINY)))
 
 
-def _detrended(x: np.ndarray, n: int) -> np.ndarray:
-    """Return `x` less its running mean over `n` samples, ends left out."""
-    mean = np.convolve(x, np.ones(n) / n, mode="valid")
+def detrended(x: np.ndarray, n: int = SMOOTHING) -> np.ndarray:
+    """Return `x` less its running mean over `n` samples, shape (len(x) - n + 1,)."""
+    total = np.concatenate([[0.0], np.cumsum(x - x[0])])
     begin = n // 2
-    return x[begin:begin + len(mean)] - mean
+    mean = (total[n:] - total[:-n]) / n
+    return x[begin:begin + len(mean)] - x[0] - mean
+
+
+def resolution(x: np.ndarray) -> float:
+    """Return the smallest difference between two readings that differ, 0 of a constant.
+
+    That is the step of a converter, whatever the noise; of readings that were not rounded it is
+    next to nothing.
+    """
+    steps = np.diff(np.sort(x))
+    different = steps[steps > TINY * max(float(np.abs(x).max(initial=0.0)), TINY)]
+    return float(different.min()) if len(different) else 0.0
+
+
+def floors(actuator: Actuator, rate: float) -> dict[str, float]:
+    """Return what readings may be quieter and finer than: of current (A), speed, position.
+
+    Parameters
+    ----------
+    actuator : its declared noise and converters.
+    rate : samples a second.
+
+    Returns
+    -------
+    ``current``, ``speed`` and ``position``, parts of the noise of a sample; ``sum``, of three
+    currents; ``speed_step`` and ``position_step``, the steps of the declared converters if these
+    are larger. SI units.
+    """
+    noise, c = actuator.noise, actuator.converters
+    inside = 1.0 / np.sqrt(actuator.control.period * NOISE_RATE)
+    rounds = actuator.acquisition.converters
+    speed, position = QUIET * noise.speed * inside, QUIET * noise.position * inside
+    current = QUIET * noise.current * float(np.sqrt(rate / NOISE_RATE))
+    return {
+        "current": current, "sum": float(np.sqrt(3.0)) * current,
+        "speed": speed, "position": position,
+        "speed_step": max(speed, rounds * c.speed_range / 2.0**c.speed_bits),
+        "position_step": max(position, rounds * c.position_range / 2.0**c.position_bits),
+    }
 
 
 def consistency(
@@ -33,47 +85,54 @@ def consistency(
     slews : begin and end (s after the first command) of ``full`` and maybe of ``quarter``.
     """
     record, ratio = signals.record, signals.actuator.gear.ratio
-    samples = record.samples
-    off = record.time < record.profile.inverter_off - 1e-3
-    on = record.time > record.profile.command_time
+    least = floors(signals.actuator, signals.rate)
+    off = slice(0, int(np.searchsorted(signals.time, record.profile.inverter_off - 1e-3)))
+    on = slice(int(np.searchsorted(signals.time, record.profile.command_time, side="right")), None)
     found: dict[str, float] = {}
-    if np.count_nonzero(off) >= 40:
-        found["noise_speed"] = _log(float(signals.speed[off].std()))
-        found["noise_current"] = _log(float(samples[off][:, PHASE_CURRENTS].std(axis=0).max()))
-        found["noise_current_least"] = _log(
-            float(samples[off][:, PHASE_CURRENTS].std(axis=0).min())
-        )
+    if off.stop >= MIN_SAMPLES:
+        quiet = record.samples[off, PHASE_CURRENTS].std(axis=0)
+        found["noise_speed"] = _log(float(signals.speed[off].std()), least["speed"])
+        found["noise_current"] = _log(float(quiet.max()), least["current"])
+        found["noise_current_least"] = _log(float(quiet.min()), least["current"])
         start = record.profile.start
-        found["start_position"] = 1e3 * float(signals.position[off].mean() - start)
+        if signals.has_position:
+            found["start_position"] = 1e3 * float(signals.position[off].mean() - start)
     found["offset_largest"] = float(np.abs(signals.sensors.offset).max())
     gain = signals.sensors.gain - 1.0
     found["gain_largest"] = float(np.abs(gain).max())
-    total = signals.currents[on].sum(axis=1)
-    found["sum_rms"] = _log(float(total.std()))
+    # One phase after the other: a column of a table is read at a third of the cost of a row sum.
+    currents = [signals.currents[on, k] for k in range(3)]
+    references = [record.samples[on, REFERENCE_CURRENTS.start + k] for k in range(3)]
+    total = currents[0] + currents[1] + currents[2]
+    found["sum_rms"] = _log(float(total.std()), least["sum"])
     found["sum_mean"] = float(total.mean())
-    difference = signals.currents[on] - samples[on][:, REFERENCE_CURRENTS]
-    rms = difference.std(axis=0)
-    found["reference_rms"] = _log(float(rms.mean()))
-    found["reference_spread"] = float((rms.max() - rms.min()) / max(rms.mean(), 1e-9))
-    found["reference_sum"] = _log(float(samples[on][:, REFERENCE_CURRENTS].sum(axis=1).std()))
+    if signals.has_references:
+        rms = np.array([(i - r).std() for i, r in zip(currents, references)])
+        found["reference_rms"] = _log(float(rms.mean()))
+        found["reference_spread"] = float((rms.max() - rms.min()) / max(rms.mean(), TINY))
+        found["reference_sum"] = _log(
+            float((references[0] + references[1] + references[2]).std()), least["sum"])
     for name in [n for n in ("full", "quarter") if n in slews]:
         part = signals.between(*slews[name][:2])
         time = signals.time[part] - signals.time[part].mean()
         turning = float(time @ signals.motor_angle[part] / (time @ time))
         moving = float(time @ signals.position[part] / (time @ time))
         mean = float(signals.speed[part].mean())
+        if name == "full":
+            if signals.has_position:
+                found["position_step"] = _log(
+                    resolution(signals.position[part]), least["position_step"])
+            found["speed_step"] = _log(resolution(signals.speed[part]), least["speed_step"])
         scale = max(abs(turning), 1.0)
         found[f"speed_over_angle_{name}"] = 1e3 * (mean - turning) / scale
-        found[f"position_over_angle_{name}"] = 1e3 * (moving * ratio - turning) / scale
+        if signals.has_position:
+            found[f"position_over_angle_{name}"] = 1e3 * (moving * ratio - turning) / scale
         residual = signals.position[part] - moving * time - signals.position[part].mean()
         if name == "quarter":
-            found["position_rms_quarter"] = _log(float(residual.std()))
-            found["speed_rms_quarter"] = _log(float(_detrended(signals.speed[part], 41).std()))
+            if signals.has_position:
+                found["position_rms_quarter"] = _log(float(residual.std()), least["position"])
+            found["speed_rms_quarter"] = _log(
+                float(detrended(signals.speed[part]).std()), least["speed"])
             found["torque_rms_quarter"] = _log(
-                float(_detrended(signals.torque_current[part], 41).std())
-            )
-            change = np.abs(np.diff(signals.position[part]))
-            found["position_step"] = 1e3 * float(np.quantile(change, 0.999))
-            steps = np.abs(np.diff(signals.speed[part]))
-            found["speed_step"] = _log(float(np.median(steps)) + 0.01)
+                float(detrended(signals.torque_current[part]).std()), least["current"])
     return found

@@ -3,35 +3,45 @@
 The noise of the speed sensor goes round the loop: the controller answers each reading with its
 proportional gain, and the record holds both reading and reference current. Reading and reference
 less their neighbours are the noise alone; regressed on each other over several samples they give
-the answer, sample by sample, hence its delay and the gain.
+the answer, sample by sample, hence its delay and the gain. Where there is no noise to answer,
+the declared answer stands (ridge regression towards it, Hoerl and Kennard 1970): a record that is
+too quiet to tell is no sign of another controller.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from ema_prognostics.features.rebuild import torque_command
 from ema_prognostics.features.signals import Signals
+from ema_record.actuator import FOC
 from ema_record.channels import REFERENCE_CURRENTS
-from ema_sim.plant.electrical import FIRST_EDGE, SECTOR, reference_signs
+from ema_sim.plant.electrical import FIRST_EDGE, SECTOR
 
 LONGEST = 1.5e-3
 """Longest delay that is sought (s)."""
 MOST_LAGS = 50
-LEAST_POWER = 1e-6
 RIDGE = 0.03
 """Added to the powers: what the filter has taken out of the noise cannot be told."""
+UNTOLD = 0.1
+"""Part of the declared noise of the speed that tells as much as the declaration itself."""
+FILTERED = 1.5
+"""Variance of white noise less the mean of its neighbours, over that of the noise."""
+TINY = 1e-9
 FLOOR = 0.02
 """Delay below which all are alike (ms)."""
-_SIGNS = np.array([reference_signs.py_func(sector) for sector in range(6)])
 
 
-def _command(signals: Signals) -> np.ndarray:
+def _command(signals: Signals, part: slice) -> np.ndarray:
     """Return the reference of the torque current, shape (n,) (A), NaN at commutations."""
-    place = (signals.theta - FIRST_EDGE) / SECTOR
+    theta = signals.theta[part]
+    value = torque_command(signals.record.samples[part, REFERENCE_CURRENTS], theta,
+                           signals.actuator)
+    if signals.actuator.drive.kind == FOC:
+        return value
+    place = (theta - FIRST_EDGE) / SECTOR
     reach = 0.5 * np.abs(np.gradient(place)) + 1e-3
     whole = np.floor(place - reach) == np.floor(place + reach)
-    signs = _SIGNS[np.floor(place).astype(int) % 6]
-    value = 0.5 * (signs * signals.record.samples[:, REFERENCE_CURRENTS]).sum(axis=1)
     return np.where(whole, value, np.nan)
 
 
@@ -45,11 +55,10 @@ def control_loop(signals: Signals, windows: tuple[tuple[float, float], ...]) -> 
         first command).
     """
     lags = min(MOST_LAGS, int(LONGEST * signals.rate))
-    command = _command(signals)
     rows, sides = [], []
     for begin, end in windows:
         part = signals.between(begin, end)
-        speed, wanted = signals.speed[part], command[part]
+        speed, wanted = signals.speed[part], _command(signals, part)
         noise = speed[1:-1] - 0.5 * (speed[2:] + speed[:-2])
         answer = wanted[1:-1] - 0.5 * (wanted[2:] + wanted[:-2])
         late = np.lib.stride_tricks.sliding_window_view(noise, lags + 1)[:, ::-1]
@@ -57,12 +66,17 @@ def control_loop(signals: Signals, windows: tuple[tuple[float, float], ...]) -> 
         rows.append(late[known])
         sides.append(answer[lags:][known])
     x, y = np.vstack(rows), np.concatenate(sides)
+    control, acquisition = signals.actuator.control, signals.actuator.acquisition
+    declared = np.zeros(lags + 1)
+    late_by = acquisition.reference_latency * control.period * signals.rate
+    declared[min(round(late_by), lags)] = control.proportional_gain
+    untold = FILTERED * (UNTOLD * signals.actuator.noise.speed) ** 2 * len(y) + TINY
     power = x.T @ x
-    power += np.diag(RIDGE * np.diag(power) + LEAST_POWER)
-    answer = -np.linalg.solve(power, x.T @ y)
+    ridge = RIDGE * np.diag(power) + untold
+    answer = np.linalg.solve(power + np.diag(ridge), ridge * declared - x.T @ y)
     strength = np.maximum(answer, 0.0) ** 2
     total = max(float(strength.sum()), 1e-9)
     delay = float(strength @ np.arange(lags + 1)) / total / signals.rate
-    gain = np.sqrt(total) / signals.actuator.control.proportional_gain
+    gain = np.sqrt(total) / control.proportional_gain
     return {"control_delay": float(np.log(1e3 * delay + FLOOR)),
             "control_gain": float(np.log(gain))}

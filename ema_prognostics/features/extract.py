@@ -2,47 +2,29 @@
 
 from __future__ import annotations
 
+from math import exp
+
 import numpy as np
 
 from ema_prognostics.features.acceleration import inertia
 from ema_prognostics.features.balance import HARMONICS, Balance, torque_balance
 from ema_prognostics.features.consistency import consistency
 from ema_prognostics.features.control_loop import control_loop
+from ema_prognostics.features.dry_friction import dry_friction
 from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.features.reversal import LostMotion, reversal_gap
 from ema_prognostics.features.signals import Signals, prepare
 from ema_prognostics.features.start import start_features
 from ema_prognostics.features.winding import rise, winding
-from ema_record.actuator import Actuator
+from ema_record.actuator import FOC, RELAY, Actuator
 from ema_record.errors import IncompleteRecordError
+from ema_record.profiles.plan import TestPlan, test_plan
 from ema_record.record import Record
 
-SEGMENTS: dict[ProfileKind, dict[str, tuple[float, float, int]]] = {
-    "step": {"full": (0.10, 0.36, 20)},
-    "extended": {
-        "full": (0.10, 0.36, 20), "full_back": (0.66, 0.878, 16),
-        "quarter": (1.09, 1.458, 8), "quarter_back": (1.61, 1.978, 8),
-    },
-}
-"""Begin and end after the first command (s), fewest turns; settled slews only."""
-RAMPS = {"ramp": (2.12, 2.498), "ramp_back": (2.66, 2.998)}
-"""Slow ramps (s after the first command); too slow for whole turns in number."""
-LAST_TIME: dict[ProfileKind, float] = {"step": 0.36, "extended": 3.083}
-"""What a record must cover at least (s after the first command)."""
-REVERSALS = {"gap": (2.508, -1), "gap_back": (3.008, 1)}
-REVERSAL_LENGTH = 0.075
-"""Begin (s) and sense after each reversal, and the window's length (s)."""
-FULL_SPEED: dict[ProfileKind, tuple[tuple[float, float], ...]] = {
-    "step": ((0.06, 0.36),), "extended": ((0.06, 0.36),),
-}
-"""Slews at the limit of the speed (s after the first command)."""
-STARTS: dict[ProfileKind, tuple[tuple[float, float], ...]] = {
-    "step": ((0.0, 0.06),),
-    "extended": ((0.0, 0.06), (0.47, 0.64), (0.86, 1.0), (1.44, 1.54)),
-}
-"""Where the motor accelerates and brakes (s after the first command)."""
 LEAST_SAG = 0.05
-"""Resistance of a supply below which all are alike (ohm)."""
+"""Resistance of a supply, of that of a phase, below which all are alike."""
+LEAST_TORQUE = 2e-3
+"""Floor of a torque, of that of nominal friction."""
 HIGH_BANDS = {"low": slice(0, 6), "mid": slice(6, 14), "top": slice(14, 30)}
 """Bands of the lines 7 to 36."""
 
@@ -69,53 +51,68 @@ def _ramp_torque(signals: Signals, begin: float, end: float) -> float:
     return float(signals.torque_constant * np.median(signals.torque_current[part]))
 
 
-def _start(signals: Signals, full: Balance) -> dict[str, float]:
+def _start(signals: Signals, full: Balance, end: float) -> dict[str, float]:
     """Time from the command to 90 % of the full speed (ms), and the peak of the speed."""
-    part = signals.between(0.0, 0.10)
+    part = signals.between(0.0, end)
     speed = np.abs(signals.speed[part])
     n = max(1, round(5e-4 * signals.rate))
     smooth = np.convolve(speed, np.ones(n) / n, mode="same")
     reached = np.flatnonzero(smooth > 0.9 * full.speed)
-    rise = 1e3 * float(reached[0]) / signals.rate if len(reached) else 100.0
+    rise = 1e3 * float(reached[0]) / signals.rate if len(reached) else 1e3 * end
     return {"rise_time": rise, "overshoot": float(smooth.max() / full.speed - 1.0) * 1e2,
             "speed_full": float(np.log(full.speed))}
 
 
-def _slow(signals: Signals) -> dict[str, float]:
+def _slow(signals: Signals, plan: TestPlan) -> dict[str, float]:
     """What the ramps and their reversals tell of friction, lost motion and stiffness."""
     found: dict[str, float] = {}
-    ahead, back = (_ramp_torque(signals, *w) for w in RAMPS.values())
-    found["torque_ramp"] = float(np.log(max(0.5 * (ahead - back), 1e-3)))
+    floor = LEAST_TORQUE * signals.actuator.friction_torque
+    ramps = [window for window in (plan.ramp, plan.ramp_back) if window is not None]
+    quarters = [plan.segments[n][:2] for n in ("quarter", "quarter_back")]
+    ahead, back = (_ramp_torque(signals, *window) for window in ramps)
+    found["torque_ramp"] = float(np.log(max(0.5 * (ahead - back), floor)))
     found["load_ramp"] = 0.5 * (ahead + back)
     gaps: list[LostMotion] = [
-        reversal_gap(signals, begin, REVERSAL_LENGTH, sense)
-        for begin, sense in REVERSALS.values()
+        reversal_gap(signals, begin, plan.reversal_length, sense)
+        for begin, sense in plan.reversals
     ]
     found["gap_width"] = 1e4 * 0.5 * (gaps[0].width + gaps[1].width)
     found["gap_width_difference"] = 1e4 * (gaps[0].width - gaps[1].width)
-    found["gap_torque"] = float(np.log(max(0.5 * (gaps[0].level + gaps[1].level), 1e-3)))
+    found["gap_torque"] = float(np.log(max(0.5 * (gaps[0].level + gaps[1].level), floor)))
     found["gap_load"] = 0.5 * (gaps[1].level - gaps[0].level)
     found["shaft_slope"] = 0.5 * (gaps[0].slope + gaps[1].slope)
     found["shaft_bend"] = 0.5 * (gaps[0].bend + gaps[1].bend)
-    found["gap_error"] = float(np.log(max(g.error for g in gaps) + 1e-3))
-    ratio = signals.actuator.gear.ratio
-    lag = signals.motor_angle / ratio - signals.position
-    for name, windows in (
-        ("ramp", RAMPS.values()),
-        ("quarter", [SEGMENTS["extended"][s][:2] for s in ("quarter", "quarter_back")]),
-    ):
-        first, second = (float(lag[signals.between(*w)].mean()) for w in windows)
-        found[f"lag_{name}"] = 1e4 * (first - second)
+    found["gap_error"] = float(np.log(max(g.error for g in gaps) + floor))
+    if signals.has_position:
+        lag = signals.motor_angle / signals.actuator.gear.ratio - signals.position
+        for name, windows in (("ramp", ramps), ("quarter", quarters)):
+            first, second = (float(lag[signals.between(*window)].mean()) for window in windows)
+            found[f"lag_{name}"] = 1e4 * (first - second)
     return found
 
 
-def _sag(record: Record) -> float:
+def _winding(signals: Signals, plan: TestPlan) -> dict[str, float]:
+    """What the currents tell beside their references: of the windings, supply and control."""
+    found: dict[str, float] = {}
+    if not signals.has_references:
+        return found
+    kind = signals.actuator.drive.kind
+    if kind != FOC:  # sinusoidal references are never far ahead of the currents
+        for name, (begin, end, _) in plan.segments.items():
+            found[f"rise_{name}"], found[f"rise_spread_{name}"] = rise(signals, begin, end)
+    if kind == RELAY:  # the only drive whose leg voltages a record tells
+        found |= winding(signals, plan.slow_from)
+    return found | control_loop(signals, (plan.full_speed,))
+
+
+def _sag(record: Record, actuator: Actuator) -> float:
     """Return the resistance of the supply, log of ohm: bus voltage against bus current."""
+    least = LEAST_SAG * actuator.motor.phase_resistance
     if len(record.dc_bus) < 4:
-        return float(np.log(LEAST_SAG))
+        return float(np.log(least))
     voltage, current = (record.dc_bus[:, k] - record.dc_bus[:, k].mean() for k in (1, 2))
     slope = -float(voltage @ current) / max(float(current @ current), 1e-3)
-    return float(np.log(max(slope, 0.0) + LEAST_SAG))
+    return float(np.log(max(slope, least)))
 
 
 def extract(
@@ -135,16 +132,19 @@ def extract(
         The record does not hold what the features need.
     """
     signals = prepare(record, actuator)
+    plan = test_plan(record.profile, signals.actuator)
+    slews = plan.segments
     wide = kind == "extended"
     balances = {
-        name: torque_balance(signals, *segment, high=True)
-        for name, segment in SEGMENTS[kind].items()
+        name: torque_balance(signals, *segment, high=True) for name, segment in slews.items()
     }
     found: dict[str, float] = {}
     if wide:
         for speed in ("full", "quarter"):
             _pair(found, speed, balances[speed], balances[f"{speed}_back"])
-        found |= _slow(signals)
+        found |= _slow(signals, plan)
+        ramps = [window for window in (plan.ramp, plan.ramp_back) if window is not None]
+        found |= dry_friction(signals, balances, ramps, exp(found["torque_ramp"]))
         found["torque_full_over_quarter"] = found["torque_full"] - found["torque_quarter"]
         found["torque_quarter_over_ramp"] = found["torque_quarter"] - found["torque_ramp"]
     else:
@@ -153,15 +153,13 @@ def extract(
         for band, part in HIGH_BANDS.items():
             high = balances["full"].high[part]
             found[f"high_{band}_full"] = float(np.log(high.max() + 1e-5))
-        found |= start_features(signals, *SEGMENTS[kind]["full"][:2])
-    for name, (begin, end, _) in SEGMENTS[kind].items():
-        found[f"rise_{name}"], found[f"rise_spread_{name}"] = rise(signals, begin, end)
-    found |= _start(signals, balances["full"])
-    found |= winding(signals)
-    found |= control_loop(signals, FULL_SPEED[kind])
-    found |= inertia(signals, STARTS[kind])
-    found["bus_sag"] = _sag(record)
-    found |= consistency(signals, SEGMENTS[kind])
+        if signals.has_position:
+            found |= start_features(signals, *slews["full"][:2])
+    found |= _winding(signals, plan)
+    found |= _start(signals, balances["full"], slews["full"][0])
+    found |= inertia(signals, plan.starts)
+    found["bus_sag"] = _sag(record, signals.actuator)
+    found |= consistency(signals, slews)
     found["temperature"] = (signals.temperature - 20.0) / 50.0
     found["bus_voltage"] = signals.bus_voltage / (2.0 * signals.actuator.inverter.bus_voltage)
     if not all(np.isfinite(value) for value in found.values()):

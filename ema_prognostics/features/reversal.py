@@ -13,10 +13,14 @@ import numpy as np
 
 from ema_prognostics.features.signals import Signals
 
-BIN = 0.008
-"""Motor travel a bin (rad)."""
-LEAST_SLOPE = 0.02
-"""Floor of a slope (N m/rad at the motor); the nominal shaft has 0.4."""
+BIN, NEAR, LEAST_SPAN = 0.016, 0.04, 0.2
+"""Motor travel a bin, least travel, and least reach of the search, of `Actuator.wind_up`."""
+LEAST_SLOPE = 0.05
+"""Floor of a slope, of that of the nominal shaft."""
+STARTED = 0.15
+"""Motion of the surface, of the shaft's wind-up, at which it has started."""
+NEAR_RAMP = 0.9
+"""Where no position is recorded: the curve ends at this share of the last torque."""
 LAG = 2e-3
 """Length of the speed's smoothing (s)."""
 
@@ -61,14 +65,14 @@ def _search(
 
 
 def _bend(
-    x: np.ndarray, y: np.ndarray, weight: np.ndarray, release: float, width: float
+    x: np.ndarray, y: np.ndarray, weight: np.ndarray, release: float, width: float, least: float
 ) -> float:
     """Return the log of the slope after the gap over that before, the gap where it was found."""
     root = np.sqrt(weight)
     curve = np.column_stack([
         np.minimum(x - release, 0.0), np.maximum(x - release - width, 0.0), np.ones(len(x))])
     before, after, _ = np.linalg.lstsq(curve * root[:, None], y * root, rcond=None)[0]
-    return float(np.log(max(after, LEAST_SLOPE) / max(before, LEAST_SLOPE)))
+    return float(np.log(max(after, least) / max(before, least)))
 
 
 def reversal_gap(signals: Signals, begin: float, length: float, direction: int) -> LostMotion:
@@ -82,7 +86,7 @@ def reversal_gap(signals: Signals, begin: float, length: float, direction: int) 
     """
     part = signals.between(begin, begin + length)
     actuator = signals.actuator
-    ratio = actuator.gear.ratio
+    ratio, wind_up = actuator.gear.ratio, actuator.wind_up
     n = max(3, round(LAG * signals.rate))
     kernel = np.ones(n) / n
     theta = direction * signals.motor_angle[part]
@@ -96,25 +100,31 @@ def reversal_gap(signals: Signals, begin: float, length: float, direction: int) 
     )
     turned = int(np.argmin(theta))
     travel = theta - theta[turned]
-    moving = (np.arange(len(theta)) > turned) & (travel > 0.02) & (np.arange(len(theta)) > n)
-    moving &= np.arange(len(theta)) < len(theta) - n
+    place = np.arange(len(theta))
+    moving = (travel > NEAR * wind_up) & (place > max(turned, n)) & (place < len(theta) - n)
     # The curve ends where the surface moves.
-    rest = direction * signals.position[part][turned:turned + n].mean()
-    moved = direction * np.convolve(signals.position[part], kernel, mode="same") - rest > 1.5e-4
+    if signals.has_position:
+        rest = direction * signals.position[part][turned:turned + n].mean()
+        travelled = direction * np.convolve(signals.position[part], kernel, mode="same") - rest
+        moved = travelled > STARTED * wind_up / ratio
+    else:
+        smooth = np.convolve(torque, kernel, mode="same")
+        moved = smooth > NEAR_RAMP * float(np.median(smooth[-4 * n:-n]))
     after = np.flatnonzero(moved & moving)
     end = int(after[0]) - n if len(after) else len(theta) - n
     moving[max(end, turned + 4 * n):] = False
     if np.count_nonzero(moving) < 40:
         return LostMotion(0.0, 0.0, 0.0, 1.0, 0.0)
     x, y = travel[moving], torque[moving]
-    index = (x / BIN).astype(int)
+    index = (x / (BIN * wind_up)).astype(int)
     count = np.bincount(index)
     used = count > 0
     weight = count[used].astype(float)
     x = np.bincount(index, x)[used] / weight
     y = np.bincount(index, y)[used] / weight
     span = float(x[-1])
-    release, width = np.linspace(0.02, max(span, 0.1), 28), np.linspace(0.0, span, 40)
+    release = np.linspace(NEAR * wind_up, max(span, LEAST_SPAN * wind_up), 28)
+    width = np.linspace(0.0, span, 40)
     sse, r, w, level, slope = _search(x, y, weight, release, width)
     for _ in range(3):
         dr, dw = release[1] - release[0], width[1] - width[0]
@@ -123,4 +133,5 @@ def reversal_gap(signals: Signals, begin: float, length: float, direction: int) 
         sse, r, w, level, slope = _search(x, y, weight, release, width)
     nominal = actuator.shaft.stiffness / ratio**2
     error = float(np.sqrt(max(sse, 0.0) / weight.sum()))
-    return LostMotion(w / ratio, level, slope / nominal, error, _bend(x, y, weight, r, w))
+    bend = _bend(x, y, weight, r, w, LEAST_SLOPE * nominal)
+    return LostMotion(w / ratio, level, slope / nominal, error, bend)

@@ -8,20 +8,27 @@ eigenvector of ⟨i iᵀ⟩; white noise, equal in the phases, does not turn it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ema_prognostics.features.rebuild import completed, present
 from ema_record.actuator import Actuator, load_actuator
-from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS, ROTOR_ANGLE, SURFACE_POSITION
+from ema_record.channels import (
+    MOTOR_SPEED,
+    PHASE_CURRENTS,
+    REFERENCE_CURRENTS,
+    ROTOR_ANGLE,
+    SURFACE_POSITION,
+)
 from ema_record.errors import IncompleteRecordError
 from ema_record.record import Record
 from ema_sim.effects.winding_temperature import REFERENCE, WindingTemperature
-from ema_sim.plant.electrical import THIRD, unit_trapezoid
+from ema_sim.plant.electrical import THIRD, unit_back_emf
 
 GUARD_TIME = 1e-3
 """Left out before the inverter switches on (s)."""
-MIN_SAMPLES = 40
+MIN_SAMPLES = 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,12 +49,14 @@ class CurrentSensors:
         return (currents - self.offset) / self.gain
 
 
-def current_sensors(record: Record) -> CurrentSensors:
-    """Return the errors of the current sensors in a record."""
+def current_sensors(record: Record, *, two: bool = False) -> CurrentSensors:
+    """Return the errors of the current sensors in a record; `two`: the third is no measurement."""
     currents = record.samples[:, PHASE_CURRENTS]
     off = record.time < record.profile.inverter_off - GUARD_TIME
     offset = currents[off].mean(axis=0) if np.count_nonzero(off) >= MIN_SAMPLES else np.zeros(3)
     on = currents[~off] - offset
+    if two:
+        return CurrentSensors(offset=offset, gain=np.ones(3))
     _, vectors = np.linalg.eigh(on.T @ on)
     normal = np.abs(vectors[:, 0])
     if normal.min() < 0.2:  # a phase carries no current: no gain can be told
@@ -65,6 +74,8 @@ class Signals:
 
     Attributes
     ----------
+    record : with all channels, those that were not recorded rebuilt.
+    has_references, has_position : whether these were recorded.
     rate : samples a second.
     time, speed, position : ndarray, shape (n,). s; rad/s, of the motor; rad, of the surface.
     theta : ndarray, shape (n,). Electrical angle of the rotor, unwrapped (rad): what commutation,
@@ -79,6 +90,8 @@ class Signals:
 
     record: Record
     actuator: Actuator
+    has_references: bool
+    has_position: bool
     rate: float
     time: np.ndarray
     speed: np.ndarray
@@ -113,14 +126,15 @@ def prepare(record: Record, actuator: Actuator | None = None) -> Signals:
     if len(record) > MAX_SAMPLES:
         raise IncompleteRecordError(f"{len(record)} samples, at most {MAX_SAMPLES}")
     nominal = actuator if actuator is not None else load_actuator()
+    there = present(record)
+    record = replace(record, samples=completed(record, nominal))
     samples = record.samples
-    sensors = current_sensors(record)
+    sensors = current_sensors(record, two=not there[PHASE_CURRENTS].all())
     currents = sensors.correct(samples[:, PHASE_CURRENTS])
     theta = np.unwrap(samples[:, ROTOR_ANGLE])
-    top = nominal.motor.flat_top
     q = np.zeros(len(theta))
     for phase in range(3):
-        q += unit_trapezoid(theta - phase * THIRD, top) * currents[:, phase]
+        q += unit_back_emf(theta - phase * THIRD, nominal.motor) * currents[:, phase]
     temperature = (
         float(np.median(record.winding_temperature[:, 1]))
         if len(record.winding_temperature) else REFERENCE
@@ -131,7 +145,8 @@ def prepare(record: Record, actuator: Actuator | None = None) -> Signals:
     )
     factor = 1.0 + WindingTemperature().magnet_coefficient * (temperature - REFERENCE)
     return Signals(
-        record=record, actuator=nominal, rate=record.rate, time=samples[:, 0],
+        record=record, actuator=nominal, has_references=bool(there[REFERENCE_CURRENTS].all()),
+        has_position=bool(there[SURFACE_POSITION]), rate=record.rate, time=samples[:, 0],
         speed=samples[:, MOTOR_SPEED], theta=theta, position=samples[:, SURFACE_POSITION],
         currents=currents,
         torque_current=0.5 * q, sensors=sensors,

@@ -12,26 +12,27 @@ import numpy as np
 
 from ema_prognostics.features.signals import Signals
 
-PARTS = ((0.0, 0.25), (0.25, 0.5))
-"""Travel of the motor over which the stiffness is fitted (rad)."""
-LENGTH = 0.012
-"""The travel is over by then, after the command (s)."""
+PARTS = ((0.0, 0.5), (0.5, 1.0))
+"""Travel of the motor over which the stiffness is fitted, of `Actuator.wind_up`."""
 MIN_SAMPLES = 5
+LEAST_TRAVEL = 0.004
 SMOOTHING = 5e-4
 """Length of the mean under which the peak of the lag is sought (s)."""
-TRAVELS = (0.3, 0.5, 0.7, 0.9, 1.1, 1.4, 1.8, 2.4, 3.2)
-"""Travel of the motor at which the lag of the surface is read, ± `REACH` of it (rad)."""
+TRAVELS = (0.6, 1.0, 1.4, 1.8, 2.2, 2.8, 3.6, 4.8, 6.4)
+"""Travel of the motor at which the lag of the surface is read, ± `REACH` of it, of
+`Actuator.wind_up`."""
 REACH = 0.12
-START_LENGTH = 0.03
-"""Part of the record after the command in which the motor starts (s)."""
+START_SHARE = 0.3
+"""Part of the time to the settled slew in which the motor starts."""
 
 
-def start_stiffness(signals: Signals) -> np.ndarray:
+def start_stiffness(signals: Signals, length: float) -> np.ndarray:
     """Return the stiffness in each of `PARTS`, relative to the nominal shaft, shape (2,).
 
-    Zero where the record holds too few samples of the travel.
+    Zero where the record holds too few samples of the travel. `length`: the travel is over by
+    then, after the command (s).
     """
-    part = signals.between(-1e-3, LENGTH)
+    part = signals.between(-1e-3, length)
     motor, shaft = signals.actuator.motor, signals.actuator.shaft
     theta = signals.motor_angle[part]
     torque = np.clip(signals.torque_constant * signals.torque_current[part],
@@ -39,13 +40,14 @@ def start_stiffness(signals: Signals) -> np.ndarray:
     step = np.diff(theta)
     work = np.concatenate([[0.0], np.cumsum(0.5 * (torque[1:] + torque[:-1]) * step)])
     energy = 0.5 * motor.inertia * signals.speed[part] ** 2 - work
-    travel = np.abs(theta - theta[0])
+    travel = np.abs(theta - theta[0]) / signals.actuator.wind_up
     found = np.zeros(len(PARTS))
     for index, (low, high) in enumerate(PARTS):
-        inside = (travel > low) & (travel <= high) & (travel > 2e-3)
+        inside = (travel > low) & (travel <= high) & (travel > LEAST_TRAVEL)
         if np.count_nonzero(inside) >= MIN_SAMPLES:
             u = (travel[inside] - 0.5 * (low + high)) / (high - low)
-            found[index] = -2.0 * np.polyfit(u, energy[inside], 2)[0] / (high - low) ** 2
+            reach = (high - low) * signals.actuator.wind_up
+            found[index] = -2.0 * np.polyfit(u, energy[inside], 2)[0] / reach**2
     return found / (shaft.stiffness / signals.actuator.gear.ratio**2)
 
 
@@ -66,12 +68,13 @@ def start_features(signals: Signals, begin: float, end: float) -> dict[str, floa
     rest = signals.time < command
     at_rest = float(lag[rest].mean()) if rest.any() else float(lag[0])
     width = max(1, round(SMOOTHING * signals.rate))
-    start = lag[signals.between(0.0, START_LENGTH)]
+    length = START_SHARE * begin
+    start = lag[signals.between(0.0, length)]
     sums = np.concatenate([[0.0], np.cumsum(start)])
     peak = float(np.max(sums[width:] - sums[:-width]) / width)
-    first, second = start_stiffness(signals)
-    part = signals.between(0.0, START_LENGTH)
-    travel = direction * (theta[part] - theta[part][0])
+    first, second = start_stiffness(signals, 0.4 * length)
+    part = signals.between(0.0, length)
+    travel = direction * (theta[part] - theta[part][0]) / signals.actuator.wind_up
     found: dict[str, float] = {}
     last = at_rest
     for k, middle in enumerate(TRAVELS):

@@ -8,6 +8,7 @@ measured rotor angle, so no bin of a Fourier transform need fall on a line.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,14 +70,20 @@ def cut(record: Record, window: tuple[float, float]) -> np.ndarray:
     return record.samples[first:last]
 
 
-def whole_turns(record: Record, window: tuple[float, float], *, min_turns: int = 4) -> Turns:
+def whole_turns(
+    record: Record, window: tuple[float, float], *, min_turns: int = 4, pole_pairs: int = 1,
+) -> Turns:
     """Return the largest whole number of turns inside `window`.
+
+    A turn is one of the electrical angle; the number is a multiple of `pole_pairs`, so that it
+    is one of the rotor's own turns too.
 
     Parameters
     ----------
     record : the record.
     window : begin and end (s).
-    min_turns : fewest turns that are accepted.
+    min_turns : fewest electrical turns that are accepted.
+    pole_pairs : of the motor.
 
     Raises
     ------
@@ -94,11 +101,11 @@ def whole_turns(record: Record, window: tuple[float, float], *, min_turns: int =
     theta = np.unwrap(samples[:, ROTOR_ANGLE])
     travel = theta[-1] - theta[0]
     direction = 1 if travel >= 0.0 else -1
-    count = int(abs(travel) / TURN)
-    if count < min_turns:
+    count = int(abs(travel) / TURN / pole_pairs) * pole_pairs
+    if count < max(min_turns, pole_pairs):
         raise IncompleteRecordError(
             f"{abs(travel) / TURN:.1f} turns of the rotor in the analysis window "
-            f"{window[0]:.3f} to {window[1]:.3f} s, at least {min_turns}: "
+            f"{window[0]:.3f} to {window[1]:.3f} s, at least {max(min_turns, pole_pairs)}: "
             "the surface did not move as commanded, repeat the test"
         )
     if len(samples) < MIN_SAMPLES_A_TURN * count:
@@ -121,8 +128,10 @@ def whole_turns(record: Record, window: tuple[float, float], *, min_turns: int =
     )
 
 
-def rotor_lines(turns: Turns, signal: np.ndarray, harmonics: int = 6) -> np.ndarray:
-    """Return the complex lines of `signal` at 0..`harmonics` times the rotor angle.
+def rotor_lines(
+    turns: Turns, signal: np.ndarray, harmonics: int | Sequence[float] = 6
+) -> np.ndarray:
+    """Return the complex lines of `signal` at multiples of the electrical angle, 0 the first.
 
     Weighted least squares on 1, the drift along the window, cos hθ and sin hθ, so that
     neither a drift nor a partial turn leaks into a line.
@@ -131,22 +140,23 @@ def rotor_lines(turns: Turns, signal: np.ndarray, harmonics: int = 6) -> np.ndar
     ----------
     turns : whole turns of the rotor.
     signal : ndarray, shape (n,) or (n, m), one row a sample of `turns`.
-    harmonics : highest multiple.
+    harmonics : highest multiple, or the multiples themselves (multiples of 1 / pole pairs).
 
     Returns
     -------
-    ndarray, complex, shape (harmonics + 1,) or (harmonics + 1, m). Entry h is c with
+    ndarray, complex, shape (lines + 1,) or (lines + 1, m). The entry of multiple h is c with
     signal = Re(c exp(jhθ)) + ...; entry 0 is the mean. Unit of the signal.
     """
+    orders = range(1, harmonics + 1) if isinstance(harmonics, int) else harmonics
     theta, weight = turns.theta, turns.weight
     drift = np.linspace(-1.0, 1.0, len(theta))
     columns = [np.ones_like(theta), drift]
-    for h in range(1, harmonics + 1):
+    for h in orders:
         columns += [np.cos(h * theta), np.sin(h * theta)]
     design = np.stack(columns, axis=1)
     weighted = design * weight[:, None]
     coefficients = np.linalg.solve(weighted.T @ design, weighted.T @ signal)
-    lines = np.empty((harmonics + 1, *coefficients.shape[1:]), dtype=complex)
+    lines = np.empty((len(orders) + 1, *coefficients.shape[1:]), dtype=complex)
     lines[0] = coefficients[0]
     lines[1:] = coefficients[2::2] - 1j * coefficients[3::2]
     return lines

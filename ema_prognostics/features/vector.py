@@ -6,11 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ema_record.actuator import load_actuator
+
 ABSOLUTE = "absolute_"
 """Marks a feature itself beside its difference to the baseline."""
 START = "start_position"
 START_TOLERANCE = 0.6
-"""How far from its start a test may begin (mrad); 0.4 was seen."""
+"""How far from its start a test may begin, of the wind-up under static friction, which holds the
+surface there: 0.4 was seen."""
 
 
 def difference_names(names: Sequence[str]) -> list[str]:
@@ -36,10 +39,12 @@ def start_allowed(x: np.ndarray, names: Sequence[str]) -> np.ndarray:
     """
     if START not in names:
         return x
+    actuator = load_actuator()
+    tolerance = START_TOLERANCE * 1e3 * actuator.wind_up / actuator.gear.ratio  # mrad
     out = x.copy()
     off = out[:, list(names).index(START)]
     out[:, list(names).index(START)] = np.sign(off) * np.maximum(
-        np.abs(off) - START_TOLERANCE, 0.0)
+        np.abs(off) - tolerance, 0.0)
     return out
 
 

@@ -23,53 +23,74 @@ import numpy as np
 from ema_prognostics.features.signals import Signals
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_sim.effects.winding_temperature import COPPER, REFERENCE
-from ema_sim.plant.electrical import FIRST_EDGE, SECTOR, THIRD, unit_trapezoid
+from ema_sim.plant.electrical import FIRST_EDGE, SECTOR, THIRD, unit_back_emf
 
-MARGIN = 0.3
-"""Of a current to the edge of the relay's band within which its leg may switch (A)."""
-DROP_CURRENT = 0.5
-"""Current at which the drop of a switch counts as fully there (A)."""
+MARGIN = 0.6
+"""Of a current to the edge of the relay's band within which its leg may switch, of the band."""
+LATENCY = 2.0
+"""Control periods, beyond those declared, by which a reference may act later than recorded."""
+TINY = 1e-9
+DROP_CURRENT = 1.0
+"""Current at which the drop of a switch counts as fully there, of the relay's band."""
 STEP = 1e-3
 """Angle over which the slope of the trapezoid is taken (rad)."""
-MIN_PAIRS = 60
+PRIOR = np.array([0.3] * 5 + [0.1] * 4)
+"""Standard deviation of each unknown where nothing is measured, the drop of a switch of the bus
+voltage: few pairs of samples say little, and then move little."""
+NOMINAL = np.array([1.0] * 5 + [0.0] * 4)
 ROUNDS = 8
-LEAST_ERROR = 0.05
-"""Least size of the errors (V)."""
+LEAST_ERROR = 1e-3
+"""Least size of the errors, of the bus voltage."""
 PAIRS = ((0, 1), (1, 2), (2, 0))
-FEATURES = ("winding_inductance", "winding_resistance", "winding_back_emf", "switch_drop",
-            "sensor_angle", "resistance_m1_re", "resistance_m1_im", "inductance_m1_re",
-            "inductance_m1_im", "resistance_spread", "inductance_spread", "winding_error")
-LENGTH = 2.03
-"""Time after the first command that is used: all but the slow ramps (s)."""
 PHASES = np.exp(-1j * THIRD * np.arange(3))
 """Weights that make one complex number of three phases; turns with them like a line 1."""
 SPREAD_FLOOR = 0.02
 
 
-def _saturated(signals: Signals) -> np.ndarray:
-    """Return where each leg stands still from a sample to the next, shape (n - 1, 3).
+def _references(signals: Signals, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return least and largest reference that may act on each leg, shape (n - 1, 3) each (A).
 
-    +1: on the upper rail, -1: on the lower, 0: not certain.
+    The phases that carry it are those of the present rotor angle; how large it is may have been
+    commanded up to `LATENCY` control periods ago.
     """
-    samples = signals.record.samples
-    reading, reference = samples[:, PHASE_CURRENTS], samples[:, REFERENCE_CURRENTS]
+    acquisition, period = signals.actuator.acquisition, signals.actuator.control.period
+    late = int(np.ceil((acquisition.reference_latency + LATENCY) * period * signals.rate))
+    reference = signals.record.samples[:n, REFERENCE_CURRENTS]
+    command = np.abs(reference).max(axis=1)
+    least, most = command.copy(), command.copy()
+    for k in range(1, late + 1):
+        least[k:] = np.minimum(least[k:], command[:-k])
+        most[k:] = np.maximum(most[k:], command[:-k])
+    share = reference / np.maximum(command, TINY)[:, None]
+    one, other = share * least[:, None], share * most[:, None]
+    low, high = np.minimum(one, other), np.maximum(one, other)
+    return np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])
+
+
+def _saturated(signals: Signals, length: float) -> np.ndarray:
+    """Return where each leg stands still from a sample to the next, shape (k, 3), k < n.
+
+    +1: on the upper rail, -1: on the lower, 0: not certain. `k` ends with `length`.
+    """
+    begin_time = signals.record.profile.inverter_off + 2.0 / signals.rate
+    n = int(np.searchsorted(signals.time, signals.record.profile.command_time + length))
+    reading = signals.record.samples[:n, PHASE_CURRENTS]
     band = signals.actuator.inverter.hysteresis
+    margin = MARGIN * band
     half = 0.5 * np.diff(reading, axis=0)
     begin, end = reading[:-1] - half, reading[1:] + half
-    low = np.minimum(reference[:-1], reference[1:])
-    high = np.maximum(reference[:-1], reference[1:])
-    up = (begin < low - band - MARGIN) & (end < low + band - MARGIN)
-    down = (begin > high + band + MARGIN) & (end > high - band + MARGIN)
-    turned = np.diff(signals.theta)
-    place = (signals.theta - np.pi / 6.0) / (np.pi / 3.0)
-    reach = 0.5 * turned / (np.pi / 3.0)
+    low, high = _references(signals, n)
+    up = (begin < low - band - margin) & (end < low + band - margin)
+    down = (begin > high + band + margin) & (end > high - band + margin)
+    theta = signals.theta[:n]
+    place = (theta - np.pi / 6.0) / (np.pi / 3.0)
+    reach = 0.5 * np.diff(place)
     same = np.floor(place[:-1] - reach) == np.floor(place[1:] + reach)
-    on = signals.time[:-1] > signals.record.profile.inverter_off + 2.0 / signals.rate
-    on &= signals.time[1:] < signals.record.profile.command_time + LENGTH
+    on = signals.time[:n - 1] > begin_time
     return np.where((same & on)[:, None], up.astype(int) - down.astype(int), 0)
 
 
-def _equations(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
+def _equations(signals: Signals, length: float) -> tuple[np.ndarray, np.ndarray]:
     """Return L0 di/dt, shape (n,), and what explains it, shape (n, 9), of all pairs (V).
 
     Columns: bus, fall over each winding (3), back-EMF, drop of a volt, angle of a radian,
@@ -77,12 +98,14 @@ def _equations(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
     """
     actuator = signals.actuator
     motor = actuator.motor
-    state = _saturated(signals)
-    middle = 0.5 * (signals.currents[1:] + signals.currents[:-1])
-    rise = np.diff(signals.currents, axis=0) / np.diff(signals.time)[:, None]
+    state = _saturated(signals, length)
+    n = len(state) + 1
+    currents = signals.currents[:n]
+    middle = 0.5 * (currents[1:] + currents[:-1])
+    rise = np.diff(currents, axis=0) / np.diff(signals.time[:n])[:, None]
     warm = signals.temperature - REFERENCE
     resistance = motor.phase_resistance * (1.0 + COPPER * warm)
-    sign = np.clip(middle / DROP_CURRENT, -1.0, 1.0)
+    sign = np.clip(middle / (DROP_CURRENT * actuator.inverter.hysteresis), -1.0, 1.0)
     rows, sides = [], []
     for j, k in PAIRS:
         used = np.flatnonzero(state[:, j] * state[:, k] < 0)
@@ -95,8 +118,8 @@ def _equations(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
         for phase, part in ((j, 0.5), (k, -0.5)):
             for at in (used, used + 1):
                 angle = signals.theta[at] - phase * THIRD
-                ahead = unit_trapezoid(angle + STEP, motor.flat_top)
-                behind = unit_trapezoid(angle - STEP, motor.flat_top)
+                ahead = unit_back_emf(angle + STEP, motor)
+                behind = unit_back_emf(angle - STEP, motor)
                 shape = shape + part * 0.5 * (ahead + behind)
                 slope = slope + part * (ahead - behind) / (2.0 * STEP)
         emf = 0.5 * signals.torque_constant * s * speed
@@ -110,32 +133,38 @@ def _equations(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(sides), np.vstack(rows)
 
 
-def _fit(rows: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, float]:
+def _fit(
+    rows: np.ndarray, side: np.ndarray, least: float, prior: np.ndarray
+) -> tuple[np.ndarray, float]:
     """Return the solution of rows x = side, and the error's size, freed of stray equations.
+
+    `least`: least size of the errors (V); `prior`: standard deviation of each unknown about
+    `NOMINAL`, shape (9,).
 
     A leg that switched unseen makes an equation wrong by some ten volts. Weights of Cauchy and
     the median of the errors leave such out (iteratively reweighted least squares).
     """
-    found = np.array([1.0] * 5 + [0.0] * 4)
-    scale = 0.0
-    for _ in range(ROUNDS):
+    found, scale = NOMINAL, 2.0 * least
+    for _ in range(ROUNDS if len(side) else 0):
         error = np.abs(side - rows @ found)
-        scale = max(1.5 * float(np.median(error)), LEAST_ERROR)
+        scale = max(1.5 * float(np.median(error)), least)
         root = 1.0 / np.sqrt(1.0 + (error / (2.0 * scale)) ** 2)
-        found = np.linalg.lstsq(rows * root[:, None], side * root, rcond=None)[0]
+        known = np.diag(scale / prior)
+        found = np.linalg.lstsq(np.vstack([rows * root[:, None], known]),
+                                np.concatenate([side * root, known @ NOMINAL]), rcond=None)[0]
     return found, scale
 
 
-def winding(signals: Signals) -> dict[str, float]:
-    """Return `FEATURES`: logarithms of L, R and k over nominal, U (V), angle (mrad), errors.
+def winding(signals: Signals, length: float) -> dict[str, float]:
+    """Return logarithms of L, R and k over nominal, U (V), angle (mrad), errors.
 
-    Zero where the record has fewer than `MIN_PAIRS` pairs of samples to tell from. Lines 1:
-    percent by which the phases differ.
+    Nominal where the record has no pairs of samples to tell from. Lines 1: percent by which the
+    phases differ. `length`: time after the first command that is used: all but the slow ramps (s).
     """
-    side, rows = _equations(signals)
-    if len(side) < MIN_PAIRS:
-        return dict.fromkeys(FEATURES, 0.0)
-    found, error = _fit(rows, side)
+    side, rows = _equations(signals, length)
+    bus = signals.actuator.inverter.bus_voltage
+    prior = np.where(np.arange(9) == 5, bus * PRIOR, PRIOR)
+    found, error = _fit(rows, side, LEAST_ERROR * bus, prior)
     gain = max(float(found[0]), 0.1)
     r = found[1:4] / gain
     resistance, inductance = complex(r @ PHASES), 1.5 * complex(*found[7:9])
@@ -149,7 +178,7 @@ def winding(signals: Signals) -> dict[str, float]:
         "inductance_m1_re": 1e2 * inductance.real, "inductance_m1_im": 1e2 * inductance.imag,
         "resistance_spread": float(np.log(abs(resistance) + SPREAD_FLOOR)),
         "inductance_spread": float(np.log(abs(inductance) + SPREAD_FLOOR)),
-        "winding_error": float(np.log(error + 0.1)),
+        "winding_error": float(np.log(error + 2.0 * LEAST_ERROR * bus)),
     }
 
 

@@ -1,62 +1,48 @@
 """Training of single networks: an ensemble of small ones, kept as one.
 
-Each member is a perceptron with one hidden layer of tanh, trained by scikit-learn with L-BFGS on
-all records at once (Adam in batches left severities two to four times less exact). Since
-tanh z = 2 logsig(2z) − 1, members are rewritten with the log-sigmoid of the paper, and the mean
-of their outputs before the last law is again one network with all their hidden neurons.
+Each member is a perceptron with one hidden layer of tanh, see `descent` (Adam in batches left
+severities two to four times less exact). Since tanh z = 2 logsig(2z) − 1, members are rewritten
+with the log-sigmoid of the paper, and the mean of their outputs before the last law is again one
+network with all their hidden neurons.
 """
 
 from __future__ import annotations
 
-import warnings
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from ema_prognostics.networks.descent import Perceptron, descend
 from ema_prognostics.networks.network import Network, OutputLaw
 
 MEMBERS = 4
 WEIGHT_DECAY = 10.0
 """Penalty on the weights of a classifier."""
+NEXT_SEED = 1000
+"""From the seed of a member to that of the next."""
 
 
-def _fit(estimator: Any, x: np.ndarray, y: np.ndarray) -> Any:
-    from sklearn.exceptions import ConvergenceWarning
-    from threadpoolctl import threadpool_limits
-
-    with warnings.catch_warnings(), threadpool_limits(limits=1):
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        return estimator.fit(x, y)
-
-
-def _merged(fitted: list[Any], law: OutputLaw, mean: np.ndarray, scale: np.ndarray) -> Network:
+def merged(members: Sequence[Perceptron], law: OutputLaw, mean: np.ndarray, scale: np.ndarray
+           ) -> Network:
     """Return the mean of tanh networks as one network of log-sigmoids."""
-    share = 1.0 / len(fitted)
-    d = fitted[0].coefs_[0].shape[0]
-    output_bias = np.zeros(fitted[0].coefs_[1].shape[1])
-    for f in fitted:
-        output_bias += share * (f.intercepts_[1] - f.coefs_[1].sum(axis=0))
+    share = 1.0 / len(members)
+    d, k = len(members[0].first), len(members[0].second_bias)
+    output_bias = np.zeros(k)
+    for m in members:
+        output_bias += share * (m.second_bias - m.second.sum(axis=0))
     return Network(
         input_mean=np.zeros(d), input_scale=np.ones(d),
-        hidden_weights=np.hstack([2.0 * f.coefs_[0] for f in fitted]),
-        hidden_bias=np.concatenate([2.0 * f.intercepts_[0] for f in fitted]),
-        output_weights=np.vstack([2.0 * share * f.coefs_[1] for f in fitted]),
+        hidden_weights=np.hstack([2.0 * m.first for m in members]),
+        hidden_bias=np.concatenate([2.0 * m.first_bias for m in members]),
+        output_weights=np.vstack([2.0 * share * m.second for m in members]),
         output_bias=output_bias, output_law=law, output_mean=mean, output_scale=scale,
     )
 
 
-def _settings(hidden: int, iterations: int, seed: int, decay: float) -> dict[str, Any]:
-    return {
-        "hidden_layer_sizes": (hidden,), "activation": "tanh", "alpha": decay,
-        "solver": "lbfgs", "max_iter": iterations, "max_fun": 2 * iterations,
-        "random_state": seed, "tol": 1e-7,
-    }
-
-
 def fit_classifier(
     x: np.ndarray, y: np.ndarray, *, hidden: int, iterations: int, seed: int,
-    members: int = MEMBERS,
+    members: int = MEMBERS, weight: np.ndarray | None = None,
 ) -> Network:
     """Return a network for the probability of `y`.
 
@@ -68,38 +54,37 @@ def fit_classifier(
     iterations : most steps of the optimiser (L-BFGS, all records at once).
     seed : of the first member; the others count on.
     members : of the ensemble.
+    weight : ndarray, shape (n,). Of the records, default equal.
     """
-    from sklearn.neural_network import MLPClassifier
-
-    fitted = [
-        _fit(MLPClassifier(**_settings(hidden, iterations, seed + 1000 * m, WEIGHT_DECAY)),
-             x, y.astype(int))
+    found = [
+        descend(x, y.astype(float)[:, None], hidden=hidden, loss="logistic", decay=WEIGHT_DECAY,
+                iterations=iterations, seed=seed + NEXT_SEED * m, weight=weight)
         for m in range(members)
     ]
-    return _merged(fitted, "logsig", np.zeros(1), np.ones(1))
+    return merged(found, "logsig", np.zeros(1), np.ones(1))
 
 
 def fit_regressor(
     x: np.ndarray, y: np.ndarray, *, hidden: int, iterations: int, seed: int, members: int = 1,
-    decay: float = 1.0,
+    decay: float = 1.0, weight: np.ndarray | None = None,
 ) -> Network:
     """Return a network for the quantities `y`, shape (n, k), by least squares.
 
     Parameters as those of `fit_classifier`; `decay` is the penalty on the weights.
     """
-    from sklearn.neural_network import MLPRegressor
-
     mean, scale = y.mean(axis=0), np.maximum(y.std(axis=0), 1e-6)
     target = (y - mean) / scale
-    fitted = [
-        _fit(MLPRegressor(**_settings(hidden, iterations, seed + 1000 * m, decay)),
-             x, target if target.shape[1] > 1 else target[:, 0])
+    found = [
+        descend(x, target, hidden=hidden, loss="squares", decay=decay, iterations=iterations,
+                seed=seed + NEXT_SEED * m, weight=weight)
         for m in range(members)
     ]
-    return _merged(fitted, "linear", mean, scale)
+    return merged(found, "linear", mean, scale)
 
 
-def as_classifier(network: Network, value: np.ndarray, there: np.ndarray) -> Network:
+def as_classifier(
+    network: Network, value: np.ndarray, there: np.ndarray, weight: np.ndarray | None = None,
+) -> Network:
     """Return a network for the probability of `there` that grows with a quantity's network.
 
     Parameters
@@ -107,11 +92,13 @@ def as_classifier(network: Network, value: np.ndarray, there: np.ndarray) -> Net
     network : of one quantity.
     value : ndarray, shape (n,). The quantity of records.
     there : ndarray of bool, shape (n,).
+    weight : ndarray, shape (n,). Of the records, default equal.
     """
     from sklearn.linear_model import LogisticRegression
 
     scale = max(float(value.std()), 1e-9)
-    fitted = LogisticRegression(C=100.0).fit(value[:, None] / scale, there)
+    fitted = LogisticRegression(C=100.0).fit(
+        value[:, None] / scale, there, sample_weight=weight)
     slope = float(fitted.coef_[0, 0]) / scale
     bias = float(fitted.intercept_[0])
     gain, offset = float(network.output_scale[0]), float(network.output_mean[0])

@@ -118,8 +118,9 @@ class RecordAssembler:
         last = float(self._blocks[-1][-1, TIME])
         if len(message.points) < 2 and not silent:
             return None
+        at = float(self._blocks[0][0, SURFACE_POSITION])
         profile = decode_command(
-            self._command, start=float(self._blocks[0][0, SURFACE_POSITION]), duration=last
+            self._command, start=at if np.isfinite(at) else None, duration=last
         )
         times = self._blocks[-1][:, TIME]
         interval = float(np.median(np.diff(times))) if len(times) > 1 else 0.0

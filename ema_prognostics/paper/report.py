@@ -12,7 +12,7 @@ from ema_prognostics.paper.experiment import FeatureSet, PaperExperiment, draw, 
 from ema_prognostics.paper.features import ANN_A_INPUTS
 from ema_prognostics.paper.noise import NOISE_LEVELS, REFERENCE_RATE
 from ema_prognostics.paper.statements import check_statements
-from ema_record.resources import share_path
+from ema_record.kit import share_path
 from ema_record.yaml_file import load_yaml
 
 TABLES: dict[str, tuple[FaultName, int]] = {

@@ -1,41 +1,72 @@
-"""Units, conditions and faults for training: drawn from one seed, as plain data.
+"""Units and conditions of their tests for training: drawn from one seed, as plain data.
 
-The spreads are those of the fleet (issue of the robust cascade, item 2). The benchmark has a
-generator of its own and imports nothing from here.
+Their bands are those of the kit's `tolerances` and `conditions` (`ema_record.spread`), in each of
+which a value is uniform; of a factor, its logarithm. The benchmark has a generator of its own
+and imports nothing from here.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ema_prognostics.cascade.classes import FAULTS, OUTPUTS
-from ema_record.actuator import Actuator
+from ema_prognostics.training.faults import InjectedFault
+from ema_record.actuator import INSTANT, MEAN, Actuator, Converters
+from ema_record.spread import Conditions, UnitTolerances
 from ema_sim.effects import Effects, parse_effects
 
-SEVERITY: dict[str, tuple[float, float]] = {
-    "turn_short": (1e-3, 0.4), "rotor_eccentricity": (5e-4, 0.2), "friction": (0.01, 2.0),
-    "backlash": (2e-5, 4e-3),
-}
-"""Least and largest severity, drawn evenly in its logarithm (1, 1, 1, rad)."""
-MODES = ("paper", "common", "shifted")
+RecorderKind = Literal["declared", "exact", "coarse", "sampled"]
+OTHER_RECORDERS: tuple[RecorderKind, ...] = ("exact", "coarse", "sampled")
+"""How a recorder may differ from the declared one: it does not round; some of its channels round
+to `COARSE_BITS`; its samples are instants where means are declared, or means for instants."""
+RECORDER_SHARE = 0.1
+"""The one rule: a tenth of the units have each of `OTHER_RECORDERS`, and a tenth of the tests are
+recorded by another recorder than the unit's own. A tenth is enough to set the bounds of the guard
+(hundred units of a thousand), and leaves most units as declared."""
+COARSE_BITS, EXACT_BITS = 12, 32
+"""Of a channel; 32 bits are finer than the noise of any sensor by five orders."""
+CHANNELS = ("position_bits", "speed_bits", "current_bits", "angle_bits")
+
+
+class Recorder(NamedTuple):
+    """What turns readings into samples."""
+
+    kind: RecorderKind = "declared"
+    coarse: tuple[str, ...] = ()
+    """Of `CHANNELS`: those that a coarse one rounds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unit:
-    """Relative deviations of an actuator from nominal, each uniform in its band."""
+    """How an actuator differs from nominal: relative deviations where nothing else is said."""
 
     resistance: float
     inductance: float
-    motor_friction: float
-    surface_friction: float
     back_emf: float
     back_emf_phase: tuple[float, float, float]
-    inertia: float
+    flat_top: float
+    """Of the trapezoid (rad)."""
+    motor_friction: float
+    surface_friction: float
+    static_ratio: tuple[float, float]
+    """Static over dynamic friction, of motor and surface."""
+    viscous: tuple[float, float]
+    """Factors on the viscous friction of motor and surface."""
+    inertia: tuple[float, float]
+    """Of motor and surface."""
     stiffness: float
+    damping: float
+    gains: tuple[float, float, float]
+    """Of the position control; proportional and integral, of the speed control."""
+    current_gains: tuple[float, float]
+    """Proportional and integral, of a current control by pulse width."""
+    hysteresis: float
+    latency: tuple[float, float]
+    """Of command and reference, added (control periods)."""
+    recorder: Recorder
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,24 +79,20 @@ class RunConditions:
     """Relative change of the bus voltage."""
     load: float
     """Torque on the surface (N m)."""
-    noise: float
-    """Factor on the sensor noise."""
+    noise: tuple[float, float, float]
+    """Factors on the noise of speed, current and position."""
     gain: tuple[float, float, float]
     """Relative gain errors of the current sensors."""
     offset: tuple[float, float, float]
     """Offsets of the current sensors (A)."""
+    recorder: Recorder | None
+    """None: the unit's own."""
     seed: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class InjectedFault:
-    """What is wrong: severities of the outputs, and the settings that inject it."""
-
-    severity: Mapping[str, float] = field(default_factory=dict)
-    settings: tuple[str, ...] = ()
-
-
-HEALTHY = InjectedFault()
+def _two(rng: np.random.Generator, low: float, high: float) -> tuple[float, float]:
+    a, b = rng.uniform(low, high, 2)
+    return float(a), float(b)
 
 
 def _three(rng: np.random.Generator, bound: float) -> tuple[float, float, float]:
@@ -73,95 +100,127 @@ def _three(rng: np.random.Generator, bound: float) -> tuple[float, float, float]
     return float(a), float(b), float(c)
 
 
-def draw_unit(rng: np.random.Generator) -> Unit:
+def _recorder(rng: np.random.Generator, share: float) -> Recorder:
+    """Return a recorder that is each of `OTHER_RECORDERS` with probability `share`."""
+    place, chosen = float(rng.uniform()) / share, int(rng.integers(1, 2**len(CHANNELS)))
+    kind = OTHER_RECORDERS[int(place)] if place < len(OTHER_RECORDERS) else "declared"
+    return Recorder(kind, tuple(n for k, n in enumerate(CHANNELS) if chosen >> k & 1))
+
+
+def draw_unit(rng: np.random.Generator, spread: UnitTolerances) -> Unit:
     """Return a unit of the fleet."""
-    r, i, m, s, j, k = rng.uniform(-0.1, 0.1, 6)
+    def one(bound: float) -> float:
+        return float(rng.uniform(-bound, bound))
+
+    log_viscous = math.log(spread.viscous_factor)
+    first, second = _two(rng, -log_viscous, log_viscous)
     return Unit(
-        resistance=r, inductance=i, motor_friction=m, surface_friction=s, inertia=j, stiffness=k,
-        back_emf=float(rng.uniform(-0.03, 0.03)), back_emf_phase=_three(rng, 0.005),
+        resistance=one(spread.resistance), inductance=one(spread.inductance),
+        back_emf=one(spread.back_emf), back_emf_phase=_three(rng, spread.back_emf_phase),
+        flat_top=one(spread.flat_top), motor_friction=one(spread.motor_friction),
+        surface_friction=one(spread.surface_friction),
+        static_ratio=_two(rng, -spread.static_ratio, spread.static_ratio),
+        viscous=(math.exp(first), math.exp(second)),
+        inertia=_two(rng, -spread.inertia, spread.inertia),
+        stiffness=one(spread.stiffness), damping=one(spread.damping),
+        gains=_three(rng, spread.control_gain),
+        current_gains=_two(rng, -spread.control_gain, spread.control_gain),
+        hysteresis=one(spread.hysteresis), latency=_two(rng, 0.0, spread.latency),
+        recorder=_recorder(rng, RECORDER_SHARE),
     )
 
 
-def draw_conditions(rng: np.random.Generator) -> RunConditions:
-    """Return conditions of one test."""
+def draw_conditions(rng: np.random.Generator, spread: Conditions) -> RunConditions:
+    """Return conditions of one test; the noise evenly in its logarithm, from 1 % where it is 0."""
+    most = max(spread.noise_most, 1e-9)
+    least = max(spread.noise_least, 0.01 * most)
+    speed, current, position = np.exp(rng.uniform(math.log(least), math.log(most), 3))
     return RunConditions(
-        temperature=float(rng.uniform(-40.0, 70.0)), bus=float(rng.uniform(-0.1, 0.1)),
-        load=float(rng.uniform(-19.0, 19.0)),
-        noise=float(np.exp(rng.uniform(math.log(0.5), math.log(2.0)))),
-        gain=_three(rng, 0.01), offset=_three(rng, 0.05), seed=int(rng.integers(2**31)),
+        temperature=float(rng.uniform(spread.temperature_least, spread.temperature_most)),
+        bus=float(rng.uniform(-spread.bus, spread.bus)),
+        load=float(rng.uniform(-spread.load, spread.load)),
+        noise=(float(speed), float(current), float(position)),
+        gain=_three(rng, spread.current_gain), offset=_three(rng, spread.current_offset),
+        recorder=_recorder(rng, 1.0 / (1 + len(OTHER_RECORDERS)))
+        if rng.uniform() < RECORDER_SHARE else None,
+        seed=int(rng.integers(2**31)),
     )
 
 
-def _severity(rng: np.random.Generator, fault: str) -> float:
-    low, high = SEVERITY[fault]
-    return float(np.exp(rng.uniform(math.log(low), math.log(high))))
-
-
-def draw_fault(rng: np.random.Generator, fault: str) -> InjectedFault:
-    """Return a fault of the class `fault`; `static` is eccentricity fixed in the stator."""
-    if fault == "healthy":
-        return HEALTHY
-    phase = int(rng.integers(3))
-    if fault == "turn_short":
-        x = _severity(rng, fault)
-        mode = ("paper", "physical", "physical")[int(rng.integers(3))]
-        return InjectedFault(severity={OUTPUTS[phase]: x}, settings=(
-            f"turn_short.fraction={x!r}", f"turn_short.phase={'abc'[phase]}",
-            f"turn_short.mode={mode}",
-        ))
-    if fault == "static":
-        z = _severity(rng, "rotor_eccentricity")
-        return InjectedFault(severity={"static_eccentricity": z}, settings=(
-            f"rotor_eccentricity.zeta={z!r}", "rotor_eccentricity.mode=static",
-            f"rotor_eccentricity.angle={float(rng.uniform(-math.pi, math.pi))!r}",
-        ))
-    if fault == "rotor_eccentricity":
-        z = _severity(rng, fault)
-        mode = MODES[int(rng.integers(3))]
-        sign = (-1.0, 1.0)[int(rng.integers(2))]
-        return InjectedFault(severity={"eccentricity": z}, settings=(
-            f"rotor_eccentricity.zeta={sign * z!r}", f"rotor_eccentricity.mode={mode}",
-            f"rotor_eccentricity.angle={float(rng.uniform(-math.pi, math.pi))!r}",
-            f"rotor_eccentricity.phase={'abc'[phase]}",
-        ))
-    if fault == "friction":
-        name = ("motor_friction", "surface_friction")[int(rng.integers(2))]
-        x = _severity(rng, fault)
-        return InjectedFault(severity={name: x}, settings=(f"{name}.increase={x!r}",))
-    x = _severity(rng, "backlash")
-    return InjectedFault(severity={"backlash": x}, settings=(f"backlash.increase={x!r}",))
-
-
-def draw_pair(rng: np.random.Generator) -> InjectedFault:
-    """Return two faults of different classes at once."""
-    first, second = rng.choice(4, size=2, replace=False)
-    a, b = draw_fault(rng, FAULTS[first]), draw_fault(rng, FAULTS[second])
-    return InjectedFault(severity={**a.severity, **b.severity}, settings=a.settings + b.settings)
-
-
-def actuator_of(nominal: Actuator, unit: Unit) -> Actuator:
-    """Return the actuator of a unit."""
-    motor, surface, shaft = nominal.motor, nominal.surface, nominal.shaft
-    f_m, f_s = 1.0 + unit.motor_friction, 1.0 + unit.surface_friction
-    k = motor.back_emf_constant * (1.0 + unit.back_emf)
+def actuator_of(nominal: Actuator, unit: Unit, conditions: RunConditions) -> Actuator:
+    """Return the actuator of a unit, its sensors and recorder as in one test."""
+    speed, current, position = conditions.noise
+    recorder = conditions.recorder or unit.recorder
+    motor, surface, shaft, control = (
+        nominal.motor, nominal.surface, nominal.shaft, nominal.control)
+    drive, acquisition = nominal.drive, nominal.acquisition
+    dry_m = motor.dynamic_friction * (1.0 + unit.motor_friction)
+    dry_s = surface.dynamic_friction * (1.0 + unit.surface_friction)
+    over_m, over_s = (
+        max(1.0, (1.0 + part) * _over(static, dynamic)) for part, static, dynamic in zip(
+            unit.static_ratio, (motor.static_friction, surface.static_friction),
+            (motor.dynamic_friction, surface.dynamic_friction)))
     return nominal._replace(
+        drive=drive._replace(
+            proportional_gain=drive.proportional_gain * (1.0 + unit.current_gains[0]),
+            integral_gain=drive.integral_gain * (1.0 + unit.current_gains[1]),
+        ),
+        inverter=nominal.inverter._replace(
+            hysteresis=nominal.inverter.hysteresis * (1.0 + unit.hysteresis)),
         motor=motor._replace(
-            back_emf_constant=k,
+            back_emf_constant=motor.back_emf_constant * (1.0 + unit.back_emf),
             back_emf_deviation_a=unit.back_emf_phase[0],
             back_emf_deviation_b=unit.back_emf_phase[1],
             back_emf_deviation_c=unit.back_emf_phase[2],
+            flat_top=float(np.clip(motor.flat_top + unit.flat_top, 0.0, math.pi)),
             phase_resistance=motor.phase_resistance * (1.0 + unit.resistance),
             phase_inductance=motor.phase_inductance * (1.0 + unit.inductance),
-            inertia=motor.inertia * (1.0 + unit.inertia),
-            dynamic_friction=motor.dynamic_friction * f_m,
-            static_friction=motor.static_friction * f_m,
+            inertia=motor.inertia * (1.0 + unit.inertia[0]),
+            viscous_friction=motor.viscous_friction * unit.viscous[0],
+            dynamic_friction=dry_m, static_friction=dry_m * over_m,
         ),
         surface=surface._replace(
-            dynamic_friction=surface.dynamic_friction * f_s,
-            static_friction=surface.static_friction * f_s,
+            inertia=surface.inertia * (1.0 + unit.inertia[1]),
+            viscous_friction=surface.viscous_friction * unit.viscous[1],
+            dynamic_friction=dry_s, static_friction=dry_s * over_s,
         ),
-        shaft=shaft._replace(stiffness=shaft.stiffness * (1.0 + unit.stiffness)),
+        shaft=shaft._replace(stiffness=shaft.stiffness * (1.0 + unit.stiffness),
+                             damping=shaft.damping * (1.0 + unit.damping)),
+        control=control._replace(
+            position_gain=control.position_gain * (1.0 + unit.gains[0]),
+            proportional_gain=control.proportional_gain * (1.0 + unit.gains[1]),
+            integral_gain=control.integral_gain * (1.0 + unit.gains[2]),
+        ),
+        converters=_converters(nominal.converters, recorder),
+        noise=nominal.noise._replace(
+            speed=nominal.noise.speed * speed, current=nominal.noise.current * current,
+            position=nominal.noise.position * position),
+        acquisition=acquisition._replace(
+            command_latency=acquisition.command_latency + unit.latency[0],
+            reference_latency=acquisition.reference_latency + unit.latency[1],
+            sampling=_other(acquisition.sampling) if recorder.kind == "sampled"
+            else acquisition.sampling,
+        ),
     )
+
+
+def _over(static: float, dynamic: float) -> float:
+    """Return static over dynamic friction, 1 of an actuator without."""
+    return static / dynamic if dynamic > 0.0 else 1.0
+
+
+def _other(sampling: int) -> int:
+    return MEAN if sampling == INSTANT else INSTANT
+
+
+def _converters(declared: Converters, recorder: Recorder) -> Converters:
+    """Return the converters of a recorder."""
+    if recorder.kind == "exact":
+        return declared._replace(**dict.fromkeys(CHANNELS, EXACT_BITS))
+    if recorder.kind == "coarse":
+        return declared._replace(**{
+            n: min(getattr(declared, n), COARSE_BITS) for n in recorder.coarse})
+    return declared
 
 
 def effects_of(

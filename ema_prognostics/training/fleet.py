@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,22 +14,21 @@ from ema_prognostics.cascade.classes import OUTPUTS
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.training.conditions import (
-    HEALTHY,
-    InjectedFault,
     RunConditions,
     Unit,
     actuator_of,
     draw_conditions,
-    draw_fault,
-    draw_pair,
     draw_unit,
     effects_of,
 )
+from ema_prognostics.training.faults import HEALTHY, InjectedFault, draw_fault, draw_pair
 from ema_record import array_cache
 from ema_record.actuator import load_actuator
-from ema_record.errors import RecordError
-from ema_record.profile import load_profile
-from ema_record.resources import share_path
+from ema_record.errors import RecordError, UsageError
+from ema_record.kit import ACTUATOR, PROFILES, kit_folder, kit_path, using_kit
+from ema_record.profile import Profile, load_profile
+from ema_record.record import Record
+from ema_record.spread import TypeSpread, load_spread
 from ema_sim.model_file import Model, load_model_file
 from ema_sim.simulate import simulate
 
@@ -37,10 +36,12 @@ MIX = (("healthy", 0.16), ("turn_short", 0.20), ("static", 0.06), ("rotor_eccent
        ("friction", 0.15), ("backlash", 0.09), ("pair", 0.16))
 """What the tests of the training units have, with probabilities."""
 TESTS_A_UNIT = 3
+LEAST_UNITS = 0.5
+"""Share of the units whose acceptance test must give features."""
 MODULE = "ema_prognostics.training.fleet"
 """This module: it decides, with all that it imports, what the features are."""
-DATA = ("config/actuator.yaml", "config/profiles/step.yaml", "config/profiles/extended.yaml")
-"""Files that decide it too."""
+DATA = (ACTUATOR, f"{PROFILES}/step.yaml", f"{PROFILES}/extended.yaml")
+"""Files of the kit that decide it too."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,60 +78,101 @@ class _UnitPlan:
     tests: tuple[tuple[RunConditions, InjectedFault], ...]
 
 
-def _draw(rng: np.random.Generator, healthy: bool) -> _UnitPlan:
+def _draw(rng: np.random.Generator, healthy: bool, spread: TypeSpread) -> _UnitPlan:
     tests = []
     names, shares = [m[0] for m in MIX], np.array([m[1] for m in MIX])
     for _ in range(1 if healthy else TESTS_A_UNIT):
         kind = "healthy" if healthy else str(rng.choice(names, p=shares / shares.sum()))
         fault = draw_pair(rng) if kind == "pair" else draw_fault(rng, kind)
-        tests.append((draw_conditions(rng), fault))
-    return _UnitPlan(unit=draw_unit(rng), base=draw_conditions(rng), tests=tuple(tests))
+        tests.append((draw_conditions(rng, spread.conditions), fault))
+    return _UnitPlan(unit=draw_unit(rng, spread.tolerances),
+                     base=draw_conditions(rng, spread.conditions), tests=tuple(tests))
+
+
+def begins_alike(short: Profile, long: Profile) -> bool:
+    """Whether a test commands, as long as it lasts, what another one does."""
+    if short.inverter_off != long.inverter_off or short.duration > long.duration:
+        return False
+    knots = {t for t, _ in (*short.points, *long.points) if t <= short.duration}
+    time = np.array(sorted({short.duration} | {t + d for t in knots for d in (-1e-6, 0.0, 1e-6)}))
+    time = time[(time >= 0.0) & (time <= short.duration)]
+    return bool(np.allclose(short.command(time), long.command(time), rtol=0.0, atol=1e-9))
+
+
+def beginning(record: Record, profile: Profile) -> Record:
+    """Return the first part of a record as one of `profile`, which began alike."""
+    def until(rows: np.ndarray) -> np.ndarray:
+        return rows[rows[:, 0] <= profile.duration]
+
+    return replace(record, samples=until(record.samples), profile=profile,
+                   dc_bus=until(record.dc_bus),
+                   winding_temperature=until(record.winding_temperature))
 
 
 def _features(
-    kind: ProfileKind, model: Model, unit: Unit, conditions: RunConditions, fault: InjectedFault
-) -> dict[str, float]:
-    """Return the features of one test, none where the actuator did not do it."""
-    try:
-        record = simulate(
-            load_profile(kind), actuator=actuator_of(model.actuator, unit), seed=conditions.seed,
-            effects=effects_of(conditions, fault, model.effects), noise=conditions.noise,
-        )
-        return extract(record, kind, load_actuator())  # as the diagnosis will see it
-    except RecordError:
-        return {}
+    kinds: Sequence[ProfileKind], model: Model, unit: Unit, conditions: RunConditions,
+    fault: InjectedFault,
+) -> dict[ProfileKind, dict[str, float]]:
+    """Return the features of one test by kind, none where the actuator did not do it.
+
+    A step that is the beginning of the longer test is not simulated again.
+    """
+    nominal = load_actuator()  # as the diagnosis will see it
+    actuator = actuator_of(model.actuator, unit, conditions)
+    effects = effects_of(conditions, fault, model.effects)
+    found: dict[ProfileKind, dict[str, float]] = {}
+    longest: Record | None = None
+    for kind in sorted(kinds, key=lambda k: -load_profile(k).duration):
+        profile = load_profile(kind)
+        try:
+            if longest is not None and begins_alike(profile, longest.profile):
+                record = beginning(longest, profile)
+            else:
+                record = simulate(profile, actuator=actuator, seed=conditions.seed,
+                                  effects=effects)
+            longest = record if longest is None else longest
+            found[kind] = extract(record, kind, nominal)
+        except RecordError:
+            found[kind] = {}
+    return found
 
 
 def sources_key(*parts: str) -> str:
     """Return a hash of `parts` and of all that decides the features: simulator, extraction."""
-    data = (share_path(name).read_text(encoding="utf-8") for name in DATA)
+    files = [kit_path(name) for name in DATA]
+    data = (f.read_text(encoding="utf-8") if f.is_file() else "" for f in files)
     return array_cache.key_of(*data, *parts, module=MODULE)
 
 
 Arrays = dict[str, np.ndarray]
 
 
-def _run(kind: ProfileKind, model: Model, plans: list[_UnitPlan], key: str, folder: Path | None
-         ) -> Arrays:
-    """Simulate units and return the features of their records, kept in `folder`.
+def _run(kinds: tuple[ProfileKind, ...], model: Model, plans: list[_UnitPlan], key: str,
+         folder: Path | None, kit: Path) -> Arrays:
+    """Simulate units of a kit and return the features of their records, kept in `folder`.
 
     Returns
     -------
-    ``names``, shape (d,); ``features``, shape (units, 1 + tests, d), the baseline first; NaN: no
-    features, the diagnosis answers "unknown" to such a record.
+    By kind ``names_<kind>``, shape (d,); ``features_<kind>``, shape (units, 1 + tests, d), the
+    baseline first; NaN: no features, the diagnosis answers "unknown" to such a record.
     """
     from threadpoolctl import threadpool_limits
 
     kept = None if folder is None else array_cache.load(key, folder)
-    if kept is not None and set(kept) == {"names", "features"}:
+    if kept is not None and set(kept) == {
+            f"{what}_{k}" for k in kinds for what in ("names", "features")}:
         return kept
-    with threadpool_limits(limits=1):
-        found = [[_features(kind, model, plan.unit, *test)
+    with threadpool_limits(limits=1), using_kit(kit):
+        found = [[_features(kinds, model, plan.unit, *test)
                   for test in ((plan.base, HEALTHY), *plan.tests)] for plan in plans]
-    names = next((list(values) for tests in found for values in tests if values), [])
-    none = [math.nan] * len(names)
-    arrays = {"names": np.array(names, dtype=str), "features": np.array(
-        [[[v[n] for n in names] if v else none for v in tests] for tests in found])}
+    arrays = {}
+    for kind in kinds:
+        names = next((list(t[kind]) for tests in found for t in tests if t[kind]), [])
+        none = [math.nan] * len(names)
+        arrays[f"names_{kind}"] = np.array(names, dtype=str)
+        arrays[f"features_{kind}"] = np.array(
+            [[[t[kind][n] for n in names] if t[kind] else none for t in tests]
+             for tests in found])
     if folder is not None:
         array_cache.save(key, arrays, folder)
     return arrays
@@ -141,11 +183,21 @@ def simulate_fleet(
     progress: Callable[[int, int], None] = lambda _done, _all: None, chunk: int = 10,
     folder: Path | None = None, model: Model | None = None,
 ) -> FleetFeatures:
-    """Simulate `units` units and return their features.
+    """Return the features of one kind of test, see `simulate_fleets`."""
+    return simulate_fleets((kind,), units, seed, healthy=healthy, jobs=jobs, progress=progress,
+                           chunk=chunk, folder=folder, model=model)[kind]
+
+
+def simulate_fleets(
+    kinds: tuple[ProfileKind, ...], units: int, seed: int, *, healthy: bool = False,
+    jobs: int = 1, progress: Callable[[int, int], None] = lambda _done, _all: None,
+    chunk: int = 10, folder: Path | None = None, model: Model | None = None,
+) -> dict[ProfileKind, FleetFeatures]:
+    """Simulate `units` units and return their features by kind of test.
 
     Parameters
     ----------
-    kind : of the test.
+    kinds : of the tests; a short one that begins as a long one costs no simulation.
     units : number of units; each has a baseline and three tests (one if `healthy`).
     seed : of everything; the result does not depend on `jobs`.
     healthy : only healthy tests, for the calibration of false alarms.
@@ -154,25 +206,39 @@ def simulate_fleet(
     chunk : units a job.
     folder : keeps what is done, so that a campaign that was stopped goes on.
     model : the actuator around which the fleet spreads, with effects that all its units have;
-        default the nominal one.
+        default that of the present kit.
     """
     from joblib import Parallel, delayed
 
     streams = np.random.SeedSequence([seed, int(healthy)]).spawn(units)
-    plans = [_draw(np.random.default_rng(s), healthy) for s in streams]
+    spread = load_spread()
+    plans = [_draw(np.random.default_rng(s), healthy, spread) for s in streams]
     of = model or load_model_file()
     parts = [plans[i:i + chunk] for i in range(0, units, chunk)]
-    keys = [sources_key(json.dumps([kind, repr(of), seed, healthy, chunk, k]))
+    keys = [sources_key(json.dumps([kinds, repr(of), seed, healthy, chunk, k]))
             for k in range(len(parts))]
+    work = Parallel(n_jobs=jobs, return_as="generator")(
+        delayed(_run)(kinds, of, part, key, folder, kit_folder())
+        for part, key in zip(parts, keys))
+    results = []
+    for result in work:
+        results.append(result)
+        progress(min(chunk * len(results), units), units)
+    return {kind: _collected(kind, parts, results) for kind in kinds}
+
+
+def _collected(
+    kind: ProfileKind, parts: list[list[_UnitPlan]], results: list[Arrays]
+) -> FleetFeatures:
+    """Return the features of one kind of test, units without an acceptance record left out."""
     base, record, severity, number, friction = [], [], [], [], []
     names: list[str] = []
-    unit = done = 0
-    work = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(_run)(kind, of, part, key, folder) for part, key in zip(parts, keys))
-    for part, found in zip(parts, work):
-        names = names or found["names"].tolist()
-        known = ~np.isnan(found["features"]).all(axis=2)
-        for plan, features, known_tests in zip(part, found["features"], known):
+    unit = 0
+    for part, arrays in zip(parts, results):
+        names = names or arrays[f"names_{kind}"].tolist()
+        found = arrays[f"features_{kind}"]
+        known = np.atleast_2d(~np.isnan(found).all(axis=2))
+        for plan, features, known_tests in zip(part, found, known):
             if not known_tests[0]:
                 continue
             for k, (_, fault) in enumerate(plan.tests, start=1):
@@ -184,8 +250,12 @@ def simulate_fleet(
                     friction.append(
                         np.log1p([plan.unit.motor_friction, plan.unit.surface_friction]))
             unit += 1
-        done = min(done + chunk, units)
-        progress(done, units)
+    units = sum(map(len, parts))
+    if unit < LEAST_UNITS * units:
+        raise UsageError(
+            f"{units - unit} of {units} simulated healthy units do not do the test {kind!r}, at "
+            f"most {100 * (1 - LEAST_UNITS):g} % may fail: check the profile's speed and stroke, "
+            "and friction, current limit and tolerances of the actuator.yaml")
     return FleetFeatures(
         names=tuple(names), baseline=np.array(base), record=np.array(record),
         severity=np.array(severity), unit=np.array(number), friction=np.array(friction),

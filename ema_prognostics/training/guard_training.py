@@ -7,8 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_prognostics.cascade.guard import (
+    ALONE,
     FLOOR,
     GROUP_SQUEEZE,
+    LEAST_EXCESS,
     MEASURED,
     NO_FAULT_MOVES,
     checked_of,
@@ -32,8 +34,9 @@ from ema_prognostics.training.calibration import tail_quantile
 GUARD_RATE, GROUP_RATE = 0.001, 0.0005
 """Rate of records that each of the guard's rules may turn away: all single features, all features
 together, and each group of them."""
-SHRINKAGE = 0.02
-"""Part of the variances added to the diagonal of the covariance."""
+SHRINKAGE, LEAST_VARIANCE = 0.02, 0.05
+"""Part of the variances added to the diagonal of the covariance; least variance of a residual,
+which is 1 where its scatter is as the network says."""
 MARGINS = {"healthy": 1.07, "slight": 1.15, "mechanical": 1.25, "electrical": 1.5, "both": 1.4}
 """On the limits of records with a fault, which few units set."""
 WOUND = ("resistance_", "inductance_", "winding_")
@@ -57,6 +60,8 @@ class GuardRecords(NamedTuple):
     """With and without faults; they train it."""
     known_kind: np.ndarray
     """Of the known: which of `KINDS_FOUND`, shape (k,)."""
+    weight: np.ndarray
+    """Of the known, shape (k,)."""
     other: np.ndarray
     """Others of all known kinds; they set the limits."""
     kind: np.ndarray
@@ -68,7 +73,8 @@ class GuardRecords(NamedTuple):
 def _whitening(squeezed: np.ndarray) -> np.ndarray:
     """Return the matrix that makes `squeezed` residuals, shape (n, m), uncorrelated."""
     covariance = squeezed.T @ squeezed / len(squeezed)
-    covariance += SHRINKAGE * np.diag(np.diag(covariance)) + 1e-6 * np.eye(len(covariance))
+    variance = np.diag(covariance)
+    covariance += np.diag(SHRINKAGE * variance + np.maximum(LEAST_VARIANCE - variance, 0.0))
     return np.array(rounded(np.linalg.cholesky(np.linalg.inv(covariance)).T))
 
 
@@ -86,7 +92,7 @@ def _groups(known: np.ndarray, z: np.ndarray, checked: list[str], margin: float
 
 
 def _limits(
-    known: np.ndarray, z: np.ndarray, checked: list[str], least: LimitPart | None,
+    known: np.ndarray, z: np.ndarray, checked: list[str], least: np.ndarray,
     margin: np.ndarray, all_margin: float,
 ) -> LimitPart:
     """Return the limits for a kind of record.
@@ -96,8 +102,7 @@ def _limits(
     known : ndarray, shape (k, m). Scaled residuals of records that trained; their scatter.
     z : ndarray, shape (n, m). Those of others, which set the bounds.
     checked : names of the features, (m,).
-    least : of healthy records, of which there are more units: no limit is below these; None
-        for the healthy ones themselves.
+    least : ndarray, shape (m,). No limit is below these.
     margin, all_margin : on the limits of the features, shape (m,), and on those of several.
     """
     whitening = _whitening(squeeze(known))
@@ -105,10 +110,8 @@ def _limits(
     each = np.array([max(tail_quantile(v, SINGLE_RATE), 1e-3) for v in np.abs(z).T])
     worst = (np.abs(z) / each).max(axis=1)
     limit, distance = each * tail_quantile(worst, GUARD_RATE), tail_quantile(length, GUARD_RATE)
-    if least is not None:
-        limit = np.maximum(limit, least.limit)
     part = LimitPart(
-        limit=rounded(margin * limit), whitening=rounded(whitening),
+        limit=rounded(margin * np.maximum(limit, least)), whitening=rounded(whitening),
         distance=float(f"{all_margin * distance:.6g}"), tail=[0.0] * len(TAIL_RATES),
         groups=_groups(known, z, checked, all_margin),
     )
@@ -138,30 +141,36 @@ def train_guard(
     d = [names.index(n) for n in drivers]
     c = [names.index(n) for n in checked]
     known = records.known
-    mean = fit_regressor(known[:, d], known[:, c], hidden=32, seed=seed + 2, iterations=iterations)
-    residual = known[:, c] - mean(known[:, d])
-    scale = fit_regressor(
-        known[:, d], np.log(np.abs(residual) + FLOOR), hidden=16, seed=seed + 3,
-        iterations=iterations // 2, decay=30.0,
-    )
+    alone = np.isin(checked, ALONE)  # of these neither mean nor scatter depends on the drivers
+    target = np.where(alone, np.median(known[:, c], axis=0), known[:, c])
+    mean = fit_regressor(known[:, d], target, hidden=32, seed=seed + 2, iterations=iterations,
+                         weight=records.weight)
+    size = np.log(np.abs(known[:, c] - mean(known[:, d])) + FLOOR)
+    scale = fit_regressor(known[:, d], np.where(alone, size.mean(axis=0), size), hidden=16,
+                          seed=seed + 3, iterations=iterations // 2, decay=30.0,
+                          weight=records.weight)
+
+    def scatter(rows: np.ndarray) -> np.ndarray:
+        return np.asarray(np.exp(scale(rows[:, d])) + FLOOR)
 
     def residuals(rows: np.ndarray) -> np.ndarray:
-        z = (rows[:, c] - mean(rows[:, d])) / (np.exp(scale(rows[:, d])) + FLOOR)
+        z = (rows[:, c] - mean(rows[:, d])) / scatter(rows)
         return np.where(signed(checked), z, np.maximum(z, 0.0))
 
-    def limits(first: np.ndarray, z: np.ndarray, found: str, least: LimitPart | None = None
-               ) -> LimitPart:
+    def limits(first: np.ndarray, z: np.ndarray, found: str, least: np.ndarray) -> LimitPart:
         wound = WOUND_MARGIN if found in ("electrical", "both") else TAIL_MARGIN
         each = np.array([wound if n.startswith(WOUND) and n != NO_FAULT_MOVES else 1.0
                          for n in checked])
         return _limits(first, z, checked, least, MARGINS[found] * each, MARGINS[found])
 
     seen, other = residuals(known), residuals(records.other)
-    healthy = limits(seen[records.known_kind == 0], residuals(records.healthy), KINDS_FOUND[0])
+    excess = np.where(signed(checked), 1e-3, LEAST_EXCESS / np.median(scatter(known), axis=0))
+    healthy = limits(seen[records.known_kind == 0], residuals(records.healthy), KINDS_FOUND[0],
+                     excess)
     parts = {KINDS_FOUND[0]: healthy}
-    for name, within in WITHIN.items():
+    for name, within in WITHIN.items():  # healthy records are of more units: no limit is below
         parts[name] = limits(seen[np.isin(records.known_kind, within)],
-                             other[np.isin(records.kind, within)], name, healthy)
+                             other[np.isin(records.kind, within)], name, np.array(healthy.limit))
     measured = {n: known[:, k] for k, n in enumerate(names) if n in MEASURED}
     return GuardPart(
         seen={n: (float(f"{v.min():.6g}"), float(f"{v.max():.6g}")) for n, v in measured.items()},

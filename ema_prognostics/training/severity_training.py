@@ -11,22 +11,24 @@ from __future__ import annotations
 
 import numpy as np
 
+from ema_prognostics.cascade.classes import CLASS_OF, SEVERITY_OF, scale_of
 from ema_prognostics.cascade.model_body import NetworkPart, SeverityPart, View, rounded
 from ema_prognostics.networks.fitting import fit_regressor
 from ema_prognostics.training.calibration import conformal_quantile, local_quantiles
 
 UNITS = {"short": 2e-3, "eccentricity": 2e-3, "static_eccentricity": 2e-3,
-         "motor_friction": 0.05, "surface_friction": 0.05, "backlash": 3e-5}
-"""Severity below which a network's target is linear (of each class)."""
+         "motor_friction": 0.05, "surface_friction": 0.05, "backlash": 0.3}
+"""Severity below which a network's target is linear, in `classes.scale_of` its class."""
 DECAY: dict[View, float] = {"fleet": 3.0, "baseline": 0.7}
 """Penalty on the weights of the severities' networks."""
 LEAST: dict[View, dict[str, float]] = {
-    "fleet": {"short": 0.005, "static_eccentricity": 0.005, "backlash": 6e-5},
-    "baseline": {"motor_friction": 0.025, "surface_friction": 0.025, "backlash": 6e-5},
+    "fleet": {"short": 0.005, "static_eccentricity": 0.005, "backlash": 0.6},
+    "baseline": {"motor_friction": 0.025, "surface_friction": 0.025, "backlash": 0.6},
 }
-"""Smallest severity that is announced; others: 0. Where networks see far less than is asked for,
-the least that they see is as likely a side of something else: a third to half of the target."""
-COVERED: dict[View, float] = {"fleet": 0.877, "baseline": 0.895}
+"""Smallest severity that is announced, in `classes.scale_of`; others: 0. Where networks see far
+less than is asked for, the least that they see is as likely a side of something else: a third to
+half of the target."""
+COVERED: dict[View, float] = {"fleet": 0.905, "baseline": 0.895}
 """Part of the training's own errors that an interval holds, so that it holds 90 % of new ones.
 
 A little less than 0.9, since the networks of the expected error that judge a part of the units
@@ -37,6 +39,7 @@ SCALE_DECAY = 30.0
 """The same, of the networks of their expected error."""
 LEAST_ERROR = 0.01
 """Floor of a severity's error, in the network's output."""
+GROUP_CLASS = {group: CLASS_OF[output] for output, group in SEVERITY_OF.items()}
 NOISE_BINS = 3
 """Most bins of the noise."""
 FEWEST = 40
@@ -63,7 +66,8 @@ def train_severity(
     inputs : names of the inputs.
     hidden, seed, iterations : of the networks.
     """
-    unit = UNITS[group]
+    scale = scale_of(GROUP_CLASS[group])
+    unit = scale * UNITS[group]
     target = np.arcsinh(label / unit)
     value = np.empty(len(x))
     for k in sorted(set(part.tolist()), reverse=True):
@@ -75,7 +79,7 @@ def train_severity(
     error = np.abs(target - value)
     size = np.log(error + LEAST_ERROR)
 
-    def scale_of(rows: np.ndarray) -> NetworkPart:
+    def error_network(rows: np.ndarray) -> NetworkPart:
         return NetworkPart.of(fit_regressor(
             x[rows], size[rows, None], iterations=iterations, members=2, hidden=6, seed=seed,
             decay=SCALE_DECAY))
@@ -83,9 +87,9 @@ def train_severity(
     ratio = np.empty(len(x))
     for k in np.unique(part):
         out = part == k
-        ratio[out] = error[out] / np.exp(scale_of(~out).build()(x[out])[:, 0])
-    scale = scale_of(np.ones(len(x), dtype=bool))
-    least = LEAST[view].get(group, 0.0)
+        ratio[out] = error[out] / np.exp(error_network(~out).build()(x[out])[:, 0])
+    error_size = error_network(np.ones(len(x), dtype=bool))
+    least = scale * LEAST[view].get(group, 0.0)
     told = announced & (value >= np.arcsinh(least / unit))
     counted = told & alone if np.count_nonzero(told & alone) >= FEWEST else alone
     knots, factors = local_quantiles(value[counted], ratio[counted], COVERED[view])
@@ -97,7 +101,7 @@ def train_severity(
     if np.count_nonzero(beside) >= FEWEST:
         company = conformal_quantile(ratio[beside], COVERED[view])
     return SeverityPart(
-        inputs=inputs, network=network, scale=scale, unit=unit, knots=rounded(knots),
+        inputs=inputs, network=network, scale=error_size, unit=unit, knots=rounded(knots),
         factors=rounded(factors), noise_knots=rounded(noise_knots),
         noise_factors=rounded(noise_factors), company=float(f"{company:.6g}"),
         upper=float(f"{label.max():.6g}"), least=least,

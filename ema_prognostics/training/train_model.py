@@ -8,22 +8,25 @@ from pathlib import Path
 from typing import Any
 
 from ema_prognostics.cascade.find import Cascade
-from ema_prognostics.cascade.model_body import Body, NetworkPart, PaperPart, View, ViewPart
+from ema_prognostics.cascade.model_body import Body, NetworkPart, PaperPart
 from ema_prognostics.cascade.model_file import TrainedModel, model_of
 from ema_prognostics.features.profile_kind import ProfileKind
-from ema_prognostics.paper.experiment import PaperSettings, run_experiment
+from ema_prognostics.paper.cascade import PaperCascade
+from ema_prognostics.paper.experiment import PaperSettings
 from ema_prognostics.training.evaluation import evaluate
-from ema_prognostics.training.fleet import FleetFeatures, simulate_fleet
-from ema_prognostics.training.view_training import train_view
+from ema_prognostics.training.fleet import FleetFeatures, simulate_fleets
+from ema_prognostics.training.training_jobs import VIEWS, TrainingFleets, train_views
+from ema_record.actuator import RELAY, TRAPEZOID, load_actuator
+from ema_record.profile import profile_names
 from ema_record.version import VERSION
 from ema_sim.model_file import Model
 
 KINDS: tuple[ProfileKind, ...] = ("step", "extended")
-VIEWS: tuple[View, ...] = ("fleet", "baseline")
 VALIDATION_SEED = 1_000_003
 """Added to the seed for the units that validate."""
 PAPER = PaperSettings(unseen_angles=0, test_draws=0, columns=(3,))
-"""The paper's networks for the model file; `ema paper` measures them."""
+"""The paper's networks for the model file, of an actuator such as the paper's: relay, trapezoid;
+`ema paper` measures them."""
 QUICK_PAPER = replace(PAPER, train_angles=1, train_draws=4, n_restarts=1)
 Progress = Callable[[str, float], None]
 
@@ -55,7 +58,7 @@ def _nothing(_what: str, _part: float) -> None:
 def train_model(
     seed: int = 1, *, quick: bool = False, jobs: int = 1, progress: Progress = _nothing,
     folder: Path | None = None, settings: TrainingSettings | None = None,
-    kinds: tuple[ProfileKind, ...] = KINDS, actuator: Model | None = None,
+    kinds: tuple[ProfileKind, ...] | None = None, actuator: Model | None = None,
 ) -> TrainedModel:
     """Return a model trained from `seed`; the same seed gives the same bytes.
 
@@ -63,36 +66,40 @@ def train_model(
     ----------
     seed : of units, conditions, noise and initial weights.
     quick : a small training, to try the way.
-    jobs : processes that simulate; does not change the result.
+    jobs : processes that simulate and train; does not change the result.
     progress : called with what goes on and how much of the whole is done, 0 to 1.
     folder : keeps the features of the campaigns, so that a training that was stopped goes on.
     settings : other sizes than those of `quick` or the default.
-    kinds : the tests to train for.
+    kinds : the tests to train for, default those that the kit has.
     actuator : the actuator around which the fleets spread, for example a model that
         `ema identify` has completed; default the nominal one.
     """
     size = settings or (QUICK if quick else TrainingSettings())
-    views: dict[str, ViewPart] = {}
+    kinds = kinds or tuple(kind for kind in KINDS if kind in profile_names())
+    nominal = load_actuator()
+    literal = nominal.drive.kind == RELAY and nominal.motor.back_emf == TRAPEZOID
+    fleets = _Fleets(kinds, jobs, folder, actuator, progress)
+    faults = fleets.simulated("fleet with faults", size.units, seed, False, 0.0, 0.42)
+    healthy = fleets.simulated("healthy fleet", size.healthy, seed, True, 0.42, 0.63)
+    other = seed + VALIDATION_SEED
+    held = fleets.simulated("fleet that validates", size.validation, other, False, 0.63, 0.70)
+    sound = fleets.simulated("healthy fleet that validates", size.validation_healthy, other, True,
+                             0.70, 0.75)
+    trained = train_views(
+        {kind: TrainingFleets(faults[kind], healthy[kind]) for kind in kinds}, seed=seed,
+        hidden=size.hidden, iterations=size.iterations, jobs=jobs,
+        paper=replace(QUICK_PAPER if quick else PAPER, seed=seed) if literal else None,
+        progress=lambda what, part: progress(what, 0.75 + 0.20 * part))
+    views = {f"{kind}/{view}": part for kind, parts in trained.views.items()
+             for view, part in parts.items()}
+    progress("validation", 0.95)
     held_out: dict[str, Any] = {}
-    share = 0.97 / len(kinds)
-    for n, kind in enumerate(kinds):
-        found, result = _train_kind(
-            kind, seed, size, jobs, folder, actuator,
-            lambda what, part, at=n: progress(what, share * (at + part)),  # type: ignore[misc]
-        )
-        views |= found
-        held_out[kind] = result
-    progress("the paper's networks", 0.97)
-    experiment = run_experiment(replace(QUICK_PAPER if quick else PAPER, seed=seed),
-                                lambda _: None)
-    paper = experiment.cascade()
+    for kind in kinds:
+        fleet, own = (Cascade(trained.views[kind][view]) for view in VIEWS)
+        held_out[kind] = {"fleet": evaluate(fleet, None, held[kind], sound[kind]),
+                          "baseline": evaluate(fleet, own, held[kind], sound[kind])}
     body = Body(
-        views=views,
-        paper=PaperPart(
-            ann_a=NetworkPart.of(paper.ann_a),
-            ann_b={name: NetworkPart.of(b)  # type: ignore[misc]
-                   for name, b in paper.ann_b.items()},
-        ),
+        views=views, paper=None if trained.paper is None else _paper_part(trained.paper),
         training={
             "seed": seed, "quick": quick, "software_version": VERSION,
             "settings": asdict(size), "held_out": held_out,
@@ -103,35 +110,25 @@ def train_model(
     return model_of(body)
 
 
-def _train_kind(
-    kind: ProfileKind, seed: int, size: TrainingSettings, jobs: int, folder: Path | None,
-    actuator: Model | None, progress: Progress,
-) -> tuple[dict[str, ViewPart], dict[str, Any]]:
-    """Return the views of one test and their validation."""
-    def simulated(what: str, begin: float, end: float) -> Callable[[int, int], None]:
-        return lambda k, n: progress(
-            f"{kind}: {what}, {k} of {n} units", begin + (end - begin) * k / n)
+def _paper_part(paper: PaperCascade) -> PaperPart:
+    return PaperPart(
+        ann_a=NetworkPart.of(paper.ann_a),
+        ann_b={name: NetworkPart.of(b) for name, b in paper.ann_b.items()},  # type: ignore[misc]
+    )
 
-    def fleet_of(what: str, units: int, start: int, healthy: bool, begin: float, end: float
-                 ) -> FleetFeatures:
-        return simulate_fleet(kind, units, start, healthy=healthy, jobs=jobs, folder=folder,
-                              model=actuator, progress=simulated(what, begin, end))
 
-    other = seed + VALIDATION_SEED
-    faults = fleet_of("fleet with faults", size.units, seed, False, 0.0, 0.50)
-    healthy_units = fleet_of("healthy fleet", size.healthy, seed, True, 0.50, 0.68)
-    held = fleet_of("fleet that validates", size.validation, other, False, 0.68, 0.75)
-    held_healthy = fleet_of("healthy fleet that validates", size.validation_healthy, other, True,
-                            0.75, 0.80)
-    parts: dict[View, ViewPart] = {}
-    for at, view in enumerate(VIEWS):
-        parts[view] = train_view(
-            faults, healthy_units, kind, view, seed=seed, hidden=size.hidden,
-            iterations=size.iterations,
-            progress=lambda what, a=at, v=view: progress(  # type: ignore[misc]
-                f"{kind}: network {what}, {v}", 0.80 + 0.1 * a),
-        )
-    fleet, own = Cascade(parts["fleet"]), Cascade(parts["baseline"])
-    result = {"fleet": evaluate(fleet, None, held, held_healthy),
-              "baseline": evaluate(fleet, own, held, held_healthy)}
-    return {f"{kind}/{view}": part for view, part in parts.items()}, result
+class _Fleets:
+    """Fleets of one training, simulated with what they have in common."""
+
+    def __init__(self, kinds: tuple[ProfileKind, ...], jobs: int, folder: Path | None,
+                 actuator: Model | None, progress: Progress) -> None:
+        self._kinds, self._jobs, self._folder = kinds, jobs, folder
+        self._actuator, self._progress = actuator, progress
+
+    def simulated(self, what: str, units: int, seed: int, healthy: bool, begin: float, end: float
+                  ) -> dict[ProfileKind, FleetFeatures]:
+        """Return the features of a fleet by kind of test."""
+        return simulate_fleets(
+            self._kinds, units, seed, healthy=healthy, jobs=self._jobs, folder=self._folder,
+            model=self._actuator, progress=lambda k, n: self._progress(
+                f"{what}, {k} of {n} units", begin + (end - begin) * k / n))

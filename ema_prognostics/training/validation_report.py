@@ -22,6 +22,16 @@ def _severity(name: str, value: float | None) -> str:
     return "-" if value is None else f"{scale * value:.3g} {unit}"
 
 
+def validation_data(model: TrainedModel) -> dict[str, Any]:
+    """Return the validation as plain values, what `validation.json` of a kit holds."""
+    training = model.training
+    return {
+        "software_version": training.get("software_version", ""), "seed": training["seed"],
+        "quick": training.get("quick", False), "settings": training["settings"],
+        "cascade_sha256": model.sha256, "held_out": training["held_out"],
+    }
+
+
 def validation_report(model: TrainedModel) -> str:
     """Return the report of a model's validation: rates with counts and 95 % bounds."""
     training = model.training

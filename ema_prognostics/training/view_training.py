@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ema_prognostics.cascade.classes import FAMILIES, FAMILY_OF, OUTPUTS, SEVERITY_OF
 from ema_prognostics.cascade.find import Cascade
-from ema_prognostics.cascade.inputs import ITSELF, Inputs, derive, group_inputs
+from ema_prognostics.cascade.guard import LOG_SIZES
+from ema_prognostics.cascade.inputs import ITSELF, Inputs, derive, group_inputs, input_names
 from ema_prognostics.cascade.known import kind_found
 from ema_prognostics.cascade.lines import LineFilter, fit_line_filter
 from ema_prognostics.cascade.model_body import (
@@ -50,8 +52,8 @@ STEP_FALSE_ALARMS = {"asymmetry": 0.002, "eccentricity": 0.0003, "motor_friction
 """The same of a single step, in either view."""
 DOUBT = 0.004
 """Rate of healthy records that may be called unknown because healthy is improbable."""
-LEAST_SPREAD = 1e-3
-"""Floor of a feature's spread, in its own unit."""
+LEAST_SPREAD, LEAST_SIZE_SPREAD = 1e-3, 0.25
+"""Floor of a feature's spread, in its own unit; of sizes that are logarithms."""
 HELD_BACK = 5
 """One unit in this many calibrates instead of training."""
 
@@ -93,10 +95,15 @@ def train_view(
     fit = campaign.unit % HELD_BACK != 0
     _, sound = view_inputs(healthy, view)
     reference = x[fit & (y == 0.0).all(axis=1)]
-    accepted = start_allowed(campaign.baseline[fit], list(campaign.names))
+    # The acceptance record of a unit stands for all of its tests: once, with their weight.
+    _, first, tests = np.unique(campaign.unit[fit], return_index=True, return_counts=True)
+    accepted = start_allowed(campaign.baseline[fit][first], list(campaign.names))
     extra, itself = np.empty((0, x.shape[1])), np.empty((0, x.shape[1]))
+    own, weight = None, np.ones(np.count_nonzero(fit))
     if view == "fleet":  # every acceptance record is a healthy one
         extra = accepted
+        own = np.vstack([campaign.friction[fit], campaign.friction[fit][first]])
+        weight = np.concatenate([weight, tests])
         reference = np.vstack([reference, extra])
         sound = np.vstack([sound, start_allowed(healthy.baseline, names)])
     else:  # either of two healthy records may be the baseline
@@ -105,14 +112,16 @@ def train_view(
         sound = np.vstack([sound, view_inputs(swapped, view)[1]])
     lines, absolute = _filters(names, reference, x[fit], y[fit], view)
     raw = derive(names, reference, lines, absolute)
+    least = np.where([n.removeprefix(ABSOLUTE).startswith(LOG_SIZES) for n in input_names(names)],
+                     LEAST_SIZE_SPREAD, LEAST_SPREAD)
     center, spread = rounded(np.median(raw, axis=0)), rounded(
-        np.maximum(raw.std(axis=0), LEAST_SPREAD))
+        np.maximum(raw.std(axis=0), least))
     inputs = Inputs(names, lines, absolute, np.array(center), np.array(spread))
     xs = np.vstack([x[fit], extra])
     ys = np.vstack([y[fit], np.zeros((len(extra), y.shape[1]))])
-    own = np.vstack([campaign.friction[fit]] * 2) if view == "fleet" else None
     rates = STEP_FALSE_ALARMS if kind == "step" else FALSE_ALARMS[view]
-    work = _Work(inputs, xs, ys, itself, own, rates, seed, hidden, iterations)
+    records = TrainingRecords(xs, ys, weight, itself, tests[:len(itself)].astype(float), own)
+    work = _Work(inputs, records, rates, seed, hidden, iterations)
     parts = campaign.unit % HELD_BACK
     families, members = {}, {}
     for name, outputs in FAMILIES.items():
@@ -127,8 +136,8 @@ def train_view(
         severity[group] = work.severity(group, x, y, parts, families)
     progress("guard")
     guard = train_guard(
-        GuardRecords(known=inputs(xs), known_kind=kind_found(ys), other=inputs(x[~fit]),
-                     kind=kind_found(y[~fit]), healthy=inputs(sound)),
+        GuardRecords(known=inputs(xs), known_kind=kind_found(ys), weight=weight,
+                     other=inputs(x[~fit]), kind=kind_found(y[~fit]), healthy=inputs(sound)),
         inputs.input_names, kind, seed=seed, iterations=iterations,
     )
     part = ViewPart(
@@ -142,20 +151,37 @@ def train_view(
     return part.model_copy(update={"doubt": float(np.clip(float(f"{doubt:.6g}"), 0.0, 1.0))})
 
 
+class TrainingRecords(NamedTuple):
+    """What the networks of a view are trained on."""
+
+    x: np.ndarray
+    """Features, shape (n, d)."""
+    y: np.ndarray
+    """Severities, shape (n, 8)."""
+    weight: np.ndarray
+    """Shape (n,)."""
+    itself: np.ndarray
+    """Healthy records for the groups that see the record itself, shape (m, d)."""
+    itself_weight: np.ndarray
+    """Shape (m,)."""
+    own: np.ndarray | None
+    """Log of the units' own friction, shape (n, 2); None with a baseline."""
+
+
 class _Work:
     """Records that train, and the training of each network on them."""
 
     def __init__(
-        self, inputs: Inputs, x: np.ndarray, y: np.ndarray, itself: np.ndarray,
-        own: np.ndarray | None, rates: dict[str, float], seed: int, hidden: int, iterations: int,
+        self, inputs: Inputs, records: TrainingRecords, rates: dict[str, float], seed: int,
+        hidden: int, iterations: int,
     ) -> None:
-        """Keep what trains; `itself`: healthy records for groups that see the record itself."""
-        self._inputs, self._x, self._y, self._own = inputs, x, y, own
-        self._itself = itself
+        """Keep what trains."""
+        self._inputs, self._records = inputs, records
+        self._x, self._y, self._own = records.x, records.y, records.own
         self._rates = rates
-        self._settings = {"hidden": hidden, "seed": seed}
+        self._settings: dict[str, Any] = {"hidden": hidden, "seed": seed}
         self._iterations = iterations
-        self._view: View = "baseline" if own is None else "fleet"
+        self._view: View = "baseline" if records.own is None else "fleet"
 
     def _see(self, group: str, x: np.ndarray, *, size: bool = False) -> np.ndarray:
         """Return the inputs of a group; for the shorts those seen from each phase."""
@@ -184,14 +210,17 @@ class _Work:
 
     def family(self, name: str, sound: np.ndarray) -> FamilyPart:
         """Return the network that says whether, its threshold set on healthy records."""
-        x = np.vstack([self._x, self._itself]) if name in ITSELF else self._x
+        x, weight = self._x, self._records.weight
+        if name in ITSELF:
+            x = np.vstack([x, self._records.itself])
+            weight = np.concatenate([weight, self._records.itself_weight])
         there = np.zeros(len(x), dtype=bool)
         there[:len(self._y)] = self._y[:, [OUTPUTS.index(o) for o in FAMILIES[name]]].any(axis=1)
         if name in FRICTIONS and self._own is not None:
             network = self._friction(self._own[:, FRICTIONS.index(name)], name, there)
         else:
-            network = fit_classifier(
-                self._see(name, x), there, iterations=self._iterations, **self._settings)
+            network = fit_classifier(self._see(name, x), there, iterations=self._iterations,
+                                     weight=weight, **self._settings)
         part = NetworkPart.of(network)
         score = logit(part.build()(self._see(name, sound))[:, 0])
         threshold = float(f"{tail_quantile(score, self._rates[name]):.6g}")
@@ -208,8 +237,8 @@ class _Work:
         total = own + np.log1p(self._y[:, OUTPUTS.index(name)])
         x = self._see(name, self._x)
         network = fit_regressor(x, total[:, None], iterations=self._iterations, members=MEMBERS,
-                                **self._settings)
-        return as_classifier(network, network(x)[:, 0], there)
+                                weight=self._records.weight, **self._settings)
+        return as_classifier(network, network(x)[:, 0], there, self._records.weight)
 
     def member(self, group: str, family: str) -> MemberPart:
         """Return the network that says which, trained where the family is there."""

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ema_prognostics.cascade.classes import LEVELS
+from ema_prognostics.cascade.classes import LEVELS, levels_of
 from ema_prognostics.trend.announcement import (
     DEFAULT_RULE,
     ConfirmationRule,
@@ -162,7 +162,7 @@ def _fault_trend(history: History, rule: ConfirmationRule) -> FaultTrend:
 def _ahead(history: History, rise: Growth) -> tuple[LevelForecast, ...]:
     now = int(history.number[np.isfinite(history.severity)][-1])
     found = []
-    for name, severity in zip(NAMES, LEVELS.get(history.fault_class, ())):
+    for name, severity in zip(NAMES, levels_of(history.fault_class)):
         coming = forecast(rise, severity)
         if coming is None:
             continue

@@ -9,9 +9,10 @@ from typing import Literal
 import numpy as np
 
 from ema_prognostics.cascade.guard import BESIDE_OWN
+from ema_prognostics.cascade.model_body import DiscrepancyPart
 from ema_prognostics.cascade.model_file import TrainedModel, load_model
-from ema_prognostics.features.extract import LAST_TIME, extract
-from ema_prognostics.features.profile_kind import ProfileKind, profile_kind
+from ema_prognostics.features.extract import extract
+from ema_prognostics.features.profile_kind import SAME_POSITION, ProfileKind, profile_kind
 from ema_prognostics.features.vector import differences, start_allowed
 from ema_prognostics.paper.cascade import FAULTS, LEVELS
 from ema_prognostics.paper.features import paper_features, paper_turns
@@ -32,14 +33,13 @@ from ema_record.errors import (
     UsageError,
 )
 from ema_record.profile import load_profile
+from ema_record.profiles.plan import test_plan
 from ema_record.record import Record
 
 Mode = Literal["robust", "paper"]
 MODES: tuple[Mode, ...] = ("robust", "paper")
 NEEDED = ("test_not_complete", "gap", "not_finite", "clock_jump")
 """Rules of the guard without which nothing can be computed."""
-SAME_POSITION = 2e-3
-"""Largest difference of the ends of a command from those trained on (rad)."""
 PAPER_CAVEAT = (
     "paper mode: the two networks of the paper, which know no healthy actuator, trained on "
     "phase a and the nominal unit alone"
@@ -150,7 +150,8 @@ def _robust_verdict(
 def _is_trained_test(record: Record, kind: ProfileKind, actuator: Actuator) -> bool:
     """Whether the test is the one trained on, sampled at the rate trained on."""
     given, trained = record.profile.points, load_profile(kind).points
-    same = max(abs(given[k][1] - trained[k][1]) for k in (0, -1)) < SAME_POSITION
+    tolerance = SAME_POSITION * actuator.surface.end_stop
+    same = max(abs(given[k][1] - trained[k][1]) for k in (0, -1)) < tolerance
     return same and abs(record.rate / actuator.acquisition.rate - 1.0) < 0.01
 
 
@@ -171,9 +172,10 @@ def verdict_of_features(
     cascade, own = model.cascades[f"{kind}/fleet"], model.cascade(kind, "baseline")
     names = cascade.view.names
     if set(features) != set(names):
-        return unknown_verdict("the record does not hold every feature: its interval with the "
-                               "inverter off is missing")
-    x = _row(features, names)
+        return unknown_verdict("the record does not hold every feature: record every channel of "
+                               "the kit, from the acceptance of the command, the inverter off")
+    left = model.body.discrepancy.get(kind)
+    x = corrected_row(features, names, left)
     detection = cascade.find(x, exact=exact)[0]
     with_own = baseline is not None and own is not None
     unusual = reasons_of_guard(cascade, detection, BESIDE_OWN if with_own else 1.0)
@@ -182,7 +184,7 @@ def verdict_of_features(
                                *unusual)
     if baseline is None or own is None:
         return verdict_of_detection(cascade, x[0], detection, kind)
-    x = differences(x, _row(baseline, names))
+    x = differences(x, corrected_row(baseline, names, left))
     alone, detection = detection, own.find(x, exact=exact)[0]
     detection = replace(detection, known=min(alone.known, detection.known))
     unusual = reasons_of_guard(own, detection)
@@ -192,9 +194,12 @@ def verdict_of_features(
     return verdict_of_detection(own, x[0], detection, kind)
 
 
-def _row(features: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
-    """Return features as the networks take them, shape (1, d)."""
-    return start_allowed(np.array([[features[n] for n in names]]), names)
+def corrected_row(
+    features: Mapping[str, float], names: Sequence[str], left: DiscrepancyPart | None
+) -> np.ndarray:
+    """Return features as the networks take them, less the discrepancy `left`, shape (1, d)."""
+    off = {} if left is None else dict(zip(left.names, left.mean))
+    return start_allowed(np.array([[features[n] - off.get(n, 0.0) for n in names]]), names)
 
 
 def baseline_of(record: Record, model: TrainedModel, actuator: Actuator | None = None) -> Baseline:
@@ -227,7 +232,8 @@ def _check_usable(record: Record, kind: ProfileKind | None, actuator: Actuator) 
     if len(record) < 2:
         raise IncompleteRecordError(f"{len(record)} samples: repeat the test")
     time = record.time
-    end = record.profile.command_time + LAST_TIME[kind] if kind else record.profile.duration
+    end = (record.profile.command_time + test_plan(record.profile, actuator).last_time
+           if kind else record.profile.duration)
     if time[0] > record.profile.command_time or time[-1] < end - 2.0 / record.rate:
         raise IncompleteRecordError(
             f"the record covers {time[0]:.3f} to {time[-1]:.3f} s, the analysis needs "

@@ -1,8 +1,9 @@
 """`Judge`: from a bag or a record to its verdict, whatever state it is in.
 
-A record is read, checked by the rules of `ema_record.checks`, and then diagnosed, if asked
-beside the actuator's own healthy record. What the checks find makes the verdict incomplete,
-invalid or unknown, with the findings as its reasons; the actuator is then not judged.
+What judges is the present kit's: its networks, its actuator, its tests. A record is read, checked
+by the rules of `ema_record.checks`, and then diagnosed, if asked beside the actuator's own healthy
+record. What the checks find makes the verdict incomplete, invalid or unknown, with the findings
+as its reasons; the actuator is then not judged.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from ema_prognostics.verdict.verdict import Verdict
 from ema_record.bag.read import read_bag
 from ema_record.checks.guard import guard_findings, outcome_of, reason_of
 from ema_record.errors import RecordError, UsageError
+from ema_record.kit import is_default_kit, kit_name
 from ema_record.profile import load_profile
 from ema_record.record import Record
 
@@ -43,7 +45,7 @@ class Judge:
 
     Parameters
     ----------
-    model : model file, default the shipped one.
+    model : model file, default the kit's.
     baseline : bag of a healthy test of the same actuator.
     profile : the test that was commanded (name or YAML file), in place of the bags' own.
     mode : of the diagnosis.
@@ -59,6 +61,9 @@ class Judge:
         profile: str | None = None, mode: Mode = "robust",
     ) -> None:
         """Load what is named."""
+        if mode == "paper" and not is_default_kit():
+            raise UsageError(f"mode paper is of the default actuator alone: leave {kit_name()} "
+                             "out, or use mode robust")
         self._profile = None if profile is None else load_profile(profile)
         self._model = load_model(model)
         self._mode = mode

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ema_prognostics.cascade.classes import CLASS_OF, FAULTS, LEVELS, SHORTS, UNITS, level_of
+from ema_prognostics.cascade.classes import CLASS_OF, FAULTS, SHORTS, UNITS, level_of, levels_of
 from ema_prognostics.cascade.find import Cascade, Detection
 from ema_prognostics.cascade.guard_groups import GROUPS
 from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.verdict.verdict import Fault, Verdict
-from ema_prognostics.words import feature_words
+from ema_prognostics.words import REPEAT, feature_words, next_step
 from ema_record.errors import EmaError, IncompleteRecordError
 
 RELEVANT = {
@@ -41,7 +41,7 @@ def reasons_of_fault(cascade: Cascade, x: np.ndarray, output: str) -> list[str]:
 
 
 def reasons_of_guard(cascade: Cascade, detection: Detection, bound: float = 1.0) -> list[str]:
-    """Return what is unlike anything trained on, worst first; empty where nothing is.
+    """Return what is unlike anything trained on, worst first, and what to do; empty: nothing is.
 
     Parameters
     ----------
@@ -67,12 +67,18 @@ def reasons_of_guard(cascade: Cascade, detection: Detection, bound: float = 1.0)
         worst = feature_words(names[guard.checked[int(np.argmax(each))]])
         found.append(f"all features together: {together:.1f} times the usual distance, most of "
                      f"all the {worst}")
-    return found
+    odd = np.argmax(each) if each.size and each.max() > 1.0 else None
+    step = REPEAT if odd is None else next_step(names[guard.checked[odd]])
+    return [*found, f"next: {step}"]
 
 
 GAP_CAVEAT = (
     "one step in one direction shows lost motion only where the motor crosses it at the start; if "
     "the last motion left the shaft wound that way, only the extended profile rules backlash out"
+)
+GREASE_CAVEAT = (
+    "one speed does not tell dry friction from grease that is twice as stiff: only the extended "
+    "profile rules a growth of the friction out"
 )
 SAME_LINES = {
     "rotor_eccentricity": (
@@ -141,10 +147,10 @@ def verdict_of_detection(
     if not detection.outputs:
         reasons = ["no feature lies outside what the healthy fleet shows"]
         if kind == "step":
-            reasons.append(GAP_CAVEAT)
+            reasons += [GAP_CAVEAT, GREASE_CAVEAT]
         return Verdict(
             outcome="healthy", probabilities=probabilities, reasons=tuple(reasons),
-            alternatives=("backlash",) if kind == "step" else (),
+            alternatives=("backlash", "friction") if kind == "step" else (),
         )
     faults, reasons = [], []
     for output, severity in zip(detection.outputs, detection.severity):
@@ -159,7 +165,7 @@ def verdict_of_detection(
             side = "motor" if output == "motor_friction" else "surface"
             reasons.append(f"the friction is most likely that of the {side}")
         reasons += reasons_of_fault(cascade, x, output)
-    faults.sort(key=lambda f: -(f.severity or 0.0) / LEVELS[f.fault_class][1])
+    faults.sort(key=lambda f: -(f.severity or 0.0) / levels_of(f.fault_class)[1])
     named = {f.fault_class for f in faults}
     alternatives: tuple[str, ...] = ()
     static = "static_eccentricity" in detection.outputs

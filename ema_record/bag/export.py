@@ -42,9 +42,10 @@ def export_record(record: Record, path: str | Path, file_format: str) -> Path:
     path : path-like
         The file to make; for ``mcap`` the rosbag2 directory.
     file_format : str
-        ``csv``: a column a channel, its name and unit in the first line. ``parquet``: the
-        same, the unit in each field's metadata. ``mcap``: a bag of standard messages, one a
-        sample, for PlotJuggler and other plotters that do not split arrays.
+        ``csv``: a column a channel that was recorded, its name and unit in the first line.
+        ``parquet``: the same, the unit in each field's metadata. ``mcap``: a bag of standard
+        messages, one a sample, for PlotJuggler and other plotters that do not split arrays; a
+        channel that was not recorded is NaN.
 
     Returns
     -------
@@ -82,9 +83,10 @@ def default_path(bag: str | Path, file_format: str) -> Path:
 def _write_csv(record: Record, path: Path) -> None:
     with new_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([channel.label for channel in CHANNELS])
+        columns = list(record.columns)
+        writer.writerow([CHANNELS[column].label for column in columns])
         for first in range(0, len(record), _ROWS):
-            writer.writerows(record.samples[first:first + _ROWS].tolist())
+            writer.writerows(record.samples[first:first + _ROWS, columns].tolist())
 
 
 def _write_parquet(record: Record, path: Path) -> None:
@@ -96,17 +98,20 @@ def _write_parquet(record: Record, path: Path) -> None:
             "export to parquet needs the package pyarrow, which is not installed: "
             "pip install pyarrow, or export to csv"
         ) from None
+    recorded = record.columns
     schema = pa.schema(
-        [pa.field(c.name, pa.float64(), metadata={"unit": c.unit}) for c in CHANNELS],
+        [pa.field(CHANNELS[k].name, pa.float64(), metadata={"unit": CHANNELS[k].unit})
+         for k in recorded],
         metadata={
             "serial_number": record.provenance.serial_number,
             "software_version": record.provenance.software_version,
             "start_time": str(record.provenance.start_time),
             "status": record.provenance.status,
+            "actuator": record.provenance.actuator,
             "profile": record.profile.model_dump_json(),
         },
     )
-    columns = [np.ascontiguousarray(column) for column in record.samples.T]
+    columns = [np.ascontiguousarray(record.samples[:, column]) for column in recorded]
     with new_file(path) as temporary, temporary.open("wb") as file:
         try:
             pq.write_table(pa.Table.from_arrays(columns, schema=schema), file)

@@ -138,6 +138,7 @@ def start_record(profile: Profile, provenance: Provenance) -> dict[str, str]:
         "software_version": provenance.software_version,
         "start_time": str(provenance.start_time),
         "profile": profile.model_dump_json(),
+        **({"actuator": provenance.actuator} if provenance.actuator else {}),
     })
 
 
@@ -216,6 +217,7 @@ def read_test_metadata(records: Mapping[str, Mapping[str, str]], source: str) ->
         start_time=int(text),
         status=status,
         source=source,
+        actuator=start.get("actuator", "")[:_MAX_TEXT],
     )
     return TestMetadata(
         profile=_profile(start.get("profile"), source), provenance=provenance,

@@ -21,7 +21,7 @@ from ema_record.errors import (
 from ema_record.limits import MAX_SAMPLES
 from ema_record.profile import Profile
 from ema_record.record import Record, SampleBlock, check_samples
-from ema_record.wire.samples import BLOCK_SIZE, decode_block, encode_block
+from ema_record.wire.samples import BLOCK_SIZE, decode_block, encode_samples
 from ema_record.wire.sensors import (
     bus_reading,
     encode_bool,
@@ -216,16 +216,16 @@ class Recording:
         blocks : sequence of SampleBlock
             At least one.
         start : float, optional
-            Where the surface stood before (rad), default as the first sample says.
+            Where the surface stood before (rad), default as the first sample says, if it does.
 
         """
         for message in self.command_before(blocks):
             first, last = blocks[0].samples[0], blocks[-1].samples[-1]
+            at = float(first[SURFACE_POSITION])
+            if start is None and np.isfinite(at):
+                start = at
             try:
-                return decode_command(
-                    message.data, duration=float(last[TIME]),
-                    start=float(first[SURFACE_POSITION]) if start is None else start,
-                )
+                return decode_command(message.data, duration=float(last[TIME]), start=start)
             except RecordError as error:
                 self._refuse(error)
         return None
@@ -257,11 +257,11 @@ def write_bag(
     Parameters
     ----------
     record : Record
-        At least one sample.
+        At least one sample; channels that are NaN throughout are left out.
     path : path-like
         The directory to make.
     views : bool
-        Also write the topics for people, decimated to 2 kHz: joint states, phase currents.
+        Also write the topics for people, decimated: joint states, phase currents.
     chunk_size : int
         See `BagWriter`.
 
@@ -295,10 +295,11 @@ def _messages(record: Record, *, views: bool) -> list[tuple[int, str, bytes]]:
     start = record.provenance.start_time
     messages = [(start, WEIGHT_ON_WHEELS, encode_bool(True)),
                 (start, COMMAND, encode_command(record.profile, start))]
+    columns = record.columns
     for first in range(0, len(record), BLOCK_SIZE):
         block = record.samples[first:first + BLOCK_SIZE]
         time = int(_stamps(block[-1:, TIME], start)[0])
-        messages.append((time, SAMPLES, encode_block(block)))
+        messages.append((time, SAMPLES, encode_samples(block, columns)))
     if views and len(record) > 1:
         decimated = views_of(record.samples, record.rate)
         stamps = decimated.stamps(start).tolist()

@@ -189,7 +189,8 @@ def _test_of(
     if START not in own:
         provenance = replace(provenance, status="interrupted")
     if command is not None:
-        start = 0.0 if first is None else float(first[0, SURFACE_POSITION])
+        at = np.nan if first is None else float(first[0, SURFACE_POSITION])
+        start = at if np.isfinite(at) else None
         try:
             commanded = decode_command(command.data, start=start)
         except RecordError:

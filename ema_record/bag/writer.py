@@ -259,7 +259,8 @@ class BagWriter(RawBag):
     profile : Profile
         The test that is recorded.
     provenance : Provenance
-        Serial number, software version and start time; its status and source are not used.
+        Serial number, software version, start time and hash of the actuator; its status and
+        source are not used.
     chunk_size, flush_interval, topics
         See `RawBag`.
 
@@ -322,6 +323,7 @@ class BagWriter(RawBag):
         return self.finish(records, {
             "serial_number": self.provenance.serial_number,
             "software_version": self.provenance.software_version,
+            **({"actuator": self.provenance.actuator} if self.provenance.actuator else {}),
             "test_profile": self.profile.name,
             "status": status,
             **({"recovered": "true"} if recovery is not None else {}),

@@ -14,14 +14,19 @@ import numpy as np
 
 from ema_record.actuator import Actuator, load_actuator
 from ema_record.channels import (
+    ALL,
     MOTOR_SPEED,
     N_CHANNELS,
+    PHASE_CURRENTS,
+    REFERENCE_CURRENTS,
     ROTOR_ANGLE,
     SURFACE_POSITION,
     TIME,
+    recorded_columns,
 )
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record, SampleBlock
+from ema_record.spread import Conditions, load_spread
 
 T = TypeVar("T")
 Severity = Literal["error", "warning"]
@@ -29,6 +34,19 @@ SETTLED = 5e-3
 """After the inverter is switched on; before, sensors without noise rest at zero (s)."""
 SLOWEST = 0.0253
 """Share of the motor's highest speed below which it counts as standing."""
+REST_OFFSET = (0.0227, 10.0)
+"""Reading of a current while the inverter is off: of the current limit, at least, and times the
+offset of a good sensor."""
+SUM_OFFSET = (0.01364, 6.0)
+"""The same of the mean of the weighted sum of the currents over a part of the test."""
+SLOW = 0.3795
+"""Share of the motor's highest speed below which the drive has voltage to spare."""
+IMPOSSIBLE = 3.0
+"""Times the motor's highest speed that it never reaches."""
+WINDOW_TIME = 0.02
+"""Time over which noise and travel are taken (s)."""
+LEAST_WINDOW = 100
+"""The same in samples, at low rates."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,9 +60,10 @@ class Motion:
     turned : ndarray, shape (m,)
         Motor speed times interval (rad).
     angle : ndarray, shape (m,)
-        What the motor turned as the rotor angle says (rad).
+        What the motor turned as the rotor angle says (rad); NaN without that channel.
     travel : ndarray, shape (m,)
-        The same as the surface position says: its change times the gear ratio (rad).
+        The same as the surface position says: its change times the gear ratio (rad); NaN
+        without that channel.
 
     """
 
@@ -98,13 +117,108 @@ class BagFacts:
         """Motor speed below which it stands (rad/s)."""
         return SLOWEST * self.actuator.control.speed_limit
 
+    @property
+    def acceleration(self) -> float:
+        """Highest acceleration of the motor (rad/s²): full torque on all that it turns."""
+        a = self.actuator
+        torque = min(a.motor.torque_limit,
+                     2.0 * a.motor.back_emf_constant * a.inverter.current_limit)
+        return torque / (a.motor.inertia + a.surface.inertia / a.gear.ratio**2)
+
+    @property
+    def run_up(self) -> float:
+        """Time in which full torque brings the motor to its highest speed (s)."""
+        return self.actuator.control.speed_limit / self.acceleration
+
+    @property
+    def twist(self) -> float:
+        """How far shaft and lost motion part surface and motor, from one sense to the other (rad).
+
+        That is the way between friction and load one way and the other.
+        """
+        a = self.actuator
+        torque = max(a.surface.static_friction, a.surface.dynamic_friction) + self.conditions.load
+        return 2.0 * torque / a.shaft.stiffness + a.shaft.backlash
+
+    @cached_property
+    def conditions(self) -> Conditions:
+        """Bounds of good sensors and of the conditions of a test, as the kit says."""
+        return load_spread().conditions
+
+    @cached_property
+    def columns(self) -> tuple[int, ...]:
+        """Columns of `samples` that were recorded, in order; the others are NaN."""
+        return recorded_columns(self._recorded) if self.blocks else ALL
+
+    def has(self, *columns: int) -> bool:
+        """Return whether all these columns were recorded."""
+        return set(columns) <= set(self.columns)
+
+    @property
+    def currents(self) -> list[int]:
+        """Columns of the phase currents that were recorded, two or three."""
+        return [c for c in ALL[PHASE_CURRENTS] if c in self.columns]
+
+    @property
+    def has_references(self) -> bool:
+        """Whether all three reference currents were recorded."""
+        return self.has(*ALL[REFERENCE_CURRENTS])
+
+    def offset_bound(self, shares: tuple[float, float]) -> float:
+        """Return a bound on the offset of currents (A): one of `REST_OFFSET`, `SUM_OFFSET`."""
+        limit = self.actuator.inverter.current_limit
+        return max(shares[0] * limit, shares[1] * self.conditions.current_offset)
+
+    def vector(self, part: slice) -> np.ndarray:
+        """Return phase or reference currents as rotating vectors, complex, shape (n,) (A).
+
+        Their size is the amplitude of a phase. Of two currents the third is what makes the sum
+        zero.
+        """
+        values = self.samples[:, part]
+        absent = np.isnan(values).all(axis=0)
+        third = -np.where(absent, 0.0, values).sum(axis=1, keepdims=True)
+        turns = np.exp(2j * np.pi / 3.0 * np.arange(3))
+        return np.asarray(np.where(absent, third, values) @ turns * (2.0 / 3.0))
+
+    @property
+    def window(self) -> int:
+        """Samples over which noise and travel are taken."""
+        if not self.interval > 0.0:
+            return LEAST_WINDOW
+        return max(LEAST_WINDOW, round(WINDOW_TIME / self.interval))
+
+    @cached_property
+    def surface(self) -> np.ndarray:
+        """Position of the surface, shape (n,) (rad); without that channel, from the speed.
+
+        It then begins where the profile does.
+        """
+        s = self.samples
+        if self.has(SURFACE_POSITION) or not len(s):
+            return s[:, SURFACE_POSITION]
+        speed = s[:, MOTOR_SPEED] / self.actuator.gear.ratio
+        steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(s[:, TIME])
+        start = self.profile.start if self.profile else 0.0
+        return np.concatenate([[start], start + np.cumsum(steps)])
+
+    @cached_property
+    def _recorded(self) -> np.ndarray:
+        return np.concatenate([block.samples for block in self.blocks])
+
+    def _finite(self, samples: np.ndarray) -> np.ndarray:
+        """Return which values are finite, those of columns that were not recorded too."""
+        finite = np.isfinite(samples)
+        finite[:, [c for c in ALL if c not in self.columns]] = True
+        return finite
+
     @cached_property
     def samples(self) -> np.ndarray:
         """Finite samples in order of time, each time once, shape (n, 10), column by column."""
         if not self.blocks:
             return np.empty((0, N_CHANNELS))
-        samples = np.concatenate([block.samples for block in self.blocks])
-        finite = np.isfinite(samples).all(axis=1)
+        samples = self._recorded
+        finite = self._finite(samples).all(axis=1)
         if not (finite.all() and (np.diff(samples[:, TIME]) > 0.0).all()):
             samples = samples[finite]
             _, first = np.unique(samples[:, TIME], return_index=True)
@@ -119,8 +233,8 @@ class BagFacts:
         """
         if not self.blocks:
             return np.empty(0)
-        samples = np.concatenate([block.samples for block in self.blocks])
-        finite = np.isfinite(samples)
+        samples = self._recorded
+        finite = self._finite(samples)
         bad = ~finite.all(axis=1)
         timed = np.maximum.accumulate(np.where(finite[:, TIME], np.arange(len(samples)), 0))
         return np.sort(samples[timed, TIME][bad])
@@ -130,6 +244,13 @@ class BagFacts:
         """Median interval of the samples (s); NaN below 2 samples."""
         time = self.samples[:, TIME]
         return float(np.median(np.diff(time))) if len(time) > 1 else float("nan")
+
+    @property
+    def too_fast(self) -> bool:
+        """Whether the speed goes so far beyond the highest one that its unit is another."""
+        speed = self.samples[:, MOTOR_SPEED]
+        bound = IMPOSSIBLE * self.actuator.control.speed_limit
+        return bool(len(speed)) and float(np.abs(speed).max()) > bound
 
     @cached_property
     def angle_in_degrees(self) -> bool:
@@ -154,7 +275,7 @@ class BagFacts:
 
 
 def facts_of_record(record: Record, actuator: Actuator | None = None) -> BagFacts:
-    """Return a record for those rules that need no bag; `actuator` defaults to the nominal."""
+    """Return a record for those rules that need no bag; `actuator` defaults to the kit's."""
     return BagFacts(
         actuator=load_actuator() if actuator is None else actuator,
         blocks=[SampleBlock(0, record.samples)] if len(record) else [],

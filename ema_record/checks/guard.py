@@ -13,19 +13,30 @@ from typing import Literal
 import numpy as np
 
 from ema_record.actuator import Actuator
-from ema_record.checks import origin, physics, sensors, stream, values
+from ema_record.checks import (
+    held,
+    origin,
+    physics,
+    sensors,
+    stream,
+    travel,
+    values,
+    whole_turns,
+)
 from ema_record.checks.facts import BagFacts, Finding, Rule, facts_of_record
 from ema_record.record import Record
 
 RULES: tuple[Rule, ...] = (*stream.RULES, *origin.RULES, *values.RULES, *physics.RULES,
-                           *sensors.RULES)
+                           *sensors.RULES, *travel.RULES, *whole_turns.RULES, *held.RULES)
 MAX_FINDINGS = 20
 """Most findings of one rule that are told."""
 
 Outcome = Literal["incomplete", "invalid", "unknown"]
 OUTCOMES: dict[str, Outcome] = {
+    "other_actuator": "invalid",
     "test_not_complete": "incomplete", "record_length": "incomplete", "gap": "incomplete",
-    "not_finite": "invalid", "clock_jump": "invalid", "repeated_data": "invalid",
+    "not_finite": "invalid", "missing_channel": "unknown", "clock_jump": "invalid",
+    "repeated_data": "invalid",
     "stuck_channel": "unknown", "wrong_unit": "invalid", "sign_flip": "invalid",
     "swapped_phases": "invalid", "held_samples": "unknown", "sensor_noise": "unknown",
     "discontinuity": "invalid", "spike": "unknown", "saturation": "unknown",
@@ -40,7 +51,13 @@ SENSOR_RULES = frozenset({
 
 
 def findings_of(facts: BagFacts, names: Collection[str]) -> list[Finding]:
-    """Return what the rules of these names find, in the order of `RULES`."""
+    """Return what the rules of these names find, in the order of `RULES`.
+
+    Of a record of another actuator than the kit's nothing else is told.
+    """
+    other = origin.OTHER_ACTUATOR
+    if other.name in names and (found := other.check(facts)):
+        return found
     with np.errstate(all="ignore"):  # the values of a record may be anything
         return [
             finding for rule in RULES if rule.name in names
@@ -59,7 +76,7 @@ def guard_findings(
     record : Record
         One test, or its facts. Its samples may be of any value, in any order.
     actuator : Actuator, optional
-        What was tested, default the nominal one; facts know it.
+        What was tested, default the kit's; facts know it.
     names : collection of str
         Rules that are asked, of `OUTCOMES`.
 

@@ -7,30 +7,50 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ema_record.actuator_type import OWN_KIT, another_actuator, is_of_another_actuator
 from ema_record.channels import (
+    CHANNELS,
     MOTOR_SPEED,
     REFERENCE_CURRENTS,
-    SURFACE_POSITION,
     TIME,
 )
 from ema_record.checks.facts import BagFacts, Hit, Rule
 from ema_record.errors import UsageError
+from ema_record.kit import kit_name
 from ema_record.version import VERSION
 from ema_record.wire.topics import COMMAND, DC_BUS, SAMPLES, WEIGHT_ON_WHEELS, WINDING_TEMPERATURE
 from ema_record.wire.trajectory import trajectory_points
 
 RATE_TOLERANCE = 1e-3
-LENGTH_TOLERANCE = 2e-3
-"""Of the length of a record (s)."""
+LENGTH_TOLERANCE = (2e-3, 2.0)
+"""Of the length of a record: in s, and at least in samples."""
 DRIVEN = 0.506
 """Share of its highest speed that the controller asks for where it surely wants motion."""
 CONTENT = 0.5
 """Share of its limit below which a reference current says that the controller wants none."""
 LEAST_DISTANCE = 0.02
 """Share of the travel that the surface may be off its command, whatever the loop's gain."""
-STEADY_TIME = 0.01
-"""In which a motor that is braked slows down (s)."""
+STEADY_TIME = 1.3
+"""In which a motor that is braked slows down (of the time that its run-up takes)."""
 _REQUIRED = (SAMPLES, COMMAND, DC_BUS, WINDING_TEMPERATURE)
+
+
+def other_actuator(facts: BagFacts) -> Iterator[Hit]:
+    """Find a record that names another actuator than the kit's."""
+    named = facts.provenance.actuator
+    if is_of_another_actuator(named):
+        yield Hit(another_actuator(named))
+
+
+def missing_channels(facts: BagFacts) -> Iterator[Hit]:
+    """Find channels that the kit's acquisition records and the record lacks."""
+    if not facts.blocks:
+        return
+    lacking = [CHANNELS[c].name for c in facts.actuator.acquisition.columns
+               if not facts.has(c)]
+    if lacking:
+        yield Hit(f"not recorded: {', '.join(lacking)}, which the acquisition of {kit_name()} "
+                  "records", channel=lacking[0])
 
 
 def missing_topics(facts: BagFacts) -> Iterator[Hit]:
@@ -93,22 +113,23 @@ def wrong_profile(facts: BagFacts) -> Iterator[Hit]:
         LEAST_DISTANCE * actuator.surface.end_stop,
     )
     command = profile.command(s[:, TIME])
+    asked = REFERENCE_CURRENTS if facts.has_references else facts.currents
     content = (np.abs(s[:, MOTOR_SPEED]) < facts.standing) & (
-        np.abs(s[:, REFERENCE_CURRENTS]).max(axis=1) < CONTENT * actuator.inverter.current_limit
+        np.abs(s[:, asked]).max(axis=1) < CONTENT * actuator.inverter.current_limit
     ) & (s[:, TIME] > profile.inverter_off + 0.01)
-    away = np.abs(s[:, SURFACE_POSITION] - command)
+    away = np.abs(facts.surface - command)
     wrong = content & (away > off_command)
     if wrong.sum() * facts.interval > 0.01:
         row = int(np.argmax(wrong))
         yield Hit(
-            f"the surface rests at {s[row, SURFACE_POSITION]:.3f} rad, {profile.name!r} commands "
+            f"the surface rests at {facts.surface[row]:.3f} rad, {profile.name!r} commands "
             f"{command[row]:.3f} rad", float(s[row, TIME]), float(away[wrong].max()), "rad",
         )
         return
-    lag = round(STEADY_TIME / facts.interval)
+    lag = max(2, round(STEADY_TIME * facts.run_up / facts.interval))
     speed = s[:, MOTOR_SPEED]
     flees = (away > off_command) & (np.abs(speed) > facts.standing) & (
-        speed * (command - s[:, SURFACE_POSITION]) < 0.0
+        speed * (command - facts.surface) < 0.0
     )
     flees[lag:] &= speed[lag:] * np.sign(speed[:-lag]) > 0.95 * np.abs(speed[:-lag])
     flees[:lag] = False
@@ -135,9 +156,10 @@ def wrong_length(facts: BagFacts) -> Iterator[Hit]:
     if len(facts.samples) < 2:
         yield Hit(f"{len(facts.samples)} usable samples", 0.0, facts.profile.duration, "s")
         return
-    end = float(facts.samples[-1, TIME]) + 0.5 * facts.interval
+    rest = 1.0 - facts.actuator.acquisition.time_at
+    end = float(facts.samples[-1, TIME]) + rest * facts.interval
     missing = facts.profile.duration - end
-    if abs(missing) > LENGTH_TOLERANCE:
+    if abs(missing) > max(LENGTH_TOLERANCE[0], LENGTH_TOLERANCE[1] * facts.interval):
         yield Hit(
             f"the record ends at {end:.4f} s, its profile {facts.profile.name!r} at "
             f"{facts.profile.duration:.4f} s", end, missing, "s",
@@ -152,7 +174,12 @@ def off_wheels(facts: BagFacts) -> Iterator[Hit]:
                   "wheels", size=float(off), unit="messages", channel=WEIGHT_ON_WHEELS)
 
 
+OTHER_ACTUATOR = Rule(name="other_actuator", find=other_actuator, remedy=OWN_KIT)
+"""What makes all other rules pointless."""
 RULES = (
+    OTHER_ACTUATOR,
+    Rule(name="missing_channel", find=missing_channels,
+         remedy="record it; or say in the kit's acquisition that it is not there and train anew"),
     Rule(name="missing_topic", find=missing_topics,
          remedy="record all topics of the test ('ema bit' does)"),
     Rule(name="undecodable", find=undecodable,

@@ -13,6 +13,7 @@ from ema_record.channels import (
     PHASE_CURRENTS,
     REFERENCE_CURRENTS,
     ROTOR_ANGLE,
+    SURFACE_POSITION,
     TIME,
 )
 from ema_record.checks.facts import BagFacts, Hit, Rule
@@ -23,19 +24,24 @@ NEAR = 0.1
 """Relative distance from a ratio at which it counts as that ratio."""
 SAME_UNIT = 1.5
 """Ratio below which two channels have the same unit, whatever their scales."""
-ANGLE_STEP = 0.02
-"""Difference between turned motor angle and speed in one interval that no motor gives (rad)."""
-TRAVEL_STEP = 3e-3
-"""The same between surface position and speed (rad)."""
+ANGLE_STEP = (0.506, 2.0)
+"""Difference between turned motor angle and speed in one interval that no motor gives: of an
+interval's way at the highest speed, and in steps of the angle's converter."""
+TRAVEL_STEP = (0.005, 6.0)
+"""The same between surface position and speed, of the way from the middle to the end stop."""
 ENOUGH = 8000
 """Samples from which the phases of currents and references are compared."""
-DRIVEN = 500
-"""Moving samples from which the order of the phases is compared with the rotor."""
+DRIVEN = 200
+"""Samples from which phases are compared."""
 _PHASES = "abc"
 
 
 class Ratios(NamedTuple):
-    """Slopes of rotor angle and surface travel against the integrated speed, 1 where right."""
+    """Slopes of rotor angle and surface travel against the integrated speed, 1 where right.
+
+    A channel that was not recorded counts as right, one that is alone against the speed is told
+    from it as if the other one agreed with the speed.
+    """
 
     angle: float
     travel: float
@@ -48,10 +54,11 @@ def ratios(facts: BagFacts) -> Ratios | None:
     turned = motion.turned[moving]
     if len(turned) < 100:
         return None
-    return Ratios(
-        angle=float(_slope(turned, motion.angle[moving])),
-        travel=float(_slope(turned, motion.travel[moving])),
+    angle, travel = (
+        _slope(turned, moved[moving]) if facts.has(column) else 1.0
+        for column, moved in ((ROTOR_ANGLE, motion.angle), (SURFACE_POSITION, motion.travel))
     )
+    return Ratios(angle=angle, travel=travel)
 
 
 def _slope(x: np.ndarray, y: np.ndarray) -> float:
@@ -68,6 +75,11 @@ def motion_units(facts: BagFacts) -> Iterator[Hit]:
         yield Hit("rotor_angle goes beyond a turn in rad: it is in degrees",
                   None, DEGREES, "", "rotor_angle")
     found = facts.derived(ratios)
+    if facts.too_fast and not (facts.has(ROTOR_ANGLE) or facts.has(SURFACE_POSITION)):
+        peak = float(np.abs(facts.samples[:, MOTOR_SPEED]).max())
+        yield Hit(f"motor_speed goes to {peak:.4g}, the motor to "
+                  f"{facts.actuator.control.speed_limit:.4g} rad/s: it is in another unit",
+                  None, peak, "", "motor_speed")
     if found is None:
         return
     angle, travel = abs(found.angle), abs(found.travel)
@@ -108,11 +120,17 @@ def discontinuities(facts: BagFacts) -> Iterator[Hit]:
     if found is None:
         return
     motion, actuator = facts.motion, facts.actuator
-    for name, step, ratio, bound in (
-        ("rotor_angle", motion.angle, found.angle, ANGLE_STEP),
-        ("surface_position", motion.travel, found.travel, TRAVEL_STEP * actuator.gear.ratio),
+    c, gear = actuator.converters, actuator.gear.ratio
+    highest = actuator.control.speed_limit * facts.interval
+    angle = max(ANGLE_STEP[0] * highest,
+                ANGLE_STEP[1] * actuator.motor_angle(c.angle_range / 2**c.angle_bits))
+    travel = gear * max(TRAVEL_STEP[0] * actuator.surface.end_stop,
+                        TRAVEL_STEP[1] * c.position_range / 2**c.position_bits)
+    for column, name, step, ratio, bound in (
+        (ROTOR_ANGLE, "rotor_angle", motion.angle, found.angle, angle),
+        (SURFACE_POSITION, "surface_position", motion.travel, found.travel, travel),
     ):
-        if not _is(ratio, 1.0):
+        if not (facts.has(column) and _is(ratio, 1.0)):
             continue
         off = np.abs(step - motion.turned)
         if name == "rotor_angle":
@@ -128,12 +146,17 @@ def discontinuities(facts: BagFacts) -> Iterator[Hit]:
 
 
 def _driven(facts: BagFacts) -> np.ndarray:
-    """Return samples under current, enough of them for correlations, shape (n, 10)."""
-    s = facts.samples[::max(1, len(facts.samples) // ENOUGH)]
-    reference = np.abs(s[:, REFERENCE_CURRENTS])
-    if not len(s) or not reference.max() > 0.0:
-        return s[:0]
-    return s[reference.max(axis=1) > 0.05 * np.median(reference.max(axis=1))]
+    """Return where samples under current are, enough of them for correlations, shape (n,)."""
+    rows = np.arange(0, len(facts.samples), max(1, len(facts.samples) // ENOUGH))
+    size = np.abs(facts.vector(_asked(facts)))[rows]
+    if not len(rows) or not size.max() > 0.0:
+        return rows[:0]
+    return rows[size > 0.05 * np.median(size)]
+
+
+def _asked(facts: BagFacts) -> slice:
+    """Return the currents that say what is asked: the references, else the phase currents."""
+    return REFERENCE_CURRENTS if facts.has_references else PHASE_CURRENTS
 
 
 class Wiring(NamedTuple):
@@ -142,23 +165,28 @@ class Wiring(NamedTuple):
     order: tuple[int, ...]
     signs: tuple[int, ...]
     better: float
-    """By how much it explains the currents better than the labels do (of 3)."""
+    """By how much it explains the currents better than the labels do (of their number)."""
     gain: np.ndarray
-    """Phase currents against the references that they follow, shape (3,)."""
+    """Phase currents against the references that they follow, shape (n,)."""
+    phases: tuple[int, ...]
+    """Which phase currents there are: two or all three of 0, 1, 2."""
 
 
 def wiring(facts: BagFacts) -> Wiring | None:
-    """Return how the phase currents go with the reference currents."""
-    s = facts.derived(_driven)
-    if len(s) < 200:
+    """Return how the phase currents go with the reference currents; None without these."""
+    rows = facts.derived(_driven)
+    if len(rows) < DRIVEN or not facts.has_references:
         return None
-    currents, references = s[:, PHASE_CURRENTS], s[:, REFERENCE_CURRENTS]
+    phases = tuple(column - PHASE_CURRENTS.start for column in facts.currents)
+    n = len(phases)
+    currents = facts.samples[rows][:, facts.currents]
+    references = facts.samples[rows, REFERENCE_CURRENTS]
     power = np.sqrt((currents**2).mean(axis=0)[:, None] * (references**2).mean(axis=0)[None, :])
-    product_mean = currents.T @ references / len(s)
-    c = np.divide(product_mean, power, out=np.zeros((3, 3)), where=power > 0.0)
+    product_mean = currents.T @ references / len(rows)
+    c = np.divide(product_mean, power, out=np.zeros((n, 3)), where=power > 0.0)
     best = max(
         ((sum(sign * c[k, p] for k, (p, sign) in enumerate(zip(order, signs))), order, signs)
-         for order in permutations(range(3)) for signs in product((1, -1), repeat=3)),
+         for order in permutations(range(3), n) for signs in product((1, -1), repeat=n)),
         key=lambda item: item[0],
     )
     score, order, signs = best
@@ -167,16 +195,17 @@ def wiring(facts: BagFacts) -> Wiring | None:
         product_mean[k, p] / squares[p] if squares[p] > 0.0 else 1.0
         for k, p in enumerate(order)
     ])
-    return Wiring(order, signs, float(score - np.trace(c)), gain)
+    labelled = sum(c[k, p] for k, p in enumerate(phases))
+    return Wiring(order, signs, float(score - labelled), gain, phases)
 
 
 def swapped(facts: BagFacts) -> Iterator[Hit]:
     """Find phase currents that follow the reference of another phase."""
     found = facts.derived(wiring)
-    if found is not None and found.better > 0.3 and found.order != (0, 1, 2):
+    if found is not None and found.better > 0.3 and found.order != found.phases:
         pairs = ", ".join(
             f"phase_current_{_PHASES[k]} follows reference {_PHASES[p]}"
-            for k, p in enumerate(found.order) if k != p
+            for k, p in zip(found.phases, found.order) if k != p
         )
         yield Hit(f"swapped phases: {pairs}", None, found.better, "", "phase_current")
         return
@@ -184,27 +213,45 @@ def swapped(facts: BagFacts) -> Iterator[Hit]:
 
 
 def _sequence(facts: BagFacts) -> Iterator[Hit]:
-    """Find reference currents whose phases run against the rotor."""
-    s = facts.derived(_driven)
-    s = s[np.abs(s[:, MOTOR_SPEED]) > facts.standing]
-    if len(s) < DRIVEN or facts.angle_in_degrees:
+    """Find reference currents, else phase currents, whose phases run against the rotor."""
+    rows = facts.derived(_driven)
+    rows = rows[np.abs(facts.samples[rows, MOTOR_SPEED]) > facts.standing]
+    if len(rows) < DRIVEN or facts.angle_in_degrees:
         return
-    turn = np.exp(2j * np.pi / 3.0 * np.arange(3))
-    rotor = np.exp(-1j * s[:, ROTOR_ANGLE])
-    forward, backward = (
-        (s[:, REFERENCE_CURRENTS] @ direction) * rotor for direction in (turn, turn.conj())
-    )
+    if not facts.has(ROTOR_ANGLE):
+        yield from _rotation(facts)
+        return
+    vector = facts.vector(_asked(facts))[rows]
+    rotor = np.exp(-1j * facts.samples[rows, ROTOR_ANGLE])
+    forward, backward = vector * rotor, vector.conj() * rotor
     ahead, back = (abs((z**2).mean()) / (np.abs(z) ** 2).mean() for z in (forward, backward))
     if ahead < 0.3 and back > 0.6:
         yield Hit("swapped phases: the currents run against the rotor angle", None, float(back),
                   "", "phase_current")
 
 
+def _rotation(facts: BagFacts) -> Iterator[Hit]:
+    """Find currents that rotate against the motor's speed, where no angle was recorded."""
+    speed = facts.samples[:, MOTOR_SPEED]
+    usual = float(np.median(np.abs(speed[np.abs(speed) > facts.standing])))
+    turn = facts.actuator.motor.pole_pairs * usual * facts.interval
+    lag = max(1, round(np.pi / 3.0 / turn))  # a sixth of an electrical turn
+    vector = facts.vector(_asked(facts))
+    steady = (np.abs(np.abs(speed) - usual) < 0.3 * usual)[:-lag]
+    if steady.sum() < DRIVEN:
+        return
+    ahead = np.sign(speed[:-lag]) * (vector[:-lag].conj() * vector[lag:]).imag
+    share = float(ahead[steady].sum() / (np.abs(vector[:-lag]) ** 2)[steady].sum())
+    if share < -0.3:
+        yield Hit("swapped phases: the currents rotate against the motor's speed (two are "
+                  "swapped, or one has the opposite sign)", None, share, "", "phase_current")
+
+
 def current_signs(facts: BagFacts) -> Iterator[Hit]:
     """Find phase currents of the opposite sign."""
     found = facts.derived(wiring)
     if found is not None and found.better > 0.3:
-        for k, sign in enumerate(found.signs):
+        for k, sign in zip(found.phases, found.signs):
             if sign < 0:
                 name = f"phase_current_{_PHASES[k]}"
                 yield Hit(f"{name} has the opposite sign of its reference", None, -1.0, "", name)
@@ -215,7 +262,7 @@ def current_units(facts: BagFacts) -> Iterator[Hit]:
     found = facts.derived(wiring)
     if found is None:
         return
-    for k, gain in enumerate(np.abs(found.gain)):
+    for k, gain in zip(found.phases, np.abs(found.gain)):
         if gain > 5.0 or 1e-6 < gain < 0.02:
             name = f"phase_current_{_PHASES[k]}"
             unit = "mA" if 0.5 < 1e-3 * gain < 2.0 else "another unit"

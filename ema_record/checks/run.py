@@ -37,7 +37,7 @@ class LintReport:
 
 
 def facts_of_bag(path: str | Path, actuator: Actuator | None = None) -> BagFacts:
-    """Read a bag for the rules; `actuator` defaults to the nominal one.
+    """Read a bag for the rules; `actuator` defaults to the kit's.
 
     Raises
     ------

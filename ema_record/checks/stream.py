@@ -77,6 +77,8 @@ def _jumps(facts: BagFacts) -> Iterator[tuple[str, Hit]]:
             waited = 1e-9 * (facts.blocks[number].log_time - facts.blocks[number - 1].log_time)
             usual = len(facts.blocks[number].samples) * interval
             lost = waited - usual > 0.5 * jump
+        elif not facts.has(ROTOR_ANGLE):
+            lost = True
         else:
             turned = s[row + 1, ROTOR_ANGLE] - s[row, ROTOR_ANGLE]
             speed = s[row, MOTOR_SPEED] * facts.actuator.motor.pole_pairs
@@ -143,8 +145,8 @@ def repeated(facts: BagFacts) -> Iterator[Hit]:
         return
     weights = np.sqrt([2, 3, 5, 7, 11, 13, 17, 19, 23])
     mark = np.zeros(len(s))
-    for column, weight in enumerate(weights, start=1):
-        mark += weight * s[:, column]
+    for column in facts.columns[1:]:
+        mark += weights[column - 1] * s[:, column]
     _, number = np.unique(mark, return_inverse=True)
     order = np.argsort(number, kind="stable")
     before = np.zeros(len(s), dtype=np.int64)

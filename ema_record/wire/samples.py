@@ -1,7 +1,7 @@
 """Blocks of `/ema/samples` to and from CDR: std_msgs/Float64MultiArray, a whole block at once.
 
-What stands in a message of m channels, 10 of the actuator's test (XCDR1, offsets count from the
-end of the 4 bytes of encapsulation)::
+What stands in a message of m channels, at most 10 of the actuator's test (XCDR1, offsets count
+from the end of the 4 bytes of encapsulation)::
 
     dim[0]  label "sample"            size n   stride n * m
     dim[1]  label "time[s],..."       size m   stride m
@@ -17,7 +17,14 @@ from functools import cache
 
 import numpy as np
 
-from ema_record.channels import CHANNEL_LABEL, N_CHANNELS, check_channel_label
+from ema_record.channels import (
+    ALL,
+    CHANNEL_LABEL,
+    N_CHANNELS,
+    check_channel_label,
+    columns_of,
+    label_of,
+)
 from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.limits import MAX_MESSAGE_BYTES
 
@@ -91,6 +98,13 @@ def encode_block(block: np.ndarray, label: str = CHANNEL_LABEL) -> bytes:
     return bytes(prefix) + np.ascontiguousarray(block, dtype="<f8").tobytes()
 
 
+def encode_samples(block: np.ndarray, columns: tuple[int, ...] = ALL) -> bytes:
+    """Return samples, shape (n, 10), as `encode_block`; only `columns` are in the message."""
+    if columns == ALL:
+        return encode_block(block)
+    return encode_block(block[:, list(columns)], label_of(columns))
+
+
 class _Cursor:
     """Reads CDR numbers and labels; every length is checked against what is there."""
 
@@ -141,15 +155,21 @@ def decode_block(data: bytes | memoryview) -> np.ndarray:
     Returns
     -------
     ndarray, shape (n, 10)
-        Columns and units as in `channels.CHANNELS`; otherwise as `decode_labelled`.
+        Columns and units as in `channels.CHANNELS`, NaN where the message lacks the channel;
+        otherwise as `decode_labelled`.
 
     Raises
     ------
     InvalidRecordError
-        Damaged, too large, or other channels.
+        Damaged, too large, other channels, or one is missing that must be there.
 
     """
-    return decode_labelled(data, check_channel_label)[1]
+    label, samples = decode_labelled(data, check_channel_label)
+    if label == CHANNEL_LABEL:
+        return samples
+    whole = np.full((len(samples), N_CHANNELS), np.nan)
+    whole[:, list(columns_of(label))] = samples
+    return whole
 
 
 def decode_labelled(

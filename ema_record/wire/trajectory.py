@@ -1,4 +1,9 @@
-"""The test profile as trajectory_msgs/JointTrajectory on `/ema/command`, and back."""
+"""The test profile as trajectory_msgs/JointTrajectory on `/ema/command`, and back.
+
+A joint trajectory controller refuses times that do not increase, so a step, in a profile two
+points at one time, is published as two points 1 ns apart, the later one at the step's time: all
+that is sampled at a control period is the same. Read are both forms.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ema_record.actuator import load_actuator
 from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.profile import MAX_POINTS, Profile, load_profile, load_profile_dict, profile_names
 from ema_record.wire.topics import COMMAND, JOINT_SURFACE
@@ -14,10 +20,12 @@ from ema_record.wire.types import NANOSECONDS, deserialize, header, message_clas
 
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 UNNAMED = "command"
-"""Name of a profile that was read off `/ema/command` and is none of the shipped ones."""
+"""Name of a profile that was read off `/ema/command` and is none of the kit's."""
 
-_SAME_START = 5e-3
-"""How near the surface must be to the start of a shipped step (rad)."""
+STEP = 1
+"""Between the two points of a step (ns), the least that a message can tell."""
+_SAME_START = 1.0 / 120.0
+"""How near the surface must be to the start of a kit's step (of the way to the end stop)."""
 
 
 def trajectory_points(profile: Profile) -> list[tuple[int, float]]:
@@ -25,8 +33,45 @@ def trajectory_points(profile: Profile) -> list[tuple[int, float]]:
     return [(round(time * NANOSECONDS), position) for time, position in profile.points]
 
 
+def increasing(times: Sequence[int]) -> list[int]:
+    """Return times (ns) that do not decrease as times that increase, each 0 or more.
+
+    Of points at one time the last keeps it, the others come `STEP` before one another; where
+    there is no room before them, after time 0, the later ones give way.
+    """
+    found = list(times)
+    for k in range(len(found) - 2, -1, -1):
+        found[k] = max(min(found[k], found[k + 1] - STEP), 0)
+    for k in range(1, len(found)):
+        found[k] = max(found[k], found[k - 1] + STEP)
+    return found
+
+
+def steps_joined(times: Sequence[int]) -> list[int]:
+    """Return times (ns) with points that are `STEP` apart at one time: undoes `increasing`.
+
+    That time is the last one's, but 0 where they begin there.
+    """
+    found = list(times)
+    last = len(found) - 1
+    while last >= 0:
+        first = last
+        while first > 0 and 0 <= found[first] - found[first - 1] <= STEP:
+            first -= 1
+        if times[first] == 0:
+            found[first:last + 1] = [0] * (last + 1 - first)
+        else:
+            found[first:last + 1] = [times[last]] * (last + 1 - first)
+        last = first - 1
+    return found
+
+
 def encode_command(profile: Profile, stamp: int = 0) -> bytes:
-    """Return the profile as CDR of a JointTrajectory of `surface`; `stamp` in ns."""
+    """Return the profile as CDR of a JointTrajectory of `surface`; `stamp` in ns.
+
+    Its times increase strictly.
+    """
+    given = trajectory_points(profile)
     duration = message_class("builtin_interfaces/msg/Duration")
     point = message_class("trajectory_msgs/msg/JointTrajectoryPoint")
     none = np.empty(0)
@@ -35,7 +80,7 @@ def encode_command(profile: Profile, stamp: int = 0) -> bytes:
             positions=np.array([position]), velocities=none, accelerations=none, effort=none,
             time_from_start=duration(sec=time // NANOSECONDS, nanosec=time % NANOSECONDS),
         )
-        for time, position in trajectory_points(profile)
+        for time, (_, position) in zip(increasing([time for time, _ in given]), given)
     ]
     message = message_class(JOINT_TRAJECTORY)(
         header=header(stamp), joint_names=[JOINT_SURFACE], points=points
@@ -45,6 +90,8 @@ def encode_command(profile: Profile, stamp: int = 0) -> bytes:
 
 def command_points(message: Any) -> list[tuple[float, float]]:
     """Return ``(time (s), position (rad))`` of a JointTrajectory of any client library.
+
+    Points that are 1 ns apart are a step: they come back at one time.
 
     Raises
     ------
@@ -64,7 +111,7 @@ def command_points(message: Any) -> list[tuple[float, float]]:
             f"{COMMAND}: {len(message.points)} points, expected 1 to {MAX_POINTS}: "
             "give the profile by fewer points; the position is linear in between"
         )
-    points = []
+    times, positions = [], []
     for index, point in enumerate(message.points):
         if len(point.positions) != len(message.joint_names):
             raise UsageError(
@@ -72,25 +119,27 @@ def command_points(message: Any) -> list[tuple[float, float]]:
                 f"{len(message.joint_names)} joints: give each point a position"
             )
         time = point.time_from_start
-        nanoseconds = int(time.sec) * NANOSECONDS + int(time.nanosec)
-        points.append((nanoseconds / NANOSECONDS, float(point.positions[joint])))
-    return points
+        times.append(int(time.sec) * NANOSECONDS + int(time.nanosec))
+        positions.append(float(point.positions[joint]))
+    return [(time / NANOSECONDS, p) for time, p in zip(steps_joined(times), positions)]
 
 
 def profile_from_points(
-    points: Sequence[tuple[float, float]], *, start: float = 0.0, duration: float | None = None
+    points: Sequence[tuple[float, float]], *, start: float | None = 0.0,
+    duration: float | None = None,
 ) -> Profile:
-    """Return the shipped profile with these points, or a profile named ``command``.
+    """Return the kit's profile with these points, or a profile named ``command``.
 
     Parameters
     ----------
     points : sequence of (float, float)
         Time from the acceptance of the command (s), surface position (rad). One point alone
         is a step to its position at its time.
-    start : float
-        Position of the surface before a single point's step (rad).
+    start : float or None
+        Position of the surface before a single point's step (rad); None: not known, then it is
+        that of the kit's step to there, or the middle.
     duration : float, optional
-        Length of a single point's test (s); without it that of the shipped ``step``.
+        Length of a single point's test (s); without it that of the kit's ``step``.
 
     Raises
     ------
@@ -98,15 +147,19 @@ def profile_from_points(
         A time or position out of bounds, or times that run back.
 
     """
-    shipped = [load_profile(name) for name in profile_names()]
+    known = [load_profile(name) for name in profile_names()]
     if len(points) == 1:
         (time, position), = points
-        for profile in shipped:
-            if _is_step(profile, time, position) and abs(profile.start - start) <= _SAME_START:
+        near = _SAME_START * load_actuator().surface.end_stop
+        for profile in known:
+            if _is_step(profile, time, position) and (
+                start is None or abs(profile.start - start) <= near
+            ):
                 return profile
-        end = max(load_profile("step").duration if duration is None else duration, time + 1e-3)
+        end = max(_step_duration(known) if duration is None else duration, time + 1e-3)
+        start = 0.0 if start is None else start
         points = [(0.0, start), (time, start), (time, position), (end, position)]
-    for profile in shipped:
+    for profile in known:
         if len(points) == len(profile.points) and all(
             abs(a[0] - b[0]) <= 1e-9 and a[1] == b[1] for a, b in zip(points, profile.points)
         ):
@@ -114,6 +167,12 @@ def profile_from_points(
     return load_profile_dict(
         {"name": UNNAMED, "points": list(points), "description": f"read off {COMMAND}"}, COMMAND
     )
+
+
+def _step_duration(known: Sequence[Profile]) -> float:
+    """Return the length of the kit's profile ``step``, else of its longest one (s); 1 without."""
+    named = [profile.duration for profile in known if profile.name == "step"]
+    return max(named or [profile.duration for profile in known], default=1.0)
 
 
 def _is_step(profile: Profile, time: float, position: float) -> bool:
@@ -124,7 +183,7 @@ def _is_step(profile: Profile, time: float, position: float) -> bool:
 
 
 def decode_command(
-    data: bytes | memoryview, *, start: float = 0.0, duration: float | None = None
+    data: bytes | memoryview, *, start: float | None = 0.0, duration: float | None = None
 ) -> Profile:
     """Return the profile of a serialised JointTrajectory (see `profile_from_points`).
 

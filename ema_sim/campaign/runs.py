@@ -6,13 +6,14 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
 from ema_record.actuator import PARTS, Actuator
+from ema_record.actuator_type import actuator_hash
 from ema_record.errors import UsageError, bounded, unknown_name
 from ema_record.profile import Profile, load_profile
 from ema_record.record import Record
@@ -54,16 +55,19 @@ class Run:
     noise: float
     start_angle: float | None
     rate: float | None
+    kit: str
+    """Hash of the kit's actuator, see `Provenance.actuator`."""
     drawn: Mapping[str, Value]
     """What the plan names, by dotted name, relative ones multiplied out."""
 
     def simulate(self) -> Record:
         """Make the run."""
-        return simulate(
+        record = simulate(
             self.profile, actuator=self.actuator, effects=self.effects, seed=self.seed,
             noise=self.noise, rate=self.rate, start_angle=self.start_angle,
             serial_number=f"SIM-{self.index:04d}",
         )
+        return replace(record, provenance=replace(record.provenance, actuator=self.kit))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,6 +79,8 @@ class Campaign:
     actuator: Actuator
     effects: Effects
     runs: int
+    kit: str
+    """Hash of the kit's actuator."""
 
     def run(self, index: int) -> Run:
         """Return run number `index`; it depends on the plan and the index only."""
@@ -102,6 +108,7 @@ class Campaign:
             noise=float(drawn.get("noise", 1.0)),
             start_angle=None if angle is None else float(angle),
             rate=plan.rate,
+            kit=self.kit,
             drawn=drawn,
         )
 
@@ -113,6 +120,7 @@ class Campaign:
             "profiles": [p.model_dump(mode="json") for p in self.profiles],
             "actuator": self.actuator,
             "effects": self.effects,
+            "kit": self.kit,
         }
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -163,7 +171,7 @@ def prepare(plan: CampaignPlan) -> Campaign:
         raise UsageError("runs: how many is not said: give 'runs: 1000'")
     return Campaign(
         plan=plan, profiles=profiles, actuator=model.actuator, effects=model.effects,
-        runs=plan.runs if plan.runs is not None else points,
+        runs=plan.runs if plan.runs is not None else points, kit=actuator_hash(),
     )
 
 
@@ -199,11 +207,14 @@ def _actuator_bounds(name: str) -> ParameterBounds:
     if parameter not in hints:
         raise unknown_name(f"parameter of actuator.{part}", parameter, hints,
                            "see config/actuator.yaml")
-    kind, field = get_args(hints[parameter])[:2]
-    marks = field.metadata
+    kind, *notes = get_args(hints[parameter])
+    field = next(note for note in notes if hasattr(note, "json_schema_extra"))
+    marks, extra = field.metadata, field.json_schema_extra
+    if "choices" in extra:
+        return ParameterBounds(-math.inf, math.inf, "", options=tuple(extra["choices"]))
     lower = next(float(m.ge) for m in marks if hasattr(m, "ge"))
     upper = next(float(m.le) for m in marks if hasattr(m, "le"))
-    return ParameterBounds(lower, upper, field.json_schema_extra["unit"], whole=kind is int)
+    return ParameterBounds(lower, upper, extra["unit"], whole=kind is int)
 
 
 def _check(name: str, setting: Distribution | Value, actuator: Actuator) -> None:
@@ -254,7 +265,11 @@ def _apply(
         first, _, rest = name.partition(".")
         if first == ACTUATOR:
             part, _, parameter = rest.partition(".")
-            number = int(value) if bounds_of(name).whole else float(value)
+            bounds = bounds_of(name)
+            if bounds.options:
+                number: float = bounds.options.index(str(value))
+            else:
+                number = int(value) if bounds.whole else float(value)
             changed = getattr(actuator, part)._replace(**{parameter: number})
             actuator = actuator._replace(**{part: changed})
         elif name not in GENERAL:

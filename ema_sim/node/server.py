@@ -15,8 +15,9 @@ import numpy as np
 
 from ema_record.actuator import Actuator
 from ema_record.channels import TIME
+from ema_record.limits import MAX_DURATION
 from ema_record.profile import Profile, load_profile_dict
-from ema_record.wire.samples import encode_block
+from ema_record.wire.samples import encode_samples
 from ema_record.wire.sensors import encode_dc_bus, encode_joint_states, encode_temperature
 from ema_record.wire.topics import (
     COMMAND,
@@ -33,8 +34,14 @@ from ema_sim.plant.state import THETA_E
 
 INVERTER_OFF = 0.020
 """Time without current at the begin of a run (s)."""
-SETTLING = 0.150
-"""Added to the slewing time of a single step (s)."""
+SETTLING = 6.0
+"""Added to the slewing time of a single step, in time constants of the position control."""
+
+
+LEAST_SETTLING = 0.05
+"""The same in s, at least: shaft and currents settle too."""
+SLOWEST_LOOP = 1.0
+"""Least gain of a position control that settles (1/s)."""
 
 
 def profile_of_command(
@@ -47,7 +54,7 @@ def profile_of_command(
     points : (time (s), position (rad)). One point is a step there, executed as soon as the
         inverter is on; its time, if later, is when the run ends. Several are the profile.
     position : where the surface stands (rad).
-    actuator : its slew speed sets the length of a single step.
+    actuator : its slew speed and its position control set the length of a single step.
 
     Raises
     ------
@@ -57,8 +64,10 @@ def profile_of_command(
     if len(points) > 1:
         return profile_from_points(points)
     (time, target), = points
-    slew = actuator.control.speed_limit / actuator.gear.ratio
-    end = max(time, INVERTER_OFF + abs(target - position) / slew + SETTLING)
+    gain = max(actuator.control.position_gain, SLOWEST_LOOP) / actuator.gear.ratio
+    settling = max(SETTLING / gain, LEAST_SETTLING)
+    way = abs(target - position) / actuator.slew_speed
+    end = min(max(time, INVERTER_OFF + way + settling), MAX_DURATION)
     step = [(0.0, position), (INVERTER_OFF, position), (INVERTER_OFF, target), (end, target)]
     return load_profile_dict(
         {"name": UNNAMED, "points": step, "description": f"step read off {COMMAND}"}, COMMAND
@@ -119,6 +128,7 @@ class ActuatorServer:
         """Set up the actuator at its initial position, compiled and idle."""
         self.settings = settings
         self._clock, self._wall_clock = clock, wall_clock
+        self._columns = settings.actuator.acquisition.columns
         self._warm_up()
         self.session = settings.session(settings.initial_position)
         self.command_stamp = 0
@@ -140,7 +150,7 @@ class ActuatorServer:
         views.joint_states(0)
         views.phase_currents(0)
         while session.active:
-            encode_block(session.advance(10_000))
+            encode_samples(session.advance(10_000), self._columns)
 
     @property
     def active(self) -> bool:
@@ -181,6 +191,7 @@ class ActuatorServer:
         """Put another actuator in the place of this one, where the surface stands (idle only)."""
         session = settings.session(self.session.surface_position)
         self.settings, self.session = settings, session
+        self._columns = settings.actuator.acquisition.columns
 
     def give_up(self) -> None:
         """End the run where it is: the drive is switched off, the surface stays."""
@@ -204,7 +215,7 @@ class ActuatorServer:
 
     def _block(self, block: np.ndarray) -> Iterator[Message]:
         """Return one block of samples with its views, bus and temperature."""
-        yield Message(SAMPLES, encode_block(block))
+        yield Message(SAMPLES, encode_samples(block, self._columns))
         views = self._views.push(block)
         for data in views.joint_states(self.start_time):
             yield Message(JOINT_STATES, data)

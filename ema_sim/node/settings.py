@@ -7,21 +7,27 @@ from dataclasses import dataclass
 from typing import Any
 
 from ema_record.actuator import Actuator
-from ema_record.profile import load_profile
+from ema_record.profile import load_profile, profile_names
 from ema_record.wire.views import ViewDecimator
-from ema_ros.parameters import ParameterSpec, Value
+from ema_ros.parameters import KIT, ParameterSpec, Value
 from ema_sim.effects.base import Choice
 from ema_sim.effects.registry import EFFECTS, Effects
 from ema_sim.effects.settings import effects_from_mapping
 from ema_sim.model_file import Model, load_model_file
 from ema_sim.session import NOISE_LEVELS, RATES, ActuatorSession
 
+BLOCK_TIME = 0.02
+"""Of the samples in a message (s)."""
+BLOCK_SIZES = (10, 2000)
+"""Least and most samples in a message."""
+FIRST_TEST = "extended"
 MODEL_FILE = ParameterSpec(
     name="model_file", default="", read_only=True,
-    text="YAML file with actuator parameters and effects; empty: the nominal actuator",
+    text="YAML file with actuator parameters, changes over the kit's, and effects; empty: none",
 )
 
 _FIXED = (
+    KIT,
     MODEL_FILE,
     ParameterSpec(
         name="serial_number", default="SIM-0000", read_only=True, text="of the actuator",
@@ -29,10 +35,6 @@ _FIXED = (
     ParameterSpec(
         name="seed", default=0, lower=0, upper=2**31 - 1, read_only=True,
         text="of sensor noise and start angle: the same seed gives the same samples",
-    ),
-    ParameterSpec(
-        name="block_size", default=400, lower=10, upper=2000, read_only=True,
-        text="samples a message of /ema/samples",
     ),
     ParameterSpec(
         name="noise", default=1.0, lower=NOISE_LEVELS[0], upper=NOISE_LEVELS[1], unit="1",
@@ -53,6 +55,7 @@ def load_model(path: str) -> Model:
 def parameter_specs(model: Model) -> list[ParameterSpec]:
     """Return all parameters of the node; the model gives defaults and the surface's travel."""
     stop = model.actuator.surface.end_stop
+    size = round(BLOCK_TIME * model.actuator.acquisition.rate)
     specs = [
         *_FIXED,
         ParameterSpec(
@@ -60,7 +63,12 @@ def parameter_specs(model: Model) -> list[ParameterSpec]:
             upper=RATES[1], unit="1/s", read_only=True, text="samples a second",
         ),
         ParameterSpec(
-            name="initial_position", default=max(load_profile("step").start, -stop),
+            name="block_size", default=min(max(size, BLOCK_SIZES[0]), BLOCK_SIZES[1]),
+            lower=BLOCK_SIZES[0], upper=BLOCK_SIZES[1], read_only=True,
+            text="samples a message of /ema/samples",
+        ),
+        ParameterSpec(
+            name="initial_position", default=max(_start_of_tests(), -stop),
             lower=-stop, upper=stop, unit="rad", read_only=True,
             text="surface position at the start of the node",
         ),
@@ -82,6 +90,12 @@ def parameter_specs(model: Model) -> list[ParameterSpec]:
                     lower=kind.lower, upper=kind.upper,
                 ))
     return specs
+
+
+def _start_of_tests() -> float:
+    """Return where the kit's test ``extended`` begins (rad), else its first one; 0 without any."""
+    names = sorted(profile_names(), key=lambda name: (name != FIRST_TEST, name))
+    return load_profile(names[0]).start if names else 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,6 +16,7 @@ import math
 
 import numpy as np
 
+from ema_record.actuator import TRAPEZOID, Motor
 from ema_sim.effects.compile import law
 
 TURN = 2.0 * math.pi
@@ -70,10 +71,20 @@ def of_phases(sine: float, cosine: float) -> tuple[float, float, float]:
 
 def unit_trapezoid(theta: np.ndarray, flat_top: float) -> np.ndarray:
     """Return `trapezoid` at any electrical angles, shape (n,) (rad)."""
-    half = np.mod(theta, np.pi)
-    ramp = 0.5 * (np.pi - flat_top)
-    value = np.minimum(np.minimum(half, np.pi - half) / ramp, 1.0)
-    return np.where(np.mod(theta, TURN) < np.pi, value, -value)
+    beyond = np.mod(theta, TURN) - QUARTER
+    beyond = np.where(beyond > np.pi, beyond - TURN, beyond)
+    return np.clip((QUARTER - np.abs(beyond)) * (2.0 / (np.pi - flat_top)), -1.0, 1.0)
+
+
+def unit_back_emf(theta: np.ndarray, motor: Motor) -> np.ndarray:
+    """Return k(θ) / k of a phase at any electrical angles, shape (n,) (rad)."""
+    if motor.back_emf == TRAPEZOID:
+        return unit_trapezoid(theta, motor.flat_top)
+    found = np.sin(theta)
+    for order, part in ((3, motor.harmonic_3), (5, motor.harmonic_5), (7, motor.harmonic_7)):
+        if part != 0.0:
+            found = found + part * np.sin(order * theta)
+    return found
 
 
 @law

@@ -8,7 +8,7 @@ from ema_record.actuator import Actuator
 from ema_sim.effects.base import AllEffects
 from ema_sim.effects.compile import law
 from ema_sim.plant import ports
-from ema_sim.plant.parts import Load, Masses, Moved
+from ema_sim.plant.parts import Bodies, Load, Masses
 
 
 @law
@@ -69,7 +69,7 @@ def load_at(
 def move(
     a: Actuator, e: AllEffects, m: Masses, h: float, torque: float, torque1: float,
     w_m: float, w_p: float, w_s: float, ws_p: float, q_s: float, load: Load, load1: Load,
-) -> Moved:  # fmt: skip
+) -> Bodies:  # fmt: skip
     """Return the motion after a step by the trapezoidal rule.
 
     Parameters
@@ -105,4 +105,4 @@ def move(
     if abs(q_s) >= a.surface.end_stop and q_s * w_s1 > 0.0:
         q_s = math.copysign(a.surface.end_stop, q_s)
         w_s1 = al_s1 = 0.0
-    return Moved(w_m1, w_s1, al_m1, al_s1, q_s, dynamic)
+    return Bodies(w_m1, w_s1, al_m1, al_s1, q_s, dynamic)

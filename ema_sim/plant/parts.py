@@ -148,7 +148,7 @@ class Load(NamedTuple):
     """Derivative of the gear's output to the motor angle."""
 
 
-class Moved(NamedTuple):
+class Bodies(NamedTuple):
     """Speeds (rad/s) and accelerations (rad/s²) at the end of a step, surface angle (rad)."""
 
     w_m: float

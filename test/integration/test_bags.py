@@ -12,8 +12,8 @@ from rosbags.highlevel import AnyReader
 from ema_cli.main import run
 from ema_record.bag.read import read_bag
 from ema_record.checks.live import Level, check_record
+from ema_record.kit import share_path
 from ema_record.profile import load_profile
-from ema_record.resources import share_path
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
 

@@ -164,7 +164,7 @@ def test_validation_of_the_shipped_model_is_good_enough():
     for kind, views in held_out.items():
         for view, found in views.items():
             false = found["false alarms"]
-            assert false["count"] / false["total"] <= 0.015, (kind, view)
+            assert false["lower"] <= 0.01, (kind, view)  # not surely above the promised 1 %
             for name in ("turn_short", "rotor_eccentricity", "friction", "backlash"):
                 holds = found[name]["interval coverage"]
                 assert holds["upper"] >= 0.87, (kind, view, name)

@@ -1,5 +1,6 @@
 """`ema recover`: a recorder killed with SIGKILL, cuts anywhere, damage in the middle."""
 
+import dataclasses
 import json
 import os
 import resource
@@ -21,6 +22,7 @@ from ema_record.wire.samples import encode_block
 from ema_record.wire.topics import COMMAND, SAMPLES
 from ema_record.wire.trajectory import encode_command
 from ema_sim.simulate import simulate
+from support.simulations import record_of
 
 RECORDER = """
 import sys, time
@@ -205,3 +207,19 @@ def test_a_link_out_of_the_bag_is_not_followed(good, tmp_path):
     with pytest.raises(RecordError, match="a link out of the bag"):
         recover_bag(bag, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_cut_bag_of_a_recorder_with_few_channels(tmp_path):
+    record = record_of("step", seed=3)
+    record.samples[:, 4:10] = np.nan
+    named = dataclasses.replace(
+        record, provenance=dataclasses.replace(record.provenance, actuator="0123456789abcdef"))
+    bag = write_bag(named, tmp_path / "bag", views=False)
+    (file,) = bag.glob("*.mcap")
+    file.write_bytes(file.read_bytes()[:-40_000])
+    (bag / "metadata.yaml").unlink()
+    report = recover_bag(bag, tmp_path / "again")
+    found = read_bag(tmp_path / "again")
+    assert 0 < report.samples < len(record) and found.columns == (0, 1, 2, 3)
+    np.testing.assert_array_equal(found.samples, record.samples[:report.samples])
+    assert found.provenance.actuator == "0123456789abcdef"

@@ -5,7 +5,7 @@ import xml.etree.ElementTree as ET
 import pytest
 from ros_processes import MONITOR, PROGNOSTICS, SIMULATOR
 
-from ema_record.resources import share_path
+from ema_record.kit import share_path
 from ema_record.wire.topics import COMMAND, TOPICS, WEIGHT_ON_WHEELS
 
 NODES = ("ema_sim", "ema_monitor", "ema_prognostics")

@@ -18,7 +18,7 @@ import yaml
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
-from ema_prognostics.cascade.model_file import FORMAT, SHIPPED, load_model
+from ema_prognostics.cascade.model_file import FORMAT, load_model
 from ema_record.actuator import NOMINAL
 from ema_record.bag.container import read_content
 from ema_record.bag.metadata import END, START
@@ -26,9 +26,9 @@ from ema_record.bag.read import read_bag, write_bag
 from ema_record.bag.recover import recover_bag
 from ema_record.checks.run import lint_bag
 from ema_record.errors import EmaError
+from ema_record.kit import share_path
 from ema_record.profile import load_profile
 from ema_record.record import Provenance, Record
-from ema_record.resources import share_path
 from ema_record.wire.samples import decode_block, encode_block
 from ema_record.wire.topics import BAG_TOPICS, TOPICS
 from ema_record.wire.types import definition
@@ -154,7 +154,7 @@ def _model_texts() -> st.SearchStrategy[str]:
         st.dictionaries(st.text(max_size=8), VALUES, max_size=6), st.integers(0, 3),
     )
     try:
-        model = share_path(SHIPPED).read_bytes()
+        model = share_path("config/cascade.json").read_bytes()
     except FileNotFoundError:
         return values
     return st.one_of(

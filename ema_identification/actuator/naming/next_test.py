@@ -21,7 +21,7 @@ from ema_identification.actuator.measure.runs import UnitRun, run_case
 from ema_identification.actuator.measure.tolerances import TOLERANCES
 from ema_identification.actuator.surrogate.evidence import Evidence
 from ema_identification.actuator.surrogate.fit import Fit
-from ema_record.profile import Profile, load_profile
+from ema_record.profile import Profile, load_profile, profile_names
 from ema_sim.effects import Effects, rotor_eccentricity, turn_short
 from ema_sim.effects.rotor_eccentricity import STATIC
 from ema_sim.simulate import simulate
@@ -65,7 +65,7 @@ def inseparable(fits: Sequence[Fit], base: Effects) -> str:
 
 
 PROFILES = ("extended", "ramps", "speeds", "steps", "deflections")
-"""Shipped commands that may be proposed, the default test first."""
+"""Commands that may be proposed where the kit has them, the default test first."""
 COMPARED = 3
 """Candidates that are compared."""
 TEST_RUNS = 3
@@ -103,7 +103,7 @@ def separating_test(evidence: Evidence, fits: Sequence[Fit], *, seed: int = 0) -
     used = {tuple(b.record.profile.points) for b in evidence.blocks}
     best: Proposed | None = None
     fits = fits[:COMPARED]
-    for name in PROFILES:
+    for name in (name for name in PROFILES if name in profile_names()):
         if best is not None and best.separation >= ENOUGH_SEPARATION:
             break
         profile = load_profile(name)

@@ -12,6 +12,7 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -53,7 +54,9 @@ from ema_identification.actuator.surrogate.screening import (
     screen_catalogue,
 )
 from ema_record import array_cache as cache
+from ema_record.kit import LIBRARY, kit_path
 from ema_record.profile import Profile
+from ema_record.spread import load_spread
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
 
@@ -159,25 +162,35 @@ def _key(model: Model, profile: Profile, rate: float, made_by: Callable[..., obj
          ) -> str:
     command = [list(p) for p in profile.points]
     return cache.key_of(
-        json.dumps([command, profile.inverter_off, rate]), repr(model), str(seed),
-        module=made_by.__module__)
+        json.dumps([command, profile.inverter_off, rate]), repr(model), repr(load_spread()),
+        str(seed), module=made_by.__module__)
+
+
+def _kept(key: str) -> dict[str, np.ndarray] | None:
+    """Return arrays from the kit's library, else from the cache."""
+    found = cache.load(key, kit_path(LIBRARY))
+    return cache.load(key) if found is None else found
 
 
 def library(
     model: Model, profile: Profile, *, rate: float | None = None, signatures: bool = True,
-    seed: int = 0, workers: int = 1, progress: Progress = silent,
+    seed: int = 0, workers: int = 1, progress: Progress = silent, folder: Path | None = None,
 ) -> Library:
-    """Return the library of a model, a profile and a rate, from the cache where it is kept."""
+    """Return the library of a model, a profile and a rate, from where it is kept.
+
+    That is the present kit's `library/`, else the cache; what is not there is simulated and kept
+    in `folder`, default the cache.
+    """
     rate = model.actuator.acquisition.rate if rate is None else rate
     example = simulate(profile, actuator=model.actuator, effects=model.effects, seed=seed,
                        rate=rate)
     fmap = feature_map(profile, model.actuator, example)
     key = "null_" + _key(model, profile, rate, build_null_library, seed)
-    stored = cache.load(key)
+    stored = _kept(key)
     names = ("weights", "quiet", "noisy", "correlation", "misfit")
     if stored is None or set(stored) != set(names):
         null = build_null_library(model, fmap, seed=seed, workers=workers, progress=progress)
-        cache.save(key, {name: getattr(null, name) for name in names})
+        cache.save(key, {name: getattr(null, name) for name in names}, folder)
     else:
         null = NullLibrary(**{name: stored[name] for name in names})
     plain = Library(model=model, fmap=fmap, null=null, signatures=(), example=example,
@@ -185,20 +198,20 @@ def library(
     if not signatures:
         return plain
     key = "effects_" + _key(model, profile, rate, build_effect_library, seed)
-    stored = cache.load(key)
+    stored = _kept(key)
     if stored is None or "added" not in stored:
         found = build_effect_library(model, fmap, seed=seed, workers=workers, progress=progress)
-        cache.save(key, {"added": pack(found)})
+        cache.save(key, {"added": pack(found)}, folder)
     else:
         found = unpack(candidates(model), np.asarray(stored["added"]))
     full = replace(plain, signatures=found)
     key = "scale_" + _key(model, profile, rate, scale_of, seed)
-    stored = cache.load(key)
+    stored = _kept(key)
     if stored is None or set(stored) != {"factor", "fit", "gain"}:
         scale = scale_of(full, calibration_runs(
             full, seed=seed, workers=workers, progress=progress))
         cache.save(key, {"factor": scale.factor, "fit": np.array(scale.fit),
-                         "gain": np.array(scale.gain)})
+                         "gain": np.array(scale.gain)}, folder)
     else:
         fit, gain = stored["fit"], stored["gain"]
         scale = Scale(factor=stored["factor"], fit=(float(fit[0]), float(fit[1])),

@@ -20,7 +20,8 @@ def test_parameters_and_units_are_those_of_the_code(repository):
     expected = {}
     for section, part in get_type_hints(Actuator).items():
         for name, hint in get_type_hints(part, include_extras=True).items():
-            unit = get_args(hint)[1].json_schema_extra["unit"]
+            field = next(note for note in get_args(hint)[1:] if hasattr(note, "json_schema_extra"))
+            unit = field.json_schema_extra["unit"]
             expected[f"{section}.{name}"] = unit
     assert rows(text, "Parameters") == expected
 

@@ -7,10 +7,12 @@ from matplotlib.image import imread
 from ema_cli.main import run
 from ema_cli.views import record_plots as plots
 from ema_prognostics.features.turns import paper_window, whole_turns
+from ema_record.actuator import load_actuator
 from ema_record.channels import N_CHANNELS
 from ema_record.errors import OutputError
 from ema_record.profile import load_profile
 from ema_record.record import Record
+from support.actuators import changed
 
 OMEGA = 790.6
 RATE = 20_000.0
@@ -109,3 +111,29 @@ def test_a_file_in_the_place_of_the_folder_is_refused_before_the_work(tmp_path, 
     assert capsys.readouterr().err.count("\n") == 1
     assert blocked.read_text(encoding="utf-8") == "kept"
     assert not out.exists()
+
+
+def test_channels_that_were_not_recorded_are_rebuilt_and_that_is_said(tmp_path):
+    record = rotating()
+    record.samples[record.time < record.profile.inverter_off, 2:5] = 0.0
+    samples = np.array(record.samples)
+    samples[:, [4, 9]] = np.nan
+    part = Record(samples=samples, profile=record.profile)
+    whole, text = plots._completed(part, load_actuator())
+    assert text == "not recorded, rebuilt from the others: phase_current_c, surface_position"
+    np.testing.assert_allclose(whole.samples[:, 4], record.samples[:, 4], atol=1e-9)
+    np.testing.assert_allclose(whole.samples[:, 9], record.samples[:, 9], atol=1e-3)
+    assert plots._completed(record, load_actuator()) == (record, "")
+    assert len(plots.plot_record(part, tmp_path / "p")) == len(plots.NAMES)
+    samples[:, [5, 6, 7, 8]] = np.nan
+    samples[:, 2:4] = 0.0  # no current from which the angle could be told
+    files = plots.plot_record(Record(samples=samples, profile=record.profile), tmp_path / "q")
+    assert [file.stem for file in files] == ["speed", "surface", "torque"]
+
+
+@pytest.mark.parametrize(("stop", "linear"), [(0.6, 1.0), (0.06, 0.1), (3.0, 10.0)])
+def test_the_scale_of_the_surface_is_that_of_its_travel(stop, linear):
+    axes = plots._surface(rotating(), changed(surface={"end_stop": stop})).axes[1]
+    assert axes.yaxis.get_transform().linthresh == pytest.approx(linear)
+    assert f"linear to ±{linear:g}" in axes.get_ylabel()
+    assert [t.get_text() for t in axes.get_yticklabels()].count("") == 4

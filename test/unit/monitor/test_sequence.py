@@ -17,9 +17,11 @@ from ema_monitor.sequence import (
 from ema_record.actuator import load_actuator
 from ema_record.errors import UsageError
 from ema_record.profile import load_profile, step_profile
+from support.actuators import changed
 
 STEP = load_profile("step")
-END_STOP = load_actuator().surface.end_stop
+ACTUATOR = load_actuator()
+END_STOP = ACTUATOR.surface.end_stop
 REST = ActuatorStatus(
     active=False, surface_position=0.1, command_stamp=0, start_time=0, samples_published=0
 )
@@ -33,8 +35,8 @@ def kinds(actions):
 class Bench:
     """An actuator that executes each command when told to."""
 
-    def __init__(self, seen=START):
-        self.sequence = TestSequence(STEP, END_STOP)
+    def __init__(self, seen=START, actuator=ACTUATOR):
+        self.sequence = TestSequence(STEP, actuator)
         self.seen = seen
 
     def start(self):
@@ -163,7 +165,7 @@ def test_a_surface_that_does_not_come_back_is_said():
     bench = Bench()
     bench.to_testing()
     bench.after(0.2, interlock="took off")
-    (finish,) = bench.after(5.1)
+    (finish,) = bench.after(5.8)
     assert "not confirmed to be back" in finish.reason
 
 
@@ -221,11 +223,33 @@ def test_a_failed_action_aborts():
 @pytest.mark.parametrize(("end_stop", "accepted"), [(0.8, True), (0.6, False)])
 def test_the_end_stops_of_the_actuator_bound_the_test(end_stop, accepted):
     profile = step_profile(1.4, start=-0.7)
+    actuator = changed(surface={"end_stop": end_stop})
     if accepted:
-        assert TestSequence(profile, end_stop).profile == profile
+        assert TestSequence(profile, actuator).profile == profile
     else:
         with pytest.raises(UsageError, match=r"outside the end stops of this actuator, \+-0.6"):
-            TestSequence(profile, end_stop)
+            TestSequence(profile, actuator)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.1])
+def test_near_the_start_is_a_share_of_the_travel(scale):
+    """Three mrad from it the default actuator is there, one of a tenth of its travel is not."""
+    actuator = changed(surface={"end_stop": scale * END_STOP})
+    profile = step_profile(scale * 0.8, start=-scale * 0.4)
+    at = replace(REST, surface_position=profile.start + 2.9e-3)
+    actions = TestSequence(profile, actuator).start(replace(START, actuator=at))
+    assert kinds(actions) == ([OpenRecord, SendCommand] if scale == 1.0 else [SendCommand])
+
+
+def test_a_slow_actuator_has_time_to_come_back():
+    """At a hundredth of the slew speed the way from stop to stop takes 76 s."""
+    slow = changed(control={"speed_limit": 0.01 * ACTUATOR.control.speed_limit})
+    for actuator, patient in ((ACTUATOR, False), (slow, True)):
+        bench = Bench(actuator=actuator)
+        bench.to_testing()
+        bench.after(0.1, interlock="off the wheels")
+        actions = bench.after(10.0, interlock="")
+        assert (actions == []) == patient
 
 
 def test_a_surface_that_reads_beyond_its_end_stop_is_sent_back_to_the_stop():

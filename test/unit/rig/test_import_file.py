@@ -171,7 +171,13 @@ def test_all_channels_of_the_actuator_make_an_ordinary_bag(tmp_path):
         read_rig_bag(tmp_path / "direct")
     assert not is_rig_bag(tmp_path / "direct")
     del data["channels"]["rotor_angle"]
-    with pytest.raises(UsageError, match="lacks 'rotor_angle'"):
+    del data["channels"]["phase_current_a"]
+    part = import_file(tmp_path / "a.npz", map_from(data, "map"))
+    assert [CHANNELS[c].name for c in range(10) if c not in part.columns] == [
+        "phase_current_a", "rotor_angle"]
+    assert np.array_equal(part.samples[:, part.columns], record.samples[:, part.columns])
+    del data["channels"]["motor_speed"]
+    with pytest.raises(UsageError, match="lacks 'motor_speed'"):
         map_from(data, "map")
 
 

@@ -40,11 +40,22 @@ CURRENTS = [f"{k}_current_{p}" for k in ("phase", "reference") for p in "abc"]
     ({"value": 0.0, "channels": ["phase_current_b"]}, InvalidRecordError, "phase current b"),
     ({"value": 0.0, "channels": ["motor_speed"]}, InvalidRecordError, "motor_speed"),
     ({"value": np.nan, "channels": ["surface_position"]}, InvalidRecordError,
-     "surface_position"),
+     "not recorded: surface_position"),
 ])
 def test_a_record_that_cannot_be_used_is_named(record, change, error, said):
     with pytest.raises(error, match=said) as caught:
         identify([changed(record, **change)])
+    assert "\n" not in str(caught.value)
+
+
+def test_too_few_samples_a_turn_and_another_actuator(record):
+    """The rate that is needed is the actuator's: 24 samples an electrical turn."""
+    slow = simulate(load_profile("step"), seed=1, rate=2_500.0)
+    with pytest.raises(InvalidRecordError, match="2500 samples/s, at least 3020"):
+        identify([slow])
+    named = replace(record, provenance=replace(record.provenance, actuator="0123456789abcdef"))
+    with pytest.raises(UsageError, match="give the kit that it was recorded with") as caught:
+        identify([named])
     assert "\n" not in str(caught.value)
 
 

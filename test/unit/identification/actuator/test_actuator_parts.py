@@ -19,6 +19,8 @@ from ema_identification.actuator.naming.criteria import Case, one_effect
 from ema_identification.actuator.naming.decision import agrees, two_effects
 from ema_identification.actuator.naming.estimates import choices_of, model_text
 from ema_identification.actuator.naming.gap import LEVEL, ModelGap, worst
+from ema_identification.actuator.surrogate import calibration
+from ema_identification.actuator.surrogate.calibration import scale_of
 from ema_identification.actuator.surrogate.catalogue import ALIASES, variants
 from ema_identification.actuator.surrogate.evidence import Whitening, solve
 from ema_identification.actuator.surrogate.fit import EffectTerm, Fit
@@ -27,9 +29,12 @@ from ema_identification.actuator.surrogate.library_runs import unpack
 from ema_identification.actuator.surrogate.likelihood import bounded_least_squares
 from ema_identification.actuator.surrogate.screening import grid
 from ema_record import array_cache as cache
+from ema_record.kit import LIBRARY, using_kit
+from ema_record.profile import load_profile
 from ema_record.sources import sources_of
 from ema_sim.effects import EFFECTS, Effects, parse_effects
 from ema_sim.model_file import load_model_file
+from support.simulations import make_kit
 
 NOTHING = np.zeros(1)
 
@@ -167,6 +172,22 @@ def test_the_key_follows_the_model_and_the_numerical_packages(monkeypatch):
     assert first != cache.key_of("other", module=module)
     monkeypatch.setattr(cache.metadata, "version", lambda _name: "0.0")
     assert cache.key_of("model", module=module) != first
+
+
+def test_a_library_is_that_of_the_kit(tmp_path, monkeypatch):
+    """Its key follows the spread of the kit; the kit's own folder is looked into first."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    kit = make_kit(tmp_path / "kit", {"tolerances": {"inertia": 0.2}})
+    made = {name: np.array([k]) for k, name in enumerate(("cache", "kit"))}
+    cache.save("null", {"x": made["cache"]})
+    cache.save("null", {"x": made["kit"]}, kit / LIBRARY)
+    profile, model = load_profile("step"), load_model_file()
+    key = calibration._key(model, profile, 1e4, scale_of, 0)
+    assert calibration._kept("null")["x"] == made["cache"]
+    with using_kit(kit):
+        assert calibration._kept("null")["x"] == made["kit"]
+        assert calibration._key(model, profile, 1e4, scale_of, 0) != key
+        assert calibration._kept("none") is None
 
 
 def test_the_null_of_the_gain_depends_on_the_catalogue_that_it_was_measured_with():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ema_prognostics.cascade.classes import FAMILIES, OUTPUTS, level_of
+from ema_prognostics.cascade.classes import FAMILIES, OUTPUTS, level_of, scale_of
 from ema_prognostics.cascade.find import SeverityNetwork, announced
 from ema_prognostics.cascade.guard import (
     GROUP_SQUEEZE,
@@ -142,7 +142,7 @@ def test_what_is_found_in_a_record() -> None:
     severity = np.zeros((5, len(OUTPUTS)))
     severity[1, OUTPUTS.index("short_b")] = 0.99 * CLEAR["turn_short"]
     severity[1, OUTPUTS.index("motor_friction")] = 0.99 * CLEAR["friction"]
-    severity[2, OUTPUTS.index("backlash")] = CLEAR["backlash"]
+    severity[2, OUTPUTS.index("backlash")] = CLEAR["backlash"] * scale_of("backlash")
     severity[3, OUTPUTS.index("short_b")] = 0.04
     severity[4, OUTPUTS.index("eccentricity")] = 0.01
     severity[4, OUTPUTS.index("motor_friction")] = 0.6

@@ -7,17 +7,18 @@ import pytest
 
 from ema_prognostics.features.acceleration import inertia
 from ema_prognostics.features.consistency import consistency
-from ema_prognostics.features.extract import REVERSAL_LENGTH, REVERSALS, SEGMENTS
 from ema_prognostics.features.reversal import reversal_gap
 from ema_prognostics.features.signals import THIRD, CurrentSensors, Signals
 from ema_prognostics.features.start import TRAVELS, start_features, start_stiffness
 from ema_prognostics.features.winding import FIRST_EDGE, SECTOR, rise
 from ema_record.actuator import load_actuator
 from ema_record.profile import load_profile
+from ema_record.profiles.plan import test_plan as plan_of
 from ema_record.record import Record
 
 ACTUATOR = load_actuator()
 MOTOR, RATIO = ACTUATOR.motor, ACTUATOR.gear.ratio
+STEP, EXTENDED = (plan_of(load_profile(n), ACTUATOR) for n in ("step", "extended"))
 STIFFNESS = ACTUATOR.shaft.stiffness / RATIO**2
 """Of the shaft, seen from the motor (N m/rad)."""
 
@@ -45,6 +46,7 @@ def signals_of(
     constant = 2.0 * MOTOR.back_emf_constant
     return Signals(
         record=Record(samples=samples, profile=known), actuator=ACTUATOR,
+        has_references=True, has_position=True,
         rate=1.0 / (since[1] - since[0]), time=samples[:, 0], speed=speed, theta=theta,
         position=position, currents=currents,
         torque_current=(np.zeros(n) + torque) / constant,
@@ -111,16 +113,17 @@ def started(stiff_from: float, lag: float, *, at_rest: float = 0.0) -> Signals:
 
 
 def test_stiffness_is_the_bend_of_the_energy() -> None:
-    assert start_stiffness(started(0.0, 0.0)) == pytest.approx([2.0, 2.0], rel=0.02)
-    assert start_stiffness(started(0.25, 0.0)) == pytest.approx([0.0, 2.0], abs=0.04)
-    assert start_stiffness(started(9.0, 0.0)) == pytest.approx([0.0, 0.0], abs=0.02)
+    assert start_stiffness(started(0.0, 0.0), 0.012) == pytest.approx([2.0, 2.0], rel=0.02)
+    assert start_stiffness(started(0.25, 0.0), 0.012) == pytest.approx([0.0, 2.0], abs=0.04)
+    assert start_stiffness(started(9.0, 0.0), 0.012) == pytest.approx([0.0, 0.0], abs=0.02)
 
 
 def test_lags_of_the_start_are_counted_from_the_settled_one() -> None:
     found = start_features(started(0.25, 2e-4, at_rest=3e-4), 0.10, 0.36)
     settled = 4.0 * 0.2
     for k, travel in enumerate(TRAVELS):
-        assert found[f"lag_start_{k + 1}"] == pytest.approx(0.2 * travel - settled, abs=0.01)
+        assert found[f"lag_start_{k + 1}"] == pytest.approx(
+            0.2 * travel * ACTUATOR.wind_up - settled, abs=0.01)
     assert found["lag_at_rest"] == pytest.approx(0.3 - settled)
     assert found["lag_peak"] == pytest.approx(0.0, abs=1e-3)
     assert (found["start_stiffness_1"], found["start_stiffness_2"]) == pytest.approx(
@@ -136,7 +139,7 @@ def test_sensors_that_disagree_show_by_how_much(direction: float) -> None:
     theta = direction * 300.0 * since
     found = consistency(signals_of(
         since, theta, np.full(len(since), direction * 300.0 * 1.004), profile="extended",
-        position=theta * 0.997 / RATIO), SEGMENTS["extended"])
+        position=theta * 0.997 / RATIO), EXTENDED.segments)
     for window in ("full", "quarter"):
         assert found[f"speed_over_angle_{window}"] == pytest.approx(4.0 * direction, rel=1e-6)
         assert found[f"position_over_angle_{window}"] == pytest.approx(-3.0 * direction, rel=1e-6)
@@ -148,7 +151,7 @@ def test_noise_offsets_and_sums_of_the_currents() -> None:
     currents = sign[:, None] * np.array([0.1, 0.3, 0.2]) + np.array([0.0, 0.0, 0.06])
     found = consistency(
         signals_of(since, np.zeros(len(since)), 0.5 * sign, currents=currents,
-                   position=np.full(len(since), -0.398)), SEGMENTS["step"])
+                   position=np.full(len(since), -0.398)), STEP.segments)
     assert found["noise_speed"] == pytest.approx(np.log(0.5))
     assert found["noise_current"] == pytest.approx(np.log(0.3))
     assert found["noise_current_least"] == pytest.approx(np.log(0.1))
@@ -167,12 +170,12 @@ def turned_round(level: float, load: float, width: float, stiffness: float) -> S
     since = times("extended")
     speed = np.zeros(len(since))
     torque = np.zeros(len(since))
-    for begin, direction in REVERSALS.values():
-        here = (since > begin - 0.05) & (since < begin + REVERSAL_LENGTH + 0.01)
+    for begin, direction in EXTENDED.reversals:
+        here = (since > begin - 0.05) & (since < begin + EXTENDED.reversal_length + 0.01)
         speed[here] = direction * 25.0 * np.clip((since[here] - begin - 0.02) / 0.02, -1.0, 1.0)
     theta = np.cumsum(speed) * (since[1] - since[0])
-    for begin, direction in REVERSALS.values():
-        here = (since > begin) & (since < begin + REVERSAL_LENGTH)
+    for begin, direction in EXTENDED.reversals:
+        here = (since > begin) & (since < begin + EXTENDED.reversal_length)
         along = direction * theta[here]
         x = along - along.min()
         gap = np.minimum(x - 0.4, 0.0) + np.maximum(x - 0.4 - width * RATIO, 0.0)
@@ -184,8 +187,8 @@ def turned_round(level: float, load: float, width: float, stiffness: float) -> S
 
 def test_gap_is_read_off_its_curve_and_a_load_shows_as_half_the_difference() -> None:
     signals = turned_round(0.35, 0.04, 3e-4, 1.5)
-    back, ahead = (reversal_gap(signals, begin, REVERSAL_LENGTH, direction)
-                   for begin, direction in REVERSALS.values())
+    back, ahead = (reversal_gap(signals, begin, EXTENDED.reversal_length, direction)
+                   for begin, direction in EXTENDED.reversals)
     for gap in (back, ahead):
         assert gap.width == pytest.approx(3e-4, abs=1e-5)
         assert gap.slope == pytest.approx(1.5, rel=0.02)

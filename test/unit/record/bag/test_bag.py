@@ -17,6 +17,7 @@ from ema_record.bag.container import read_content
 from ema_record.bag.mcap_stream import McapMetadata, McapStream
 from ema_record.bag.metadata import END, START
 from ema_record.bag.read import read_bag, write_bag
+from ema_record.errors import InvalidRecordError
 from ema_record.profile import Profile, step_profile
 from ema_record.wire.samples import encode_block
 from ema_record.wire.sensors import BATTERY_STATE, encode_bool
@@ -44,6 +45,35 @@ def test_round_trip(bag, record):
     np.testing.assert_allclose(
         found.winding_temperature, record.winding_temperature, rtol=0, atol=1e-9
     )
+
+
+def test_channels_that_were_not_recorded(tmp_path, make):
+    """They are not in the bag, and come back as NaN."""
+    record = make(1200, start_time=START_NS)
+    record.samples[:, [4, 5, 6, 7, 8, 9]] = np.nan
+    bag = write_bag(record, tmp_path / "bag")
+    found = read_bag(bag)
+    assert found.samples.tobytes() == record.samples.tobytes() and found.columns == (0, 1, 2, 3)
+    message = read_content(bag, frozenset({SAMPLES})).messages[SAMPLES][0]
+    assert b"motor_speed[rad/s],phase_current_a[A],phase_current_b[A]\x00" in bytes(message.data)
+    record.samples[:, 3] = np.nan
+    with pytest.raises(InvalidRecordError, match="channel 3 is nan"):
+        read_bag(write_bag(record, tmp_path / "one current"))
+    record.samples[700, 9] = 0.1
+    with pytest.raises(InvalidRecordError, match="channel 3 is nan"):
+        read_bag(write_bag(record, tmp_path / "part"))
+
+
+def test_the_actuator_of_the_kit_is_named(tmp_path, make):
+    record = make(600, start_time=START_NS)
+    named = dataclasses.replace(
+        record, provenance=dataclasses.replace(record.provenance, actuator="0123456789abcdef"))
+    bag = write_bag(named, tmp_path / "bag")
+    assert read_bag(bag).provenance.actuator == "0123456789abcdef"
+    information = yaml.safe_load((bag / "metadata.yaml").read_text())
+    assert information["rosbag2_bagfile_information"]["custom_data"]["actuator"] == (
+        "0123456789abcdef")
+    assert read_bag(write_bag(record, tmp_path / "without")).provenance.actuator == ""
 
 
 def test_bags_of_both_signs_of_the_bus_current_are_read_alike(repository, tmp_path):

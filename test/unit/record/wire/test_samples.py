@@ -9,9 +9,18 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from rosbags.typesys import Stores, get_typestore
 
-from ema_record.channels import CHANNEL_LABEL, N_CHANNELS, check_channel_label
+from ema_record.actuator import load_actuator
+from ema_record.channels import (
+    ALL,
+    CHANNEL_LABEL,
+    N_CHANNELS,
+    check_channel_label,
+    columns_of,
+    label_of,
+    recorded_columns,
+)
 from ema_record.errors import InvalidRecordError, UsageError
-from ema_record.wire.samples import MAX_BLOCK_SIZE, decode_block, encode_block
+from ema_record.wire.samples import MAX_BLOCK_SIZE, decode_block, encode_block, encode_samples
 
 TYPE = "std_msgs/msg/Float64MultiArray"
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -144,16 +153,70 @@ def test_other_encapsulation_is_refused(kind):
 @pytest.mark.parametrize(
     ("label", "sample_label", "match"),
     [
-        (CHANNEL_LABEL.replace("motor_speed[rad/s]", "motor_speed[rpm]"), "sample", "channel 1"),
-        (CHANNEL_LABEL.rsplit(",", 1)[0], "sample", "channel 9 is 'nothing'"),
-        (CHANNEL_LABEL + ",extra[V]", "sample", "not known"),
+        (CHANNEL_LABEL.replace("motor_speed[rad/s]", "motor_speed[rpm]"), "sample",
+         r"channel 1 is 'motor_speed.rpm.', expected in .rad/s."),
+        (CHANNEL_LABEL.replace("motor_speed[rad/s],", ""), "sample", "no channel motor_speed"),
+        (CHANNEL_LABEL + ",extra[V]", "sample", "channel 10 is 'extra.V.', none of the channel"),
         (CHANNEL_LABEL, "channel", "first dimension"),
     ],
 )
 def test_wrong_channels_are_named(label, sample_label, match):
-    message = foreign_message(np.ones((2, N_CHANNELS)), label, sample_label)
+    message = foreign_message(np.ones((2, label.count(",") + 1)), label, sample_label)
     with pytest.raises(InvalidRecordError, match=match):
         decode_block(bytes(STORE.serialize_cdr(message, TYPE)))
+
+
+SUBSETS = st.sets(st.sampled_from(ALL[4:])).flatmap(
+    lambda rest: st.sampled_from([(2, 3), (2, 4), (3, 4), (2, 3, 4)]).map(
+        lambda currents: tuple(sorted({0, 1, *currents, *rest})))
+)
+
+
+@settings(max_examples=50, deadline=None)
+@given(SUBSETS, BLOCKS)
+def test_channels_that_a_recorder_lacks_are_nan(columns, block):
+    """Written are the others alone, under their names; read back, exactly they are there."""
+    block = np.where(np.isfinite(block), block, 1.0)
+    data = encode_samples(block, columns)
+    assert len(data) < 600 + 8 * len(columns) * len(block)
+    found = decode_block(data)
+    missing = [c for c in ALL if c not in columns]
+    assert found[:, list(columns)].tobytes() == block[:, list(columns)].tobytes()
+    assert np.isnan(found[:, missing]).all() and found.shape == block.shape
+    assert columns_of(label_of(columns)) == columns == recorded_columns(found)
+
+
+@pytest.mark.parametrize(("columns", "missing"), [
+    ((1, 2, 3), "time"), ((0, 2, 3, 4), "motor_speed"), ((0, 1, 3), "phase_current_a"),
+    ((0, 1, 2, *ALL[5:]), "phase_current_b"),
+])
+def test_what_must_be_there(columns, missing):
+    with pytest.raises(InvalidRecordError, match=f"no channel {missing}"):
+        check_channel_label(label_of(columns))
+
+
+@pytest.mark.parametrize("columns", [(0, 1, 2, 3, 3), (1, 0, 2, 3), (0, 1, 3, 2)])
+def test_channels_keep_their_order(columns):
+    with pytest.raises(InvalidRecordError, match="keep the order"):
+        check_channel_label(label_of(columns))
+
+
+def test_a_column_of_nan_that_must_be_there_counts_as_recorded():
+    """So that the check of the values finds it."""
+    samples = np.ones((3, N_CHANNELS))
+    samples[:, [1, 2, 3, 8]] = np.nan
+    assert recorded_columns(samples) == tuple(c for c in ALL if c != 8)
+    samples[0, 8] = 1.0  # a part of it alone is a fault, no absence
+    assert recorded_columns(samples) == ALL
+
+
+def test_the_channels_that_a_kit_says():
+    acquisition = load_actuator().acquisition
+    assert acquisition.columns == ALL
+    least = acquisition._replace(
+        phase_current_c=0, reference_currents=0, rotor_angle=0, surface_position=0)
+    assert least.columns == (0, 1, 2, 3)
+    assert acquisition._replace(rotor_angle=0).columns == (*ALL[:8], 9)
 
 
 def test_too_large_a_message_is_refused():

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ema_record.actuator import load_actuator
 from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.profile import MAX_POSITION, Profile, load_profile, profile_names, step_profile
 from ema_record.wire.trajectory import (
@@ -12,19 +13,24 @@ from ema_record.wire.trajectory import (
     command_points,
     decode_command,
     encode_command,
+    increasing,
     profile_from_points,
+    steps_joined,
 )
 from ema_record.wire.types import deserialize, message_class, serialize
 
 POSITIONS = st.floats(-MAX_POSITION, MAX_POSITION)
-TIMES = st.integers(0, 60_000_000_000)
+TIMES = st.integers(0, 600_000_000).map(lambda t: 100 * t)
+"""Ns; points that are nearer than the points of a step are one."""
 
 
 @st.composite
 def profiles(draw):
     times = sorted(draw(st.lists(TIMES, min_size=2, max_size=30)))
+    times += draw(st.lists(st.sampled_from(times), max_size=20))  # steps, of several points too
+    times.sort()
     if times[-1] == 0:
-        times[-1] = 1
+        times[-1] = 100
     points = [(t / 1e9, draw(POSITIONS)) for t in times]
     return Profile(name="command", points=points)
 
@@ -34,6 +40,53 @@ def profiles(draw):
 def test_round_trip(profile, stamp):
     """Times to the nanosecond and positions come back exactly."""
     assert decode_command(encode_command(profile, stamp)).points == profile.points
+
+
+def times_of(data):
+    message = deserialize(data, JOINT_TRAJECTORY, "x")
+    return [int(p.time_from_start.sec) * 10**9 + int(p.time_from_start.nanosec)
+            for p in message.points]
+
+
+@settings(max_examples=100, deadline=None)
+@given(profiles())
+def test_times_increase_strictly(profile):
+    """What a joint trajectory controller asks of a message; moved by less than a sample."""
+    times = times_of(encode_command(profile))
+    assert times[0] >= 0 and all(b > a for a, b in zip(times, times[1:]))
+    assert max(abs(t - 1e9 * p[0]) for t, p in zip(times, profile.points)) < 60.0
+
+
+@pytest.mark.parametrize("name", profile_names())
+def test_a_controller_that_interpolates_samples_the_same(name):
+    """At each control period; the two points of a step are 1 ns apart, the later one in time."""
+    profile, period = load_profile(name), load_actuator().control.period
+    times = np.array(times_of(encode_command(profile)), dtype=np.int64)
+    ticks = np.arange(0, 10**9 * int(np.ceil(profile.duration)), round(1e9 * period))
+    k = np.clip(np.searchsorted(times, ticks, side="right") - 1, 0, len(times) - 2)
+    part = np.clip((ticks - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0)
+    positions = np.array([position for _, position in profile.points])
+    sampled = positions[k] + part * (positions[k + 1] - positions[k])
+    np.testing.assert_allclose(sampled, profile.command(1e-9 * ticks + 1e-12), atol=1e-9)
+
+
+def test_commands_of_before_are_read():
+    """Two points at one time, as this software published them at first."""
+    profile = load_profile("extended")
+    message = deserialize(encode_command(profile), JOINT_TRAJECTORY, "x")
+    message.points[1].time_from_start = message.points[2].time_from_start
+    assert len(set(times_of(serialize(message, JOINT_TRAJECTORY)))) == len(message.points) - 1
+    assert decode_command(serialize(message, JOINT_TRAJECTORY)) == profile
+
+
+@pytest.mark.parametrize("times", [
+    [0, 0, 5], [0, 0, 0, 5], [100, 100], [100, 100, 100], [0, 100, 100, 101, 101], [0, 5, 9],
+])
+def test_steps_are_parted_and_joined(times):
+    parted = increasing(times)
+    assert parted[0] >= 0 and all(b > a for a, b in zip(parted, parted[1:]))
+    if 101 not in times:
+        assert steps_joined(parted) == times == steps_joined(times)
 
 
 @pytest.mark.parametrize("name", profile_names())
@@ -52,6 +105,7 @@ def test_one_point_is_a_step():
     other = profile_from_points([(0.03, 0.1)], start=-0.2, duration=0.5)
     assert other.command(np.array([0.0, 0.0299, 0.031, 0.5])).tolist() == [-0.2, -0.2, 0.1, 0.1]
     assert other.duration == 0.5
+    assert profile_from_points([(0.022, 0.4)], start=None) == load_profile("step")
 
 
 @pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # an old lark of rclpy's

@@ -1,0 +1,1 @@
+"""Any actuator: machines, a second simulator, and the kit judged on both."""

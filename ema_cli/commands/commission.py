@@ -1,0 +1,57 @@
+"""`ema commission`: a kit from a description and acceptance records."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ema_cli.console import check_new, given_bags, note, print_json, progress_of, say
+
+
+def commission(
+    records: Annotated[list[Path], typer.Argument(
+        metavar="RECORD...", help="Bags of healthy units, from their acceptance.")],
+    actuator: Annotated[Path, typer.Option(
+        "--actuator", metavar="FILE.yaml", help="Description of the type.")],
+    out: Annotated[Path, typer.Option(
+        "--out", "-o", metavar="KIT", help="Folder of the new kit.")],
+    quick: Annotated[bool, typer.Option(
+        "--quick", help="A small training, to try the way.")] = False,
+    seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Of the training.")] = 1,
+    jobs: Annotated[int, typer.Option(
+        min=-1, max=256, help="Processes that simulate, -1 for all cores.")] = -1,
+    as_json: Annotated[bool, typer.Option("--json", help="The validation as JSON.")] = False,
+) -> int:
+    """Make the kit of an actuator type from its description and records of healthy units.
+
+    The model is corrected by the records, the cascade trained around it and validated. A kit that
+    is not good enough is not made: too many false alarms, or the records do not fit the
+    description. A run that was stopped goes on where it was.
+
+    Example: `ema commission acceptance/* --actuator aileron/actuator.yaml --out aileron_kit`
+    """
+    from ema_prognostics.commission.commission import commission as make
+    from ema_prognostics.commission.report import percent, size
+    from ema_record.kit import REPORT
+
+    check_new(out)
+    with progress_of("commissioning") as advance:
+        made = make(given_bags(records), actuator, out, quick=quick, seed=seed, jobs=jobs or -1,
+                    progress=advance)
+    found = made.validation
+    if as_json:
+        print_json({"kit": str(made.kit), **found})
+        return 0
+    views = found["held_out"][found["profile"]]
+    say(f"{made.kit}: kit of {len(found['units'])} units, test {found['profile']}")
+    for view, title in (("fleet", "without a baseline"), ("baseline", "with a baseline")):
+        one = views[view]
+        say(f"  {title}: false alarms {percent(one['false alarms'])}, unknown "
+            f"{percent(one['healthy called unknown'])}")
+        say("    found in nine of ten: " + ", ".join(
+            f"{name.replace('_', ' ')} {size(name, one[name]['a90'])}" for name in one
+            if isinstance(one[name], dict) and "a90" in one[name]))
+    note(f"{made.kit / REPORT} says more; next: ema check RECORD --kit {made.kit}")
+    return 0

@@ -1,0 +1,1 @@
+"""Commissioning: from a description and records of healthy units to a kit."""

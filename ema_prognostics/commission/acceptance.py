@@ -1,0 +1,174 @@
+"""Acceptance records: tests of healthy units, from which a kit is made.
+
+They are read and checked here: whole, of one test, of one type, enough of them; and what they
+tell of the recorder is measured: noise, rate, rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ema_prognostics.features.extract import extract
+from ema_prognostics.features.profile_kind import ProfileKind, profile_kind
+from ema_prognostics.features.rebuild import present
+from ema_prognostics.verdict.judge import UNKNOWN_SERIAL, forbidden
+from ema_record.actuator import NOISE_RATE, Actuator
+from ema_record.bag.read import read_bag
+from ema_record.channels import (
+    MOTOR_SPEED,
+    PHASE_CURRENTS,
+    REFERENCE_CURRENTS,
+    ROTOR_ANGLE,
+    SURFACE_POSITION,
+)
+from ema_record.errors import RecordError, UsageError
+from ema_record.record import Record
+
+MIN_RECORDS, MIN_UNITS = 4, 2
+"""Fewest acceptance records, and units: a spread needs two units, a mean two records of each."""
+MOST_RECORDS = 1000
+LEAST_SAMPLES = 16
+"""Of the interval without current from which the noise is read."""
+MIN_STEPS = 6
+"""Fewest different values while the inverter is off from which the noise is read."""
+ROUNDED = 0.3
+"""Share of repeated values in the steps of a channel from which it counts as rounded."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Acceptance:
+    """Acceptance records of one type.
+
+    Attributes
+    ----------
+    records : of the units.
+    kind : of their test.
+    units : ndarray of int, shape (n,). Number of the unit of each record.
+    serials : serial number of each unit.
+    """
+
+    records: tuple[Record, ...]
+    kind: ProfileKind
+    units: np.ndarray
+    serials: tuple[str, ...]
+
+    def features(self, actuator: Actuator) -> tuple[list[str], np.ndarray]:
+        """Return names and features of the records, shape (n, d)."""
+        found = [extract(record, self.kind, actuator) for record in self.records]
+        names = list(found[0])
+        for record, row in zip(self.records, found):
+            if set(row) != set(names):
+                odd = min(set(row) ^ set(names))
+                raise UsageError(f"{record.provenance.source}: other channels than the first "
+                                 f"record ({odd}): give records of one recorder")
+        return names, np.array([[row[n] for n in names] for row in found])
+
+
+def read_acceptance(paths: Sequence[str | Path], actuator: Actuator) -> Acceptance:
+    """Return the acceptance records of `paths`.
+
+    Raises
+    ------
+    UsageError
+        Too few, of two types or tests, or one that cannot be used; the file is named.
+    """
+    if not MIN_RECORDS <= len(paths) <= MOST_RECORDS:
+        raise UsageError(f"{len(paths)} acceptance records, {MIN_RECORDS} to {MOST_RECORDS} are "
+                         "needed: record more tests of healthy units")
+    records, kinds = [], []
+    for path in paths:
+        try:
+            record = read_bag(path)
+        except RecordError as error:
+            raise UsageError(f"{path}: cannot serve as acceptance record: {error}") from None
+        records.append(record)
+        kinds.append(_kind(record, str(path), actuator))
+    if len(set(kinds)) > 1:
+        other = next(k for k, kind in enumerate(kinds) if kind != kinds[0])
+        raise UsageError(f"{paths[other]} is of the test {kinds[other]}, {paths[0]} of "
+                         f"{kinds[0]}: give records of one test")
+    named = [(record.provenance.actuator, path) for record, path in zip(records, paths)
+             if record.provenance.actuator]
+    for name, path in named:
+        if name != named[0][0]:
+            raise UsageError(f"{path} is of actuator type {name}, {named[0][1]} of {named[0][0]}: "
+                             "give records of one type")
+    return _by_unit(records, kinds[0])
+
+
+def _by_unit(records: Sequence[Record], kind: ProfileKind) -> Acceptance:
+    serials = [record.provenance.serial_number for record in records]
+    # Without a serial number each record counts as a unit: nothing says that two are the same.
+    keys = [s if s != UNKNOWN_SERIAL else f"{s} {k}" for k, s in enumerate(serials)]
+    order = list(dict.fromkeys(keys))
+    if len(order) < MIN_UNITS:
+        raise UsageError(f"all records are of unit {order[0]}, at least {MIN_UNITS} units are "
+                         "needed: how units differ cannot be told from one")
+    return Acceptance(records=tuple(records), kind=kind, serials=tuple(order),
+                      units=np.array([order.index(key) for key in keys]))
+
+
+def _kind(record: Record, path: str, actuator: Actuator) -> ProfileKind:
+    kind = profile_kind(record.profile, actuator)
+    if kind is None:
+        raise UsageError(f"{path}: its test {record.profile.name!r} is not one of the kit's: "
+                         "record the kit's profile extended or step")
+    verdict = forbidden(record)
+    if verdict is not None:
+        raise UsageError(f"{path}: cannot serve as acceptance record: {verdict.reasons[0]}")
+    return kind
+
+
+def measured_recorder(actuator: Actuator, records: Sequence[Record]) -> Actuator:
+    """Return the actuator with rate, channels, noise and converters as the records show them.
+
+    Noise is the median over the records of what is there while the inverter is off, given for
+    `NOISE_RATE`; a channel whose values repeat its steps is rounded.
+    """
+    there = np.min([present(record) for record in records], axis=0)
+    rate = float(np.median([record.rate for record in records]))
+    scale = np.sqrt(NOISE_RATE / rate)
+    columns = {"speed": slice(MOTOR_SPEED, MOTOR_SPEED + 1), "current": PHASE_CURRENTS,
+               "position": slice(SURFACE_POSITION, SURFACE_POSITION + 1)}
+    noise = {}
+    for name, place in columns.items():
+        if not there[place].all():
+            continue
+        found = [_noise(record, place) for record in records]
+        known = [value for value in found if value is not None]
+        if known:
+            noise[name] = float(np.median(known)) * float(scale)
+    rounded = all(_rounded(record.samples[:, MOTOR_SPEED]) for record in records)
+    currents = range(PHASE_CURRENTS.start, PHASE_CURRENTS.stop)
+    return actuator._replace(
+        noise=actuator.noise._replace(**noise),
+        acquisition=actuator.acquisition._replace(
+            rate=rate, converters=int(rounded),
+            phase_current_c=int(all(there[k] for k in currents)),
+            reference_currents=int(there[REFERENCE_CURRENTS].all()),
+            rotor_angle=int(there[ROTOR_ANGLE]), surface_position=int(there[SURFACE_POSITION]),
+        ),
+    )
+
+
+def _noise(record: Record, place: slice) -> float | None:
+    """Return the noise of a channel while the inverter is off (rms), None if not measured.
+
+    A channel that stands on few of its steps shows its rounding and not its noise.
+    """
+    off = record.time < record.profile.inverter_off - 1e-3
+    if np.count_nonzero(off) < LEAST_SAMPLES:
+        return None
+    values = record.samples[off][:, place]
+    if len(np.unique(values[:, 0])) < MIN_STEPS:
+        return None
+    return float(values.std(axis=0).mean())
+
+
+def _rounded(values: np.ndarray) -> bool:
+    """Whether values, shape (n,), stand on the steps of a converter: few distinct ones."""
+    return len(np.unique(values)) < ROUNDED * len(values)

@@ -1,0 +1,279 @@
+"""The model corrected by acceptance records: parameters that make its features theirs.
+
+Units are drawn about the description as widely as a data sheet knows its parameters (`PRIORS`),
+each is tested in the simulator, and the parameters are regressed on the features: the linear
+Bayes estimate, cov(p, f) cov(f)⁻¹ (f − mean f), which weighs each feature by what it tells beside
+its own scatter (chaotic features have no usable slopes). Applied to the mean features of the
+records, and again about the estimate with what it leaves open. What then stays is not the
+parameters': the discrepancy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ema_prognostics.commission.acceptance import Acceptance
+from ema_prognostics.features.extract import extract
+from ema_prognostics.features.profile_kind import ProfileKind
+from ema_record.actuator import RELAY, TRAPEZOID, Actuator
+from ema_record.errors import EmaError, UsageError
+from ema_record.kit import kit_folder, use_kit
+from ema_record.profile import Profile
+from ema_sim.effects import parse_effects
+from ema_sim.simulate import simulate
+
+PRIORS: dict[str, float] = {
+    "motor.dynamic_friction": 0.4, "motor.static_friction": 0.2, "motor.viscous_friction": 0.7,
+    "surface.dynamic_friction": 0.4, "surface.static_friction": 0.2, "shaft.stiffness": 0.3,
+    "shaft.damping": 0.5, "shaft.backlash": 0.5, "motor.inertia": 0.15,
+    "motor.back_emf_constant": 0.05, "motor.phase_resistance": 0.1,
+    "motor.phase_inductance": 0.15, "control.position_gain": 0.1, "control.speed_limit": 0.01,
+    "control.proportional_gain": 0.1, "control.integral_gain": 0.2, "inverter.hysteresis": 0.1,
+    "motor.flat_top": 0.05, "acquisition.reference_latency": 1.0,
+    "acquisition.command_latency": 1.0,
+}
+"""Standard deviation of what a description says: of the logarithm, of latencies in periods. A
+data sheet gives motor constants within their tolerance; friction and stiffness are assumed. Static
+friction varies beside the dynamic one, which moves both."""
+LATENCIES = ("acquisition.reference_latency", "acquisition.command_latency")
+RELAY_ONLY = ("inverter.hysteresis", "motor.phase_resistance", "motor.phase_inductance")
+"""Only a relay's currents show them: others hide them behind their current control."""
+LOAD = "load"
+"""The mean load of the records, in parts of the surface's friction, is estimated beside them."""
+LOAD_SPREAD = 0.15
+DRAWS = (200, 150, 150)
+"""Simulated tests of each round."""
+FOLDS, PENALTIES = 5, tuple(np.geomspace(0.2, 0.004, 16))
+"""Of the regression, on parameters of unit variance; the best by cross-validation."""
+NARROWER = 2.0
+"""Of what a round leaves open: the spread of the next."""
+CONDITIONS = ("temperature", "bus_voltage")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibration:
+    """A corrected model.
+
+    Attributes
+    ----------
+    actuator : corrected.
+    changes : of each parameter, new over old; of latencies the periods.
+    open : standard deviation that the estimate leaves, as `PRIORS`.
+    names : of the features, (d,).
+    before, after : ndarray, shape (d,). Mean of the records less the model, over the spread.
+    """
+
+    actuator: Actuator
+    changes: dict[str, float]
+    open: dict[str, float]
+    names: tuple[str, ...]
+    before: np.ndarray
+    after: np.ndarray
+
+
+def changed(actuator: Actuator, name: str, step: float) -> Actuator:
+    """Return the actuator with a parameter multiplied by exp `step`; latencies: with it added.
+
+    Dynamic friction moves the static one with it, which never falls below.
+    """
+    section, _, field = name.partition(".")
+    part = getattr(actuator, section)
+    value, factor = getattr(part, field), float(np.exp(step))
+    if name in LATENCIES:
+        part = part._replace(**{field: max(0.0, value + step)})
+    elif field == "flat_top":
+        part = part._replace(flat_top=min(value * factor, 3.0))
+    elif field == "dynamic_friction":
+        part = part._replace(dynamic_friction=value * factor,
+                             static_friction=part.static_friction * factor)
+    elif field == "static_friction":
+        part = part._replace(static_friction=max(value * factor, part.dynamic_friction))
+    else:
+        part = part._replace(**{field: value * factor})
+    return actuator._replace(**{section: part})
+
+
+def parameters_of(actuator: Actuator) -> list[str]:
+    """Return the parameters that are corrected: those that the drive shows and that are not 0."""
+    found = []
+    for name in PRIORS:
+        if name in RELAY_ONLY and actuator.drive.kind != RELAY:
+            continue
+        if name == "motor.flat_top" and actuator.motor.back_emf != TRAPEZOID:
+            continue
+        section, _, field = name.partition(".")
+        if name in LATENCIES or getattr(getattr(actuator, section), field) > 0.0:
+            found.append(name)
+    return found
+
+
+def _settings(conditions: Sequence[str], actuator: Actuator, load: float) -> list[str]:
+    torque = load * actuator.surface.dynamic_friction
+    return [*conditions, f"surface_load.constant={torque!r}"]
+
+
+def _candidate(actuator: Actuator, names: Sequence[str], steps: np.ndarray) -> Actuator:
+    for name, step in zip(names, steps):
+        actuator = changed(actuator, name, float(step))
+    return actuator
+
+
+def model_features(
+    actuator: Actuator, nominal: Actuator, profile: Profile, kind: ProfileKind,
+    names: Sequence[str], settings: Sequence[str], seeds: Sequence[int],
+) -> np.ndarray:
+    """Return the features of the model, one row a seed, shape (n, d).
+
+    Parameters
+    ----------
+    actuator, nominal : simulated; what the features refer to.
+    profile, kind : of the test.
+    names : of the features.
+    settings : effects: temperature, bus, load.
+    seeds : of noise and start angle.
+    """
+    effects = parse_effects(settings)
+    rows = []
+    for seed in seeds:
+        found = extract(simulate(profile, actuator=actuator, effects=effects, seed=seed),
+                        kind, nominal)
+        missing = sorted(set(found) ^ set(names))
+        if missing:
+            raise UsageError(f"the records and the model differ in their features "
+                             f"({missing[0]}): does the description say which channels are "
+                             "recorded?")
+        rows.append([found[n] for n in names])
+    return np.array(rows)
+
+
+def _drawn(
+    kit: Path, candidates: Sequence[tuple[Actuator, list[str], int]], nominal: Actuator,
+    profile: Profile, kind: ProfileKind, names: Sequence[str],
+) -> np.ndarray:
+    """Return the features of candidates, shape (n, d); NaN where one does not do the test."""
+    use_kit(kit)  # a process may be older than the choice of the kit
+    rows = np.full((len(candidates), len(names)), np.nan)
+    for k, (actuator, settings, seed) in enumerate(candidates):
+        try:
+            rows[k] = model_features(actuator, nominal, profile, kind, names, settings, [seed])[0]
+        except UsageError:
+            raise
+        except EmaError:
+            continue
+    return rows
+
+
+def conditions_of(names: Sequence[str], mean: np.ndarray) -> list[str]:
+    """Return the mean conditions of the records as settings of effects."""
+    place = {n: float(mean[k]) for k, n in enumerate(names)}
+    temperature = 20.0 + 50.0 * place["temperature"]
+    return [f"winding_temperature.temperature={temperature!r}",
+            f"bus_voltage_change.change={place['bus_voltage'] - 1.0!r}"]
+
+
+def linear_bayes(
+    parameters: np.ndarray, features: np.ndarray, measured: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the linear Bayes estimate of the parameters, and what it leaves open.
+
+    Most of a hundred features say nothing of a parameter: least absolute shrinkage (Tibshirani
+    1996), where the plain covariance of two hundred draws would fit their noise.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (n, p). Of the draws.
+    features : ndarray, shape (n, d). Of their tests.
+    measured : ndarray, shape (d,).
+
+    Returns
+    -------
+    ndarray, shape (p,), the estimate; ndarray, shape (p,), standard deviation of its error.
+    """
+    from sklearn.linear_model import LassoCV
+
+    center, scale = np.median(features, axis=0), np.maximum(features.std(axis=0), 1e-9)
+    z = np.clip((features - center) / scale, -5.0, 5.0)
+    wanted = np.clip((measured - center) / scale, -5.0, 5.0)
+    found, error = [], []
+    for column in parameters.T:
+        unit = max(float(column.std()), 1e-9)
+        fit = LassoCV(cv=FOLDS, alphas=PENALTIES, max_iter=20_000, tol=1e-3).fit(
+            z, column / unit)
+        found.append(unit * float(fit.predict(wanted[None])[0]))
+        error.append(unit * float(np.sqrt(fit.mse_path_.mean(axis=1).min())))
+    return np.array(found), np.array(error)
+
+
+def calibrate(
+    acceptance: Acceptance, actuator: Actuator, spread: Callable[[list[str]], np.ndarray], *,
+    seed: int = 1, jobs: int = 1, progress: Callable[[float], None] = lambda _: None,
+) -> Calibration:
+    """Return the model corrected by the records.
+
+    Parameters
+    ----------
+    acceptance : the records.
+    actuator : as described, the recorder as measured.
+    spread : gives the standard deviation of features, shape (d,), over healthy tests of the
+        described type, conditions included, by their names.
+    seed, jobs : of the draws; processes.
+    progress : called with the part that is done.
+    """
+    from joblib import Parallel, delayed
+
+    names, rows = acceptance.features(actuator)
+    units = acceptance.units
+    mean = np.mean([rows[units == unit].mean(axis=0) for unit in np.unique(units)], axis=0)
+    profile, kind = acceptance.records[0].profile, acceptance.kind
+    conditions = conditions_of(names, mean)
+    chosen = parameters_of(actuator)
+    scale = np.array([*(PRIORS[name] for name in chosen), LOAD_SPREAD])
+    x, wide = np.zeros(len(scale)), scale
+    used = np.array([n not in CONDITIONS for n in names])
+    rng = np.random.default_rng([seed, 3])
+    chunk = 8
+    for turn, count in enumerate(DRAWS):
+        steps = x + wide * np.clip(rng.standard_normal((count, len(x))), -2.0, 2.0)
+        runs = [(_candidate(actuator, chosen, row[:-1]),
+                 _settings(conditions, actuator, float(row[-1])), int(rng.integers(2**31)))
+                for row in steps]
+        work = Parallel(n_jobs=jobs, return_as="generator")(
+            delayed(_drawn)(kit_folder(), runs[k:k + chunk], actuator, profile, kind, names)
+            for k in range(0, count, chunk))
+        parts = []
+        for part in work:
+            parts.append(part)
+            progress((turn + len(parts) * chunk / count) / len(DRAWS))
+        found = np.vstack(parts)
+        done = np.isfinite(found).all(axis=1)
+        if np.count_nonzero(done) < 0.5 * count:
+            raise UsageError("the described actuator does not do its test in most simulations: "
+                             "check torque, friction and control gains of the description")
+        # Latencies are not below 0: what was simulated counts, not what was drawn.
+        taken = np.where([n in LATENCIES for n in [*chosen, LOAD]], np.maximum(steps, 0.0), steps)
+        x, left = linear_bayes(taken[done], found[done][:, used], mean[used])
+        wide = np.minimum(NARROWER * left, scale)
+    progress(1.0)
+    corrected = _candidate(actuator, chosen, x[:-1])
+    sigma = spread(names)
+    off = [(mean - model_features(of, actuator, profile, kind, names,
+                                  _settings(conditions, actuator, load), range(6)).mean(axis=0))
+           / sigma for of, load in ((actuator, 0.0), (corrected, float(x[-1])))]
+    return Calibration(
+        actuator=corrected, changes=_changes(actuator, corrected, chosen), names=tuple(names),
+        open=dict(zip(chosen, map(float, left))), before=np.where(used, off[0], 0.0),
+        after=np.where(used, off[1], 0.0),
+    )
+
+
+def _changes(old: Actuator, new: Actuator, names: Sequence[str]) -> dict[str, float]:
+    found = {}
+    for name in names:
+        section, _, field = name.partition(".")
+        was, now = (getattr(getattr(a, section), field) for a in (old, new))
+        found[name] = float(now) if name in LATENCIES else float(now / was)
+    return found

@@ -1,0 +1,316 @@
+"""`commission`: a kit from a description of an actuator and records of healthy units.
+
+Draft with the description and its tests; recorder measured; model corrected; fleet simulated
+around it; discrepancy; cascade trained and validated on other simulated units and, leaving one
+unit out, on the acceptance records. The kit gets its name only when all is done and good enough;
+the work of a run that was stopped is kept beside it and taken up.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ema_prognostics.cascade.find import Cascade
+from ema_prognostics.cascade.model_body import Body, DiscrepancyPart, View, ViewPart
+from ema_prognostics.cascade.model_file import model_of, save_model
+from ema_prognostics.commission.acceptance import (
+    Acceptance,
+    measured_recorder,
+    read_acceptance,
+)
+from ema_prognostics.commission.bound import linear_bound
+from ema_prognostics.commission.calibrate import (
+    Calibration,
+    calibrate,
+    conditions_of,
+    model_features,
+)
+from ema_prognostics.commission.discrepancy import fit_discrepancy, widened, with_discrepancy
+from ema_prognostics.commission.quality import (
+    check_described,
+    check_good,
+    fleet_spread,
+    largest,
+)
+from ema_prognostics.commission.report import write_report
+from ema_prognostics.training.evaluation import evaluate, outcome_of
+from ema_prognostics.training.fleet import FleetFeatures, simulate_fleet
+from ema_prognostics.training.rates import rate
+from ema_prognostics.training.train_model import VALIDATION_SEED, TrainingSettings
+from ema_prognostics.training.view_training import train_view
+from ema_record.actuator import FORMERLY, Actuator, load_actuator, with_values
+from ema_record.actuator_type import actuator_hashes
+from ema_record.errors import OutputError, UsageError
+from ema_record.files import exists
+from ema_record.kit import ACTUATOR, CASCADE, PROFILES, REPORT, VALIDATION, using_kit
+from ema_record.version import VERSION
+from ema_sim.effects import Effects
+from ema_sim.model_file import Model
+
+FULL = TrainingSettings(units=700, healthy=900, validation=150, validation_healthy=400)
+QUICK = TrainingSettings(units=120, healthy=200, validation=40, validation_healthy=100,
+                         hidden=12, iterations=120)
+SPREAD_UNITS = 24
+"""Healthy units from which the spread of the features is read before the model is corrected."""
+WIDEN = 2.0
+"""Most by which the guard's limits are widened so that they hold the acceptance records that
+were left out: beyond, it is not the recorder that is unlike the model."""
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Commissioning:
+    """A kit that was made, and what it is worth.
+
+    Attributes
+    ----------
+    kit : its folder.
+    validation : what `validation.json` holds.
+    """
+
+    kit: Path
+    validation: dict[str, Any]
+
+
+def commission(
+    paths: Sequence[str | Path], description: str | Path, out: str | Path, *, quick: bool = False,
+    seed: int = 1, jobs: int = -1, progress: Progress = lambda _what, _part: None,
+) -> Commissioning:
+    """Make a kit.
+
+    Parameters
+    ----------
+    paths : acceptance records: bags of healthy units.
+    description : `actuator.yaml` of the type, for example of `ema new-actuator`.
+    out : folder of the new kit.
+    quick : a small training, to try the way.
+    seed : of the training.
+    jobs : processes that simulate, -1 for all cores.
+    progress : called with what goes on and how much of the whole is done, 0 to 1.
+
+    Raises
+    ------
+    UsageError
+        The records cannot serve, the model does not describe them, or the kit would not be good
+        enough; nothing stands under the name `out` then.
+    OutputError
+        `out` exists or cannot be written.
+    """
+    target = Path(out)
+    if os.path.lexists(target):
+        raise exists(target)
+    draft = target.with_name(target.name + ".unfinished")
+    progress("reading the description", 0.0)
+    make_draft(Path(description), draft)
+    with using_kit(draft):
+        actuator = load_actuator()
+        acceptance = read_acceptance(paths, actuator)
+        found = _Work(acceptance, draft, quick=quick, seed=seed, jobs=jobs,
+                      progress=progress).run(actuator)
+    shutil.rmtree(draft / "work", ignore_errors=True)
+    try:
+        draft.rename(target)
+    except OSError as error:
+        raise OutputError(f"{target}: {error.strerror or error}: the kit is {draft}") from None
+    return Commissioning(kit=target, validation=found)
+
+
+def make_draft(description: Path, draft: Path) -> None:
+    """Make the folder of an unfinished kit: the description and its tests.
+
+    The tests are those beside the description, or made for the actuator.
+    """
+    from ema_record.profiles.text import write_profiles
+    from ema_record.spread import load_spread
+
+    if not description.is_file():
+        raise UsageError(f"{description}: no such file: 'ema new-actuator' writes one from a "
+                         "data sheet")
+    try:
+        draft.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(description, draft / ACTUATOR)
+    except OSError as error:
+        raise OutputError(f"{draft}: {error.strerror or error}: choose another folder") from None
+    with using_kit(draft):
+        actuator = load_actuator()
+        load_spread()
+        beside = description.parent / PROFILES
+        if beside.is_dir():
+            shutil.copytree(beside, draft / PROFILES, dirs_exist_ok=True)
+        elif not (draft / PROFILES).is_dir():
+            write_profiles(actuator, draft / PROFILES)
+
+
+class _Work:
+    """One commissioning at work."""
+
+    def __init__(self, acceptance: Acceptance, draft: Path, *, quick: bool, seed: int, jobs: int,
+                 progress: Progress) -> None:
+        self._acceptance, self._draft = acceptance, draft
+        self._size = QUICK if quick else FULL
+        self._quick, self._seed, self._jobs = quick, seed, jobs
+        self._progress = progress
+        self._folder = draft / "work"
+
+    def run(self, described: Actuator) -> dict[str, Any]:
+        """Return what `validation.json` holds; the files of the kit are written."""
+        kind = self._acceptance.kind
+        recorder = measured_recorder(described, self._acceptance.records)
+        self._write_actuator(recorder)
+        calibration = calibrate(
+            self._acceptance, recorder, self._spread_of(recorder), seed=self._seed,
+            jobs=self._jobs,
+            progress=lambda part: self._progress("correcting the model", 0.02 + 0.13 * part))
+        actuator = calibration.actuator
+        self._write_actuator(actuator)
+        actuator = load_actuator()  # the numbers as they are written
+        faults, healthy, held, held_healthy = self._fleets(actuator)
+        names, rows = self._acceptance.features(actuator)
+        model, spread = self._model(actuator, names, rows), fleet_spread(names, healthy)
+        check_described(names, rows, model, spread)
+        units = self._acceptance.units
+        discrepancy = fit_discrepancy(names, rows, units, model, spread)
+        self._progress("training", 0.70)
+        views = self._views(faults, healthy, discrepancy)
+        fleet, own = Cascade(views["fleet"]), Cascade(views["baseline"])
+        held, held_healthy = (with_discrepancy(f, discrepancy, self._seed + 1)
+                              for f in (held, held_healthy))
+        held_out: dict[str, Any] = {kind: {"fleet": evaluate(fleet, None, held, held_healthy),
+                           "baseline": evaluate(fleet, own, held, held_healthy)}}
+        accepted, widest = self._left_out(fleet, names, rows, model, spread)
+        if 1.0 < widest <= WIDEN:
+            factor = 1.05 * widest
+            views["fleet"] = widened(views["fleet"], factor)
+            accepted = ["healthy" if o == "unknown" else o for o in accepted]
+        else:
+            factor = 1.0
+        found = self._validation(calibration, held_out, accepted, discrepancy)
+        found["guard_widened"] = factor
+        found["bound"] = {"fleet": linear_bound(faults, healthy, own=False),
+                          "baseline": linear_bound(faults, healthy, own=True)}
+        check_good(found)
+        body = Body(
+            views={f"{kind}/{view}": part for view, part in views.items()}, paper=None,
+            discrepancy={kind: discrepancy},
+            training={"seed": self._seed, "quick": self._quick, "software_version": VERSION,
+                      "settings": asdict(self._size), "held_out": held_out},
+        )
+        self._progress("writing the kit", 0.98)
+        (self._draft / CASCADE).unlink(missing_ok=True)
+        model_file = model_of(body)
+        save_model(model_file, self._draft / CASCADE)
+        found["cascade_sha256"] = model_file.sha256
+        (self._draft / VALIDATION).write_text(json.dumps(found, indent=1), encoding="utf-8")
+        write_report(found, self._draft / REPORT)
+        return found
+
+    def _write_actuator(self, actuator: Actuator) -> None:
+        """Write the description with other values; the hashes of what it was are kept with it."""
+        file = self._draft / ACTUATOR
+        former = actuator_hashes()
+        text = with_values(file.read_text(encoding="utf-8"), actuator)
+        lines = [line for line in text.splitlines() if not line.startswith(f"{FORMERLY}:")]
+        lines.append(f"{FORMERLY}: {json.dumps(list(former))}  # of the records taken with it")
+        file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+    def _simulated(self, what: str, begin: float, end: float) -> Callable[[int, int], None]:
+        return lambda k, n: self._progress(f"{what}, {k} of {n} units",
+                                           begin + (end - begin) * k / n)
+
+    def _fleet(self, actuator: Actuator, what: str, units: int, seed: int, *, healthy: bool,
+               begin: float, end: float) -> FleetFeatures:
+        return simulate_fleet(
+            self._acceptance.kind, units, seed, healthy=healthy, jobs=self._jobs,
+            folder=self._folder, model=Model(actuator, Effects()),
+            progress=self._simulated(what, begin, end))
+
+    def _spread_of(self, actuator: Actuator) -> Callable[[list[str]], np.ndarray]:
+        def spread(names: list[str]) -> np.ndarray:
+            fleet = self._fleet(actuator, "spread of the type", SPREAD_UNITS, self._seed + 2,
+                                healthy=True, begin=0.0, end=0.02)
+            return fleet_spread(names, fleet)
+
+        return spread
+
+    def _fleets(self, actuator: Actuator) -> tuple[FleetFeatures, ...]:
+        size, other = self._size, self._seed + VALIDATION_SEED
+        return (
+            self._fleet(actuator, "fleet with faults", size.units, self._seed, healthy=False,
+                        begin=0.15, end=0.45),
+            self._fleet(actuator, "healthy fleet", size.healthy, self._seed, healthy=True,
+                        begin=0.45, end=0.58),
+            self._fleet(actuator, "fleet that validates", size.validation, other, healthy=False,
+                        begin=0.58, end=0.64),
+            self._fleet(actuator, "healthy fleet that validates", size.validation_healthy, other,
+                        healthy=True, begin=0.64, end=0.70),
+        )
+
+    def _model(self, actuator: Actuator, names: list[str], rows: np.ndarray) -> np.ndarray:
+        return model_features(
+            actuator, actuator, self._acceptance.records[0].profile, self._acceptance.kind, names,
+            conditions_of(names, rows.mean(axis=0)), range(100, 112)).mean(axis=0)
+
+    def _views(self, faults: FleetFeatures, healthy: FleetFeatures, discrepancy: DiscrepancyPart
+               ) -> dict[View, ViewPart]:
+        faults, healthy = (with_discrepancy(f, discrepancy, self._seed) for f in (faults, healthy))
+        parts: dict[View, ViewPart] = {}
+        names: tuple[View, ...] = ("fleet", "baseline")
+        for at, view in enumerate(names):
+            parts[view] = train_view(
+                faults, healthy, self._acceptance.kind, view, seed=self._seed,
+                hidden=self._size.hidden, iterations=self._size.iterations,
+                progress=lambda what, v=view, a=at: self._progress(  # type: ignore[misc]
+                    f"network {what}, {v}", 0.70 + 0.12 * a))
+        return parts
+
+    def _left_out(self, fleet: Cascade, names: list[str], rows: np.ndarray, model: np.ndarray,
+                  spread: np.ndarray) -> tuple[list[str], float]:
+        """Return the outcome of each record, and the largest score of the guard.
+
+        The discrepancy is that of the other units. Infinite: more than the guard says unknown.
+        """
+        from ema_prognostics.verdict.diagnose import corrected_row
+
+        units = self._acceptance.units
+        found, widest = [], 0.0
+        for row, unit in zip(rows, units):
+            others = units != unit
+            left = fit_discrepancy(names, rows[others], units[others], model, spread)
+            x = corrected_row(dict(zip(names, row)), fleet.view.names, left)
+            detection = fleet.find(x)[0]
+            found.append(outcome_of(detection))
+            if not detection.outputs and not detection.doubtful and detection.guard.size:
+                widest = max(widest, float(detection.guard.max()))
+            elif found[-1] == "unknown":
+                widest = np.inf
+        return found, widest
+
+    def _validation(
+        self, calibration: Calibration, held_out: dict[str, Any], accepted: list[str],
+        discrepancy: DiscrepancyPart,
+    ) -> dict[str, Any]:
+        records = [
+            {"bag": Path(r.provenance.source).name, "serial_number": r.provenance.serial_number,
+             "left_out": outcome}
+            for r, outcome in zip(self._acceptance.records, accepted)]
+        return {
+            "software_version": VERSION, "quick": self._quick, "seed": self._seed,
+            "profile": self._acceptance.kind, "settings": asdict(self._size),
+            "units": list(self._acceptance.serials), "records": records,
+            "healthy_left_out_unknown": rate([o == "unknown" for o in accepted])._asdict(),
+            "parameters": calibration.changes, "left_open": calibration.open,
+            "largest_before": largest(calibration.names, calibration.before),
+            "largest_after": largest(calibration.names, calibration.after),
+            "discrepancy": dict(zip(discrepancy.names, discrepancy.mean)),
+            "held_out": held_out,
+            "actuator": {name: part._asdict()
+                         for name, part in calibration.actuator._asdict().items()},
+        }

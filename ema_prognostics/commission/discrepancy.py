@@ -1,0 +1,77 @@
+"""What healthy machines leave over their best model, feature by feature: the discrepancy.
+
+Its mean over units is measured with an error, the spread between units over the root of their
+number; what is not larger than that error is no discrepancy. So each mean is shrunk by
+1 − error² / mean², not below 0 (the positive part of James and Stein 1961), and its error is
+added to the spread of the fleet, one draw a unit: it is the same in all records of a unit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ema_prognostics.cascade.model_body import DiscrepancyPart, LimitPart, ViewPart, rounded
+from ema_prognostics.training.fleet import FleetFeatures
+
+NOT_SHIFTED = ("temperature", "bus_voltage", "load_", "gap_load", "start_position",
+               "offset_largest", "gain_largest", "sum_mean")
+"""Beginnings of features that are conditions of the test or errors of the sensors: those of the
+acceptance records say nothing about those of the next test."""
+
+
+def fit_discrepancy(
+    names: list[str], rows: np.ndarray, units: np.ndarray, model: np.ndarray, spread: np.ndarray
+) -> DiscrepancyPart:
+    """Return the discrepancy of acceptance records.
+
+    Parameters
+    ----------
+    names : of the features, (d,).
+    rows : ndarray, shape (n, d). Features of the records.
+    units : ndarray, shape (n,). Unit of each.
+    model, spread : ndarray, shape (d,). Features of the corrected model; their standard
+        deviation over healthy tests of the type as it is trained.
+    """
+    means = np.array([rows[units == unit].mean(axis=0) for unit in np.unique(units)])
+    n = len(means)
+    left = means.mean(axis=0) - model
+    own = means.std(axis=0, ddof=1)
+    error = np.maximum(own, spread) / np.sqrt(n)
+    share = np.clip(1.0 - error**2 / np.maximum(left**2, 1e-30), 0.0, 1.0)
+    still = np.array([n.startswith(NOT_SHIFTED) for n in names])
+    share[still] = 0.0
+    # Units that differ more than the trained fleet: the rest of their variance is added too.
+    more = np.maximum(own**2 - spread**2, 0.0)
+    wide = np.sqrt(share * error**2 + more)
+    wide[still] = 0.0
+    return DiscrepancyPart(names=list(names), mean=rounded(share * left), spread=rounded(wide))
+
+
+def with_discrepancy(
+    fleet: FleetFeatures, discrepancy: DiscrepancyPart, seed: int
+) -> FleetFeatures:
+    """Return a fleet whose units differ by the spread of the discrepancy too."""
+    place = {name: k for k, name in enumerate(discrepancy.names)}
+    spread = np.array([discrepancy.spread[place[n]] if n in place else 0.0 for n in fleet.names])
+    numbers, inverse = np.unique(fleet.unit, return_inverse=True)
+    rng = np.random.default_rng([seed, 7])
+    added = (rng.standard_normal((len(numbers), len(spread))) * spread)[inverse]
+    return replace(fleet, baseline=fleet.baseline + added, record=fleet.record + added)
+
+
+def widened(view: ViewPart, factor: float) -> ViewPart:
+    """Return a view whose guard turns away only what is `factor` times as far off."""
+    assert view.guard is not None
+
+    def wide(part: LimitPart) -> LimitPart:
+        return part.model_copy(update={
+            "limit": rounded(factor * np.array(part.limit)), "distance": factor * part.distance,
+            "tail": part.tail,
+            "groups": {name: g.model_copy(update={"distance": factor * g.distance})
+                       for name, g in part.groups.items()},
+        })
+
+    limits = {name: wide(part) for name, part in view.guard.limits.items()}
+    return view.model_copy(update={"guard": view.guard.model_copy(update={"limits": limits})})

@@ -1,0 +1,83 @@
+"""Whether a kit is good enough: its model describes the records, its cascade knows them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ema_prognostics.commission.discrepancy import NOT_SHIFTED
+from ema_prognostics.training.fleet import FleetFeatures
+from ema_prognostics.words import feature_words
+from ema_record.errors import UsageError
+
+MOST_FALSE_ALARMS, MOST_UNKNOWN = 0.01, 0.05
+"""Of the kit's own fleet, and of the acceptance records left out: above, no kit is made."""
+WORST, MOST_BEYOND = 8.0, 3
+"""Healthy deviations that a feature of the corrected model may be off in the mean of the records,
+and how many features may be more: beyond, the model does not describe the actuator."""
+
+
+def check_described(
+    names: Sequence[str], rows: np.ndarray, model: np.ndarray, spread: np.ndarray
+) -> None:
+    """Raise UsageError where the corrected model does not give the records.
+
+    Parameters
+    ----------
+    names : of the features, (d,).
+    rows : ndarray, shape (n, d). Of the records.
+    model, spread : ndarray, shape (d,). Of the corrected model and of healthy tests.
+    """
+    off = np.abs(rows.mean(axis=0) - model) / spread
+    off[[n.startswith(NOT_SHIFTED) for n in names]] = 0.0
+    if np.count_nonzero(off > WORST) > MOST_BEYOND:
+        worst = [f"{feature_words(names[k])} by {off[k]:.0f}" for k in np.argsort(-off)[:3]]
+        raise UsageError(
+            f"the description does not give these records: {', '.join(worst)} healthy "
+            f"deviations, at most {WORST:g}: check drive, gear, pole pairs, inertia and the "
+            "control gains of the description")
+
+
+def fleet_spread(names: list[str], fleet: FleetFeatures) -> np.ndarray:
+    """Return the standard deviation of features over healthy tests, shape (d,), never 0."""
+    place = {name: k for k, name in enumerate(fleet.names)}
+    missing = [n for n in names if n not in place]
+    if missing:
+        raise UsageError(f"the records hold {missing[0]!r}, the model does not: does the "
+                         "description say which channels are recorded?")
+    rows = np.vstack([fleet.baseline, fleet.record])[:, [place[n] for n in names]]
+    low, high = np.quantile(rows, [0.16, 0.84], axis=0)
+    return np.asarray(np.maximum.reduce([
+        0.5 * (high - low), 0.5 * rows.std(axis=0), 1e-3 + 1e-3 * np.abs(rows).mean(axis=0)]))
+
+
+def largest(names: Sequence[str], z: np.ndarray) -> list[dict[str, Any]]:
+    """Return the ten features that are off the most, in healthy deviations, largest first."""
+    order = np.argsort(-np.abs(z))
+    return [{"feature": names[k], "deviations": float(z[k])} for k in order[:10]]
+
+
+def check_good(found: dict[str, Any]) -> None:
+    """Raise UsageError unless the kit is good enough to be used."""
+    wrong = [r for r in found["records"] if r["left_out"] not in ("healthy", "unknown")]
+    if wrong:
+        raise UsageError(
+            f"{wrong[0]['bag']} (unit {wrong[0]['serial_number']}) is judged as "
+            f"{wrong[0]['left_out'].replace('_', ' ')} beside the other units: leave out that "
+            "unit, acceptance records must be of healthy ones")
+    unknown = found["healthy_left_out_unknown"]
+    if unknown["hits"] > MOST_UNKNOWN * unknown["total"]:
+        odd = next(r for r in found["records"] if r["left_out"] == "unknown")
+        raise UsageError(
+            f"{unknown['hits']} of {unknown['total']} acceptance records left out are unknown to "
+            f"a kit made of the others, at most {100 * MOST_UNKNOWN:g} % may be ({odd['bag']} for "
+            "one): give records of more units, or wider tolerances")
+    for views in found["held_out"].values():
+        alarms = views["fleet"]["false alarms"]
+        if alarms["count"] > MOST_FALSE_ALARMS * alarms["total"]:
+            raise UsageError(
+                f"{alarms['count']} of {alarms['total']} healthy tests of the kit's own fleet are "
+                f"false alarms, at most {100 * MOST_FALSE_ALARMS:g} %: train without --quick, or "
+                "give tighter tolerances")

@@ -1,0 +1,141 @@
+"""Channels that a recorder does not have, from those that it has.
+
+Time, motor speed and two phase currents are always there. The third current follows from the
+star point, the position from the speed through the gear, the angle from speed and currents, the
+references from the currents themselves.
+
+The angle: the current vector i = ⅔ Σ i_k exp(j k 120°) of a machine that is driven along its
+torque axis is −j I exp(jθ) on the mean over a commutation, I of either sign. Its square knows no
+sign: the speed, integrated, with the start angle and the offset of the speed that turn i² to one
+side, is θ up to half a turn. Which half: the torque must accelerate the rotor, and no friction
+drives.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ema_record.actuator import FOC, Actuator
+from ema_record.channels import (
+    MOTOR_SPEED,
+    N_CHANNELS,
+    PHASE_CURRENTS,
+    REFERENCE_CURRENTS,
+    ROTOR_ANGLE,
+    SURFACE_POSITION,
+    TIME,
+)
+from ema_record.errors import InvalidRecordError
+from ema_record.record import Record
+from ema_sim.plant.electrical import FIRST_EDGE, SECTOR, THIRD, TURN, reference_signs
+
+_SIGNS = np.array([reference_signs.py_func(sector) for sector in range(6)])
+TRIES = 41
+"""Speed offsets tried each round; three rounds, each a fifth as wide."""
+ROUNDS = 4
+
+
+def present(record: Record) -> np.ndarray:
+    """Return which channels were recorded, bool, shape (10,)."""
+    if not len(record):
+        return np.ones(N_CHANNELS, dtype=bool)
+    return ~np.isnan(record.samples).all(axis=0)
+
+
+def completed(record: Record, actuator: Actuator) -> np.ndarray:
+    """Return the samples of `record` with all channels, shape (n, 10).
+
+    Parameters
+    ----------
+    record : channels that were not recorded are NaN throughout.
+    actuator : what was tested.
+
+    Raises
+    ------
+    InvalidRecordError
+        A channel is missing from which nothing else can be told.
+    """
+    there = present(record)
+    if there.all():
+        return record.samples
+    out = record.samples.copy()
+    currents = range(PHASE_CURRENTS.start, PHASE_CURRENTS.stop)
+    lost = [k for k in currents if not there[k]]
+    if not there[TIME] or not there[MOTOR_SPEED] or len(lost) > 1:
+        raise InvalidRecordError(
+            "time, motor speed and two phase currents are needed: record them")
+    if lost:
+        others = [k for k in currents if k not in lost]
+        off = record.time < record.profile.inverter_off - 1e-3
+        offset = out[off][:, others].mean(axis=0) if np.count_nonzero(off) > 8 else np.zeros(2)
+        out[:, lost[0]] = -(out[:, others] - offset).sum(axis=1)
+    if not there[ROTOR_ANGLE]:
+        out[:, ROTOR_ANGLE] = _angle(out, actuator)
+    if not there[SURFACE_POSITION]:
+        turned = _integral(out[:, TIME], out[:, MOTOR_SPEED])
+        out[:, SURFACE_POSITION] = record.profile.start + turned / actuator.gear.ratio
+    if not there[REFERENCE_CURRENTS].all():
+        out[:, REFERENCE_CURRENTS] = _references(out, actuator)
+    return out
+
+
+def torque_signs(theta: np.ndarray, actuator: Actuator) -> np.ndarray:
+    """Return the reference currents of a unit of torque current at angles, shape (n, 3)."""
+    if actuator.drive.kind == FOC:
+        return np.sin(theta[:, None] - THIRD * np.arange(3))
+    place = np.floor((theta - FIRST_EDGE) / SECTOR).astype(int) % 6
+    return np.asarray(_SIGNS[place])
+
+
+def torque_command(references: np.ndarray, theta: np.ndarray, actuator: Actuator) -> np.ndarray:
+    """Return the torque current, shape (n,) (A), that reference currents, shape (n, 3), ask for.
+
+    Six-step: two phases carry it; sinusoidal: its amplitude.
+    """
+    share = 2.0 / 3.0 if actuator.drive.kind == FOC else 0.5
+    return share * (torque_signs(theta, actuator) * references).sum(axis=1)
+
+
+def _integral(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """Return the integral of `rate` over `time`, zero at the first sample."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
+
+
+def _angle(samples: np.ndarray, actuator: Actuator) -> np.ndarray:
+    """Return the electrical angle in [0, 2π), shape (n,) (rad), of speed and currents."""
+    time, speed = samples[:, TIME], samples[:, MOTOR_SPEED]
+    pairs = actuator.motor.pole_pairs
+    turned = pairs * _integral(time, speed)
+    vector = samples[:, PHASE_CURRENTS] @ np.exp(1j * THIRD * np.arange(3)) * (2.0 / 3.0)
+    square = vector**2 * np.exp(-2j * turned)
+    if np.abs(vector).max() <= 0.0:
+        raise InvalidRecordError("no current flows: the rotor angle cannot be told from it")
+    # Offset of the speed sensor: half a quantum of its converter and a noise that is white.
+    reach = pairs * max(actuator.converters.speed_range / 2.0**actuator.converters.speed_bits,
+                        1e-3 * actuator.control.speed_limit)
+    middle = time - time.mean()
+    best = 0.0
+    for _ in range(ROUNDS):
+        tried = best + np.linspace(-reach, reach, TRIES)
+        size = [abs(np.mean(square * np.exp(-2j * w * middle))) for w in tried]
+        best, reach = float(tried[int(np.argmax(size))]), reach / 5.0
+    mean = np.mean(square * np.exp(-2j * best * middle))
+    theta = turned + best * middle + 0.5 * np.angle(-mean)
+    torque = (vector * 1j * np.exp(-1j * theta)).real
+    n = max(2, round(1e-3 / max(float(np.median(np.diff(time))), 1e-9)))
+    kernel = np.ones(n) / n
+    smooth = np.convolve(torque, kernel, mode="valid")
+    pace = np.convolve(speed, kernel, mode="valid")
+    gain = np.gradient(pace)
+    motor = actuator.motor
+    needed = (motor.inertia * gain / max(float(np.median(np.diff(time))), 1e-9)
+              + actuator.friction_torque * np.sign(pace)
+              * (np.abs(pace) > 0.01 * actuator.control.speed_limit))
+    return np.mod(theta if smooth @ needed >= 0.0 else theta + np.pi, TURN)
+
+
+def _references(samples: np.ndarray, actuator: Actuator) -> np.ndarray:
+    """Return reference currents, shape (n, 3) (A): the torque current that flows, commutated."""
+    theta = samples[:, ROTOR_ANGLE]
+    wanted = torque_command(samples[:, PHASE_CURRENTS], theta, actuator)
+    return torque_signs(theta, actuator) * wanted[:, None]

@@ -1,0 +1,139 @@
+"""Rules on two phase currents by themselves: over a whole electrical turn their mean is zero.
+
+So an offset shows without the third current, whose sum with them would tell it. At low speed,
+where the drive has voltage to spare, both have one size as well: that compares their gains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ema_record.channels import CHANNELS, MOTOR_SPEED, ROTOR_ANGLE, TIME
+from ema_record.checks.facts import REST_OFFSET, SLOW, BagFacts, Hit, Rule
+
+TURN = 2.0 * np.pi
+MEDIAN = 9
+"""Steady turns on end whose median is taken."""
+STEADY = (0.05, 0.25)
+"""Relative changes of speed and of current to the turns beside it below which a turn is steady."""
+KEPT = (0.1, 0.5)
+"""What a sensor does it keeps doing: but for that share of the turns after it, so much of the
+bound."""
+LEAST_SAMPLES = 16
+"""In a turn that counts."""
+GAIN = (0.08, 8.0)
+"""Relative difference of the two gains: at least, and times a good sensor's error."""
+DRIVEN = 0.03
+"""Mean size of a current from which gains are compared (of the limit)."""
+
+
+class WholeTurns(NamedTuple):
+    """Means of the two currents over electrical turns at steady speed, by angle; n of them.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,) (s). Of the end of each turn.
+    speed : ndarray, shape (n,) (rad/s). Mean size of the motor's.
+    mean, size : ndarrays, shape (n, 2) (A). Of the currents, and of their magnitudes.
+    """
+
+    time: np.ndarray
+    speed: np.ndarray
+    mean: np.ndarray
+    size: np.ndarray
+
+
+def whole_turns(facts: BagFacts) -> WholeTurns | None:
+    """Return the steady turns that were gone through in one direction, None: too few."""
+    s, columns = facts.samples, facts.currents
+    if len(s) < 2 or len(columns) != 2:
+        return None
+    if facts.has(ROTOR_ANGLE):
+        path = np.unwrap(s[:, ROTOR_ANGLE])
+    else:
+        path = np.cumsum(s[:, MOTOR_SPEED]) * facts.interval * facts.actuator.motor.pole_pairs
+    number = np.floor(path / TURN)
+    edges = np.flatnonzero(np.diff(number)) + 1
+    sense = number[edges] - number[edges - 1]
+    step = np.abs(np.gradient(path))
+    found = []
+    for k in range(len(edges) - 1):
+        rows = slice(int(edges[k]), int(edges[k + 1]))
+        if sense[k] != sense[k + 1] or rows.stop - rows.start < LEAST_SAMPLES:
+            continue
+        weight = step[rows] / step[rows].sum()
+        currents = s[rows][:, columns]
+        found.append((s[rows.stop - 1, TIME], np.abs(s[rows, MOTOR_SPEED]).mean(),
+                      *(weight @ currents), *(weight @ np.abs(currents))))
+    if len(found) < MEDIAN + 2:
+        return None
+    turns = np.array(found)
+    unsteady = np.zeros(len(turns) - 2)
+    for values, bound in ((turns[:, 1], STEADY[0]), (turns[:, 4:6].sum(axis=1), STEADY[1])):
+        middle = values[1:-1]
+        for beside in (values[:-2], values[2:]):
+            unsteady = np.maximum(unsteady, np.abs(beside - middle) / (bound * middle))
+    turns = turns[1:-1][unsteady < 1.0]
+    if len(turns) < MEDIAN:
+        return None
+    return WholeTurns(turns[:, 0], turns[:, 1], turns[:, 2:4], turns[:, 4:6])
+
+
+def _medians(values: np.ndarray) -> np.ndarray:
+    """Return medians over `MEDIAN` turns on end, shape (n, ...) -> (n - MEDIAN + 1, ...)."""
+    windows = np.lib.stride_tricks.sliding_window_view(values, MEDIAN, axis=0)
+    return np.asarray(np.median(windows, axis=-1))
+
+
+def offsets(facts: BagFacts) -> Iterator[Hit]:
+    """Find a current of two that has a mean over turns, and keeps it from there on.
+
+    A motor that sticks and slips has one too, of either sign.
+    """
+    found = facts.derived(whole_turns)
+    if found is None:
+        return
+    bound = facts.offset_bound(REST_OFFSET)
+    for column, means in zip(facts.currents, _medians(found.mean).T):
+        first = _first_kept(means, bound)
+        if first is not None:
+            name, mean = CHANNELS[column].name, float(means[first])
+            yield Hit(f"{name} has a mean of {mean:+.2f} A over whole electrical turns, not zero",
+                      float(found.time[first]), mean, "A", name)
+            return
+
+
+def _first_kept(values: np.ndarray, bound: float) -> int | None:
+    """Return from where on values, shape (n,), are beyond `bound` and stay so; None: nowhere."""
+    first = int(np.argmax(np.abs(values) > bound))
+    sign = np.sign(values[first])
+    kept = np.quantile(sign * values[first:], KEPT[0]) > KEPT[1] * bound
+    return first if abs(values[first]) > bound and kept else None
+
+
+def gains(facts: BagFacts) -> Iterator[Hit]:
+    """Find currents of two sizes at low speed."""
+    found = facts.derived(whole_turns)
+    if found is None:
+        return
+    least = DRIVEN * facts.actuator.inverter.current_limit
+    slow = SLOW * facts.actuator.control.speed_limit
+    use = (found.speed < slow) & (found.size.min(axis=1) > least)
+    if use.sum() < MEDIAN:
+        return
+    ratio = _medians(found.size[use, 0] / found.size[use, 1]) - 1.0
+    first = _first_kept(ratio, max(GAIN[0], GAIN[1] * facts.conditions.current_gain))
+    if first is not None:
+        names = [CHANNELS[column].name for column in facts.currents]
+        yield Hit(f"{names[0]} is {1.0 + ratio[first]:.3f} times {names[1]} at low speed",
+                  float(found.time[use][first]), float(ratio[first]), "", "phase_current")
+
+
+_CALIBRATE = "calibrate or replace the transducer, then record the test again"
+RULES = (
+    Rule(name="sensor_scale", find=gains, remedy=_CALIBRATE),
+    Rule(name="sensor_offset", find=offsets, remedy=_CALIBRATE),
+)

@@ -1,0 +1,1 @@
+"""From a motor's data sheet to the description of an actuator, with the origin of each value."""

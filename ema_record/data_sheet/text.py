@@ -1,0 +1,88 @@
+"""The file `actuator.yaml` of a description: every parameter, its unit, and where it is from."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any, get_type_hints
+
+from ema_record.data_sheet.derive import Description, bounds_of
+from ema_record.data_sheet.sheet import DataSheet
+from ema_record.spread import Conditions, UnitTolerances
+
+TOLERANCES = {
+    "resistance": 0.10, "inductance": 0.10, "back_emf": 0.03, "back_emf_phase": 0.005,
+    "flat_top": 0.0873, "motor_friction": 0.10, "surface_friction": 0.10, "static_ratio": 0.20,
+    "viscous_factor": 2.0, "inertia": 0.10, "stiffness": 0.20, "damping": 0.30,
+    "control_gain": 0.10, "hysteresis": 0.10, "latency": 2.0,
+}
+"""As units of one type differ that no one has measured yet (docs/kit.md)."""
+LOAD_SHARE, OFFSET_SHARE = 0.3, 1.0 / 440.0
+"""Of the surface's dry friction; of the current limit."""
+
+
+def conditions(description: Description) -> dict[str, float]:
+    """Return the conditions of a test, in proportion to the actuator."""
+    actuator = description.actuator
+    return {
+        "temperature_least": -40.0, "temperature_most": 70.0, "bus": 0.10,
+        "load": float(f"{LOAD_SHARE * actuator.surface.dynamic_friction:.3g}"),
+        "noise_least": 0.25, "noise_most": 2.0, "current_gain": 0.01,
+        "current_offset": float(f"{OFFSET_SHARE * actuator.inverter.current_limit:.3g}"),
+    }
+
+
+def actuator_yaml(description: Description, sheet: DataSheet) -> str:
+    """Return the text of `actuator.yaml`."""
+    kinds = [entry.origin for part in description.entries.values() for entry in part.values()]
+    lines = [
+        *(f"# {line}" for line in _head(sheet)),
+        "# SI; meaning and bounds of each parameter: ema_record/actuator.py. Beside each stands "
+        "its unit and whether",
+        f"# it was given ({kinds.count('given')}), derived ({kinds.count('derived')}) or assumed "
+        f"({kinds.count('assumed')}). Correct what you know better; 'ema commission' corrects "
+        "the rest",
+        "# from acceptance records. After a change of stroke, gear or speed: 'ema profile "
+        "--design'.",
+    ]
+    for section, part in description.entries.items():
+        lines.append(f"{section}:")
+        for name in getattr(description.actuator, section)._fields:
+            entry = part[name]
+            unit = bounds_of(section, name)[2]
+            comment = f"{entry.origin}: {entry.how}"
+            lines.append(_line(name, entry.value, comment if unit == "1" else
+                               f"{unit}; {comment}"))
+    lines.append("tolerances:  # of units of one type, + and -, relative where no unit stands")
+    lines += [_line(name, value, f"assumed: {_meaning(UnitTolerances, name)}")
+              for name, value in TOLERANCES.items()]
+    lines.append("conditions:  # of a test")
+    lines += [_line(name, value, f"assumed: {_meaning(Conditions, name)}")
+              for name, value in conditions(description).items()]
+    return "\n".join(lines) + "\n"
+
+
+def _head(sheet: DataSheet) -> list[str]:
+    given = " ".join(f"--{name} {value.text.replace(' ', '')}"
+                     for name, value in sheet.given.items())
+    return [f"{' '.join((sheet.name or 'An actuator').split())}, from its data sheet:",
+            *textwrap.wrap(given, 96, break_on_hyphens=False, break_long_words=False)]
+
+
+def _meaning(part: Any, name: str) -> str:
+    """Return meaning and unit of a tolerance or condition."""
+    field = get_type_hints(part, include_extras=True)[name].__metadata__[-1]
+    unit = (field.json_schema_extra or {}).get("unit", "1")
+    return field.description + ("" if unit == "1" else f" ({unit})")
+
+
+def _line(name: str, value: Any, comment: str) -> str:
+    """Return a parameter's line; a number is read back as it was."""
+    if isinstance(value, bool):
+        text = str(value).lower()
+    elif isinstance(value, float):
+        text = repr(value)
+        if "e" in text and "." not in text.split("e")[0]:
+            text = text.replace("e", ".0e")  # YAML takes 1e-05 for a word
+    else:
+        text = str(value)
+    return f"  {name + ': ' + text:35} # {comment}"

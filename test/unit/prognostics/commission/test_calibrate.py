@@ -1,0 +1,152 @@
+"""Calibration, discrepancy, acceptance records: closed forms and refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ema_prognostics.cascade.model_body import DiscrepancyPart
+from ema_prognostics.commission.acceptance import (
+    measured_recorder,
+    read_acceptance,
+)
+from ema_prognostics.commission.calibrate import changed, linear_bayes, parameters_of
+from ema_prognostics.commission.discrepancy import fit_discrepancy, with_discrepancy
+from ema_prognostics.commission.quality import check_described, check_good
+from ema_prognostics.training.fleet import FleetFeatures
+from ema_record.actuator import load_actuator
+from ema_record.bag.read import write_bag
+from ema_record.errors import UsageError
+from ema_record.profile import load_profile, step_profile
+from ema_record.record import Record
+from support.simulations import record_of
+
+ACTUATOR = load_actuator()
+
+
+def test_parameters_of_a_linear_machine_come_out_among_features_that_say_nothing() -> None:
+    rng = np.random.default_rng(1)
+    parameters = rng.standard_normal((200, 3)) * [0.4, 0.7, 1.0]
+    slopes = np.array([[1.0, 0.3, 0.0], [0.0, 1.0, 0.0], [0.2, 0.0, 0.0]])
+    noise = rng.standard_normal((200, 100))
+    features = np.hstack([parameters @ slopes.T + 0.01 * rng.standard_normal((200, 3)), noise])
+    truth = np.array([0.3, -0.5, 0.8])
+    measured = np.concatenate([slopes @ truth, rng.standard_normal(100)])
+    found, left = linear_bayes(parameters, features, measured)
+    assert found[:2] == pytest.approx(truth[:2], abs=0.06)
+    assert max(left[:2]) < 0.08
+    # Nothing shows the third: the estimate stays at the prior, and says so.
+    assert abs(found[2]) < 0.5
+    assert left[2] == pytest.approx(1.0, abs=0.2)
+
+
+def test_static_friction_moves_with_the_dynamic_one_and_never_falls_below() -> None:
+    more = changed(ACTUATOR, "motor.dynamic_friction", 0.5)
+    ratio = ACTUATOR.motor.static_friction / ACTUATOR.motor.dynamic_friction
+    assert more.motor.static_friction / more.motor.dynamic_friction == pytest.approx(ratio)
+    least = changed(ACTUATOR, "motor.static_friction", -5.0)
+    assert least.motor.static_friction == least.motor.dynamic_friction
+    assert changed(ACTUATOR, "acquisition.reference_latency", -1.0).acquisition == (
+        ACTUATOR.acquisition)
+
+
+def test_only_a_relay_shows_its_band() -> None:
+    foc = ACTUATOR._replace(drive=ACTUATOR.drive._replace(kind=2))
+    assert "inverter.hysteresis" in parameters_of(ACTUATOR)
+    assert not {"inverter.hysteresis", "motor.phase_inductance"} & set(parameters_of(foc))
+
+
+def rows_of(offset: float, units: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return features of two records a unit, alternating about `offset`, and their units."""
+    own = np.resize([-0.5, 0.5], units)
+    return np.repeat(offset + own, 2)[:, None], np.repeat(np.arange(units), 2)
+
+
+def test_what_is_no_larger_than_its_error_is_no_discrepancy() -> None:
+    zero, one = np.zeros(1), np.ones(1)
+    rows, units = rows_of(0.2, 4)
+    assert fit_discrepancy(["torque_full"], rows, units, zero, one).mean == [0.0]
+    rows, units = rows_of(5.0, 4)
+    found = fit_discrepancy(["torque_full"], rows, units, zero, one)
+    share = 1.0 - 0.25 / 25.0  # error: the spread over the root of four units
+    assert found.mean == pytest.approx([5.0 * share])
+    assert found.spread == pytest.approx([np.sqrt(share * 0.25)])
+    condition = fit_discrepancy(["load_quarter"], rows, units, zero, one)
+    assert (condition.mean, condition.spread) == ([0.0], [0.0])
+
+
+def test_the_discrepancy_of_a_unit_is_that_of_all_its_records() -> None:
+    n = 6
+    fleet = FleetFeatures(
+        names=("a", "b"), baseline=np.zeros((n, 2)), record=np.ones((n, 2)),
+        severity=np.zeros((n, 8)), unit=np.repeat([0, 1, 2], 2), friction=np.zeros((n, 2)))
+    found = with_discrepancy(
+        fleet, DiscrepancyPart(names=["b"], mean=[3.0], spread=[2.0]), seed=1)
+    assert found.record[:, 0].tolist() == [1.0] * n
+    added = found.record[:, 1] - 1.0
+    assert added == pytest.approx(found.baseline[:, 1])
+    assert added[0::2] == pytest.approx(added[1::2])
+    assert len(set(added)) == 3
+
+
+def saved(folder: Path, name: str, record: Record, serial: str, **changes: object) -> Path:
+    """Write a record of a unit as a bag."""
+    provenance = replace(record.provenance, serial_number=serial, **changes)  # type: ignore[arg-type]
+    return write_bag(replace(record, provenance=provenance), folder / name)
+
+
+def test_acceptance_records_that_cannot_serve_are_named(tmp_path: Path) -> None:
+    step = record_of("step", seed=3)
+    one = saved(tmp_path, "one", step, "A")
+    with pytest.raises(UsageError, match=r"^1 acceptance records, 4 to 1000"):
+        read_acceptance([one], ACTUATOR)
+    with pytest.raises(UsageError, match="all records are of unit A, at least 2"):
+        read_acceptance([one] * 4, ACTUATOR)
+    other = saved(tmp_path, "other", step, "B", actuator="f" * 16)
+    own = saved(tmp_path, "own", step, "A", actuator="e" * 16)
+    with pytest.raises(UsageError, match="other"):
+        read_acceptance([own, own, own, other], ACTUATOR)
+    with pytest.raises(UsageError, match=r"gone: "):
+        read_acceptance([one, one, one, tmp_path / "gone"], ACTUATOR)
+    short = replace(step, profile=step_profile(0.1))
+    with pytest.raises(UsageError, match="short"):
+        read_acceptance([one, one, one, saved(tmp_path, "short", short, "B")], ACTUATOR)
+
+
+def test_the_recorder_is_measured_and_not_assumed() -> None:
+    assert load_profile("step").inverter_off == pytest.approx(0.02)
+    found = measured_recorder(ACTUATOR, [record_of("step", seed=3)])
+    assert found.noise.current == pytest.approx(ACTUATOR.noise.current, rel=0.15)
+    assert found.noise.speed == pytest.approx(ACTUATOR.noise.speed, rel=0.15)
+    assert found.acquisition.converters == 1
+    fine = record_of("step", seed=3)
+    rng = np.random.default_rng(0)
+    fine = replace(fine, samples=fine.samples + 1e-6 * rng.standard_normal(fine.samples.shape))
+    assert measured_recorder(ACTUATOR, [fine]).acquisition.converters == 0
+
+
+def test_a_model_that_does_not_give_the_records_is_refused() -> None:
+    names = ["torque_full", "torque_quarter", "inertia", "shaft_slope", "rise_time"]
+    rows, spread = np.full((4, 5), 20.0), np.ones(5)
+    with pytest.raises(UsageError, match="the description does not give these records"):
+        check_described(names, rows, np.zeros(5), spread)
+    check_described(names, rows, np.full(5, 19.0), spread)
+
+
+def test_a_faulty_unit_among_the_healthy_is_named() -> None:
+    good = {"bag": "a", "serial_number": "1", "left_out": "healthy"}
+    bad = {"bag": "b", "serial_number": "2", "left_out": "turn_short"}
+    rates = {"extended": {"fleet": {"false alarms": {"count": 0, "total": 100}}}}
+    none = {"hits": 0, "total": 2}
+    check_good({"records": [good, good], "healthy_left_out_unknown": none, "held_out": rates})
+    with pytest.raises(UsageError, match=r"b \(unit 2\) is judged as turn short"):
+        check_good({"records": [good, bad], "healthy_left_out_unknown": none, "held_out": rates})
+    with pytest.raises(UsageError, match="1 of 2 acceptance records left out are unknown"):
+        check_good({"records": [good, {**good, "left_out": "unknown"}],
+                    "healthy_left_out_unknown": {"hits": 1, "total": 2}, "held_out": rates})
+    rates["extended"]["fleet"]["false alarms"]["count"] = 2
+    with pytest.raises(UsageError, match="2 of 100 healthy tests"):
+        check_good({"records": [good], "healthy_left_out_unknown": none, "held_out": rates})

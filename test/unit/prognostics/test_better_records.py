@@ -1,0 +1,82 @@
+"""The shipped cascade: a record better than its recorder is declared is not suspicious for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_prognostics.verdict.diagnose import diagnose
+from ema_record.actuator import INSTANT, Actuator, load_actuator
+from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
+from ema_record.profile import load_profile
+from ema_record.record import Record
+from ema_sim.effects import parse_effects
+from ema_sim.simulate import simulate
+
+NOMINAL = load_actuator()
+
+
+def recorded(bits: int | None = None, **acquisition: float) -> Actuator:
+    converters = NOMINAL.converters
+    if bits is not None:
+        converters = converters._replace(**{
+            n: bits for n in converters._fields if n.endswith("_bits")})
+    return NOMINAL._replace(converters=converters,
+                            acquisition=NOMINAL.acquisition._replace(**acquisition))
+
+
+RECORDERS = {
+    "as declared": (recorded(), 1.0),
+    "a quarter of the noise": (recorded(), 0.25),
+    "no noise": (recorded(), 0.0),
+    "not rounded": (recorded(converters=0), 1.0),
+    "neither noise nor rounding": (recorded(converters=0), 0.0),
+    "12 bits": (recorded(bits=12), 1.0),
+    "instants": (recorded(sampling=INSTANT), 1.0),
+    "late references": (recorded(reference_latency=1.9), 1.0),
+    "late commands": (recorded(command_latency=1.9), 1.0),
+}
+
+
+@pytest.mark.parametrize("what", [
+    pytest.param(name, marks=pytest.mark.xfail(
+        name == "no noise", reason="rounded, but without any noise: at the bound of the "
+        "controller's delay, which is read off the noise"))
+    for name in RECORDERS])
+def test_healthy_whatever_the_recorder(what: str) -> None:
+    actuator, noise = RECORDERS[what]
+    record = simulate(load_profile("extended"), actuator=actuator, noise=noise, seed=21)
+    verdict = diagnose(record)
+    assert verdict.outcome == "healthy", verdict.reasons
+
+
+def spoiled(record: Record, column: slice, value: np.ndarray) -> Record:
+    samples = record.samples.copy()
+    samples[:, column] = value
+    return replace(record, samples=samples)
+
+
+def test_currents_that_sum_to_zero_exactly() -> None:
+    record = simulate(load_profile("extended"), seed=22)
+    for columns in (PHASE_CURRENTS, REFERENCE_CURRENTS):
+        two = record.samples[:, columns][:, :2]
+        record = spoiled(record, columns, np.column_stack([two, -two.sum(axis=1)]))
+    verdict = diagnose(record)
+    assert verdict.outcome == "healthy", verdict.reasons
+
+
+@pytest.mark.parametrize("what", ["not rounded", "a quarter of the noise", "instants"])
+def test_faults_are_found_in_better_records_too(what: str) -> None:
+    actuator, noise = RECORDERS[what]
+    record = simulate(load_profile("extended"), actuator=actuator, noise=noise, seed=23,
+                      effects=parse_effects(["turn_short.fraction=0.06", "turn_short.phase=b"]))
+    verdict = diagnose(record)
+    assert [(f.fault_class, f.phase) for f in verdict.faults] == [("turn_short", "b")]
+
+
+def test_a_worse_record_is_unknown_and_says_what_to_do() -> None:
+    verdict = diagnose(simulate(load_profile("extended"), noise=8.0, seed=24))
+    assert verdict.outcome == "unknown"
+    assert any(reason.startswith("next: ") for reason in verdict.reasons)

@@ -1,0 +1,127 @@
+"""Units and conditions for training: within the kit's spread, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ema_prognostics.training.conditions import (
+    COARSE_BITS,
+    EXACT_BITS,
+    OTHER_RECORDERS,
+    RECORDER_SHARE,
+    Recorder,
+    RunConditions,
+    Unit,
+    actuator_of,
+    draw_conditions,
+    draw_unit,
+)
+from ema_prognostics.training.fleet import begins_alike, simulate_fleets
+from ema_record.actuator import INSTANT, Actuator, load_actuator
+from ema_record.profile import Profile, load_profile
+from ema_record.spread import UnitTolerances, load_spread
+
+NOMINAL = load_actuator()
+SPREAD = load_spread()
+QUIET_PLACE = SPREAD.conditions._replace(noise_least=1.0, noise_most=1.0)
+
+
+def units(spread: UnitTolerances, n: int = 400) -> list[Unit]:
+    rng = np.random.default_rng(11)
+    return [draw_unit(rng, spread) for _ in range(n)]
+
+
+def one_test() -> RunConditions:
+    """Return conditions of nominal noise, recorded by the unit's own recorder."""
+    rng = np.random.default_rng(3)
+    return next(c for c in (draw_conditions(rng, QUIET_PLACE) for _ in range(99))
+                if c.recorder is None)
+
+
+def ratio(part: str, name: str, unit: Unit) -> float:
+    """Return a parameter of a unit over nominal."""
+    value = getattr(getattr(actuator_of(NOMINAL, unit, one_test()), part), name)
+    return float(value / getattr(getattr(NOMINAL, part), name))
+
+
+@pytest.mark.parametrize(("part", "name", "half"), [
+    ("motor", "phase_resistance", SPREAD.tolerances.resistance),
+    ("motor", "dynamic_friction", SPREAD.tolerances.motor_friction),
+    ("motor", "inertia", SPREAD.tolerances.inertia),
+    ("surface", "inertia", SPREAD.tolerances.inertia),
+    ("shaft", "damping", SPREAD.tolerances.damping),
+    ("control", "integral_gain", SPREAD.tolerances.control_gain),
+    ("inverter", "hysteresis", SPREAD.tolerances.hysteresis),
+])
+def test_a_tolerance_is_filled_and_not_exceeded(part: str, name: str, half: float) -> None:
+    found = np.array([ratio(part, name, unit) - 1.0 for unit in units(SPREAD.tolerances, 120)])
+    assert np.abs(found).max() <= half * (1.0 + 1e-9)
+    assert found.min() < -0.9 * half
+    assert found.max() > 0.9 * half
+
+
+def test_viscous_friction_is_spread_by_a_factor_evenly_up_and_down() -> None:
+    most = SPREAD.tolerances.viscous_factor
+    found = np.log([ratio("motor", "viscous_friction", u) for u in units(SPREAD.tolerances)])
+    assert np.abs(found).max() <= np.log(most)
+    assert abs(found.mean()) < 0.1 * np.log(most)
+    assert np.abs(found).max() > 0.95 * np.log(most)
+
+
+def test_static_friction_is_never_below_dynamic() -> None:
+    wide = SPREAD.tolerances._replace(static_ratio=0.8)
+    for unit in units(wide, 60):
+        a = actuator_of(NOMINAL, unit, one_test())
+        assert a.motor.static_friction >= a.motor.dynamic_friction
+        assert a.surface.static_friction >= a.surface.dynamic_friction
+
+
+def test_a_type_without_tolerances_has_one_unit() -> None:
+    none = UnitTolerances(*(1.0 if n == "viscous_factor" else 0.0 for n in UnitTolerances._fields))
+    unit = next(u for u in units(none) if u.recorder.kind == "declared")
+    assert actuator_of(NOMINAL, unit, one_test()) == NOMINAL
+
+
+def test_each_other_recorder_has_its_share() -> None:
+    kinds = [u.recorder.kind for u in units(SPREAD.tolerances, 2000)]
+    for kind in OTHER_RECORDERS:  # 200 expected, standard deviation 13
+        assert kinds.count(kind) == pytest.approx(2000 * RECORDER_SHARE, abs=55)
+
+
+def with_recorder(recorder: Recorder) -> Actuator:
+    return actuator_of(NOMINAL, units(SPREAD.tolerances, 1)[0],
+                       replace(one_test(), recorder=recorder))
+
+
+def test_recorders_round_sample_or_do_neither() -> None:
+    c = with_recorder(Recorder("exact")).converters
+    assert {c.position_bits, c.speed_bits, c.current_bits, c.angle_bits} == {EXACT_BITS}
+    c = with_recorder(Recorder("coarse", ("speed_bits",))).converters
+    assert (c.speed_bits, c.position_bits) == (COARSE_BITS, NOMINAL.converters.position_bits)
+    assert with_recorder(Recorder("sampled")).acquisition.sampling == INSTANT
+
+
+def test_conditions_stay_within_their_bounds() -> None:
+    rng, c = np.random.default_rng(5), SPREAD.conditions
+    found = [draw_conditions(rng, c) for _ in range(500)]
+    noise = np.array([f.noise for f in found])
+    assert c.noise_least <= noise.min() < 1.1 * c.noise_least
+    assert 0.95 * c.noise_most < noise.max() <= c.noise_most
+    assert abs(np.corrcoef(noise.T)[0, 1]) < 0.2  # each sensor has a noise of its own
+    assert max(abs(f.load) for f in found) <= c.load
+    assert all(c.temperature_least <= f.temperature <= c.temperature_most for f in found)
+
+
+def test_a_step_that_begins_the_longer_test_is_simulated_once() -> None:
+    step, extended = load_profile("step"), load_profile("extended")
+    assert begins_alike(step, extended)
+    assert not begins_alike(extended, step)
+    moved = Profile(name="x", points=((0.0, -0.3), (0.022, -0.3), (0.022, 0.4), (0.45, 0.4)),
+                    inverter_off=step.inverter_off)
+    assert not begins_alike(moved, extended)
+    both = simulate_fleets(("step", "extended"), 1, 5, healthy=True)
+    alone = simulate_fleets(("step",), 1, 5, healthy=True)
+    assert np.allclose(both["step"].record, alone["step"].record, rtol=0.0, atol=1e-9)

@@ -1,0 +1,92 @@
+"""The kit's actuator by hash: what names it, and what is said of a record of another one."""
+
+from dataclasses import replace
+
+import pytest
+import yaml
+
+from ema_prognostics.verdict.judge import Judge
+from ema_record.actuator_type import actuator_hash, actuator_hashes, is_of_another_actuator
+from ema_record.bag.read import write_bag
+from ema_record.checks.run import lint_bag
+from ema_record.errors import ModelError, UsageError
+from ema_record.kit import ACTUATOR, is_default_kit, shipped_kit, using_kit
+from support.simulations import make_kit, record_of, second_kit
+
+
+def named(record, name):
+    return replace(record, provenance=replace(record.provenance, actuator=name))
+
+
+@pytest.fixture(scope="module")
+def second(tmp_path_factory):
+    return second_kit(tmp_path_factory.mktemp("kit") / "second", cascade=False)
+
+
+def test_the_hash_is_that_of_the_parameters_alone(tmp_path, second):
+    default = actuator_hash()
+    assert len(default) == 16 and int(default, 16) >= 0
+    with using_kit(make_kit(tmp_path / "other spread", {"tolerances": {"inertia": 0.2}})):
+        assert actuator_hash() == default and not is_default_kit()
+    with using_kit(make_kit(tmp_path / "other gear", {"gear": {"ratio": 501.0}})):
+        assert actuator_hash() != default
+    with using_kit(second):
+        assert actuator_hash() != default
+    assert actuator_hash() == default and is_default_kit()
+    with using_kit(shipped_kit()):
+        assert is_default_kit()
+
+
+def test_former_descriptions_count_too(second):
+    """A description that is corrected after records were taken with it."""
+    default, file = actuator_hash(), second / ACTUATOR
+    with using_kit(second):
+        assert is_of_another_actuator(default) and not is_of_another_actuator("")
+    text = file.read_text(encoding="utf-8")
+    try:
+        file.write_text(text + f"\nformerly: ['{default}']\n", encoding="utf-8")
+        with using_kit(second):
+            assert actuator_hashes() == (actuator_hash(), default)
+            assert not is_of_another_actuator(default)
+            assert is_of_another_actuator("0123456789abcdef")
+        file.write_text(text + "\nformerly: 12\n", encoding="utf-8")
+        with using_kit(second), pytest.raises(UsageError, match="formerly: expected a list"):
+            actuator_hashes()
+    finally:
+        file.write_text(text, encoding="utf-8")
+
+
+def test_a_record_of_another_actuator_has_one_reason(tmp_path, second):
+    with using_kit(second):
+        other = actuator_hash()
+    record = named(record_of("step", seed=3), other)
+    judged = Judge().of_record(record, "the bag")
+    assert judged.verdict.outcome == "invalid"
+    (reason,) = judged.verdict.reasons
+    assert other in reason and actuator_hash() in reason and "--kit" in reason
+    (finding,) = lint_bag(write_bag(record, tmp_path / "bag")).findings
+    assert finding.rule == "other_actuator" and "the default kit" in finding.message
+    own = Judge().of_record(named(record, actuator_hash()), "the bag").verdict
+    unnamed = Judge().of_record(named(record, ""), "the bag").verdict
+    assert own == unnamed and own.outcome != "invalid"
+
+
+def test_a_kit_without_networks_says_so(second):
+    with using_kit(second), pytest.raises(ModelError) as caught:
+        Judge()
+    assert str(second) in str(caught.value) and "ema commission" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_papers_networks_are_the_default_actuators(second):
+    with using_kit(second), pytest.raises(UsageError, match="of the default actuator alone"):
+        Judge(mode="paper")
+
+
+def test_every_parameter_stands_in_a_kit(tmp_path):
+    kit = make_kit(tmp_path / "kit", {})
+    data = yaml.safe_load((kit / ACTUATOR).read_text(encoding="utf-8"))
+    del data["gear"]["ratio"]
+    (kit / ACTUATOR).write_text(yaml.safe_dump(data), encoding="utf-8")
+    with using_kit(kit), pytest.raises(UsageError, match=r"gear\.ratio is missing"):
+        actuator_hash()
