@@ -45,7 +45,6 @@ ON_EDGE = 5e-10
 """Angle (rad) from which on a commutation edge counts as reached."""
 
 
-@cache
 def kernel(kind: int = RELAY, switching: bool = False) -> Callable[..., int]:
     """Return the compiled kernel of a kind of drive, of the present sources (see `compile`).
 
@@ -55,6 +54,7 @@ def kernel(kind: int = RELAY, switching: bool = False) -> Callable[..., int]:
     return _build(source_hash("ema_sim.plant.kernel"), kind, switching and kind != RELAY)
 
 
+@cache
 def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
     relays, field = kind == RELAY, kind == FOC
 
