@@ -83,8 +83,9 @@ def spread_from(
     base: TypeSpread | tuple[Mapping[str, float], Mapping[str, float]],
 ) -> TypeSpread:
     """Return `base` with what the sections of a model file change."""
-    return TypeSpread(_section(UnitTolerances, "tolerances", data, where, base[0]),
-                  _section(Conditions, "conditions", data, where, base[1]))
+    return TypeSpread(
+        _section(UnitTolerances, "tolerances", data, where, base[0]),
+        _section(Conditions, "conditions", data, where, base[1]))
 
 
 def _section(

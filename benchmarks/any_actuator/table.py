@@ -110,5 +110,6 @@ def why_unknown(rows: Sequence[Row], most: int = 12) -> str:
     found: Counter[str] = Counter()
     for r in rows:
         if r["group"] == "healthy" and r["outcome"] not in ("healthy", "fault"):
-            found.update(reason.split(":")[0] for reason in r["reasons"])
+            found.update(reason.split(":")[0] for reason in r["reasons"]
+                         if not reason.startswith("next:"))
     return "\n".join(f"{n} {reason}" for reason, n in found.most_common(most))

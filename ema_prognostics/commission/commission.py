@@ -183,8 +183,9 @@ class _Work:
         fleet, own = Cascade(views["fleet"]), Cascade(views["baseline"])
         held, held_healthy = (with_discrepancy(f, discrepancy, self._seed + 1)
                               for f in (held, held_healthy))
-        held_out: dict[str, Any] = {kind: {"fleet": evaluate(fleet, None, held, held_healthy),
-                           "baseline": evaluate(fleet, own, held, held_healthy)}}
+        held_out: dict[str, Any] = {kind: {
+            "fleet": evaluate(fleet, None, held, held_healthy),
+            "baseline": evaluate(fleet, own, held, held_healthy)}}
         accepted, widest = self._left_out(fleet, names, rows, model, spread)
         if 1.0 < widest <= WIDEN:
             factor = 1.05 * widest

@@ -123,8 +123,11 @@ def test_every_fault_is_in_the_panel():
 
 
 def test_features_agree_within_the_spread_over_start_angles(differences, names):
-    """Of 530 differences of 24 runs and 2 none exceeds 4 spreads (5.4 of its errors, t of 23)
-    by chance but in one panel of a hundred; 3 one does in three of ten."""
+    """No difference is beyond what chance makes of it.
+
+    Of 530 differences of 24 runs and 2 none exceeds 4 spreads (5.4 of its errors, t of 23)
+    by chance but in one panel of a hundred; 3 one does in three of ten.
+    """
     for case, (difference, spread, _) in differences.items():
         worst = np.argmax(np.abs(difference) / spread)
         assert abs(difference[worst]) < 4.0 * spread[worst], (case, names[worst])
@@ -188,11 +191,14 @@ def test_features_agree_with_four_pole_pairs(names):
          "hall_misalignment.angle=0.1", "bus_voltage_sag.resistance=0.2"]],
     ids=["healthy", "effects"])
 def test_drives_with_a_carrier_agree_as_waveforms(kind, shape, pairs, settings):
-    """Nothing is chaotic there: every sample of a step, against edges at 0.1 µs. To 0.1 % of the
+    """Two integrators give the same waveforms of a drive with a carrier.
+
+    Nothing is chaotic there: every sample of a step, against edges at 0.1 µs. To 0.1 % of the
     rms of the speed and 1 % of the currents': 0.1 µs is 0.2 % of the voltage of the bus in each
     leg, 0.2 V through K_p = 4 V/A. Six-step references are taken once a period of the carrier: a
     commutation edge next to its begin falls into this period or that, which the reference at half
-    the step decides otherwise too (7 % of the currents)."""
+    the step decides otherwise too (7 % of the currents).
+    """
     a = changed(drive={"kind": kind, "proportional_gain": 4.0, "integral_gain": 1200.0},
                 motor={**shape, "pole_pairs": pairs},
                 converters={"speed_bits": 32, "position_bits": 32})

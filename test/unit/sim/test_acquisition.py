@@ -31,8 +31,11 @@ def recorded(seed: int = 2, noise: float = 0.0, profile: Profile = STEP, **acqui
 @pytest.mark.parametrize("at", [0.0, 0.3, 0.5, 1.0])
 @pytest.mark.parametrize("sampling", [MEAN, INSTANT], ids=["mean", "instant"])
 def test_a_free_rotor_is_where_its_speed_brings_it(sampling, at, machine):
-    """The angle is that of the middle of the interval (mean) or of the sample's time (instant);
-    the time is where the acquisition says."""
+    """A sample holds the angle of its own time.
+
+    The angle is that of the middle of the interval (mean) or of the sample's time (instant);
+    the time is where the acquisition says.
+    """
     a = changed(machine.actuator, motor=FREE, shaft={"backlash": 0.1},
                 acquisition={"sampling": sampling, "time_at": at})
     found = run(a, state_of(a, omega_m=100.0), 0.01, rate=machine.rate).out
@@ -45,8 +48,11 @@ def test_a_free_rotor_is_where_its_speed_brings_it(sampling, at, machine):
 
 @pytest.mark.parametrize("at", [0.0, 0.4, 1.0])
 def test_an_instant_is_the_limit_of_short_means(at):
-    """A mean over 1 µs about the instant, to 2 % of the rms: the steps differ, and with them now
-    and then the last bit of the speed that the control reads (0.04 A)."""
+    """An instant is the mean over a very short interval.
+
+    A mean over 1 µs about the instant, to 2 % of the rms: the steps differ, and with them now
+    and then the last bit of the speed that the control reads (0.04 A).
+    """
     fast = 1_000_000.0
     instant = recorded(sampling=INSTANT, time_at=at, converters=0).samples
     means = recorded(rate=fast, converters=0).samples

@@ -22,7 +22,7 @@ from ema_sim.plant import kernel
 from ema_sim.simulate import simulate
 record = simulate(step_profile(0.03, start=-0.02, duration=0.06),
                   effects=parse_effects(["motor_friction.increase=0.5"]))
-stats = kernel.kernel().stats
+stats = kernel.kernel(kernel.RELAY, False).stats
 print(hashlib.sha256(record.samples.tobytes()).hexdigest(), sum(stats.cache_hits.values()),
       kernel.__file__)
 """

@@ -92,9 +92,9 @@ def test_the_discrepancy_of_a_unit_is_that_of_all_its_records() -> None:
     assert len(set(added)) == 3
 
 
-def saved(folder: Path, name: str, record: Record, serial: str, **changes: object) -> Path:
+def saved(folder: Path, name: str, record: Record, serial: str, actuator: str = "") -> Path:
     """Write a record of a unit as a bag."""
-    provenance = replace(record.provenance, serial_number=serial, **changes)  # type: ignore[arg-type]
+    provenance = replace(record.provenance, serial_number=serial, actuator=actuator)
     return write_bag(replace(record, provenance=provenance), folder / name)
 
 

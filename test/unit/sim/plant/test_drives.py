@@ -44,7 +44,7 @@ def steady(a: Actuator, omega: float, duration: float, switching: bool, *setting
 @both_ways
 @pytest.mark.parametrize("kind", [PWM, FOC], ids=["pwm", "foc"])
 def test_steady_current_of_resistance_under_a_proportional_control(kind, switching):
-    """i = K_p i_ref / (K_p + R) of each phase, rotor locked: the legs' mean voltage is u.
+    """Rotor locked: i = K_p i_ref / (K_p + R) of each phase, the legs' mean voltage is u.
 
     To 0.1 %: the currents are read where the ripple crosses its mean, but for its curvature,
     (T R / L)²/24 of it.
@@ -73,8 +73,11 @@ def test_the_integral_brings_the_current_to_its_reference(switching):
 @both_machines
 @pytest.mark.parametrize("omega", [200.0, -200.0])
 def test_torque_of_sinusoidal_currents_on_a_sinusoidal_back_emf(machine, omega, switching):
-    """T = 3/2 k I at any angle: i_d is 0 and i_q the amplitude. To 0.5 %: over a period of the
-    carrier the rotor turns on under voltages that stand (ω_e T = 4 % of a radian)."""
+    """Sinusoidal currents on a sinusoidal back-EMF make a steady torque.
+
+    T = 3/2 k I at any angle: i_d is 0 and i_q the amplitude. To 0.5 %: over a period of the
+    carrier the rotor turns on under voltages that stand (ω_e T = 4 % of a radian).
+    """
     a, found = steady(
         drive_of(machine.actuator, FOC, motor=SINE), omega, 0.08, switching)
     torque = found.trace[-1000:, 0]
@@ -93,7 +96,8 @@ def test_torque_of_sinusoidal_currents_on_a_sinusoidal_back_emf(machine, omega, 
 def test_torque_of_six_steps_on_a_trapezoid(machine, switching):
     """T = 2 k I between commutations, where two phases conduct under their flat tops.
 
-    At 5 rad/s a sector is 13 time constants of the integral or more: the median has settled."""
+    At 5 rad/s a sector is 13 time constants of the integral or more: the median has settled.
+    """
     a, found = steady(drive_of(machine.actuator, PWM), 5.0, 0.6, switching)
     torque = found.trace[4000:, 0]
     assert np.median(torque) == pytest.approx(2.0 * a.motor.back_emf_constant * CURRENT, rel=5e-3)
@@ -104,9 +108,12 @@ def test_torque_of_six_steps_on_a_trapezoid(machine, switching):
     ("third", "fifth", "seventh"),
     [(0.2, 0.0, 0.0), (0.0, -0.06, 0.0), (0.0, 0.0, 0.05), (0.1, 0.06, -0.03)])
 def test_harmonics_make_a_torque_ripple_of_6_fe(third, fifth, seventh, switching):
-    """Σ sin θ_k (sin θ_k + h5 sin 5θ_k + h7 sin 7θ_k) = 3/2 (1 + (h7 - h5) cos 6θ); the third
+    """Harmonics of the back-EMF make a ripple at six times the electrical angle.
+
+    Σ sin θ_k (sin θ_k + h5 sin 5θ_k + h7 sin 7θ_k) = 3/2 (1 + (h7 - h5) cos 6θ); the third
     makes none. To 4 % and 0.3 % of the torque: the harmonics of the back-EMF k ω h move the
-    current by k ω / K_p I, 2.5 % of h at 20 rad/s."""
+    current by k ω / K_p I, 2.5 % of h at 20 rad/s.
+    """
     a, found = steady(
         drive_of(DEFAULT.actuator, FOC, motor={
             **SINE, "harmonic_3": third, "harmonic_5": fifth, "harmonic_7": seventh}),
@@ -174,9 +181,12 @@ def test_offsets_of_the_sensors_do_not_run_away_in_the_zero_sequence():
 @pytest.mark.parametrize(("kind", "shape"), [(PWM, {}), (FOC, {}), (FOC, SINE)],
                          ids=["pwm", "foc trapezoid", "foc sine"])
 def test_averaged_and_switched_agree(kind, shape, machine):
-    """Waveform by waveform, a step of the surface: means over samples as long as the carrier's
+    """Averaged and switched voltages give the same motion.
+
+    Waveform by waveform, a step of the surface: means over samples as long as the carrier's
     period. To 1 % of the current's rms and 0.1 % of the speed's: what an edge's place in its
-    period does is of second order in the ripple."""
+    period does is of second order in the ripple.
+    """
     a = drive_of(machine.actuator, kind, motor=shape)
     mean, switched = (
         simulate_traced(step_profile(0.12, start=-0.1, duration=0.1), actuator=a, noise=0.0,
