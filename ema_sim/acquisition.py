@@ -161,15 +161,16 @@ def _convert(
 
     The rotor angle is wrapped and, if rounded, rounded down; time stays as it is.
     """
+    per = 1.0 / step
     for i in range(samples.shape[0]):
         for k in range(3):
             samples[i, 2 + k] += noise[i, k]
         angle = samples[i, ROTOR_ANGLE]
-        angle -= TURN * math.floor(angle / TURN)
+        angle -= TURN * math.floor(angle * (1.0 / TURN))
         angle = 0.0 if angle >= TURN else angle
         if rounded:
             for k in range(1, N_CHANNELS):
-                value = np.rint(samples[i, k] / step[k]) * step[k]
+                value = np.rint(samples[i, k] * per[k]) * step[k]
                 samples[i, k] = min(max(value, -half[k]), half[k]) + 0.0
-            angle = math.floor(angle / step[ROTOR_ANGLE]) * step[ROTOR_ANGLE]
+            angle = math.floor(angle * per[ROTOR_ANGLE]) * step[ROTOR_ANGLE]
         samples[i, ROTOR_ANGLE] = angle

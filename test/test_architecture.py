@@ -38,7 +38,7 @@ ONE_FILE_AN_ENTRY = {"ema_sim/effects", "ema_cli/commands"}
 """Catalogues: each file is one effect, with its parameters, bounds and source; or one command,
 with its options and help. Stay."""
 KNOWN_DEPTH = {
-    "ema_identification": 10, "ema_prognostics": 10, "ema_record": 9, "ema_sim": 10}
+    "ema_identification": 10, "ema_prognostics": 10, "ema_record": 9}
 KNOWN_NAMES: set[str] = set()
 DISTINCTIVE = (
     "inverter.bus_voltage", "inverter.current_limit", "motor.phase_resistance",
@@ -78,7 +78,6 @@ BY_CHANCE = {
     "ema_ros/replay_node.py": {0.6},  # seconds of looking for others
     "ema_sim/effects/stribeck_friction.py": {500.0},  # bound of any actuator
     "ema_sim/effects/surface_load.py": {500.0},  # bound of any actuator
-    "ema_sim/plant/currents.py": {20_000.0},  # events
     "ema_sim/plant/kernel.py": {20_000.0},  # events
 }
 """Equal numbers of another meaning, by file."""

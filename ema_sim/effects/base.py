@@ -15,6 +15,10 @@ Port = Literal[
     "sensor", "controller",
 ]
 
+AllEffects = Any
+"""`registry.Effects` as the laws see it: they know the effects that they use, not the registry,
+which knows all of them."""
+
 
 @dataclass(frozen=True, slots=True)
 class Quantity:

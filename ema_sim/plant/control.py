@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ema_record.actuator import Control
@@ -23,7 +21,7 @@ def clip(value: float, limit: float) -> float:
 @law
 def quantise(value: float, step: float, span: float) -> float:
     """Return what a converter with this `step` over ±`span`/2 reads, saturated at its ends."""
-    return clip(step * math.floor(value / step + 0.5), 0.5 * span)
+    return clip(step * np.floor(value * (1.0 / step) + 0.5), 0.5 * span)
 
 
 @law

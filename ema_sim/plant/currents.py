@@ -1,47 +1,24 @@
 """The currents over one step of the mechanics: from switch to switch of the legs.
 
-Back-EMF and torque constants go linearly in time from begin to end of the step. Between two
-switches the currents follow their second-order series, i + h di/dt + h²/2 d²i/dt², of the
-linear circuit; a relay's crossing is found on the same series.
+The neutral's voltage is eliminated and with it the third current (`parts.Circuit`). Back-EMF and
+torque constants go linearly in time from begin to end of the step. Between two switches the
+currents follow their second-order series, i + h di/dt + h²/2 d²i/dt², of the linear circuit; a
+relay's crossing is found on the same series.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
+from ema_sim.effects.base import AllEffects
 from ema_sim.effects.compile import law
-from ema_sim.effects.registry import Effects
 from ema_sim.plant import ports
 from ema_sim.plant.control import clip
 from ema_sim.plant.electrical import relay, time_to_switch
-from ema_sim.plant.modulation import leg_now
-from ema_sim.plant.prepared import Winding
+from ema_sim.plant.modulation import SAME_TIME, leg_now
+from ema_sim.plant.parts import Circuit, Flow, Legs, Winding
 
-SAME_TIME = 1e-12
-"""Events that are less apart are one (s)."""
 THIRD_PART = 1.0 / 3.0
-MOST_SWITCHES = 20_000
+MOST_SWITCHES = 10_000
 """In one step; more are a fault of the parameters."""
-
-
-class Circuit(NamedTuple):
-    """The star of three phases with floating neutral, reduced to the currents a and b.
-
-    di_a/dt = Σ_j a_j v_j - a_0 i_a - a_1 i_b - Σ_j a_j e_j, and with b alike; i_c = -i_a - i_b.
-    """
-
-    a_a: float
-    """Weights of the voltages (1/H)."""
-    a_b: float
-    a_c: float
-    b_a: float
-    b_b: float
-    b_c: float
-    a_0: float
-    """Weights of the currents (1/s)."""
-    a_1: float
-    b_0: float
-    b_1: float
 
 
 @law
@@ -62,52 +39,11 @@ def circuit_of(
     )
 
 
-class Legs(NamedTuple):
-    """What moves the legs of the inverter in a step."""
-
-    s_a: float
-    """States of the legs, ±1, or their means."""
-    s_b: float
-    s_c: float
-    aim_a: float
-    """Currents (A) that the relays aim at, and half widths of their bands (A)."""
-    aim_b: float
-    aim_c: float
-    band_a: float
-    band_b: float
-    band_c: float
-    begin: float
-    """Begin and length of the carrier's period (s)."""
-    period: float
-
-
-class Flow(NamedTuple):
-    """Currents at the end of a step, and what they did in it."""
-
-    i_a: float
-    i_b: float
-    s_a: float
-    s_b: float
-    s_c: float
-    charge_a: float
-    """Integrals of the currents (A s)."""
-    charge_b: float
-    impulse: float
-    """Integral of the torque (N m s)."""
-    bus_charge: float
-    """Taken from the bus (A s)."""
-    terminal: float
-    """Energy at the terminals (J)."""
-    copper: float
-    """Energy lost in the resistances (J)."""
-    switches: int
-    """Steps that it took."""
-
-
 @law
 def advance_currents(
-    relays: bool, switching: bool, traced: bool, on: bool, e: Effects, w: Winding,
-    limit: float, fixed: Circuit, legs: Legs, now: float, length: float, i_a: float, i_b: float,
+    relays: bool, switching: bool, traced: bool, on: bool, e: AllEffects, w: Winding,
+    limit: float, fixed: Circuit, legs: Legs, now: float, length: float, per: float,
+    i_a: float, i_b: float,
     k_a: float, k_b: float, k_c: float, omega: float,
     k_a1: float, k_b1: float, k_c1: float, omega1: float,
 ) -> Flow:  # fmt: skip
@@ -120,14 +56,14 @@ def advance_currents(
     on : whether the inverter drives; the currents stand still where it does not.
     e, w, legs : parameters. limit : of the torque (N m).
     fixed : the circuit without saturation.
-    now, length : begin and length of the step (s).
+    now, length, per : begin of the step, its length (s) and the inverse of that.
     i_a, i_b : currents at its begin (A).
     k_a, k_b, k_c, omega : torque constants (V s/rad) and motor speed (rad/s) at its begin.
     k_a1, k_b1, k_c1, omega1 : the same at its end, predicted.
     """
     s_a, s_b, s_c = legs.s_a, legs.s_b, legs.s_c
     q_a = q_b = impulse = bus = terminal = copper = 0.0
-    per, left, switches, c = 1.0 / length, length, 0, fixed
+    left, switches, c = length, 0, fixed
     f_a = f_b = f_c = 1.0
     if w.varies:
         f_a, f_b = ports.saturation(e, i_a), ports.saturation(e, i_b)

@@ -71,10 +71,9 @@ def of_phases(sine: float, cosine: float) -> tuple[float, float, float]:
 
 def unit_trapezoid(theta: np.ndarray, flat_top: float) -> np.ndarray:
     """Return `trapezoid` at any electrical angles, shape (n,) (rad)."""
-    half = np.mod(theta, np.pi)
-    ramp = 0.5 * (np.pi - flat_top)
-    value = np.minimum(np.minimum(half, np.pi - half) / ramp, 1.0)
-    return np.where(np.mod(theta, TURN) < np.pi, value, -value)
+    beyond = np.mod(theta, TURN) - QUARTER
+    beyond = np.where(beyond > np.pi, beyond - TURN, beyond)
+    return np.clip((QUARTER - np.abs(beyond)) * (2.0 / (np.pi - flat_top)), -1.0, 1.0)
 
 
 def unit_back_emf(theta: np.ndarray, motor: Motor) -> np.ndarray:
@@ -141,30 +140,6 @@ def time_to_switch(
     bend = min(bend, MOST_BEND)
     bend = max(bend, -MOST_BEND)
     return reach - bend * reach
-
-
-@law
-def current_slopes(
-    v_a: float, v_b: float, v_c: float,
-    r_a: float, r_b: float, r_c: float,
-    i_a: float, i_b: float, i_c: float,
-    e_a: float, e_b: float, e_c: float,
-    g_a: float, g_b: float, g_c: float, g_n: float,
-) -> tuple[float, float, float]:  # fmt: skip
-    """Return di/dt of the phases (A/s): star with floating neutral.
-
-    Parameters
-    ----------
-    v_a, v_b, v_c : leg voltages (V).
-    r_a, r_b, r_c : resistances (Ω).
-    i_a, i_b, i_c : currents (A).
-    e_a, e_b, e_c : back-EMF (V).
-    g_a, g_b, g_c : inverse inductances (1/H).
-    g_n : inverse of their sum (H).
-    """
-    x_a, x_b, x_c = v_a - r_a * i_a - e_a, v_b - r_b * i_b - e_b, v_c - r_c * i_c - e_c
-    v_n = (x_a * g_a + x_b * g_b + x_c * g_c) * g_n
-    return (x_a - v_n) * g_a, (x_b - v_n) * g_b, (x_c - v_n) * g_c
 
 
 @law

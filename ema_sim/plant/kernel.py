@@ -1,10 +1,10 @@
 """The event-driven kernel: second-order steps from event to event.
 
-Events are control periods, sample edges, commutation edges, crossings of the relays, and with a
-carrier its periods and, where switching is simulated, its edges; between them a step is at most
-`MAX_STEP` long. A step is the trapezoidal rule with the end derivative taken at a second-order
-prediction and kept for the next step, so every law is evaluated once a step. A kernel is
-compiled for each drive by itself, so that none pays for another.
+Events of the mechanics are control periods, sample edges, commutation edges and periods of a
+carrier; between them a step is at most `MAX_STEP` long. It is the trapezoidal rule with the end
+derivative taken at a second-order prediction. In it the currents go from switch to switch of the
+legs (`currents`): crossings of the relays, edges of the carrier where they are simulated. A
+kernel is compiled for each drive by itself, so that none pays for another.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from ema_sim.effects.registry import Effects
 from ema_sim.plant import ports, sensor_ports
 from ema_sim.plant import state as st
 from ema_sim.plant.control import delayed, quantise, reference_current
-from ema_sim.plant.currents import MOST_SWITCHES, SAME_TIME, Legs, advance_currents, circuit_of
+from ema_sim.plant.currents import MOST_SWITCHES, SAME_TIME, advance_currents, circuit_of
 from ema_sim.plant.electrical import TURN, of_phases, reference_signs, sector_ahead
-from ema_sim.plant.mechanics import Load, load_at, move
+from ema_sim.plant.mechanics import load_at, move
 from ema_sim.plant.modulation import field_control, phase_control
+from ema_sim.plant.parts import Legs, Load
 from ema_sim.plant.prepared import (
     constants_of_phases,
     largest_angle,
@@ -36,7 +37,7 @@ from ema_sim.plant.prepared import (
 )
 
 MAX_STEP = 50e-6
-"""Longest step (s)."""
+"""Longest step (s); the 2 f_e line moves by 0.2 % or less from here to 5 µs."""
 OK, NOT_FINITE, TOO_MANY_STEPS = 0, 1, 2
 MAX_STEPS_A_SAMPLE = 20_000
 TRACE_NAMES = ("motor_torque[N m]", "shaft_torque[N m]", "surface_speed[rad/s]")
@@ -44,7 +45,6 @@ ON_EDGE = 5e-10
 """Angle (rad) from which on a commutation edge counts as reached."""
 
 
-@cache
 def kernel(kind: int = RELAY, switching: bool = False) -> Callable[..., int]:
     """Return the compiled kernel of a kind of drive, of the present sources (see `compile`).
 
@@ -54,6 +54,7 @@ def kernel(kind: int = RELAY, switching: bool = False) -> Callable[..., int]:
     return _build(source_hash("ema_sim.plant.kernel"), kind, switching and kind != RELAY)
 
 
+@cache
 def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
     relays, field = kind == RELAY, kind == FOC
 
@@ -116,9 +117,8 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
         sector, gap, direction = int(state[st.SECTOR]), state[st.EDGE], state[st.DIRECTION]
         first_tick, steps = tick, 0
         t_tick, t_carrier = tick * control.period, carrier * carrier_period
-        charge, e_terminal, e_copper, e_motor = 0.0, 0.0, 0.0, 0.0
-        reading, before, begun = 0, 0.0, 0
-        e_friction_m, e_friction_s, e_shaft, e_load = 0.0, 0.0, 0.0, 0.0
+        reading, before, begun, charge = 0, 0.0, 0, 0.0
+        e_terminal = e_copper = e_motor = e_friction_m = e_friction_s = e_shaft = e_load = 0.0
 
         sine = cosine = sine1 = cosine1 = 0.0
         if w.sines:
@@ -228,11 +228,12 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                 if w.sines:
                     sine1, cosine1 = math.sin(q_e1), math.cos(q_e1)
                 k_a1, k_b1, k_c1 = constants_of_phases(w, a, e, q_e1, sine1, cosine1, q_r1)
+                per = 1.0 / h
                 f = advance_currents(
                     relays, switching, keep_trace, on, e, w, motor.torque_limit, fixed,
                     Legs(s_a, s_b, s_c, aim_a, aim_b, aim_c, band * inv_a, band * inv_b,
                          band * inv_c, t_carrier - carrier_period, carrier_period),
-                    t, h, i_a, i_b, k_a, k_b, k_c, w_m, k_a1, k_b1, k_c1, w_p,
+                    t, h, per, i_a, i_b, k_a, k_b, k_c, w_m, k_a1, k_b1, k_c1, w_p,
                 )
                 if f.switches > MOST_SWITCHES:
                     return TOO_MANY_STEPS
@@ -242,7 +243,7 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                     added1 = ports.added_motor_torque(e, motor, k_a1, k_b1, k_c1, w_p, q_r1)
                 load1 = load_at(a, e, m, q_m1, q_r1, q_s1, w_p, ws_p)
                 n = move(
-                    a, e, m, h, f.impulse / h + added, f.impulse / h + added1,
+                    a, e, m, h, f.impulse * per + added, f.impulse * per + added1,
                     w_m, w_p, w_s, ws_p, q_s1, load, load1,
                 )
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from ema_record.actuator import Actuator
+from ema_sim.effects.base import AllEffects
 from ema_sim.effects.compile import law
-from ema_sim.effects.registry import Effects
 from ema_sim.plant import ports
-from ema_sim.plant.prepared import Masses
+from ema_sim.plant.parts import Bodies, Load, Masses
 
 
 @law
@@ -51,22 +50,9 @@ def shaft_torque(
     return 0.0
 
 
-class Load(NamedTuple):
-    """What gear and shaft do at an instant."""
-
-    shaft: float
-    """Torque of the shaft on the surface (N m)."""
-    motor: float
-    """Torque that the motor drives against (N m)."""
-    surface: float
-    """Torque on the surface against positive motion (N m)."""
-    slope: float
-    """Derivative of the gear's output to the motor angle."""
-
-
 @law
 def load_at(
-    a: Actuator, e: Effects, m: Masses, q_m: float, q_r: float, q_s: float, w_m: float,
+    a: Actuator, e: AllEffects, m: Masses, q_m: float, q_r: float, q_s: float, w_m: float,
     w_s: float,
 ) -> Load:
     """Return the loads at motor travel, rotor angle, surface angle (rad), speeds (rad/s)."""
@@ -79,21 +65,9 @@ def load_at(
     return Load(shaft, shaft * driving * slope, ports.load_torque(e, q_s), slope)
 
 
-class Bodies(NamedTuple):
-    """Speeds (rad/s) and accelerations (rad/s²) at the end of a step, surface angle (rad)."""
-
-    w_m: float
-    w_s: float
-    al_m: float
-    al_s: float
-    q_s: float
-    dry: float
-    """Dynamic friction of the motor (N m)."""
-
-
 @law
 def move(
-    a: Actuator, e: Effects, m: Masses, h: float, torque: float, torque1: float,
+    a: Actuator, e: AllEffects, m: Masses, h: float, torque: float, torque1: float,
     w_m: float, w_p: float, w_s: float, ws_p: float, q_s: float, load: Load, load1: Load,
 ) -> Bodies:  # fmt: skip
     """Return the motion after a step by the trapezoidal rule.

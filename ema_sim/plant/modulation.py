@@ -36,7 +36,9 @@ def modulated(
     bottom = min(bottom, u_c)
     middle, reach = 0.5 * (top + bottom), 0.5 * (top - bottom)
     limited = reach > rail
-    share = 1.0 / (reach if limited else rail)
+    share = 1.0 / rail
+    if limited:
+        share = 1.0 / reach
     return (u_a - middle) * share, (u_b - middle) * share, (u_c - middle) * share, limited
 
 

@@ -33,15 +33,15 @@ from ema_sim.effects import (
     viscous_friction,
     winding_temperature,
 )
+from ema_sim.effects.base import AllEffects
 from ema_sim.effects.compile import law
-from ema_sim.effects.registry import Effects
 from ema_sim.plant.electrical import THIRD, harmonics, trapezoid
 
 # --- winding -------------------------------------------------------------------------------
 
 
 @law
-def phase_resistance(e: Effects, motor: Motor, phase: int) -> float:
+def phase_resistance(e: AllEffects, motor: Motor, phase: int) -> float:
     """Resistance of a phase (Ω)."""
     return (
         motor.phase_resistance
@@ -52,7 +52,7 @@ def phase_resistance(e: Effects, motor: Motor, phase: int) -> float:
 
 
 @law
-def phase_inductance(e: Effects, motor: Motor, phase: int, current: float) -> float:
+def phase_inductance(e: AllEffects, motor: Motor, phase: int, current: float) -> float:
     """Inductance of a phase (H) at its current (A)."""
     return (
         motor.phase_inductance
@@ -62,13 +62,13 @@ def phase_inductance(e: Effects, motor: Motor, phase: int, current: float) -> fl
 
 
 @law
-def inductance_varies(e: Effects) -> bool:
+def inductance_varies(e: AllEffects) -> bool:
     """Whether the inductances depend on the currents."""
     return e.magnetic_saturation.inverse_current != 0.0
 
 
 @law
-def flat_top(e: Effects, motor: Motor) -> float:
+def flat_top(e: AllEffects, motor: Motor) -> float:
     """Width of the flat top of the back-EMF (rad)."""
     return back_emf_shape.width(e.back_emf_shape, motor.flat_top)
 
@@ -84,19 +84,19 @@ def unit_factor(motor: Motor, phase: int) -> float:
 
 
 @law
-def winding_swings(e: Effects) -> bool:
+def winding_swings(e: AllEffects) -> bool:
     """Whether k of a phase depends on the mechanical angle."""
     return e.rotor_eccentricity.zeta != 0.0
 
 
 @law
-def needs_sine(e: Effects, motor: Motor) -> bool:
+def needs_sine(e: AllEffects, motor: Motor) -> bool:
     """Whether the shape of the back-EMF is made of the sine of the electrical angle."""
     return motor.back_emf == HARMONICS or back_emf_shape.needs_sine(e.back_emf_shape)
 
 
 @law
-def phase_constant(e: Effects, motor: Motor, phase: int) -> float:
+def phase_constant(e: AllEffects, motor: Motor, phase: int) -> float:
     """K of a phase (V s/rad) without what depends on an angle or a current."""
     return (
         motor.back_emf_constant
@@ -109,7 +109,7 @@ def phase_constant(e: Effects, motor: Motor, phase: int) -> float:
 
 @law
 def unit_shape(
-    e: Effects, motor: Motor, top: float, theta: float, sine: float, harmonic: bool
+    e: AllEffects, motor: Motor, top: float, theta: float, sine: float, harmonic: bool
 ) -> float:
     """Shape of the back-EMF (1) at a phase's own electrical angle (rad), given its sine.
 
@@ -125,20 +125,20 @@ def unit_shape(
 
 
 @law
-def swing(e: Effects, phase: int, theta_r: float) -> float:
+def swing(e: AllEffects, phase: int, theta_r: float) -> float:
     """Factor on k of a phase at mechanical rotor angle (rad)."""
     return rotor_eccentricity.k_factor(e.rotor_eccentricity, phase, theta_r)
 
 
 @law
-def saturation(e: Effects, current: float) -> float:
+def saturation(e: AllEffects, current: float) -> float:
     """Factor on k and L of a phase at its current (A)."""
     return magnetic_saturation.factor(e.magnetic_saturation, current)
 
 
 @law
 def back_emf_constant(
-    e: Effects, motor: Motor, top: float, phase: int, theta_e: float, theta_r: float,
+    e: AllEffects, motor: Motor, top: float, phase: int, theta_e: float, theta_r: float,
     current: float,
 ) -> float:
     """k_k(θ) of a phase (V s/rad) at electrical and mechanical rotor angle (rad), current (A)."""
@@ -156,7 +156,7 @@ def back_emf_constant(
 
 @law
 def added_motor_torque(
-    e: Effects, motor: Motor, k_a: float, k_b: float, k_c: float, omega: float, theta_r: float
+    e: AllEffects, motor: Motor, k_a: float, k_b: float, k_c: float, omega: float, theta_r: float
 ) -> float:
     """What adds to the electromagnetic torque (N m)."""
     return cogging_torque.torque(e.cogging_torque, theta_r) - turn_short.drag_torque(
@@ -169,7 +169,7 @@ def added_motor_torque(
 
 @law
 def motor_dry_friction(
-    e: Effects, motor: Motor, omega: float, transmitted: float
+    e: AllEffects, motor: Motor, omega: float, transmitted: float
 ) -> tuple[float, float]:
     """Dynamic and static budget of the motor side (N m); `transmitted` torque at the motor."""
     added = load_dependent_friction.budget(e.load_dependent_friction, transmitted)
@@ -189,14 +189,14 @@ def motor_dry_friction(
 
 
 @law
-def motor_viscous_friction(e: Effects, motor: Motor, omega: float) -> float:
+def motor_viscous_friction(e: AllEffects, motor: Motor, omega: float) -> float:
     """Viscous torque of the motor side (N m)."""
     torque = motor.viscous_friction * omega + viscous_friction.torque(e.viscous_friction, omega)
     return torque if torque * omega > 0.0 else 0.0
 
 
 @law
-def surface_dry_friction(e: Effects, surface: Surface) -> tuple[float, float]:
+def surface_dry_friction(e: AllEffects, surface: Surface) -> tuple[float, float]:
     """Dynamic and static budget of the surface (N m)."""
     dynamic = surface.dynamic_friction + surface_friction.budget(
         e.surface_friction, surface.dynamic_friction
@@ -212,31 +212,31 @@ def surface_dry_friction(e: Effects, surface: Surface) -> tuple[float, float]:
 
 
 @law
-def lost_motion(e: Effects, shaft: Shaft) -> float:
+def lost_motion(e: AllEffects, shaft: Shaft) -> float:
     """Total backlash (rad at the surface)."""
     return backlash.lost_motion(e.backlash, shaft.backlash)
 
 
 @law
-def shaft_stiffness(e: Effects, shaft: Shaft) -> float:
+def shaft_stiffness(e: AllEffects, shaft: Shaft) -> float:
     """Stiffness of the shaft (N m/rad)."""
     return shaft_compliance.stiffness(e.shaft_compliance, shaft.stiffness)
 
 
 @law
-def gear_output(e: Effects, gear: Gear, theta_m: float, theta_r: float) -> float:
+def gear_output(e: AllEffects, gear: Gear, theta_m: float, theta_r: float) -> float:
     """Angle of the gear's output (rad) at motor travel and mechanical rotor angle (rad)."""
     return theta_m / gear.ratio + gear_mesh_ripple.error(e.gear_mesh_ripple, theta_r)
 
 
 @law
-def gear_slope(e: Effects, gear: Gear, theta_r: float) -> float:
+def gear_slope(e: AllEffects, gear: Gear, theta_r: float) -> float:
     """Derivative of the gear's output to the motor angle."""
     return 1.0 / gear.ratio + gear_mesh_ripple.error_slope(e.gear_mesh_ripple, theta_r)
 
 
 @law
-def ripple_periods(e: Effects, a: Actuator) -> float:
+def ripple_periods(e: AllEffects, a: Actuator) -> float:
     """Periods a mechanical turn of the finest active ripple; six sectors make 6 a pole pair."""
     motor, pure = a.motor, a.drive.kind == FOC and a.motor.back_emf == HARMONICS
     pure = pure and motor.harmonic_3 == 0.0 and motor.harmonic_5 == 0.0
@@ -255,19 +255,19 @@ def ripple_periods(e: Effects, a: Actuator) -> float:
 
 
 @law
-def motor_inertia(e: Effects, motor: Motor) -> float:
+def motor_inertia(e: AllEffects, motor: Motor) -> float:
     """Inertia of the motor side (kg m²)."""
     return motor.inertia * inertia_change.factor(e.inertia_change.motor)
 
 
 @law
-def surface_inertia(e: Effects, surface: Surface) -> float:
+def surface_inertia(e: AllEffects, surface: Surface) -> float:
     """Inertia of the surface (kg m²)."""
     return surface.inertia * inertia_change.factor(e.inertia_change.surface)
 
 
 @law
-def load_torque(e: Effects, position: float) -> float:
+def load_torque(e: AllEffects, position: float) -> float:
     """Torque on the surface (N m), against positive motion."""
     return surface_load.torque(e.surface_load, position)
 
@@ -276,26 +276,26 @@ def load_torque(e: Effects, position: float) -> float:
 
 
 @law
-def leg_voltage(e: Effects, nominal: float) -> float:
+def leg_voltage(e: AllEffects, nominal: float) -> float:
     """Voltage of a leg without load (V)."""
     return nominal * bus_voltage_change.factor(e.bus_voltage_change)
 
 
 @law
-def rail_drop(e: Effects, bus_current: float) -> float:
+def rail_drop(e: AllEffects, bus_current: float) -> float:
     """Fall of each rail (V) at the bus current (A)."""
     return bus_voltage_sag.rail_drop(e.bus_voltage_sag, bus_current)
 
 
 @law
-def switch_drop(e: Effects, current: float) -> float:
+def switch_drop(e: AllEffects, current: float) -> float:
     """Fall of a leg's voltage in its switches (V) at its current (A)."""
     return inverter_voltage_drop.voltage(e.inverter_voltage_drop, current)
 
 
 @law
 def leg_voltages(
-    e: Effects, v_leg: float, s_a: float, s_b: float, s_c: float,
+    e: AllEffects, v_leg: float, s_a: float, s_b: float, s_c: float,
     i_a: float, i_b: float, i_c: float, ideal: bool,
 ) -> tuple[float, float, float]:  # fmt: skip
     """Voltages of the legs (V) at their states ±1 and currents (A); `ideal`: without drops."""

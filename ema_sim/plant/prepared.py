@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from ema_record.actuator import FOC, HARMONICS, INSTANT, Actuator
+from ema_sim.effects.base import AllEffects
 from ema_sim.effects.compile import law
-from ema_sim.effects.registry import Effects
 from ema_sim.plant import neutral, ports, sensor_ports
 from ema_sim.plant.electrical import THIRD, TURN, of_phases
+from ema_sim.plant.parts import Masses, Sensors, Winding
 
 PERIODS_A_STEP = 0.05
 """Longest step in periods of the finest ripple (cogging, mesh, harmonics)."""
@@ -21,76 +21,8 @@ SATURATED_STEP = 10e-6
 """Longest step (s) with saturation, which a step takes from its begin."""
 
 
-class Winding(NamedTuple):
-    """Constants of the winding and the inverter."""
-
-    pairs: float
-    rail: float
-    """Voltage of a leg without load (V)."""
-    r_a: float
-    r_b: float
-    r_c: float
-    g_a: float
-    """Inverse inductance without saturation (1/H)."""
-    g_b: float
-    g_c: float
-    k_a: float
-    """`ports.phase_constant` (V s/rad)."""
-    k_b: float
-    k_c: float
-    top: float
-    """Width of the flat top (rad)."""
-    harmonic: bool
-    sines: bool
-    """Whether sine and cosine of the electrical angle are needed."""
-    swings: bool
-    varies: bool
-    """Whether inductances depend on currents."""
-    ideal: bool
-
-
-class Masses(NamedTuple):
-    """Constants of the mechanics."""
-
-    smooth: bool
-    steady: bool
-    dynamic_m: float
-    """Dry friction of the motor where it is steady (N m)."""
-    static_m: float
-    dynamic_s: float
-    static_s: float
-    stiffness: float
-    backlash: float
-    inverse_ratio: float
-    inverse_efficiency: float
-    inverse_j_m: float
-    inverse_j_s: float
-
-
-class Sensors(NamedTuple):
-    """Constants of the sensors."""
-
-    instant: bool
-    gain_a: float
-    gain_b: float
-    gain_c: float
-    offset_a: float
-    offset_b: float
-    offset_c: float
-    angle: float
-    """Of the commutation sensor, beyond the electrical angle (rad)."""
-    sine: float
-    cosine: float
-    position_offset: float
-    position_step: float
-    """Of the converter (rad); of the speed's (rad/s)."""
-    speed_step: float
-    delay: float
-    """Of the reference current, in control periods, as it is recorded."""
-
-
 @law
-def winding_of(a: Actuator, e: Effects) -> Winding:
+def winding_of(a: Actuator, e: AllEffects) -> Winding:
     """Return the constants of the winding."""
     motor = a.motor
     g_a = 1.0 / ports.phase_inductance(e, motor, 0, 0.0)
@@ -117,7 +49,7 @@ def winding_of(a: Actuator, e: Effects) -> Winding:
 
 
 @law
-def masses_of(a: Actuator, e: Effects) -> Masses:
+def masses_of(a: Actuator, e: AllEffects) -> Masses:
     """Return the constants of the mechanics."""
     dynamic_m, static_m = ports.motor_dry_friction(e, a.motor, 0.0, 0.0)
     dynamic_s, static_s = ports.surface_dry_friction(e, a.surface)
@@ -135,7 +67,7 @@ def masses_of(a: Actuator, e: Effects) -> Masses:
 
 
 @law
-def sensors_of(a: Actuator, e: Effects) -> Sensors:
+def sensors_of(a: Actuator, e: AllEffects) -> Sensors:
     """Return the constants of the sensors."""
     angle = sensor_ports.commutation_angle(e)
     return Sensors(
@@ -167,14 +99,15 @@ def longest_step(a: Actuator, w: Winding, m: Masses) -> float:
 
 
 @law
-def largest_angle(a: Actuator, e: Effects) -> float:
+def largest_angle(a: Actuator, e: AllEffects) -> float:
     """Return the longest step in motor angle (rad)."""
     return PERIODS_A_STEP * TURN / ports.ripple_periods(e, a)
 
 
 @law
 def constants_of_phases(
-    w: Winding, a: Actuator, e: Effects, theta: float, sine: float, cosine: float, theta_r: float
+    w: Winding, a: Actuator, e: AllEffects, theta: float, sine: float, cosine: float,
+    theta_r: float,
 ) -> tuple[float, float, float]:
     """Return k(θ) of the phases (V s/rad) without saturation; see `ports.back_emf_constant`.
 

@@ -7,10 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from ema_record.actuator import FOC, HARMONICS, PWM, Actuator
+from ema_record.actuator import FOC, HARMONICS, PWM, RELAY, Actuator
 from ema_record.profile import step_profile
 from ema_sim.effects import parse_effects
 from ema_sim.plant import state as st
+from ema_sim.session import ActuatorSession
 from ema_sim.simulate import simulate_traced
 from support.actuators import DEFAULT, OTHER, both_machines, changed
 from support.plant import lines, run, state_of
@@ -197,3 +198,23 @@ def test_averaged_and_switched_agree(kind, shape, machine):
         assert np.sqrt(np.mean((one - other) ** 2)) < share * np.sqrt(np.mean(other**2)), name
     power = [x.record.dc_bus[-1, 2] for x in (mean, switched)]
     assert power[0] == pytest.approx(power[1], rel=0.02)
+
+
+@both_ways
+@pytest.mark.parametrize("kind", [RELAY, PWM, FOC], ids=["relay", "pwm", "foc"])
+def test_blocks_of_any_size_give_the_same_bytes(kind, switching):
+    """All that a step keeps for the next is in the state."""
+    a = changed(drive={"kind": kind}, motor={"back_emf": HARMONICS, "harmonic_5": 0.05})
+    effects = parse_effects(["magnetic_saturation.inverse_current=0.02", "turn_short.fraction=0.1",
+                             "rotor_eccentricity.zeta=0.1", "control_delay.delay=7e-5"])
+    profile = step_profile(0.05, start=-0.02, duration=0.06)
+    found = []
+    for block in (10_000, 7):
+        session = ActuatorSession(
+            a, effects, seed=3, position=-0.02, settle=False, switching=switching)
+        session.command(profile)
+        blocks = []
+        while session.active:
+            blocks.append(session.advance(block))
+        found.append(np.concatenate(blocks))
+    assert found[0].tobytes() == found[1].tobytes()
