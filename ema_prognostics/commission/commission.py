@@ -47,7 +47,7 @@ from ema_prognostics.training.rates import rate
 from ema_prognostics.training.train_model import VALIDATION_SEED, TrainingSettings
 from ema_prognostics.training.view_training import train_view
 from ema_record.actuator import FORMERLY, Actuator, load_actuator, with_values
-from ema_record.actuator_type import actuator_hashes
+from ema_record.actuator_type import actuator_hash, actuator_hashes
 from ema_record.errors import EmaError, OutputError, UsageError
 from ema_record.files import exists
 from ema_record.kit import ACTUATOR, CASCADE, PROFILES, REPORT, VALIDATION, using_kit
@@ -205,7 +205,7 @@ class _Work:
         check_good(found)
         body = Body(
             views={f"{kind}/{view}": part for view, part in views.items()}, paper=None,
-            discrepancy={kind: discrepancy},
+            discrepancy={kind: discrepancy}, actuator=actuator_hash(),
             training={"seed": self._seed, "quick": self._quick, "software_version": VERSION,
                       "settings": asdict(self._size), "held_out": held_out},
         )
