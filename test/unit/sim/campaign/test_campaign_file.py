@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from ema_record.errors import UsageError
-from ema_sim.campaign import runs
+from ema_sim.campaign import runs as campaign_runs
 from ema_sim.campaign.plan import load_plan, plan_from
 from ema_sim.campaign.reductions import named_reduction, summary
 from ema_sim.campaign.runs import prepare
@@ -81,7 +81,7 @@ def test_what_is_drawn_reaches_the_run():
 
 def test_the_edges_of_a_carrier_are_simulated_where_the_plan_says_so(monkeypatch):
     seen = []
-    monkeypatch.setattr(runs, "simulate", lambda *_, switching, **__: (
+    monkeypatch.setattr(campaign_runs, "simulate", lambda *_, switching, **__: (
         seen.append(switching) or record_of("step", seed=3)))
     for switching in (False, True):
         run = campaign({"noise": 1.0}, switching=switching).run(0)
