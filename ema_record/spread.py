@@ -35,6 +35,7 @@ class UnitTolerances(NamedTuple):
     damping: Annotated[float, quantity("1", 0.0, 0.9, "of the shaft")]
     control_gain: Annotated[float, quantity("1", 0.0, 0.5, "each gain of the control")]
     hysteresis: Annotated[float, quantity("1", 0.0, 0.5, "band of the relay")]
+    backlash: Annotated[float, quantity("1", 0.0, 0.8, "lost motion of the gear")]
     latency: Annotated[float, quantity("1", 0.0, 20.0, "control periods, 0 up to this")]
 
 
