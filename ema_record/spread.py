@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -57,6 +57,12 @@ class TypeSpread(NamedTuple):
 
     tolerances: UnitTolerances
     conditions: Conditions
+
+
+def most_of(name: str) -> float:
+    """Return the largest value of one of `UnitTolerances`."""
+    field = get_type_hints(UnitTolerances, include_extras=True)[name].__metadata__[-1]
+    return float(next(item.le for item in field.metadata if hasattr(item, "le")))
 
 
 _Part = TypeVar("_Part", UnitTolerances, Conditions)
