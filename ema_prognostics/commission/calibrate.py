@@ -14,11 +14,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from ema_prognostics.commission.acceptance import Acceptance
+from ema_prognostics.commission.estimate import estimate
 from ema_prognostics.commission.quality import fleet_spread
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import ProfileKind
@@ -38,8 +38,8 @@ PRIORS: dict[str, float] = {
     "motor.back_emf_constant": 0.05, "motor.phase_resistance": 0.1,
     "motor.phase_inductance": 0.15, "control.position_gain": 0.1, "control.speed_limit": 0.01,
     "control.proportional_gain": 0.1, "control.integral_gain": 0.2, "inverter.hysteresis": 0.1,
-    "motor.flat_top": 0.05, "acquisition.reference_latency": 1.0,
-    "acquisition.command_latency": 1.0,
+    "motor.flat_top": 0.05, "acquisition.reference_latency": 0.5,
+    "acquisition.command_latency": 0.5,
 }
 """Standard deviation of what a description says: of the logarithm, of latencies in periods. A
 data sheet gives motor constants within their tolerance; friction and stiffness are assumed. Static
@@ -67,9 +67,6 @@ DRAWS = (150, 120, 120)
 """Simulated tests of each round."""
 NARROWER = 2.0
 """Of what a round leaves open: the spread of the next."""
-BEYOND, TURNS = 3.0, 20
-"""Errors beyond which a feature of the estimate is no longer taken as due to parameters (Huber
-1964: it weighs as if it were that many off); repetitions of this."""
 CLIP = 4.0
 """Robust deviations beyond which features of a test are taken as those that far off."""
 CONDITIONS = ("temperature", "bus_voltage")
@@ -195,55 +192,6 @@ def conditions_of(names: Sequence[str], mean: np.ndarray) -> list[str]:
             f"bus_voltage_change.change={place['bus_voltage'] - 1.0!r}"]
 
 
-class Estimate(NamedTuple):
-    """Parameters, shape (p,), and the standard deviation of their errors."""
-
-    value: np.ndarray
-    error: np.ndarray
-
-
-def estimate(
-    parameters: np.ndarray, features: np.ndarray, measured: np.ndarray, prior: np.ndarray,
-    error: np.ndarray,
-) -> Estimate:
-    """Return the parameters of greatest posterior density of a linear model of the features.
-
-    Parameters
-    ----------
-    parameters : ndarray, shape (n, p). Of the draws; 0 is what the prior expects.
-    features : ndarray, shape (n, d). Of their tests.
-    measured : ndarray, shape (d,).
-    prior : ndarray, shape (p,). Standard deviations.
-    error : ndarray, shape (d,). Standard deviation of that of `measured`.
-    """
-    center, level, jacobian = _slopes(parameters, features)
-    wanted = measured - level + jacobian @ center
-    now = error
-    for _ in range(TURNS):
-        weighed = jacobian / now[:, None]**2
-        inverse = np.linalg.inv(weighed.T @ jacobian + np.diag(prior**-2.0))
-        value = inverse @ weighed.T @ wanted
-        now = np.maximum(error, np.abs(wanted - jacobian @ value) / BEYOND)
-    return Estimate(value, np.sqrt(np.diag(inverse)))
-
-
-def _slopes(parameters: np.ndarray, features: np.ndarray
-            ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return mean parameters, shape (p,), the features there, shape (d,), and slopes, (d, p).
-
-    Least squares; each slope is shrunk by what of it may be its error, as the discrepancy is
-    (James and Stein 1961): a hundred features that tell nothing would tell much together.
-    """
-    center = parameters.mean(axis=0)
-    design = np.column_stack([np.ones(len(parameters)), parameters - center])
-    slopes, *_ = np.linalg.lstsq(design, features, rcond=None)
-    freedom = max(len(design) - design.shape[1], 1)
-    variance = np.sum((features - design @ slopes)**2, axis=0) / freedom
-    error = np.outer(np.diag(np.linalg.inv(design.T @ design))[1:], variance)
-    share = np.clip(1.0 - error / np.maximum(slopes[1:]**2, 1e-300), 0.0, 1.0)
-    return center, slopes[0], (share * slopes[1:]).T
-
-
 def calibrate(
     acceptance: Acceptance, actuator: Actuator, fleet: FleetFeatures,
     tolerances: UnitTolerances, *, seed: int = 1, jobs: int = 1,
@@ -296,7 +244,8 @@ def calibrate(
         # Latencies are not below 0: what was simulated counts, not what was drawn.
         taken = np.maximum(steps, least)
         features = _drawn_in(found[done][:, used])
-        x, left = estimate(taken[done], features, mean[used], prior, sigma[used] / root)
+        x, left = estimate(taken[done], features, mean[used], prior, sigma[used] / root,
+                           len(np.unique(units)))
         wide = np.minimum(NARROWER * left, prior)
     progress(1.0)
     corrected = _candidate(actuator, chosen, x[:-1])
