@@ -15,8 +15,10 @@ import numpy as np
 from ema_prognostics.cascade.model_body import DiscrepancyPart, LimitPart, ViewPart, rounded
 from ema_prognostics.training.fleet import FleetFeatures
 
-NOT_SHIFTED = ("temperature", "bus_voltage", "load_", "gap_load", "start_position",
-               "offset_largest", "gain_largest", "sum_mean")
+CONDITIONS = ("temperature", "bus_voltage", "load_")
+"""Beginnings of features that are conditions of a test."""
+NOT_SHIFTED = (*CONDITIONS, "gap_load", "start_position", "offset_largest", "gain_largest",
+               "sum_mean")
 """Beginnings of features that are conditions of the test or errors of the sensors: those of the
 acceptance records say nothing about those of the next test."""
 
@@ -31,12 +33,14 @@ def fit_discrepancy(
     names : of the features, (d,).
     rows : ndarray, shape (n, d). Features of the records.
     units : ndarray, shape (n,). Unit of each.
-    model, spread : ndarray, shape (d,). Features of the corrected model; their standard
-        deviation over healthy tests of the type as it is trained.
+    model : ndarray, shape (n, d). What the corrected model gives in their conditions.
+    spread : ndarray, shape (d,). Standard deviation of the features over healthy tests of the
+        type as it is trained.
     """
-    means = np.array([rows[units == unit].mean(axis=0) for unit in np.unique(units)])
+    off = rows - model
+    means = np.array([off[units == unit].mean(axis=0) for unit in np.unique(units)])
     n = len(means)
-    left = means.mean(axis=0) - model
+    left = means.mean(axis=0)
     own = means.std(axis=0, ddof=1)
     error = np.maximum(own, spread) / np.sqrt(n)
     share = np.clip(1.0 - error**2 / np.maximum(left**2, 1e-30), 0.0, 1.0)
@@ -47,6 +51,24 @@ def fit_discrepancy(
     wide = np.sqrt(share * error**2 + more)
     wide[still] = 0.0
     return DiscrepancyPart(names=list(names), mean=rounded(share * left), spread=rounded(wide))
+
+
+def expected(fleet: FleetFeatures, names: list[str], rows: np.ndarray) -> np.ndarray:
+    """Return the mean features of a fleet's healthy tests in the conditions of others, (n, d).
+
+    Parameters
+    ----------
+    fleet : healthy.
+    names : of the features, (d,).
+    rows : ndarray, shape (n, d). Features of the others.
+    """
+    own = np.vstack([fleet.baseline, fleet.record])[:, [fleet.names.index(n) for n in names]]
+    given = [k for k, n in enumerate(names) if n.startswith(CONDITIONS)]
+    center = own[:, given].mean(axis=0)
+    design = np.column_stack([np.ones(len(own)), own[:, given] - center])
+    slopes, *_ = np.linalg.lstsq(design, own, rcond=None)
+    return np.asarray(
+        np.column_stack([np.ones(len(rows)), rows[:, given] - center]) @ slopes)
 
 
 def with_discrepancy(

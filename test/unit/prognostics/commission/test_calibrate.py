@@ -13,9 +13,14 @@ from ema_prognostics.commission.acceptance import (
     measured_recorder,
     read_acceptance,
 )
-from ema_prognostics.commission.calibrate import changed, linear_bayes, parameters_of
+from ema_prognostics.commission.calibrate import (
+    changed,
+    parameters_of,
+    wider,
+)
 from ema_prognostics.commission.commission import commission
 from ema_prognostics.commission.discrepancy import fit_discrepancy, with_discrepancy
+from ema_prognostics.commission.estimate import estimate
 from ema_prognostics.commission.quality import check_described, check_good
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_record.actuator import load_actuator
@@ -25,25 +30,71 @@ from ema_record.kit import ACTUATOR as ACTUATOR_FILE
 from ema_record.kit import kit_path
 from ema_record.profile import load_profile, step_profile
 from ema_record.record import Record
+from ema_record.spread import load_spread
 from support.simulations import record_of
 
 ACTUATOR = load_actuator()
 
 
+SLOPES = np.array([[1.0, 0.3, 0.0], [0.0, 1.0, 0.0], [0.2, 0.0, 0.0]])
+PRIOR = np.array([0.4, 0.7, 1.0])
+
+
+def drawn(rng: np.random.Generator, noisy: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return parameters of tests, shape (200, 3), and features of which `noisy` say nothing."""
+    parameters = rng.standard_normal((200, 3)) * PRIOR
+    shown = parameters @ SLOPES.T + 0.01 * rng.standard_normal((200, 3))
+    return parameters, np.hstack([shown, rng.standard_normal((200, noisy))])
+
+
 def test_parameters_of_a_linear_machine_come_out_among_features_that_say_nothing() -> None:
     rng = np.random.default_rng(1)
-    parameters = rng.standard_normal((200, 3)) * [0.4, 0.7, 1.0]
-    slopes = np.array([[1.0, 0.3, 0.0], [0.0, 1.0, 0.0], [0.2, 0.0, 0.0]])
-    noise = rng.standard_normal((200, 100))
-    features = np.hstack([parameters @ slopes.T + 0.01 * rng.standard_normal((200, 3)), noise])
+    parameters, features = drawn(rng, 100)
     truth = np.array([0.3, -0.5, 0.8])
-    measured = np.concatenate([slopes @ truth, rng.standard_normal(100)])
-    found, left = linear_bayes(parameters, features, measured)
+    measured = np.concatenate([SLOPES @ truth, rng.standard_normal(100)])
+    error = np.array([0.03] * 3 + [1.0] * 100)
+    found, left = estimate(parameters, features, measured, PRIOR, error, 10_000)
     assert found[:2] == pytest.approx(truth[:2], abs=0.06)
     assert max(left[:2]) < 0.08
     # Nothing shows the third: the estimate stays at the prior, and says so.
     assert abs(found[2]) < 0.5
     assert left[2] == pytest.approx(1.0, abs=0.2)
+
+
+def test_the_estimate_is_that_of_bayes_and_its_error_is_said() -> None:
+    rng = np.random.default_rng(2)
+    parameters, features = drawn(rng, 0)
+    error = np.array([0.2, 0.3, 0.4])
+    truth, wanted = PRIOR * rng.standard_normal((400, 3)), []
+    for one in truth:
+        measured = SLOPES @ one + 0.01 * rng.standard_normal(3) + (
+            error * rng.standard_normal(3))
+        found, left = estimate(parameters, features, measured, PRIOR, error, 10_000)
+        wanted.append((found - one) / left)
+    spread = np.std(wanted, axis=0)
+    assert spread == pytest.approx([1.0, 1.0, 1.0], abs=0.12)
+
+
+def test_a_feature_that_no_parameter_explains_moves_none() -> None:
+    rng = np.random.default_rng(3)
+    parameters, features = drawn(rng, 0)
+    truth = np.array([0.3, -0.5, 0.0])
+    measured = SLOPES @ truth + [0.0, 0.0, 20.0]  # 400 of its errors, of the weak third feature
+    found, _ = estimate(parameters, features, measured, PRIOR, np.full(3, 0.05), 10_000)
+    assert found[:2] == pytest.approx(truth[:2], abs=0.1)
+
+
+def test_what_is_not_known_of_the_type_is_part_of_its_tolerances() -> None:
+    old = load_spread().tolerances
+    left = {"motor.phase_resistance": 0.03, "motor.viscous_friction": 0.2,
+            "shaft.damping": 9.0, "control.position_gain": 0.01, "control.integral_gain": 0.04}
+    new = wider(old, ACTUATOR, left)
+    assert new.resistance**2 / 3 == pytest.approx(old.resistance**2 / 3 + 0.03**2, rel=1e-2)
+    assert np.log(new.viscous_factor)**2 / 3 == pytest.approx(
+        np.log(old.viscous_factor)**2 / 3 + 0.2**2, rel=1e-2)
+    assert new.control_gain**2 / 3 == pytest.approx(old.control_gain**2 / 3 + 0.04**2, rel=1e-2)
+    assert new.damping == 0.9  # the bound of what a kit may say
+    assert new.inertia == old.inertia
 
 
 def test_static_friction_moves_with_the_dynamic_one_and_never_falls_below() -> None:
