@@ -44,6 +44,8 @@ PRIORS: dict[str, float] = {
 """Standard deviation of what a description says: of the logarithm, of latencies in periods. A
 data sheet gives motor constants within their tolerance; friction and stiffness are assumed. Static
 friction varies beside the dynamic one, which moves both."""
+UNTOLD = 0.75
+"""Part of the prior that is left where the records tell next to nothing of a parameter."""
 TOLERANCE_OF = {
     "resistance": ("motor.phase_resistance",), "inductance": ("motor.phase_inductance",),
     "back_emf": ("motor.back_emf_constant",), "flat_top": ("motor.flat_top",),
@@ -287,12 +289,14 @@ def wider(tolerances: UnitTolerances, nominal: Actuator, left: Mapping[str, floa
           ) -> UnitTolerances:
     """Return the tolerances about a model of which `left`, as `Calibration.open`, is not known.
 
-    Half widths whose variance is that of the units and of what is not known of their type; of
-    several parameters of one tolerance the least known counts.
+    Half widths whose variance is that of the units and of what is not known of their type. A
+    parameter of which the records tell next to nothing moves no feature, and its tolerance stays;
+    of several parameters of one tolerance the best known counts.
     """
     found = {}
     for name, of in TOLERANCE_OF.items():
-        error = np.sqrt(3.0) * max((left[n] for n in of if n in left), default=0.0)
+        told = [left[n] for n in of if n in left and left[n] < UNTOLD * PRIORS[n]]
+        error = np.sqrt(3.0) * min(told, default=0.0)
         old = getattr(tolerances, name)
         if name == "viscous_factor":
             new = np.exp(np.hypot(np.log(old), error))

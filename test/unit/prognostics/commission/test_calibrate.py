@@ -19,7 +19,11 @@ from ema_prognostics.commission.calibrate import (
     wider,
 )
 from ema_prognostics.commission.commission import commission
-from ema_prognostics.commission.discrepancy import fit_discrepancy, with_discrepancy
+from ema_prognostics.commission.discrepancy import (
+    fit_discrepancy,
+    moderated,
+    with_discrepancy,
+)
 from ema_prognostics.commission.estimate import estimate
 from ema_prognostics.commission.quality import check_described, check_good
 from ema_prognostics.training.fleet import FleetFeatures
@@ -87,14 +91,17 @@ def test_a_feature_that_no_parameter_explains_moves_none() -> None:
 def test_what_is_not_known_of_the_type_is_part_of_its_tolerances() -> None:
     old = load_spread().tolerances
     left = {"motor.phase_resistance": 0.03, "motor.viscous_friction": 0.2,
-            "shaft.damping": 9.0, "control.position_gain": 0.01, "control.integral_gain": 0.04}
+            "shaft.damping": 0.4, "shaft.stiffness": 0.2,
+            "control.position_gain": 0.03, "control.integral_gain": 0.04}
     new = wider(old, ACTUATOR, left)
     assert new.resistance**2 / 3 == pytest.approx(old.resistance**2 / 3 + 0.03**2, rel=1e-2)
     assert np.log(new.viscous_factor)**2 / 3 == pytest.approx(
         np.log(old.viscous_factor)**2 / 3 + 0.2**2, rel=1e-2)
-    assert new.control_gain**2 / 3 == pytest.approx(old.control_gain**2 / 3 + 0.04**2, rel=1e-2)
-    assert new.damping == 0.9  # the bound of what a kit may say
+    assert new.control_gain**2 / 3 == pytest.approx(old.control_gain**2 / 3 + 0.03**2, rel=1e-2)
+    assert new.stiffness**2 / 3 == pytest.approx(old.stiffness**2 / 3 + 0.2**2, rel=1e-2)
+    assert new.damping == old.damping  # four fifths of the prior are left
     assert new.inertia == old.inertia
+    assert wider(old._replace(stiffness=0.79), ACTUATOR, left).stiffness == 0.8  # the most
 
 
 def test_static_friction_moves_with_the_dynamic_one_and_never_falls_below() -> None:
@@ -130,6 +137,17 @@ def test_what_is_no_larger_than_its_error_is_no_discrepancy() -> None:
     assert found.spread == pytest.approx([np.sqrt(share * 0.25)])
     condition = fit_discrepancy(["load_quarter"], rows, units, zero, one)
     assert (condition.mean, condition.spread) == ([0.0], [0.0])
+
+
+def test_variances_of_few_units_are_drawn_together_as_far_as_chance_goes() -> None:
+    rng = np.random.default_rng(8)
+    alike = rng.chisquare(3, 400) / 3  # all true ratios are 1: what differs is chance
+    assert moderated(alike, 3) == pytest.approx(np.ones(400), abs=0.25)
+    truth = 6.0 / rng.chisquare(6, 2000)  # of the prior: 6 degrees of freedom
+    measured = truth * rng.chisquare(3, 2000) / 3
+    found = moderated(measured, 3)
+    assert np.mean(np.log(found / truth)**2) < 0.5 * np.mean(np.log(measured / truth)**2)
+    assert found == pytest.approx((6.0 + 3.0 * measured) / 9.0, rel=0.2)
 
 
 def test_the_discrepancy_of_a_unit_is_that_of_all_its_records() -> None:
