@@ -338,10 +338,7 @@ class Body(Part):
 
     def plain(self) -> dict[str, Any]:
         """Return the body as plain values, as the file holds it."""
-        data = self.model_dump(mode="json")
-        if not self.actuator:
-            del data["actuator"]
-        return data
+        return self.model_dump(mode="json", exclude=None if self.actuator else {"actuator"})
 
     @classmethod
     def parse(cls, data: object, where: str) -> Body:

@@ -6,7 +6,7 @@ without and with a baseline are trained on the same units and judged on the same
 them stands the bound of the best linear detector on the same features (`linear_bound`), which
 depends less on a small training.
 
-    python -m benchmarks.detection.channels --units 150 --work channels-work
+    python -m benchmarks.any_actuator.channels --units 150 --work channels-work
 """
 
 from __future__ import annotations
