@@ -99,9 +99,15 @@ def _describe(error: Any) -> str:
     """Return what typer has to say about wrong options, with the nearest option."""
     near = getattr(error, "possibilities", None)
     text = (f"no such option {error.option_name!r}: did you mean {near[0]!r}?" if near
-            else error.format_message().rstrip(". ") + ";")
+            else f"{error.format_message().rstrip('. ')}{_value(error.__context__)};")
     context = getattr(error, "ctx", None)
     return f"{text} see '{PROGRAM if context is None else context.command_path} --help'"
+
+
+def _value(cause: Any) -> str:
+    """Return the value that was given, which not all versions of typer say."""
+    problems = cause.errors() if hasattr(cause, "errors") else []
+    return f" (value {str(problems[0]['input'])[:60]})" if problems else ""
 
 
 def load_command(name: str) -> Callable[..., object]:

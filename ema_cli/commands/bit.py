@@ -14,7 +14,7 @@ import typer
 
 from ema_cli.console import note, print_json, print_table, progress, stdout, styled
 from ema_cli.views.verdict import print_verdict
-from ema_record.errors import TestRefusedError, UsageError
+from ema_record.errors import TestRefusedError
 
 if TYPE_CHECKING:
     from ema_monitor.aircraft_node import AircraftNode
@@ -86,7 +86,9 @@ def bit(
     from ema_record.actuator import load_actuator
     from ema_record.profile import load_profile
     from ema_ros.domain import enter_domain, private_domain
+    from ema_ros.parameters import check_values
     from ema_ros.supervisor import Supervisor
+    from ema_sim.node.settings import load_model, parameter_specs
 
     chosen = load_profile(profile)
     chosen.check_within(load_actuator(model).surface.end_stop)
@@ -97,6 +99,7 @@ def bit(
         "real_time_factor": real_time_factor,
         **effect_parameters(effect or []),
     }
+    check_values(parameter_specs(load_model(model_file)), simulator)
     log = new_log(out)
     before = set(out.iterdir())
     begin = time.monotonic()
@@ -141,17 +144,13 @@ def exit_status(result: dict[str, Any]) -> int:
 
 
 def effect_parameters(settings: list[str]) -> dict[str, ParameterValue]:
-    """Return effects as parameters of the simulator node, which checks them."""
+    """Return effects as parameters of the simulator node; UsageError where one is wrong."""
+    from ema_sim.effects import parse_effects
+
+    parse_effects(settings)
     found: dict[str, ParameterValue] = {}
     for setting in settings:
-        name, separator, value = (part.strip() for part in setting.partition("="))
-        effect, dot, parameter = name.partition(".")
-        if not (separator and value and dot and effect.isidentifier()
-                and parameter.isidentifier()):
-            raise UsageError(
-                f"effect {setting!r}: expected NAME.PARAMETER=VALUE, "
-                "for example turn_short.fraction=0.1"
-            )
+        name, _, value = (part.strip() for part in setting.partition("="))
         try:
             found[name] = float(value)
         except ValueError:
