@@ -33,7 +33,8 @@ def commission(
     Example: `ema commission acceptance/* --actuator aileron/actuator.yaml --out aileron_kit`
     """
     from ema_prognostics.commission.commission import commission as make
-    from ema_prognostics.commission.report import percent, size
+    from ema_prognostics.commission.report import percent
+    from ema_prognostics.words import size
     from ema_record.kit import REPORT
 
     check_new(out)
