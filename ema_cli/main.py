@@ -194,5 +194,6 @@ def _print_help() -> None:
     )
     console.print(
         "\nExit status: 0 healthy or done, 1 a fault, 2 wrong use or unreadable input, "
-        "3 unknown or incomplete, 70 an error in this software, 130 interrupted"
+        "3 unknown or incomplete, 4 no verdict of ema bit, 70 an error in this software, "
+        "130 interrupted"
     )

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ema_cli.console import note, print_json, print_table, progress, stdout, styled
+from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber
 from ema_cli.views.verdict import print_verdict
 from ema_record.errors import TestRefusedError
 
@@ -41,37 +42,19 @@ class NoVerdictError(TestRefusedError):
 
 
 def bit(
-    profile: Annotated[
-        str, typer.Option("--profile", "-p", metavar="NAME|FILE.yaml", help="Test profile.")
-    ] = "extended",
-    effect: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--effect", "-e", metavar="NAME.PARAMETER=VALUE",
-            help="Effect to hide in the simulated actuator; repeatable.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for the records.")
-    ] = Path("records"),
-    model: Annotated[
-        Path | None,
-        typer.Option("--model", metavar="FILE.yaml",
-                     help="Actuator parameters and effects: changes over the kit's."),
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Of noise and start angle.")] = 0,
-    noise: Annotated[float, typer.Option("--noise", help="Factor on the sensor noise.")] = 1.0,
-    serial_number: Annotated[
-        str, typer.Option("--serial-number", metavar="TEXT", help="Of the actuator.")
-    ] = "SIM-0000",
-    real_time_factor: Annotated[
-        float,
-        typer.Option("--real-time-factor", help="Simulated seconds a second; 0: no pacing."),
-    ] = 1.0,
-    domain: Annotated[
-        int | None,
-        typer.Option("--domain", min=0, max=232, help="ROS domain, default a free one."),
-    ] = None,
+    profile: Annotated[str, typer.Option(
+        "--profile", "-p", metavar="NAME|FILE.yaml", help="Test profile.")] = "extended",
+    effect: Effect = None,
+    out: Annotated[Path, typer.Option(
+        "--out", "-o", metavar="DIR", help="Folder for the records.")] = Path("records"),
+    model: Changes = None,
+    seed: Seed = 0,
+    noise: Noise = 1.0,
+    serial_number: SerialNumber = "SIM-0000",
+    real_time_factor: Annotated[float, typer.Option(
+        "--real-time-factor", help="Simulated seconds a second; 0: no pacing.")] = 1.0,
+    domain: Annotated[int | None, typer.Option(
+        "--domain", min=0, max=232, help="ROS domain, default a free one.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> int:
     """Run the whole built-in test over ROS 2 and print the verdict.
