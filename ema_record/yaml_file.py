@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import yaml
@@ -29,7 +30,7 @@ def load_yaml(path: Path, *, max_bytes: int = 1 << 20) -> object:
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         line = f" line {mark.line + 1}:" if mark is not None else ""
-        what = getattr(error, "problem", None) or str(error).split("\n")[0]
+        what = getattr(error, "problem", None) or re.split(r"[\n;]", str(error))[0]
         raise UsageError(f"{path}:{line} malformed YAML: {what}") from None
 
 

@@ -39,6 +39,7 @@ def test_one_name_in_several_places_is_no_key_twice(tmp_path):
         ("[{a: 1, 'a': 2}]", "line 1: malformed YAML: 'a' stands there twice"),
         ("a: 1\n---\nb: 2\n", "but found another document"),
         ("a: 2026-13-45", "malformed YAML"),
+        ("a: " + "9" * 5000, "value has 5000 digits$"),
         (b"\xff\xfe\xfa", "not UTF-8"),
         ("a: \x00", "malformed YAML"),
         ("x" * (2 << 20), "at most 1048576"),
