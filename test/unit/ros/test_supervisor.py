@@ -115,8 +115,8 @@ def test_a_domain_is_held_across_processes_and_leaves_no_file(tmp_path, monkeypa
 
 
 def test_effects_become_parameters():
-    assert effect_parameters(["turn_short.fraction=1", "turn_short.phase = b"]) == {
-        "turn_short.fraction": 1.0, "turn_short.phase": "b"}
+    assert effect_parameters(["turn_short.fraction=0.5", "turn_short.phase = b"]) == {
+        "turn_short.fraction": 0.5, "turn_short.phase": "b"}
     for wrong, what in (
         ("turn_short", r"NAME\.PARAMETER=VALUE"), ("turn_short.fraction=", r"NAME\.PARAMETER="),
         ("turn_short=1", "name a parameter too"), ("a b.c=1", "unknown effect 'a b'"),
