@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ema_cli.console import check_new, given_bags, note, print_json, progress_of, say
+from ema_cli.options import TrainingJobs
 
 if TYPE_CHECKING:
     from ema_record.record import Record
@@ -24,8 +25,7 @@ def commission(
     quick: Annotated[bool, typer.Option(
         "--quick", help="A small training, to try the way.")] = False,
     seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Of the training.")] = 1,
-    jobs: Annotated[int, typer.Option(
-        min=-1, max=256, help="Processes that simulate, -1 for all cores.")] = -1,
+    jobs: TrainingJobs = -1,
     library: Annotated[bool | None, typer.Option(
         "--library/--no-library", show_default="made, but not with --quick",
         help="Make the library for 'ema identify' too; else it is made at its first use.")] = None,
@@ -41,7 +41,8 @@ def commission(
     Example: `ema commission acceptance/* --actuator aileron/actuator.yaml --out aileron_kit`
     """
     from ema_prognostics.commission.commission import commission as make
-    from ema_prognostics.commission.report import percent, size
+    from ema_prognostics.commission.report import percent
+    from ema_prognostics.words import size
     from ema_record.kit import REPORT
 
     check_new(out)

@@ -22,31 +22,17 @@ from ema_record.errors import UsageError, unknown_name
 def export(
     bags: Annotated[list[Path], typer.Argument(
         metavar="BAG...", help="Bags to convert, or directories of them.")],
-    file_format: Annotated[
-        str | None,
-        typer.Option(
-            "--format", "-f", metavar="csv|parquet|mcap", show_default="csv",
-            help="mcap: a bag of standard messages, one a sample, for plotters.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", "-o", metavar="FILE", show_default="beside the bag",
-            help="What to write, of a single bag; for mcap a directory.",
-        ),
-    ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            "--plot", metavar="DIR",
-            help="Plot the test, as PNG into DIR (of several bags, each into a folder of its own "
-            "there); without --format and --out nothing else.",
-        ),
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print what was written as JSON.")
-    ] = False,
+    file_format: Annotated[str | None, typer.Option(
+        "--format", "-f", metavar="csv|parquet|mcap", show_default="csv",
+        help="mcap: a bag of standard messages, one a sample, for plotters.")] = None,
+    out: Annotated[Path | None, typer.Option(
+        "--out", "-o", metavar="FILE", show_default="beside the bag",
+        help="What to write, of a single bag; for mcap a directory.")] = None,
+    plot: Annotated[Path | None, typer.Option(
+        "--plot", metavar="DIR", help="Plot the test, as PNG into DIR (of several bags, each into "
+        "a folder of its own there); without --format and --out nothing else.")] = None,
+    as_json: Annotated[bool, typer.Option(
+        "--json", help="Print what was written as JSON.")] = False,
 ) -> int:
     """Convert a bag to CSV, Parquet or messages for plotters; plot it.
 

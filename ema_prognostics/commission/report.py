@@ -151,11 +151,6 @@ def number(name: str, value: float | None) -> str:
     return "–" if value is None else f"{scaled(name)[0] * value:.3g}"
 
 
-def size(name: str, value: float | None) -> str:
-    """Return a severity in the unit that people read, or a dash."""
-    return number(name, value) if value is None else f"{number(name, value)} {scaled(name)[1]}"
-
-
 def _extent(name: str, value: float) -> float:
     """Return how much a parameter was changed, relative; a latency always counts."""
     return 1.0 if name.endswith("latency") else abs(value - 1.0)
