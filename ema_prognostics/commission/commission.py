@@ -64,7 +64,7 @@ from ema_sim.model_file import Model
 FULL = TrainingSettings(units=700, healthy=900, validation=150, validation_healthy=400)
 QUICK = TrainingSettings(units=120, healthy=200, validation=40, validation_healthy=100,
                          hidden=12, iterations=120)
-SPREAD_UNITS = 4 * 12
+SPREAD_UNITS = 48
 """Healthy units from which the scatter of the features is read before the model is corrected."""
 WIDEN = 2.0
 """Most by which the guard's limits are widened so that they hold the acceptance records that
