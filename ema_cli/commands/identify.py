@@ -101,7 +101,11 @@ def _read(path: Path, profile: str | None) -> Any:
     from ema_record.bag.read import read_bag
     from ema_record.profile import load_profile
     from ema_rig.bag import is_rig_bag, read_rig_bag
+    from ema_rig.ros_bag import how_to_import
 
+    foreign = how_to_import(path)
+    if foreign is not None:
+        raise foreign
     if is_rig_bag(path):
         return read_rig_bag(path)
     record = read_bag(path)
