@@ -99,7 +99,7 @@ def guess_map(path: Path, topic: str | None = None, joint: str | None = None) ->
 def _of_bag(path: Path, topic: str | None, joint: str | None, name: str) -> Guess:
     topics = list_topics(path)
     if topic is None:
-        found = [t.name for t in topics.values() if t.type in JOINTS and t.count]
+        found = [t.name for t in topics.values() if t.type in JOINTS and t.messages]
         if len(found) != 1:
             raise UsageError(f"{path}: give --topic, one of {listed(topics) or 'none'}")
         topic = found[0]
@@ -139,7 +139,7 @@ def _of_joint(path: Path, topic: AnyTopic, joint: str | None) -> Guess:
         if joint is not None:
             raise unknown_name("joint", joint, joints, f"{path}: {topic.name} has {shown}")
         raise UsageError(f"{path}: {topic.name}: give --joint, one of {shown or 'none'}")
-    fields = FIELDS
+    fields: tuple[str, ...] = FIELDS
     if topic.type == DYNAMIC_JOINT_STATE:
         fields = tuple(dict.fromkeys(
             str(kind) for message in messages for place, name in enumerate(message.joint_names)
@@ -188,12 +188,12 @@ def _split_unit(name: str, given: str | None) -> tuple[str, str | None]:
     """Return the name without its unit, and the unit: of the header, in brackets, at its end."""
     if given is not None and find_unit(given) is not None:
         return name, find_unit(given)
-    matched = _BRACKET.match(name)
-    if matched and find_unit(matched[2]) is not None:
-        return matched[1], find_unit(matched[2])
     base, _, last = name.rpartition("_")
     if base and find_unit(last) is not None:
         return base, find_unit(last)
+    matched = _BRACKET.match(name)
+    if matched and find_unit(matched[2]) is not None:
+        return matched[1], find_unit(matched[2])
     return name, find_unit(name) if len(name) > 1 else None
 
 

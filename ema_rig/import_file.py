@@ -24,7 +24,7 @@ from ema_rig.runs import chosen_runs, one_after_another, restarts, run_labels
 from ema_rig.table import MAX_FILE_BYTES, Table
 from ema_rig.text import read_text_table
 from ema_rig.times import one_clock, seconds, single_stamps, unwrapped
-from ema_rig.units import SI_OF, unit_factor
+from ema_rig.units import SI_OF, is_unit, unit_factor
 
 SUFFIXES = (".csv", ".txt", ".dat", ".tsv", ".log", ".mat", ".npz", ".parquet", ".gz")
 ELSEWHERE = {
@@ -133,8 +133,8 @@ def read_table(
 
     """
     if path.is_dir() or is_bag(path):
-        raise UsageError(f"{path}: a bag of ROS 2 needs 'bag: {{topic: /joint_states, joint: ...}}'"
-                         " in the map, or no map but --topic and --joint")
+        raise UsageError(f"{path}: a bag of ROS 2 needs 'bag: {{topic: /joint_states, joint: ...}}"
+                         "' in the map, or no map but --topic and --joint")
     if not path.is_file():
         raise UsageError(f"{path}: no such file: give a file or a bag that is there")
     size = path.stat().st_size
@@ -165,6 +165,8 @@ def _quantity(part: Column, source: str) -> InputQuantity:
             continue
         found: InputQuantity = quantity
         return found
+    if not is_unit(part.unit):
+        unit_factor(part.unit, "force", f"{source}: input")  # says which unit is near
     raise UsageError(f"{source}: input: unit {part.unit!r} measures none of "
                      f"{', '.join(INPUT_UNITS)}: correct it in the map")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ema_record.errors import InvalidRecordError, UsageError
-from ema_rig.table import Cells, Part, Table, TextColumn, check_shape, chosen
+from ema_rig.table import Cells, CellBlock, Table, TextColumn, check_shape, chosen
 
 
 def read_parquet(path: Path, needed: Sequence[str | int] | None) -> Table:
@@ -62,7 +62,7 @@ def _column(values: object, where: str, pa: object) -> Cells:
         return np.asarray((nanoseconds - nanoseconds[:1]) * 1e-9, dtype=np.float64)
     if types.is_string(kind) or types.is_large_string(kind):
         cells = [text or "" for text in values.to_pylist()]  # type: ignore[attr-defined]
-        part = Part.of(cells, range(1, len(cells) + 1), ".")
+        part = CellBlock.of(cells, range(1, len(cells) + 1), ".")
         return TextColumn((part,)) if part.values is None else part.values
     if not (types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind)
             or types.is_decimal(kind)):

@@ -117,22 +117,22 @@ def read_ros_bag(path: Path, source: BagSource, needed: Sequence[str | int]) -> 
 
 def listed(topics: dict[str, AnyTopic]) -> str:
     """Return the topics of a bag with their types, in words."""
-    shown = [f"{t.name} ({t.type}, {t.count})" for t in topics.values()]
+    shown = [f"{t.name} ({t.type}, {t.messages})" for t in topics.values()]
     return ", ".join(shown[:8]) + (f" and {len(shown) - 8} more" if len(shown) > 8 else "")
 
 
 def how_to_import(path: Path) -> UsageError | None:
     """Return what to do with a file or bag that is no bag of ours, None where it is one."""
     if not is_bag(path):
-        return UsageError(f"{path}: a file of another tool: 'ema import {path} --out axis' makes a "
-                          "bag of it; then 'ema identify axis'") if path.is_file() else None
+        return UsageError(f"{path}: a file of another tool: 'ema import {path} --out axis' makes "
+                          "a bag of it; then 'ema identify axis'") if path.is_file() else None
     topics = list_topics(path)
     if SAMPLES in topics:
         return None
     joints = [topic.name for topic in topics.values() if topic.type in JOINTS]
     how = f"--topic {joints[0]} --joint NAME" if joints else "--topic TOPIC"
-    return UsageError(f"{path}: a bag of other topics ({listed(topics)}): 'ema import {path} {how} "
-                      "--out axis' makes one of its axis; then 'ema identify axis'")
+    return UsageError(f"{path}: a bag of other topics ({listed(topics)}): 'ema import {path} "
+                      f"{how} --out axis' makes one of its axis; then 'ema identify axis'")
 
 
 def decoder_of(topic: AnyTopic, source: str) -> Callable[[bytes], Any]:

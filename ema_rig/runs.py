@@ -61,9 +61,10 @@ def chosen_runs(
              for value in np.unique(labels[np.isfinite(labels)])}
     for label in only:
         if label not in known:
-            listed = ", ".join(f"{key:g}" if isinstance(key, float) else key
-                               for key in list(known)[:12])
-            raise UsageError(f"{source}: run.only: no run {label}; the file has {listed}")
+            shown, *listed = (f"{key:g}" if isinstance(key, float) else key
+                              for key in (label, *list(known)[:12]))
+            raise UsageError(f"{source}: run.only: no run {shown}; the file has "
+                             f"{', '.join(listed)}")
     wanted: np.ndarray = np.isin(labels, [known[label] for label in only]) if only else (
         np.isfinite(labels))
     return wanted

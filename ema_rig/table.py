@@ -24,7 +24,7 @@ MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--"})
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class CellBlock:
     """Some rows of one column of a text: numbers where all cells are, else the cells."""
 
     values: np.ndarray | None
@@ -34,7 +34,7 @@ class Part:
     decimal: str
 
     @classmethod
-    def of(cls, cells: Sequence[str], lines: Sequence[int], decimal: str) -> Part:
+    def of(cls, cells: Sequence[str], lines: Sequence[int], decimal: str) -> CellBlock:
         """Return cells as numbers if they all are."""
         try:
             values = np.array([_number(cell, decimal) for cell in cells])
@@ -55,7 +55,7 @@ def _number(cell: str, decimal: str) -> float:
 class TextColumn:
     """A column of a text file that is not of numbers alone."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[CellBlock, ...]
 
     @property
     def has_words(self) -> bool:

@@ -25,7 +25,7 @@ from ema_rig.table import (
     MAX_TEXT_BYTES,
     MISSING,
     Cells,
-    Part,
+    CellBlock,
     Table,
     TextColumn,
     check_shape,
@@ -151,7 +151,6 @@ def _decoded(data: bytes, path: Path) -> str:
 
 def _layout(lines: list[str], text_format: TextFormat, path: Path) -> _Layout:
     """Return where the rows begin, the names and units above them, and how cells are divided."""
-    header: list[str] = []
     above: list[str] = []
     left = 0
     for index, line in enumerate(lines[text_format.skip:], start=text_format.skip):
@@ -161,12 +160,15 @@ def _layout(lines: list[str], text_format: TextFormat, path: Path) -> _Layout:
         delimiter = _delimiter(stripped, text_format)
         cells = _cells(stripped, delimiter)
         if _begins(cells, lines[index + 1:index + 1 + 3 * _ALIKE], delimiter):
+            rows = [[cell.strip().strip("\"'") for cell in _cells(line, delimiter)]
+                    for line in above[-2:]]
+            header = rows[-1] if rows else []
             if text_format.header and not header:
                 raise InvalidRecordError(f"{path}: line {index + 1} holds numbers, expected "
                                          "names: set format.header: false in the map")
             units: list[str] = []
-            if len(above) == len(header) and _is_units(header):
-                header, units = above, [cell.strip(" []()") for cell in header]
+            if len(rows) == 2 and len(rows[0]) == len(header) and _is_units(header):
+                header, units = rows[0], [cell.strip(" []()") for cell in header]
             if text_format.header is False or len(header) != len(cells):
                 header, units = [str(number) for number in range(len(cells))], []
             names = [name if header.index(name) == k else f"{name}#{k}"
@@ -180,9 +182,9 @@ def _layout(lines: list[str], text_format: TextFormat, path: Path) -> _Layout:
         for mark in _COMMENT:
             bare = bare.removeprefix(mark)
         bare = bare.strip()
-        found = [cell.strip().strip("\"'") for cell in _cells(bare, _delimiter(bare, text_format))]
-        if not stripped.startswith(_COMMENT) or len(found) > 1:
-            header, above = found, header
+        if not stripped.startswith(_COMMENT) or len(_cells(bare, _delimiter(
+                bare, text_format))) > 1:
+            above.append(bare)
     raise InvalidRecordError(
         f"{path}: no row of numbers in its first {len(lines)} lines: set format.skip, "
         "format.delimiter or format.decimal in the map"
@@ -204,8 +206,9 @@ def _begins(cells: list[str], below: list[str], delimiter: str | None) -> bool:
     if "n" not in own or (len(own) > 1 and own.count("n") + own.count("t") < 2):
         return False
     others = [_kinds(_cells(line.strip(), delimiter)) for line in below if line.strip()][:_ALIKE]
-    return all(len(other) == len(own) for other in others[:-1]) and all(
-        sum(other[k] in (kind, "e") for other in others[:-1]) >= 0.7 * len(others[:-1])
+    alike = [other for other in others if len(other) == len(own)]
+    return len(alike) >= 0.7 * len(others) - 1.0 and all(
+        sum(other[k] in (kind, "e") for other in alike) >= 0.7 * len(alike)
         for k, kind in enumerate(own) if kind in "nt")
 
 
@@ -259,7 +262,7 @@ def _rows(
     """Return the wanted columns of rows of any cells, and what was left out."""
     reader = _numbered(body, layout)
     count = len(layout.names)
-    parts: dict[int, list[Part]] = {k: [] for k in wanted}
+    parts: dict[int, list[CellBlock]] = {k: [] for k in wanted}
     short: tuple[int, int] | None = None
     total = 0
     while True:
@@ -280,7 +283,7 @@ def _rows(
             break
         total += len(lines)
         for k in wanted:
-            parts[k].append(Part.of([row[k].strip() for row in rows], lines, layout.decimal))
+            parts[k].append(CellBlock.of([row[k].strip() for row in rows], lines, layout.decimal))
     if short is not None and (short[1] > count or not total):
         raise _uneven(path, *short, count)
     columns: dict[int, Cells] = {}

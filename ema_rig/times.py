@@ -47,8 +47,9 @@ def seconds(table: Table, name: str | int, unit: str, where: str) -> np.ndarray:
         found = parse(cell.strip())
         if found is None:
             form = "2024-01-31T12:00:00.5" if unit == ISO else "12:00:00.5"
-            raise InvalidRecordError(f"{table.source}: line {line}, column {label!r}: {cell[:40]!r}"
-                                     f" is no time of the form {form}: correct that cell")
+            raise InvalidRecordError(
+                f"{table.source}: line {line}, column {label!r}: {cell[:40]!r} is no time of the "
+                f"form {form}: correct that cell")
         values[row] = found
     if unit == CLOCK:  # past midnight
         values += 86_400 * _NS * np.concatenate(

@@ -35,7 +35,7 @@ def import_(
     guess: Annotated[bool, typer.Option(
         "--guess", help="Only write the map that is guessed from the file.")] = False,
     preview: Annotated[bool, typer.Option(
-        "--preview", help="Only show the map, the first rows in SI units, and a picture.")] = False,
+        "--preview", help="Only show the map, the first rows in SI, and a picture.")] = False,
     as_json: Annotated[bool, typer.Option(
         "--json", help="Print what was read and written as JSON.")] = False,
 ) -> int:

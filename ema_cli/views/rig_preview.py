@@ -33,7 +33,7 @@ def draw(record: RigRecord, path: Path) -> Path:
 
     """
     channels = record.channels[1:]
-    figure = Figure(figsize=(8.0, 1.7 * len(channels) + 0.6), layout="constrained")
+    figure = Figure(figsize=(8.0, 1.7 * len(channels) + 0.5), layout="constrained")
     axes = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
     for k, (axis, channel) in enumerate(zip(axes, channels)):
         axis.plot(*_thinned(record.time, record.samples[:, k + 1]), linewidth=0.8,

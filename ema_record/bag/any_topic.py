@@ -37,8 +37,7 @@ class AnyTopic(NamedTuple):
     schema_encoding: str
     """Of `schema`: ``ros2msg``, ``ros2idl``; empty where the bag holds no definition."""
     schema: str
-    count: int
-    """Messages."""
+    messages: int
 
 
 def is_bag(path: Path) -> bool:
@@ -62,11 +61,9 @@ def list_topics(path: Path) -> dict[str, AnyTopic]:
     files = _files(path)
     for file in files.paths:
         for topic in _topics_of_file(file, files):
-            before = found.get(topic.name)
-            if before is not None:
-                topic = topic._replace(count=topic.count + before.count,
-                                       schema=topic.schema or before.schema)
-            found[topic.name] = topic
+            before = found.get(topic.name, topic._replace(messages=0))
+            found[topic.name] = topic._replace(messages=topic.messages + before.messages,
+                                               schema=topic.schema or before.schema)
     return found
 
 
@@ -95,9 +92,8 @@ def messages_of(path: Path, topics: frozenset[str]) -> Iterator[tuple[str, int, 
             if counts[topic] > MAX_MESSAGES:
                 raise InvalidRecordError(f"{file}: more than {MAX_MESSAGES} messages of {topic}: "
                                          "split the bag")
-            if files.message_compression:
-                data = unpack_zstd_stream(data, MAX_MESSAGE_BYTES, topic)
-            yield topic, time, data
+            yield topic, time, data if not files.message_compression else (
+                unpack_zstd_stream(data, MAX_MESSAGE_BYTES, topic))
 
 
 def _files(path: Path) -> BagFiles:
@@ -178,22 +174,21 @@ def _topics_of_sqlite(file: Path) -> list[AnyTopic]:
 
 
 def _of_sqlite(file: Path, topics: frozenset[str]) -> Iterator[tuple[str, int, bytes]]:
-    marks = ", ".join("?" * len(topics))
     try:
         with closing(_database(file)) as database:
-            rows = database.execute(
-                "SELECT topics.name, messages.timestamp, messages.data FROM messages JOIN topics "
-                f"ON topics.id = messages.topic_id WHERE topics.name IN ({marks}) "  # noqa: S608
-                "ORDER BY messages.timestamp, messages.id", sorted(topics))
-            for topic, time, data in rows:
-                if not isinstance(data, bytes) or len(data) > MAX_MESSAGE_BYTES:
-                    raise InvalidRecordError(f"{file}: {topic}: no message of at most "
-                                             f"{MAX_MESSAGE_BYTES} bytes: the file is damaged")
-                yield str(topic), int(time), data
+            for topic in sorted(topics):
+                for time, data in database.execute(
+                        "SELECT timestamp, data FROM messages WHERE topic_id IN (SELECT id FROM "
+                        "topics WHERE name = ?) ORDER BY timestamp, id", (topic,)):
+                    if not isinstance(data, bytes) or len(data) > MAX_MESSAGE_BYTES:
+                        raise InvalidRecordError(f"{file}: {topic}: no message of at most "
+                                                 f"{MAX_MESSAGE_BYTES} bytes: the file is damaged")
+                    yield topic, int(time), data
     except (sqlite3.Error, ValueError, TypeError) as error:
         raise _damaged(file, error) from None
 
 
 def _damaged(file: Path, error: Exception) -> InvalidRecordError:
-    return InvalidRecordError(f"{file}: damaged sqlite3 bag ({' '.join(str(error).split())[:80]}): "
-                              "copy the file again from where it was recorded")
+    text = " ".join(str(error).split())[:80]
+    return InvalidRecordError(f"{file}: damaged sqlite3 bag ({text}): copy the file again from "
+                              "where it was recorded")

@@ -150,16 +150,16 @@ def test_fields_of_any_message_and_of_another_topic_at_another_rate(tmp_path, st
     np.testing.assert_allclose(record.time, t[::4], atol=2e-9)
     np.testing.assert_allclose(record.input, np.trunc(1000 * e[::4]) / 1000, atol=1e-12)
     np.testing.assert_allclose(record.channel("position"), q[::4], atol=1e-6)
-    assert "columns of different rates (input_current 25, position 100, speed 100 1/s) taken at " \
-        "the times of input_current" in record.axis.notes
+    rates = "columns of different rates (input_current 25, position 100, speed 100 1/s)"
+    assert f"{rates} taken at the times of input_current" in record.axis.notes
     assert "time is that of the recorder" in record.axis.notes  # /motor has no header
     data["input"]["column"] = "/motor:drive[1].more[1]"
     np.testing.assert_allclose(import_file(path, map_from(data, "m")).input, 2 * e[::4])
 
 
 def test_other_joints_on_the_topic_and_unfilled_fields_are_left_out(tmp_path):
-    gripper = [("/joint_states", "sensor_msgs/msg/JointState", ns + 1,
-                joint_state(ns + 1, (1, 2, 3), names=("left", "right"))) for _, _, ns, _ in joints()]
+    gripper = [(topic, kind, ns + 1, joint_state(ns + 1, (1, 2, 3), names=("left", "right")))
+               for topic, kind, ns, _ in joints()]
     nothing = np.full(2, np.nan)
     path = bag(tmp_path / "run", StoragePlugin.MCAP, sorted([
         *gripper, *((t, k, ns, joint_state(ns, (m.position[1], 0, m.effort[1]), velocity=nothing))
@@ -246,7 +246,7 @@ def test_a_joint_without_effort_and_a_wrong_field_say_what_to_do(tmp_path):
     rows = [(t, k, ns, joint_state(ns, (1.0, 2.0, 0.0), effort=np.empty(0)))
             for t, k, ns, _ in joints()]
     path = bag(tmp_path / "run", StoragePlugin.MCAP, rows)
-    with pytest.raises(UsageError, match="an effort .* needed"):
+    with pytest.raises(UsageError, match=r"an effort .* needed"):
         guess_map(path, None, "elbow")
     data = {"name": "a", "axis": "rotary", "bag": {"topic": "/joint_states", "joint": "elbow"},
             "time": {"column": "stamp"}, "input": {"column": "effort", "unit": "N m"},
