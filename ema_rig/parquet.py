@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ema_record.errors import InvalidRecordError, UsageError
-from ema_rig.table import Cells, CellBlock, Table, TextColumn, check_shape, chosen
+from ema_rig.table import CellBlock, Cells, Table, TextColumn, check_shape, chosen
 
 
 def read_parquet(path: Path, needed: Sequence[str | int] | None) -> Table:

@@ -24,8 +24,8 @@ from ema_rig.map import TextFormat
 from ema_rig.table import (
     MAX_TEXT_BYTES,
     MISSING,
-    Cells,
     CellBlock,
+    Cells,
     Table,
     TextColumn,
     check_shape,
