@@ -34,10 +34,14 @@ JUMP = 0.5
 """A step of the position by this share of its travel is a jump ..."""
 ALIKE = 0.05
 """... and jumps that differ by less than this share of the travel are of one counter."""
+BACK = 0.4
+"""Share of the samples beside jumps that jump too, above which they are spikes."""
 TURNED = 0.5
 """Of what an input leaves as it is, a reversed one leaves less than this share when turned ..."""
 LEAST = 0.3
 """... and is then explained by this share of its squares at least."""
+SOME = 0.05
+"""Least share that an input leaves for it to be tried in the place of the motion."""
 RESTORED = 0.3
 """The same of an input whose sign is lost."""
 PLATEAU, FEW = 2.0, 0.005
@@ -161,7 +165,7 @@ def _check_wraps(record: RigRecord) -> None:
     rows = np.nonzero((np.abs(steps) > max(JUMP * travel, 5.0 * usual)) & near)[0]
     around = np.concatenate([steps[np.maximum(rows - 1, 0)],
                              steps[np.minimum(rows + 1, len(steps) - 1)]])
-    if np.median(np.abs(around)) > JUMP * travel:
+    if np.mean(np.abs(around) > JUMP * travel) > BACK:
         return  # there and back again: spikes
     period = float(np.median(jumps)) + float(np.median(np.abs(around)))
     turn = record.axis.motion == "rotary" and abs(period / (2 * math.pi) - 1.0) < ALIKE
@@ -206,7 +210,7 @@ def check_input(
         raise InvalidRecordError(
             f"{source}: the {name} has no sign (never below zero, though the motion reverses, and "
             "explained once it is given one): record it with its sign, or its two phases")
-    if as_is > LEAST and record.has(POSITION) != record.has(SPEED):
+    if as_is > SOME and record.has(POSITION) != record.has(SPEED):
         other = prepared(replace(record, samples=record.samples[:, [0, 2, 1, *range(
             3, record.samples.shape[1])]]))
         if other is not None and _left(*_needs(other), other.target) < 0.1 * as_is:
