@@ -159,15 +159,17 @@ def _check_wraps(record: RigRecord) -> None:
     steps = np.diff(position)
     usual = np.quantile(np.abs(steps), 0.95)
     near = np.diff(time) <= GAP * np.median(np.diff(time))
-    jumps = np.abs(steps[(np.abs(steps) > max(JUMP * travel, 5.0 * usual)) & near])
-    if len(jumps) < 2 or np.ptp(jumps) > ALIKE * travel or len(jumps) > 0.2 * len(steps):
-        return
     rows = np.nonzero((np.abs(steps) > max(JUMP * travel, 5.0 * usual)) & near)[0]
-    around = np.concatenate([steps[np.maximum(rows - 1, 0)],
-                             steps[np.minimum(rows + 1, len(steps) - 1)]])
+    if not 2 <= len(rows) <= 0.2 * len(steps):
+        return
+    around = np.array([steps[np.maximum(rows - 1, 0)],
+                       steps[np.minimum(rows + 1, len(steps) - 1)]])
+    jumps = np.abs(steps[rows] - around.mean(axis=0))  # less what the axis moved meanwhile
     if np.mean(np.abs(around) > JUMP * travel) > BACK:
         return  # there and back again: spikes
-    period = float(np.median(jumps)) + float(np.median(np.abs(around)))
+    period = float(np.median(jumps))
+    if np.mean(np.abs(jumps - period) > ALIKE * travel) > 0.1:
+        return
     turn = record.axis.motion == "rotary" and abs(period / (2 * math.pi) - 1.0) < ALIKE
     raise InvalidRecordError(
         f"{record.source}: the position jumps {len(jumps)} times by {period:.4g} "
@@ -254,13 +256,15 @@ def _has_lost_its_sign(record: RigRecord, trajectory: Trajectory, as_is: float) 
     if low < -0.03 * high or high <= 0.0 or not 0.1 < forward < 0.9:
         return False
     size = trajectory.pick(lambda s: low_pass(s.input, s.rate, trajectory.band))
+    position = trajectory.position
     columns = np.column_stack([
-        trajectory.acceleration, trajectory.speed, np.sign(trajectory.speed),
-        np.ones(len(size)), trajectory.position - trajectory.position.mean()])
+        trajectory.acceleration, trajectory.speed, np.sign(trajectory.speed), np.ones(len(size)),
+        position - position.mean(), *((np.cos(position), np.sin(position))
+                                      if record.axis.motion == "rotary" else ())])
     columns /= np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300)
     best = math.inf
-    for k in (0, 1):
-        sign = np.sign(columns[:, k])
+    for start in columns.T:
+        sign = np.sign(start)
         for _ in range(30):
             found, *_ = np.linalg.lstsq(columns, sign * size, rcond=1e-10)
             before, sign = sign, np.sign(columns @ found)
