@@ -203,6 +203,13 @@ def check_input(
     target = trajectory.target
     as_is, turned = _left(taking, free, target), _left(taking, free, -target)
     source, name = record.source, record.axis.input
+    if as_is > SOME and record.has(POSITION) != record.has(SPEED):
+        other = prepared(replace(record, samples=record.samples[:, [0, 2, 1, *range(
+            3, record.samples.shape[1])]]))
+        if other is not None and _left(*_needs(other), other.target) < 0.1 * min(as_is, turned):
+            motion = POSITION if record.has(POSITION) else SPEED
+            raise InvalidRecordError(f"{source}: input and {motion} are swapped (exchanged, they "
+                                     "agree): exchange their columns in the map")
     if turned < min(TURNED * as_is, 1.0 - LEAST):
         raise InvalidRecordError(
             f"{source}: the {name} is reversed: inertia and friction would give energy "
@@ -212,13 +219,6 @@ def check_input(
         raise InvalidRecordError(
             f"{source}: the {name} has no sign (never below zero, though the motion reverses, and "
             "explained once it is given one): record it with its sign, or its two phases")
-    if as_is > SOME and record.has(POSITION) != record.has(SPEED):
-        other = prepared(replace(record, samples=record.samples[:, [0, 2, 1, *range(
-            3, record.samples.shape[1])]]))
-        if other is not None and _left(*_needs(other), other.target) < 0.1 * as_is:
-            motion = POSITION if record.has(POSITION) else SPEED
-            raise InvalidRecordError(f"{source}: input and {motion} are swapped (exchanged, they "
-                                     "agree): exchange their columns in the map")
     for side, word in ((1.0, "above"), (-1.0, "below")):
         _check_clipped(record, trajectory, side, word)
 
