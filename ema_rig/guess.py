@@ -8,6 +8,7 @@ What is a mere guess is said, and has to be confirmed.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -77,8 +78,13 @@ class Guess:
             self.data, sort_keys=False, allow_unicode=True, width=90)
 
 
-def guess_map(path: Path, topic: str | None = None, joint: str | None = None) -> Guess:
+def guess_map(
+    path: Path, topic: str | None = None, joint: str | None = None,
+    given: Mapping[str, str] | None = None,
+) -> Guess:
     """Return a first map of a file or of a topic of a bag.
+
+    `given` holds what is known of the map, by dotted keys: ``axis``, ``input.column``.
 
     Raises
     ------
@@ -89,14 +95,16 @@ def guess_map(path: Path, topic: str | None = None, joint: str | None = None) ->
     """
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", path.name.split(".")[0])[:64].strip("-") or "rig"
     if is_bag(path):
-        return _of_bag(path, topic, joint, name)
+        return _of_bag(path, topic, joint, name, given or {})
     if topic is not None or joint is not None:
         raise UsageError(f"{path}: --topic and --joint are for bags of ROS 2: leave them out")
     table = read_table(path, TextFormat(), None)
-    return _of_table(table, name, None)
+    return _of_table(table, name, None, given or {})
 
 
-def _of_bag(path: Path, topic: str | None, joint: str | None, name: str) -> Guess:
+def _of_bag(
+    path: Path, topic: str | None, joint: str | None, name: str, given: Mapping[str, str]
+) -> Guess:
     topics = list_topics(path)
     if topic is None:
         found = [t.name for t in topics.values() if t.type in JOINTS and t.messages]
@@ -107,7 +115,7 @@ def _of_bag(path: Path, topic: str | None, joint: str | None, name: str) -> Gues
         raise unknown_name("topic", topic, topics, f"{path}: the bag has {listed(topics)}")
     chosen = topics[topic]
     if chosen.type in JOINTS:
-        return _of_joint(path, chosen, joint)
+        return _of_joint(path, chosen, joint, given)
     if joint is not None:
         raise UsageError(f"{path}: --joint {joint}: {topic} is {chosen.type}, which lists no "
                          "joints: leave it out")
@@ -120,10 +128,12 @@ def _of_bag(path: Path, topic: str | None, joint: str | None, name: str) -> Gues
             break
     table = Table(columns={label: np.array(values) for label, values in rows.items()},
                   source=f"{path}: {topic}")
-    return _of_table(table, name, {"topic": topic})
+    return _of_table(table, name, {"topic": topic}, given)
 
 
-def _of_joint(path: Path, topic: AnyTopic, joint: str | None) -> Guess:
+def _of_joint(
+    path: Path, topic: AnyTopic, joint: str | None, given: Mapping[str, str]
+) -> Guess:
     """Return the map of a joint; fields that the recorder left empty or NaN are left out."""
     decode = decoder_of(topic, str(path))
     messages = []
@@ -158,24 +168,32 @@ def _of_joint(path: Path, topic: AnyTopic, joint: str | None) -> Guess:
     for kind in measured:
         if np.ptp(measured[kind][np.isfinite(measured[kind])]) == 0.0:
             guess.remarks.append(f"{kind} of {joint} is constant")
-    drives = {"effort": "N m", "torque": "N m", "current": "A", "motor_current": "A", "iq": "A",
-              "voltage": "V"}
+    linear = given.get("axis") == "linear"
+    length, speed, load = ("m", "m/s", "N") if linear else ("rad", "rad/s", "N m")
+    drives = {"effort": load, "torque": load, "force": load, "current": "A",
+              "motor_current": "A", "iq": "A", "voltage": "V"}
     drive = next((kind for kind in drives if kind in measured), None)
-    if drive is None or not {"position", "velocity"} & measured.keys():
+    entry = {"column": given.get("input.column", drive),
+             "unit": given.get("input.unit", drives.get(drive or "", ""))}
+    moves = {"position", "velocity"} & measured.keys() or {
+        "position.column", "speed.column"} & given.keys()
+    if not (entry["column"] and entry["unit"] and moves):
         raise UsageError(
             f"{path}: joint {joint!r} has {', '.join(measured) or 'no numbers'}: an effort (or "
             "current) and a position or velocity are needed: give the missing one from another "
-            "topic, as --set input.column=/motor:current --set input.unit=A in a map of --guess")
+            "topic, as --set input.column=/motor:current --set input.unit=A")
     guess.data = {
-        "name": re.sub(r"[^A-Za-z0-9_.-]+", "-", joint)[:64], "axis": "rotary",
+        "name": re.sub(r"[^A-Za-z0-9_.-]+", "-", joint)[:64],
+        "axis": "linear" if linear else "rotary",
         "bag": {"topic": topic.name, "joint": joint}, "time": {"column": STAMP, "unit": "s"},
-        "input": {"column": drive, "unit": drives[drive]},
-        **({"position": {"column": "position", "unit": "rad"}} if "position" in measured else {}),
-        **({"speed": {"column": "velocity", "unit": "rad/s"}} if "velocity" in measured else {}),
+        "input": entry,
+        **({"position": {"column": "position", "unit": length}} if "position" in measured else {}),
+        **({"speed": {"column": "velocity", "unit": speed}} if "velocity" in measured else {}),
         "duplicates": "drop",
     }
-    guess.remarks.append("a rotary joint in rad, rad/s and "
-                         f"{drives[drive]} (for a sliding one: --set axis=linear)")
+    guess.remarks.append(
+        f"a sliding joint in m, m/s and {entry['unit']}" if linear else
+        f"a rotary joint in rad, rad/s and {entry['unit']} (for a sliding one: --set axis=linear)")
     return guess
 
 
@@ -197,7 +215,9 @@ def _split_unit(name: str, given: str | None) -> tuple[str, str | None]:
     return name, find_unit(name) if len(name) > 1 else None
 
 
-def _of_table(table: Table, name: str, bag: dict[str, str] | None) -> Guess:
+def _of_table(
+    table: Table, name: str, bag: dict[str, str] | None, given: Mapping[str, str]
+) -> Guess:
     """Return the map of named columns."""
     units: dict[str, str | None] = {}
     best: dict[str, tuple[float, str]] = {}
@@ -217,6 +237,11 @@ def _of_table(table: Table, name: str, bag: dict[str, str] | None) -> Guess:
             if rank >= 1.0 and rank > best.get(real, (0.0, ""))[0]:
                 best[real] = rank, label
     taken = {role: label for role, (_, label) in best.items()}
+    for role in ROLES:
+        if f"{role}.column" in given:
+            taken[role] = given[f"{role}.column"]
+        if role in taken and find_unit(given.get(f"{role}.unit", "")) is not None:
+            units[taken[role]] = find_unit(given[f"{role}.unit"])
     guess = Guess(data={})
     if bag is not None:
         taken["time"] = STAMP
@@ -226,14 +251,19 @@ def _of_table(table: Table, name: str, bag: dict[str, str] | None) -> Guess:
         shown = ", ".join(str(label)[:30] for label in list(table.columns)[:20])
         raise UsageError(
             f"{table.source}: no column looks like the {missing} by its name (it has {shown}): "
-            "write a map with their names or numbers (docs/rigs.md shows the form)")
-    axis = "linear" if any(UNITS[u][0] in ("length", "linear speed", "force") for u in (
-        units.get(label) for label in taken.values()) if u is not None) else "rotary"
+            f"give it by --set {'position' if missing != 'input' else missing}.column=NAME")
+    measured = {UNITS[u][0] for label in taken.values() if (u := units.get(label)) is not None}
+    axis = given.get("axis") or (
+        "linear" if measured & {"length", "linear speed", "force"} else "rotary")
     guess.data = {"name": name, "axis": axis, **({} if bag is None else {"bag": bag})}
     guess.data["time"] = _time(table, taken.get("time"), units, guess)
     for role in ("input", "position", "speed", "reference_position", "reference_speed"):
         if role in taken:
-            guess.data[role] = {"column": taken[role], "unit": units[taken[role]]}
+            guess.data[role] = {"column": taken[role], "unit": given.get(
+                f"{role}.unit", units.get(taken[role]))}
+    seen = (units.get(taken[role]) for role in ("position", "speed", "input") if role in taken)
+    if "axis" not in given and not any(seen):
+        guess.supposed.append("axis: rotary")
     _fill_units(table, guess)
     return guess
 

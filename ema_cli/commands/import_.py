@@ -51,7 +51,8 @@ def import_(
 
     if guess and map_file is not None:
         raise UsageError("--guess writes a map, --map gives one: leave one of them out")
-    data, guessed = _map_data(file, map_file, topic, joint)
+    told = dict(change.partition("=")[::2] for change in changes or ())
+    data, guessed = _map_data(file, map_file, topic, joint, told)
     where = str(map_file or "guessed map")
     data = _changed(data, changes or ())
     if guess:
@@ -59,19 +60,19 @@ def import_(
     rig_map = map_from(data, where)
     if preview:
         return _preview(file, rig_map, guessed, out, as_json)
-    told = {change.partition("=")[0] for change in changes or ()}
     if guessed is not None:
         open_ = [line for line in guessed.supposed if line.partition(":")[0] not in told]
         if open_:
-            key = open_[0].partition(":")[0]
-            raise UsageError(f"{file}: not known from the file: {'; '.join(open_)}: give it by "
-                             f"--set {key}=..., or write the map with --guess")
+            keys = " ".join(f"--set {line.partition(':')[0]}=..." for line in open_)
+            raise UsageError(f"{file}: not known from the file: {'; '.join(open_)}: say {keys}, "
+                             "or write the map with --guess")
     return _import(file, rig_map, out or Path(rig_map.name), as_json,
                    guessed.remarks if guessed is not None else [])
 
 
 def _map_data(
-    file: Path, map_file: Path | None, topic: str | None, joint: str | None
+    file: Path, map_file: Path | None, topic: str | None, joint: str | None,
+    told: dict[str, str],
 ) -> tuple[Any, Guess | None]:
     """Return the map as data, and the guess that it is where no file gives it."""
     from ema_record.yaml_file import load_yaml
@@ -79,7 +80,9 @@ def _map_data(
 
     if map_file is None:
         with progress(f"looking at {file}"):
-            guessed = guess_map(file, topic, joint)
+            if told.get("axis") == "actuator":
+                raise UsageError("a map of an actuator is not guessed: give --map with 'channels'")
+            guessed = guess_map(file, topic, joint, told)
         return guessed.data, guessed
     data = load_yaml(map_file)
     if isinstance(data, dict) and (topic or joint):

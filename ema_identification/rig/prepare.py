@@ -22,13 +22,14 @@ from ema_identification.rig.signals.trajectory import (
     low_pass,
     monotone_low_pass,
 )
+from ema_identification.rig.signals.two_sides import between_the_sides
 from ema_record.errors import (
     IncompleteRecordError,
     InvalidRecordError,
     RecordError,
     UsageError,
 )
-from ema_rig.record import DISTURBANCE, POSITION, SPEED, RigRecord
+from ema_rig.record import DISTURBANCE, OUTPUT_POSITION, POSITION, SPEED, RigRecord
 
 MIN_SAMPLES = 200
 def too_short(record: RigRecord, why: str) -> IncompleteRecordError:
@@ -140,6 +141,9 @@ def _trajectory(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
     quiet = speed_noise(bands[longest], is_position=is_position)
     if first.has(SPEED) and first.has(POSITION):
         _one_clock(raw, edge, bands[longest].motion, notes)
+    if first.has(POSITION) and first.has(OUTPUT_POSITION):
+        notes.append(between_the_sides([p for p in raw if OUTPUT_POSITION in p], edge,
+                                       first.axis.position_unit))
     segments = tuple(_segment(piece, edge, settings) for piece in raw)
     if sum(len(segment) for segment in segments) > MAX_SAMPLES:
         raise UsageError(

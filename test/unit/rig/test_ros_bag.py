@@ -114,6 +114,18 @@ def test_a_joint_of_a_joint_state_needs_no_map(tmp_path, storage, capsys):
     check(read_rig_bag(tmp_path / "elbow"))
 
 
+def test_a_sliding_joint_is_in_metres_and_newtons(tmp_path, capsys):
+    path = bag(tmp_path / "run", StoragePlugin.MCAP, joints())
+    assert run(["import", str(path), "--joint", "elbow", "--set", "axis=linear", "--out",
+                str(tmp_path / "slide")]) == 0
+    record = read_rig_bag(tmp_path / "slide")
+    assert [c.label for c in record.channels] == [
+        "time[s]", "input_force[N]", "position[m]", "speed[m/s]"]
+    assert run(["import", str(path), "--joint", "elbow", "--set", "input.unit=A", "--out",
+                str(tmp_path / "amps")]) == 0
+    assert read_rig_bag(tmp_path / "amps").channels[1].label == "input_current[A]"
+
+
 @pytest.mark.parametrize("storage", STORAGES)
 def test_a_dynamic_joint_state_with_a_current(tmp_path, storage):
     path = bag(tmp_path / "run", storage,
@@ -248,6 +260,9 @@ def test_a_joint_without_effort_and_a_wrong_field_say_what_to_do(tmp_path):
     path = bag(tmp_path / "run", StoragePlugin.MCAP, rows)
     with pytest.raises(UsageError, match=r"an effort .* needed"):
         guess_map(path, None, "elbow")
+    other = {"input.column": "wrist.position", "input.unit": "A"}
+    assert guess_map(path, None, "elbow", other).data["input"] == {
+        "column": "wrist.position", "unit": "A"}
     data = {"name": "a", "axis": "rotary", "bag": {"topic": "/joint_states", "joint": "elbow"},
             "time": {"column": "stamp"}, "input": {"column": "effort", "unit": "N m"},
             "position": {"column": "position", "unit": "rad"}}

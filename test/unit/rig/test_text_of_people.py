@@ -209,10 +209,10 @@ def test_what_is_supposed_has_to_be_confirmed(tmp_path, capsys, monkeypatch):
     assert run(["import", "a.csv", "--out", "bag"]) == 2
     error = capsys.readouterr().err
     assert "position.unit: rad and speed.unit: rad/s, or deg and deg/s, or rev and rev/s" in error
-    assert "input.unit: V: give it by --set position.unit=..., or write the map" in error
+    assert "say --set axis=... --set position.unit=... --set input.unit=..., or write" in error
     assert error.count("\n") == 1
     assert run(["import", "a.csv", "--set", "input.unit=N m", "--set", "position.unit=rad",
-                "--out", "bag"]) == 0
+                "--set", "axis=rotary", "--out", "bag"]) == 0
     assert run(["import", "a.csv", "--guess"]) == 0
     assert "# supposed: input.unit: V" in capsys.readouterr().out
     written = yaml.safe_load((tmp_path / "a.map.yaml").read_text())
@@ -254,3 +254,8 @@ def test_a_file_without_such_columns_says_which_it_has(tmp_path):
     write(tmp_path / "a.csv", "alpha,beta\n1,2\n3,4\n5,6\n")
     with pytest.raises(UsageError, match=r"looks like the input .* \(it has alpha, beta"):
         guess_map(tmp_path / "a.csv")
+    given = {"input.column": "alpha", "position.column": "beta", "position.unit": "mm",
+             "input.unit": "N"}
+    guess = guess_map(tmp_path / "a.csv", given=given)
+    assert guess.data["position"] == {"column": "beta", "unit": "mm"}
+    assert guess.data["axis"] == "linear"

@@ -154,3 +154,20 @@ def test_one_way_motion_cannot_tell_friction_from_an_offset(recorded, axis):
     assert found["coulomb_friction"].alike == "offset"
     assert found["coulomb_friction"].motion == "both directions"
     assert found["inertia"].shown
+
+
+def test_the_lost_motion_between_two_sensors_is_seen(bench, moving):
+    t, q, v, a = moving(16.0, seed=1)
+    record = bench(friction, keep=BOTH)
+    gap, wound = 0.02, 1e-5
+    output = q - 0.5 * gap * np.sign(v) - wound * a + 2e-4 * np.random.default_rng(4).normal(
+        size=len(t))
+    two = replace(record, samples=np.column_stack([record.samples, output]),
+                  channels=(*record.channels, record.axis.channels[4]))
+    line = next(n for n in prepare([two], Settings()).notes if "lost motion" in n)
+    low, high = (float(x) for x in line.split("90 %: ")[1].split(")")[0].split(" to "))
+    assert low - 0.02 * gap < gap < high + 0.02 * gap
+    assert high - low < 0.05 * gap
+    far = replace(two, samples=two.samples * np.array([1, 1, 1, 1, 1.2]))
+    line = next(n for n in prepare([far], Settings()).notes if "correct its scale" in n)
+    assert float(line.split("moves ")[1].split()[0]) == pytest.approx(1.2, rel=0.02)
