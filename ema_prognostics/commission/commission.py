@@ -30,10 +30,14 @@ from ema_prognostics.commission.bound import linear_bound
 from ema_prognostics.commission.calibrate import (
     Calibration,
     calibrate,
-    conditions_of,
-    model_features,
+    wider,
 )
-from ema_prognostics.commission.discrepancy import fit_discrepancy, widened, with_discrepancy
+from ema_prognostics.commission.discrepancy import (
+    expected,
+    fit_discrepancy,
+    widened,
+    with_discrepancy,
+)
 from ema_prognostics.commission.quality import (
     check_described,
     check_good,
@@ -51,6 +55,7 @@ from ema_record.actuator_type import actuator_hashes
 from ema_record.errors import EmaError, OutputError, UsageError
 from ema_record.files import exists
 from ema_record.kit import ACTUATOR, CASCADE, PROFILES, REPORT, VALIDATION, using_kit
+from ema_record.spread import UnitTolerances, load_spread
 from ema_record.version import VERSION
 from ema_sim.effects import Effects
 from ema_sim.model_file import Model
@@ -58,8 +63,8 @@ from ema_sim.model_file import Model
 FULL = TrainingSettings(units=700, healthy=900, validation=150, validation_healthy=400)
 QUICK = TrainingSettings(units=120, healthy=200, validation=40, validation_healthy=100,
                          hidden=12, iterations=120)
-SPREAD_UNITS = 24
-"""Healthy units from which the spread of the features is read before the model is corrected."""
+SPREAD_UNITS = 48
+"""Healthy units from which the scatter of the features is read before the model is corrected."""
 WIDEN = 2.0
 """Most by which the guard's limits are widened so that they hold the acceptance records that
 were left out: beyond, it is not the recorder that is unlike the model."""
@@ -134,7 +139,6 @@ def make_draft(description: Path, draft: Path) -> None:
     The tests are those beside the description, or made for the actuator.
     """
     from ema_record.profiles.text import write_profiles
-    from ema_record.spread import load_spread
 
     if not description.is_file():
         raise UsageError(f"{description}: no such file: 'ema new-actuator' writes one from a "
@@ -170,16 +174,19 @@ class _Work:
         kind = self._acceptance.kind
         recorder = measured_recorder(described, self._acceptance.records)
         self._write_actuator(recorder)
+        described_fleet = self._fleet(recorder, "spread of the type", SPREAD_UNITS,
+                                      self._seed + 2, healthy=True, begin=0.0, end=0.02)
+        tolerances = load_spread().tolerances
         calibration = calibrate(
-            self._acceptance, recorder, self._spread_of(recorder), seed=self._seed,
+            self._acceptance, recorder, described_fleet, tolerances, seed=self._seed,
             jobs=self._jobs,
             progress=lambda part: self._progress("correcting the model", 0.02 + 0.13 * part))
-        actuator = calibration.actuator
-        self._write_actuator(actuator)
+        tolerances = wider(tolerances, calibration.actuator, calibration.open)
+        self._write_actuator(calibration.actuator, tolerances)
         actuator = load_actuator()  # the numbers as they are written
         faults, healthy, held, held_healthy = self._fleets(actuator)
         names, rows = self._acceptance.features(actuator)
-        model, spread = self._model(actuator, names, rows), fleet_spread(names, healthy)
+        model, spread = expected(healthy, names, rows), fleet_spread(names, healthy)
         check_described(names, rows, model, spread)
         units = self._acceptance.units
         discrepancy = fit_discrepancy(names, rows, units, model, spread)
@@ -218,11 +225,12 @@ class _Work:
         write_report(found, self._draft / REPORT)
         return found
 
-    def _write_actuator(self, actuator: Actuator) -> None:
+    def _write_actuator(self, actuator: Actuator, tolerances: UnitTolerances | None = None
+                        ) -> None:
         """Write the description with other values; the hashes of what it was are kept with it."""
         file = self._draft / ACTUATOR
         former = actuator_hashes()
-        text = with_values(file.read_text(encoding="utf-8"), actuator)
+        text = with_values(file.read_text(encoding="utf-8"), actuator, tolerances)
         lines = [line for line in text.splitlines() if not line.startswith(f"{FORMERLY}:")]
         lines.append(f"{FORMERLY}: {json.dumps(list(former))}  # of the records taken with it")
         file.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -238,14 +246,6 @@ class _Work:
             folder=self._folder, model=Model(actuator, Effects()),
             progress=self._simulated(what, begin, end))
 
-    def _spread_of(self, actuator: Actuator) -> Callable[[list[str]], np.ndarray]:
-        def spread(names: list[str]) -> np.ndarray:
-            fleet = self._fleet(actuator, "spread of the type", SPREAD_UNITS, self._seed + 2,
-                                healthy=True, begin=0.0, end=0.02)
-            return fleet_spread(names, fleet)
-
-        return spread
-
     def _fleets(self, actuator: Actuator) -> tuple[FleetFeatures, ...]:
         size, other = self._size, self._seed + VALIDATION_SEED
         return (
@@ -258,11 +258,6 @@ class _Work:
             self._fleet(actuator, "healthy fleet that validates", size.validation_healthy, other,
                         healthy=True, begin=0.64, end=0.70),
         )
-
-    def _model(self, actuator: Actuator, names: list[str], rows: np.ndarray) -> np.ndarray:
-        return model_features(
-            actuator, actuator, self._acceptance.records[0].profile, self._acceptance.kind, names,
-            conditions_of(names, rows.mean(axis=0)), range(100, 112)).mean(axis=0)
 
     def _views(self, faults: FleetFeatures, healthy: FleetFeatures, discrepancy: DiscrepancyPart
                ) -> dict[View, ViewPart]:
@@ -289,7 +284,7 @@ class _Work:
         found, widest = [], 0.0
         for row, unit in zip(rows, units):
             others = units != unit
-            left = fit_discrepancy(names, rows[others], units[others], model, spread)
+            left = fit_discrepancy(names, rows[others], units[others], model[others], spread)
             x = corrected_row(dict(zip(names, row)), fleet.view.names, left)
             detection = fleet.find(x)[0]
             found.append(outcome_of(detection))
