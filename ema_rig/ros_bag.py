@@ -8,6 +8,8 @@ or of the recorder where there is none.
 
 from __future__ import annotations
 
+import contextlib
+import io
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -159,7 +161,8 @@ def decoder_of(topic: AnyTopic, source: str) -> Callable[[bytes], Any]:
             "convert' to storage mcap")
     schema = Schema(id=1, name=topic.type, encoding=SCHEMA_ENCODING, data=text.encode())
     try:
-        decode = DecoderFactory().decoder_for(MESSAGE_ENCODING, schema)
+        with contextlib.redirect_stderr(io.StringIO()):  # its parser prints what it meets
+            decode = DecoderFactory().decoder_for(MESSAGE_ENCODING, schema)
     except Exception as error:  # noqa: BLE001  (its parser raises whatever it meets)
         raise InvalidRecordError(f"{source}: {topic.name}: the definition of {topic.type[:80]!r} "
                                  f"is damaged ({' '.join(str(error).split())[:80]}): record "
