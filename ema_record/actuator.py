@@ -66,7 +66,6 @@ BACK_EMFS = ("trapezoid", "harmonics")
 TRAPEZOID, HARMONICS = range(len(BACK_EMFS))
 SAMPLINGS = ("mean", "instant")
 MEAN, INSTANT = range(len(SAMPLINGS))
-NO_OR_YES = ("no", "yes")
 
 
 def _yes(text: str) -> object:

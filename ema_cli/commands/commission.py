@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ema_cli.console import check_new, given_bags, note, print_json, progress_of, say
+from ema_cli.options import TrainingJobs
 
 
 def commission(
@@ -20,8 +21,7 @@ def commission(
     quick: Annotated[bool, typer.Option(
         "--quick", help="A small training, to try the way.")] = False,
     seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Of the training.")] = 1,
-    jobs: Annotated[int, typer.Option(
-        min=-1, max=256, help="Processes that simulate, -1 for all cores.")] = -1,
+    jobs: TrainingJobs = -1,
     as_json: Annotated[bool, typer.Option("--json", help="The validation as JSON.")] = False,
 ) -> int:
     """Make the kit of an actuator type from its description and records of healthy units.
@@ -33,7 +33,8 @@ def commission(
     Example: `ema commission acceptance/* --actuator aileron/actuator.yaml --out aileron_kit`
     """
     from ema_prognostics.commission.commission import commission as make
-    from ema_prognostics.commission.report import percent, size
+    from ema_prognostics.commission.report import percent
+    from ema_prognostics.words import size
     from ema_record.kit import REPORT
 
     check_new(out)

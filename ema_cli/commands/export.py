@@ -24,37 +24,23 @@ def export(
     bags: Annotated[list[Path], typer.Argument(
         metavar="BAG...", help="Bags to convert, or directories of them; or the model.yaml of an "
         "identified rig.")],
-    file_format: Annotated[
-        str | None,
-        typer.Option(
-            "--format", "-f", metavar="csv|parquet|mcap", show_default="csv",
-            help="mcap: a bag of standard messages, one a sample, for plotters. Of a model: "
-            "mjcf|urdf|python.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", "-o", metavar="FILE", show_default="beside the bag",
-            help="What to write, of a single bag; for mcap a directory.",
-        ),
-    ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            "--plot", metavar="DIR",
-            help="Plot the test, as PNG into DIR (of several bags, each into a folder of its own "
-            "there); without --format and --out nothing else.",
-        ),
-    ] = None,
+    file_format: Annotated[str | None, typer.Option(
+        "--format", "-f", metavar="csv|parquet|mcap", show_default="csv",
+        help="mcap: a bag of standard messages, one a sample, for plotters. Of a model: "
+        "mjcf|urdf|python.")] = None,
+    out: Annotated[Path | None, typer.Option(
+        "--out", "-o", metavar="FILE", show_default="beside the bag",
+        help="What to write, of a single bag; for mcap a directory.")] = None,
+    plot: Annotated[Path | None, typer.Option(
+        "--plot", metavar="DIR", help="Plot the test, as PNG into DIR (of several bags, each into "
+        "a folder of its own there); without --format and --out nothing else.")] = None,
     gain: Annotated[float | None, typer.Option(
         metavar="N", help="Of a model: the force or torque at the axis of one A or V.")] = None,
     body_inertia: Annotated[float, typer.Option(
         metavar="J", help="Of a model: the inertia about the axis that the simulator's bodies "
         "have; the armature is the rest.")] = 0.0,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print what was written as JSON.")
-    ] = False,
+    as_json: Annotated[bool, typer.Option(
+        "--json", help="Print what was written as JSON.")] = False,
 ) -> int:
     """Convert a bag to CSV, Parquet or messages for plotters; plot it; a rig's model to MJCF.
 

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from ema_cli.console import check_new, check_new_file, neutral
 from ema_prognostics.features.rebuild import completed
 from ema_prognostics.features.turns import TURN, Turns, paper_window, rotor_lines, whole_turns
-from ema_prognostics.paper.envelope import fold
+from ema_prognostics.paper.features import fold
 from ema_record.actuator import Actuator, load_actuator
 from ema_record.channels import (
     ALL,

@@ -32,6 +32,8 @@ from ema_record.errors import (
 from ema_rig.record import DISTURBANCE, OUTPUT_POSITION, POSITION, SPEED, RigRecord
 
 MIN_SAMPLES = 200
+
+
 def too_short(record: RigRecord, why: str) -> IncompleteRecordError:
     """Return the error for a record that is too short."""
     return IncompleteRecordError(

@@ -10,9 +10,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from ema_prognostics.cascade.classes import KINDS_FOUND, TAIL_RATES
 from ema_prognostics.cascade.guard_groups import group_columns
 from ema_prognostics.cascade.inputs import input_names
-from ema_prognostics.cascade.known import KINDS_FOUND, TAIL_RATES
 from ema_prognostics.cascade.lines import (
     ECCENTRIC_LINES,
     HARMONICS,

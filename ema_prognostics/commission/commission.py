@@ -114,8 +114,8 @@ def commission(
         raise exists(target)
     draft = target.with_name(target.name + ".unfinished")
     progress("reading the description", 0.0)
-    make_draft(Path(description), draft)
     try:
+        make_draft(Path(description), draft)
         with using_kit(draft):
             actuator = load_actuator()
             acceptance = read_acceptance(paths, actuator)
@@ -149,8 +149,12 @@ def make_draft(description: Path, draft: Path) -> None:
     except OSError as error:
         raise OutputError(f"{draft}: {error.strerror or error}: choose another folder") from None
     with using_kit(draft):
-        actuator = load_actuator()
-        load_spread()
+        try:
+            actuator = load_actuator()
+            load_spread()
+        except UsageError as error:
+            copy = str(draft.resolve() / ACTUATOR)
+            raise UsageError(str(error).replace(copy, str(description))) from None
         beside = description.parent / PROFILES
         if beside.is_dir():
             shutil.copytree(beside, draft / PROFILES, dirs_exist_ok=True)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ema_prognostics.cascade.classes import FAULTS
-from ema_prognostics.words import NAMES, feature_words, scaled
+from ema_prognostics.words import NAMES, feature_words, size
 from ema_record.actuator import BACK_EMFS, DRIVES
 
 PAGE = """<!doctype html>
@@ -85,12 +85,6 @@ def percent(found: dict[str, Any]) -> str:
         return "none"
     return (f"{100.0 * found['count'] / found['total']:.1f} % of {found['total']} "
             f"({100 * found['lower']:.1f} to {100 * found['upper']:.1f})")
-
-
-def size(name: str, value: float | None) -> str:
-    """Return a severity in the unit that people read, or a dash."""
-    scale, unit = scaled(name)
-    return "-" if value is None else f"{scale * value:.3g} {unit}"
 
 
 def _change(name: str, value: float) -> str:

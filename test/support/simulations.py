@@ -48,6 +48,15 @@ def record_of(profile: str | Profile, *effects: str, seed: int, **options) -> Re
     return dataclasses.replace(found, samples=found.samples.copy())
 
 
+def column(index, law):
+    """Return what changes a channel of a record by `law`."""
+    def change(record: Record) -> Record:
+        samples = record.samples.copy()
+        samples[:, index] = law(samples[:, index])
+        return dataclasses.replace(record, samples=samples)
+    return change
+
+
 def slewing_record(
     *, speed=790.6, rate=20_000.0, duration=0.45, speed_lines=(), current=7.0,
     current_lines=(), direction=1, noise=0.0, seed=0,

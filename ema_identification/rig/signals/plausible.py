@@ -75,7 +75,6 @@ _RATIOS = {
 }
 
 
-
 def check_columns(record: RigRecord) -> None:
     """Compare the speed with the derivative of the position, where both are measured.
 

@@ -229,3 +229,13 @@ def test_a_refusal_before_any_work_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="1 acceptance records"):
         commission([one], kit_path(ACTUATOR_FILE), tmp_path / "kit")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["one"]
+
+
+@pytest.mark.parametrize("text", ["\0", "motor: {}\nmotor: {}\n", "motr: {}\n", "drive: {}\n"])
+def test_a_description_that_is_none_is_named_and_leaves_nothing_behind(tmp_path, text):
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(text, encoding="utf-8")
+    with pytest.raises(UsageError) as caught:
+        commission([tmp_path / "record"], mine, tmp_path / "kit")
+    assert str(mine) in str(caught.value) and "unfinished" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == [mine]
