@@ -263,7 +263,6 @@ def load_actuator(path: str | Path | None = None) -> Actuator:
     ------
     UsageError
         No such file, an unknown name, or a value out of bounds.
-
     """
     own = _of_kit(*kit_file(ACTUATOR))
     return own if path is None else actuator_from(sections_of(path), str(path), own)

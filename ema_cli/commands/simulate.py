@@ -47,6 +47,9 @@ def simulate(
     noise: Noise = 1.0,
     rate: Annotated[float | None, typer.Option(
         "--rate", help="Samples a second, default those of the actuator.")] = None,
+    switching: Annotated[bool, typer.Option(
+        "--switching", help="Simulate each edge of a carrier (drives pwm and foc), not the means "
+        "of its periods; a relay's always are.")] = False,
     step: Annotated[float | None, typer.Option(
         "--step", metavar="AMPLITUDE", help="Instead of a profile: one step of this size (rad) "
         "from where the kit's profile step begins.")] = None,
@@ -92,7 +95,7 @@ def simulate(
         result = simulate_traced(
             chosen, actuator=loaded.actuator, effects=effects, seed=seed, noise=noise, rate=rate,
             start_angle=start_angle, serial_number=serial_number, start_time=time.time_ns(),
-            trace=trace is not None or plot is not None,
+            trace=trace is not None or plot is not None, switching=switching,
         )
     wall = time.perf_counter() - begin
     written = write_bag(_named(result.record), out)
@@ -136,8 +139,8 @@ def _named(record: Record) -> Record:
 
 def _refuse_own_options(context: typer.Context, file: Path) -> None:
     """Raise UsageError for an option of a single run: the campaign's file gives them."""
-    for name in ("profile", "effect", "model", "seed", "noise", "rate", "step", "start_angle",
-                 "serial_number", "trace", "plot"):
+    for name in ("profile", "effect", "model", "seed", "noise", "rate", "switching", "step",
+                 "start_angle", "serial_number", "trace", "plot"):
         source = context.get_parameter_source(name)
         if source is not None and source.name != "DEFAULT":
             raise UsageError(

@@ -51,10 +51,11 @@ from ema_prognostics.training.rates import rate
 from ema_prognostics.training.train_model import VALIDATION_SEED, TrainingSettings
 from ema_prognostics.training.view_training import train_view
 from ema_record.actuator import FORMERLY, Actuator, load_actuator, with_values
-from ema_record.actuator_type import actuator_hashes
+from ema_record.actuator_type import actuator_hash, actuator_hashes
 from ema_record.errors import EmaError, OutputError, UsageError
 from ema_record.files import exists
-from ema_record.kit import ACTUATOR, CASCADE, PROFILES, REPORT, VALIDATION, using_kit
+from ema_record.kit import ACTUATOR, CASCADE, LIBRARY, PROFILES, REPORT, VALIDATION, using_kit
+from ema_record.record import Record
 from ema_record.spread import UnitTolerances, load_spread
 from ema_record.version import VERSION
 from ema_sim.effects import Effects
@@ -68,7 +69,11 @@ SPREAD_UNITS = 48
 WIDEN = 2.0
 """Most by which the guard's limits are widened so that they hold the acceptance records that
 were left out: beyond, it is not the recorder that is unlike the model."""
+LIBRARY_SHARE, LIBRARY_PARTS = (0.80, 0.98), 3
+"""Of the whole, for the library; it has so many parts."""
 Progress = Callable[[str, float], None]
+MakeLibrary = Callable[[Record, Path, Progress], None]
+"""Makes the library of the present kit for such records in a folder, and goes on where it was."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,6 +93,7 @@ class Commissioning:
 def commission(
     paths: Sequence[str | Path], description: str | Path, out: str | Path, *, quick: bool = False,
     seed: int = 1, jobs: int = -1, progress: Progress = lambda _what, _part: None,
+    library: MakeLibrary | None = None,
 ) -> Commissioning:
     """Make a kit.
 
@@ -100,6 +106,7 @@ def commission(
     seed : of the training.
     jobs : processes that simulate, -1 for all cores.
     progress : called with what goes on and how much of the whole is done, 0 to 1.
+    library : makes the library for `ema identify`; None: it is made at its first use.
 
     Raises
     ------
@@ -120,7 +127,7 @@ def commission(
             actuator = load_actuator()
             acceptance = read_acceptance(paths, actuator)
             found = _Work(acceptance, draft, quick=quick, seed=seed, jobs=jobs,
-                          progress=progress).run(actuator)
+                          progress=progress, library=library).run(actuator)
     except EmaError:
         if not (draft / "work").is_dir():  # nothing that a second run could take up
             shutil.rmtree(draft, ignore_errors=True)
@@ -166,11 +173,11 @@ class _Work:
     """One commissioning at work."""
 
     def __init__(self, acceptance: Acceptance, draft: Path, *, quick: bool, seed: int, jobs: int,
-                 progress: Progress) -> None:
+                 progress: Progress, library: MakeLibrary | None) -> None:
         self._acceptance, self._draft = acceptance, draft
         self._size = QUICK if quick else FULL
         self._quick, self._seed, self._jobs = quick, seed, jobs
-        self._progress = progress
+        self._progress, self._library = progress, library
         self._folder = draft / "work"
 
     def run(self, described: Actuator) -> dict[str, Any]:
@@ -216,10 +223,11 @@ class _Work:
         check_good(found)
         body = Body(
             views={f"{kind}/{view}": part for view, part in views.items()}, paper=None,
-            discrepancy={kind: discrepancy},
+            discrepancy={kind: discrepancy}, actuator=actuator_hash(),
             training={"seed": self._seed, "quick": self._quick, "software_version": VERSION,
                       "settings": asdict(self._size), "held_out": held_out},
         )
+        found["library"] = self._make_library()
         self._progress("writing the kit", 0.98)
         (self._draft / CASCADE).unlink(missing_ok=True)
         model_file = model_of(body)
@@ -228,6 +236,23 @@ class _Work:
         (self._draft / VALIDATION).write_text(json.dumps(found, indent=1), encoding="utf-8")
         write_report(found, self._draft / REPORT)
         return found
+
+    def _make_library(self) -> bool:
+        """Make the kit's library for such records as the first; return whether one is made."""
+        if self._library is None:
+            return False
+        begin, end = LIBRARY_SHARE
+        part = -1
+        last = ""
+
+        def step(what: str, share: float) -> None:
+            nonlocal part, last
+            part, last = part + (what != last), what
+            done = min((part + share) / LIBRARY_PARTS, 1.0)
+            self._progress(f"library: {what}", begin + (end - begin) * done)
+
+        self._library(self._acceptance.records[0], self._draft / LIBRARY, step)
+        return True
 
     def _write_actuator(self, actuator: Actuator, tolerances: UnitTolerances | None = None
                         ) -> None:
@@ -273,7 +298,7 @@ class _Work:
                 faults, healthy, self._acceptance.kind, view, seed=self._seed,
                 hidden=self._size.hidden, iterations=self._size.iterations,
                 progress=lambda what, v=view, a=at: self._progress(  # type: ignore[misc]
-                    f"network {what}, {v}", 0.70 + 0.12 * a))
+                    f"network {what}, {v}", 0.70 + 0.05 * a))
         return parts
 
     def _left_out(self, fleet: Cascade, names: list[str], rows: np.ndarray, model: np.ndarray,
@@ -315,6 +340,7 @@ class _Work:
             "largest_before": largest(calibration.names, calibration.before),
             "largest_after": largest(calibration.names, calibration.after),
             "discrepancy": dict(zip(discrepancy.names, discrepancy.mean)),
+            "spread": {name: part._asdict() for name, part in load_spread()._asdict().items()},
             "held_out": held_out,
             "actuator": {name: part._asdict()
                          for name, part in calibration.actuator._asdict().items()},
