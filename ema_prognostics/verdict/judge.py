@@ -89,6 +89,7 @@ class Judge:
             verdict = replace(self._diagnose(record, self._mode, self._own), bag=source)
         except (RecordError, UsageError) as error:
             verdict = verdict_of_error(error, source)
+        verdict = replace(verdict, actuator=record.provenance.name)
         return Judged(verdict, record.provenance.serial_number, record.provenance.start_time)
 
     def _diagnose(self, record: Record, mode: Mode, own: Baseline | None) -> Verdict:

@@ -36,7 +36,7 @@ from ema_record.limits import (
 from ema_record.profile import Profile
 from ema_record.record import LARGEST_STEP, Provenance, Status
 from ema_record.wire.samples import decode_block
-from ema_record.wire.topics import BAG_TOPICS, COMMAND, SAMPLES
+from ema_record.wire.topics import AIRCRAFT_WIDE, BAG_TOPICS, COMMAND, SAMPLES, split_name
 from ema_record.wire.trajectory import decode_command, trajectory_points
 
 _MAX_GAPS = 50
@@ -141,8 +141,13 @@ def _sorted_out(found: Salvage, source: str) -> _Parts:
     times: list[np.ndarray] = []
     first: np.ndarray | None = None
     command: McapMessage | None = None
+    namespace: str | None = None
     for message in found.messages:
-        topic = message.channel.topic
+        name = message.channel.topic
+        of, topic = split_name(name)
+        if topic in topics and topic not in AIRCRAFT_WIDE:
+            namespace = of if namespace is None else namespace
+            topic = topic if of == namespace else name  # of another actuator
         kind = message.channel.schema_name
         if kind not in (topics.get(topic), (topics.get(topic) or "").replace("/msg/", "/")):
             left_out[topic] += 1
@@ -159,6 +164,7 @@ def _sorted_out(found: Salvage, source: str) -> _Parts:
             command = message
         kept.append(message)
     profile, provenance = _test_of(_intact(found), found, command, first, source)
+    provenance = replace(provenance, namespace=namespace or "")
     return _Parts(
         messages=kept, times=np.concatenate(times) if times else np.empty(0),
         left_out=dict(left_out), profile=profile, provenance=provenance,
@@ -247,7 +253,7 @@ def _write(parts: _Parts, out: Path, report: Recovery) -> None:
     ) as writer:
         for message in parts.messages:
             writer.write_raw(
-                message.channel.topic, bytes(message.data),
+                split_name(message.channel.topic).topic, bytes(message.data),
                 min(message.log_time, (1 << 63) - 1), min(message.publish_time, (1 << 63) - 1),
             )
         writer.close(report.status, start_time=parts.provenance.start_time, recovery={

@@ -9,7 +9,8 @@ from diagnostic_msgs.srv import SelfTest
 from ros_processes import MONITOR, SIMULATOR
 
 from ema_monitor.messages import find_actuator
-from ema_monitor.sequence import ActuatorStatus, step_to
+from ema_monitor.moves import step_to
+from ema_monitor.sequence import ActuatorStatus
 from ema_record.bag.read import read_bag
 from ema_record.wire.topics import SELF_TEST_SERVICE
 

@@ -9,13 +9,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from ros_processes import PROGNOSTICS
 from std_msgs.msg import Float64, String
 
-from ema_monitor.messages import PolledGroup, make_polled_subscription
 from ema_prognostics.prognostics_node import LONGEST_PATH, NOT_A_BAG, REMEMBERED
 from ema_prognostics.verdict.judge import Judge
 from ema_record.bag.read import write_bag
 from ema_record.profile import load_profile
 from ema_record.wire.topics import BIT_RECORD, SEVERITY, VERDICT
-from ema_ros.messages import make_publisher, take_all
+from ema_ros.messages import PolledGroup, make_polled_subscription, make_publisher, take_all
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
 

@@ -3,10 +3,10 @@
 import pytest
 from ros_processes import SIMULATOR
 
-from ema_monitor.messages import PolledGroup, make_polled_subscription
-from ema_monitor.sequence import step_to
+from ema_monitor.moves import step_to
 from ema_record.profile import load_profile_dict
 from ema_record.wire.topics import SAMPLES
+from ema_ros.messages import PolledGroup, make_polled_subscription
 
 LONG = {"name": "long", "points": [[0.0, -0.4], [0.03, -0.4], [6.0, 0.4]]}
 """In blocks of 10 samples more messages than both ends of a connection keep (5000 each)."""

@@ -1,6 +1,6 @@
 """The interlock: present, fresh and true."""
 
-from ema_monitor.interlock import Interlock
+from ema_ros.interlock import Interlock
 
 
 def test_refuses_without_any_message():
