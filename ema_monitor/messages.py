@@ -5,16 +5,31 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
 from ema_monitor.sequence import ActuatorStatus
+from ema_record.bag.annotate import add_last_message
 from ema_record.checks.live import CheckResult, Level
-from ema_ros.messages import Taken, diagnostic_status
+from ema_record.errors import EmaError
+from ema_record.wire.topics import TOPICS, VERDICT, name_on_graph
+from ema_ros.messages import (
+    PolledGroup,
+    Taken,
+    diagnostic_status,
+    make_polled_subscription,
+    namespace_of,
+    take_all,
+)
 
+VERDICT_WAIT = 0.3
+"""Longest wait, at the end, for the verdict on the last record (s)."""
 ACTUATOR_STATUS = "actuator"
 """Name of the status in which an actuator reports."""
 ACTUATOR_KEYS = {
@@ -60,6 +75,52 @@ def level_status(
     return diagnostic_status(name, _LEVELS[level], message, values, hardware_id)
 
 
+class VerdictKeeper:
+    """Adds the verdict on the last record to it, when it comes.
+
+    Parameters
+    ----------
+    node : hears it.
+    wanted : whether it is added.
+    """
+
+    def __init__(self, node: Node, group: PolledGroup, *, wanted: bool) -> None:
+        """Listen; no record yet."""
+        self._logger = node.get_logger()
+        self.subscription = make_polled_subscription(node, VERDICT, group)
+        self._topic = replace(
+            TOPICS[VERDICT], name=name_on_graph(VERDICT, namespace_of(node)))
+        self._wanted = wanted
+        self._awaited: Path | None = None
+
+    def expect(self, path: Path) -> None:
+        """Take the record that the next verdict is of."""
+        self._awaited = path.resolve() if self._wanted else None
+
+    def poll(self) -> None:
+        """Take verdicts that have come."""
+        for taken in take_all(self.subscription):
+            status = deserialize_message(taken.data, DiagnosticStatus)
+            said = {pair.key: pair.value for pair in status.values}
+            path = self._awaited
+            if path is None or said.get("bag") != str(path):
+                continue
+            self._awaited = None
+            try:
+                add_last_message(path, self._topic, taken.data, time.time_ns(), {
+                    key: said[key] for key in ("verdict", "fault_code") if key in said})
+            except EmaError as error:
+                self._logger.warning(f"verdict not added to the record: {error}")
+
+    def wait(self) -> None:
+        """Wait a little for a verdict that has not come, if somebody is there who gives it."""
+        end = time.monotonic() + VERDICT_WAIT
+        while (self._awaited is not None and self.subscription.get_publisher_count() > 0
+               and time.monotonic() < end):
+            self.poll()
+            time.sleep(0.01)
+
+
 def record_statuses(
     path: Path, status: str, closed: int, results: Sequence[CheckResult]
 ) -> list[DiagnosticStatus]:
@@ -83,12 +144,17 @@ def record_statuses(
 
 
 def fill_response(
-    response: SelfTest.Response, serial: str, passed: bool, statuses: list[DiagnosticStatus]
+    response: SelfTest.Response, serial: str, request: Request, reason: str
 ) -> SelfTest.Response:
-    """Fill in the answer of the self-test service."""
+    """Fill in the answer of the self-test service; `reason` says why it did not end."""
+    passed = request.passed
+    outcome = level_status(
+        "ema_monitor: test", Level.OK if passed else Level.ERROR,
+        reason or ("passed" if passed else "record checks failed"), {},
+    )
     response.id = serial
     response.passed = b"\x01" if passed else b"\x00"
-    response.status = statuses
+    response.status = [outcome, *request.statuses]
     return response
 
 

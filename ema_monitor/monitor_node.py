@@ -20,6 +20,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ema_monitor.messages import (
     Request,
+    VerdictKeeper,
     fill_response,
     find_actuator,
     in_order,
@@ -128,8 +129,9 @@ class MonitorNode(EmaNode):
             topic: make_polled_subscription(self, topic, group)
             for topic in (*(entry.name for entry in BAG_TOPICS), DIAGNOSTICS)
         }
+        self._keeper = VerdictKeeper(self, group, wanted=bool(self._values["record_verdict"]))
         self.while_active(
-            *self._polled.values(),
+            *self._polled.values(), self._keeper.subscription,
             make_timer(self, POLL_PERIOD, self._poll),
             make_timer(self, DIAGNOSTICS_PERIOD, self._publish_status),
             self.create_service(Trigger, "~/abort", self._on_abort),
@@ -161,14 +163,7 @@ class MonitorNode(EmaNode):
         self._callers += 1
         reason = await request.ended
         self._callers -= 1
-        outcome = level_status(
-            "ema_monitor: test",
-            Level.OK if request.passed else Level.ERROR,
-            reason or ("passed" if request.passed else "record checks failed"), {},
-        )
-        return fill_response(
-            response, self._serial, request.passed, [outcome, *request.statuses]
-        )
+        return fill_response(response, self._serial, request, reason)
 
     def _poll(self) -> None:
         """Take what has arrived, then let the sequence go on."""
@@ -192,6 +187,7 @@ class MonitorNode(EmaNode):
             else:
                 request.ended.set_result(RUNNING)
         self._send_sign_of_life()
+        self._keeper.poll()
 
     def _send_sign_of_life(self) -> None:
         now = time.monotonic()
@@ -297,6 +293,7 @@ class MonitorNode(EmaNode):
             self._request.passed = bool(results) and worst(results) < Level.ERROR
             self._request.statuses = record_statuses(path, action.status, closed, results)
         if action.status == "complete":
+            self._keeper.expect(path)
             self._record.publish(String(data=str(path.resolve())))
         self.get_logger().info(f"{path}: {action.status}")
 
@@ -325,6 +322,7 @@ class MonitorNode(EmaNode):
         """End a test that runs: its record closed, the surface sent back, all callers answered."""
         if self.is_active:
             self._end("refused: the monitor ends")
+            self._keeper.wait()
 
     def _end(self, refusal: str) -> None:
         """End a test that runs; those who still wait for one get the refusal."""

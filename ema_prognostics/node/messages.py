@@ -55,6 +55,7 @@ def verdict_status(name: str, verdict: Mapping[str, Any], judged: Judged) -> Dia
     """
     codes = fault_codes(verdict)
     values = {"fault_code": codes[0] if codes else "", "fault_codes": ", ".join(codes)}
+    values["bag"] = str(verdict["bag"])
     values |= {key: _text(verdict.get(key)) for key in _SCALARS}
     interval = verdict.get("severity_interval") or (None, None)
     values["severity_lower"], values["severity_upper"] = map(_text, interval)
