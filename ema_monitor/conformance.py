@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ema_record.actuator import Actuator
-from ema_record.channels import TIME, recorded_columns, what_lacks
+from ema_record.channels import CHANNELS, TIME, recorded_columns, what_lacks
 from ema_record.wire.topics import (
     COMMAND,
     DC_BUS,
@@ -192,6 +192,9 @@ def _run(run: Run, actuator: Actuator) -> Iterator[Line]:
 def _samples(samples: np.ndarray, run: Run, actuator: Actuator) -> Iterator[Line]:
     columns, rate = recorded_columns(samples), actuator.acquisition.rate
     lacks = what_lacks(columns)
+    infinite = [CHANNELS[c].name for c in columns if not np.isfinite(samples[:, c]).all()]
+    if infinite:
+        lacks = f"number in {', '.join(infinite)} at some samples"
     yield Line("channels", "WRONG" if lacks else "ok",
                f"no {lacks}" if lacks else f"{len(columns)} of {samples.shape[1]}")
     time = samples[:, TIME]

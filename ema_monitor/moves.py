@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ema_record.limits import MAX_DURATION
 from ema_record.profile import Profile, load_profile_dict
 
 MOVE_SPEED = 0.5
@@ -11,8 +12,8 @@ ENDS = 0.1
 
 
 def ramp(start: float, end: float, speed: float) -> Profile:
-    """Return a move from `start` to `end` (rad) at `speed` (rad/s)."""
-    moving = max(abs(end - start) / speed, 1e-3)
+    """Return a move from `start` to `end` (rad) at `speed` (rad/s); faster where it never ends."""
+    moving = min(max(abs(end - start) / speed, 1e-3), MAX_DURATION - 2.0 * ENDS)
     times = (0.0, ENDS, ENDS + moving, 2.0 * ENDS + moving)
     return _move(list(zip(times, (start, start, end, end))))
 

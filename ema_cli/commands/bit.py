@@ -159,8 +159,7 @@ def _simulators(
         found[namespace] = {**common, **effect_parameters(hidden[namespace])}
         if len(namespaces) > 1:
             found[namespace]["seed"] = int(common["seed"]) + number
-            found[namespace]["serial_number"] = (
-                f"{common['serial_number']}-{namespace.removeprefix('/').replace('/', '-')}")
+            found[namespace]["serial_number"] = f"{common['serial_number']}-{number + 1}"
         check_values(specs, found[namespace])
     return found
 

@@ -73,6 +73,25 @@ def test_a_new_command_pre_empts_the_active_one(nodes, watcher):
     assert float(watcher.actuator["surface_position"]) == pytest.approx(-0.3, abs=2e-3)
 
 
+def test_it_obeys_on_the_wheels_alone(nodes, watcher):
+    nodes.start(SIMULATOR)
+    watcher.node.weight_on_wheels = False
+    watcher.wait_for_simulator()
+    watcher.command(load_profile("step"))
+    watcher.wait(lambda: "refused: no weight on wheels" in watcher.actuator["message"],
+                 what="refusal")
+    assert watcher.blocks == []
+    watcher.node.weight_on_wheels = True
+    watcher.node.send_weight_on_wheels()
+    stamp = watcher.command(load_profile("extended"))
+    watcher.wait(lambda: sum(map(len, watcher.blocks)) >= 2000, what="samples")
+    watcher.node.send = False
+    watcher.wait(lambda: "stopped: weight-on-wheels signal is 1." in watcher.actuator["message"],
+                 what="the stop of a silent aircraft")
+    watcher.wait(lambda: watcher.actuator["state"] == "idle", what="surface at rest")
+    assert watcher.actuator["command_stamp"] == stamp
+
+
 def test_a_command_out_of_bounds_is_refused_and_said(nodes, watcher):
     nodes.start(SIMULATOR)
     watcher.wait_for_simulator()
