@@ -56,7 +56,7 @@ class Endpoint(NamedTuple):
 
 
 @dataclass
-class Run:
+class DriverRun:
     """What followed one command."""
 
     stamp: int = 0
@@ -94,9 +94,9 @@ class Heard:
     """Of the stamp of the last status to this host's clock (s)."""
     bus: tuple[float, float] | None = None
     """Voltage (V) and current as sent (A)."""
-    held: Run | None = None
-    refused: Run | None = None
-    stopped: Run | None = None
+    held: DriverRun | None = None
+    refused: DriverRun | None = None
+    stopped: DriverRun | None = None
 
 
 def report(heard: Heard, actuator: Actuator) -> list[Line]:
@@ -158,7 +158,7 @@ def _status(heard: Heard) -> Iterator[Line]:
                f"{heard.skew:+.3f} s from this host's clock, expected {CLOCKS:g} s at most")
 
 
-def _run(run: Run, actuator: Actuator) -> Iterator[Line]:
+def _run(run: DriverRun, actuator: Actuator) -> Iterator[Line]:
     """The command to stay where it is: accepted, sampled, counted, ended."""
     mine = [v for v in run.statuses if v["command_stamp"] == str(run.stamp)]
     if not mine:
@@ -189,7 +189,7 @@ def _run(run: Run, actuator: Actuator) -> Iterator[Line]:
                f"{said}, and {count} arrived")
 
 
-def _samples(samples: np.ndarray, run: Run, actuator: Actuator) -> Iterator[Line]:
+def _samples(samples: np.ndarray, run: DriverRun, actuator: Actuator) -> Iterator[Line]:
     columns, rate = recorded_columns(samples), actuator.acquisition.rate
     lacks = what_lacks(columns)
     infinite = [CHANNELS[c].name for c in columns if not np.isfinite(samples[:, c]).all()]

@@ -15,7 +15,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool, Header
 
-from ema_monitor.conformance import FOLLOWED, PUBLISHED, Endpoint, Heard, Run
+from ema_monitor.conformance import FOLLOWED, PUBLISHED, DriverRun, Endpoint, Heard
 from ema_monitor.messages import ACTUATOR_KEYS, ACTUATOR_STATUS, actuator_status, reports_of
 from ema_record.errors import InvalidRecordError, TestRefusedError
 from ema_record.profile import load_profile_dict
@@ -63,7 +63,7 @@ class ConformanceNode(Node):
         super().__init__(NODE_NAME, context=context, namespace=namespace)
         self.heard = Heard(namespace)
         self._on_wheels = False
-        self._run: Run | None = None
+        self._run: DriverRun | None = None
         self._last_status = 0.0
         group = PolledGroup()
         self._polled = {topic: make_polled_subscription(self, topic, group)
@@ -132,7 +132,7 @@ class ConformanceNode(Node):
                 followed = topics is FOLLOWED
                 place[topic] = [e for e in ends if e.node in drivers] if followed else ends
 
-    def _command_to_stay(self, *, on_wheels: bool, open_after: float | None = None) -> Run:
+    def _command_to_stay(self, *, on_wheels: bool, open_after: float | None = None) -> DriverRun:
         """Command the surface to be where it is, and return what followed.
 
         Parameters
@@ -145,7 +145,7 @@ class ConformanceNode(Node):
         at = float(self.heard.values["surface_position"])
         duration = HOLD if open_after is None else 10.0 * HOLD
         hold = load_profile_dict({"name": "stay", "points": [[0.0, at], [duration, at]]}, "stay")
-        run = Run(stamp=time.time_ns(), sent=time.time_ns(), duration=duration)
+        run = DriverRun(stamp=time.time_ns(), sent=time.time_ns(), duration=duration)
         self._run = run
         self._command.publish(encode_command(hold, run.stamp))
         if self._spin_until(lambda: self._accepted(run), OBEY if on_wheels else 0.5):
@@ -158,10 +158,10 @@ class ConformanceNode(Node):
         self._run = None
         return run
 
-    def _accepted(self, run: Run) -> bool:
+    def _accepted(self, run: DriverRun) -> bool:
         return any(status["command_stamp"] == str(run.stamp) for status in run.statuses)
 
-    def _over(self, run: Run) -> bool:
+    def _over(self, run: DriverRun) -> bool:
         """Whether the driver is idle again and all that it counts has arrived."""
         last = run.statuses[-1]
         if last["state"] != "idle" or last["command_stamp"] != str(run.stamp):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import sys
 import time
 from collections.abc import Sequence
@@ -328,8 +327,6 @@ class MonitorNode(EmaNode):
     def _end(self, refusal: str) -> None:
         """End a test that runs; those who still wait for one get the refusal."""
         was_running = self._sequence.stage is not Stage.IDLE
-        with contextlib.suppress(EmaError):  # it ends anyway
-            self._drain()
         while self._sequence.stage is not Stage.IDLE:
             self._perform(self._sequence.step(self._observe()))
         for request in self._waiting:

@@ -15,7 +15,7 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
 from ema_prognostics.node.assembler import TOPICS, RecordAssembler
-from ema_prognostics.node.messages import severity_message, verdict_status
+from ema_prognostics.node.messages import fault_statuses, severity_message, verdict_status
 from ema_prognostics.verdict.judge import Judge, Judged
 from ema_prognostics.verdict.report import verdict_of_error
 from ema_record.bag.container import METADATA_FILE
@@ -30,6 +30,7 @@ from ema_ros.messages import (
     make_publisher,
     make_subscription,
     make_timer,
+    namespace_of,
     status_name,
     take_all,
 )
@@ -75,7 +76,7 @@ class PrognosticsNode(EmaNode):
         self._done: deque[str] = deque(maxlen=REMEMBERED)
         self._records = 0
         self._state = "waiting for a record"
-        self._status: DiagnosticStatus | None = None
+        self._statuses: list[DiagnosticStatus] = []
 
     def configure(self) -> None:
         """Load the model, and make the publishers."""
@@ -147,21 +148,21 @@ class PrognosticsNode(EmaNode):
 
     def _publish(self, judged: Judged) -> None:
         verdict = judged.verdict.to_dict()
-        self._status = verdict_status(status_name(self, "verdict"), verdict, judged)
-        self._verdict.publish(self._status)
+        namespace = namespace_of(self)
+        status = verdict_status(status_name(self, "verdict"), verdict, judged)
+        self._statuses = [status, *fault_statuses(
+            f"{namespace}/" if namespace else "", verdict, judged.serial_number)]
+        self._verdict.publish(status)
         self._severity.publish(severity_message(verdict))
         self._records += 1
         self._state = f"diagnosed {verdict['bag']}"
         self._publish_status()
-        self.get_logger().info(f"{verdict['bag']}: {self._status.message}")
+        self.get_logger().info(f"{verdict['bag']}: {status.message}")
 
     def _publish_status(self) -> None:
-        statuses = [diagnostic_status(
+        self._diagnostics.publish(diagnostic_status(
             status_name(self, "node"), OK, self._state, {"records": str(self._records)}
-        )]
-        if self._status is not None:
-            statuses.append(self._status)
-        self._diagnostics.publish(*statuses)
+        ), *self._statuses)
 
 
 def main(args: Sequence[str] | None = None) -> None:

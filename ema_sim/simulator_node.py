@@ -176,7 +176,8 @@ class SimulatorNode(EmaNode):
 
     def _refuse(self, error: EmaError) -> None:
         self.get_logger().warning(f"command refused: {error}")
-        self._level, self._message = WARN, f"command refused: {error}"
+        why = f"stopped: {self._actuator.stopped}; " if self._actuator.stopped else ""
+        self._level, self._message = WARN, f"{why}command refused: {error}"
         self._publish_status()
 
     def _listen(self) -> None:

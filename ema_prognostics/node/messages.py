@@ -15,6 +15,12 @@ from ema_prognostics.verdict.judge import Judged
 from ema_ros.messages import ERROR, OK, WARN, diagnostic_status
 
 _LEVELS = {"healthy": OK, "fault": ERROR, "invalid": ERROR}
+FAULTS = ("turn_short_a", "turn_short_b", "turn_short_c", "rotor_eccentricity", "friction",
+          "backlash")
+"""Each class and phase, as a status of its own is named."""
+NOT_JUDGED = ("unknown", "incomplete", "invalid")
+"""Outcomes that say of no class that it is or is not there."""
+_SIZE = ("severity", "severity_unit", "level")
 _SCALARS = ("verdict", "fault_class", "phase", "severity", "severity_unit", "level")
 
 
@@ -69,6 +75,34 @@ def verdict_status(name: str, verdict: Mapping[str, Any], judged: Judged) -> Dia
         name, _LEVELS.get(verdict["verdict"], WARN), sentence(verdict), values,
         judged.serial_number,
     )
+
+
+def fault_statuses(
+    prefix: str, verdict: Mapping[str, Any], serial_number: str
+) -> list[DiagnosticStatus]:
+    """Return a status for each class and phase, for consumers that take one fault a name.
+
+    They are named ``ema: turn_short_b`` after `prefix`. OK clears a fault, so it is said only
+    where the verdict rules the class out: not of one that it cannot tell from what it names, and
+    of none where it is unknown, incomplete or invalid, each of which has a status of its own.
+    """
+    outcome, codes = verdict["verdict"], fault_codes(verdict)
+    open_classes = set(verdict.get("alternatives") or [])
+    faults = dict(zip(codes, verdict.get("faults") or []))
+    found = []
+    for name in (*FAULTS, *NOT_JUDGED):
+        code = f"EMA_{name}".upper()
+        if code not in codes and name in FAULTS and (
+            outcome in NOT_JUDGED or any(name.startswith(other) for other in open_classes)
+        ):
+            continue
+        level = _LEVELS.get(outcome, WARN) if code in codes else OK
+        fault = faults.get(code, {})
+        found.append(diagnostic_status(
+            f"{prefix}ema: {name}", level, sentence(verdict) if code in codes else "no sign of it",
+            {"fault_code": code, **{key: _text(fault.get(key)) for key in _SIZE}}, serial_number,
+        ))
+    return found
 
 
 def severity_message(verdict: Mapping[str, Any]) -> Float64:

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from ema_record.actuator import load_actuator
+from ema_record.bag import container
 from ema_record.bag.compression import unpack_zstd_part
 from ema_record.bag.container import MCAP_SUFFIXES, METADATA_FILE, find_files, refuse_links
 from ema_record.bag.mcap_stream import McapMessage, McapMetadata, McapStream
@@ -128,26 +129,23 @@ def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
 
 def default_output(source: Path) -> Path:
     """Return where the recovered bag of `source` goes unless told."""
-    place = source.resolve()
-    name = place.name if place.is_dir() else place.name.split(".mcap")[0]
-    return place.with_name(f"{name}_recovered")
+    name = source.resolve().name if source.is_dir() else source.resolve().name.split(".mcap")[0]
+    return source.resolve().with_name(f"{name}_recovered")
 
 
 def _sorted_out(found: Salvage, source: str) -> _Parts:
     """Keep the messages of the test's topics that can be decoded."""
     topics = {topic.name: topic.type for topic in BAG_TOPICS}
     left_out: Counter[str] = Counter()
-    kept: list[McapMessage] = []
-    times: list[np.ndarray] = []
+    kept, times = list[McapMessage](), list[np.ndarray]()
     first: np.ndarray | None = None
     command: McapMessage | None = None
     namespace: str | None = None
     for message in found.messages:
-        name = message.channel.topic
-        of, topic = split_name(name)
-        if topic in topics and topic not in AIRCRAFT_WIDE:
+        of, topic = split_name(message.channel.topic)
+        if topic in topics.keys() - AIRCRAFT_WIDE:
             namespace = of if namespace is None else namespace
-            topic = topic if of == namespace else name  # of another actuator
+            topic = topic if of == namespace else message.channel.topic  # of another one
         kind = message.channel.schema_name
         if kind not in (topics.get(topic), (topics.get(topic) or "").replace("/msg/", "/")):
             left_out[topic] += 1
@@ -164,10 +162,10 @@ def _sorted_out(found: Salvage, source: str) -> _Parts:
             command = message
         kept.append(message)
     profile, provenance = _test_of(_intact(found), found, command, first, source)
-    provenance = replace(provenance, namespace=namespace or "")
     return _Parts(
         messages=kept, times=np.concatenate(times) if times else np.empty(0),
-        left_out=dict(left_out), profile=profile, provenance=provenance,
+        left_out=dict(left_out), profile=profile,
+        provenance=replace(provenance, namespace=namespace or ""),
     )
 
 
@@ -214,7 +212,7 @@ def _test_of(
 
 def _nothing(source: str, what: str, found: Salvage) -> IncompleteRecordError:
     """Return the error for a bag of which too little is left."""
-    reason = found.damages[0] if found.damages else "never recorded"
+    reason = (*found.damages, "never recorded")[0]
     return IncompleteRecordError(
         f"{source}: {what} can be read ({reason}): record the test again")
 
@@ -293,10 +291,7 @@ def _salvage(path: Path) -> Salvage:
         try:
             _salvage_file(file, found)
         except OSError as error:
-            raise InvalidRecordError(
-                f"{file}: cannot be read ({error.strerror or error}): check the file and its "
-                "permissions"
-            ) from None
+            raise container.unreadable(file, error) from None
         except MemoryError:
             found.damaged(f"{file.name}: not enough memory to unpack it", file.stat().st_size)
     if not found.messages and not found.metadata:

@@ -100,10 +100,7 @@ class RawBag:
         self._flush_interval = flush_interval
         self._waiting_since: float | None = None
         self._waiting_bytes = 0
-        self._topics = {
-            topic.name: replace(topic, name=name_on_graph(topic.name, namespace))
-            for topic in topics
-        }
+        self._topics = {t.name: replace(t, name=name_on_graph(t.name, namespace)) for t in topics}
         self._counts = dict.fromkeys(self._topics, 0)
         self._first, self._last = (1 << 63) - 1, 0
         make_new_directory(self.path)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from ema_monitor.conformance import Endpoint, Heard, Run, report
+from ema_monitor.conformance import DriverRun, Endpoint, Heard, report
 from ema_record.actuator import load_actuator
 from ema_record.wire.topics import COMMAND, SAMPLES, TOPICS, WEIGHT_ON_WHEELS
 
@@ -23,7 +23,7 @@ def hold():
     samples = np.zeros((10_000, 10))
     samples[:, 0] = (np.arange(10_000) + 0.5) / 20_000.0
     said = {**VALUES, "command_stamp": "7", "start_time": "9"}
-    return Run(stamp=7, sent=8, duration=0.5, blocks=[samples], statuses=[
+    return DriverRun(stamp=7, sent=8, duration=0.5, blocks=[samples], statuses=[
         {**said, "state": "active"}, {**said, "samples_published": "10000"}])
 
 
@@ -32,8 +32,8 @@ def good():
         "/left", publishers={SAMPLES: [endpoint(SAMPLES)]},
         subscribers={topic: [endpoint(topic)] for topic in (COMMAND, WEIGHT_ON_WHEELS)},
         hardware_id="EMA-1", values=VALUES, problem="", gaps=[1.0, 1.01], skew=-0.01,
-        bus=(96.0, -1.0), held=hold(), refused=Run(stamp=5),
-        stopped=Run(stamp=6, opened=10.0, idle=10.2),
+        bus=(96.0, -1.0), held=hold(), refused=DriverRun(stamp=5),
+        stopped=DriverRun(stamp=6, opened=10.0, idle=10.2),
     )
 
 
@@ -95,7 +95,7 @@ def put(**changes):
     ("serial number", put(hardware_id="")),
     ("stamp", put(skew=3600.0)),
     ("dc_bus values", put(bus=(96.0, 3.0))),
-    ("command accepted", put(held=Run(stamp=3))),
+    ("command accepted", put(held=DriverRun(stamp=3))),
     ("state while it runs", lambda heard: heard.held.statuses.pop(0)),
     ("start_time", put(held=dataclasses.replace(hold(), sent=10**10))),
     ("samples", put(held=dataclasses.replace(hold(), blocks=[]))),
@@ -107,10 +107,10 @@ def put(**changes):
     ("gaps", blocks(missing)),
     ("end", with_status(state="active")),
     ("samples_published", with_status(samples_published="9600")),
-    ("obeys on the wheels alone", put(refused=Run(
+    ("obeys on the wheels alone", put(refused=DriverRun(
         stamp=5, statuses=[{**VALUES, "command_stamp": "5"}]))),
-    ("stops off the wheels", put(stopped=Run(stamp=6, opened=10.0))),
-    ("stops off the wheels", put(stopped=Run(stamp=6, opened=10.0, idle=12.0))),
+    ("stops off the wheels", put(stopped=DriverRun(stamp=6, opened=10.0))),
+    ("stops off the wheels", put(stopped=DriverRun(stamp=6, opened=10.0, idle=12.0))),
 ])
 def test_what_is_wrong_is_the_line_that_says_so(item, spoil):
     heard = good()
