@@ -212,9 +212,8 @@ def _test_of(
 
 def _nothing(source: str, what: str, found: Salvage) -> IncompleteRecordError:
     """Return the error for a bag of which too little is left."""
-    reason = (*found.damages, "never recorded")[0]
-    return IncompleteRecordError(
-        f"{source}: {what} can be read ({reason}): record the test again")
+    why = (*found.damages, "never recorded")[0]
+    return IncompleteRecordError(f"{source}: {what} can be read ({why}): record the test again")
 
 
 def _report(source: str, bag: Path, status: Status, parts: _Parts, found: Salvage) -> Recovery:

@@ -30,7 +30,12 @@ from ema_record.wire.topics import (
 )
 from ema_record.wire.trajectory import UNNAMED, profile_from_points
 from ema_record.wire.types import NANOSECONDS
-from ema_sim.node.settings import SimulatorSettings
+from ema_sim.node.settings import (
+    SimulatorSettings,
+    load_model,
+    parameter_specs,
+    settings_from,
+)
 from ema_sim.plant.state import THETA_E
 
 INVERTER_OFF = 0.020
@@ -117,6 +122,13 @@ class Pacer:
         if self.factor == 0.0:
             return math.inf
         return (now - self.begin) * self.factor
+
+
+def compile_kernel() -> None:
+    """Compile all that a node needs, into the cache beside the sources, so that none waits."""
+    model = load_model("")
+    values = {spec.name: spec.default for spec in parameter_specs(model)}
+    ActuatorServer(settings_from(values, model))
 
 
 IDLE_PERIOD = 0.1
@@ -312,3 +324,7 @@ class ActuatorServer:
             "samples_published": str(self.samples_published),
             "runs": str(self.runs),
         }
+
+
+if __name__ == "__main__":
+    compile_kernel()
