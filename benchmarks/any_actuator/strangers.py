@@ -22,7 +22,6 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from benchmarks.any_actuator.cases import STRANGERS, usual_sizes
-from benchmarks.detection.detectability import inverse_covariance
 from benchmarks.detection.print_table import make_table
 from ema_prognostics.cascade.model_file import load_model
 from ema_prognostics.features.extract import extract
@@ -111,10 +110,11 @@ def distances(healthy: np.ndarray, shifts: np.ndarray, faults: np.ndarray,
     faults : ndarray, shape (f, d). Directions of the faults.
     more : ndarray, shape (d,). Standard deviation that the kit adds to each feature.
     """
+    from sklearn.covariance import ledoit_wolf
+
     scale = np.sqrt(healthy.var(axis=0) + more**2) + 1e-12
-    inverse = np.linalg.inv(np.linalg.inv(inverse_covariance(healthy / scale))
-                            + np.diag((more / scale) ** 2))
-    root = np.linalg.cholesky(inverse)
+    covariance, _ = ledoit_wolf((healthy - healthy.mean(axis=0)) / scale)
+    root = np.linalg.cholesky(np.linalg.inv(covariance + np.diag((more / scale) ** 2)))
     s, f = shifts / scale @ root, faults / scale @ root
     left = s - (np.linalg.lstsq(f.T, s.T, rcond=None)[0].T @ f)
     return np.linalg.norm(s, axis=1), np.linalg.norm(left, axis=1)

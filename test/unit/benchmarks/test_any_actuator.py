@@ -223,3 +223,13 @@ def test_a_fault_shows_in_the_record(loaded):
     before = m.dynamic_friction + dry + m.viscous_friction * omega + (
         x.viscous_friction * omega / ratio**2)
     assert current[1] / current[0] == pytest.approx(1.0 + dry / before, rel=0.03)
+
+
+def test_a_type_is_off_its_description():
+    a = load_actuator()
+    types = [draw_type(a, (7, n)) for n in range(100)]
+    dry = np.array([t.surface.dynamic_friction for t in types]) / a.surface.dynamic_friction
+    assert 1.0 / 1.3 <= dry.min() < 0.82 < 1.2 < dry.max() <= 1.3
+    assert all(t.motor.static_friction / t.motor.dynamic_friction == pytest.approx(
+        a.motor.static_friction / a.motor.dynamic_friction) for t in types)
+    assert all(t.gear == a.gear and t.control == a.control for t in types)
