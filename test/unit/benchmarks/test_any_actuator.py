@@ -21,7 +21,13 @@ from benchmarks.any_actuator.machines import load_machine, machine_names
 from benchmarks.any_actuator.physics import run
 from benchmarks.any_actuator.records import BenchTest, record_of
 from benchmarks.any_actuator.table import is_right, markdown, rates
-from benchmarks.any_actuator.units import draw_own, draw_surroundings, draw_test, draw_unit
+from benchmarks.any_actuator.units import (
+    draw_own,
+    draw_surroundings,
+    draw_test,
+    draw_type,
+    draw_unit,
+)
 from ema_record.actuator import FOC, HARMONICS, INSTANT, PWM, RELAY, load_actuator
 from ema_record.profile import load_profile_dict
 from ema_record.spread import load_spread
