@@ -38,6 +38,8 @@ from ema_sim.simulate import simulate
 KIND, SEED = "extended", 660_000
 UNKNOWN = 0.03
 """Part of the known records that may be called unknown."""
+LEAST_SPREAD = 1e-2
+"""Floor of a feature's spread: what never varies in a simulation does in a machine."""
 STEP = 0.5
 """Size of the faults whose direction is taken, of the usual ones."""
 
@@ -112,7 +114,7 @@ def distances(healthy: np.ndarray, shifts: np.ndarray, faults: np.ndarray,
     """
     from sklearn.covariance import ledoit_wolf
 
-    scale = np.sqrt(healthy.var(axis=0) + more**2) + 1e-12
+    scale = np.maximum(np.sqrt(healthy.var(axis=0) + more**2), LEAST_SPREAD)
     covariance, _ = ledoit_wolf((healthy - healthy.mean(axis=0)) / scale)
     root = np.linalg.cholesky(np.linalg.inv(covariance + np.diag((more / scale) ** 2)))
     s, f = shifts / scale @ root, faults / scale @ root
@@ -138,7 +140,7 @@ def rows_of(kit: Path, units: int, pairs: int, jobs: int) -> list[list[str]]:
     from scipy.stats import norm
 
     limit = norm.ppf(1.0 - UNKNOWN)
-    return [[kit.parent.name, name, *(f"{d:.1f}" for d in both),
+    return [[kit.parent.name, name, *("> 99" if d > 99.0 else f"{d:.1f}" for d in both),
              *(f"{100 * norm.cdf(d - limit):.0f} %" for d in both)]
             for name, *both in zip(strangers, alone, among)]
 
