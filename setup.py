@@ -58,11 +58,13 @@ setup(
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
         "export": ["pyarrow"],
         "dask": ["dask", "distributed"],
+        "docs": ["mkdocs"],
         "test": [
             "pytest",
             "pytest-timeout",
             "pytest-xdist",
             "hypothesis",
+            "mkdocs",
             "pandas",
             'mujoco-core; python_version >= "3.11"',
             "psutil",
