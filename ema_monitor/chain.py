@@ -22,6 +22,8 @@ START_TIMEOUT = 180.0
 """Longest start of the nodes: the first one compiles the physics (s)."""
 PATIENCE = 5.0
 """After which it is said what the start waits for (s)."""
+MOST_NAMED = 2
+"""Actuators that are named of those that it waits for."""
 TEST_MARGIN = 60.0
 """Longest test beyond the duration of its profile (s)."""
 VERDICT_TIMEOUT = 60.0
@@ -156,7 +158,8 @@ class Chain:
                 if missing:
                     waiting[namespace] = f"{namespace.removeprefix('/')} {missing}".strip()
             late = {namespace: self._nodes[namespace] for namespace in waiting}
-            what = "; ".join(waiting.values())
+            others = f" and {len(waiting) - MOST_NAMED} more" if len(waiting) > MOST_NAMED else ""
+            what = "; ".join(list(waiting.values())[:MOST_NAMED]) + others
             passed = time.monotonic() - begin
             show(passed)
             if waiting and passed > PATIENCE and what != told:
