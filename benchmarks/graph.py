@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import statistics
 import sys
 import tempfile
@@ -43,6 +44,7 @@ def fleet(actuators: int, side_by_side: int, tests: int, domain: int | None) -> 
     names = [f"/actuator_{number}" for number in range(actuators)]
     profile = load_profile("extended")
     lost = wrong = failed = done = 0
+    reasons: set[str] = set()
     with tempfile.TemporaryDirectory() as folder, private_domain(domain) as own:
         enter_domain(own)
         with Supervisor(Path(folder) / "nodes.log") as supervisor:
@@ -63,10 +65,13 @@ def fleet(actuators: int, side_by_side: int, tests: int, domain: int | None) -> 
                 psutil.Process(supervisor.pid(module, name)).memory_info().rss
                 for module in (SIMULATOR, MONITOR, PROGNOSTICS) for name in names)
             wall = time.monotonic() - begin
+        log = (Path(folder) / "nodes.log").read_text()
+        reasons |= set(re.findall(r"stopped: .*", log))
     for number, result in enumerate(results):
         done += 1
         if result["verdict"] is None:
             failed += 1
+            reasons.add(result["message"])
             continue
         counters = next(c for c in result["checks"] if c["name"] == "counters")["values"]
         lost += int(counters["samples_published"]) - int(counters["samples_recorded"])
@@ -74,7 +79,7 @@ def fleet(actuators: int, side_by_side: int, tests: int, domain: int | None) -> 
         wrong += (result["verdict"]["fault_class"], result["verdict"]["phase"]) != right
     return {"actuators": actuators, "side_by_side": side_by_side, "tests": done, "lost": lost,
             "wrong": wrong, "failed": failed, "wall_s": round(wall, 1),
-            "memory_MB": round(memory / 1e6)}
+            "memory_MB": round(memory / 1e6), "reasons": sorted(reasons)}
 
 
 def openings(number: int, seed: int, domain: int | None) -> dict[str, Any]:

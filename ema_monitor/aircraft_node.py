@@ -39,6 +39,8 @@ NODE_NAME = "aircraft"
 SIMULATOR = "ema_sim"
 LIFECYCLE_NODES = (SIMULATOR, "ema_monitor", "ema_prognostics")
 """Those that the test waits for."""
+AT_ONCE = 3
+"""Callbacks beyond the first that are done without a wait, if they are due."""
 PERIOD = 0.1
 """Interval of weight on wheels (s)."""
 
@@ -58,7 +60,8 @@ def aircrafts(namespaces: Sequence[str]) -> Iterator[list[AircraftNode]]:
     rclpy.init(
         context=context, args=QUIET, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO
     )
-    nodes = [AircraftNode(context, namespace) for namespace in namespaces]
+    nodes = [AircraftNode(context, namespace, first=number == 0)
+             for number, namespace in enumerate(namespaces)]
     executor = rclpy.executors.SingleThreadedExecutor(context=context)
     for node in nodes:
         executor.add_node(node)
@@ -74,8 +77,13 @@ def aircrafts(namespaces: Sequence[str]) -> Iterator[list[AircraftNode]]:
 class AircraftNode(Node):
     """Sends weight on wheels, calls the self-test of one actuator, listens for its verdict."""
 
-    def __init__(self, context: rclpy.Context, namespace: str = "") -> None:
-        """Appear on the graph, on the ground, in the namespace of the actuator."""
+    def __init__(
+        self, context: rclpy.Context, namespace: str = "", *, first: bool = True
+    ) -> None:
+        """Appear on the graph, on the ground, in the namespace of the actuator.
+
+        Only the first one of an aircraft sends weight on wheels, and hears `/diagnostics`.
+        """
         super().__init__(NODE_NAME, context=context, namespace=namespace)
         self.weight_on_wheels = True
         self.send = True
@@ -88,7 +96,8 @@ class AircraftNode(Node):
         """The last verdict, as `ema check --json` prints it."""
         group = PolledGroup()
         self._verdict = make_polled_subscription(self, VERDICT, group)
-        self._diagnostics = make_polled_subscription(self, DIAGNOSTICS, group)
+        self._diagnostics = (
+            make_polled_subscription(self, DIAGNOSTICS, group) if first else None)
         self._wheels = make_publisher(self, WEIGHT_ON_WHEELS)
         self._test = self.create_client(SelfTest, SELF_TEST_SERVICE.removeprefix("/"))
         self._states = {
@@ -97,12 +106,15 @@ class AircraftNode(Node):
         self._monitor = f"{namespace}{'/' if namespace else ''}ema_monitor: test"
         self._asked: dict[str, Future] = {}
         self._active: set[str] = set()
-        make_timer(self, PERIOD, self._on_timer)
+        if first:
+            make_timer(self, PERIOD, self._on_timer)
 
     def spin(self, seconds: float) -> None:
         """Do what is due, waiting at most so long for it (s)."""
         assert self.executor is not None
         self.executor.spin_once(timeout_sec=seconds)
+        for _ in range(AT_ONCE):
+            self.executor.spin_once(timeout_sec=0.0)
 
     def _on_timer(self) -> None:
         other = self.gives_way and self._others_send()
@@ -167,7 +179,9 @@ class AircraftNode(Node):
 
     def poll(self) -> None:
         """Take diagnostics and verdicts that have arrived."""
-        for taken in take_all(self._diagnostics):
+        for taken in take_all(self._diagnostics) if self._diagnostics is not None else []:
+            if self._monitor.encode() not in taken.data:
+                continue
             for status in deserialize_message(taken.data, DiagnosticArray).status:
                 if status.name == self._monitor:
                     values = {pair.key: pair.value for pair in status.values}

@@ -120,8 +120,7 @@ class Chain:
         test_time = duration / factor if factor > 0.0 else duration
         with aircrafts(namespaces) as nodes:
             self._nodes = dict(zip(namespaces, nodes))
-            for number, node in enumerate(nodes):
-                node.send = number == 0  # one aircraft for all
+            for node in nodes:
                 node.gives_way = self._with_drivers
             waits = "drivers" if self._with_drivers else "simulator"
             with progress(f"starting {waits}, monitor and prognostics") as show:

@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from ema_monitor.messages import (
+    ACTUATOR_STATUS,
     Request,
     VerdictKeeper,
     fill_response,
@@ -73,7 +74,6 @@ from ema_ros.process import SHUT_DOWN, StopSignal, run_node
 POLL_PERIOD = 0.02
 DIAGNOSTICS_PERIOD = 1.0
 SIGN_PERIOD = 0.05
-"""Interval of the sign of life (s)."""
 RUNNING = "refused: a test is running already: wait for its end"
 ACTUATOR_TIMEOUT = 3.0
 """Age at which the status of the actuator is no longer believed (s); it sends one a second."""
@@ -215,6 +215,8 @@ class MonitorNode(EmaNode):
                 self._recorder.take(topic, data, received, sent)
 
     def _take_diagnostics(self, data: bytes) -> None:
+        if ACTUATOR_STATUS.encode() not in data:
+            return
         found = find_actuator(deserialize_message(data, DiagnosticArray), self._namespace)
         if found is not None:
             self._actuator, serial = found

@@ -70,7 +70,7 @@ WHEELS = ParameterSpec(
     read_only=True, text="age at which weight on wheels is no longer fresh: the surface stops",
 )
 SILENCE = ParameterSpec(
-    name="deadman_timeout", default=0.5, lower=0.1, upper=60.0, unit="s", read_only=True,
+    name="deadman_timeout", default=DEFAULT_TIMEOUT, lower=0.1, upper=60.0, unit="s", read_only=True,
     text="silence on /ema/deadman, once heard for a command, after which the surface is stopped",
 )
 SAFETY = (SLOW_READER, WHEELS, SILENCE)

@@ -19,7 +19,7 @@ from ema_sim.session import ActuatorSession as Hardware
 CHANNELS = ("time[s],motor_speed[rad/s],phase_current_a[A],phase_current_b[A],phase_current_c[A],"
             "reference_current_a[A],reference_current_b[A],reference_current_c[A],"
             "rotor_angle[rad],surface_position[rad]")
-BLOCK, OFF, FRESH, SILENCE = 400, 0.02, 1.0, 0.5  # samples; s
+BLOCK, OFF, FRESH, SILENCE = 400, 0.02, 1.0, 1.0  # samples; s
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 
 

@@ -169,7 +169,7 @@ def test_a_killed_monitor_stops_the_surface(chain, watcher):
     begin = time.monotonic()
     monitor.kill()
     watcher.wait(lambda: "no sign of life" in watcher.actuator["message"], 5.0, "the stop")
-    assert time.monotonic() - begin < 1.5
+    assert time.monotonic() - begin < 2.0
     watcher.wait(lambda: watcher.actuator["state"] == "idle", what="surface at rest")
     assert int(watcher.actuator["samples_published"]) < 62_600
 
