@@ -186,7 +186,6 @@ class MonitorNode(EmaNode):
                 self._perform(self._sequence.start(self._observe()))
             else:
                 request.ended.set_result(RUNNING)
-        self._send_sign_of_life()
         self._keeper.poll()
 
     def _send_sign_of_life(self) -> None:
@@ -198,6 +197,7 @@ class MonitorNode(EmaNode):
     def _drain(self) -> None:
         self._recorder.begin_turn()
         for topic, subscription in self._polled.items():
+            self._send_sign_of_life()
             taken = take_all(subscription)
             for data, received, sent, _ in in_order(taken) if topic == SAMPLES else taken:
                 if topic == SAMPLES:

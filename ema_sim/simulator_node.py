@@ -67,11 +67,11 @@ SLOW_READER = ParameterSpec(
 )
 WHEELS = ParameterSpec(
     name="weight_on_wheels_timeout", default=DEFAULT_TIMEOUT, lower=0.1, upper=60.0, unit="s",
-    read_only=True, text="age at which weight on wheels is no longer fresh: the surface stops",
+    read_only=True, text="age at which weight on wheels is stale, and the surface stopped",
 )
 SILENCE = ParameterSpec(
-    name="deadman_timeout", default=DEFAULT_TIMEOUT, lower=0.1, upper=60.0, unit="s", read_only=True,
-    text="silence on /ema/deadman, once heard for a command, after which the surface is stopped",
+    name="deadman_timeout", default=DEFAULT_TIMEOUT, lower=0.1, upper=60.0, unit="s",
+    read_only=True, text="silence on /ema/deadman, once heard, after which the surface is stopped",
 )
 SAFETY = (SLOW_READER, WHEELS, SILENCE)
 
