@@ -65,13 +65,14 @@ from ema_ros.messages import (
     make_publisher,
     make_timer,
     namespace_of,
+    set_period,
     stamp_message,
     status_name,
     take_all,
 )
 from ema_ros.process import SHUT_DOWN, StopSignal, run_node
 
-POLL_PERIOD = 0.02
+POLL_PERIOD, IDLE_PERIOD = 0.02, 0.05
 DIAGNOSTICS_PERIOD = 1.0
 SIGN_PERIOD = 0.05
 RUNNING = "refused: a test is running already: wait for its end"
@@ -89,7 +90,6 @@ class MonitorNode(EmaNode):
         super().__init__(stop)
         use_given_kit(self)
         self._values = declare_parameters(self, SPECS)
-        self._directory = Path(str(self._values["output_directory"]))
         self._serial = str(self._values["serial_number"])
         self._namespace = namespace_of(self)
         self._service_name = self.resolve_service_name("~/self_test")
@@ -130,9 +130,10 @@ class MonitorNode(EmaNode):
             for topic in (*(entry.name for entry in BAG_TOPICS), DIAGNOSTICS)
         }
         self._keeper = VerdictKeeper(self, group, wanted=bool(self._values["record_verdict"]))
+        self._timer = make_timer(self, IDLE_PERIOD, self._poll)
         self.while_active(
             *self._polled.values(), self._keeper.subscription,
-            make_timer(self, POLL_PERIOD, self._poll),
+            self._timer,
             make_timer(self, DIAGNOSTICS_PERIOD, self._publish_status),
             self.create_service(Trigger, "~/abort", self._on_abort),
             self.create_service(
@@ -186,6 +187,7 @@ class MonitorNode(EmaNode):
                 self._perform(self._sequence.start(self._observe()))
             else:
                 request.ended.set_result(RUNNING)
+        set_period(self._timer, IDLE_PERIOD if self._sequence.stage is Stage.IDLE else POLL_PERIOD)
         self._keeper.poll()
 
     def _send_sign_of_life(self) -> None:
@@ -268,8 +270,8 @@ class MonitorNode(EmaNode):
             self._command.publish(encode_command(action.profile, action.stamp))
         elif isinstance(action, OpenRecord):
             path = new_bag_path(
-                self._directory, self._serial, action.stamp, action.profile.name,
-                self._namespace.removeprefix("/"),
+                Path(str(self._values["output_directory"])), self._serial, action.stamp,
+                action.profile.name, self._namespace.removeprefix("/"),
             )
             self._recorder.open(path, action.profile, self._serial or "unknown", action.stamp)
         elif isinstance(action, CloseRecord):
@@ -300,8 +302,7 @@ class MonitorNode(EmaNode):
         self.get_logger().info(f"{path}: {action.status}")
 
     def _finish(self, reason: str) -> None:
-        self._last_reason = reason or "the last test ran to its end"
-        self._failed = bool(reason)
+        self._last_reason, self._failed = reason or "the last test ran to its end", bool(reason)
         request, self._request, self._began = self._request, None, None
         if request is not None:
             request.passed = request.passed and not reason
@@ -331,9 +332,8 @@ class MonitorNode(EmaNode):
         was_running = self._sequence.stage is not Stage.IDLE
         while self._sequence.stage is not Stage.IDLE:
             self._perform(self._sequence.step(self._observe()))
-        for request in self._waiting:
-            request.ended.set_result(refusal)
-        self._waiting.clear()
+        while self._waiting:
+            self._waiting.pop().ended.set_result(refusal)
         end = time.monotonic() + SHUT_DOWN
         while self.executor is not None and self._callers and time.monotonic() < end:
             self.executor.spin_once(timeout_sec=POLL_PERIOD)

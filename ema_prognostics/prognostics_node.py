@@ -37,7 +37,7 @@ from ema_ros.messages import (
 from ema_ros.parameters import KIT, ParameterSpec
 from ema_ros.process import StopSignal, report, run_node
 
-POLL_PERIOD = 0.05
+POLL_PERIOD = 0.1
 DIAGNOSTICS_PERIOD = 1.0
 REMEMBERED = 100
 """Announced paths that are not opened again; one that was forgotten is diagnosed anew."""

@@ -121,6 +121,13 @@ def make_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
+def set_period(timer: Timer, period: float) -> None:
+    """Let a timer go at another period (s), from now on."""
+    if timer.timer_period_ns != round(period * NANOSECONDS):
+        timer.timer_period_ns = round(period * NANOSECONDS)
+        timer.reset()
+
+
 def try_publish(publisher: Publisher, message: Any) -> bool:
     """Publish, or return False: the history of a slow reader stayed full (100 ms)."""
     try:

@@ -45,6 +45,7 @@ from ema_ros.messages import (
     make_subscription,
     make_timer,
     resolved,
+    set_period,
     status_name,
     take_all,
     try_publish,
@@ -56,6 +57,8 @@ from ema_sim.node.settings import MODEL_FILE, load_model, parameter_specs, setti
 
 TICK = 0.005
 """Interval at which due blocks are looked for (s)."""
+IDLE_TICK = 0.05
+"""The same where nothing is executed (s): eight idle actuators cost little."""
 DIAGNOSTICS_PERIOD = 1.0
 MATCH_TIMEOUT = 1.0
 """Longest wait, after a command, for all readers of the samples to be matched (s)."""
@@ -122,10 +125,11 @@ class SimulatorNode(EmaNode):
         group = PolledGroup()
         self._polled = {topic: make_polled_subscription(self, topic, group)
                         for topic in (WEIGHT_ON_WHEELS, DEADMAN)}
+        self._timer = make_timer(self, IDLE_TICK, self._tick)
         self.while_active(
             *self._polled.values(),
             make_subscription(self, COMMAND, self._on_command),
-            make_timer(self, TICK, self._tick),
+            self._timer,
             make_timer(self, DIAGNOSTICS_PERIOD, self._publish_status),
         )
         self.get_logger().info("ready")
@@ -146,6 +150,7 @@ class SimulatorNode(EmaNode):
             self._refuse(error)
             return
         self._pending = (time.monotonic() + MATCH_TIMEOUT, points, stamp_of(message))
+        set_period(self._timer, TICK)
         self._begin_pending()
 
     def _begin_pending(self) -> None:
@@ -171,6 +176,7 @@ class SimulatorNode(EmaNode):
             self._refuse(error)
             return
         self._begun = now
+        set_period(self._timer, TICK)
         self._level, self._message = OK, "command accepted"
         self._publish_status()
 
@@ -223,6 +229,8 @@ class SimulatorNode(EmaNode):
             report(f"error: {error}")
             self.exit_status = error.exit_status
             return
+        if not self._actuator.active and self._pending is None:
+            set_period(self._timer, IDLE_TICK)
         if was_active and not self._actuator.active:
             if not self._actuator.stopped:
                 self._message = "command executed"
