@@ -83,6 +83,7 @@ def test_it_obeys_on_the_wheels_alone(nodes, watcher):
     assert watcher.blocks == []
     watcher.node.weight_on_wheels = True
     watcher.node.send_weight_on_wheels()
+    watcher.spin_for(0.3)  # two topics: the command may overtake it
     stamp = watcher.command(load_profile("extended"))
     watcher.wait(lambda: sum(map(len, watcher.blocks)) >= 2000, what="samples")
     watcher.node.send = False
