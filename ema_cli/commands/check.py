@@ -44,7 +44,6 @@ def check(
     Example: `ema check bags/sim_0001_extended`
     """
     from ema_prognostics.trend.flights import is_sequence, what_else
-    from ema_prognostics.trend.unit_trend import trend_of
     from ema_prognostics.verdict.diagnose import MODES
     from ema_prognostics.verdict.judge import Judge
     from ema_prognostics.verdict.report import verdict_of_error
@@ -64,6 +63,8 @@ def check(
     trends = []
     for bag in bags:
         if bag in sequences:
+            from ema_prognostics.trend.unit_trend import trend_of
+
             trends = [trend_of(*unit) for unit in judged_flights([bag], judge).items()]
             print_sequence(trends, json=json)
             statuses += [f.verdict.exit_status for trend in trends for f in trend.flights

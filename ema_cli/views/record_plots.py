@@ -258,7 +258,7 @@ def torque_estimate(record: Record) -> np.ndarray:
     ``k Σ f(θ − φ_k) i_k``, f the back-EMF of a turn: what a healthy motor would have. Shape (n,)
     (N m).
     """
-    from ema_sim.plant.electrical import THIRD, unit_back_emf
+    from ema_sim.machine import THIRD, unit_back_emf
 
     motor = load_actuator().motor
     theta = record.channel("rotor_angle")

@@ -93,7 +93,8 @@ class Judge:
 
     def _diagnose(self, record: Record, mode: Mode, own: Baseline | None) -> Verdict:
         with self._libraries.limit(limits=1):
-            return forbidden(record) or diagnose(record, self._model, mode=mode, baseline=own)
+            return forbidden(record) or diagnose(
+                record, self._model, mode=mode, baseline=own, checked=True)
 
     def _load_baseline(self, path: Path) -> Baseline:
         """Return the record of a bag as baseline, its features taken once."""
