@@ -29,9 +29,8 @@ from ema_record.errors import InvalidRecordError
 from ema_record.record import Record
 from ema_sim.machine import FIRST_EDGE, SECTOR, SECTOR_SIGNS, THIRD, TURN
 
-TRIES = 41
-"""Speed offsets tried each round; three rounds, each a fifth as wide."""
-ROUNDS = 4
+TRIES, ROUNDS = 41, 4
+"""Speed offsets tried each round; rounds, each a fifth as wide as the one before."""
 BLOCK_ANGLE = 0.02
 """Largest turn (rad) by the offset that is looked for within what is summed before the search."""
 
