@@ -168,7 +168,7 @@ def trend(
     sources: list[Source] = []
     for one in _several(flights):
         folder = not isinstance(one, Record) and is_sequence(Path(one))
-        sources += bags_of(Path(_text(one)))[0] if folder else [one]  # type: ignore[arg-type]
+        sources += bags_of(Path(_text(one)))[0] if folder else [one]
     if not sources:
         raise UsageError("0 flights: give bags, records, or a folder of bags")
     units = by_unit(_flight(judge, one, k) for k, one in enumerate(sources, start=1))

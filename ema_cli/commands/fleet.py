@@ -36,7 +36,8 @@ def fleet(
         metavar="FILE.prom", help="State of the units as OpenMetrics text, for a textfile "
         "collector.")] = None,
     watch: Annotated[float | None, typer.Option(
-        metavar="SECONDS", min=LEAST_PAUSE, help="Look again after so long, until Ctrl-C.")] = None,
+        metavar="SECONDS", min=LEAST_PAUSE, help="Look again after so long, until Ctrl-C."
+    )] = None,
     jobs: Annotated[int | None, typer.Option(
         min=1, max=1024, show_default="one a core", help="Processes that judge.")] = None,
     dask: Annotated[str | None, typer.Option(

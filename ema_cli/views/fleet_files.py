@@ -7,6 +7,7 @@ import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.resources import files
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,8 +25,10 @@ if TYPE_CHECKING:
 
 MARK = 600
 """Bytes of a text file within which it must name this command to be replaced."""
-LINE = (120.0, 28.0)
+LINE = (200.0, 28.0)
 """Width and height of a sparkline (px)."""
+STRIP = 8.0
+"""Height of the verdicts below it (px)."""
 MOST_POINTS = 40
 """Flights in a sparkline, the last ones."""
 
@@ -92,7 +95,7 @@ def page(fleet: Fleet, place: Path) -> str:
     return environment.from_string(template).render(
         generator=f"{OURS} {VERSION}", summary=summary(fleet),
         units=[_tile(unit, place) for unit in fleet.units],
-        trace=fleet.objects[0] if fleet.objects else None)
+        trace=fleet.objects[0], most=MOST_POINTS)
 
 
 def _tile(unit: FleetUnit, place: Path) -> dict[str, Any]:
@@ -105,26 +108,23 @@ def _tile(unit: FleetUnit, place: Path) -> dict[str, Any]:
         "css": unit.state.replace(" ", "-"), "finding": unit.finding(), "ahead": unit.ahead(),
         "tests": len(unit.objects), "time": (iso_time(last.start_time) or "")[:16],
         "profile": last.profile, "line": sparkline(unit.trend), "report": link, "bag": str(bag),
-        "verdicts": [(f.number, f.verdict.outcome) for f in unit.trend.flights[-MOST_POINTS:]],
     }
 
 
-def sparkline(trend: UnitTrend) -> dict[str, Any] | None:
-    """Return the severity of the last fault over the flights as points (px), None without one."""
-    if not trend.faults:
-        return None
-    history = max(trend.faults, key=lambda f: f.episodes[-1].last).history
-    numbers, values = history.number[-MOST_POINTS:], history.severity[-MOST_POINTS:]
-    known = values == values  # noqa: PLR0124  (finite)
-    if not known.any():
-        return None
+def sparkline(trend: UnitTrend) -> dict[str, Any]:
+    """Return what a tile draws (px): severity of the last fault, verdict of each flight."""
     width, height = LINE
-    first, last = float(numbers[0]), float(numbers[-1])
-    top = float(values[known].max()) or 1.0
-    points = [
-        (round(4.0 + (width - 8.0) * (float(n) - first) / max(last - first, 1.0), 1),
-         round(height - 4.0 - (height - 8.0) * float(v) / top, 1))
-        for n, v in zip(numbers[known], values[known])
-    ]
-    return {"points": " ".join(f"{x},{y}" for x, y in points), "last": points[-1],
-            "width": width, "height": height, "fault": history.fault_class}
+    flights = trend.flights[-MOST_POINTS:]
+    step = width / max(len(flights), 10)
+    cells = [{"x": round(step * k, 1), "outcome": f.verdict.outcome,
+              "text": f"flight {f.number}: {f.verdict.outcome}"} for k, f in enumerate(flights)]
+    points: list[tuple[float, float]] = []
+    if trend.faults:
+        severity = max(trend.faults, key=lambda f: f.episodes[-1].last).history.severity
+        values = [float(v) for v in severity[-MOST_POINTS:]]
+        top = max((v for v in values if isfinite(v)), default=0.0) or 1.0
+        points = [(round(step * (k + 0.45), 1), round(height - 4.0 - (height - 8.0) * v / top, 1))
+                  for k, v in enumerate(values) if isfinite(v)]
+    return {"points": " ".join(f"{x},{y}" for x, y in points), "last": points[-1:],
+            "width": width, "height": height if points else 0.0, "strip": STRIP,
+            "cell": round(0.9 * step, 1), "cells": cells}

@@ -11,7 +11,7 @@ import contextlib
 import json
 import sqlite3
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -109,6 +109,6 @@ class VerdictStore:
         with contextlib.suppress(sqlite3.Error):
             self._base.commit()
 
-    def _write(self, query: str, rows: list[tuple[str, ...]]) -> None:
+    def _write(self, query: str, rows: Sequence[tuple[str, ...]]) -> None:
         with contextlib.suppress(sqlite3.Error):
             self._base.executemany(query, rows)
