@@ -39,7 +39,7 @@ def read(bag: Bag, *, profile: Bag | None = None) -> Record | RigRecord:
     RecordError
         It cannot be read.
     """
-    from ema_rig.read import read_any
+    from ema_rig.bag import read_any
 
     return read_any(Path(bag), None if profile is None else _text(profile))
 
@@ -297,8 +297,8 @@ def _read(given: Source | RigRecord) -> Record | RigRecord:
 
 def _record(given: object) -> Record:
     if not isinstance(given, Record):
-        raise UsageError(f"{given!r}: expected a record of the actuator's test: read() or "
-                         "simulate() give one")
+        raise UsageError(f"{type(given).__name__}: expected a record of the actuator's test: "
+                         "read() or simulate() give one")
     return given
 
 

@@ -61,7 +61,7 @@ def identify(
     from ema_identification.identify import identify as run
     from ema_identification.report.write import write_answer, write_page
     from ema_record.kit import kit_name
-    from ema_rig.read import read_any
+    from ema_rig.bag import read_any
 
     if check:
         return _check([read_any(path) for path in measured], model, json)

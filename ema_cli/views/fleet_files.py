@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from ema_cli.console import check_new_file
 from ema_cli.views.fleet_table import summary
-from ema_prognostics.fleet.tables import OURS, is_own_parquet, open_metrics, write_parquet
+from ema_prognostics.fleet.metrics import open_metrics
+from ema_prognostics.fleet.tables import OURS, is_own_parquet, write_parquet
 from ema_prognostics.trend.unit_trend import UnitTrend
 from ema_record.errors import UsageError, library
 from ema_record.files import cannot_write, exists

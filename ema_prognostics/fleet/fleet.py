@@ -10,6 +10,7 @@ from typing import Any, Literal
 from ema_prognostics.cascade.classes import LEVELS, levels_of
 from ema_prognostics.fleet.find import bags_below
 from ema_prognostics.fleet.judging import JudgeSettings, Objects, judged_fleet
+from ema_prognostics.fleet.tables import COLUMNS, rows_of
 from ema_prognostics.trend.announcement import DEFAULT_RULE, ConfirmationRule
 from ema_prognostics.trend.flights import Flight, by_unit, natural
 from ema_prognostics.trend.unit_trend import FaultTrend, UnitTrend, trend_of
@@ -133,8 +134,6 @@ class Fleet:
 
     def to_pandas(self) -> Any:
         """Return a DataFrame of a row a fault, or a bag without one; see `tables.COLUMNS`."""
-        from ema_prognostics.fleet.tables import COLUMNS, rows_of
-
         pandas = library("pandas", "to_pandas", "use objects")
         return pandas.DataFrame([row for o in self.objects for row in rows_of(o)],
                                 columns=list(COLUMNS))

@@ -53,7 +53,7 @@ class JudgeSettings(NamedTuple):
         return key_of(*parts, module=MODULE)
 
 
-class Task(NamedTuple):
+class BagsTask(NamedTuple):
     """Some bags, and how to judge them; goes to a worker."""
 
     settings: JudgeSettings
@@ -62,7 +62,7 @@ class Task(NamedTuple):
     bags: tuple[str, ...]
 
 
-class Done(NamedTuple):
+class BagsDone(NamedTuple):
     """What comes back: the contents of the bags, and the object of each."""
 
     software: str
@@ -74,12 +74,12 @@ def _judge(settings: JudgeSettings, _software: str) -> Judge:
     return Judge(settings.model, profile=settings.profile)
 
 
-def judge_bags(task: Task) -> Done:
+def judge_bags(task: BagsTask) -> BagsDone:
     """Judge the bags of a task (in a worker)."""
     with using_kit(task.settings.kit):
         judge = _judge(task.settings, task.software)
         trace = trace_of(judge.model_sha256)
-        return Done(task.settings.key(), [_object(judge, trace, bag) for bag in task.bags])
+        return BagsDone(task.settings.key(), [_object(judge, trace, bag) for bag in task.bags])
 
 
 def _object(judge: Judge, trace: dict[str, Any], bag: str) -> dict[str, Any]:
@@ -120,7 +120,7 @@ def judged_fleet(
         judged: dict[str, dict[str, Any]] = {}
         done = len(bags) - len(waiting)
         progress(done)
-        tasks = [Task(settings, software, tuple(waiting[k:k + CHUNK]))
+        tasks = [BagsTask(settings, software, tuple(waiting[k:k + CHUNK]))
                  for k in range(0, len(waiting), CHUNK)]
         for result in done_by_workers(judge_bags, tasks, jobs=jobs, dask=dask):
             if result.software != software:

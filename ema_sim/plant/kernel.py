@@ -19,12 +19,11 @@ from numba import njit
 from ema_record.actuator import FOC, RELAY, Actuator
 from ema_record.sources import source_hash
 from ema_sim.effects.registry import Effects
-from ema_sim.machine import TURN
 from ema_sim.plant import ports, sensor_ports
 from ema_sim.plant import state as st
 from ema_sim.plant.control import delayed, quantise, reference_current
 from ema_sim.plant.currents import MOST_SWITCHES, SAME_TIME, advance_currents, circuit_of
-from ema_sim.plant.electrical import of_phases, reference_signs, sector_ahead
+from ema_sim.plant.electrical import TURN, of_phases, reference_signs, sector_ahead
 from ema_sim.plant.mechanics import load_at, move
 from ema_sim.plant.modulation import field_control, phase_control
 from ema_sim.plant.parts import Legs, Load

@@ -17,7 +17,8 @@ from ema_cli.main import run
 from ema_prognostics.fleet import judging, verdict_store
 from ema_prognostics.fleet.find import bags_below
 from ema_prognostics.fleet.fleet import fleet_of, read_fleet
-from ema_prognostics.fleet.tables import COLUMNS, open_metrics, write_parquet
+from ema_prognostics.fleet.metrics import open_metrics
+from ema_prognostics.fleet.tables import COLUMNS, write_parquet
 from ema_prognostics.fleet.verdict_store import FILE, FORM, VerdictStore
 from ema_prognostics.verdict import contract, schema
 from ema_record.bag.content_hash import content_hash
@@ -93,7 +94,7 @@ def test_a_changed_bag_or_judge_is_judged_again(place, cache, tmp_path, monkeypa
     shutil.copytree(place / "a/sim_0000_step", bag)
     asked = []
     monkeypatch.setattr(judging, "judge_bags", lambda task: asked.append(task.bags) or
-                        judging.Done(task.software, []))
+                        judging.BagsDone(task.software, []))
     metadata = bag / "metadata.yaml"
     metadata.write_text(metadata.read_text() + "# changed\n")
     with pytest.raises(Exception, match="was written while it was judged"):
