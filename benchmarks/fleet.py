@@ -2,7 +2,7 @@
 
 Run from the checkout: ``python -m benchmarks.fleet`` (``--cold N``, ``--cached N`` for smaller
 ones, ``--jobs``). Cold: N bags of the profile are judged, in four steps, each in a process of its
-own; bags are made of one simulated record with serial numbers and times of their own. Cached: N
+own; bags are copies of an example bag with serial numbers and times of their own. Cached: N
 bags are told by the store; their messages are links to one file, their contents differ in the
 metadata, and what is kept of each is the first bag's verdict with a number and a time of its own.
 Exit status 1 if a limit is missed.
@@ -35,6 +35,7 @@ MOST_CACHED = 5.0
 STEPS = 4
 UNITS = 200
 """Units of the cached fleet."""
+EXAMPLES = Path(__file__).resolve().parents[1] / "bags"
 DAY = 86_400_000_000_000
 
 
@@ -65,7 +66,7 @@ def measured(fleet: Path, cache: Path, jobs: int) -> Run:
 
 def cold(count: int, profile: str, folder: Path, jobs: int) -> list[tuple[int, Run]]:
     """Return the runs over a growing fleet, nothing remembered."""
-    record = ema.simulate(profile, seed=1)
+    record = ema.read(EXAMPLES / f"sim_0000_{profile}")
     found, made = [], 0
     for step in range(1, STEPS + 1):
         for made in range(made, count * step // STEPS):  # noqa: B020  (goes on from there)
@@ -110,7 +111,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--cold", type=int, default=10_000)
     parser.add_argument("--cached", type=int, default=10_000)
-    parser.add_argument("--profile", default="extended")
+    parser.add_argument("--profile", default="extended", choices=("extended", "step"))
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--json", action="store_true", help="the numbers as one JSON object")
     options = parser.parse_args()
