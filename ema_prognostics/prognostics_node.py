@@ -16,6 +16,7 @@ from std_msgs.msg import String
 
 from ema_prognostics.node.assembler import TOPICS, RecordAssembler
 from ema_prognostics.node.messages import fault_statuses, severity_message, verdict_status
+from ema_prognostics.verdict.contract import trace_of, verdict_object
 from ema_prognostics.verdict.judge import Judge, Judged
 from ema_prognostics.verdict.report import verdict_of_error
 from ema_record.bag.container import METADATA_FILE
@@ -82,6 +83,7 @@ class PrognosticsNode(EmaNode):
         """Load the model, and make the publishers."""
         values = self._values
         self._judge = Judge(str(values["model_file"]) or None, str(values["baseline"]) or None)
+        self._trace = trace_of(self._judge.model_sha256)
         self._verdict = make_publisher(self, VERDICT)
         self._severity = make_publisher(self, SEVERITY)
         self._diagnostics = DiagnosticsPublisher(self)
@@ -147,7 +149,9 @@ class PrognosticsNode(EmaNode):
             self._publish(self._judge.of_record(record, LIVE))
 
     def _publish(self, judged: Judged) -> None:
-        verdict = judged.verdict.to_dict()
+        verdict = verdict_object(
+            judged.verdict, self._trace, serial_number=judged.serial_number,
+            start_time=judged.start_time, profile=judged.profile)
         namespace = namespace_of(self)
         status = verdict_status(status_name(self, "verdict"), verdict, judged)
         self._statuses = [status, *fault_statuses(
