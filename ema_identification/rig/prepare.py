@@ -130,7 +130,7 @@ def _trajectory(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
             )
         check_record(record)
     notes: list[str] = []
-    raw = [piece for record in records for piece in _even(record, notes)]
+    raw = [piece for record in records for piece in even_pieces(record, notes)]
     if not raw:
         raise too_short(first, "no stretch without a gap holds 64 samples")
     for record in records:
@@ -195,7 +195,7 @@ def _alternations(speed: np.ndarray) -> int:
     return int(np.count_nonzero(clear[1:] != clear[:-1]))
 
 
-def _even(record: RigRecord, notes: list[str]) -> list[dict[str, np.ndarray]]:
+def even_pieces(record: RigRecord, notes: list[str]) -> list[dict[str, np.ndarray]]:
     """Return the stretches between gaps on an even grid, as columns by name, with ``rate``."""
     time = record.time
     step = 1.0 / record.rate
