@@ -273,7 +273,7 @@ def draw_values(found: RigTrend, path: Path) -> None:
                 if v.growth is not None and v.way:
                     x = v.number[-v.growth.count:]
                     panel.plot(x, v.now + v.way * v.growth.rate * (x - x[-1]), color=BLUE,
-                               lw=1.6, alpha=0.5)
+                               lw=1.5, alpha=0.5)
                 if v.limit is not None:
                     panel.axhline(v.limit.limit, color=VERMILION, ls="-.", lw=0.9)
                 panel.set_ylabel(f"{v.name}\n({v.unit})", fontsize=8.0)

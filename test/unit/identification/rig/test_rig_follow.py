@@ -11,7 +11,7 @@ from ema_identification.rig.follow import follow
 
 MODEL = RigModel.model_validate({"terms": [
     {"effect": "inertia"}, {"effect": "viscous_friction"},
-    {"effect": "cogging_torque", "parameters": {"order": 6.0, "amplitude": 0.1, "phase": 0.0}},
+    {"effect": "cogging_torque", "parameters": {"order": 8.0, "amplitude": 0.1, "phase": 0.0}},
     {"effect": "backlash", "parameters": {"gap": 0.05}}]})
 
 
@@ -21,16 +21,16 @@ def named(followed):
 
 def test_friction_and_cogging_of_each_record_lie_in_their_intervals(bench):
     levels, waves = (0.2, 0.3, 0.4), (0.1, 0.1, 0.2)
-    records = [bench(lambda t, q, v, a, f=f, w=w: f * np.sign(v) + w * np.cos(6 * q), seed=k,
+    records = [bench(lambda t, q, v, a, f=f, w=w: f * np.sign(v) + w * np.cos(8 * q), seed=k,
                      keep=("position", "speed"))
                for k, (f, w) in enumerate(zip(levels, waves))]
     inside = []
     for found, level, wave in zip(follow(records, MODEL), levels, waves):
         own = named(found)
         assert own["coulomb_friction.level"].value == pytest.approx(level, abs=0.01)
-        assert own["cogging_torque.amplitude(6)"].value == pytest.approx(wave, abs=0.01)
+        assert own["cogging_torque.amplitude(8)"].value == pytest.approx(wave, abs=0.01)
         truth = {"inertia.value": 0.05, "viscous_friction.value": 0.4, "offset.value": 0.0,
-                 "coulomb_friction.level": level, "cogging_torque.amplitude(6)": wave}
+                 "coulomb_friction.level": level, "cogging_torque.amplitude(8)": wave}
         inside += [own[name].low <= value <= own[name].high for name, value in truth.items()]
         gap = own["backlash.gap"]
         assert (gap.value, gap.low) == (0.0, 0.0) and gap.high > 0.0  # what it could hide
@@ -62,10 +62,10 @@ def test_a_record_that_cannot_be_used_says_why_and_the_others_stand(bench):
 
 
 def test_without_a_model_what_the_first_and_last_record_show_is_followed(bench):
-    records = [bench(), bench(lambda t, q, v, a: 0.15 * np.cos(6 * q), seed=2)]
+    records = [bench(), bench(lambda t, q, v, a: 0.15 * np.cos(8 * q), seed=2)]
     first, last = (named(f) for f in follow(records))
     waves = [name for name in last if name.startswith("cogging_torque")]
-    assert waves == ["cogging_torque.amplitude(6)"]
+    assert waves == ["cogging_torque.amplitude(8)"]
     assert first[waves[0]].value < 0.01 < 0.14 < last[waves[0]].value
 
 

@@ -1,0 +1,81 @@
+"""EMPS on its official split: named terms, identified on one file, run free on the other.
+
+A free run has the measured force as its only input; position and speed at the start are those
+measured. Error as published: root mean square of the position after the first 20 samples.
+``pulses_N`` of the second file is no force to be added.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ema_identification.result import Identification
+from ema_identification.rig.export import export_model
+from ema_identification.rig.signals.trajectory import derivative, low_pass
+from ema_identification.rig.workflow import identify_rig
+from ema_rig.record import POSITION, RigRecord
+
+SKIPPED = 20
+"""Samples at the start that do not count."""
+START_BAND = 20.0
+"""Of the speed at the start (Hz)."""
+PUBLISHED = """rig: emps
+terms:
+- effect: inertia
+  parameters: {value: 95.1089}
+- effect: viscous_friction
+  parameters: {value: 203.5034}
+- effect: coulomb_friction
+  parameters: {level: 20.3935}
+- effect: offset
+  parameters: {value: -3.1648}
+axis: {motion: linear, input: force, travel: [-1.0, 1.0]}
+"""
+"""A. Janot, M. Gautier, M. Brunot, 2019."""
+Step = Callable[[float, float, float, float], tuple[float, float]]
+
+
+def free_run(model_text: str, record: RigRecord) -> tuple[float, tuple[str, ...]]:
+    """Return the error of the position (m, rms), and the laws that the run does not have."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "model.yaml"
+        path.write_text(model_text, encoding="utf-8")
+        exported = export_model(path, "python")
+    names: dict[str, Any] = {}
+    exec(compile(exported.text, "model", "exec"), names)
+    step: Step = names["step"]
+    dt = 1.0 / record.rate
+    measured = record.channel(POSITION)
+    x = float(measured[0])
+    v = float(low_pass(derivative(measured, dt), record.rate, START_BAND)[0])
+    found = np.empty(len(record))
+    for k, u in enumerate(record.input.tolist()):
+        found[k] = x
+        x, v = step(x, v, u, dt)
+    error = (found - measured)[SKIPPED:]
+    return float(np.sqrt(np.mean(error**2))), exported.left_out
+
+
+def both_ways(train: RigRecord, test: RigRecord) -> list[tuple[str, ...]]:
+    """Print and return the table: model, fitted on, error on either file in mm."""
+    rows: list[tuple[str, ...]] = [("model", "fitted on", "DATA_EMPS", "DATA_EMPS_PULSES")]
+    rows.append(("published physics", "DATA_EMPS", *_errors(PUBLISHED, train, test)))
+    for name, record in (("DATA_EMPS", train), ("DATA_EMPS_PULSES", test)):
+        found = identify_rig([record])
+        rows.append((_names(found), name, *_errors(found.model_text, train, test)))
+    for row in rows:
+        print("| " + " | ".join(row) + " |", flush=True)
+    return rows
+
+
+def _errors(model_text: str, *records: RigRecord) -> list[str]:
+    return [f"{1e3 * free_run(model_text, record)[0]:.2f}" for record in records]
+
+
+def _names(found: Identification) -> str:
+    return ", ".join(["inertia, viscous friction", *(f.effect for f in found.findings)])
