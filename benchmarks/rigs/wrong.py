@@ -21,7 +21,8 @@ SAYS = {
 def wrong_record(kind: str, number: int, seed: int) -> RigRecord:
     """Return a record with one thing wrong; of a rotary rig with position and speed."""
     rng = np.random.default_rng([seed, number, 7])
-    rig = replace(RIGS[("joint", "motor", "spindle")[number % 3]], outputs=("position", "speed"))
+    rig = RIGS[("joint", "motor", "spindle")[number // 6 % 3]]
+    rig = replace(rig, outputs=("position", "speed"))
     record = make(rig, int(rng.integers(1 << 30)), {"coulomb_friction": rng.uniform(0.2, 0.5)})
     samples = record.samples.copy()  # time, input, position, speed
     if kind == "wrong sign":
@@ -34,10 +35,10 @@ def wrong_record(kind: str, number: int, seed: int) -> RigRecord:
         limit = rng.uniform(0.4, 0.6) * np.abs(samples[:, 1]).max()
         samples[:, 1] = np.clip(samples[:, 1], -limit, limit)
     elif kind == "swapped":
-        first, second = ((2, 3), (1, 3), (1, 2))[number % 3]
+        first, second = ((2, 3), (1, 3), (1, 2))[number // 6 % 3]
         samples[:, [first, second]] = samples[:, [second, first]]
     else:
-        samples[:, 3] *= (60 / (2 * np.pi), 180 / np.pi, 1e3)[number % 3]
+        samples[:, 3] *= (60 / (2 * np.pi), 180 / np.pi, 1e3)[number // 6 % 3]
     return replace(record, samples=samples, source=f"{kind}-{number}")
 
 
