@@ -23,7 +23,9 @@ ROOM = 2.0
 SHORT = 0.03
 """Share by which the inertia of a band may be below that of half of it ..."""
 SURE = 2.0
-"""... beyond so many standard errors of their difference."""
+"""... beyond so many standard errors of their difference, by the jackknife over blocks."""
+ALIKE = 0.1
+"""Share by which values of two bands differ at most to agree."""
 FOLLOWS = 0.5
 """Mean coherence of input and acceleration in the upper octave above which it is no noise."""
 BLOCKS, LEAST_ROWS = 12, 60
@@ -35,7 +37,8 @@ class _Estimate:
     band: float
     inertia: float
     viscous: float
-    errors: tuple[float, float]
+    parts: np.ndarray
+    """The inertia without each block of time, shape (BLOCKS,)."""
 
 
 def agreeing_band(
@@ -82,22 +85,20 @@ def agreeing_band(
         notes.append("inertia or viscous friction differ between bands of "
                      f"{number(found[at + 1].band)} and {number(found[at].band)} Hz "
                      f"({number(found[at + 1].inertia)} and {number(found[at].inertia)}; "
-                     f"{number(found[at + 1].viscous)} and {number(found[at].viscous)}): a law "
-                     "is missing, or there is a resonance")
+                     f"{number(found[at + 1].viscous)} and {number(found[at].viscous)}): the "
+                     "record hardly shows them, a law is missing, or there is a resonance")
     return found[at].band
 
 
 def _falls_short(wide: _Estimate, narrow: _Estimate) -> bool:
-    error = float(np.hypot(wide.errors[0], narrow.errors[0]))
+    error = float(np.sqrt((BLOCKS - 1) * np.var(narrow.parts - wide.parts)))
     return narrow.inertia - wide.inertia > max(SHORT * abs(narrow.inertia), SURE * error)
 
 
 def _alike(one: _Estimate, other: _Estimate) -> bool:
-    """Return whether both values are the same within 5 % or their errors."""
-    return all(
-        abs(a - b) <= max(0.05 * abs(a), SURE * float(np.hypot(e, f)))
-        for a, b, e, f in zip((one.inertia, one.viscous), (other.inertia, other.viscous),
-                              one.errors, other.errors))
+    """Return whether both values are the same."""
+    return all(abs(a - b) <= ALIKE * abs(a)
+               for a, b in ((one.inertia, other.inertia), (one.viscous, other.viscous)))
 
 
 def _motion_of(piece: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -128,10 +129,8 @@ def _estimate(pieces: Sequence[dict[str, np.ndarray]], band: float) -> _Estimate
     parts = np.array([np.linalg.lstsq(
         np.delete(columns, own, axis=0), np.delete(target, own), rcond=1e-8)[0]
         for own in np.array_split(np.arange(len(target)), BLOCKS)])
-    errors = np.sqrt((BLOCKS - 1) * np.var(parts, axis=0)) / scale  # the jackknife over blocks
     return _Estimate(band=band, inertia=float(whole[0] / scale[0]),
-                     viscous=float(whole[1] / scale[1]),
-                     errors=(float(errors[0]), float(errors[1])))
+                     viscous=float(whole[1] / scale[1]), parts=parts[:, 0] / scale[0])
 
 
 def _coherence(pieces: Sequence[dict[str, np.ndarray]], band: float) -> float:

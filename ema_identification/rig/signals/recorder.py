@@ -24,7 +24,7 @@ FEW_SPIKES = 0.01
 MOST_HELD = 50
 ALWAYS = 0.98
 """Share of the changes that fall on every m-th sample, for a channel to be held for m."""
-LEAST_CHANGES = 100
+LEAST_CHANGES, LEVELS = 100, 30
 LEAST_LEFT = 400
 """Samples that are left at least, for held ones to be left out."""
 SAME = 0.05
@@ -85,8 +85,11 @@ def spikes_of(values: np.ndarray) -> np.ndarray:
 def held_for(values: np.ndarray) -> tuple[int, int]:
     """Return for how many samples a channel holds each value, 1 where it does not; and the first.
 
-    Held ones change at every m-th sample only, whatever the motion.
+    Held ones change at every m-th sample only, whatever the motion. A command of a few levels that
+    keeps a clock is no held one: it is what it says in between too.
     """
+    if len(np.unique(values)) < LEVELS:
+        return 1, 0
     changes = np.nonzero(np.diff(values))[0] + 1
     if len(changes) < LEAST_CHANGES or len(changes) > 0.55 * len(values):
         return 1, 0
