@@ -40,7 +40,8 @@ def write_rig_bag(record: RigRecord, path: str | Path) -> Path:
     """
     bag = RawBag(
         path, topics=[TOPICS[SAMPLES]],
-        records={RIG: {"axis": record.axis.model_dump_json(), "software_version": VERSION}},
+        records={RIG: {"axis": record.axis.model_dump_json(exclude_none=True),
+                       "software_version": VERSION}},
     )
     shift = min(0.0, float(record.time[0]))
     label = ",".join(channel.label for channel in record.channels)

@@ -71,7 +71,7 @@ def import_file(path: str | Path, rig_map: RigMap) -> RigRecord | Record:
     table = _table(rig_map, Path(path), _columns(rig_map).values())
     quantity = rig_map.input.acts_as or _quantity(rig_map.input, source)
     axis = Axis(name=rig_map.name, motion=rig_map.axis, input=quantity,
-                description=rig_map.description)
+                description=rig_map.description, pole_pairs=rig_map.pole_pairs)
     notes = list(table.notes)
     given = {channel.name: channel for channel in axis.channels}
     columns: dict[str, np.ndarray] = {}

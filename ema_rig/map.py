@@ -115,6 +115,8 @@ class RigMap(_Part):
     name: str = Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")
     axis: Literal["linear", "rotary", "actuator"]
     description: str = Field(default="", max_length=1000)
+    pole_pairs: int | None = Field(default=None, ge=1, le=200)
+    """Of a motor that turns with the axis: a current sensor then shows once and twice these."""
     format: TextFormat = TextFormat()
     bag: BagSource | None = None
     """Where the file is a bag of ROS 2."""
@@ -170,6 +172,8 @@ class RigMap(_Part):
             if self.output_position is not None and self.position is None:
                 raise ValueError("'output_position' is compared with 'position': give both, or "
                                  "one sensor as 'position'")
+        if self.pole_pairs is not None and self.axis != "rotary":
+            raise ValueError("'pole_pairs' is for a rotary axis, whose motor turns with it")
         if self.start is not None and self.end is not None and self.end <= self.start:
             raise ValueError(f"'end' {self.end:g} s is not after 'start' {self.start:g} s")
         return self

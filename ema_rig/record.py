@@ -43,6 +43,8 @@ class Axis(BaseModel):
     motion: Motion
     input: InputQuantity
     description: str = Field(default="", max_length=1000)
+    pole_pairs: int | None = Field(default=None, ge=1, le=200)
+    """Of the motor, where it turns with the axis and they are known."""
     notes: tuple[str, ...] = Field(default=(), max_length=50)
     """What was done to the numbers when they were imported."""
 

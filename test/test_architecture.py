@@ -63,6 +63,7 @@ BY_CHANCE = {
     "ema_identification/actuator/surrogate/calibration.py": {48.0},  # units that are simulated
     "ema_identification/report/plots.py": {0.6, 500.0, 20_000.0},  # width of a line, points
     "ema_identification/rig/search/alternatives.py": {0.6, 1.6},  # delays in periods
+    "ema_identification/rig/search/waves.py": {0.6},  # share of a wave
     "ema_prognostics/commission/calibrate.py": {20_000.0},  # steps of an optimiser
     "ema_prognostics/commission/commission.py": {48.0},  # units that are simulated
     "ema_prognostics/features/start.py": {0.6},  # share of the wind-up

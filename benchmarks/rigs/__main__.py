@@ -1,8 +1,8 @@
 """Identification of the public rigs: what is found, and the residual before and after.
 
 ``python -m benchmarks.rigs`` reads ``../shared/data`` beside the checkout, about two minutes.
-``--synthetic N`` judges N rigs with nothing missing, and every effect on two rigs, instead;
-``--work FILE`` keeps what is done, and goes on from there.
+``--emps`` runs EMPS free on its official split, ``--synthetic N`` judges N records with a known
+answer; ``--work FILE`` keeps what of these is done, and goes on from there.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from benchmarks.rigs.emps import both_ways
 from benchmarks.rigs.panel import panel
 from ema_identification.result import Identification
 from ema_identification.rig.workflow import identify_rig
@@ -27,7 +28,7 @@ def load(map_name: str, file: str) -> RigRecord:
     """Return a record of a public data set, which lies beside the checkout."""
     path = DATA / file
     if not path.is_file():
-        raise SystemExit(f"{path} is absent: the public data lie beside the checkout")
+        raise SystemExit(f"skipped: {path} is absent, the public data lie beside the checkout")
     record = import_file(path, load_map(HERE / map_name))
     assert isinstance(record, RigRecord)
     return record
@@ -85,11 +86,15 @@ def again(title: str, measured: RigRecord, found: Identification) -> None:
 def main() -> None:
     """Run the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--emps", action="store_true")
     parser.add_argument("--synthetic", type=int, metavar="N")
     parser.add_argument("--work", type=Path, metavar="FILE", help="of --synthetic, JSON lines")
     parser.add_argument("--seed", type=int, default=0, help="of --synthetic: other rigs")
     arguments = parser.parse_args()
-    if arguments.synthetic is None:
+    if arguments.emps:
+        both_ways(load("emps.yaml", "emps/DATA_EMPS.mat"),
+                  load("emps.yaml", "emps/DATA_EMPS_PULSES.mat"))
+    elif arguments.synthetic is None:
         public()
     else:
         panel(arguments.synthetic, seed=arguments.seed, work=arguments.work)

@@ -1,57 +1,178 @@
-"""The synthetic panel: every effect on two rigs, and rigs with nothing missing."""
+"""The synthetic panel: what is named on records of `kinds` and `wrong`, and a table of it."""
 
 from __future__ import annotations
 
-from collections import Counter
+import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
-from benchmarks.ledger import Ledger
+from scipy.stats import beta
+
+from benchmarks.ledger import Ledger, Row
+from benchmarks.rigs.kinds import MOTIONS, case_of
+from benchmarks.rigs.wrong import SAYS, coupled_record, wrong_record
+from ema_identification.result import Identification
+from ema_identification.rig.verdict import MOST_UNEXPLAINED
 from ema_identification.rig.workflow import identify_rig
-from support.rigs import EFFECTS, RIGS, Rig, judged, make
+from ema_record.errors import EmaError
 
-SIZE = 0.3
-"""Of an effect, in units of the rms input without it."""
+MORE_OF_ONE_WAY = {"coulomb_friction": "offset", "offset": "coulomb_friction"}
+"""Alike where the motion never reverses."""
 
 
-def panel(nulls: int, *, seed: int = 0, work: Path | None = None) -> None:
-    """Print what is found on synthetic rigs.
+def panel(count: int, *, seed: int = 0, work: Path | None = None, only: str = "") -> list[Row]:
+    """Print what is found on synthetic records, and return the table.
 
     Parameters
     ----------
-    nulls : int
-        Number of records with nothing missing; half of them with coloured noise.
+    count : int
+        Records that can be used; a fifth as many have one thing wrong, a tenth as many are of an
+        axis that another one moves.
     seed : int
-        Draws other motions and noise.
+        Draws rigs, motions, effects and noise.
     work : Path, optional
         Lines of JSON of what is done; those that are there are not done again.
+    only : str
+        A kind; the others are left out.
 
     """
-    rigs = list(RIGS.values())
-    cases = [(rigs[(index + 3 * k) % len(rigs)], 5000 + 10 * index + k, name)
-             for index, name in enumerate(EFFECTS) for k in range(2)]
-    cases += [(rigs[k % len(rigs)], 9000 + k, "") for k in range(nulls)]
     ledger = Ledger(work)
-    counts: Counter[str] = Counter()
-    for rig, own, name in cases:
-        key = f"{rig.name}-{100_000 * seed + own}-{name}"
-        answer, said = ledger.run(key, partial(_case, rig, 100_000 * seed + own, name))
-        counts[answer] += 1
-        if name or answer == "alarm":
-            print(f"{answer:7s} {name or 'nothing':24s} on {key:30s} {said}", flush=True)
-    print(f"{len(cases) - nulls} rigs with one effect: right {counts['right']}, "
-          f"wrong {counts['wrong']}, missed {counts['missed']}; "
-          f"{nulls} with nothing missing: {counts['alarm']} disagree")
+    kinds = list(SAYS)
+    wrong = [] if only else [
+        _done(ledger, f"{seed}-wrong-{k}", partial(_wrong, kinds[k % len(kinds)], k, seed))
+        for k in range(count // 5)]
+    coupled = [] if only else [
+        _done(ledger, f"{seed}-coupled-{k}", partial(_coupled, k, seed))
+        for k in range(count // 10)]
+    usable = [_done(ledger, f"{seed}-{k}", partial(_usable, k, seed)) for k in range(count)
+              if only in ("", list(MOTIONS)[(k // 2) % len(MOTIONS)])]
+    return table(usable, wrong, coupled)
 
 
-def _case(rig: Rig, seed: int, name: str) -> tuple[str, str]:
-    """Return the judgement of one rig, and what was said of it."""
-    if name:
-        found = identify_rig([make(rig, seed, {name: SIZE})])
-        answer = judged(name, found)
-    else:
-        found = identify_rig([make(rig, seed, coloured=seed % 2 == 1)])
-        answer = "quiet" if found.verdict == "no disagreement" else "alarm"
+def _done(ledger: Ledger, key: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = ledger.run(key, make)
+    print(f"{key:18s} {found['kind']:22s} {found['answer']:8s} {'+'.join(found['truth']):40s} "
+          f"{found['said']} ({found['seconds']:.0f} s)", flush=True)
+    return found
+
+
+def _usable(number: int, seed: int) -> dict[str, Any]:
+    """Return what is said of a record that can be used."""
+    case = case_of(number, seed)
+    start = time.monotonic()
+    try:
+        found = identify_rig([case.record])
+    except EmaError as error:
+        return {"kind": case.kind, "truth": sorted(case.truth), "effect": case.effect,
+                "answer": "refused", "said": str(error), "false": False, "overclaimed": False,
+                "inside": [], "seconds": time.monotonic() - start}
+    sets = [{f.effect, *f.equivalent} for f in found.findings]
+    if case.kind == "one way":
+        sets = [names | {MORE_OF_ONE_WAY[n] for n in names if n in MORE_OF_ONE_WAY}
+                for names in sets]
+    false = any(not (names & case.truth) for names in sets)
+    missed = [name for name in case.truth if not any(name in names for names in sets)]
+    more = len(sets) > len(case.truth)  # two names for one effect
+    answer = "wrong" if false or more else "missed" if missed else "right"
+    if answer == "right" and found.unknown is not None:
+        answer = "unknown"
+    own = {p.name: p for p in found.recalibrated}
+    inside = [own[name].low <= value <= own[name].high for name, value in case.base.items()
+              if name in own and answer == "right"]
+    return {"kind": case.kind, "truth": sorted(case.truth), "effect": case.effect,
+            "answer": answer, "said": _said(found), "false": false,
+            "overclaimed": _overclaimed(found), "inside": [bool(i) for i in inside],
+            "seconds": time.monotonic() - start}
+
+
+def _wrong(kind: str, number: int, seed: int) -> dict[str, Any]:
+    """Return whether a record with one thing wrong is refused by its name."""
+    start = time.monotonic()
+    try:
+        found = identify_rig([wrong_record(kind, number, seed)])
+        answer, said = "missed", _said(found)
+    except EmaError as error:
+        said = str(error)
+        answer = "named" if any(word in said for word in SAYS[kind]) else "refused"
+    return {"kind": kind, "truth": [], "answer": answer, "said": said,
+            "seconds": time.monotonic() - start}
+
+
+def _coupled(number: int, seed: int) -> dict[str, Any]:
+    """Return whether an axis that another one moves is called explained."""
+    start = time.monotonic()
+    try:
+        found = identify_rig([coupled_record(number, seed)])
+        over = found.exit_status == 0
+        false = any("coulomb_friction" not in {f.effect, *f.equivalent} for f in found.findings)
+        answer, said = ("claimed" if over else "named" if false else "silent"), _said(found)
+    except EmaError as error:
+        answer, said = "refused", str(error)
+    return {"kind": "two axes coupled", "truth": [], "answer": answer, "said": said,
+            "seconds": time.monotonic() - start}
+
+
+def _said(found: Identification) -> str:
     names = ", ".join("/".join((f.effect, *f.equivalent)) for f in found.findings)
-    unknown = found.unknown.text if found.unknown is not None else ""
-    return answer, f"{found.verdict}: {names} {unknown}".rstrip()
+    unknown = f" ? {found.unknown.text}" if found.unknown is not None else ""
+    return f"{found.verdict}: {names}{unknown}"
+
+
+def _overclaimed(found: Identification) -> bool:
+    """Return whether too little is explained for the word."""
+    return found.verdict in ("explained", "no disagreement") \
+        and (found.unexplained or 0.0) > MOST_UNEXPLAINED
+
+
+def share(hits: int, total: int) -> str:
+    """Return a share with its 95 % interval (Clopper and Pearson)."""
+    if total == 0:
+        return "none done"
+    low = float(beta.ppf(0.025, hits, total - hits + 1)) if hits else 0.0
+    high = float(beta.ppf(0.975, hits + 1, total - hits)) if hits < total else 1.0
+    return f"{hits} of {total}: {100 * hits / total:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
+
+
+def table(
+    usable: list[dict[str, Any]], wrong: list[dict[str, Any]], coupled: list[dict[str, Any]]
+) -> list[Row]:
+    """Print the table, by kind and against the targets, and return its rows."""
+    print("\n| kind | right | wrong name | missed | unknown | refused |\n"
+          "|---|---|---|---|---|---|")
+    for kind in MOTIONS:
+        own = [case["answer"] for case in usable if case["kind"] == kind]
+        if own:
+            print(f"| {kind} | {own.count('right')} of {len(own)} | " + " | ".join(
+                str(own.count(a)) for a in ("wrong", "missed", "unknown", "refused")) + " |")
+    plain = [case for case in usable if not case["effect"]]
+    empty = [case for case in plain if not case["truth"]]
+    inside = [i for case in usable for i in case["inside"]]
+    right = sum(case["answer"] == "right" for case in usable)
+    false = sum(case["false"] for case in plain)
+    anything = sum(case["false"] for case in empty)
+    said = sum(case["answer"] == "named" for case in wrong)
+    over = sum(case["overclaimed"] for case in usable) + sum(
+        case["answer"] == "claimed" for case in coupled)
+    seconds = max((case["seconds"] for case in usable), default=0.0)
+    rows = [
+        Row("exactly the right names", "≥ 95 %", share(right, len(usable)),
+            right >= 0.95 * len(usable)),
+        Row("a name beyond Coulomb friction where there is none", "≤ 2 %",
+            share(false, len(plain)), false <= 0.02 * len(plain)),
+        Row("any name where there is nothing", "≤ 1 %", share(anything, len(empty)),
+            anything <= 0.01 * len(empty)),
+        Row("one thing wrong, said by its name", "≥ 95 %", share(said, len(wrong)),
+            said >= 0.95 * len(wrong)),
+        Row("called explained with more than a quarter left, or moved by another axis", "0",
+            share(over, len(usable) + len(coupled)), over == 0),
+        Row("inertia and viscous friction in their 90 % interval", "85 to 95 %",
+            share(sum(inside), len(inside)), 0.85 * len(inside) <= sum(inside) <= 0.95 * len(
+                inside)),
+        Row("longest, on a busy machine", "15 s", f"{seconds:.0f} s", seconds <= 15.0),
+    ]
+    print("\n| what | target | found (95 % interval) | |\n|---|---|---|---|")
+    for row in rows:
+        print(f"| {row.what} | {row.target} | {row.found} | {'met' if row.good else 'not met'} |")
+    return rows

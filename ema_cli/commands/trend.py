@@ -1,4 +1,4 @@
-"""`ema trend`: how the faults of an actuator grow from flight to flight."""
+"""`ema trend`: how faults of an actuator, or values of any axis, grow from record to record."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ema_cli.console import check_new_file, print_json, say
-from ema_cli.options import Baseline, Cascade, Commanded, Format, Rule
+from ema_cli.options import Baseline, Commanded, Format, Rule
 from ema_cli.views.flights import (
     draw_sequence,
     episode_text,
@@ -20,6 +20,8 @@ from ema_cli.views.flights import (
     unit_name,
 )
 from ema_cli.views.machine import Machine, check_format
+from ema_cli.views.rig_trend import RigTrend, draw_values, first_is_rig, rig_trend
+from ema_cli.views.rig_trend import trend_lines as rig_lines
 from ema_prognostics.words import class_name, counted, scaled
 from ema_record.errors import UsageError
 
@@ -29,11 +31,20 @@ if TYPE_CHECKING:
 
 def trend(
     bags: Annotated[list[Path], typer.Argument(
-        metavar="DIR|BAG...", help="Bags of an actuator, one a flight, or directories of them.")],
+        metavar="DIR|BAG...", help="Bags of an actuator, one a flight, or of a rig; files with "
+        "--map; or directories of them.")],
     rule: Rule = "2/3",
     profile: Commanded = None,
-    model: Cascade = None,
+    model: Annotated[Path | None, typer.Option(
+        "--model", help="Model file of 'ema train', in place of the kit's; of a rig that of "
+        "'ema identify', whose terms are followed.")] = None,
     baseline: Baseline = None,
+    map_file: Annotated[Path | None, typer.Option(
+        "--map", metavar="FILE.yaml", help="Of a rig: says which column is what, as for "
+        "'ema import'.")] = None,
+    limit: Annotated[list[str] | None, typer.Option(
+        metavar="NAME=VALUE", help="Of a rig: a limit of a value, or NAME=+P% of what it was at "
+        "first; repeatable.")] = None,
     plot: Annotated[Path | None, typer.Option(
         metavar="FILE.png", help="Plot severities, announcements and growth.")] = None,
     json: Annotated[bool, typer.Option(
@@ -45,11 +56,17 @@ def trend(
     Flights are ordered by the start times in the bags, equal or unknown ones by name. Bags of
     several actuators are told apart by serial number, each has its own trend.
 
+    Of a rig, friction, backlash, stiffness, cogging and offset of each record are followed, with
+    their intervals: what stepped, what grows, and when it reaches a limit. Records are ordered by
+    their dates, else by name.
+
     Exit status: 0 no fault confirmed at the end, 1 a confirmed one, 3 one that is announced or
     suspected and not confirmed, or a last flight without an answer; 2 wrong use, or no bag that
     can be read.
 
     Example: `ema trend flights/SN-0007 --plot growth.png`
+
+    Example: `ema trend rig_bags --limit coulomb_friction.level=+50%`
     """
     from ema_prognostics.trend.announcement import parse_rule
     from ema_prognostics.trend.flights import is_sequence, what_else
@@ -59,6 +76,15 @@ def trend(
     chosen = parse_rule(rule)
     form = check_format(form, json=json)
     check_new_file(plot)
+    if map_file is not None or first_is_rig(bags):
+        if baseline is not None or profile is not None:
+            raise UsageError("--baseline and --profile are of the actuator's own test: a rig has "
+                             "none")
+        return _of_rig(rig_trend(bags, map_file=map_file, model=model, limits=limit or ()),
+                       plot, json)
+    if limit:
+        raise UsageError("--limit is for records of a rig; the levels of an actuator's faults are "
+                         "those of its model")
     for bag in bags:
         other = None if is_sequence(bag) else what_else(bag)
         if other is not None:
@@ -80,6 +106,18 @@ def trend(
         draw_sequence(trends, plot)
     statuses = [exit_status(found) for found in trends]
     return next(s for s in (2, 1, 3, 0) if s in statuses)
+
+
+def _of_rig(found: RigTrend, plot: Path | None, json: bool) -> int:
+    """Print and plot the trend of a rig."""
+    if json:
+        print_json(found.to_dict())
+    else:
+        for line in rig_lines(found):
+            say(line)
+    if plot is not None and found.values:
+        draw_values(found, plot)
+    return found.exit_status
 
 
 def exit_status(found: UnitTrend) -> int:

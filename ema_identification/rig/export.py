@@ -28,6 +28,9 @@ LAW_TEXTS = {
     "asymmetric_friction": "{viscous_difference} * abs(v)",
     "offset": "{value}",
     "spring": "{stiffness} * (x - {rest})",
+    "hardening_spring": "{cubic} * (x - {rest}) ** 3",
+    "end_stops": "{stiffness} * (x - {middle} - min(max(x - {middle}, -{half_clearance}), "
+                 "{half_clearance}))",
     "gravity": "{amplitude} * math.cos(x - {phase})",
     "cogging_torque": "{amplitude} * math.cos({wave} * x - {phase})",
 }

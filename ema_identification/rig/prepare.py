@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import signal
 
 from ema_identification.rig.fit.model import Settings
+from ema_identification.rig.fit.visible import what_shows
+from ema_identification.rig.signals.agree import agreeing_band
 from ema_identification.rig.signals.clocks import earlier, response_band, speed_lag, speed_noise
 from ema_identification.rig.signals.plausible import (
     GAP,
@@ -15,6 +18,7 @@ from ema_identification.rig.signals.plausible import (
     check_columns,
     check_input,
 )
+from ema_identification.rig.signals.recorder import cleaned
 from ema_identification.rig.signals.trajectory import (
     Segment,
     Trajectory,
@@ -130,7 +134,8 @@ def _trajectory(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
             )
         check_record(record)
     notes: list[str] = []
-    raw = [piece for record in records for piece in _even(record, notes)]
+    records = [cleaned(record, notes) for record in records]
+    raw = [piece for record in records for piece in even_pieces(record, notes)]
     if not raw:
         raise too_short(first, "no stretch without a gap holds 64 samples")
     for record in records:
@@ -140,9 +145,11 @@ def _trajectory(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
                            is_position=is_position) for p in raw]
     longest = int(np.argmax([len(p["time"]) for p in raw]))
     edge = settings.band or bands[longest].edge
-    quiet = speed_noise(bands[longest], is_position=is_position)
     if first.has(SPEED) and first.has(POSITION):
         _one_clock(raw, edge, bands[longest].motion, notes)
+    if settings.band is None and settings.decimate is None:
+        edge = agreeing_band(raw, edge, bands[longest].motion, notes)
+    quiet = speed_noise(replace(bands[longest], edge=edge), is_position=is_position)
     if first.has(POSITION) and first.has(OUTPUT_POSITION):
         notes.append(between_the_sides([p for p in raw if OUTPUT_POSITION in p], edge,
                                        first.axis.position_unit))
@@ -167,12 +174,18 @@ def _trajectory(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
         has_disturbance=any(record.has(DISTURBANCE) for record in records), notes=tuple(notes),
     )
     cycles = sum(_alternations(segment.smooth_speed) for segment in segments) / 2
-    if len(trajectory.target) < 60 or cycles < 1.0:
+    if len(trajectory.target) < 60 or (cycles < 1.0 and not _shows_the_axis(trajectory)):
         if trajectory.rest > 0.8:
             raise no_motion(first, rms, standstill)
         raise too_short(first, f"{len(trajectory.target)} rows of the band and {cycles:.2g} "
                                "cycles of the speed, at least 60 and 1")
     return trajectory
+
+
+def _shows_the_axis(trajectory: Trajectory) -> bool:
+    """Return whether inertia and viscous friction stand apart, though no cycle is whole."""
+    own = {p.name: p for p in what_shows(trajectory).parameters}
+    return own["inertia"].shown and own["viscous_friction"].shown
 
 
 def _one_clock(
@@ -195,7 +208,7 @@ def _alternations(speed: np.ndarray) -> int:
     return int(np.count_nonzero(clear[1:] != clear[:-1]))
 
 
-def _even(record: RigRecord, notes: list[str]) -> list[dict[str, np.ndarray]]:
+def even_pieces(record: RigRecord, notes: list[str]) -> list[dict[str, np.ndarray]]:
     """Return the stretches between gaps on an even grid, as columns by name, with ``rate``."""
     time = record.time
     step = 1.0 / record.rate

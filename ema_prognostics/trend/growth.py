@@ -61,7 +61,8 @@ class Forecast(NamedTuple):
 
 
 def growth(
-    number: np.ndarray, severity: np.ndarray, lower: np.ndarray, upper: np.ndarray
+    number: np.ndarray, severity: np.ndarray, lower: np.ndarray, upper: np.ndarray,
+    significance: float = SIGNIFICANCE,
 ) -> Growth | None:
     """Return the growth of a severity, or None with less than `MIN_FLIGHTS` flights.
 
@@ -69,6 +70,7 @@ def growth(
     ----------
     number : ndarray, shape (n,). Numbers of the flights, increasing.
     severity, lower, upper : ndarray, shape (n,). With its 90 % interval.
+    significance : highest p-value of the rank test that is called growth.
     """
     from scipy.stats import kendalltau, theilslopes
 
@@ -92,7 +94,7 @@ def growth(
     now = float(np.median(y[last] + rate * (x[-1] - x[last])))
     return Growth(
         count=count, rate=rate, rate_interval=interval, p_value=p_value,
-        growing=bool(p_value < SIGNIFICANCE and interval[0] > 0.0), severity=now,
+        growing=bool(p_value < significance and interval[0] > 0.0), severity=now,
         severity_error=float(noise * np.sqrt(0.5 * np.pi / min(5, count))), wander=wander,
     )
 

@@ -1,5 +1,6 @@
 """`ema import` and `ema identify` on a rig's file as its user runs them: terminal and errors."""
 
+import json
 import os
 import pty
 import subprocess
@@ -20,9 +21,9 @@ speed: {column: n, unit: rpm}
 """
 
 
-def table(duration=12.0, still=False, hold=0):
+def table(duration=12.0, still=False, hold=0, friction=300, seed=3):
     """Return CSV text of a drive with dry friction, with `;` and decimal commas, 250 1/s."""
-    rng = np.random.default_rng(3)
+    rng = np.random.default_rng(seed)
     t = np.arange(0.0, duration, 0.004)
     q = np.zeros_like(t)
     v, a = q.copy(), q.copy()
@@ -31,7 +32,7 @@ def table(duration=12.0, still=False, hold=0):
         q += size * np.sin(w * t + k)
         v += size * w * np.cos(w * t + k)
         a -= size * w**2 * np.sin(w * t + k)
-    i = 20 * a + 60 * v + 300 * np.sign(v) + 10 * rng.standard_normal(len(t))
+    i = 20 * a + 60 * v + friction * np.sign(v) + 10 * rng.standard_normal(len(t))
     i = np.roll(i, -hold)
     rows = zip(1e3 * t, i, np.degrees(q) + 1e-3 * rng.standard_normal(len(t)),
                v * 60 / (2 * np.pi) + 0.05 * rng.standard_normal(len(t)))
@@ -108,3 +109,59 @@ def test_an_unknown_law_in_the_model_file_is_one_line(tmp_path, capsys):
     line = capsys.readouterr().err.strip()
     assert "did you mean 'coulomb_friction'" in line
     assert "\n" not in line
+
+
+@pytest.fixture
+def wearing(tmp_path):
+    """Return a folder of runs whose friction grows by 20 mA from the third on, and their map."""
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    for k in range(7):
+        (folder / f"run_{k + 5}.csv").write_text(  # 5 to 11: names need their numbers
+            table(8.0, friction=300 + 20 * max(0, k - 1), seed=k), encoding="utf-8")
+    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
+    (tmp_path / "model.yaml").write_text(
+        "rig: drive\nterms:\n- effect: inertia\n- effect: viscous_friction\n")
+    return tmp_path
+
+
+def test_the_trend_of_files_says_what_grows_and_when_it_reaches_a_limit(wearing, capsys):
+    options = ["trend", str(wearing / "runs"), "--map", str(wearing / "map.yaml"), "--model",
+               str(wearing / "model.yaml"), "--limit", "coulomb_friction.level=0.5"]
+    assert run([*options, "--json", "--plot", str(wearing / "trend.png")]) == 3
+    found = json.loads(capsys.readouterr().out)
+    assert [r["source"].rpartition("_")[2] for r in found["records"]] == [
+        f"{k}.csv" for k in range(5, 12)]
+    values = {v["name"]: v for v in found["values"]}
+    friction = values.pop("coulomb_friction.level")
+    assert friction["now"] == pytest.approx(0.4, abs=0.01)
+    assert friction["growth"]["interval"][0] <= 0.02 <= friction["growth"]["interval"][1]
+    first, last = friction["limit"]["interval"]
+    assert first <= 12 <= last  # 0.4 A at the seventh, 0.02 A more each
+    assert {v["way"] for v in values.values()} == {"steady"}
+    assert (wearing / "trend.png").read_bytes()[:4] == b"\x89PNG"
+    assert run([*options, "--limit", "coulomb_friction.level=+10%"]) == 1
+    assert "limit 0.3" in (out := capsys.readouterr().out) and "passed" in out
+
+
+@pytest.mark.parametrize(("option", "says"), [
+    ("friction", "NAME=VALUE"), ("coulomb_friction.level=", "NAME=VALUE"),
+    ("coulomb.level=1", "coulomb_friction.level"), ("inertia.value=1.2.3", "NAME=VALUE"),
+])
+def test_a_wrong_limit_is_one_line(wearing, capsys, option, says):
+    assert run(["trend", str(wearing / "runs" / "run_5.csv"), "--map", str(wearing / "map.yaml"),
+                "--model", str(wearing / "model.yaml"), "--limit", option]) == 2
+    error = capsys.readouterr().err
+    assert says in error and "Traceback" not in error
+
+
+def test_a_trend_of_a_rig_has_no_baseline_and_needs_something_to_read(wearing, capsys):
+    assert run(["trend", str(wearing / "runs"), "--map", str(wearing / "map.yaml"),
+                "--baseline", str(wearing)]) == 2
+    assert "--baseline" in capsys.readouterr().err
+    (wearing / "empty").mkdir()
+    assert run(["trend", str(wearing / "empty"), "--map", str(wearing / "map.yaml")]) == 2
+    (wearing / "runs" / "run_5.csv").write_text("no;table\n")
+    assert run(["trend", str(wearing / "runs" / "run_5.csv"), "--map",
+                str(wearing / "map.yaml")]) == 2
+    assert "run_5.csv" in capsys.readouterr().out

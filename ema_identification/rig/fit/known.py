@@ -51,7 +51,7 @@ def known_balance(model: RigModel, design: Design) -> tuple[InputBalance, tuple[
         bounds=CoefficientBounds(low=np.array(low), high=np.array(high)))
     for index in reversed(range(len(balance.terms))):
         span = balance.span(index)
-        if np.isinf(balance.bounds.high[span]).all() and _repeated(balance, span):
+        if np.isinf(balance.bounds.high[span]).all() and repeated(balance, span):
             notes.append(f"{balance.terms[index].law.name}: left out, this record does not "
                          "excite it beside the other terms")
             balance = balance.without(index)
@@ -73,7 +73,7 @@ def _delayed(
     return design, low, high
 
 
-def _repeated(balance: InputBalance, span: slice) -> bool:
+def repeated(balance: InputBalance, span: slice) -> bool:
     """Return whether other columns explain a column nearly whole."""
     own = balance.columns[:, span]
     others = np.delete(balance.columns, range(span.start, span.stop), axis=1)

@@ -125,6 +125,7 @@ def unit_of(pattern: str, axis: Axis) -> str:
         "Hz": "Hz",
         "1/turn": "a turn" if axis.motion == "rotary" else f"1/{length}", "rad": "rad",
         "u/v": f"{base} s/{length}", "u/a": f"{base} s²/{length}", "u/x": f"{base}/{length}",
+        "u/x³": f"{base}/{length}³",
         "u/v²": f"{base} s²/{length}²", "u/v^0.5": f"{base} (s/{length})^0.5",
         "u*s²/a": f"{base} s⁴/{length}",
     }

@@ -151,6 +151,8 @@ DISTURBANCE = Law(
 HIGHEST_ORDER = 400
 MAX_ORDERS = 800
 HIGHEST_INERTIA = 4
+LEAST_PERIODS = 3.0
+"""Of a wave in the travel: fewer may as well be a spring, a stop, or the load of another axis."""
 SLOW_SHARE = 0.01
 """An order is looked for where it lies inside the band for so much of the time at least."""
 _TURN = 2.0 * math.pi
@@ -175,15 +177,15 @@ def orders(trajectory: Trajectory) -> Sequence[Shape]:
     """Return the orders a turn (rotary) or a m (linear) that the record can show.
 
     Whole numbers a turn where the axis turns more than once, and steps of half the
-    resolution ``1 / travel`` as far as `MAX_ORDERS` allow; nothing below one and a half periods
-    in the travel.
+    resolution ``1 / travel`` as far as `MAX_ORDERS` allow; nothing below `LEAST_PERIODS` in the
+    travel.
     """
     travel = trajectory.turns
     if travel <= 0.0:
         return ()
     slow = float(np.quantile(np.abs(trajectory.speed), SLOW_SHARE))
     highest = trajectory.band * _TURN / max(slow, 1e-12) / wave(trajectory, 1.0)
-    lowest = 1.5 / travel
+    lowest = LEAST_PERIODS / travel
     if trajectory.axis.motion == "rotary":
         highest = min(highest, HIGHEST_ORDER)
         whole = [float(n) for n in range(max(1, math.ceil(lowest)), int(highest) + 1)]
@@ -206,6 +208,11 @@ def is_whole(order: float, travel: float) -> bool:
 def _same_as_ripple(axis: Axis, shape: Shape) -> tuple[str, ...]:
     order = shape[0]
     if axis.motion == "rotary" and order == round(order):
+        if axis.pole_pairs is not None and axis.input in ("current", "torque"):
+            if order == axis.pole_pairs:
+                return ("current_sensor_offset",)
+            if order == 2 * axis.pole_pairs:
+                return ("current_sensor_gain",)
         return ("unbalance", "speed_sensor_runout") if order == 1 else ()
     return ("gear_mesh_ripple",)
 
@@ -215,6 +222,33 @@ def _rests(trajectory: Trajectory) -> Sequence[Shape]:
     low, high = float(trajectory.position.min()), float(trajectory.position.max())
     reach = 0.5 * (high - low)
     return tuple((float(x),) for x in np.linspace(low - reach, high + reach, 13))
+
+
+def _stop_places(trajectory: Trajectory) -> Sequence[Shape]:
+    """Return places in the outer thirds of the travel, at which a stop may begin."""
+    low, high = np.quantile(trajectory.position, [0.002, 0.998])
+    outer = (high - low) * np.linspace(0.04, 0.32, 8)
+    return tuple((float(x),) for x in (*(low + outer), *(high - outer)))
+
+
+def _clearances(trajectory: Trajectory) -> Sequence[Shape]:
+    """Return middles about that of the travel, and halves of a clearance within it."""
+    low, high = np.quantile(trajectory.position, [0.002, 0.998])
+    span = float(high - low)
+    return tuple((float(0.5 * (low + high) + m * span), float(h * span))
+                 for m in np.linspace(-0.15, 0.15, 5) for h in np.linspace(0.05, 0.4, 8))
+
+
+def _stop(segment: Segment, trajectory: Trajectory, shape: Shape) -> Sequence[np.ndarray]:
+    """Return the way into a stop, which lies towards the nearer end of the travel."""
+    low, high = trajectory.position.min(), trajectory.position.max()
+    into = segment.position - shape[0]
+    return (np.maximum(into, 0.0) if shape[0] > 0.5 * (low + high) else np.minimum(into, 0.0),)
+
+
+def _beyond(segment: Segment, _trajectory: Trajectory, shape: Shape) -> Sequence[np.ndarray]:
+    way = segment.position - shape[0]
+    return (way - np.clip(way, -abs(shape[1]), abs(shape[1])),)
 
 
 def _inertia_columns(
@@ -244,13 +278,37 @@ SPRING = Law(
     units={"stiffness": "u/x", "rest": "x"},
     columns=lambda segment, _t, shape: (segment.position - shape[0],), grid=_rests,
 )
+HARDENING_SPRING = Law(
+    name="hardening_spring", meaning="a spring that stiffens, or yields, as it is deflected",
+    equation="u = k_3 (x - x_0)³", reference="Duffing 1918, Erzwungene Schwingungen",
+    against="position", coefficients=("cubic",), shape=("rest",),
+    units={"cubic": "u/x³", "rest": "x"},
+    columns=lambda segment, _t, shape: ((segment.position - shape[0]) ** 3,), grid=_rests,
+)
+END_STOP = Law(
+    name="end_stop", meaning="an elastic stop at one end of the travel",
+    equation="u = k (x - x_s) beyond x_s", reference="Nordin, Gutman 2002, Automatica 38(10)",
+    against="position", coefficients=("stiffness",), shape=("place",),
+    units={"stiffness": "u/x", "place": "x"}, columns=_stop, grid=_stop_places, positive=True,
+    excludes=("end_stops",),
+)
+END_STOPS = Law(
+    name="end_stops", meaning="elastic stops at both ends, or a spring with play between",
+    equation="u = k (x - x_0 ∓ w) beyond x_0 ± w", reference="Nordin, Gutman 2002, "
+    "Automatica 38(10)",
+    against="position", coefficients=("stiffness",), shape=("middle", "half_clearance"),
+    units={"stiffness": "u/x", "middle": "x", "half_clearance": "x"}, columns=_beyond,
+    grid=_clearances, positive=True,
+    equivalent=lambda _axis, _shape: ("two_sided_backlash",),
+)
 GRAVITY = Law(
     name="gravity", meaning="weight of an arm: periodic in position, once a turn",
     equation="u = A cos(θ - φ)", reference="moment of a weight about a horizontal axis",
     against="position", coefficients=("cosine", "sine"), shape=("order",),
     units={"amplitude": "u", "phase": "rad", "order": "1/turn"}, columns=periodic_columns,
     grid=lambda _t: ((1.0,),), periodic=True,
-    applies=lambda trajectory: trajectory.axis.motion == "rotary" and trajectory.turns < 1.5,
+    applies=lambda trajectory: trajectory.axis.motion == "rotary"
+    and trajectory.turns < LEAST_PERIODS,
 )
 POSITION_DEPENDENT_INERTIA = Law(
     name="position_dependent_inertia",

@@ -201,6 +201,14 @@ _TESTS: tuple[tuple[frozenset[str], str], ...] = (
     (frozenset({"cogging_torque", "gear_mesh_ripple"}),
      "a full turn at slow constant speed in both directions, with the gear's ratio known: mesh "
      "ripple has a whole number of periods a turn of a gear"),
+    (frozenset({"cogging_torque", "current_sensor_offset"}),
+     "the same slow turn with the drive off, turned by hand or another motor: cogging stays, what "
+     "a current sensor makes does not"),
+    (frozenset({"cogging_torque", "current_sensor_gain"}),
+     "the same slow turn under twice the load: what a gain of a current sensor makes doubles, "
+     "cogging stays"),
+    (frozenset({"end_stops", "two_sided_backlash"}),
+     "the drive against its load by hand: play is felt about the middle, stops at the ends"),
     (frozenset({"unbalance", "cogging_torque", "speed_sensor_runout"}),
      "the same slow turn with the axis tilted: only the weight of an unbalance changes; "
      "two constant speeds: run-out of a sensor grows with the square of the speed"),

@@ -22,6 +22,7 @@ from ema_identification.rig.search.alternatives import (
     with_whole_delay,
 )
 from ema_identification.rig.search.shapes import GenericShape, waves_in_time
+from ema_identification.rig.search.waves import wave_stands
 
 Candidate = tuple[str, tuple[Term, ...]]
 """The name under which it is reported; a term, and one that sharpens it."""
@@ -217,9 +218,9 @@ def located(balance: InputBalance, blocks: Blocks, index: int = -1) -> bool:
     """Return whether the law of a term, by default the last, stands where the data say it is.
 
     A filter of the motion that stands anywhere takes a share of any friction; a wave of any phase
-    follows from nothing; a filter whose interval holds zero need not be there; a delay that may
-    be below a sampling interval is one of the record; lost motion that lets go of friction alone
-    is a build-up of friction of another shape.
+    follows from nothing, nor does one that only reversals show; a filter whose interval holds zero
+    need not be there; a delay that may be below a sampling interval is one of the record; lost
+    motion that lets go of friction alone is a build-up of friction of another shape.
     """
     law = balance.terms[index].law
     needed = {law.beside[name] for name in law.beside if name in balance.names}
@@ -228,7 +229,8 @@ def located(balance: InputBalance, blocks: Blocks, index: int = -1) -> bool:
     found = {p.name.split(".")[1]: p for p in parameters(
         balance, index % len(balance.terms), blocks)}
     if law.in_position:
-        return found["phase"].high - found["phase"].low <= 2.0 * PHASE
+        return found["phase"].high - found["phase"].low <= 2.0 * PHASE \
+            and wave_stands(balance, index % len(balance.terms))
     if law.name == "control_delay":
         return found["delay"].low > balance.design.trajectory.interval \
             or found["delay"].high < -balance.design.trajectory.interval

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import interpolate, signal
@@ -240,9 +240,15 @@ def low_pass(values: np.ndarray, rate: float, band: float) -> np.ndarray:
     """
     if band >= 0.45 * rate:
         return values
-    sections = signal.butter(FILTER_ORDER, 2.0 * band / rate, output="sos")
     length = min(len(values) - 1, int(3 * rate / band))
-    return np.asarray(signal.sosfiltfilt(sections, values, axis=0, padlen=length))
+    return np.asarray(
+        signal.sosfiltfilt(_sections(2.0 * band / rate), values, axis=0, padlen=length))
+
+
+@lru_cache(maxsize=64)
+def _sections(cutoff: float) -> np.ndarray:
+    """Return the second-order sections for a cut-off in units of half the rate."""
+    return np.asarray(signal.butter(FILTER_ORDER, cutoff, output="sos"))
 
 
 def monotone_low_pass(values: np.ndarray, rate: float, band: float) -> np.ndarray:

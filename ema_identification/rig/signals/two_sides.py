@@ -20,8 +20,13 @@ FOLLOWS = 0.9
 """Least correlation of the two positions."""
 
 
-def between_the_sides(pieces: Sequence[dict[str, np.ndarray]], band: float, unit: str) -> str:
-    """Return what lies between `position` and `output_position`, in words.
+Interval = tuple[float, float, float]
+"""Value, and the ends of its interval of `INTERVAL_LEVEL`."""
+
+
+def lost_and_wound(pieces: Sequence[dict[str, np.ndarray]], band: float) -> \
+        tuple[Interval, Interval] | str:
+    """Return lost motion and wind-up between `position` and `output_position`, or why not.
 
     While the axis moves, their difference is d = d_0 + (b / 2) sign(v) + c a: b is the backlash
     with the wind-up of the output's dry friction, c = J_l / k the wind-up by its inertia.
@@ -32,8 +37,6 @@ def between_the_sides(pieces: Sequence[dict[str, np.ndarray]], band: float, unit
         Stretches of a record, evenly sampled, with ``rate`` (1/s).
     band : float
         Cut-off below which the motion stands above its noise (Hz).
-    unit : str
-        Of the positions.
 
     """
     rows: list[np.ndarray] = []
@@ -64,9 +67,20 @@ def between_the_sides(pieces: Sequence[dict[str, np.ndarray]], band: float, unit
     values = np.array(found)
     wide = stats.t.ppf(0.5 + 0.5 * INTERVAL_LEVEL, len(values) - 1) * values.std(
         axis=0, ddof=1) / math.sqrt(len(values))
-    lost, wound = values.mean(axis=0)
-    ends = [f"(90 %: {number(float(value - half))} to {number(float(value + half))})"
-            for value, half in zip((lost, wound), wide)]
-    return (f"between position and output_position: lost motion {number(float(lost))} {unit} "
-            f"{ends[0]}, backlash with the wind-up of dry friction behind it; wind-up by "
-            f"acceleration {number(float(wound))} s² {ends[1]}")
+    first, second = (
+        (float(value), float(value - half), float(value + half))
+        for value, half in zip(values.mean(axis=0), wide))
+    return first, second
+
+
+def between_the_sides(
+    pieces: Sequence[dict[str, np.ndarray]], band: float, unit: str
+) -> str:
+    """Return what lies between the two sides in words; `unit` is that of the positions."""
+    found = lost_and_wound(pieces, band)
+    if isinstance(found, str):
+        return found
+    lost, wound = (f"{number(value)} {of} (90 %: {number(low)} to {number(high)})"
+                   for (value, low, high), of in zip(found, (unit, "s²")))
+    return (f"between position and output_position: lost motion {lost}, backlash with the "
+            f"wind-up of dry friction behind it; wind-up by acceleration {wound}")

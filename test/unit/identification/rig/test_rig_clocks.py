@@ -31,7 +31,7 @@ def test_the_lag_of_a_speed_is_found_where_there_is_one(late, moving):
 def test_a_filtered_speed_is_put_on_the_clock_of_the_position(axis, moving, recorded):
     t, q, v, a = moving()
     slow = signal.lfilter(*signal.bessel(2, 12.0, fs=1.0 / t[1]), v)
-    ripple = 0.3 * np.cos(6 * q - 0.5)
+    ripple = 0.3 * np.cos(8 * q - 0.5)
     record = recorded(t, 0.05 * a + 0.4 * v + 0.5 * np.sign(v) + ripple, axis, position=q,
                       speed=slow)
     found = identify_rig([record])
