@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri
 
 from ema_prognostics.trend.forecast import HORIZON, outlook, passage_law
-from ema_prognostics.trend.growth import MIN_FLIGHTS, QUANTILE, Growth, growth, scatter
+from ema_prognostics.trend.growth import MIN_FLIGHTS, QUANTILE, Growth, growth
 
 SHARES = (np.arange(200) + 0.5) / 200
 PARTICLES = 500
@@ -81,9 +81,8 @@ def median_slope(seen: Seen, _rng: np.random.Generator) -> np.ndarray | None:
     nodes = ndtri((np.arange(41) + 0.5) / 41.0)
     side = np.where(nodes < 0.0, found.rate - low, high - found.rate) / QUANTILE
     drift = found.rate + nodes * side
-    last = min(5, found.count)
-    error = scatter(seen.severity, seen.deviation) * np.sqrt(0.5 * np.pi / last)
-    distances = seen.level - found.severity - error * np.array([-1.2247, 0.0, 1.2247])
+    errors = found.severity_error * np.array([-1.2247, 0.0, 1.2247])
+    distances = seen.level - found.severity - errors
     wander = max(found.wander, 1e-6 * (seen.level - found.severity) * found.rate)
     t = np.geomspace(0.05, HORIZON, 800)
     law = sum(w * (passage_probability(t[:, None], d, drift, wander).mean(axis=1)

@@ -32,6 +32,7 @@ class Growth:
     p_value : of Kendall's test against no growth, one-sided.
     growing : the rate's interval lies above 0 and the test rejects.
     severity : now, of the last few flights together.
+    severity_error : its standard error.
     wander : variance that a flight adds beyond the steady rate (bursts, plateaus).
     """
 
@@ -41,6 +42,7 @@ class Growth:
     p_value: float
     growing: bool
     severity: float
+    severity_error: float
     wander: float
 
 
@@ -65,7 +67,7 @@ def growth(
     p_value = 1.0
     if np.ptp(y) > 0.0:
         p_value = float(kendalltau(x, y, alternative="greater").pvalue)
-    noise = scatter(y, 0.5 * (upper - lower) / QUANTILE)
+    noise = _noise(y, 0.5 * (upper - lower) / QUANTILE)
     wander = _wander(x, y, rate, noise)
     span = float(x[-1] - x[0])
     # Sen's interval knows of no bursts; the other one of nothing but two ends and wander.
@@ -77,11 +79,11 @@ def growth(
     return Growth(
         count=count, rate=rate, rate_interval=interval, p_value=p_value,
         growing=bool(p_value < SIGNIFICANCE and interval[0] > 0.0), severity=now,
-        wander=wander,
+        severity_error=float(noise * np.sqrt(0.5 * np.pi / min(5, count))), wander=wander,
     )
 
 
-def scatter(y: np.ndarray, sigma: np.ndarray) -> float:
+def _noise(y: np.ndarray, sigma: np.ndarray) -> float:
     """Return the scatter of one severity: that of the intervals, or less if the data show less.
 
     An interval also holds the error that all flights of a unit share.
