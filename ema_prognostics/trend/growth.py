@@ -1,29 +1,23 @@
-"""How fast a fault grows over flights, and when it reaches a level.
+"""How fast a fault grows over flights; when it reaches a level, see `forecast`.
 
 The rate is the median of the slopes of all pairs of flights, which one flight in four may
-spoil; whether it is growth at all is decided by Kendall's rank test. The forecast is the first
-passage of a Wiener process with drift, whose law is known in closed form.
+spoil; whether it is growth at all is decided by Kendall's rank test.
 
-Sources: P. K. Sen, J. Am. Stat. Assoc. 63 (1968) 1379; M. G. Kendall, Biometrika 30 (1938) 81;
-J. L. Folks and R. S. Chhikara, J. R. Stat. Soc. B 40 (1978) 263 (inverse Gaussian).
+Sources: P. K. Sen, J. Am. Stat. Assoc. 63 (1968) 1379; M. G. Kendall, Biometrika 30 (1938) 81.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from scipy.special import log_ndtr, ndtr, ndtri
+from scipy.special import ndtri
 
 MIN_FLIGHTS = 5
 """Flights with a severity below which no rate is given."""
 INTERVAL = 0.90
 """Coverage of all intervals here, and of the verdicts' severity intervals."""
 SIGNIFICANCE = 0.05
-HORIZON = 10_000.0
-"""Longest forecast (flights)."""
 QUANTILE = float(ndtri(0.5 + 0.5 * INTERVAL))
 
 
@@ -50,14 +44,6 @@ class Growth:
     severity: float
     severity_error: float
     wander: float
-
-
-class Forecast(NamedTuple):
-    """Flights from now until a level is reached; None: beyond the horizon, or never."""
-
-    median: float | None
-    lower: float
-    upper: float | None
 
 
 def growth(
@@ -114,64 +100,3 @@ def _wander(x: np.ndarray, y: np.ndarray, rate: float, noise: float) -> float:
     lag = max(1, len(y) // 5)
     dx, dy = x[lag:] - x[:-lag], y[lag:] - y[:-lag]
     return float(max(0.0, np.mean((dy - rate * dx) ** 2) - 2.0 * noise**2) / np.mean(dx))
-
-
-def passage_probability(
-    t: float | np.ndarray, distance: float, drift: float | np.ndarray, wander: float
-) -> np.ndarray:
-    """Return the probability that a Wiener process has passed `distance` by time `t`.
-
-    Parameters
-    ----------
-    t : time, > 0.
-    distance : > 0.
-    drift : a unit of time; may be negative, the process then may never pass.
-    wander : variance a unit of time, > 0.
-    """
-    root = np.sqrt(wander * np.asarray(t, dtype=float))
-    drift = np.asarray(drift, dtype=float)
-    mirrored = 2.0 * drift * distance / wander + log_ndtr(-(drift * t + distance) / root)
-    return ndtr((drift * t - distance) / root) + np.exp(np.minimum(mirrored, 0.0))
-
-
-def forecast(found: Growth, level: float) -> Forecast | None:
-    """Return when `level` is reached, or None where there is no growth or it is reached.
-
-    The uncertainty of rate and present severity is averaged over, that of the bursts to come is
-    the Wiener process's.
-    """
-    if not found.growing or found.severity >= level:
-        return None
-    low, high = found.rate_interval
-    nodes = ndtri((np.arange(41) + 0.5) / 41.0)
-    side = np.where(nodes < 0.0, found.rate - low, high - found.rate) / QUANTILE
-    drift = found.rate + nodes * side
-    distances = level - found.severity - found.severity_error * np.array([-1.2247, 0.0, 1.2247])
-    weights = np.array([1.0, 4.0, 1.0]) / 6.0  # Gauss-Hermite
-    scale = level - found.severity
-    wander = max(found.wander, 1e-6 * scale * found.rate)
-
-    def probability(t: float) -> float:
-        return float(sum(
-            w * (passage_probability(t, d, drift, wander).mean() if d > 0.0 else 1.0)
-            for w, d in zip(weights, distances)
-        ))
-
-    tail = 0.5 - 0.5 * INTERVAL
-    lower = _quantile(probability, tail)
-    return Forecast(
-        median=_quantile(probability, 0.5), upper=_quantile(probability, 1.0 - tail),
-        lower=HORIZON if lower is None else lower,
-    )
-
-
-def _quantile(probability: Callable[[float], float], target: float) -> float | None:
-    """Return the time at which an increasing probability reaches `target`."""
-    from scipy.optimize import brentq
-
-    low, high = 1e-9, HORIZON
-    if probability(high) < target:
-        return None
-    if probability(low) >= target:
-        return 0.0
-    return float(brentq(lambda t: probability(t) - target, low, high))

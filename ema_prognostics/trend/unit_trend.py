@@ -1,7 +1,7 @@
 """`trend_of`: what the flights of one actuator say together.
 
 Announced, confirmed and gone (`announcement`); how fast it grows and when it reaches the
-next level (`growth`); what grows below what a flight can announce (`evidence`).
+next level (`growth`, `forecast`); what grows below what a flight can announce (`evidence`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from ema_prognostics.trend.announcement import (
 )
 from ema_prognostics.trend.evidence import suspicion
 from ema_prognostics.trend.flights import Flight
-from ema_prognostics.trend.growth import Growth, forecast, growth
+from ema_prognostics.trend.forecast import Outlook, forecast, outlook
+from ema_prognostics.trend.growth import Growth, growth
 from ema_prognostics.words import class_name
 from ema_record.errors import library
 from ema_record.record import html_of, iso_time
@@ -178,17 +179,19 @@ def _fault_trend(history: History, rule: ConfirmationRule) -> FaultTrend:
     steps = tuple(falls(history))
     begin = max([e.cleared for e in found if e.cleared is not None] + [*steps, 1])
     used = np.isfinite(history.severity) & (history.number >= begin)
-    rise = growth(history.number[used], history.severity[used], history.lower[used],
-                  history.upper[used])
-    ahead = () if rise is None else _ahead(history, rise)
-    return FaultTrend(history=history, episodes=found, falls=steps, growth=rise, forecasts=ahead)
+    seen = (history.number[used], history.severity[used], history.lower[used],
+            history.upper[used])
+    rise = growth(*seen)
+    view = None if rise is None else outlook(*seen, rise)
+    return FaultTrend(history=history, episodes=found, falls=steps, growth=rise,
+                      forecasts=() if view is None else _ahead(history, view))
 
 
-def _ahead(history: History, rise: Growth) -> tuple[LevelForecast, ...]:
+def _ahead(history: History, view: Outlook) -> tuple[LevelForecast, ...]:
     now = int(history.number[np.isfinite(history.severity)][-1])
     found = []
     for name, severity in zip(NAMES, levels_of(history.fault_class)):
-        coming = forecast(rise, severity)
+        coming = forecast(view, severity)
         if coming is None:
             continue
         lower, median, upper = (

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ema_prognostics.trend.growth import QUANTILE, Growth, forecast, growth
+from ema_prognostics.trend.forecast import Forecast, forecast, outlook
+from ema_prognostics.trend.growth import QUANTILE, Growth, growth
 
 LEVEL = 0.005
 """Highest p-value of a step and of a growth, each after its looks: a rig has many values."""
@@ -165,7 +166,7 @@ def _passage(found: ValueTrend, limit: float) -> Passage:
     rise = found.growth
     if rise is None or found.way != side:
         return Passage(limit, passed=False, record=None, interval=None)
-    ahead = forecast(rise, side * limit)
+    ahead = _coming(found, rise, limit)
     if ahead is None:
         return Passage(limit, passed=False, record=None, interval=None)
     last = int(found.number[-1])
@@ -173,6 +174,20 @@ def _passage(found: ValueTrend, limit: float) -> Passage:
                             for t in (ahead.lower, ahead.median, ahead.upper))
     assert lower is not None
     return Passage(limit, passed=False, record=median, interval=(lower, upper))
+
+
+def _coming(found: ValueTrend, rise: Growth, limit: float) -> Forecast | None:
+    """Return how many records after the last one a limit is reached.
+
+    Values are counted upwards and above 0, as severities are.
+    """
+    own = _since(found.number, found.steps)
+    ends = (found.lower[own], found.upper[own])[::found.way]
+    above = 2.0 * max(abs(limit), float(np.abs(found.value[own]).max()))
+    value, lower, upper = (above + found.way * v for v in (found.value[own], *ends))
+    seen = outlook(found.number[own], value, lower, upper,
+                   replace(rise, severity=above + rise.severity))
+    return None if seen is None else forecast(seen, above + found.way * limit)
 
 
 def _steps(number: np.ndarray, value: np.ndarray, half: np.ndarray) -> list[StepChange]:

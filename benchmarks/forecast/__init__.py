@@ -1,0 +1,1 @@
+"""The forecast of `ema trend`, measured beside others: see `__main__`."""

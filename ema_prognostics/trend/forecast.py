@@ -1,0 +1,241 @@
+"""When a growing fault reaches a level: growth that may speed up, stall and come in bursts.
+
+The severity of flight n follows ds = (b + d(n)) dtau(n). The time scale tau runs as (exp(g n) -
+1) / g: growth is steady at g = 0 and speeds up above it. The deviation d fades within the memory
+of bursts and plateaus (an Ornstein-Uhlenbeck process). All of it is linear and Gaussian once g,
+size and memory of the deviation and the scatter of the flights are given. So one Kalman filter
+for each of these tells how well it explains the flights, and runs on into the future; the
+forecast is the average, weighted by what each explains. Degradation does not heal: a level is
+passed by flight n where the severity of flight n lies above it.
+
+Sources: G. A. Whitmore and F. Schenkelberg, Lifetime Data Anal. 3 (1997) 27 (time scale);
+P. J. Harrison and C. F. Stevens, J. R. Stat. Soc. B 38 (1976) 205 (several processes, weighted,
+and outliers); Z. W. Birnbaum and S. C. Saunders, J. Appl. Prob. 6 (1969) 319 (passage).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import log_ndtr, ndtr
+
+from ema_prognostics.trend.growth import INTERVAL, QUANTILE, Growth
+
+HORIZON = 10_000.0
+"""Longest forecast (flights)."""
+BENDS = np.linspace(0.0, 3.5, 8)
+"""Logarithm of the rate now over that at the first flight; its prior is half a normal law."""
+WANDERS = np.geomspace(0.01, 2.0, 6)
+"""Deviation of the rate, in parts of the mean rate."""
+MEMORIES = np.array([0.03, 0.12, 0.5])
+"""Of this deviation, in parts of the flights so far."""
+SCATTERS = np.array([0.25, 0.5, 1.0])
+"""Scatter from flight to flight, in parts of the deviation that the intervals state."""
+DIFFUSE = 30.0
+"""Prior deviation of severity and growth, in parts of the span of the severities."""
+OUTLYING = 0.05
+"""Flights whose severity may be anything."""
+STEPS = 80
+"""Of the law, over all flights ahead, and once more where it rises."""
+NEGLIGIBLE = 1e-3
+"""Weight, against the largest, below which a process does not enter the forecast."""
+
+
+class Forecast(NamedTuple):
+    """Flights from now until a level is reached; None: beyond the horizon, or never."""
+
+    median: float | None
+    lower: float
+    upper: float | None
+
+
+class PassageLaw(NamedTuple):
+    """Probability that a level is reached within a number of flights from now."""
+
+    flights: np.ndarray
+    """Shape (n,), increasing."""
+    probability: np.ndarray
+    """Shape (n,); what is missing to 1 at the end lies beyond the horizon."""
+
+    def quantile(self, probability: float) -> float | None:
+        """Return the flights within which it is reached with `probability`, or None."""
+        if self.probability[-1] < probability:
+            return None
+        return float(np.interp(probability, self.probability, self.flights))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outlook:
+    """What the flights so far say of severity and rate now, process by process.
+
+    Attributes
+    ----------
+    weight : ndarray, shape (g,). Probability of each process; sum 1.
+    acceleration : ndarray, shape (g,). Relative growth of the rate a flight.
+    pace : ndarray, shape (g,). Time scale that passes in a flight, now.
+    memory, variance : ndarray, shape (g,). Of the rate's deviation, in flights and (unit of the
+        time scale)².
+    mean, covariance : ndarray, shapes (g, 3), (g, 3, 3). Of severity, mean rate and deviation.
+    severity : now.
+    shared : deviation that all flights of the unit share, in parts of the severity.
+    """
+
+    weight: np.ndarray
+    acceleration: np.ndarray
+    pace: np.ndarray
+    memory: np.ndarray
+    variance: np.ndarray
+    mean: np.ndarray
+    covariance: np.ndarray
+    severity: float
+    shared: float
+
+
+def outlook(
+    number: np.ndarray, severity: np.ndarray, lower: np.ndarray, upper: np.ndarray,
+    found: Growth,
+) -> Outlook | None:
+    """Return what the flights say of severity and rate now, or None where there is no growth.
+
+    Parameters
+    ----------
+    number : ndarray, shape (n,). Numbers of the flights, increasing.
+    severity, lower, upper : ndarray, shape (n,). With its 90 % interval.
+    found : growth of the same flights.
+    """
+    if not found.growing:
+        return None
+    growth = found.rate * float(number[-1] - number[0])
+    x, y = (number - number[0]).astype(float), severity
+    sigma = np.maximum(0.5 * (upper - lower) / QUANTILE, 1e-6 * growth)
+    span = float(x[-1])
+    bend, wander, memory, scatter = (
+        a.ravel() for a in np.meshgrid(BENDS, WANDERS, MEMORIES, SCATTERS, indexing="ij"))
+    memory = memory * span
+    variance = (wander * growth) ** 2
+    # From 0 to 1 over the flights, so that all processes share one prior of the growth.
+    scale = _elapsed(bend / span, x[:, None]) / _elapsed(bend / span, np.array(span))
+    extent = float(np.ptp(y)) + float(sigma.max())
+    mean = np.zeros((len(bend), 3))
+    mean[:, 0] = y[0]
+    covariance = np.zeros((len(bend), 3, 3))
+    covariance[:, [0, 1], [0, 1]] = (DIFFUSE * extent) ** 2
+    covariance[:, 2, 2] = variance
+    score = -0.5 * bend**2
+    for k in range(len(x)):
+        if k:
+            mean, covariance = _ahead(mean, covariance, scale[k] - scale[k - 1],
+                                      x[k] - x[k - 1], memory, variance)
+        likelihood, mean, covariance = _seen(
+            mean, covariance, y[k], (scatter * sigma[k]) ** 2, extent**2)
+        score += likelihood
+    score += log_ndtr(mean[:, 1] / np.sqrt(covariance[:, 1, 1]))  # a mean rate above 0
+    weight = np.exp(score - score.max())
+    weight /= weight.sum()
+    last = slice(-5, None)
+    stated = float(np.mean(sigma[last] ** 2))
+    shared = stated * max(0.0, 1.0 - float(weight @ scatter**2))
+    some = np.flatnonzero(weight > NEGLIGIBLE * weight.max())
+    return Outlook(
+        weight=weight[some] / weight[some].sum(), acceleration=bend[some] / span,
+        pace=(np.exp(bend) / _elapsed(bend / span, np.array(span)))[some],
+        memory=memory[some], variance=variance[some], mean=mean[some],
+        covariance=covariance[some], severity=found.severity,
+        shared=float(np.sqrt(shared)) / max(float(np.median(y[last])), 1e-300),
+    )
+
+
+def passage_law(seen: Outlook, level: float) -> PassageLaw:
+    """Return when `level` is reached."""
+    coarse = np.concatenate([[0.0], np.geomspace(0.25, HORIZON, STEPS)])
+    rough = PassageLaw(coarse, _passed(seen, level, coarse))
+    # Finer where it rises.
+    begin = min(max(int(np.searchsorted(rough.probability, 0.01)) - 1, 1), STEPS - 1)
+    end = min(max(int(np.searchsorted(rough.probability, 0.99)), begin + 1), STEPS)
+    fine = np.geomspace(coarse[begin], coarse[end], STEPS)
+    flights = np.concatenate([coarse[:begin], fine, coarse[end + 1:]])
+    return PassageLaw(flights, _passed(seen, level, flights))
+
+
+def forecast(seen: Outlook, level: float) -> Forecast | None:
+    """Return when `level` is reached, or None where it is reached."""
+    if seen.severity >= level:
+        return None
+    law = passage_law(seen, level)
+    tail = 0.5 - 0.5 * INTERVAL
+    lower = law.quantile(tail)
+    return Forecast(median=law.quantile(0.5), lower=HORIZON if lower is None else lower,
+                    upper=law.quantile(1.0 - tail))
+
+
+def _seen(
+    mean: np.ndarray, covariance: np.ndarray, severity: float, noise: np.ndarray, outlier: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return log-likelihood, mean and covariance with one more flight.
+
+    With the probability `OUTLYING` the flight errs by the variance `outlier` besides its `noise`;
+    mean and covariance are those of both cases together.
+    """
+    column = covariance[:, :, 0]
+    error = severity - mean[:, 0]
+    spreads = [column[:, 0] + noise, column[:, 0] + noise + outlier]
+    scores = [np.log(p) - 0.5 * (np.log(f) + error**2 / f)
+              for p, f in zip((1.0 - OUTLYING, OUTLYING), spreads)]
+    total = np.logaddexp(*scores)
+    right = np.exp(scores[0] - total)[:, None]
+    gains = [column / f[:, None] for f in spreads]
+    gain = right * gains[0] + (1.0 - right) * gains[1]
+    apart = np.sqrt(right * (1.0 - right)) * (gains[0] - gains[1]) * error[:, None]
+    return (total, mean + gain * error[:, None],
+            covariance - gain[:, :, None] * column[:, None, :]
+            + apart[:, :, None] * apart[:, None, :])
+
+
+def _elapsed(acceleration: np.ndarray, flights: np.ndarray) -> np.ndarray:
+    """Return the time scale (exp(g n) - 1) / g after `flights`, at a pace of 1 at their begin."""
+    g = np.maximum(acceleration, 1e-9)
+    return np.expm1(np.minimum(g * flights, 50.0)) / g
+
+
+def _ahead(
+    mean: np.ndarray, covariance: np.ndarray, scale: np.ndarray, flights: float,
+    memory: np.ndarray, variance: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and covariance after `flights`, in which `scale` of the time scale passes."""
+    r = flights / memory
+    kept = np.exp(-r)
+    lever = scale / r  # of the deviation on the severity: pace times memory
+    move = np.zeros_like(covariance)
+    move[:, [0, 1], [0, 1]] = 1.0
+    move[:, 0, 1] = scale
+    move[:, 0, 2] = lever * (1.0 - kept)
+    move[:, 2, 2] = kept
+    noise = np.zeros_like(covariance)
+    spread = np.where(r < 0.02, r**3 * (2.0 / 3.0 - 0.5 * r), 2.0 * r - 3.0 + 4.0 * kept - kept**2)
+    noise[:, 0, 0] = variance * lever**2 * spread
+    noise[:, 0, 2] = noise[:, 2, 0] = variance * lever * (1.0 - kept) ** 2
+    noise[:, 2, 2] = variance * (1.0 - kept**2)
+    return (np.einsum("gij,gj->gi", move, mean),
+            move @ covariance @ move.transpose(0, 2, 1) + noise)
+
+
+def _passed(seen: Outlook, level: float, flights: np.ndarray) -> np.ndarray:
+    """Return the probability that `level` is reached within `flights`, which begin at 0."""
+    mean, covariance = seen.mean, seen.covariance
+    scale = seen.pace * _elapsed(seen.acceleration, flights[:, None])
+    known = (level * seen.shared) ** 2
+    each = np.zeros(len(seen.weight))
+    passed = np.zeros(len(flights))
+    for k in range(len(flights)):
+        if k:
+            mean, covariance = _ahead(mean, covariance, scale[k] - scale[k - 1],
+                                      flights[k] - flights[k - 1], seen.memory, seen.variance)
+        above = (mean[:, 0] - level) / np.sqrt(covariance[:, 0, 0] + known)
+        each = np.maximum(each, ndtr(above))
+        passed[k] = seen.weight @ each
+        if passed[k] > 1.0 - 1e-6:
+            passed[k:] = 1.0
+            break
+    return passed
