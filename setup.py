@@ -27,7 +27,8 @@ setup(
     maintainer_email="ema-phm@example.org",
     license="MIT",
     packages=find_packages(include=["ema_*"]),
-    package_data={"": ["py.typed"], "ema_identification.report": ["templates/*"]},
+    package_data={"": ["py.typed"], "ema_identification.report": ["templates/*"],
+                  "ema_prognostics": ["language/*"], "ema_cli.views": ["templates/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/ema_phm"]),
         (f"share/{NAME}", ["package.xml"]),

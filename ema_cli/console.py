@@ -15,7 +15,7 @@ import re
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, NoReturn, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, NoReturn, TypeVar
 
 from ema_record.errors import EmaError, InvalidRecordError
 
@@ -42,6 +42,32 @@ _STEERING = re.compile(
 """Control characters, marks that turn the direction of writing, bytes that are no text."""
 
 
+class Speech(NamedTuple):
+    """How much is said."""
+
+    verbose: bool = False
+    quiet: bool = False
+
+
+_speech = Speech()
+
+
+def speech() -> Speech:
+    """Return how much is said now."""
+    return _speech
+
+
+@contextlib.contextmanager
+def speaking(*, verbose: bool, quiet: bool) -> Iterator[None]:
+    """Say more, or less, inside a ``with`` block."""
+    global _speech  # noqa: PLW0603  (of the process, as the terminal is)
+    before, _speech = _speech, Speech(verbose, quiet)
+    try:
+        yield
+    finally:
+        _speech = before
+
+
 def stdout() -> Console:
     """Return the console of results: text is no markup, and lines are whole in a pipe."""
     from rich.console import Console
@@ -55,6 +81,11 @@ def stderr() -> Console:
     from rich.console import Console
 
     return Console(stderr=True, markup=False, emoji=False, highlight=False)
+
+
+def unicode_output() -> bool:
+    """Return whether standard output takes more than ASCII."""
+    return (getattr(sys.stdout, "encoding", None) or "").lower().replace("-", "") == "utf8"
 
 
 def neutral(text: str) -> str:
@@ -88,7 +119,12 @@ def say(text: str) -> None:
 
 
 def note(text: str) -> None:
-    """Print one line for the person at the terminal, to standard error."""
+    """Print one line for the person at the terminal, to standard error, unless it is quiet."""
+    if not _speech.quiet:
+        _complain(text)
+
+
+def _complain(text: str) -> None:
     print(neutral(text), file=sys.stderr, flush=True)
 
 
@@ -116,7 +152,7 @@ def _plain(value: object) -> object:
 @contextlib.contextmanager
 def _bar(description: str, total: float | None) -> Iterator[Callable[..., None]]:
     """Show a progress bar on standard error, if that is a terminal; yields its update."""
-    if not sys.stderr.isatty():
+    if not sys.stderr.isatty() or _speech.quiet:
         yield lambda **_now: None
         return
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -181,7 +217,7 @@ def track(items: Iterable[Item], description: str, total: int) -> Iterator[Item]
 def error_line(text: str) -> None:
     """Print an error as one line on standard error."""
     with contextlib.suppress(OSError, ValueError):
-        note("ema: " + " ".join(text.split()))
+        _complain("ema: " + " ".join(text.split()))
 
 
 def guarded(command: Callable[[], int]) -> int:

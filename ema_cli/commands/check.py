@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ema_cli.console import check_new_file, error_line, print_json, stdout
+from ema_cli.console import check_new_file, error_line, print_json, say, speech, stdout
 from ema_cli.options import Baseline, Cascade, Commanded
 from ema_cli.views.flights import draw_sequence, judged_flights, print_sequence
 from ema_cli.views.verdict import print_verdict
@@ -46,6 +46,7 @@ def check(
     from ema_prognostics.trend.flights import is_sequence, what_else
     from ema_prognostics.trend.unit_trend import trend_of
     from ema_prognostics.verdict.diagnose import MODES
+    from ema_prognostics.verdict.examination import examine
     from ema_prognostics.verdict.judge import Judge
     from ema_prognostics.verdict.report import verdict_of_error
     from ema_prognostics.verdict.verdict import worst_status
@@ -71,18 +72,21 @@ def check(
             continue
         other = what_else(bag)
         if other is None:
-            verdict = judge.of_bag(bag).verdict
+            found = examine(judge, bag)
+            verdict, heading = found.verdict, found.heading()
         else:
             error = InvalidRecordError(
                 f"{bag}: {other}: give a rosbag2 directory, an .mcap file or a directory of bags")
-            verdict = verdict_of_error(error, str(bag))
+            verdict, heading = verdict_of_error(error, str(bag)), {}
         statuses.append(verdict.exit_status)
         if json:
             print_json(verdict.to_dict())
         elif other is not None:
             error_line(verdict.reasons[0])
         else:
-            print_verdict(verdict.to_dict(), stdout())
+            if len(bags) > 1 and len(statuses) > 1 and not speech().quiet:
+                say("")
+            print_verdict(verdict.to_dict(), heading, stdout(), **speech()._asdict())
     if plot is not None:
         draw_sequence(trends, plot)
     return worst_status(statuses)

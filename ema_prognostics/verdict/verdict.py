@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from ema_prognostics.verdict.evidence import Evidence
 
 Outcome = Literal["healthy", "fault", "unknown", "incomplete", "invalid"]
 DIGITS = 6
@@ -65,6 +68,14 @@ class Verdict:
     reasons: tuple[str, ...] = ()
     """In words."""
     bag: str = ""
+    cause: str = ""
+    """Why there is no answer: ``unlike``, ``unlike_since_baseline``, ``doubt``, ``too_small``,
+    ``unknown_test``, ``missing_feature``, ``not_done``, ``record``, or the name of a rule of the
+    record checks; empty where there is one."""
+    evidence: tuple[Evidence, ...] = ()
+    """The numbers that say the most, largest first."""
+    side: str | None = None
+    """Of a friction that is found, where it is most likely: motor or surface."""
 
     @property
     def exit_status(self) -> int:
@@ -86,6 +97,9 @@ class Verdict:
                 name: round(float(p), DIGITS) for name, p in self.probabilities.items()
             },
             "reasons": list(self.reasons),
+            "cause": self.cause or None,
+            "evidence": [e.to_dict() for e in self.evidence],
+            "side": self.side,
         }
 
 
