@@ -98,7 +98,8 @@ def content(tests: Sequence[Examination], fields: dict[str, str]) -> dict[str, A
     ordered = sorted(tests, key=lambda t: t.time.timestamp() if t.time else 0.0)
     trend = [
         {"record": Path(t.verdict.bag).name, "verdict": t.verdict.outcome,
-         "start_time": t.heading()["start_time"], "faults": [f.to_dict() for f in t.verdict.faults]}
+         "start_time": t.heading()["start_time"],
+         "faults": [fault.to_dict() for fault in t.verdict.faults]}
         for t in ordered
     ] if len(tests) > 1 else []
     return report_data(last.verdict.to_dict(), last.record, last.checks, heading=last.heading(),

@@ -78,9 +78,11 @@ def trace(
         parts.append(_text(0.5 * (x(begin) + x(end)), 10.0, name, "middle"))
     for values, color, extra in ((measured, BLUE, 'stroke-width="2"'),
                                  (command, INK, 'stroke-width="1" stroke-dasharray="4 3"')):
-        parts.append(_line([x(t) for t in time[pick]], [y(v) for v in values[pick]], color, extra))
+        ys = [y(v) for v in values[pick]]
+        parts.append(_line([x(t) for t in time[pick]], ys, color, extra))
     for value in (float(both.min()), 0.0, float(both.max())):
-        parts.append(_text(left - 4.0, y(value) + 4.0, f"{value:.2g} rad".replace("-", "−"), "end"))
+        said = f"{value:.2g} rad".replace("-", "−")
+        parts.append(_text(left - 4.0, y(value) + 4.0, said, "end"))
     parts += [_text(left, 112.0, f"{round(float(time[0]), 2):g} s"),
               _text(WIDTH - 4.0, 112.0, f"{time[-1]:.3g} s", "end"),
               _text(0.5 * WIDTH, 112.0, f"— {labels['measured']}   - - {labels['command']}",
@@ -114,12 +116,12 @@ def evidence(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, str]) -> st
         at = x(row["value"])
         parts.append(f'<path d="M{at:g} {top + 1:g}l5 6.5-5 6.5-5-6.5z" fill="{RED}"/>')
         parts.append(_text(WIDTH, top + 11.0, row["times"], "end", INK))
-    key = [_box(left, 4.0, 12.0, 8.0, BAND), _text(left + 16.0, 12.0, labels["healthy"]),
-           f'<path d="M{right - 60:g} 3l4 5-4 5-4-5z" fill="{RED}"/>',
-           _text(right - 52.0, 12.0, labels["measured"])]
+    legend = [_box(left, 4.0, 12.0, 8.0, BAND), _text(left + 16.0, 12.0, labels["healthy"]),
+              f'<path d="M{right - 60:g} 3l4 5-4 5-4-5z" fill="{RED}"/>',
+              _text(right - 52.0, 12.0, labels["measured"])]
     if any(row["own"] for row in rows):
-        key += [_box(0.0, 4.0, 12.0, 8.0, OWN), _text(16.0, 12.0, labels["own"])]
-    return _svg(24.0 + step * len(rows), labels["title"], *key, *parts)
+        legend += [_box(0.0, 4.0, 12.0, 8.0, OWN), _text(16.0, 12.0, labels["own"])]
+    return _svg(24.0 + step * len(rows), labels["title"], *legend, *parts)
 
 
 def trend(

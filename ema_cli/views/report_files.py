@@ -7,8 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
+import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
@@ -60,12 +61,12 @@ def as_json(data: Mapping[str, Any], _record: Record) -> str:
 def as_xml(data: Mapping[str, Any], _record: Record) -> str:
     """Return the report as XML: a result set with tests, test data, limits and outcomes."""
     unit, test, trace = data["unit"], data["test"], data["trace"]
-    root = ElementTree.Element("TestResults", format=data["format"], form=str(data["form"]))
+    root = ET.Element("TestResults", format=data["format"], form=str(data["form"]))
 
-    def add(parent: ElementTree.Element, tag: str, text: object = None, /,
-            **attributes: object) -> ElementTree.Element:
+    def add(parent: ET.Element, tag: str, text: object = None, /,
+            **attributes: object) -> ET.Element:
         given = {k: str(v) for k, v in attributes.items() if v not in (None, "")}
-        child = ElementTree.SubElement(parent, tag, given)
+        child = ET.SubElement(parent, tag, given)
         if text is not None:
             child.text = str(text)
         return child
@@ -113,8 +114,8 @@ def as_xml(data: Mapping[str, Any], _record: Record) -> str:
                  softwareSha256=trace["software_sha256"], modelSha256=trace["model_sha256"])
     for file in trace["files"]:
         add(source, "File", **file)
-    ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
 def as_page(data: Mapping[str, Any], record: Record) -> str:
@@ -183,7 +184,7 @@ def _trace(record: Record) -> str:
 
     say = words()
     measured = record.channel("surface_position")
-    if len(record) < 2 or not (measured == measured).all():
+    if len(record) < 2 or not np.isfinite(measured).all():
         return ""
     return charts.trace(
         record.time, record.profile.command(record.time), measured,

@@ -74,6 +74,10 @@ def print_verdict(
     if quiet:
         return
     lines = list(verdict_lines(verdict))
+    unusual = [c for c in heading.get("checks", ()) if c["level"] > 0]
+    for k, check in enumerate(() if verbose else unusual):
+        lines.append(Line(say("label.checks") if k == 0 else "",
+                          f"{check['name']}: {check['message']}"))
     if verbose:
         lines += numbers(verdict, heading)
     lines += last_lines(verdict, heading)
@@ -196,7 +200,7 @@ def _sure(verdict: Facts) -> list[str]:
             text += " " + say("sure.friction_side", side=say(f"side.{verdict['side']}"))
         found.append(f"{text} {say(f'compare.{name}')}".strip())
     several = len(faults) > 1
-    return [f"{name_of(f['fault_class'])}: {t}" if several else t
+    return [f"{title(f)}: {t}" if several else t
             for f, t in zip(faults, found)]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -14,7 +15,7 @@ from ema_record.actuator_type import actuator_hash
 from ema_record.bag.read import read_bag
 from ema_record.checks.facts import facts_of_record
 from ema_record.checks.guard import guard_findings
-from ema_record.checks.live import CheckResult, Level, check_facts
+from ema_record.checks.live import CheckResult, check_facts
 from ema_record.errors import RecordError, UsageError
 from ema_record.kit import is_default_kit, kit_folder
 from ema_record.record import Record
@@ -41,30 +42,41 @@ class Examination:
     @property
     def serial_number(self) -> str:
         """Of the actuator, empty where not known."""
-        said = "" if self.record is None else self.record.provenance.serial_number
-        return "" if said == UNKNOWN_SERIAL else said
+        return "" if self.record is None else _serial_number(self.record)
 
     @property
     def time(self) -> datetime | None:
         """Start of the test (UTC), None where not known."""
-        start = 0 if self.record is None else self.record.provenance.start_time
-        return datetime.fromtimestamp(start / 1e9, tz=timezone.utc) if start else None
-
-    @property
-    def profile(self) -> str:
-        """Name of the test, empty where not known."""
-        return "" if self.record is None else self.record.profile.name
+        return None if self.record is None else _time(self.record)
 
     def heading(self) -> dict[str, Any]:
         """Return what stands above a verdict: unit, time, test, checks, versions."""
-        time = self.time
-        return {
-            "serial_number": self.serial_number, "profile": self.profile,
-            "start_time": "" if time is None else time.isoformat(timespec="milliseconds"),
-            "checks": [{"name": c.name, "level": int(c.level), "message": c.message}
-                       for c in self.checks],
-            "software_version": VERSION, "model": self.model, "kit": kit_text(),
-        }
+        return heading_of(self.record, self.checks, self.model)
+
+
+def _serial_number(record: Record) -> str:
+    said = record.provenance.serial_number
+    return "" if said == UNKNOWN_SERIAL else said
+
+
+def _time(record: Record) -> datetime | None:
+    start = record.provenance.start_time
+    return datetime.fromtimestamp(start / 1e9, tz=timezone.utc) if start else None
+
+
+def heading_of(
+    record: Record | None, checks: Sequence[CheckResult], model: str
+) -> dict[str, Any]:
+    """Return what stands above a verdict; unit, test and time are empty where not known."""
+    time = None if record is None else _time(record)
+    return {
+        "serial_number": "" if record is None else _serial_number(record),
+        "profile": "" if record is None else record.profile.name,
+        "start_time": "" if time is None else time.isoformat(timespec="milliseconds"),
+        "checks": [{"name": c.name, "level": int(c.level), "message": c.message}
+                   for c in checks],
+        "software_version": VERSION, "model": model, "kit": kit_text(),
+    }
 
 
 def kit_text() -> str:
@@ -86,8 +98,3 @@ def examine(judge: Judge, bag: str | Path) -> Examination:
         verdict=judge.of_record(record, str(bag), findings).verdict, record=record,
         checks=tuple(check_facts(facts, findings)), model=judge.model_sha256,
     )
-
-
-def passed(checks: list[dict[str, Any]]) -> int:
-    """Return how many of the checks of a heading are in order."""
-    return sum(check["level"] == Level.OK for check in checks)
