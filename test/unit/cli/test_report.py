@@ -33,7 +33,7 @@ def written(tmp_path_factory, repository):
 class Page(HTMLParser):
     """Collects what a page refers to, and whether its tags are closed."""
 
-    VOID = {"meta", "br", "link", "img"}
+    VOID = frozenset({"meta", "br", "link", "img"})
 
     def __init__(self):
         super().__init__()
@@ -57,8 +57,9 @@ def test_page_is_whole_small_and_needs_nothing_else(written):
     assert len(text.encode()) < LARGEST
     said = " ".join(re.sub(r"<[^>]+>", " ", text.partition("</style>")[2]).split())
     for part in ("SIM-0001", "27-11-00", "WO &lt;4711&gt; &amp; Co", "FAULT", "MEDIUM",
-                 "Shorted turns, phase b", "Plan the replacement", "command reached", "≤ 9.78 mrad",
-                 "torque pulses twice a turn", "passed", "Tested by", "Inspected by"):
+                 "Shorted turns, phase b", "Plan the replacement", "command reached",
+                 "≤ 9.78 mrad", "torque pulses twice a turn", "passed", "Tested by",
+                 "Inspected by"):
         assert part in said, part
 
 

@@ -16,7 +16,8 @@ from ema_prognostics.words import (
     words,
 )
 from ema_record.checks.guard import OUTCOMES, RULES
-from ema_record.checks.live import CHECKS, GROUPS as CHECK_GROUPS
+from ema_record.checks.live import CHECKS
+from ema_record.checks.live import GROUPS as CHECK_GROUPS
 from ema_record.errors import UsageError
 
 PLACE = re.compile(r"\{(\w*)\}")
