@@ -32,6 +32,7 @@ WRONG_USE = 2
 INTERNAL_ERROR = 70
 INTERRUPTED = 128 + signal.SIGINT
 PIPE_CLOSED = 128 + signal.SIGPIPE
+TERMINATED = 128 + signal.SIGTERM
 TRACEBACK_VARIABLE = "EMA_TRACEBACK"
 """Set to 1 to see the traceback of an internal error."""
 WHOLE = 100_000
@@ -220,11 +221,25 @@ def error_line(text: str) -> None:
         _complain("ema: " + " ".join(text.split()))
 
 
+class TerminatedError(KeyboardInterrupt):
+    """The process is asked to end; what it does is left as by Ctrl-C."""
+
+
+def end_quietly() -> None:
+    """Let SIGTERM end this process as Ctrl-C does: children ended, nothing half-written."""
+
+    def end(*_: object) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough
+        raise TerminatedError
+
+    signal.signal(signal.SIGTERM, end)
+
+
 def guarded(command: Callable[[], int]) -> int:
     """Run `command` and return its exit status; whatever goes wrong becomes one line.
 
-    EmaError gives its own status, an error of the operating system 2, Ctrl-C 130, a closed
-    pipe 141, anything else (an error in this software) 70.
+    EmaError gives its own status, an error of the operating system 2, Ctrl-C 130, SIGTERM 143,
+    a closed pipe 141, anything else (an error in this software) 70.
     """
     try:
         status = command()
@@ -232,6 +247,9 @@ def guarded(command: Callable[[], int]) -> int:
     except EmaError as error:
         error_line(str(error))
         return error.exit_status
+    except TerminatedError:
+        error_line("terminated")
+        return TERMINATED
     except KeyboardInterrupt:
         error_line("interrupted")
         return INTERRUPTED

@@ -22,13 +22,13 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
-from ema_cli.console import WRONG_USE, error_line, guarded, leave, print_table, say, stdout, styled
+from ema_cli.console import WRONG_USE, end_quietly, error_line, guarded, leave, say, stdout, styled
 from ema_cli.options import with_common
 from ema_record.errors import UsageError, unknown_name
 
 COMMANDS = ("bit", "simulate", "check", "explain", "trend", "replay", "import", "export",
-            "report", "lint", "recover", "identify", "effects", "profile", "new-actuator",
-            "commission", "train", "paper")
+            "report", "info", "lint", "recover", "identify", "effects", "profile", "new-actuator",
+            "commission", "train", "paper", "completion")
 """All commands, in the order of the help."""
 PROGRAM = "ema"
 
@@ -90,6 +90,7 @@ def main() -> None:
     """Run `ema` on the arguments of the process and exit."""
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
+    end_quietly()
     leave(run(sys.argv[1:]))
 
 
@@ -160,30 +161,33 @@ def build_app(name: str) -> typer.Typer:
 
 
 def _print_help() -> None:
-    from rich.table import Table
+    from ema_cli.views.lines import wrapped
 
     console = stdout()
+    width = max(map(len, COMMANDS)) + 2
+
+    def text(words: str, indent: str = "") -> None:
+        for line in wrapped(words, console.width - len(indent)):
+            console.print(styled(indent + line), soft_wrap=True)
+
     console.print(
-        styled((PROGRAM, "bold"), ": built-in test and diagnosis of electromechanical actuators")
-    )
-    console.print(
-        f"\nUsage: {PROGRAM} COMMAND [OPTIONS] ; {PROGRAM} COMMAND --help explains one command; "
-        f"{PROGRAM} --version\n"
-    )
-    table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
-    table.add_column(style="bold", no_wrap=True)
-    table.add_column()
+        styled((PROGRAM, "bold"), ": built-in test and diagnosis of electromechanical actuators"),
+        soft_wrap=True)
+    console.print()
+    text(f"Usage: {PROGRAM} COMMAND [OPTIONS]; {PROGRAM} COMMAND --help explains one command; "
+         f"{PROGRAM} --version")
+    console.print()
     for name in COMMANDS:
         lines = inspect.cleandoc(load_command(name).__doc__ or "").splitlines()
-        table.add_row(name, lines[0])
-        table.add_row("", styled((lines[-1].split("`")[1], "dim")))
-    print_table(table)
-    console.print(
-        "\nEach takes --kit DIR (or $EMA_KIT): the kit of another type of actuator than the "
-        "default one"
-    )
-    console.print(
-        "\nExit status: 0 healthy or done, 1 a fault, 2 wrong use or unreadable input, "
-        "3 unknown or incomplete, 4 no verdict of ema bit, 70 an error in this software, "
-        "130 interrupted"
-    )
+        for k, line in enumerate(wrapped(lines[0], console.width - width)):
+            first = (name.ljust(width), "bold") if k == 0 else " " * width
+            console.print(styled(first, line), soft_wrap=True)
+        # An example is one line on every terminal: it is there to be copied.
+        console.print(styled(" " * width, (lines[-1].split("`")[1], "dim")), soft_wrap=True)
+    console.print()
+    text("Each takes --kit DIR (or $EMA_KIT): the kit of another type of actuator than the "
+         "default one; --lang, --color, -v and -q")
+    console.print()
+    text("Exit status: 0 healthy or done, 1 a fault, 2 wrong use or unreadable input, "
+         "3 unknown or incomplete, 4 no verdict of ema bit, 70 an error in this software, "
+         "130 interrupted, 143 terminated")

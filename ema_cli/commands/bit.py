@@ -14,7 +14,8 @@ import typer
 
 from ema_cli.console import note, print_json, progress, speech, stdout
 from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber
-from ema_cli.views.verdict import Line, print_lines, print_verdict
+from ema_cli.views.lines import Line, print_lines
+from ema_cli.views.verdict import print_verdict
 from ema_prognostics.words import words
 from ema_record.errors import EmaError, TestRefusedError
 

@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ema_cli.console import check_new_file, error_line, print_json, say, speech, stdout
+from ema_cli.console import (
+    check_new_file,
+    drawing,
+    error_line,
+    note,
+    print_json,
+    say,
+    speech,
+    stdout,
+)
 from ema_cli.options import Baseline, Cascade, Commanded
 from ema_cli.views.flights import draw_sequence, judged_flights, print_sequence
 from ema_cli.views.verdict import print_verdict
 from ema_record.errors import InvalidRecordError, UsageError, unknown_name
+
+if TYPE_CHECKING:
+    from ema_prognostics.verdict.examination import Examination
+    from ema_prognostics.verdict.judge import Judge
 
 
 def check(
@@ -25,7 +38,8 @@ def check(
         "no healthy actuator and no other than the default one.")] = "robust",
     baseline: Baseline = None,
     plot: Annotated[Path | None, typer.Option(
-        metavar="FILE.png", help="Of a directory of flights: plot severities and announcements."
+        metavar="FILE.png|.svg|.pdf", help="Draw the evidence of a bag, or the flights of a "
+        "directory, with what is ahead."
     )] = None,
     json: Annotated[bool, typer.Option("--json", help="One JSON object a bag and line.")] = False,
 ) -> int:
@@ -54,12 +68,14 @@ def check(
     if mode not in MODES:
         raise unknown_name("mode", mode, MODES, f"give one of {', '.join(MODES)}")
     sequences = [bag for bag in bags if is_sequence(bag)]
-    if plot is not None and len(sequences) != 1:
-        raise UsageError(
-            f"--plot {plot}: {len(sequences)} directories of flights given, a plot shows one: "
-            "give one directory that holds bags"
-        )
-    check_new_file(plot)
+    if plot is not None:
+        if len(bags) != 1:
+            raise UsageError(f"--plot {plot}: {len(bags)} bags given, a picture shows one: give "
+                             "one bag, or one directory of flights")
+        from ema_cli.views.pictures import picture_format
+
+        picture_format(plot)
+        check_new_file(plot)
     judge = Judge(model, baseline, profile=profile, mode=mode)
     statuses = []
     trends = []
@@ -87,6 +103,23 @@ def check(
             if len(bags) > 1 and len(statuses) > 1 and not speech().quiet:
                 say("")
             print_verdict(verdict.to_dict(), heading, stdout(), **speech()._asdict())
-    if plot is not None:
+        if plot is not None:
+            _draw(found if other is None else None, judge, plot)
+    if plot is not None and sequences:
         draw_sequence(trends, plot)
     return worst_status(statuses)
+
+
+def _draw(found: Examination | None, judge: Judge, plot: Path) -> None:
+    """Draw the evidence of a verdict; UsageError where there is no record."""
+    if found is None or found.record is None:
+        raise UsageError(f"--plot {plot}: there is no record to draw")
+    with drawing():
+        from ema_cli.views.evidence_plot import evidence_figure
+        from ema_cli.views.pictures import save_picture
+        from ema_prognostics.features.profile_kind import profile_kind
+
+        kind = profile_kind(found.record.profile)
+        cascade = None if kind is None else judge.fleet_cascade(kind)
+        save_picture(evidence_figure(found, cascade), plot)
+    note(f"plot: {plot}")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ema_cli.console import print_json, print_table, stdout, styled
+from ema_cli.views.lines import NO_BREAK, Line, print_lines
 from ema_record.errors import unknown_name
 
 if TYPE_CHECKING:
@@ -91,16 +92,16 @@ def _table(*columns: str) -> Table:
 
 
 def _print_table(chosen: list[Effect]) -> None:
-    """Print a row an effect (name, port, reference) and one a parameter below it."""
-    table = _table("effect", "bounds", "unit", "default", "port and reference")
+    """Print a paragraph an effect: what it is, its parameters with bounds, unit and default."""
+    lines = []
     for effect in chosen:
-        table.add_row()
-        table.add_row(styled((effect.name, "bold")), "", "", "",
-                      f"{effect.port}: {effect.reference}")
+        lines += [Line(None, ""), Line(None, f"{effect.name} ({effect.port})", "bold"),
+                  Line("", effect.summary)]
         for field in effect.fields:
-            table.add_row(f"  .{field.name}", bounds_text(field), unit_text(field),
-                          field.default_text)
-    print_table(table)
+            unit = unit_text(field)
+            text = f"{bounds_text(field)} {unit}".rstrip().replace(" ", NO_BREAK)
+            lines.append(Line("", f"{effect.name}.{field.name}={field.default_text}  ({text})"))
+    print_lines(lines[1:], stdout())
 
 
 def _explain(effect: Effect) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -10,6 +12,7 @@ import typer
 from ema_cli.console import check_new_file, print_json, say
 from ema_cli.options import Baseline, Cascade, Commanded
 from ema_cli.views.flights import (
+    about,
     draw_sequence,
     episode_text,
     fall_lines,
@@ -19,9 +22,10 @@ from ema_cli.views.flights import (
     verdict_object,
 )
 from ema_prognostics.words import class_name, counted, scaled
-from ema_record.errors import UsageError
+from ema_record.errors import UsageError, bounded, unknown_name
 
 if TYPE_CHECKING:
+    from ema_prognostics.trend.flights import Flight
     from ema_prognostics.trend.unit_trend import FaultTrend, UnitTrend
 
 
@@ -35,7 +39,11 @@ def trend(
     model: Cascade = None,
     baseline: Baseline = None,
     plot: Annotated[Path | None, typer.Option(
-        metavar="FILE.png", help="Plot severities, announcements and growth.")] = None,
+        metavar="FILE.png|.svg|.pdf", help="Draw severities, announcements and what is ahead."
+    )] = None,
+    limit: Annotated[list[str] | None, typer.Option(
+        metavar="FAULT=SIZE", help="Forecast a size of your own too, as turn_short=5% or "
+        "backlash=2mrad; repeatable.")] = None,
     json: Annotated[bool, typer.Option(
         "--json", help="One JSON object an actuator and line.")] = False,
 ) -> int:
@@ -55,24 +63,51 @@ def trend(
     from ema_prognostics.trend.unit_trend import trend_of
     from ema_prognostics.verdict.judge import Judge
 
-    chosen = parse_rule(rule)
+    chosen, limits = parse_rule(rule), dict(map(parse_limit, limit or []))
+    if plot is not None:
+        from ema_cli.views.pictures import picture_format
+
+        picture_format(plot)
     check_new_file(plot)
     for bag in bags:
         other = None if is_sequence(bag) else what_else(bag)
         if other is not None:
             raise UsageError(f"{bag}: {other}: give a bag, or a directory of them")
     units = judged_flights(bags, Judge(model, baseline, profile=profile))
-    trends = [trend_of(unit, flights, chosen) for unit, flights in units.items()]
+    trends = [trend_of(unit, flights, chosen, limits) for unit, flights in units.items()]
     for found in trends:
         if json:
             print_json(verdict_object(found))
             continue
-        for line in trend_lines(found):
+        for line in trend_lines(found, limits):
             say(line)
     if plot is not None:
         draw_sequence(trends, plot)
     statuses = [exit_status(found) for found in trends]
     return next(s for s in (2, 1, 3, 0) if s in statuses)
+
+
+def parse_limit(text: str) -> tuple[str, float]:
+    """Return class and severity of ``FAULT=SIZE``: a plain number, or with %, mrad or rad.
+
+    Raises
+    ------
+    UsageError
+        Another class, no size above 0, or a unit that the class does not have.
+    """
+    from ema_prognostics.cascade.classes import UNITS
+
+    name, _, size = (part.strip() for part in text.partition("="))
+    if name not in UNITS:
+        raise unknown_name("fault", name, UNITS, f"--limit {text}: give FAULT=SIZE, as "
+                           "turn_short=5%")
+    factors = {"": 1.0, **({"mrad": 1e-3, "rad": 1.0} if UNITS[name] == "rad" else {"%": 0.01})}
+    number = size.rstrip("%mrad ")
+    unit = size[len(number):].strip()
+    if unit not in factors:
+        raise UsageError(f"--limit {text}: {unit!r} is no unit of {name}: give "
+                         f"{' or '.join(u for u in factors if u)}")
+    return name, factors[unit] * bounded(f"--limit {name}", number, 1e-6, 1e4)
 
 
 def exit_status(found: UnitTrend) -> int:
@@ -86,7 +121,9 @@ def exit_status(found: UnitTrend) -> int:
     return 3 if pending or found.suspected or not copies[-1].answered else 0
 
 
-def trend_lines(found: UnitTrend) -> list[str]:
+def trend_lines(
+    found: UnitTrend, limits: Mapping[str, float] = MappingProxyType({})
+) -> list[str]:
     """Return the trend of an actuator in words, a fact a line."""
     answered = len(found.flights) - len(found.unanswered)
     lines = [f"Actuator {unit_name(found)}: {counted(len(found.flights))}, {answered} of them "
@@ -107,7 +144,7 @@ def trend_lines(found: UnitTrend) -> list[str]:
         lines.append(f"  {class_name(fault.history.fault_class, fault.history.phase)}")
         lines += [f"    {episode_text(e)}" for e in fault.episodes]
         lines += [f"    {line.partition(': ')[2]}" for line in fall_lines(fault)]
-        lines += [f"    {line}" for line in growth_lines(fault)]
+        lines += [f"    {line}" for line in growth_lines(fault, found.flights, limits)]
     for fault_class, at in found.suspected.items():
         lines += [
             f"  {class_name(fault_class)}",
@@ -117,7 +154,10 @@ def trend_lines(found: UnitTrend) -> list[str]:
     return lines
 
 
-def growth_lines(fault: FaultTrend) -> list[str]:
+def growth_lines(
+    fault: FaultTrend, flights: Sequence[Flight] = (),
+    limits: Mapping[str, float] = MappingProxyType({}),
+) -> list[str]:
     """Return rate and forecast of one fault, or why there is none."""
     if fault.episodes[-1].cleared is not None:
         return []
@@ -131,13 +171,18 @@ def growth_lines(fault: FaultTrend) -> list[str]:
         f"from {rise.count} flights"
     )
     now = f"severity now {scale * rise.severity:.3g} {unit}"
+    own = limits.get(fault.history.fault_class)
+    if own is not None and rise.severity >= own:
+        now += f", your limit of {scale * own:.3g} {unit} is reached"
     if not rise.growing:
         return [f"{now}; no growth: {rate}"]
     lines = [f"{now}; grows by {rate}"]
     for level in fault.forecasts:
         first, last = level.interval
         until = f"to {last}" if last is not None else "or later, no end in sight"
-        middle = f"at flight {level.flight} " if level.flight is not None else ""
+        middle = "" if level.flight is None else (
+            f"at flight {level.flight}, in {level.flight - fault.history.number[-1]} flights"
+            f"{about(flights, level.flight)} ")
         lines.append(
             f"{level.level} ({scale * level.severity:.3g} {unit}) expected {middle}"
             f"(90 %: {first} {until})"

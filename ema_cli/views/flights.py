@@ -12,12 +12,12 @@ from ema_cli.console import (
     given_bags,
     note,
     print_json,
-    print_table,
     progress,
     say,
     stdout,
     styled,
 )
+from ema_cli.views.lines import print_rows
 from ema_cli.views.verdict import STYLES
 from ema_prognostics.words import class_name, counted, severity_words
 from ema_record.errors import UsageError
@@ -29,8 +29,10 @@ if TYPE_CHECKING:
     from ema_prognostics.verdict.judge import Judge
 
 
-BAG_WIDTH = 28
-"""Of the column of bags on a terminal (characters); longer names are folded."""
+MOST_DATE = 4_000_000_000 * 10**9
+"""Beyond this no date is told (ns since the epoch)."""
+LEAST_WIDTHS = (0, 76, 100, 0, 0)
+"""Of the terminal on which each column of the flights is shown (characters)."""
 
 
 def print_sequence(trends: Sequence[UnitTrend], *, json: bool = False) -> None:
@@ -82,26 +84,20 @@ def judged_flights(paths: Sequence[Path], judge: Judge) -> dict[str, list[Flight
 
 def print_flights(trend: UnitTrend) -> None:
     """Print one row a flight."""
-    from rich.table import Table
-
     console = stdout()
     console.print(styled((f"Actuator {unit_name(trend)}", "bold"),
                          f", {counted(len(trend.flights))}"))
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
-    table.add_column("flight", justify="right", no_wrap=True)
-    table.add_column("start (UTC)", no_wrap=True)
-    table.add_column("bag", overflow="fold",
-                     max_width=BAG_WIDTH if console.is_terminal else None)
-    table.add_column("verdict", no_wrap=True)
-    table.add_column("severity (interval)")
+    shown = [k for k, least in enumerate(LEAST_WIDTHS) if console.width >= least]
+    rows = []
     for flight in trend.flights:
         outcome = flight.verdict.outcome
-        table.add_row(
-            str(flight.number), _time(flight.start_time), styled(Path(flight.verdict.bag).name),
-            styled((outcome.upper(), STYLES.get(outcome, "bold"))),
-            styled("; ".join(_findings(flight))),
+        cells = (
+            str(flight.number), _time(flight.start_time), Path(flight.verdict.bag).name,
+            (outcome.upper(), STYLES.get(outcome, "bold")), "; ".join(_findings(flight)),
         )
-    print_table(table)
+        rows.append([cells[k] for k in shown])
+    header = ("flight", "start (UTC)", "bag", "verdict", "severity (interval)")
+    print_rows([header[k] for k in shown], rows, console)
 
 
 def unit_name(trend: UnitTrend) -> str:
@@ -131,6 +127,30 @@ def _time(start_time: int) -> str:
     if not start_time:
         return "not known"
     return datetime.fromtimestamp(start_time / 1e9, tz=timezone.utc).strftime("%Y-%m-%d %H:%M")
+
+
+def date_of(flights: Sequence[Flight], number: int) -> datetime | None:
+    """Return when a flight was, or will be if the last ten go on at their pace; None: not known.
+
+    Parameters
+    ----------
+    flights : of one actuator, in order.
+    number : from 1, beyond the last one for what is ahead.
+    """
+    known = [(f.number, f.start_time) for f in flights if f.start_time]
+    at = dict(known).get(number)
+    if at is None and len(known) > 1 and number > known[-1][0]:
+        (first, begin), (last, end) = known[-min(10, len(known))], known[-1]
+        at = end + round((end - begin) / (last - first) * (number - last))
+    if at is None or at > MOST_DATE:
+        return None
+    return datetime.fromtimestamp(at / 1e9, tz=timezone.utc)
+
+
+def about(flights: Sequence[Flight], number: int) -> str:
+    """Return the day of a flight that is ahead in words, empty where not known."""
+    date = date_of(flights, number)
+    return "" if date is None else f", about {date:%Y-%m-%d}"
 
 
 def fault_lines(trend: UnitTrend) -> list[str]:

@@ -92,7 +92,7 @@ def plot_record(record: Record, folder: Path, *, trace: np.ndarray | None = None
     """
     check_plot_folder(folder)
     actuator = load_actuator()
-    record, rebuilt = _completed(record, actuator)
+    record, rebuilt = completed_record(record)
     turns = None
     if ROTOR_ANGLE in record.columns:
         with contextlib.suppress(RecordError):
@@ -113,13 +113,13 @@ def plot_record(record: Record, folder: Path, *, trace: np.ndarray | None = None
             raise cannot_write(folder, error) from None
 
 
-def _completed(record: Record, actuator: Actuator) -> tuple[Record, str]:
+def completed_record(record: Record) -> tuple[Record, str]:
     """Return a record with the channels that it lacks rebuilt, and a line that says which."""
     missing = [CHANNELS[c].name for c in ALL if c not in record.columns]
     if not missing:
         return record, ""
     try:
-        whole = replace(record, samples=completed(record, actuator))
+        whole = replace(record, samples=completed(record, load_actuator()))
     except RecordError:
         return record, f"not recorded: {', '.join(missing)}"
     return whole, f"not recorded, rebuilt from the others: {', '.join(missing)}"

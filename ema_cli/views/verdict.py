@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import re
 import shlex
-import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from ema_cli.console import neutral, styled, unicode_output
+from ema_cli.views.lines import INDENT, NO_BREAK, Line, print_lines, wrapped
 from ema_prognostics.words import (
     class_name,
     feature_words,
@@ -28,26 +28,11 @@ STYLES = {
     "healthy": "bold green", "fault": "bold red", "unknown": "bold yellow",
     "incomplete": "bold yellow", "invalid": "bold magenta",
 }
-INDENT = 2
 BAR = 8
 """Longest bar of a reason (characters)."""
 LOGARITHMIC = 100.0
 """Times the healthy spread of the longest bar; the scale is logarithmic."""
-UNIT_GAP = re.compile(r"(?<=\d) (?=%|mrad|N m|A\b|rad/s|ms|°C|x\b)")
-"""Between a number and its unit, where no line is broken."""
-NO_BREAK = "\u00a0"
 Facts = Mapping[str, Any]
-
-
-class Line(NamedTuple):
-    """A labelled line of a verdict."""
-
-    label: str | None
-    """None: the text begins where labels do."""
-    text: str
-    style: str = ""
-    tail: str = ""
-    """What stands at the right edge, e.g. a bar."""
 
 
 def print_verdict(
@@ -304,33 +289,6 @@ def next_commands(verdict: Facts, heading: Facts) -> list[str]:
         return [f"ema recover {bag}", f"ema lint {bag}"]
     rule = words().has(f"check.{cause}")
     return [f"ema lint {bag}", f"ema explain {cause if rule else outcome}"]
-
-
-def print_lines(lines: Sequence[Line], console: Console) -> None:
-    """Print labelled lines, their texts in one column that is wrapped within itself."""
-    wide = max((len(line.label or "") for line in lines), default=0)
-    begin = INDENT + wide + 2
-    tails = max((len(line.tail) for line in lines), default=0)
-    longest = max((len(neutral(line.text)) for line in lines if line.tail), default=0)
-    room = console.width - begin
-    beside = longest + 2 + tails <= room
-    for line in lines:
-        label = line.label.ljust(wide) + "  " if line.label is not None else ""
-        text, tail = neutral(line.text), line.tail
-        if tail and not beside:
-            text, tail = f"{text}{NO_BREAK}{tail.rstrip('▇# ').strip()}", ""
-        for piece in wrapped(text, room if line.label is not None else console.width - INDENT):
-            shown = f"{piece.ljust(longest)}  {tail}" if tail else piece
-            console.print(styled((" " * INDENT + label, "bold"), (shown, line.style)),
-                          soft_wrap=True)
-            label, tail = " " * len(label), ""
-
-
-def wrapped(text: str, width: int) -> list[str]:
-    """Return the lines of a text; numbers stay with their units, words and paths are whole."""
-    kept = UNIT_GAP.sub(NO_BREAK, text)
-    lines = textwrap.wrap(kept, max(width, 20), break_long_words=False, break_on_hyphens=False)
-    return [line.replace(NO_BREAK, " ") for line in lines] or [""]
 
 
 def fault_line(fault: Facts) -> str:

@@ -15,7 +15,9 @@ from typing import NamedTuple
 
 from threadpoolctl import ThreadpoolController
 
+from ema_prognostics.cascade.find import Cascade
 from ema_prognostics.cascade.model_file import load_model
+from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.verdict.diagnose import Baseline, Mode, baseline_of, diagnose
 from ema_prognostics.verdict.report import verdict_of_error
 from ema_prognostics.verdict.verdict import Verdict
@@ -85,6 +87,10 @@ class Judge:
     def model_sha256(self) -> str:
         """Hash of the networks that judge."""
         return self._model.sha256
+
+    def fleet_cascade(self, kind: ProfileKind) -> Cascade | None:
+        """Return the networks for a kind of test without a baseline, None where there are none."""
+        return self._model.cascade(kind, "fleet")
 
     def commanded(self, record: Record) -> Record:
         """Return a record with the test that was commanded."""
