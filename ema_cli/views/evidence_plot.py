@@ -68,11 +68,12 @@ def evidence_figure(found: Examination, cascade: Cascade | None) -> Figure:
     rows = [e for e in verdict["evidence"] if e["value"] is not None]
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10.5, 7.4 + 0.35 * len(rows)), layout="constrained")
-        top, middle, bottom = np.ravel(figure.subfigures(
-            3, 1, height_ratios=[0.9 + 0.42 * len(rows), 3.6, 2.1]))
+        parts: Any = figure.subfigures(
+            3, 1, height_ratios=[0.9 + 0.42 * len(rows), 3.6, 2.1])
+        top, middle, bottom = parts
         figure.suptitle(literal(_title(found, verdict)), fontsize=11.0, x=0.01, ha="left")
         _reasons(top, rows)
-        left, right = np.ravel(middle.subfigures(1, 2, width_ratios=[2.0, 3.0]))
+        left, right = middle.subfigures(1, 2, width_ratios=[2.0, 3.0])
         if kind is not None:
             _ripple(left, record, kind, cascade)
             _currents(right, record, kind)
