@@ -277,7 +277,9 @@ def print_result(result: dict[str, Any]) -> None:
     if said.quiet:
         return
     if result.get("reports"):
-        print_lines([Line(words()("label.report"), " ".join(result["reports"]))], console)
+        label = words()("label.report")
+        print_lines([Line(label if k == 0 else "", path)
+                     for k, path in enumerate(result["reports"])], console)
     times = result["times"]
     console.print(
         f"nodes up in {times['start']:.1f} s, test {times['test']:.1f} s, verdict "
