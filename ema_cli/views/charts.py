@@ -15,6 +15,8 @@ WIDTH = 660
 """Of a chart (user units; it scales with the page)."""
 INK, QUIET, BAND, OWN, BLUE, RED = (
     "#1d2530", "#5b6570", "#cfd8e3", "#9cc7e8", "#0072b2", "#b34d00")
+LONGEST = 52
+"""Text beside a row of evidence (characters)."""
 POINTS = 500
 """Of a trace, at most."""
 
@@ -48,6 +50,11 @@ def _text(x: float, y: float, text: str, anchor: str = "start", color: str = QUI
 def _line(xs: Sequence[float], ys: Sequence[float], color: str, extra: str = "") -> str:
     points = " ".join(f"{x:g},{y:g}" for x, y in zip(xs, ys))
     return f'<polyline points="{points}" fill="none" stroke="{color}" {extra}/>'
+
+
+def _cut(text: str) -> str:
+    """Return a text that leaves its column to the next one."""
+    return text if len(text) <= LONGEST else text[:LONGEST - 1].rstrip() + "…"
 
 
 def _box(x: float, y: float, width: float, height: float, color: str) -> str:
@@ -98,14 +105,14 @@ def evidence(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, str]) -> st
     rows : ``text``, ``shown``, ``value``, ``healthy`` and ``own`` (range or None), ``times``.
     labels : ``title``, ``healthy``, ``own``, ``measured``.
     """
-    step, left, right = 21.0, 352.0, WIDTH - 46.0
+    step, left, right = 21.0, 404.0, WIDTH - 46.0
     parts = []
     for k, row in enumerate(rows):
         top = 20.0 + k * step
         ends = [row["value"], *(row["healthy"] or ()), *(row["own"] or ())]
         margin = 0.06 * (max(ends) - min(ends) or 1.0)
         x = Scale(min(ends) - margin, max(ends) + margin, left, right)
-        parts.append(_text(0.0, top + 11.0, row["text"], "start", INK))
+        parts.append(_text(0.0, top + 11.0, _cut(row["text"]), "start", INK))
         parts.append(_text(left - 8.0, top + 11.0, row["shown"], "end", INK))
         parts.append(_box(left, top + 7.0, right - left, 1.0, "#e3e7ec"))
         for key, color, inset in (("healthy", BAND, 0.0), ("own", OWN, 3.0)):

@@ -136,8 +136,12 @@ def page_context(data: Mapping[str, Any], record: Record) -> dict[str, Any]:
     def text(name: str, **values: object) -> str:
         return say(f"report.{name}", **values)
 
-    lines = [line for line in verdict_lines(verdict) if line.label and not line.tail]
-    why = say("label.why")
+    lines: list[tuple[str, str]] = []
+    for line in verdict_lines(verdict):
+        if line.label == say("label.why"):
+            break
+        if line.label is not None:  # not the findings, which stand above
+            lines.append((line.label, line.text))
     return {
         "d": data, "t": text, "language": (os.environ.get(ENVIRONMENT) or "en")[:2],
         "tone": TONES[verdict["verdict"]], "outcome": say(f"outcome.{verdict['verdict']}"),
@@ -154,7 +158,7 @@ def page_context(data: Mapping[str, Any], record: Record) -> dict[str, Any]:
         "findings": ["  ".join(filter(None, (
             title(f), fault_size(f), say(f"level.{f['level']}").upper() if f["level"] else "")))
             for f in verdict["faults"]],
-        "lines": [(line.label, line.text) for line in lines if line.label != why],
+        "lines": lines,
         "evidence": Markup(_evidence(verdict)), "trace": Markup(_trace(record)),  # noqa: S704
         "trends": [(label, Markup(chart)) for label, chart in _trends(data["trend"])],  # noqa: S704
         "no_trend": text("one_flight") if len(data["trend"]) < 2 else say("what.healthy"),

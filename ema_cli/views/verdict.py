@@ -266,7 +266,7 @@ def last_lines(verdict: Facts, heading: Facts) -> Iterable[Line]:
     if bag:
         yield Line(say("label.next"), "   ".join(
             c.replace(" ", NO_BREAK) for c in next_commands(verdict, heading)))
-        yield Line(say("label.record"), bag, "dim")
+        yield Line(say("label.record"), bag.replace(" ", NO_BREAK), "dim")
     if heading:
         yield Line("", say("head.versions", version=heading["software_version"],
                            model=heading["model"][:12], kit=heading["kit"]), "dim")
