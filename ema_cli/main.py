@@ -22,7 +22,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
-from ema_cli.console import WRONG_USE, end_quietly, error_line, guarded, leave, say, stdout, styled
+from ema_cli.console import WRONG_USE, error_line, say, stdout, styled
+from ema_cli.ending import end_quietly, guarded, leave
 from ema_cli.options import with_common
 from ema_record.errors import UsageError, unknown_name
 

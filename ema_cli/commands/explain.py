@@ -149,7 +149,7 @@ def _reason(names: list[str]) -> Iterator[Line]:
         test, view = key.split("/")
         if view != "fleet" or names[0] not in cascade.inputs.input_names:
             continue
-        low, high = map(short, healthy_range(cascade, names[0]))
+        low, high = map(short, healthy_range(cascade.inputs, names[0]))
         unit = unit_of(names[0]).name
         yield Line("", f"{say('head.test', profile=test)}: {say('numbers.healthy')} "
                    f"{say('to', low=low, high=high)} {unit}".rstrip())

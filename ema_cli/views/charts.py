@@ -17,11 +17,11 @@ INK, QUIET, BAND, OWN, BLUE, RED = (
     "#1d2530", "#5b6570", "#cfd8e3", "#9cc7e8", "#0072b2", "#b34d00")
 LONGEST = 52
 """Text beside a row of evidence (characters)."""
-POINTS = 500
+POINTS = 480
 """Of a trace, at most."""
 
 
-class Scale(NamedTuple):
+class AxisScale(NamedTuple):
     """From numbers to user units."""
 
     low: float
@@ -77,8 +77,8 @@ def trace(
     height, left, bottom = 116.0, 58.0, 98.0
     pick = np.unique(np.linspace(0, len(time) - 1, min(POINTS, len(time))).astype(int))
     both = np.concatenate([command[pick], measured[pick]])
-    x = Scale(float(time[0]), float(time[-1]), left, WIDTH - 4.0)
-    y = Scale(float(both.min()), float(both.max()), bottom - 4.0, 16.0)
+    x = AxisScale(float(time[0]), float(time[-1]), left, WIDTH - 4.0)
+    y = AxisScale(float(both.min()), float(both.max()), bottom - 4.0, 16.0)
     parts = []
     for begin, end, name in phases:
         parts.append(_box(x(begin), 14.0, x(end) - x(begin), bottom - 14.0, "#eef1f5"))
@@ -111,9 +111,9 @@ def evidence(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, str]) -> st
         top = 20.0 + k * step
         ends = [row["value"], *(row["healthy"] or ()), *(row["own"] or ())]
         margin = 0.06 * (max(ends) - min(ends) or 1.0)
-        x = Scale(min(ends) - margin, max(ends) + margin, left, right)
-        parts.append(_text(0.0, top + 11.0, _cut(row["text"]), "start", INK))
-        parts.append(_text(left - 8.0, top + 11.0, row["shown"], "end", INK))
+        x = AxisScale(min(ends) - margin, max(ends) + margin, left, right)
+        parts.append(_text(0.0, top + 10.8, _cut(row["text"]), "start", INK))
+        parts.append(_text(left - 8.0, top + 10.8, row["shown"], "end", INK))
         parts.append(_box(left, top + 7.0, right - left, 1.0, "#e3e7ec"))
         for key, color, inset in (("healthy", BAND, 0.0), ("own", OWN, 3.0)):
             if row[key]:
@@ -122,7 +122,7 @@ def evidence(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, str]) -> st
                                   color))
         at = x(row["value"])
         parts.append(f'<path d="M{at:g} {top + 1:g}l5 6.5-5 6.5-5-6.5z" fill="{RED}"/>')
-        parts.append(_text(WIDTH, top + 11.0, row["times"], "end", INK))
+        parts.append(_text(WIDTH, top + 10.8, row["times"], "end", INK))
     legend = [_box(left, 4.0, 12.0, 8.0, BAND), _text(left + 16.0, 12.0, labels["healthy"]),
               f'<path d="M{right - 60:g} 3l4 5-4 5-4-5z" fill="{RED}"/>',
               _text(right - 52.0, 12.0, labels["measured"])]
@@ -146,8 +146,8 @@ def trend(
     left, bottom = 44.0, 72.0
     found = [one for one in series if one["value"] is not None]
     top = max([one["high"] for one in found] + [1e-12])
-    x = Scale(1.0, float(max(2, len(series))), left + 8.0, WIDTH - 70.0)
-    y = Scale(0.0, 1.05 * top, bottom, 8.0)
+    x = AxisScale(1.0, float(max(2, len(series))), left + 8.0, WIDTH - 70.0)
+    y = AxisScale(0.0, 1.05 * top, bottom, 8.0)
     parts = [_line([left, WIDTH - 62.0], [bottom, bottom], "#b5bec9")]
     for name, value in levels:
         if value < 1.05 * top:

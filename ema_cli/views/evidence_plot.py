@@ -71,7 +71,7 @@ def evidence_figure(found: Examination, cascade: Cascade | None) -> Figure:
         parts: Any = figure.subfigures(
             3, 1, height_ratios=[0.9 + 0.42 * len(rows), 3.6, 2.1])
         top, middle, bottom = parts
-        figure.suptitle(literal(_title(found, verdict)), fontsize=11.0, x=0.01, ha="left")
+        figure.suptitle(literal(_title(found, verdict)), fontsize=11.5, x=0.01, ha="left")
         _reasons(top, rows)
         left, right = middle.subfigures(1, 2, width_ratios=[2.0, 3.0])
         if kind is not None:
@@ -104,11 +104,11 @@ def _reasons(figure: SubFigure, rows: list[dict[str, Any]]) -> None:
             if row[key]:
                 axes.barh(0.0, row[key][1] - row[key][0], left=row[key][0], height=half,
                           color=colour, zorder=1)
-        axes.axhline(0.0, color=GREY, lw=0.6, zorder=0)
+        axes.axhline(0.0, color=GREY, lw=0.7, zorder=0)
         axes.plot(row["value"], 0.0, "D", color=VERMILION, ms=7.0, zorder=3)
         ends = [row["value"], *row["healthy"], *(row["own"] or ())]
         margin = 0.07 * (max(ends) - min(ends) or 1.0)
-        axes.set(xlim=(min(ends) - margin, max(ends) + margin), ylim=(-0.6, 0.6))
+        axes.set(xlim=(min(ends) - margin, max(ends) + margin), ylim=(-0.65, 0.65))
         axes.xaxis.set_major_locator(MaxNLocator(4))
         axes.set_ylabel(f"{feature_words(row['feature'])}\n{short(row['value'])} {row['unit']}",
                         rotation=0, ha="right", va="center", fontsize=9.0)

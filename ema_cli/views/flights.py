@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from ema_prognostics.verdict.judge import Judge
 
 
-MOST_DATE = 4_000_000_000 * 10**9
-"""Beyond this no date is told (ns since the epoch)."""
 LEAST_WIDTHS = (0, 76, 100, 0, 0)
 """Of the terminal on which each column of the flights is shown (characters)."""
 
@@ -129,26 +127,10 @@ def _time(start_time: int) -> str:
     return datetime.fromtimestamp(start_time / 1e9, tz=timezone.utc).strftime("%Y-%m-%d %H:%M")
 
 
-def date_of(flights: Sequence[Flight], number: int) -> datetime | None:
-    """Return when a flight was, or will be if the last ten go on at their pace; None: not known.
-
-    Parameters
-    ----------
-    flights : of one actuator, in order.
-    number : from 1, beyond the last one for what is ahead.
-    """
-    known = [(f.number, f.start_time) for f in flights if f.start_time]
-    at = dict(known).get(number)
-    if at is None and len(known) > 1 and number > known[-1][0]:
-        (first, begin), (last, end) = known[-min(10, len(known))], known[-1]
-        at = end + round((end - begin) / (last - first) * (number - last))
-    if at is None or at > MOST_DATE:
-        return None
-    return datetime.fromtimestamp(at / 1e9, tz=timezone.utc)
-
-
 def about(flights: Sequence[Flight], number: int) -> str:
     """Return the day of a flight that is ahead in words, empty where not known."""
+    from ema_prognostics.trend.flights import date_of
+
     date = date_of(flights, number)
     return "" if date is None else f", about {date:%Y-%m-%d}"
 

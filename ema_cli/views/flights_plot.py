@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from ema_cli.views.flights import date_of
 from ema_cli.views.pictures import save_picture
 from ema_cli.views.record_plots import (
     BLACK,
@@ -24,7 +23,7 @@ from ema_cli.views.record_plots import (
     literal,
 )
 from ema_prognostics.cascade.classes import LEVELS, levels_of
-from ema_prognostics.trend.flights import Flight
+from ema_prognostics.trend.flights import Flight, date_of
 from ema_prognostics.trend.growth import QUANTILE, Growth
 from ema_prognostics.trend.unit_trend import LIMIT, FaultTrend, UnitTrend
 from ema_prognostics.words import class_name, counted, scaled, words

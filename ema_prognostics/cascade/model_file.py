@@ -157,7 +157,7 @@ def parse_model(text: str, where: str) -> TrainedModel:
 def stated_sha256(path: Path) -> str:
     """Return the hash that a model file states, unchecked; empty where it states none."""
     with path.open("rb") as file:
-        found = re.search(rb'"sha256":"([0-9a-f]{64})"', file.read(500))
+        found = re.search(rb'"sha256":"([0-9a-f]{64})"', file.read(400))
     return "" if found is None else found[1].decode()
 
 

@@ -185,14 +185,15 @@ def verdict_of_features(
     if unusual is not None:
         return unusual
     if baseline is None or own is None:
-        return verdict_of_detection(Measured(cascade, x[0], cascade), detection, kind)
+        measured = Measured(cascade.inputs, x[0], cascade.inputs)
+        return verdict_of_detection(measured, detection, kind)
     x = differences(x, corrected_row(baseline, names, left))
     alone, detection = detection, own.find(x, exact=exact)[0]
     detection = replace(detection, known=min(alone.known, detection.known))
     unusual = verdict_of_guard(own, detection, cause="unlike_since_baseline")
     if unusual is not None:
         return unusual
-    return verdict_of_detection(Measured(own, x[0], cascade), detection, kind)
+    return verdict_of_detection(Measured(own.inputs, x[0], cascade.inputs), detection, kind)
 
 
 def corrected_row(

@@ -4,22 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from ema_prognostics.cascade.classes import CLASS_OF, FAULTS, SHORTS, UNITS, level_of, levels_of
 from ema_prognostics.cascade.find import Cascade, Detection
 from ema_prognostics.features.profile_kind import ProfileKind
-from ema_prognostics.verdict.evidence import Evidence, Measure, Measured, guard_evidence
-from ema_prognostics.verdict.verdict import Fault, Verdict
+from ema_prognostics.verdict.evidence import MOST, Measured
+from ema_prognostics.verdict.verdict import Fault, Measure, Symptom, Verdict
 from ema_prognostics.words import ENGLISH, feature_words, next_step
 from ema_record.errors import EmaError, IncompleteRecordError
 
+GROUP, ALL = "group.", "all"
+"""Beginning of the names of groups of features, and the name of all together."""
 FOUND: dict[Measure, str] = {"healthy": "{:+.1f} healthy deviations",
                             "bound": "{:.1f} times the usual bound"}
 
 
-def words_of(evidence: Sequence[Evidence]) -> list[str]:
+def words_of(evidence: Sequence[Symptom]) -> list[str]:
     """Return pieces of evidence as reasons in words."""
     return [f"{feature_words(e.feature, ENGLISH)}: {FOUND[e.measure].format(e.times)}"
             for e in evidence]
+
+
+def guard_evidence(cascade: Cascade, detection: Detection) -> list[Symptom]:
+    """Return what the guard finds unusual: features, groups of them, or all together."""
+    guard = cascade.guard
+    if guard is None:
+        return []
+    names = [
+        *(cascade.inputs.input_names[k] for k in guard.checked),
+        *(f"{GROUP}{name}" for name in guard.groups), ALL,
+    ]
+    singles = len(guard.checked)
+    order = [*np.argsort(-detection.guard[:singles])[:MOST],
+             *(singles + np.argsort(-detection.guard[singles:-1]))[:MOST]]
+    found = [Symptom(feature=names[k], measure="bound", times=float(detection.guard[k]))
+             for k in order if detection.guard[k] > 1.0][:MOST]
+    return found or [Symptom(feature=ALL, measure="bound", times=float(detection.guard[-1]))]
 
 
 def verdict_of_guard(
@@ -79,7 +100,7 @@ def verdict_of_error(error: EmaError, bag: str = "") -> Verdict:
 
 
 def unknown_verdict(
-    *reasons: str, cause: str = "record", evidence: Sequence[Evidence] = ()
+    *reasons: str, cause: str = "record", evidence: Sequence[Symptom] = ()
 ) -> Verdict:
     """Return the verdict on a record that cannot be judged; `cause` as in `Verdict`."""
     return Verdict(outcome="unknown", probabilities={"unknown": 1.0}, reasons=reasons,

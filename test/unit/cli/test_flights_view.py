@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from ema_cli.commands.trend import growth_lines, parse_limit
-from ema_cli.views.flights import date_of
 from ema_cli.views.flights_plot import cone, trend_figure
+from ema_prognostics.trend.flights import date_of
 from ema_prognostics.trend.growth import passage_probability
 from ema_prognostics.trend.unit_trend import trend_of
 from ema_record.errors import UsageError

@@ -110,9 +110,9 @@ def test_version_quiet_and_colour(capsys, repository):
 
 
 def test_sigterm_ends_quietly_with_its_own_status():
-    code = ("import os, signal, sys\nfrom ema_cli import console\nconsole.end_quietly()\n"
+    code = ("import os, signal, sys\nfrom ema_cli import ending\nending.end_quietly()\n"
             "def work():\n    os.kill(os.getpid(), signal.SIGTERM)\n    signal.pause()\n"
-            "console.leave(console.guarded(work))")
+            "ending.leave(ending.guarded(work))")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
                           check=False, timeout=60)
     assert (done.returncode, done.stdout, done.stderr) == (

@@ -9,8 +9,7 @@ from rich.console import Console
 from ema_cli.main import run
 from ema_cli.views.lines import wrapped
 from ema_cli.views.verdict import bar, percent, print_verdict, short
-from ema_prognostics.verdict.evidence import Evidence
-from ema_prognostics.verdict.verdict import Fault, Verdict
+from ema_prognostics.verdict.verdict import Fault, Symptom, Verdict
 
 HEADING = {
     "serial_number": "SN-0042", "profile": "extended",
@@ -19,7 +18,7 @@ HEADING = {
                {"name": "saturation", "level": 1, "message": "3 s at the limit"}],
     "software_version": "0.1.0", "model": "c41a830bd99b7", "kit": "default kit 12345678",
 }
-PULSES = Evidence(feature="quarter_even_m2_re", measure="healthy", times=-23.8, value=-2.4,
+PULSES = Symptom(feature="quarter_even_m2_re", measure="healthy", times=-23.8, value=-2.4,
                   unit="% of the mean torque", healthy=(-0.17, 0.17))
 SHORT = Verdict(
     outcome="fault", bag="flights/one bag", alternatives=("rotor_eccentricity",),
@@ -80,7 +79,7 @@ def test_in_a_pipe_each_statement_is_a_line():
              alternatives=("backlash", "friction")),
      ["does not rule out: backlash, friction", "Run the extended test"]),
     (Verdict(outcome="unknown", bag="b", cause="unlike", probabilities={"unknown": 1.0},
-             evidence=(Evidence(feature="noise_speed", measure="bound", times=1.4),)),
+             evidence=(Symptom(feature="noise_speed", measure="bound", times=1.4),)),
      ["UNKNOWN", "unlike anything", "that sensor and its cable", "usual bound", "1.4 x",
       "ema lint b", "ema identify b"]),
     (Verdict(outcome="unknown", bag="b", cause="doubt", alternatives=("friction",),
