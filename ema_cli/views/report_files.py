@@ -160,7 +160,7 @@ def page_context(data: Mapping[str, Any], record: Record) -> dict[str, Any]:
             for f in verdict["faults"]],
         "lines": lines,
         "evidence": Markup(_evidence(verdict)), "trace": Markup(_trace(record)),  # noqa: S704
-        "trends": [(label, Markup(chart)) for label, chart in _trends(data["trend"])],  # noqa: S704
+        "trends": [(name, Markup(chart)) for name, chart in _trends(data["trend"])],  # noqa: S704
         "no_trend": text("one_flight") if len(data["trend"]) < 2 else say("what.healthy"),
         "checks": [_check(check) for check in data["checks"]],
         "hashes": _hashes(data["trace"]), "version": data["trace"]["software"],

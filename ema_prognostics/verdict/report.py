@@ -16,8 +16,8 @@ from ema_record.errors import EmaError, IncompleteRecordError
 
 GROUP, ALL = "group.", "all"
 """Beginning of the names of groups of features, and the name of all together."""
-FOUND: dict[Measure, str] = {"healthy": "{:+.1f} healthy deviations",
-                            "bound": "{:.1f} times the usual bound"}
+FOUND: dict[Measure, str] = {
+    "healthy": "{:+.1f} healthy deviations", "bound": "{:.1f} times the usual bound"}
 
 
 def words_of(evidence: Sequence[Symptom]) -> list[str]:

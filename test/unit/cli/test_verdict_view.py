@@ -19,7 +19,7 @@ HEADING = {
     "software_version": "0.1.0", "model": "c41a830bd99b7", "kit": "default kit 12345678",
 }
 PULSES = Symptom(feature="quarter_even_m2_re", measure="healthy", times=-23.8, value=-2.4,
-                  unit="% of the mean torque", healthy=(-0.17, 0.17))
+                 unit="% of the mean torque", healthy=(-0.17, 0.17))
 SHORT = Verdict(
     outcome="fault", bag="flights/one bag", alternatives=("rotor_eccentricity",),
     faults=(Fault(fault_class="turn_short", phase="b", severity=0.099, severity_unit="1",
