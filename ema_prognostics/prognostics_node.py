@@ -16,6 +16,7 @@ from std_msgs.msg import String
 
 from ema_prognostics.node.assembler import TOPICS, RecordAssembler
 from ema_prognostics.node.messages import severity_message, verdict_status
+from ema_prognostics.verdict.contract import trace_of, verdict_object
 from ema_prognostics.verdict.judge import Judge, Judged
 from ema_prognostics.verdict.report import verdict_of_error
 from ema_record.bag.container import METADATA_FILE
@@ -73,6 +74,7 @@ class PrognosticsNode(EmaNode):
         use_given_kit(self)
         values = declare_parameters(self, SPECS)
         self._judge = Judge(str(values["model_file"]) or None, str(values["baseline"]) or None)
+        self._trace = trace_of(self._judge.model_sha256)
         self._assembler = RecordAssembler()
         self._done: deque[str] = deque(maxlen=REMEMBERED)
         self._records = 0
@@ -136,7 +138,9 @@ class PrognosticsNode(EmaNode):
             self._publish(self._judge.of_record(record, LIVE))
 
     def _publish(self, judged: Judged) -> None:
-        verdict = judged.verdict.to_dict()
+        verdict = verdict_object(
+            judged.verdict, self._trace, serial_number=judged.serial_number,
+            start_time=judged.start_time, profile=judged.profile)
         self._status = verdict_status(verdict, judged.serial_number)
         self._verdict.publish(self._status)
         self._severity.publish(severity_message(verdict))

@@ -22,6 +22,9 @@ MAY_IMPORT = {
         "ema_record", "ema_rig", "ema_ros", "ema_sim", "ema_monitor", "ema_prognostics",
         "ema_identification",
     },
+    "ema_phm": {
+        "ema_record", "ema_rig", "ema_sim", "ema_prognostics", "ema_identification", "ema_cli",
+    },
 }
 ROS_PACKAGES = {"rclpy", "launch", "launch_ros", "rosidl_runtime_py", "rosbag2_py", "rpyutils"}
 MESSAGE_PACKAGE = re.compile(r".+_(msgs|interfaces|srvs)$")

@@ -12,13 +12,13 @@ from ema_cli.console import (
     drawing,
     error_line,
     note,
-    print_json,
     say,
     speech,
     stdout,
 )
-from ema_cli.options import Baseline, Cascade, Commanded
+from ema_cli.options import Baseline, Cascade, Commanded, Format
 from ema_cli.views.flights import draw_sequence, judged_flights, print_sequence
+from ema_cli.views.machine import Machine, check_format
 from ema_cli.views.verdict import print_verdict
 from ema_record.errors import InvalidRecordError, UsageError, unknown_name
 
@@ -41,7 +41,8 @@ def check(
         metavar="FILE.png|.svg|.pdf", help="Draw the evidence of a bag, or the flights of a "
         "directory, with what is ahead."
     )] = None,
-    json: Annotated[bool, typer.Option("--json", help="One JSON object a bag and line.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="As --format json.")] = False,
+    form: Format = "text",
 ) -> int:
     """Say what is wrong with the actuator that a bag was recorded from.
 
@@ -58,15 +59,15 @@ def check(
     Example: `ema check bags/sim_0001_extended`
     """
     from ema_prognostics.trend.flights import is_sequence, what_else
-    from ema_prognostics.trend.unit_trend import trend_of
     from ema_prognostics.verdict.diagnose import MODES
     from ema_prognostics.verdict.examination import examine
-    from ema_prognostics.verdict.judge import Judge
+    from ema_prognostics.verdict.judge import Judge, Judged
     from ema_prognostics.verdict.report import verdict_of_error
     from ema_prognostics.verdict.verdict import worst_status
 
     if mode not in MODES:
         raise unknown_name("mode", mode, MODES, f"give one of {', '.join(MODES)}")
+    form = check_format(form, json=json)
     sequences = [bag for bag in bags if is_sequence(bag)]
     if plot is not None:
         if len(bags) != 1:
@@ -77,26 +78,31 @@ def check(
         picture_format(plot)
         check_new_file(plot)
     judge = Judge(model, baseline, profile=profile, mode=mode)
+    out = Machine(form, judge) if form != "text" else None
     statuses = []
     trends = []
     for bag in bags:
         if bag in sequences:
+            from ema_prognostics.trend.unit_trend import trend_of
+
             trends = [trend_of(*unit) for unit in judged_flights([bag], judge).items()]
-            print_sequence(trends, json=json)
+            print_sequence(trends, out)
             statuses += [f.verdict.exit_status for trend in trends for f in trend.flights
                          if f.repeat_of is None]
             continue
         other = what_else(bag)
         if other is None:
-            found = examine(judge, bag)
-            verdict, heading = found.verdict, found.heading()
+            found = examine(judge, bag) if out is None or plot is not None else None
+            judged = judge.of_bag(bag) if found is None else found.judged
         else:
             error = InvalidRecordError(
                 f"{bag}: {other}: give a rosbag2 directory, an .mcap file or a directory of bags")
-            verdict, heading = verdict_of_error(error, str(bag)), {}
+            found, judged = None, Judged(verdict_of_error(error, str(bag)))
+        verdict = judged.verdict
+        heading = {} if found is None else found.heading()
         statuses.append(verdict.exit_status)
-        if json:
-            print_json(verdict.to_dict())
+        if out is not None:
+            out.verdict(judged)
         elif other is not None:
             error_line(verdict.reasons[0])
         else:
@@ -104,7 +110,7 @@ def check(
                 say("")
             print_verdict(verdict.to_dict(), heading, stdout(), **speech()._asdict())
         if plot is not None:
-            _draw(found if other is None else None, judge, plot)
+            _draw(found, judge, plot)
     if plot is not None and sequences:
         draw_sequence(trends, plot)
     return worst_status(statuses)

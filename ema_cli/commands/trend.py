@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ema_cli.console import check_new_file, print_json, say
-from ema_cli.options import Baseline, Cascade, Commanded
+from ema_cli.options import Baseline, Cascade, Commanded, Format, Rule
 from ema_cli.views.flights import (
     about,
     draw_sequence,
@@ -18,9 +18,11 @@ from ema_cli.views.flights import (
     fall_lines,
     judged_flights,
     number_list,
+    print_sequence,
+    trend_object,
     unit_name,
-    verdict_object,
 )
+from ema_cli.views.machine import Machine, check_format
 from ema_prognostics.words import class_name, counted, scaled
 from ema_record.errors import UsageError, bounded, unknown_name
 
@@ -32,9 +34,7 @@ if TYPE_CHECKING:
 def trend(
     bags: Annotated[list[Path], typer.Argument(
         metavar="DIR|BAG...", help="Bags of an actuator, one a flight, or directories of them.")],
-    rule: Annotated[str, typer.Option(
-        metavar="K/N", help="A fault is confirmed when K of the last N flights find it."
-    )] = "2/3",
+    rule: Rule = "2/3",
     profile: Commanded = None,
     model: Cascade = None,
     baseline: Baseline = None,
@@ -45,7 +45,8 @@ def trend(
         metavar="FAULT=SIZE", help="Forecast a size of your own too, as turn_short=5% or "
         "backlash=2mrad; repeatable.")] = None,
     json: Annotated[bool, typer.Option(
-        "--json", help="One JSON object an actuator and line.")] = False,
+        "--json", help="As --format json, one object an actuator.")] = False,
+    form: Format = "text",
 ) -> int:
     """Say how the faults of an actuator grow from flight to flight.
 
@@ -64,6 +65,7 @@ def trend(
     from ema_prognostics.verdict.judge import Judge
 
     chosen, limits = parse_rule(rule), dict(map(parse_limit, limit or []))
+    form = check_format(form, json=json)
     if plot is not None:
         from ema_cli.views.pictures import picture_format
 
@@ -73,11 +75,16 @@ def trend(
         other = None if is_sequence(bag) else what_else(bag)
         if other is not None:
             raise UsageError(f"{bag}: {other}: give a bag, or a directory of them")
-    units = judged_flights(bags, Judge(model, baseline, profile=profile))
+    judge = Judge(model, baseline, profile=profile)
+    units = judged_flights(bags, judge)
     trends = [trend_of(unit, flights, chosen, limits) for unit, flights in units.items()]
+    out = Machine(form, judge) if form != "text" else None
+    if out is not None and form == "csv":
+        print_sequence(trends, out)
     for found in trends:
-        if json:
-            print_json(verdict_object(found))
+        if out is not None:
+            if form == "json":
+                print_json(trend_object(found, out))
             continue
         for line in trend_lines(found, limits):
             say(line)

@@ -8,7 +8,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from ema_prognostics.verdict.judge import UNKNOWN_SERIAL, Judge
+from ema_prognostics.verdict.judge import UNKNOWN_SERIAL, Judge, Judged
 from ema_prognostics.verdict.report import verdict_of_error
 from ema_prognostics.verdict.verdict import Verdict
 from ema_record.actuator_type import actuator_hash
@@ -38,6 +38,14 @@ class Examination:
     record: Record | None
     checks: tuple[CheckResult, ...]
     model: str
+
+    @property
+    def judged(self) -> Judged:
+        """The verdict with unit, time and test."""
+        if self.record is None:
+            return Judged(self.verdict)
+        told = self.record.provenance
+        return Judged(self.verdict, told.serial_number, told.start_time, self.record.profile.name)
 
     @property
     def serial_number(self) -> str:

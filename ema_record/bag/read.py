@@ -10,7 +10,6 @@ import numpy as np
 
 from ema_record.bag.container import StoredMessage, read_content
 from ema_record.bag.metadata import read_test_metadata
-from ema_record.bag.writer import CHUNK_SIZE, BagWriter
 from ema_record.channels import SURFACE_POSITION, TIME
 from ema_record.errors import (
     IncompleteRecordError,
@@ -250,7 +249,7 @@ def write_bag(
     path: str | Path,
     *,
     views: bool = True,
-    chunk_size: int = CHUNK_SIZE,
+    chunk_size: int | None = None,
 ) -> Path:
     """Write a record as a bag, the same bytes for the same record.
 
@@ -262,7 +261,7 @@ def write_bag(
         The directory to make.
     views : bool
         Also write the topics for people, decimated: joint states, phase currents.
-    chunk_size : int
+    chunk_size : int, optional
         See `BagWriter`.
 
     Returns
@@ -278,10 +277,12 @@ def write_bag(
         No sample, or times before the acceptance of the command.
 
     """
+    from ema_record.bag.writer import CHUNK_SIZE, BagWriter
+
     messages = _messages(record, views=views)
     with BagWriter(
         path, profile=record.profile, provenance=record.provenance,
-        chunk_size=chunk_size, flush_interval=None,
+        chunk_size=chunk_size or CHUNK_SIZE, flush_interval=None,
     ) as writer:
         for time, topic, data in messages:
             writer.write_raw(topic, data, time)
