@@ -77,8 +77,7 @@ def check(
         picture_format(plot)
         check_new_file(plot)
     judge = Judge(model, baseline, profile=profile, mode=mode)
-    statuses = []
-    trends = []
+    statuses, trends, shown = [], [], False
     for bag in bags:
         if bag in sequences:
             trends = [trend_of(*unit) for unit in judged_flights([bag], judge).items()]
@@ -100,8 +99,9 @@ def check(
         elif other is not None:
             error_line(verdict.reasons[0])
         else:
-            if len(bags) > 1 and len(statuses) > 1 and not speech().quiet:
+            if shown and not speech().quiet:
                 say("")
+            shown = True
             print_verdict(verdict.to_dict(), heading, stdout(), **speech()._asdict())
         if plot is not None:
             _draw(found if other is None else None, judge, plot)
