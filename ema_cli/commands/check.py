@@ -79,8 +79,7 @@ def check(
         check_new_file(plot)
     judge = Judge(model, baseline, profile=profile, mode=mode)
     out = Machine(form, judge) if form != "text" else None
-    statuses = []
-    trends = []
+    statuses, trends, shown = [], [], False
     for bag in bags:
         if bag in sequences:
             from ema_prognostics.trend.unit_trend import trend_of
@@ -106,8 +105,9 @@ def check(
         elif other is not None:
             error_line(verdict.reasons[0])
         else:
-            if len(bags) > 1 and len(statuses) > 1 and not speech().quiet:
+            if shown and not speech().quiet:
                 say("")
+            shown = True
             print_verdict(verdict.to_dict(), heading, stdout(), **speech()._asdict())
         if plot is not None:
             _draw(found, judge, plot)
