@@ -162,7 +162,7 @@ def build_app(name: str) -> typer.Typer:
 
 
 def _print_help() -> None:
-    from ema_cli.views.lines import wrapped
+    from ema_cli.lines import wrapped
 
     console = stdout()
     width = max(map(len, COMMANDS)) + 2

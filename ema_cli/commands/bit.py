@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ema_cli.console import note, print_json, progress, speech, stdout
+from ema_cli.lines import Line, print_lines
 from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber
-from ema_cli.views.lines import Line, print_lines
 from ema_cli.views.verdict import print_verdict
 from ema_prognostics.words import words
 from ema_record.errors import EmaError, TestRefusedError

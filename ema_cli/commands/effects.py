@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ema_cli.console import print_json, print_table, stdout, styled
-from ema_cli.views.lines import NO_BREAK, Line, print_lines
+from ema_cli.lines import NO_BREAK, Line, print_lines
 from ema_record.errors import unknown_name
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ema_cli.console import print_json, stdout
-from ema_cli.views.lines import Line, print_lines
+from ema_cli.lines import Line, print_lines
 from ema_cli.views.verdict import short
 from ema_prognostics.words import CLASSES, feature_words, scaled, words
 from ema_record.errors import unknown_name

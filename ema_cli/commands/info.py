@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from ema_cli.console import given_bags, print_json, say, speech, stdout
-from ema_cli.views.lines import Line, print_lines
+from ema_cli.lines import Line, print_lines
 from ema_cli.views.verdict import short
 
 

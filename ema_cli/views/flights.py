@@ -16,7 +16,7 @@ from ema_cli.console import (
     stdout,
     styled,
 )
-from ema_cli.views.lines import print_rows
+from ema_cli.lines import print_rows
 from ema_cli.views.verdict import STYLES
 from ema_prognostics.words import class_name, counted, severity_words
 from ema_record.errors import UsageError

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ema_cli.console import neutral, styled, unicode_output
-from ema_cli.views.lines import INDENT, NO_BREAK, Line, print_lines, wrapped
+from ema_cli.lines import INDENT, NO_BREAK, Line, print_lines, wrapped
 from ema_prognostics.words import (
     class_name,
     feature_words,

@@ -13,8 +13,8 @@ from rich.console import Console
 
 from ema_cli import console
 from ema_cli.commands.completion import follow
+from ema_cli.lines import Line, print_lines, print_rows
 from ema_cli.main import COMMANDS, run
-from ema_cli.views.lines import Line, print_lines, print_rows
 
 
 def shown(width, draw, *arguments):

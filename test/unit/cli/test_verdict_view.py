@@ -6,8 +6,8 @@ import json
 import pytest
 from rich.console import Console
 
+from ema_cli.lines import wrapped
 from ema_cli.main import run
-from ema_cli.views.lines import wrapped
 from ema_cli.views.verdict import bar, percent, print_verdict, short
 from ema_prognostics.verdict.verdict import Fault, Symptom, Verdict
 
