@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ema_cli.console import check_new_file, print_json, say
+from ema_cli.console import check_new_file, print_json, stdout
+from ema_cli.lines import print_text
 from ema_cli.options import Baseline, Cascade, Commanded
 from ema_cli.views.flights import (
     about,
@@ -80,7 +81,7 @@ def trend(
             print_json(verdict_object(found))
             continue
         for line in trend_lines(found, limits):
-            say(line)
+            print_text(line, stdout())
     if plot is not None:
         draw_sequence(trends, plot)
     statuses = [exit_status(found) for found in trends]

@@ -13,11 +13,10 @@ from ema_cli.console import (
     note,
     print_json,
     progress,
-    say,
     stdout,
     styled,
 )
-from ema_cli.lines import print_rows
+from ema_cli.lines import print_rows, print_text
 from ema_cli.views.verdict import STYLES
 from ema_prognostics.words import class_name, counted, severity_words
 from ema_record.errors import UsageError
@@ -42,7 +41,7 @@ def print_sequence(trends: Sequence[UnitTrend], *, json: bool = False) -> None:
             continue
         print_flights(trend)
         for line in fault_lines(trend):
-            say(line)
+            print_text(line, stdout())
 
 
 def draw_sequence(trends: Sequence[UnitTrend], plot: Path) -> None:
