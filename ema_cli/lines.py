@@ -68,6 +68,14 @@ def wrapped(text: str, width: int) -> list[str]:
     return [line.replace(NO_BREAK, " ") for line in lines] or [""]
 
 
+def print_text(text: str, console: Console) -> None:
+    """Print a line; what does not fit goes on below, two blanks further in than it begins."""
+    indent = " " * (len(text) - len(text.lstrip(" ")))
+    room = console.width - len(indent) - INDENT
+    for k, piece in enumerate(wrapped(neutral(text.strip()), room)):
+        console.print(styled(indent + " " * (INDENT if k else 0) + piece), soft_wrap=True)
+
+
 def print_rows(header: Sequence[str], rows: Sequence[Sequence[Cell]], console: Console) -> None:
     """Print rows below a header; the last column takes what is left and is wrapped within it."""
     cells = [[cell if isinstance(cell, tuple) else (cell, "") for cell in row] for row in rows]

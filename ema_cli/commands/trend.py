@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ema_cli.console import check_new_file, print_json, say
+from ema_cli.console import check_new_file, print_json, stdout
+from ema_cli.lines import print_text
 from ema_cli.options import Baseline, Cascade, Commanded, Format, Rule
 from ema_cli.views.flights import (
     about,
@@ -87,7 +88,7 @@ def trend(
                 print_json(trend_object(found, out))
             continue
         for line in trend_lines(found, limits):
-            say(line)
+            print_text(line, stdout())
     if plot is not None:
         draw_sequence(trends, plot)
     statuses = [exit_status(found) for found in trends]

@@ -12,11 +12,10 @@ from ema_cli.console import (
     given_bags,
     note,
     progress,
-    say,
     stdout,
     styled,
 )
-from ema_cli.lines import print_rows
+from ema_cli.lines import print_rows, print_text
 from ema_cli.views.verdict import STYLES
 from ema_prognostics.words import class_name, counted, severity_words
 from ema_record.errors import UsageError
@@ -42,7 +41,7 @@ def print_sequence(trends: Sequence[UnitTrend], out: Machine | None = None) -> N
             continue
         print_flights(trend)
         for line in fault_lines(trend):
-            say(line)
+            print_text(line, stdout())
 
 
 def draw_sequence(trends: Sequence[UnitTrend], plot: Path) -> None:
