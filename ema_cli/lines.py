@@ -27,7 +27,7 @@ Cell = str | tuple[str, str]
 """A text, or one with a style."""
 
 
-class Line(NamedTuple):
+class TextLine(NamedTuple):
     """A labelled line of a verdict."""
 
     label: str | None
@@ -38,7 +38,7 @@ class Line(NamedTuple):
     """What stands at the right edge, e.g. a bar."""
 
 
-def print_lines(lines: Sequence[Line], console: Console) -> None:
+def print_lines(lines: Sequence[TextLine], console: Console) -> None:
     """Print labelled lines, their texts in one column that is wrapped within itself."""
     wide = max((len(line.label or "") for line in lines), default=0)
     begin = INDENT + wide + 2

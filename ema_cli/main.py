@@ -27,9 +27,9 @@ from ema_cli.ending import end_quietly, guarded, leave
 from ema_cli.options import with_common
 from ema_record.errors import UsageError, unknown_name
 
-COMMANDS = ("bit", "simulate", "check", "explain", "trend", "fleet", "report", "replay", "import",
-            "export", "info", "lint", "recover", "identify", "effects", "profile", "new-actuator",
-            "commission", "train", "paper", "completion")
+COMMANDS = ("bit", "conformance", "simulate", "check", "explain", "trend", "fleet", "report",
+            "replay", "import", "export", "info", "lint", "recover", "identify", "effects",
+            "profile", "new-actuator", "commission", "train", "paper", "completion")
 """All commands, in the order of the help."""
 PROGRAM = "ema"
 

@@ -45,6 +45,13 @@ class Provenance:
     """File or bag that it was read from."""
     actuator: str = ""
     """Type of the actuator, see `actuator_type`; empty: not known."""
+    namespace: str = ""
+    """Of the actuator on the graph it was recorded from, ``/left_aileron``; empty: it has none."""
+
+    @property
+    def name(self) -> str:
+        """Name of the actuator among others of the aircraft, ``left_aileron``; empty: none."""
+        return self.namespace.removeprefix("/")
 
 
 class SampleBlock(NamedTuple):

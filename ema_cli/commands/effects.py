@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ema_cli.console import print_json, print_table, stdout, styled
-from ema_cli.lines import NO_BREAK, Line, print_lines
+from ema_cli.lines import NO_BREAK, TextLine, print_lines
 from ema_record.errors import unknown_name
 
 if TYPE_CHECKING:
@@ -95,12 +95,13 @@ def _print_table(chosen: list[Effect]) -> None:
     """Print a paragraph an effect: what it is, its parameters with bounds, unit and default."""
     lines = []
     for effect in chosen:
-        lines += [Line(None, ""), Line(None, f"{effect.name} ({effect.port})", "bold"),
-                  Line("", effect.summary)]
+        lines += [TextLine(None, ""), TextLine(None, f"{effect.name} ({effect.port})", "bold"),
+                  TextLine("", effect.summary)]
         for field in effect.fields:
             unit = unit_text(field)
             text = f"{bounds_text(field)} {unit}".rstrip().replace(" ", NO_BREAK)
-            lines.append(Line("", f"{effect.name}.{field.name}={field.default_text}  ({text})"))
+            name = f"{effect.name}.{field.name}"
+            lines.append(TextLine("", f"{name}={field.default_text}  ({text})"))
     print_lines(lines[1:], stdout())
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ema_cli.console import print_json, stdout
-from ema_cli.lines import Line, print_lines
+from ema_cli.lines import TextLine, print_lines
 from ema_cli.views.verdict import short
 from ema_prognostics.words import CLASSES, feature_words, scaled, words
 from ema_record.errors import unknown_name
@@ -39,12 +39,12 @@ def explain(
     return 0
 
 
-def catalogue() -> list[Line]:
+def catalogue() -> list[TextLine]:
     """Return the names that are explained, a kind a line."""
     say = words()
     kinds = {"finding": CLASSES, "term": (*OUTCOMES, *TERMS), "check": checks(),
              "reason": reasons()}
-    return [Line(say(f"explain.{kind}"), ", ".join(names)) for kind, names in kinds.items()]
+    return [TextLine(say(f"explain.{kind}"), ", ".join(names)) for kind, names in kinds.items()]
 
 
 def checks() -> list[str]:
@@ -70,7 +70,7 @@ def feature_names() -> list[str]:
         for n in cascades[key].inputs.input_names))
 
 
-def explanation(text: str) -> list[Line]:
+def explanation(text: str) -> list[TextLine]:
     """Return the lines that explain a name; UsageError if it is not known."""
     say = words()
     name = "_".join(text.lower().replace("-", " ").split())
@@ -78,9 +78,9 @@ def explanation(text: str) -> list[Line]:
         return list(_fault(name))
     if name in (*OUTCOMES, *TERMS):
         kind = "term" if name in TERMS else "verdict"
-        found = [Line(say(f"explain.{kind}"), name.replace("_", " "), "bold"),
-                 Line("", say(f"about.{name}"))]
-        return found + ([Line(say("label.do"), say(f"do.{name}"))] if say.has(f"do.{name}")
+        found = [TextLine(say(f"explain.{kind}"), name.replace("_", " "), "bold"),
+                 TextLine("", say(f"about.{name}"))]
+        return found + ([TextLine(say("label.do"), say(f"do.{name}"))] if say.has(f"do.{name}")
                         else [])
     if name in checks():
         return list(_check(name))
@@ -95,65 +95,66 @@ def explanation(text: str) -> list[Line]:
     return list(_reason(same))
 
 
-def _fault(name: str) -> Iterator[Line]:
+def _fault(name: str) -> Iterator[TextLine]:
     from ema_prognostics.cascade.classes import levels_of
     from ema_prognostics.verdict.evidence import RELEVANT
 
     say = words()
-    yield Line(say("explain.finding"), say(f"fault.{name}.title") + f" ({name})", "bold")
-    yield Line("", say(f"about.{name}"))
+    yield TextLine(say("explain.finding"), say(f"fault.{name}.title") + f" ({name})", "bold")
+    yield TextLine("", say(f"about.{name}"))
     scale, unit = scaled(name)
     medium, large = (f"{short(scale * v)} {unit}" for v in levels_of(name))
-    yield Line("", say("explain.levels", medium=medium, large=large))
+    yield TextLine("", say("explain.levels", medium=medium, large=large))
     for other in say.below(f"alternative.{name}"):
         key = f"alternative.{name}.{other}"
-        yield Line(say("label.sure"), say("sure.alternative", other=say(f"{key}.name"),
+        yield TextLine(say("label.sure"), say("sure.alternative", other=say(f"{key}.name"),
                                           measure=say(f"{key}.measure", phase="a|b|c")))
     if say(f"compare.{name}"):
-        yield Line(say("label.sure"), say(f"compare.{name}"))
+        yield TextLine(say("label.sure"), say(f"compare.{name}"))
     for k, level in enumerate(("small", "medium", "large")):
-        yield Line(say("label.do") if k == 0 else "",
+        yield TextLine(say("label.do") if k == 0 else "",
                    f"{say(f'level.{level}').upper()}: {say(f'do.{name}.{level}')}")
-    yield Line("", say("do.authority"))
+    yield TextLine("", say("do.authority"))
     speaking = dict.fromkeys(
         feature_words(n) for n in feature_names() if any(key in n for key in RELEVANT[name]))
-    yield Line(say("label.why"), say("explain.seen_in", features="; ".join(speaking)))
+    yield TextLine(say("label.why"), say("explain.seen_in", features="; ".join(speaking)))
 
 
-def _check(name: str) -> Iterator[Line]:
+def _check(name: str) -> Iterator[TextLine]:
     from ema_record.checks.guard import OUTCOMES as EFFECTS
     from ema_record.checks.guard import RULES
     from ema_record.checks.live import GROUPS
 
     say = words()
     key = f"check.{name}" if say.has(f"check.{name}") else f"check.{name.replace('_', ' ')}"
-    yield Line(say("explain.check"), name.replace("_", " "), "bold")
-    yield Line("", say(key))
+    yield TextLine(say("explain.check"), name.replace("_", " "), "bold")
+    yield TextLine("", say(key))
     parts = [rule for rule in GROUPS.get(name.replace("_", " "), ()) if rule != name]
     for part in parts:
-        yield Line("", f"{part}: {say(f'check.{part}')}")
+        yield TextLine("", f"{part}: {say(f'check.{part}')}")
     for remedy in dict.fromkeys(rule.remedy for rule in RULES if rule.name == name):
-        yield Line(say("label.do"), f"{remedy[0].upper()}{remedy[1:]}.")
+        yield TextLine(say("label.do"), f"{remedy[0].upper()}{remedy[1:]}.")
     if name in EFFECTS:
-        yield Line("", say("explain.effect", outcome=say(f"outcome.{EFFECTS[name]}")))
+        yield TextLine("", say("explain.effect", outcome=say(f"outcome.{EFFECTS[name]}")))
 
 
-def _reason(names: list[str]) -> Iterator[Line]:
+def _reason(names: list[str]) -> Iterator[TextLine]:
     from ema_prognostics.cascade.model_file import load_model
     from ema_prognostics.verdict.evidence import RELEVANT, healthy_range, unit_of
 
     say = words()
-    yield Line(say("explain.reason"), f"{feature_words(names[0])} ({', '.join(names)})", "bold")
-    yield Line("", say("feature_about"))
+    known = f"{feature_words(names[0])} ({', '.join(names)})"
+    yield TextLine(say("explain.reason"), known, "bold")
+    yield TextLine("", say("feature_about"))
     for key, cascade in sorted(load_model().cascades.items()):
         test, view = key.split("/")
         if view != "fleet" or names[0] not in cascade.inputs.input_names:
             continue
         low, high = map(short, healthy_range(cascade.inputs, names[0]))
         unit = unit_of(names[0]).name
-        yield Line("", f"{say('head.test', profile=test)}: {say('numbers.healthy')} "
+        yield TextLine("", f"{say('head.test', profile=test)}: {say('numbers.healthy')} "
                    f"{say('to', low=low, high=high)} {unit}".rstrip())
     spoken: list[str] = [say(f"fault.{c}.title") for c, keys in RELEVANT.items()
                          if any(key in names[0] for key in keys)]
     if spoken:
-        yield Line("", say("explain.speaks_for", faults=", ".join(spoken)))
+        yield TextLine("", say("explain.speaks_for", faults=", ".join(spoken)))

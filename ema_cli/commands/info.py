@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from ema_cli.console import given_bags, print_json, say, speech, stdout
-from ema_cli.lines import Line, print_lines
+from ema_cli.lines import TextLine, print_lines
 from ema_cli.views.verdict import short
 
 
@@ -28,8 +28,8 @@ def info(
             continue
         if place and not speech().quiet:
             say("")
-        print_lines([Line(None, str(bag), "bold"),
-                     *(Line(name, _text(value)) for name, value in found.items()
+        print_lines([TextLine(None, str(bag), "bold"),
+                     *(TextLine(name, _text(value)) for name, value in found.items()
                        if name != "bag" and value not in (None, "", []))], stdout())
     return 0
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ema_cli.console import neutral, styled, unicode_output
-from ema_cli.lines import INDENT, NO_BREAK, Line, print_lines, wrapped
+from ema_cli.lines import INDENT, NO_BREAK, TextLine, print_lines, wrapped
 from ema_prognostics.words import (
     class_name,
     feature_words,
@@ -61,7 +61,7 @@ def print_verdict(
     lines = list(verdict_lines(verdict))
     unusual = [c for c in heading.get("checks", ()) if c["level"] > 0]
     for k, check in enumerate(() if verbose else unusual):
-        lines.append(Line(say("label.checks") if k == 0 else "",
+        lines.append(TextLine(say("label.checks") if k == 0 else "",
                           f"{check['name']}: {check['message']}"))
     if verbose:
         lines += numbers(verdict, heading)
@@ -79,6 +79,7 @@ def heading_parts(verdict: Facts, heading: Facts) -> list[str]:
     key = "complete" if verdict["verdict"] not in ("incomplete", "invalid") else "not_complete"
     time = heading["start_time"][:16].replace("T", NO_BREAK)
     return [
+        *filter(None, [verdict.get("actuator")]),
         heading["serial_number"] or say("head.no_serial"),
         f"{time}{NO_BREAK}UTC" if time else say("head.no_time"),
         say("head.test", profile=heading["profile"]) + ", "
@@ -86,14 +87,14 @@ def heading_parts(verdict: Facts, heading: Facts) -> list[str]:
     ]
 
 
-def verdict_lines(verdict: Facts) -> Iterable[Line]:
+def verdict_lines(verdict: Facts) -> Iterable[TextLine]:
     """Return what is found, how sure it is, what to do and why."""
     say = words()
     yield from _findings(verdict)
     outcome, faults = verdict["verdict"], verdict["faults"]
-    yield from (Line(say("label.what"), text) for text in _what(verdict))
+    yield from (TextLine(say("label.what"), text) for text in _what(verdict))
     for k, text in enumerate(_sure(verdict)):
-        yield Line(say("label.sure") if k == 0 else "", text)
+        yield TextLine(say("label.sure") if k == 0 else "", text)
     if outcome == "fault":
         advice = [say(f"do.{f['fault_class']}.{f['level']}") for f in faults if f["level"]]
     else:
@@ -101,11 +102,11 @@ def verdict_lines(verdict: Facts) -> Iterable[Line]:
     if outcome == "healthy" and verdict["alternatives"]:
         advice = [say("alternative.healthy.measure") + "."]
     if advice:
-        yield Line(say("label.do"), " ".join(dict.fromkeys(filter(None, advice))))
+        yield TextLine(say("label.do"), " ".join(dict.fromkeys(filter(None, advice))))
     yield from _why(verdict)
 
 
-def _findings(verdict: Facts) -> Iterable[Line]:
+def _findings(verdict: Facts) -> Iterable[TextLine]:
     """Return each fault with its size, interval and level."""
     say = words()
     titles = [title(f) for f in verdict["faults"]]
@@ -113,7 +114,7 @@ def _findings(verdict: Facts) -> Iterable[Line]:
     for text, fault in zip(titles, verdict["faults"]):
         level = say(f"level.{fault['level']}").upper() if fault["level"] else ""
         parts = [text.ljust(wide), fault_size(fault), level]
-        yield Line(None, "   ".join(filter(None, parts)), "bold")
+        yield TextLine(None, "   ".join(filter(None, parts)), "bold")
 
 
 def title(fault: Facts) -> str:
@@ -207,7 +208,7 @@ def step(verdict: Facts) -> str:
     return ""
 
 
-def _why(verdict: Facts) -> Iterable[Line]:
+def _why(verdict: Facts) -> Iterable[TextLine]:
     """Return the strongest reasons, with how far off each is and a bar."""
     say = words()
     found = verdict.get("evidence") or []
@@ -215,11 +216,11 @@ def _why(verdict: Facts) -> Iterable[Line]:
         return
     measure = found[0]["measure"]
     key = "none" if verdict["verdict"] == "healthy" else "bound" if measure == "bound" else "fault"
-    yield Line(say("label.why"), say(f"why.{key}"))
+    yield TextLine(say("label.why"), say(f"why.{key}"))
     amounts = [times_text(e["times"]) for e in found]
     wide = max(map(len, amounts))
     for amount, evidence in zip(amounts, found):
-        yield Line("", feature_words(evidence["feature"]), "",
+        yield TextLine("", feature_words(evidence["feature"]), "",
                    f"{amount.rjust(wide)} {bar(abs(evidence['times']), measure)}")
 
 
@@ -235,12 +236,12 @@ def bar(times: float, measure: str = "healthy") -> str:
     return ("▇" if unicode_output() else "#") * max(1, min(BAR, round(BAR * share)))
 
 
-def numbers(verdict: Facts, heading: Facts) -> Iterable[Line]:
+def numbers(verdict: Facts, heading: Facts) -> Iterable[TextLine]:
     """Return what -v adds: probabilities, values beside those of healthy units, checks."""
     say = words()
     found = [f"{name_of(name)} {100 * p:.1f} %" for name, p in verdict["probabilities"].items()]
     if found:
-        yield Line(say("label.numbers"), say("numbers.probabilities") + " " + ", ".join(found))
+        yield TextLine(say("label.numbers"), say("numbers.probabilities") + " " + ", ".join(found))
     for e in verdict.get("evidence") or []:
         if e["value"] is not None:
             text = f"{feature_words(e['feature'])}: {short(e['value'])} {e['unit']}".rstrip()
@@ -248,27 +249,27 @@ def numbers(verdict: Facts, heading: Facts) -> Iterable[Line]:
                 if e[key]:
                     low, high = map(short, e[key])
                     text += f"; {say(f'numbers.{key}')} {say('to', low=low, high=high)}"
-            yield Line("", text)
+            yield TextLine("", text)
     known = tuple(e["words"] for e in verdict.get("evidence") or [])
     for reason in verdict["reasons"]:
         if not reason.startswith(known or " "):
-            yield Line("", reason)
+            yield TextLine("", reason)
     for check in heading.get("checks", ()):
-        yield Line("", f"{check['name']}: {check['message']}")
+        yield TextLine("", f"{check['name']}: {check['message']}")
     if verdict["verdict"] == "fault":
-        yield Line("", say("do.authority"))
+        yield TextLine("", say("do.authority"))
 
 
-def last_lines(verdict: Facts, heading: Facts) -> Iterable[Line]:
+def last_lines(verdict: Facts, heading: Facts) -> Iterable[TextLine]:
     """Return the next commands, the record, and the versions that judged."""
     say = words()
     bag = str(verdict.get("bag") or "")
     if bag:
-        yield Line(say("label.next"), "   ".join(
+        yield TextLine(say("label.next"), "   ".join(
             c.replace(" ", NO_BREAK) for c in next_commands(verdict, heading)))
-        yield Line(say("label.record"), bag.replace(" ", NO_BREAK), "dim")
+        yield TextLine(say("label.record"), bag.replace(" ", NO_BREAK), "dim")
     if heading:
-        yield Line("", say("head.versions", version=heading["software_version"],
+        yield TextLine("", say("head.versions", version=heading["software_version"],
                            model=heading["model"][:12], kit=heading["kit"]), "dim")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -18,8 +19,8 @@ from ema_sim.campaign.workers import done_by_workers
 
 MODULE = "ema_prognostics.fleet.judging"
 """This module: its sources and those of all that it imports decide a verdict."""
-CHUNK = 16
-"""Bags a task: a second of work, against some milliseconds to send it."""
+LEAST_CHUNK, CHUNK = 4, 16
+"""Bags a task: a second of work, against some milliseconds to send it; few where few wait."""
 Objects = list[dict[str, Any]]
 
 
@@ -120,8 +121,10 @@ def judged_fleet(
         judged: dict[str, dict[str, Any]] = {}
         done = len(bags) - len(waiting)
         progress(done)
-        tasks = [BagsTask(settings, software, tuple(waiting[k:k + CHUNK]))
-                 for k in range(0, len(waiting), CHUNK)]
+        share = -(-len(waiting) // (2 * (jobs or os.cpu_count() or 1)))
+        size = min(max(LEAST_CHUNK, share), CHUNK)
+        tasks = [BagsTask(settings, software, tuple(waiting[k:k + size]))
+                 for k in range(0, len(waiting), size)]
         for result in done_by_workers(judge_bags, tasks, jobs=jobs, dask=dask):
             if result.software != software:
                 raise UsageError(

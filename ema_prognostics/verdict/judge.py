@@ -117,6 +117,7 @@ class Judge:
             verdict = replace(verdict, bag=source)
         except (RecordError, UsageError) as error:
             verdict = verdict_of_error(error, source)
+        verdict = replace(verdict, actuator=record.provenance.name)
         return Judged(verdict, record.provenance.serial_number, record.provenance.start_time,
                       record.profile.name)
 

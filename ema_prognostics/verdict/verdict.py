@@ -112,6 +112,8 @@ class Verdict:
     """The numbers that say the most, largest first."""
     side: str | None = None
     """Of a friction that is found, where it is most likely: motor or surface."""
+    actuator: str = ""
+    """Name of the actuator among those of the aircraft; empty: it has none."""
 
     @property
     def exit_status(self) -> int:
@@ -136,12 +138,14 @@ class Verdict:
             ("bag", self.bag), ("probabilities", sure), *(("reason", r) for r in self.reasons)))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON object of ``ema check --json``; every key is always there.
+        """Return the JSON object of ``ema check --json``; every key but one is always there.
 
-        The largest fault stands at the top and is the first of `faults`.
+        ``actuator`` is there where it has a name. The largest fault stands at the top and is the
+        first of `faults`.
         """
         return {
             "bag": self.bag,
+            **({"actuator": self.actuator} if self.actuator else {}),
             "verdict": self.outcome,
             **(self.faults[0].to_dict() if self.faults else _NO_FAULT),
             "faults": [f.to_dict() for f in self.faults],

@@ -141,7 +141,10 @@ class Recording:
             Path(path), _READ_TOPICS.union(topics), validate_crcs=validate_crcs,
             file_order=as_recorded,
         )
-        self.test = read_test_metadata(self.content.metadata, self.source)
+        test = read_test_metadata(self.content.metadata, self.source)
+        self.test = replace(
+            test, provenance=replace(test.provenance, namespace=self.content.namespace)
+        )
         self.errors: list[str] = []
         self._as_recorded = as_recorded
 

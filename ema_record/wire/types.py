@@ -70,8 +70,8 @@ def header(stamp: int, frame_id: str = "") -> Any:
 
 
 def stamp_of(message: Any) -> int:
-    """Return the stamp of a message's header (ns since the epoch)."""
-    stamp = message.header.stamp
+    """Return the stamp of a message's header, or of a header itself (ns since the epoch)."""
+    stamp = getattr(message, "header", message).stamp
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 

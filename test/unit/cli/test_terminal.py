@@ -13,7 +13,7 @@ from rich.console import Console
 
 from ema_cli import console
 from ema_cli.commands.completion import follow
-from ema_cli.lines import Line, print_lines, print_rows
+from ema_cli.lines import TextLine, print_lines, print_rows
 from ema_cli.main import COMMANDS, run
 
 
@@ -35,7 +35,8 @@ def test_rows_keep_to_the_width_and_break_no_word(width):
 
 def test_a_command_is_never_broken_and_an_empty_line_is_empty():
     command = "ema\u00a0report\u00a0a/very/long/path/of/a/record\u00a0--out\u00a0page.html"
-    lines = shown(40, print_lines, [Line("Next", command), Line(None, ""), Line("Do", "x")])
+    given = [TextLine("Next", command), TextLine(None, ""), TextLine("Do", "x")]
+    lines = shown(40, print_lines, given)
     assert lines[1:] == ["", "  Do    x"]
     assert command.replace("\u00a0", " ") in lines[0]
 
