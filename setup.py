@@ -29,7 +29,8 @@ setup(
     packages=find_packages(include=["ema_*"]),
     package_data={
         "": ["py.typed"], "ema_identification.report": ["templates/*"],
-        "ema_cli.views": ["templates/*"], "ema_prognostics.verdict": ["*.json"],
+        "ema_cli.views": ["templates/*"], "ema_prognostics": ["language/*"],
+        "ema_prognostics.verdict": ["*.json"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/ema_phm"]),

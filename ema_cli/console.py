@@ -7,17 +7,15 @@ so that ``--json`` can be piped. rich is imported on first use.
 from __future__ import annotations
 
 import contextlib
-import errno
 import json
 import math
 import os
 import re
-import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, NoReturn, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
-from ema_record.errors import EmaError, InvalidRecordError
+from ema_record.errors import InvalidRecordError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,17 +27,38 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 
 WRONG_USE = 2
-INTERNAL_ERROR = 70
-INTERRUPTED = 128 + signal.SIGINT
-PIPE_CLOSED = 128 + signal.SIGPIPE
-TRACEBACK_VARIABLE = "EMA_TRACEBACK"
-"""Set to 1 to see the traceback of an internal error."""
 WHOLE = 100_000
 """Width (characters) of a console in which no line is wrapped."""
 _STEERING = re.compile(
     "[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 )
 """Control characters, marks that turn the direction of writing, bytes that are no text."""
+
+
+class Speech(NamedTuple):
+    """How much is said."""
+
+    verbose: bool = False
+    quiet: bool = False
+
+
+_speech = Speech()
+
+
+def speech() -> Speech:
+    """Return how much is said now."""
+    return _speech
+
+
+@contextlib.contextmanager
+def speaking(*, verbose: bool, quiet: bool) -> Iterator[None]:
+    """Say more, or less, inside a ``with`` block."""
+    global _speech  # noqa: PLW0603  (of the process, as the terminal is)
+    before, _speech = _speech, Speech(verbose, quiet)
+    try:
+        yield
+    finally:
+        _speech = before
 
 
 def stdout() -> Console:
@@ -55,6 +74,11 @@ def stderr() -> Console:
     from rich.console import Console
 
     return Console(stderr=True, markup=False, emoji=False, highlight=False)
+
+
+def unicode_output() -> bool:
+    """Return whether standard output takes more than ASCII."""
+    return (getattr(sys.stdout, "encoding", None) or "").lower().replace("-", "") == "utf8"
 
 
 def neutral(text: str) -> str:
@@ -88,7 +112,12 @@ def say(text: str) -> None:
 
 
 def note(text: str) -> None:
-    """Print one line for the person at the terminal, to standard error."""
+    """Print one line for the person at the terminal, to standard error, unless it is quiet."""
+    if not _speech.quiet:
+        _complain(text)
+
+
+def _complain(text: str) -> None:
     print(neutral(text), file=sys.stderr, flush=True)
 
 
@@ -116,7 +145,7 @@ def _plain(value: object) -> object:
 @contextlib.contextmanager
 def _bar(description: str, total: float | None) -> Iterator[Callable[..., None]]:
     """Show a progress bar on standard error, if that is a terminal; yields its update."""
-    if not sys.stderr.isatty():
+    if not sys.stderr.isatty() or _speech.quiet:
         yield lambda **_now: None
         return
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -181,100 +210,7 @@ def track(items: Iterable[Item], description: str, total: int) -> Iterator[Item]
 def error_line(text: str) -> None:
     """Print an error as one line on standard error."""
     with contextlib.suppress(OSError, ValueError):
-        note("ema: " + " ".join(text.split()))
-
-
-def guarded(command: Callable[[], int]) -> int:
-    """Run `command` and return its exit status; whatever goes wrong becomes one line.
-
-    EmaError gives its own status, an error of the operating system 2, Ctrl-C 130, a closed
-    pipe 141, anything else (an error in this software) 70.
-    """
-    try:
-        status = command()
-        sys.stdout.flush()
-    except EmaError as error:
-        error_line(str(error))
-        return error.exit_status
-    except KeyboardInterrupt:
-        error_line("interrupted")
-        return INTERRUPTED
-    except SystemExit as leaving:
-        if isinstance(leaving.__context__, BrokenPipeError):  # rich then leaves with status 1
-            return _pipe_closed()
-        raise
-    except OSError as error:
-        if error.errno == errno.EPIPE:
-            return _pipe_closed()
-        where = f"{error.filename}: " if error.filename is not None else ""
-        error_line(f"{where}{error.strerror or error}: {_remedy(error)}")
-        return WRONG_USE
-    except MemoryError:
-        error_line("not enough memory: close other programs or use a smaller record")
-        return WRONG_USE
-    except ModuleNotFoundError as error:
-        error_line(_missing_module(str(error.name)))
-        return WRONG_USE
-    except Exception as error:
-        if os.environ.get(TRACEBACK_VARIABLE):
-            raise
-        error_line(
-            f"internal error ({type(error).__name__}: {str(error)[:200]}): set "
-            f"{TRACEBACK_VARIABLE}=1 to see where, and report it"
-        )
-        return INTERNAL_ERROR
-    return status
-
-
-def leave(status: int) -> NoReturn:
-    """End the process with `status`, whatever the state of standard output."""
-    try:
-        sys.stdout.flush()
-    except OSError:
-        status = _pipe_closed()
-    sys.exit(status)
-
-
-def _pipe_closed() -> int:
-    """Let Python's shutdown flush into nothing, and return the status."""
-    with contextlib.suppress(OSError, ValueError):
-        nothing = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nothing, sys.stdout.fileno())
-        os.close(nothing)
-    return PIPE_CLOSED
-
-
-_REMEDIES = {
-    errno.EACCES: "change its permissions or choose another place",
-    errno.EPERM: "change its permissions or choose another place",
-    errno.EROFS: "choose a place that can be written to",
-    errno.ENOSPC: "free some disk space or choose another disk",
-    errno.EDQUOT: "free some disk space or choose another disk",
-    errno.ENOENT: "check the name",
-    errno.ENOTDIR: "a part of the path is no folder, check the name",
-    errno.EISDIR: "it is a folder, give a file",
-    errno.ENAMETOOLONG: "choose a shorter name",
-}
-
-
-def _remedy(error: OSError) -> str:
-    return _REMEDIES.get(error.errno or 0, "check the file and the disk")
-
-
-_ROS_MODULES = frozenset(
-    {"rclpy", "std_msgs", "sensor_msgs", "geometry_msgs", "trajectory_msgs", "diagnostic_msgs",
-     "builtin_interfaces", "rcl_interfaces"}
-)
-
-
-def _missing_module(name: str) -> str:
-    package = name.split(".")[0]
-    if package in _ROS_MODULES:
-        return (
-            f"this command needs ROS 2 (no module {package!r}): pip install 'ema_phm[ros]', or "
-            "source the setup.bash of a ROS installation"
-        )
-    return f"the Python module {name!r} is not installed: pip install it, or run 'make bit' again"
+        _complain("ema: " + " ".join(text.split()))
 
 
 def given_bags(paths: Iterable[Path]) -> list[Path]:

@@ -2,7 +2,7 @@
 
 A command is a function with typer options in a module of its own, which imports what is heavy
 when it is called. Its docstring is its help: a summary, what else to know, and an example. Each
-has `--kit DIR`: the kit of one type of actuator, while the command runs.
+has the common options of `ema_cli.options`.
 """
 
 from __future__ import annotations
@@ -16,27 +16,44 @@ import sys
 import typing
 from collections.abc import Callable, Sequence
 from io import TextIOWrapper
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
-from ema_cli.console import WRONG_USE, error_line, guarded, leave, print_table, say, stdout, styled
+from ema_cli.console import WRONG_USE, error_line, say, stdout, styled
+from ema_cli.ending import end_quietly, guarded, leave
+from ema_cli.options import with_common
 from ema_record.errors import UsageError, unknown_name
-from ema_record.kit import ENVIRONMENT, using_kit
 
-COMMANDS = ("bit", "conformance", "simulate", "check", "trend", "fleet", "replay", "import",
-            "export", "lint", "recover", "identify", "effects", "profile", "new-actuator",
-            "commission", "train", "paper")
+COMMANDS = ("bit", "conformance", "simulate", "check", "explain", "trend", "fleet", "report",
+            "replay", "import", "export", "info", "lint", "recover", "identify", "effects",
+            "profile", "new-actuator", "commission", "train", "paper", "completion")
 """All commands, in the order of the help."""
 PROGRAM = "ema"
-KIT = "kit"
-_KIT_OPTION = Annotated[Path | None, typer.Option(
-    f"--{KIT}", metavar="DIR", show_default=f"${ENVIRONMENT}, or the default actuator's",
-    help="Kit of the type of actuator: its description, tests, trained networks.",
-)]
+
+TYPES = {"bool": None, "int": "NUMBER", "float": "NUMBER", "Path": "FILE", "list[Path]": "FILE"}
+"""How values are shown in the help, by their types; others are a TEXT."""
+
+
+class Command(TyperCommand):
+    """One command; its help says what a value is as a person calls it."""
+
+    def get_params(self, ctx: Any) -> Any:
+        """Return all parameters."""
+        params = super().get_params(ctx)
+        for param in params:
+            if hasattr(param, "bare_type"):  # a typer that shows Python's types
+                argument = param.param_type_name == "argument"
+                shown = None if argument else param.metavar or TYPES.get(
+                    param.bare_type(), "TEXT")
+                typing.cast("Any", param).display_type_rich = functools.partial(_shown, shown)
+        return params
+
+
+def _shown(text: str | None, ctx: Any) -> str | None:  # noqa: ARG001  (typer's signature)
+    return text
 
 
 class Commands(TyperGroup):
@@ -56,7 +73,7 @@ app = typer.Typer(cls=Commands, add_completion=False)
 def ema(
     context: typer.Context,
     show_help: Annotated[bool, typer.Option("--help", "-h")] = False,
-    version: Annotated[bool, typer.Option("--version")] = False,
+    version: Annotated[bool, typer.Option("--version", "-V")] = False,
 ) -> int:
     """Say what can be done, or the version; without a command it is wrong use."""
     from ema_record.version import VERSION
@@ -74,6 +91,7 @@ def main() -> None:
     """Run `ema` on the arguments of the process and exit."""
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
+    end_quietly()
     leave(run(sys.argv[1:]))
 
 
@@ -131,70 +149,46 @@ def load_command(name: str) -> Callable[..., object]:
     return function
 
 
-def with_kit(command: Callable[..., object]) -> Callable[..., object]:
-    """Return `command` with the option `--kit`, which its own body finds as the present kit.
-
-    A command that has a parameter of that name is returned as it is.
-    """
-    signature = inspect.signature(command)
-    if KIT in signature.parameters:
-        return command
-
-    @functools.wraps(command)
-    def run(*args: object, **options: object) -> object:
-        kit = options.pop(KIT, None)
-        if kit is None:
-            return command(*args, **options)
-        with using_kit(typing.cast("Path", kit)):
-            return command(*args, **options)
-
-    hints = typing.get_type_hints(command, include_extras=True)
-    parameters = [p.replace(annotation=hints[p.name]) for p in signature.parameters.values()]
-    own = inspect.Parameter(KIT, inspect.Parameter.KEYWORD_ONLY, default=None,
-                            annotation=_KIT_OPTION)
-    run.__signature__ = signature.replace(  # type: ignore[attr-defined]
-        parameters=[*parameters, own], return_annotation=hints["return"])
-    run.__annotations__ = {**hints, KIT: _KIT_OPTION}
-    return run
-
-
 def build_app(name: str) -> typer.Typer:
-    """Return a typer application of one command, with its docstring as help and `--kit`."""
+    """Return a typer application of one command, its docstring as help, with common options."""
     function = load_command(name)
     text, _, example = inspect.cleandoc(function.__doc__ or "").rpartition("\n\n")
     single = typer.Typer(
         add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
-    single.command(name, help=text, epilog=example)(with_kit(function))
+    single.command(name, cls=Command, help=text, epilog=example)(with_common(function))
     return single
 
 
 def _print_help() -> None:
-    from rich.table import Table
+    from ema_cli.lines import wrapped
 
     console = stdout()
+    width = max(map(len, COMMANDS)) + 2
+
+    def text(words: str, indent: str = "") -> None:
+        for line in wrapped(words, console.width - len(indent)):
+            console.print(styled(indent + line), soft_wrap=True)
+
     console.print(
-        styled((PROGRAM, "bold"), ": built-in test and diagnosis of electromechanical actuators")
-    )
-    console.print(
-        f"\nUsage: {PROGRAM} COMMAND [OPTIONS] ; {PROGRAM} COMMAND --help explains one command; "
-        f"{PROGRAM} --version\n"
-    )
-    table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
-    table.add_column(style="bold", no_wrap=True)
-    table.add_column()
+        styled((PROGRAM, "bold"), ": built-in test and diagnosis of electromechanical actuators"),
+        soft_wrap=True)
+    console.print()
+    text(f"Usage: {PROGRAM} COMMAND [OPTIONS]; {PROGRAM} COMMAND --help explains one command; "
+         f"{PROGRAM} --version")
+    console.print()
     for name in COMMANDS:
         lines = inspect.cleandoc(load_command(name).__doc__ or "").splitlines()
-        table.add_row(name, lines[0])
-        table.add_row("", styled((lines[-1].split("`")[1], "dim")))
-    print_table(table)
-    console.print(
-        "\nEach takes --kit DIR (or $EMA_KIT): the kit of another type of actuator than the "
-        "default one"
-    )
-    console.print(
-        "\nExit status: 0 healthy or done, 1 a fault, 2 wrong use or unreadable input, "
-        "3 unknown or incomplete, 4 no verdict of ema bit, 70 an error in this software, "
-        "130 interrupted"
-    )
+        for k, line in enumerate(wrapped(lines[0], console.width - width)):
+            first = (name.ljust(width), "bold") if k == 0 else " " * width
+            console.print(styled(first, line), soft_wrap=True)
+        # An example is one line on every terminal: it is there to be copied.
+        console.print(styled(" " * width, (lines[-1].split("`")[1], "dim")), soft_wrap=True)
+    console.print()
+    text("Each takes --kit DIR (or $EMA_KIT): the kit of another type of actuator than the "
+         "default one; --lang, --color, -v and -q")
+    console.print()
+    text("Exit status: 0 healthy or done, 1 a fault, 2 wrong use or unreadable input, "
+         "3 unknown or incomplete, 4 no verdict of ema bit, 70 an error in this software, "
+         "130 interrupted, 143 terminated")

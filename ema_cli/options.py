@@ -1,11 +1,24 @@
-"""Options that several commands share."""
+"""Options that several commands share, and those that each command has.
+
+Each has ``--kit DIR``, ``--lang``, ``--color``, ``-v`` and ``-q``; `with_common` gives them to it.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import inspect
+import os
+import typing
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from ema_cli import console
+from ema_record.errors import unknown_name
+from ema_record.kit import ENVIRONMENT, using_kit
 
 Commanded = Annotated[str | None, typer.Option(
     "--profile", help="The test that was commanded (name or YAML file), in place of a bag's own.")]
@@ -32,3 +45,89 @@ SerialNumber = Annotated[str, typer.Option(
     "--serial-number", metavar="TEXT", help="Of the actuator.")]
 TrainingJobs = Annotated[int, typer.Option(
     "--jobs", min=-1, max=256, help="Processes that simulate, -1 for all cores.")]
+
+_PANEL = "Common options"
+COLORS = {"auto": {}, "always": {"FORCE_COLOR": "1"}, "never": {"NO_COLOR": "1"}}
+"""What each choice of ``--color`` sets in the environment."""
+COMMON: dict[str, object] = {
+    "kit": Annotated[Path | None, typer.Option(
+        "--kit", metavar="DIR", show_default=f"${ENVIRONMENT}, or the default actuator's",
+        rich_help_panel=_PANEL,
+        help="Kit of the type of actuator: its description, tests, trained networks.")],
+    "lang": Annotated[str | None, typer.Option(
+        "--lang", metavar="NAME|FILE.yaml", show_default="$EMA_LANG, or en",
+        rich_help_panel=_PANEL, help="Language of what a person reads: en, de.")],
+    "color": Annotated[str | None, typer.Option(
+        "--color", metavar="auto|always|never", show_default="auto", rich_help_panel=_PANEL,
+        help="Colours; auto: on a terminal.")],
+    "verbose": Annotated[bool, typer.Option(
+        "--verbose", "-v", rich_help_panel=_PANEL, help="Also the numbers.")],
+    "quiet": Annotated[bool, typer.Option(
+        "--quiet", "-q", rich_help_panel=_PANEL, help="Results in short; no progress, no notes.")],
+}
+"""The options that each command has."""
+LANGUAGE = "EMA_LANG"
+
+
+def with_common(command: Callable[..., object]) -> Callable[..., object]:
+    """Return `command` with the options of `COMMON`, in force while it runs.
+
+    One that it has itself is left to it.
+    """
+    signature = inspect.signature(command)
+    added = {name: kind for name, kind in COMMON.items() if name not in signature.parameters}
+
+    @functools.wraps(command)
+    def run(*args: object, **options: object) -> object:
+        common = {name: options.pop(name, None) for name in added}
+        with _in_force(common):
+            return command(*args, **options)
+
+    hints = typing.get_type_hints(command, include_extras=True)
+    parameters = [p.replace(annotation=hints[p.name]) for p in signature.parameters.values()]
+    own = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=kind,
+                          default=False if name in ("verbose", "quiet") else None)
+        for name, kind in added.items()
+    ]
+    run.__signature__ = signature.replace(  # type: ignore[attr-defined]
+        parameters=[*parameters, *own], return_annotation=hints["return"])
+    run.__annotations__ = {**hints, **added}
+    return run
+
+
+@contextlib.contextmanager
+def _in_force(common: dict[str, object]) -> Iterator[None]:
+    """Work with the common options that are given."""
+    setting: dict[str, str] = {}
+    color = common.get("color")
+    if color is not None:
+        if color not in COLORS:
+            raise unknown_name("colour", str(color), COLORS, f"give one of {', '.join(COLORS)}")
+        setting |= COLORS[str(color)]
+    if common.get("lang") is not None:
+        from ema_prognostics.words import words
+
+        setting[LANGUAGE] = str(common["lang"])
+        words(setting[LANGUAGE])
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(_environment(setting))
+        stack.enter_context(console.speaking(
+            verbose=bool(common.get("verbose")), quiet=bool(common.get("quiet"))))
+        if common.get("kit") is not None:
+            stack.enter_context(using_kit(typing.cast("Path", common["kit"])))
+        yield
+
+
+@contextlib.contextmanager
+def _environment(setting: dict[str, str]) -> Iterator[None]:
+    """Set variables of the environment, of children too, inside a ``with`` block."""
+    before = {name: os.environ.get(name) for name in setting}
+    os.environ.update(setting)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value

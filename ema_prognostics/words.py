@@ -1,105 +1,133 @@
-"""The words of a verdict: names of faults, severities in units that people read, features."""
+"""The words of a verdict, in the language of its reader: faults, sizes, features, what to do.
+
+All words stand in the tables `ema_prognostics/language/*.yaml`. `$EMA_LANG` names the table, or is
+the path of one of your own; what a table lacks is said in English. What programs read (JSON, ROS
+messages, files of a kit) is English in any language.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from pathlib import Path
 
-NAMES = {
-    "turn_short": "turn short", "rotor_eccentricity": "rotor eccentricity",
-    "friction": "friction", "backlash": "backlash",
-}
-"""Of the classes."""
-SCALES = {
-    "turn_short": (100.0, "% of the turns"), "rotor_eccentricity": (100.0, "% of the air gap"),
-    "friction": (100.0, "% increase"), "backlash": (1e3, "mrad"),
-}
-"""Factor from the SI value of a severity to the unit that a person reads, and that unit."""
-LOOK_ALIKES = {
-    "turn_short": {"rotor_eccentricity": "static rotor eccentricity (its probability is in that "
-                                         "of the turn short)"},
-    "rotor_eccentricity": {"turn_short": "turn short of two phases (its probability is in that "
-                                         "of the rotor eccentricity)"},
-}
-"""The alternatives of a fault that is named, by its class, then by theirs."""
-FEATURES = {
-    "torque_full": "torque needed at full speed",
-    "torque_quarter": "torque needed at a quarter of the speed",
-    "torque_ramp": "torque needed on the slow ramp",
-    "gap_torque": "torque of the motor alone, with the gear free",
-    "gap_width": "lost motion where the ramp turns round",
-    "lag_ramp": "lag of the surface behind the motor on the ramps",
-    "lag_quarter": "lag of the surface behind the motor at a quarter of the speed",
-    "shaft_slope": "stiffness of the shaft", "rise_time": "time to full speed",
-    "overshoot": "overshoot of the speed", "speed_full": "full speed",
-    "start_position": "position before the test", "sum_mean": "sum of the phase currents",
-    "sum_rms": "scatter of the sum of the phase currents",
-    "gain_largest": "difference between the current sensors",
-    "offset_largest": "offset of a current sensor",
-    "noise_speed": "noise of the speed sensor", "noise_current": "noise of a current sensor",
-    "noise_current_least": "noise of the quietest current sensor",
-    "reference_rms": "current against its reference",
-    "reference_spread": "current against its reference, phase by phase",
-    "reference_sum": "sum of the reference currents",
-    "torque_full_over_quarter": "growth of the torque with speed",
-    "lag_at_rest": "wind-up between rest and slew",
-    "lag_peak": "peak of the wind-up at the start",
-    "start_stiffness_1": "stiffness behind the motor when it starts",
-    "start_stiffness_2": "stiffness behind the motor after its first 0.25 rad",
-    "surface_torque": "torque that the surface takes",
-    "compliance": "wind-up of the shaft by its torque",
-    "stiffness_agreement": "stiffness of the shaft, from the ramps against the reversals",
-    "viscous_torque": "torque that grows with the speed",
-    "torque_quarter_over_ramp": "growth of the torque from ramp to slew",
-    "dry_torque": "dry friction of motor and surface together",
-    "viscous_share": "viscous friction, as grease makes it",
-    "position_step": "resolution of the position", "speed_step": "resolution of the speed",
-    "winding_inductance": "inductance of the winding",
-    "winding_resistance": "resistance of the winding, its temperature allowed for",
-    "winding_back_emf": "back-EMF, voltage a speed",
-    "switch_drop": "voltage lost in the inverter's switches",
-    "sensor_angle": "angle of the commutation sensor against the back-EMF",
-    "resistance_spread": "difference between the resistances of the phases",
-    "inductance_spread": "difference between the inductances of the phases",
-    "resistance_m1_re": "difference between the resistances of the phases",
-    "resistance_m1_im": "difference between the resistances of the phases",
-    "inductance_m1_re": "difference between the inductances of the phases",
-    "inductance_m1_im": "difference between the inductances of the phases",
-    "winding_unlike": "difference between the windings that no short makes",
-    "winding_error": "what the voltages leave unexplained",
-    "control_delay": "delay of the controller", "control_gain": "gain of the controller",
-    "inertia": "inertia of the motor",
-    "inertia_error": "torque unexplained while the motor accelerates",
-    "bus_sag": "fall of the bus voltage with its current",
-    "shaft_bend": "friction that grows with the load of the gear",
-    **{f"lag_start_{k}": "wind-up of the shaft when the motor starts" for k in range(1, 10)},
-}
-"""What a feature is."""
-REPEAT = ("repeat the test; if it says the same again, 'ema identify RECORD' tells what has "
-          "changed, and --baseline compares with the unit's own healthy record")
-NEXT_STEPS: tuple[tuple[tuple[str, ...], str], ...] = (
+from ema_record.errors import UsageError, unknown_name
+
+ENVIRONMENT = "EMA_LANG"
+ENGLISH = "en"
+FOLDER = Path(__file__).parent / "language"
+CLASSES = ("turn_short", "rotor_eccentricity", "friction", "backlash")
+SCALES = {"turn_short": 100.0, "rotor_eccentricity": 100.0, "friction": 100.0, "backlash": 1e3}
+"""Factor from the SI value of a severity to the unit that a person reads."""
+STEP_KINDS: tuple[tuple[tuple[str, ...], str], ...] = (
     (("noise_", "sum_", "reference_", "offset_", "gain_", "position_step", "speed_step",
-      "speed_over_angle", "position_over_angle", "position_rms", "start_position"),
-     "look at that sensor and its cable ('ema lint RECORD' tells more), then repeat the test"),
-    (("control_", "bus_sag", "switch_drop", "sensor_angle", "overshoot"),
-     "compare supply and settings of the drive with the type's actuator.yaml, then repeat the "
-     "test; 'ema identify RECORD' tells what differs"),
+      "speed_over_angle", "position_over_angle", "position_rms", "start_position"), "sensor"),
+    (("control_", "bus_sag", "switch_drop", "sensor_angle", "overshoot"), "drive"),
 )
-"""What to do about a record that is unlike anything known, by the beginnings of the features."""
+"""What a record is about that is unlike anything known, by the beginnings of the features."""
+SPEEDS = ("full", "quarter")
 
 
-def class_name(fault_class: str, phase: str | None = None) -> str:
+def languages() -> list[str]:
+    """Return the languages that are shipped."""
+    return sorted(path.stem for path in FOLDER.glob("*.yaml"))
+
+
+class Words:
+    """One table of words; a key is a path through it, e.g. ``fault.backlash.name``."""
+
+    def __init__(self, table: Mapping[str, str], rest: Words | None = None) -> None:
+        """Take a flat table, and the one that has what it lacks."""
+        self.table, self._rest = table, rest
+
+    def has(self, key: str) -> bool:
+        """Return whether there is such a text."""
+        return key in self.table or (self._rest is not None and self._rest.has(key))
+
+    def __call__(self, key: str, **values: object) -> str:
+        """Return the text of a key with `values` put in; empty where there is none."""
+        text = self.table.get(key)
+        if text is None:
+            return self._rest(key, **values) if self._rest is not None else ""
+        try:
+            return text.format(**values)
+        except (KeyError, IndexError, ValueError, AttributeError):
+            raise UsageError(f"words: {key}: {text[:60]!r}: expected the places "
+                             f"{', '.join(sorted(values)) or 'none'}") from None
+
+    def below(self, key: str) -> list[str]:
+        """Return the names right below a key, in order."""
+        known = [] if self._rest is None else self._rest.below(key)
+        own = [k.removeprefix(f"{key}.").partition(".")[0] for k in self.table
+               if k.startswith(f"{key}.")]
+        return list(dict.fromkeys([*known, *own]))
+
+
+def words(language: str | None = None) -> Words:
+    """Return the words of a language, or of the file that it names; None: `$EMA_LANG`."""
+    name = os.environ.get(ENVIRONMENT, "") if language is None else language
+    return _words(name or ENGLISH)
+
+
+@cache
+def _words(name: str) -> Words:
+    if name.endswith((".yaml", ".yml")):
+        return Words(_flat(Path(name)), _words(ENGLISH))
+    short = name.partition(".")[0].partition("_")[0].lower()
+    short = ENGLISH if short in ("c", "posix") else short
+    if short not in languages():
+        raise unknown_name("language", name, languages(),
+                           f"give one of {', '.join(languages())}, or a file of words")
+    table = _flat(FOLDER / f"{short}.yaml")
+    return Words(table, None if short == ENGLISH else _words(ENGLISH))
+
+
+def _flat(path: Path) -> dict[str, str]:
+    """Return the texts of a YAML file by their paths in it."""
+    from ema_record.yaml_file import load_yaml
+
+    found: dict[str, str] = {}
+
+    def walk(value: object, key: str) -> None:
+        if isinstance(value, dict):
+            for name, inner in value.items():
+                walk(inner, f"{key}.{name}" if key else str(name))
+        elif isinstance(value, str):
+            found[key] = value
+        else:
+            raise UsageError(f"{path}: {key or 'words'}: expected texts (value "
+                             f"{str(value)[:40]}): put it in quotes")
+
+    walk(load_yaml(path), "")
+    return found
+
+
+def name_of(fault_class: str, language: str | None = None) -> str:
+    """Return the name of a class of fault."""
+    return words(language)(f"fault.{fault_class}.name") or fault_class
+
+
+def class_name(
+    fault_class: str, phase: str | None = None, language: str | None = None
+) -> str:
     """Return a fault in words: ``turn short, phase b``."""
-    return NAMES.get(fault_class, fault_class) + (f", phase {phase}" if phase else "")
+    tail = words(language)("phase", phase=phase) if phase else ""
+    return name_of(fault_class, language) + tail
 
 
-def scaled(fault_class: str, unit: str | None = None) -> tuple[float, str]:
+def scaled(
+    fault_class: str, unit: str | None = None, language: str | None = None
+) -> tuple[float, str]:
     """Return factor and unit of a severity; `unit` is that of a class not known here."""
-    return SCALES.get(fault_class, (1.0, unit or ""))
+    if fault_class not in SCALES:
+        return 1.0, unit or ""
+    return SCALES[fault_class], words(language)(f"fault.{fault_class}.unit")
 
 
-def size(fault_class: str, value: float | None) -> str:
+def size(fault_class: str, value: float | None, language: str | None = None) -> str:
     """Return a severity in the unit that people read, or a dash."""
-    factor, unit = scaled(fault_class)
+    factor, unit = scaled(fault_class, None, language)
     return "-" if value is None else f"{factor * value:.3g} {unit}"
 
 
@@ -121,42 +149,42 @@ def counted(flights: int) -> str:
     return f"{flights} flight{'' if flights == 1 else 's'}"
 
 
-def look_alike(named: Sequence[str], alternative: str) -> str:
+def look_alike(named: Iterable[str], other: str, language: str | None = None) -> str:
     """Return an alternative in words, beside the classes that are named."""
-    found = (LOOK_ALIKES.get(name, {}).get(alternative) for name in named)
-    return next(filter(None, found), NAMES.get(alternative, alternative))
+    say = words(language)
+    keys = (f"alternative.{name}.{other}.name" for name in named)
+    return next((say(key) for key in keys if say.has(key)), name_of(other, language))
 
 
-def next_step(feature: str) -> str:
-    """Return what to do where a feature is unlike anything known."""
-    found = (text for names, text in NEXT_STEPS if feature.startswith(names))
-    return next(found, REPEAT)
+def step_kind(feature: str) -> str:
+    """Return what a feature that is unlike anything known is about, e.g. ``sensor``; or empty."""
+    return next((kind for names, kind in STEP_KINDS if feature.startswith(names)), "")
 
 
-def feature_words(name: str) -> str:
+def next_step(feature: str, language: str | None = None) -> str:
+    """Return what to do where a feature is unlike anything known; empty: no one feature."""
+    return words(language)(f"next_steps.{step_kind(feature) or 'repeat'}")
+
+
+def feature_words(name: str, language: str | None = None) -> str:
     """Return what the feature `name` is, in words."""
-    if name in FEATURES:
-        return FEATURES[name]
-    for speed in ("full", "quarter"):
-        at = "at full speed" if speed == "full" else "at a quarter of the speed"
-        if name.startswith(f"{speed}_") and "_m" in name:
-            h = name[name.rindex("_m") + 2:].partition("_")[0]
-            kind = "torque ripple" if "_even_" in name else "ripple of the speed sensor"
-            return f"{kind} {h} times a turn, {at}"
+    say = words(language)
+    if name.startswith("group."):
+        return say("together", features=say(name))
+    if say.has(f"feature.{name}"):
+        return say(f"feature.{name}")
+    if name.startswith("lag_start_"):
+        return say("feature.lag_start")
+    stem = name.removesuffix("_re").removesuffix("_im")
+    body, _, line = stem.rpartition("_m")
+    for speed in SPEEDS:
+        if body in (f"{speed}_even", f"{speed}_odd") and line.isdecimal():
+            kind = "torque_ripple" if body.endswith("even") else "sensor_ripple"
+            times = say(f"times.{line}") or say("times.n", n=line)
+            return say(f"feature.{kind}", times=times, speed=say(f"speed.{speed}"))
         if name.endswith((f"_{speed}", f"_{speed}_back")):
             stem = name.removesuffix("_back").removesuffix(f"_{speed}")
-            known = {
-                "rise": "time in which a phase takes over the current",
-                "rise_spread": "difference between the phases in taking over the current",
-                "load": "difference of the torque forward and back",
-                "high_low": "fine torque ripple (7 to 12 a turn)",
-                "high_mid": "fine torque ripple (13 to 20 a turn)",
-                "high_top": "fine torque ripple (21 to 36 a turn)",
-                "speed_over_angle": "speed sensor against rotor angle",
-                "position_over_angle": "surface position against rotor angle",
-                "position_rms": "scatter of the position", "speed_rms": "scatter of the speed",
-                "torque_rms": "scatter of the torque current",
-            }
-            if stem in known:
-                return f"{known[stem]}, {at}"
-    return name.replace("_", " ")
+            if say.has(f"feature.{stem}"):
+                return f"{say(f'feature.{stem}')}, {say(f'speed.{speed}')}"
+    winding = body if body in ("resistance", "inductance") else ""
+    return say(f"feature.{winding}_spread") if winding else name.replace("_", " ")

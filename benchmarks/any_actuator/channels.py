@@ -39,7 +39,7 @@ from ema_prognostics.training.evaluation import evaluate
 from ema_prognostics.training.faults import HEALTHY, draw_fault, draw_pair
 from ema_prognostics.training.fleet import MIX, TESTS_A_UNIT, FleetFeatures, sources_key
 from ema_prognostics.training.view_training import train_view
-from ema_prognostics.words import NAMES, scaled
+from ema_prognostics.words import name_of, scaled
 from ema_record import array_cache
 from ema_record.actuator import Actuator, load_actuator
 from ema_record.channels import (
@@ -239,11 +239,11 @@ def main() -> None:
                                        (half, SEED + 1, False), (half, SEED + 1, True))]
     found = dict(zip(RECORDERS, Parallel(n_jobs=o.jobs)(
         delayed(judged)([fleet[name] for fleet in fleets]) for name in RECORDERS)))
-    units = ", ".join(f"{NAMES[f]} {scaled(f)[1]}" for f in FAULTS)
+    units = ", ".join(f"{name_of(f)} {scaled(f)[1]}" for f in FAULTS)
     for view in ("fleet", "baseline"):
         table = make_table(f"a90 (linear bound), {view}; {o.units} + {o.units} units train, "
                            f"{half} + {half} validate; {units}",
-                           "recorder", "features", *(NAMES[f] for f in FAULTS),
+                           "recorder", "features", *(name_of(f) for f in FAULTS),
                            "false alarms %", "unknown %")
         for row in rows_of(found, view):
             table.add_row(*row)

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ema_cli.console import note, print_json, print_table, progress, stdout, styled
+from ema_cli.console import note, print_json, progress, speech, stdout, styled
+from ema_cli.lines import TextLine, print_lines
 from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber
 from ema_cli.views.verdict import print_verdict
-from ema_record.errors import TestRefusedError, UsageError, unknown_name
+from ema_prognostics.words import words
+from ema_record.errors import EmaError, TestRefusedError, UsageError, unknown_name
 
 if TYPE_CHECKING:
     from ema_ros.supervisor import ParameterValue
@@ -27,8 +29,8 @@ PROGNOSTICS = "ema_prognostics.prognostics_node"
 NO_VERDICT = 4
 SIMULATED = "SIM-0000"
 """Serial number of a simulated actuator without another."""
-LEVELS = (("ok", "green"), ("unusual", "yellow"), ("failed", "red"))
-"""Of a record check, as printed."""
+REPORTS = (".html", ".xml")
+"""Endings of the reports that are written beside a record."""
 
 
 def bit(
@@ -61,9 +63,10 @@ def bit(
 
     Simulator, monitor and prognostics run as three processes for each actuator; this one plays
     the aircraft. With --kit all work with that kit. The effect is known to the simulator alone;
-    among several, NAME:EFFECT.PARAMETER=VALUE hides it in one. Exit status: 0 healthy, 1 a fault,
-    2 wrong use, 3 the verdict is unknown or incomplete, 4 no verdict: the test was refused or
-    aborted, or a node ended.
+    among several, NAME:EFFECT.PARAMETER=VALUE hides it in one. A report of one page (.html, .xml)
+    is written beside the record ('ema report' adds what the work order needs). Exit status: 0
+    healthy, 1 a fault, 2 wrong use, 3 the verdict is unknown or incomplete, 4 no verdict: the
+    test was refused or aborted, or a node ended.
 
     Example: `ema bit --effect turn_short.fraction=0.1 --effect turn_short.phase=b`
     """
@@ -123,7 +126,12 @@ def bit(
                    for name, result in zip(namespaces, results)]
     for result in results:
         result["times"]["total"] = time.monotonic() - begin
-        result["log"] = str(log)
+        result["log"], result["reports"] = str(log), []
+        try:
+            if result["verdict"] is not None:
+                file_report(result)
+        except EmaError as error:
+            note(f"no report: {error}")
         if as_json:
             print_json(result)
         else:
@@ -237,31 +245,51 @@ def ended_by_signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+def file_report(result: dict[str, Any]) -> None:
+    """Write the report of the test beside its record; tell in `result` where, or why not."""
+    from ema_cli.views.report_data import report_data
+    from ema_cli.views.report_files import write_report_file
+    from ema_prognostics.cascade.model_file import stated_sha256
+    from ema_prognostics.verdict.examination import heading_of
+    from ema_record.bag.read import read_bag
+    from ema_record.checks.live import CheckResult, Level, check_record
+    from ema_record.kit import CASCADE, kit_path
+
+    bag = Path(result["record"])
+    record = read_bag(bag)
+    known = {check.name: check for check in check_record(record)}
+    checks = [
+        CheckResult(name=c["name"], level=Level(min(c["level"], 2)), message=c["message"],
+                    values=c.get("values") or {},
+                    limits=known[c["name"]].limits if c["name"] in known else {})
+        for c in result["checks"]
+    ]
+    result["heading"] = heading_of(record, checks, stated_sha256(kit_path(CASCADE)))
+    data = report_data(result["verdict"], record, checks, heading=result["heading"], fields={})
+    for form in REPORTS:
+        path = bag.with_name(f"{bag.name}{form}")
+        write_report_file(path, data, record)
+        result["reports"].append(str(path))
+
+
 def print_result(result: dict[str, Any]) -> None:
     """Print the result of a built-in test."""
-    from rich.table import Table
-
-    console = stdout()
-    table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
-    table.add_column(no_wrap=True)
-    table.add_column(no_wrap=True)
-    table.add_column()
-    for check in result["checks"]:
-        table.add_row(styled(check["name"]), styled(LEVELS[min(check["level"], 2)]),
-                      styled(check["message"]))
+    said, console = speech(), stdout()
     if "actuator" in result:
-        console.print(styled(("Actuator", "bold"), f" {result['actuator']}"))
+        console.print(styled(("Actuator", "bold"), f" {result['actuator']}"), soft_wrap=True)
     if result["verdict"] is None:
         console.print(styled((f"no verdict: built-in test {result['message']}", "bold")))
         return
-    console.print(styled(("Record", "bold"), f" {result['record']}"), soft_wrap=True)
-    print_table(table)
-    console.print()
-    print_verdict(result["verdict"], console)
+    print_verdict(result["verdict"], result.get("heading") or {}, console, **said._asdict())
+    if said.quiet:
+        return
+    if result.get("reports"):
+        label = words()("label.report")
+        print_lines([TextLine(label if k == 0 else "", path)
+                     for k, path in enumerate(result["reports"])], console)
     times = result["times"]
-    console.print()
     console.print(
         f"nodes up in {times['start']:.1f} s, test {times['test']:.1f} s, verdict "
         f"{times['after_record_closed']:.2f} s after the record was closed, "
-        f"{times['total']:.1f} s in all", style="dim",
+        f"{times['total']:.1f} s in all", style="dim", soft_wrap=True,
     )

@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ema_cli.console import check_new_file, error_line, stdout
+from ema_cli.console import (
+    check_new_file,
+    drawing,
+    error_line,
+    note,
+    say,
+    speech,
+    stdout,
+)
 from ema_cli.options import Baseline, Cascade, Commanded, Format
 from ema_cli.views.flights import draw_sequence, judged_flights, print_sequence
 from ema_cli.views.machine import Machine, check_format
 from ema_cli.views.verdict import print_verdict
 from ema_record.errors import InvalidRecordError, UsageError, unknown_name
+
+if TYPE_CHECKING:
+    from ema_prognostics.verdict.examination import Examination
+    from ema_prognostics.verdict.judge import Judge
 
 
 def check(
@@ -26,7 +38,8 @@ def check(
         "no healthy actuator and no other than the default one.")] = "robust",
     baseline: Baseline = None,
     plot: Annotated[Path | None, typer.Option(
-        metavar="FILE.png", help="Of a directory of flights: plot severities and announcements."
+        metavar="FILE.png|.svg|.pdf", help="Draw the evidence of a bag, or the flights of a "
+        "directory, with what is ahead."
     )] = None,
     json: Annotated[bool, typer.Option("--json", help="As --format json.")] = False,
     form: Format = "text",
@@ -47,6 +60,7 @@ def check(
     """
     from ema_prognostics.trend.flights import is_sequence, what_else
     from ema_prognostics.verdict.diagnose import MODES
+    from ema_prognostics.verdict.examination import examine
     from ema_prognostics.verdict.judge import Judge, Judged
     from ema_prognostics.verdict.report import verdict_of_error
     from ema_prognostics.verdict.verdict import worst_status
@@ -55,16 +69,17 @@ def check(
         raise unknown_name("mode", mode, MODES, f"give one of {', '.join(MODES)}")
     form = check_format(form, json=json)
     sequences = [bag for bag in bags if is_sequence(bag)]
-    if plot is not None and len(sequences) != 1:
-        raise UsageError(
-            f"--plot {plot}: {len(sequences)} directories of flights given, a plot shows one: "
-            "give one directory that holds bags"
-        )
-    check_new_file(plot)
+    if plot is not None:
+        if len(bags) != 1:
+            raise UsageError(f"--plot {plot}: {len(bags)} bags given, a picture shows one: give "
+                             "one bag, or one directory of flights")
+        from ema_cli.views.pictures import picture_format
+
+        picture_format(plot)
+        check_new_file(plot)
     judge = Judge(model, baseline, profile=profile, mode=mode)
     out = Machine(form, judge) if form != "text" else None
-    statuses = []
-    trends = []
+    statuses, trends, shown = [], [], False
     for bag in bags:
         if bag in sequences:
             from ema_prognostics.trend.unit_trend import trend_of
@@ -76,19 +91,41 @@ def check(
             continue
         other = what_else(bag)
         if other is None:
-            judged = judge.of_bag(bag)
+            found = examine(judge, bag) if out is None or plot is not None else None
+            judged = judge.of_bag(bag) if found is None else found.judged
         else:
             error = InvalidRecordError(
                 f"{bag}: {other}: give a rosbag2 directory, an .mcap file or a directory of bags")
-            judged = Judged(verdict_of_error(error, str(bag)))
+            found, judged = None, Judged(verdict_of_error(error, str(bag)))
         verdict = judged.verdict
+        heading = {} if found is None else found.heading()
         statuses.append(verdict.exit_status)
         if out is not None:
             out.verdict(judged)
         elif other is not None:
             error_line(verdict.reasons[0])
         else:
-            print_verdict(verdict.to_dict(), stdout())
-    if plot is not None:
+            if shown and not speech().quiet:
+                say("")
+            shown = True
+            print_verdict(verdict.to_dict(), heading, stdout(), **speech()._asdict())
+        if plot is not None:
+            _draw(found, judge, plot)
+    if plot is not None and sequences:
         draw_sequence(trends, plot)
     return worst_status(statuses)
+
+
+def _draw(found: Examination | None, judge: Judge, plot: Path) -> None:
+    """Draw the evidence of a verdict; UsageError where there is no record."""
+    if found is None or found.record is None:
+        raise UsageError(f"--plot {plot}: there is no record to draw")
+    with drawing():
+        from ema_cli.views.evidence_plot import evidence_figure
+        from ema_cli.views.pictures import save_picture
+        from ema_prognostics.features.profile_kind import profile_kind
+
+        kind = profile_kind(found.record.profile)
+        cascade = None if kind is None else judge.fleet_cascade(kind)
+        save_picture(evidence_figure(found, cascade), plot)
+    note(f"plot: {plot}")

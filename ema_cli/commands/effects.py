@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ema_cli.console import print_json, print_table, stdout, styled
+from ema_cli.lines import NO_BREAK, TextLine, print_lines
 from ema_record.errors import unknown_name
 
 if TYPE_CHECKING:
@@ -91,16 +92,17 @@ def _table(*columns: str) -> Table:
 
 
 def _print_table(chosen: list[Effect]) -> None:
-    """Print a row an effect (name, port, reference) and one a parameter below it."""
-    table = _table("effect", "bounds", "unit", "default", "port and reference")
+    """Print a paragraph an effect: what it is, its parameters with bounds, unit and default."""
+    lines = []
     for effect in chosen:
-        table.add_row()
-        table.add_row(styled((effect.name, "bold")), "", "", "",
-                      f"{effect.port}: {effect.reference}")
+        lines += [TextLine(None, ""), TextLine(None, f"{effect.name} ({effect.port})", "bold"),
+                  TextLine("", effect.summary)]
         for field in effect.fields:
-            table.add_row(f"  .{field.name}", bounds_text(field), unit_text(field),
-                          field.default_text)
-    print_table(table)
+            unit = unit_text(field)
+            text = f"{bounds_text(field)} {unit}".rstrip().replace(" ", NO_BREAK)
+            name = f"{effect.name}.{field.name}"
+            lines.append(TextLine("", f"{name}={field.default_text}  ({text})"))
+    print_lines(lines[1:], stdout())
 
 
 def _explain(effect: Effect) -> None:

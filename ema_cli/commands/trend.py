@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ema_cli.console import check_new_file, print_json, say
+from ema_cli.console import check_new_file, print_json, stdout
+from ema_cli.lines import print_text
 from ema_cli.options import Baseline, Commanded, Format, Rule
 from ema_cli.views.flights import (
+    about,
     draw_sequence,
     episode_text,
     fall_lines,
@@ -23,9 +27,10 @@ from ema_cli.views.machine import Machine, check_format
 from ema_cli.views.rig_trend import RigTrend, draw_values, first_is_rig, rig_trend
 from ema_cli.views.rig_trend import trend_lines as rig_lines
 from ema_prognostics.words import class_name, counted, scaled
-from ema_record.errors import UsageError
+from ema_record.errors import UsageError, bounded, unknown_name
 
 if TYPE_CHECKING:
+    from ema_prognostics.trend.flights import Flight
     from ema_prognostics.trend.unit_trend import FaultTrend, UnitTrend
 
 
@@ -42,11 +47,13 @@ def trend(
     map_file: Annotated[Path | None, typer.Option(
         "--map", metavar="FILE.yaml", help="Of a rig: says which column is what, as for "
         "'ema import'.")] = None,
-    limit: Annotated[list[str] | None, typer.Option(
-        metavar="NAME=VALUE", help="Of a rig: a limit of a value, or NAME=+P% of what it was at "
-        "first; repeatable.")] = None,
     plot: Annotated[Path | None, typer.Option(
-        metavar="FILE.png", help="Plot severities, announcements and growth.")] = None,
+        metavar="FILE.png|.svg|.pdf", help="Draw severities, announcements and what is ahead."
+    )] = None,
+    limit: Annotated[list[str] | None, typer.Option(
+        metavar="NAME=SIZE", help="Forecast a size of your own too, as turn_short=5% or "
+        "backlash=2mrad; of a rig a value, or NAME=+P% of what it was at first; repeatable.")
+    ] = None,
     json: Annotated[bool, typer.Option(
         "--json", help="As --format json, one object an actuator.")] = False,
     form: Format = "text",
@@ -75,6 +82,10 @@ def trend(
 
     chosen = parse_rule(rule)
     form = check_format(form, json=json)
+    if plot is not None:
+        from ema_cli.views.pictures import picture_format
+
+        picture_format(plot)
     check_new_file(plot)
     if map_file is not None or first_is_rig(bags):
         if baseline is not None or profile is not None:
@@ -82,16 +93,14 @@ def trend(
                              "none")
         return _of_rig(rig_trend(bags, map_file=map_file, model=model, limits=limit or ()),
                        plot, json)
-    if limit:
-        raise UsageError("--limit is for records of a rig; the levels of an actuator's faults are "
-                         "those of its model")
+    limits = dict(map(parse_limit, limit or []))
     for bag in bags:
         other = None if is_sequence(bag) else what_else(bag)
         if other is not None:
             raise UsageError(f"{bag}: {other}: give a bag, or a directory of them")
     judge = Judge(model, baseline, profile=profile)
     units = judged_flights(bags, judge)
-    trends = [trend_of(unit, flights, chosen) for unit, flights in units.items()]
+    trends = [trend_of(unit, flights, chosen, limits) for unit, flights in units.items()]
     out = Machine(form, judge) if form != "text" else None
     if out is not None and form == "csv":
         print_sequence(trends, out)
@@ -100,8 +109,8 @@ def trend(
             if form == "json":
                 print_json(trend_object(found, out))
             continue
-        for line in trend_lines(found):
-            say(line)
+        for line in trend_lines(found, limits):
+            print_text(line, stdout())
     if plot is not None:
         draw_sequence(trends, plot)
     statuses = [exit_status(found) for found in trends]
@@ -114,10 +123,33 @@ def _of_rig(found: RigTrend, plot: Path | None, json: bool) -> int:
         print_json(found.to_dict())
     else:
         for line in rig_lines(found):
-            say(line)
+            print_text(line, stdout())
     if plot is not None and found.values:
         draw_values(found, plot)
     return found.exit_status
+
+
+def parse_limit(text: str) -> tuple[str, float]:
+    """Return class and severity of ``FAULT=SIZE``: a plain number, or with %, mrad or rad.
+
+    Raises
+    ------
+    UsageError
+        Another class, no size above 0, or a unit that the class does not have.
+    """
+    from ema_prognostics.cascade.classes import UNITS
+
+    name, _, size = (part.strip() for part in text.partition("="))
+    if name not in UNITS:
+        raise unknown_name("fault", name, UNITS, f"--limit {text}: give FAULT=SIZE, as "
+                           "turn_short=5%")
+    factors = {"": 1.0, **({"mrad": 1e-3, "rad": 1.0} if UNITS[name] == "rad" else {"%": 0.01})}
+    number = size.rstrip("%mrad ")
+    unit = size[len(number):].strip()
+    if unit not in factors:
+        raise UsageError(f"--limit {text}: {unit!r} is no unit of {name}: give "
+                         f"{' or '.join(u for u in factors if u)}")
+    return name, factors[unit] * bounded(f"--limit {name}", number, 1e-6, 1e4)
 
 
 def exit_status(found: UnitTrend) -> int:
@@ -131,7 +163,9 @@ def exit_status(found: UnitTrend) -> int:
     return 3 if pending or found.suspected or not copies[-1].answered else 0
 
 
-def trend_lines(found: UnitTrend) -> list[str]:
+def trend_lines(
+    found: UnitTrend, limits: Mapping[str, float] = MappingProxyType({})
+) -> list[str]:
     """Return the trend of an actuator in words, a fact a line."""
     answered = len(found.flights) - len(found.unanswered)
     lines = [f"Actuator {unit_name(found)}: {counted(len(found.flights))}, {answered} of them "
@@ -152,7 +186,7 @@ def trend_lines(found: UnitTrend) -> list[str]:
         lines.append(f"  {class_name(fault.history.fault_class, fault.history.phase)}")
         lines += [f"    {episode_text(e)}" for e in fault.episodes]
         lines += [f"    {line.partition(': ')[2]}" for line in fall_lines(fault)]
-        lines += [f"    {line}" for line in growth_lines(fault)]
+        lines += [f"    {line}" for line in growth_lines(fault, found.flights, limits)]
     for fault_class, at in found.suspected.items():
         lines += [
             f"  {class_name(fault_class)}",
@@ -162,7 +196,10 @@ def trend_lines(found: UnitTrend) -> list[str]:
     return lines
 
 
-def growth_lines(fault: FaultTrend) -> list[str]:
+def growth_lines(
+    fault: FaultTrend, flights: Sequence[Flight] = (),
+    limits: Mapping[str, float] = MappingProxyType({}),
+) -> list[str]:
     """Return rate and forecast of one fault, or why there is none."""
     if fault.episodes[-1].cleared is not None:
         return []
@@ -176,13 +213,18 @@ def growth_lines(fault: FaultTrend) -> list[str]:
         f"from {rise.count} flights"
     )
     now = f"severity now {scale * rise.severity:.3g} {unit}"
+    own = limits.get(fault.history.fault_class)
+    if own is not None and rise.severity >= own:
+        now += f", your limit of {scale * own:.3g} {unit} is reached"
     if not rise.growing:
         return [f"{now}; no growth: {rate}"]
     lines = [f"{now}; grows by {rate}"]
     for level in fault.forecasts:
         first, last = level.interval
         until = f"to {last}" if last is not None else "or later, no end in sight"
-        middle = f"at flight {level.flight} " if level.flight is not None else ""
+        middle = "" if level.flight is None else (
+            f"at flight {level.flight}, in {level.flight - fault.history.number[-1]} flights"
+            f"{about(flights, level.flight)} ")
         lines.append(
             f"{level.level} ({scale * level.severity:.3g} {unit}) expected {middle}"
             f"(90 %: {first} {until})"

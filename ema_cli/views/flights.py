@@ -11,12 +11,11 @@ from ema_cli.console import (
     drawing,
     given_bags,
     note,
-    print_table,
     progress,
-    say,
     stdout,
     styled,
 )
+from ema_cli.lines import print_rows, print_text
 from ema_cli.views.verdict import STYLES
 from ema_prognostics.words import class_name, counted, severity_words
 from ema_record.errors import UsageError
@@ -29,8 +28,8 @@ if TYPE_CHECKING:
     from ema_prognostics.verdict.judge import Judge
 
 
-BAG_WIDTH = 28
-"""Of the column of bags on a terminal (characters); longer names are folded."""
+LEAST_WIDTHS = (0, 76, 100, 0, 0)
+"""Of the terminal on which each column of the flights is shown (characters)."""
 
 
 def print_sequence(trends: Sequence[UnitTrend], out: Machine | None = None) -> None:
@@ -42,7 +41,7 @@ def print_sequence(trends: Sequence[UnitTrend], out: Machine | None = None) -> N
             continue
         print_flights(trend)
         for line in fault_lines(trend):
-            say(line)
+            print_text(line, stdout())
 
 
 def draw_sequence(trends: Sequence[UnitTrend], plot: Path) -> None:
@@ -81,26 +80,20 @@ def judged_flights(paths: Sequence[Path], judge: Judge) -> dict[str, list[Flight
 
 def print_flights(trend: UnitTrend) -> None:
     """Print one row a flight."""
-    from rich.table import Table
-
     console = stdout()
     console.print(styled((f"Actuator {unit_name(trend)}", "bold"),
                          f", {counted(len(trend.flights))}"))
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
-    table.add_column("flight", justify="right", no_wrap=True)
-    table.add_column("start (UTC)", no_wrap=True)
-    table.add_column("bag", overflow="fold",
-                     max_width=BAG_WIDTH if console.is_terminal else None)
-    table.add_column("verdict", no_wrap=True)
-    table.add_column("severity (interval)")
+    shown = [k for k, least in enumerate(LEAST_WIDTHS) if console.width >= least]
+    rows = []
     for flight in trend.flights:
         outcome = flight.verdict.outcome
-        table.add_row(
-            str(flight.number), _time(flight.start_time), styled(Path(flight.verdict.bag).name),
-            styled((outcome.upper(), STYLES.get(outcome, "bold"))),
-            styled("; ".join(_findings(flight))),
+        cells = (
+            str(flight.number), _time(flight.start_time), Path(flight.verdict.bag).name,
+            (outcome.upper(), STYLES.get(outcome, "bold")), "; ".join(_findings(flight)),
         )
-    print_table(table)
+        rows.append([cells[k] for k in shown])
+    header = ("flight", "start (UTC)", "bag", "verdict", "severity (interval)")
+    print_rows([header[k] for k in shown], rows, console)
 
 
 def unit_name(trend: UnitTrend) -> str:
@@ -130,6 +123,14 @@ def _time(start_time: int) -> str:
     if not start_time:
         return "not known"
     return datetime.fromtimestamp(start_time / 1e9, tz=timezone.utc).strftime("%Y-%m-%d %H:%M")
+
+
+def about(flights: Sequence[Flight], number: int) -> str:
+    """Return the day of a flight that is ahead in words, empty where not known."""
+    from ema_prognostics.trend.flights import date_of
+
+    date = date_of(flights, number)
+    return "" if date is None else f", about {date:%Y-%m-%d}"
 
 
 def fault_lines(trend: UnitTrend) -> list[str]:

@@ -103,7 +103,7 @@ def plot_record(record: Record, folder: Path, *, trace: np.ndarray | None = None
 def record_figures(record: Record, *, trace: np.ndarray | None = None) -> dict[str, Figure]:
     """Return the plots of a record by name, in the order of `NAMES`; `trace` as above."""
     actuator = load_actuator()
-    record, rebuilt = _completed(record, actuator)
+    record, rebuilt = completed_record(record)
     turns = None
     if ROTOR_ANGLE in record.columns:
         with contextlib.suppress(RecordError):
@@ -120,13 +120,13 @@ def record_figures(record: Record, *, trace: np.ndarray | None = None) -> dict[s
     return figures
 
 
-def _completed(record: Record, actuator: Actuator) -> tuple[Record, str]:
+def completed_record(record: Record) -> tuple[Record, str]:
     """Return a record with the channels that it lacks rebuilt, and a line that says which."""
     missing = [CHANNELS[c].name for c in ALL if c not in record.columns]
     if not missing:
         return record, ""
     try:
-        whole = replace(record, samples=completed(record, actuator))
+        whole = replace(record, samples=completed(record, load_actuator()))
     except RecordError:
         return record, f"not recorded: {', '.join(missing)}"
     return whole, f"not recorded, rebuilt from the others: {', '.join(missing)}"

@@ -7,7 +7,6 @@ before any of them, or the distance of all hundred features, is unusual.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,45 +14,29 @@ FEWEST = 2
 """Features that make a group."""
 
 
-class FeatureGroup(NamedTuple):
-    """Features that belong together."""
-
-    beginnings: tuple[str, ...]
-    """Of the features' names."""
-    words: str
-    """What they tell of, for a person."""
-
-
-GROUPS: dict[str, FeatureGroup] = {
-    "transmission": FeatureGroup(
-        ("shaft_", "stiffness_agreement", "compliance", "lag_", "gap_load", "gap_error",
-         "torque_ramp", "torque_quarter_over_ramp", "start_stiffness"),
-        "torque, wind-up and stiffness of the transmission"),
-    "commutation": FeatureGroup(
-        ("sensor_angle", "quarter_even_m6", "quarter_odd_m6", "full_even_m6", "full_odd_m6",
-         "high_low"),
-        "angle of the commutation and its torque ripple"),
-    "speed_sensor": FeatureGroup(
-        ("quarter_odd_m1", "full_odd_m1", "quarter_odd_m2", "full_odd_m2", "inertia_error"),
-        "ripple of the speed sensor"),
-    "motor_constant": FeatureGroup(
-        ("winding_back_emf", "rise_full", "rise_quarter", "viscous_torque", "torque_full",
-         "inertia", "winding_resistance", "winding_inductance", "switch_drop"),
-        "torque, voltage and current of the motor"),
-    "acceleration": FeatureGroup(
-        ("inertia", "rise_time"), "acceleration of the motor"),
-    "vibration": FeatureGroup(
-        ("high_", "speed_rms", "torque_rms", "gap_load", "gap_error"),
-        "fine ripple of torque and speed"),
+GROUPS: dict[str, tuple[str, ...]] = {
+    "transmission": ("shaft_", "stiffness_agreement", "compliance", "lag_", "gap_load",
+                     "gap_error", "torque_ramp", "torque_quarter_over_ramp", "start_stiffness"),
+    "commutation": ("sensor_angle", "quarter_even_m6", "quarter_odd_m6", "full_even_m6",
+                    "full_odd_m6", "high_low"),
+    "speed_sensor": ("quarter_odd_m1", "full_odd_m1", "quarter_odd_m2", "full_odd_m2",
+                     "inertia_error"),
+    "motor_constant": ("winding_back_emf", "rise_full", "rise_quarter", "viscous_torque",
+                       "torque_full", "inertia", "winding_resistance", "winding_inductance",
+                       "switch_drop"),
+    "acceleration": ("inertia", "rise_time"),
+    "vibration": ("high_", "speed_rms", "torque_rms", "gap_load", "gap_error"),
 }
-"""By physics, not by what a stranger moves. Differences between the windings make no group: a
+"""Beginnings of the features' names.
+
+By physics, not by what a stranger moves. Differences between the windings make no group: a
 short moves them itself, and the drivers do not tell how much."""
 
 
 def group_columns(checked: Sequence[str]) -> dict[str, np.ndarray]:
     """Return where the features of each group stand among the `checked` ones."""
     found = {
-        name: np.array([k for k, n in enumerate(checked) if n.startswith(group.beginnings)])
+        name: np.array([k for k, n in enumerate(checked) if n.startswith(group)])
         for name, group in GROUPS.items()
     }
     return {name: columns for name, columns in found.items() if len(columns) >= FEWEST}

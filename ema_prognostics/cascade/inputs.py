@@ -159,17 +159,20 @@ class Inputs:
         self.names = list(names)
         self.input_names = input_names(names)
         self._lines, self._absolute = lines, absolute
-        self._center, self._spread = center, spread
+        self.center, self.spread = center, spread
+        """Of the healthy fleet, shape (inputs,)."""
 
     def deviations(self, x: np.ndarray) -> np.ndarray:
         """Return all inputs in healthy deviations, shape (n, inputs), of features `x`."""
-        raw = derive(self.names, x, self._lines, self._absolute)
-        return (raw - self._center) / self._spread
+        return (self.raw(x) - self.center) / self.spread
+
+    def raw(self, x: np.ndarray) -> np.ndarray:
+        """Return all inputs in their units, shape (n, inputs), of features `x`."""
+        return derive(self.names, x, self._lines, self._absolute)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Return all inputs, squashed, shape (n, inputs), of features `x`, shape (n, d)."""
-        raw = derive(self.names, x, self._lines, self._absolute)
-        return squash(raw, self._center, self._spread)
+        return squash(self.raw(x), self.center, self.spread)
 
     def noise(self, u: np.ndarray) -> np.ndarray:
         """Return the noise of the records themselves, shape (n,), of all inputs `u`, squashed.

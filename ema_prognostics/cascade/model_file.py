@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -158,6 +159,13 @@ def parse_model(text: str, where: str) -> TrainedModel:
             f"{str(named)[:12]}...: it was changed or damaged, train again"
         )
     return model_of(Body.parse(body, where), where, found)
+
+
+def stated_sha256(path: Path) -> str:
+    """Return the hash that a model file states, unchecked; empty where it states none."""
+    with path.open("rb") as file:
+        found = re.search(rb'"sha256":"([0-9a-f]{64})"', file.read(400))
+    return "" if found is None else found[1].decode()
 
 
 def _written_body(text: str) -> str:

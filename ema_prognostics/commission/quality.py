@@ -12,7 +12,7 @@ from ema_prognostics.commission.discrepancy import NOT_SHIFTED, fit_discrepancy
 from ema_prognostics.training.evaluation import outcome_of
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_prognostics.verdict.diagnose import corrected_row
-from ema_prognostics.words import feature_words
+from ema_prognostics.words import ENGLISH, feature_words
 from ema_record.errors import UsageError
 
 MOST_FALSE_ALARMS, MOST_UNKNOWN = 0.01, 0.05
@@ -36,7 +36,8 @@ def check_described(
     off = np.abs((rows - model).mean(axis=0)) / spread
     off[[n.startswith(NOT_SHIFTED) for n in names]] = 0.0
     if np.count_nonzero(off > WORST) > MOST_BEYOND:
-        worst = [f"{feature_words(names[k])} by {off[k]:.0f}" for k in np.argsort(-off)[:3]]
+        worst = [f"{feature_words(names[k], ENGLISH)} by {off[k]:.0f}"
+                 for k in np.argsort(-off)[:3]]
         raise UsageError(
             f"the description does not give these records: {', '.join(worst)} healthy "
             f"deviations, at most {WORST:g}: check drive, gear, pole pairs, inertia and the "

@@ -8,7 +8,7 @@ from typing import Any
 from ema_prognostics.cascade.classes import FAULTS
 from ema_prognostics.commission.bound import FALSE_ALARMS
 from ema_prognostics.commission.quality import MOST_FALSE_ALARMS, MOST_UNKNOWN
-from ema_prognostics.words import NAMES, feature_words, scaled
+from ema_prognostics.words import ENGLISH, feature_words, name_of, scaled
 from ema_record.actuator import BACK_EMFS, DRIVES, RELAY
 
 VIEWS = (("fleet", "Without a baseline"), ("baseline", "With own baseline"))
@@ -126,8 +126,9 @@ def report_page(validation: dict[str, Any]) -> str:
     settings = validation["settings"]
     page = Environment(autoescape=True).from_string(PAGE)
     return page.render(
-        v=validation, held=held, type=kind, faults=FAULTS, names=NAMES, percent=percent,
-        size=number, unit=lambda name: scaled(name)[1], left=_left(validation), views=VIEWS,
+        v=validation, held=held, type=kind, faults=FAULTS, percent=percent, size=number,
+        names={name: name_of(name, ENGLISH) for name in FAULTS},
+        unit=lambda name: scaled(name, None, ENGLISH)[1], left=_left(validation), views=VIEWS,
         judged=3 * settings["validation"] + settings["validation_healthy"],
         alarms=f"{100 * FALSE_ALARMS:g}", most_alarms=f"{100 * MOST_FALSE_ALARMS:g}",
         most_unknown=f"{100 * MOST_UNKNOWN:g}", noticed=f"{100 * NOTICED:g}", spread=_spread,
@@ -168,7 +169,7 @@ def _left(validation: dict[str, Any]) -> list[str]:
     """Return in words what the model leaves unexplained, the largest first."""
     found: dict[str, str] = {}
     for one in validation["largest_after"]:
-        found.setdefault(feature_words(one["feature"]), f"{one['deviations']:+.1f}")
+        found.setdefault(feature_words(one["feature"], ENGLISH), f"{one['deviations']:+.1f}")
     return [f"{words} {size}" for words, size in found.items()][:UNEXPLAINED]
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from ema_prognostics.cascade.classes import FAULTS, UNITS
 from ema_prognostics.cascade.model_file import TrainedModel
-from ema_prognostics.words import size
+from ema_prognostics.words import ENGLISH, size
 
 
 def _percent(found: dict[str, Any]) -> str:
@@ -56,7 +56,8 @@ def validation_report(model: TrainedModel) -> str:
                 error = f["median relative error"]
                 lines.append(
                     f"| {name} (in {UNITS[name]}) | {_percent(f['detected'])} | "
-                    f"{size(name, f['a90/95'])} | {_percent(f['right class of detected'])} | "
+                    f"{size(name, f['a90/95'], ENGLISH)} | "
+                    f"{_percent(f['right class of detected'])} | "
                     f"{_percent(f['interval coverage'])} | "
                     f"{'-' if error is None else f'{100 * error:.1f} %'} |"
                 )

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime, timezone
 from pathlib import Path
 
 from ema_prognostics.verdict.verdict import Verdict
@@ -19,6 +20,8 @@ STORAGE = (".mcap", ".mcap.zstd", ".db3")
 """Endings of the files that hold recorded messages."""
 _MAGIC = b"\x89MCAP0\r\n"
 MAX_FLIGHTS = 10_000
+MOST_DATE = 4_000_000_000 * 10**9
+"""Beyond this no date is told (ns since the epoch)."""
 _BEST_FIRST = ("fault", "healthy", "unknown", "incomplete", "invalid")
 """Which of several copies counts; a fault is never hidden by a copy that does not show it."""
 
@@ -192,3 +195,21 @@ def read_flights(
         flights.append(judge(bag))
         progress(done)
     return by_unit(flights)
+
+
+def date_of(flights: Sequence[Flight], number: int) -> datetime | None:
+    """Return when a flight was, or will be if the last ten go on at their pace; None: not known.
+
+    Parameters
+    ----------
+    flights : of one actuator, in order.
+    number : from 1, beyond the last one for what is ahead.
+    """
+    known = [(f.number, f.start_time) for f in flights if f.start_time]
+    at = dict(known).get(number)
+    if at is None and len(known) > 1 and number > known[-1][0]:
+        (first, begin), (last, end) = known[-min(10, len(known))], known[-1]
+        at = end + round((end - begin) / (last - first) * (number - last))
+    if at is None or at > MOST_DATE:
+        return None
+    return datetime.fromtimestamp(at / 1e9, tz=timezone.utc)

@@ -7,8 +7,9 @@ next level (`growth`, `forecast`); what grows below what a flight can announce (
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,8 @@ DIGITS = 6
 """Significant digits of a number in the JSON object."""
 NAMES = ("medium", "large")
 """Levels that lie ahead of a small fault, in their order."""
+LIMIT = "limit"
+"""Level of one's own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,7 +160,8 @@ class UnitTrend:
 
 
 def trend_of(
-    serial_number: str, flights: Sequence[Flight], rule: ConfirmationRule = DEFAULT_RULE
+    serial_number: str, flights: Sequence[Flight], rule: ConfirmationRule = DEFAULT_RULE,
+    limits: Mapping[str, float] = MappingProxyType({}),
 ) -> UnitTrend:
     """Return the trend of one actuator.
 
@@ -166,31 +170,46 @@ def trend_of(
     serial_number : of the actuator.
     flights : of `flights.by_unit`: of one actuator, in order.
     rule : of confirmation.
+    limits : severities of one's own that are forecast too, by class of fault.
     """
-    faults = tuple(_fault_trend(h, rule) for h in histories(flights))
+    faults = tuple(_fault_trend(h, rule, limits) for h in histories(flights))
     return UnitTrend(
         serial_number=serial_number, flights=tuple(flights), faults=faults,
         suspected=_suspected(flights, faults),
     )
 
 
-def _fault_trend(history: History, rule: ConfirmationRule) -> FaultTrend:
+def _fault_trend(
+    history: History, rule: ConfirmationRule, limits: Mapping[str, float]
+) -> FaultTrend:
     found = tuple(episodes(history, rule))
-    steps = tuple(falls(history))
+    steps = tuple(at for at in falls(history) if not _told(at, found, history))
     begin = max([e.cleared for e in found if e.cleared is not None] + [*steps, 1])
     used = np.isfinite(history.severity) & (history.number >= begin)
     seen = (history.number[used], history.severity[used], history.lower[used],
             history.upper[used])
     rise = growth(*seen)
     view = None if rise is None else outlook(*seen, rise)
-    return FaultTrend(history=history, episodes=found, falls=steps, growth=rise,
-                      forecasts=() if view is None else _ahead(history, view))
+    ahead = () if view is None else _ahead(history, view, limits)
+    return FaultTrend(history=history, episodes=found, falls=steps, growth=rise, forecasts=ahead)
 
 
-def _ahead(history: History, view: Outlook) -> tuple[LevelForecast, ...]:
+def _told(at: int, found: Sequence[Episode], history: History) -> bool:
+    """Whether a fall is the end of an episode seen again: nothing was found between the two."""
+    seen = history.number[np.isfinite(history.severity)]
+    return any(e.cleared is not None and e.cleared <= at
+               and not ((seen >= e.cleared) & (seen < at)).any() for e in found)
+
+
+def _ahead(
+    history: History, view: Outlook, limits: Mapping[str, float]
+) -> tuple[LevelForecast, ...]:
     now = int(history.number[np.isfinite(history.severity)][-1])
     found = []
-    for name, severity in zip(NAMES, levels_of(history.fault_class)):
+    levels = dict(zip(NAMES, levels_of(history.fault_class)))
+    if history.fault_class in limits:
+        levels[LIMIT] = limits[history.fault_class]
+    for name, severity in sorted(levels.items(), key=lambda item: item[1]):
         coming = forecast(view, severity)
         if coming is None:
             continue

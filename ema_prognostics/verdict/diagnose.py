@@ -15,11 +15,12 @@ from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import SAME_POSITION, ProfileKind, profile_kind
 from ema_prognostics.features.vector import differences, start_allowed
 from ema_prognostics.paper.cascade import FAULTS, LEVELS
+from ema_prognostics.verdict.evidence import Measured
 from ema_prognostics.verdict.report import (
-    reasons_of_guard,
     unknown_verdict,
     verdict_of_detection,
     verdict_of_error,
+    verdict_of_guard,
 )
 from ema_prognostics.verdict.verdict import Fault, Verdict
 from ema_record.actuator import Actuator, load_actuator
@@ -113,7 +114,8 @@ def _diagnose(
     if kind is None:
         return unknown_verdict(
             f"the test {record.profile.name!r} is not one that the networks know: run the "
-            "profile step or extended, or a step that keeps the actuator slewing for 0.36 s"
+            "profile step or extended, or a step that keeps the actuator slewing for 0.36 s",
+            cause="unknown_test",
         )
     try:
         if mode == "paper":
@@ -123,7 +125,7 @@ def _diagnose(
         return verdict_of_error(error)
     except IncompleteRecordError as error:
         # The record covers the test, so it is the actuator that did not do it.
-        return unknown_verdict(str(error))
+        return unknown_verdict(str(error), cause="not_done")
 
 
 def _robust_verdict(
@@ -174,25 +176,25 @@ def verdict_of_features(
     names = cascade.view.names
     if set(features) != set(names):
         return unknown_verdict("the record does not hold every feature: record every channel of "
-                               "the kit, from the acceptance of the command, the inverter off")
+                               "the kit, from the acceptance of the command, the inverter off",
+                               cause="missing_feature")
     left = model.body.discrepancy.get(kind)
     x = corrected_row(features, names, left)
     detection = cascade.find(x, exact=exact)[0]
     with_own = baseline is not None and own is not None
-    unusual = reasons_of_guard(cascade, detection, BESIDE_OWN if with_own else 1.0)
-    if unusual:
-        return unknown_verdict("the record is unlike anything the networks were trained on",
-                               *unusual)
+    unusual = verdict_of_guard(cascade, detection, BESIDE_OWN if with_own else 1.0)
+    if unusual is not None:
+        return unusual
     if baseline is None or own is None:
-        return verdict_of_detection(cascade, x[0], detection, kind)
+        measured = Measured(cascade.inputs, x[0], cascade.inputs)
+        return verdict_of_detection(measured, detection, kind)
     x = differences(x, corrected_row(baseline, names, left))
     alone, detection = detection, own.find(x, exact=exact)[0]
     detection = replace(detection, known=min(alone.known, detection.known))
-    unusual = reasons_of_guard(own, detection)
-    if unusual:
-        return unknown_verdict("the change since the baseline is unlike anything the networks "
-                               "were trained on", *unusual)
-    return verdict_of_detection(own, x[0], detection, kind)
+    unusual = verdict_of_guard(own, detection, cause="unlike_since_baseline")
+    if unusual is not None:
+        return unusual
+    return verdict_of_detection(Measured(own.inputs, x[0], cascade.inputs), detection, kind)
 
 
 def corrected_row(

@@ -8,17 +8,21 @@ as its reasons; the actuator is then not judged.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 from threadpoolctl import ThreadpoolController
 
+from ema_prognostics.cascade.find import Cascade
 from ema_prognostics.cascade.model_file import load_model
+from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.verdict.diagnose import Baseline, Mode, baseline_of, diagnose
 from ema_prognostics.verdict.report import verdict_of_error
 from ema_prognostics.verdict.verdict import Verdict
 from ema_record.bag.read import read_bag
+from ema_record.checks.facts import Finding
 from ema_record.checks.guard import guard_findings, outcome_of, reason_of
 from ema_record.errors import RecordError, UsageError
 from ema_record.kit import is_default_kit, kit_name
@@ -86,23 +90,43 @@ class Judge:
             return Judged(verdict_of_error(error, str(bag)))
         return self.of_record(record, str(bag))
 
-    def of_record(self, record: Record, source: str) -> Judged:
-        """Return the verdict on a record; `source` names its bag."""
-        if self._profile is not None:
-            record = replace(record, profile=self._profile)
+    def fleet_cascade(self, kind: ProfileKind) -> Cascade | None:
+        """Return the networks for a kind of test without a baseline, None where there are none."""
+        return self._model.cascade(kind, "fleet")
+
+    def commanded(self, record: Record) -> Record:
+        """Return a record with the test that was commanded."""
+        return record if self._profile is None else replace(record, profile=self._profile)
+
+    def of_record(
+        self, record: Record, source: str, findings: Sequence[Finding] | None = None
+    ) -> Judged:
+        """Return the verdict on a record.
+
+        Parameters
+        ----------
+        record : of one test.
+        source : names its bag.
+        findings : of the guard, where they are known.
+        """
+        record = self.commanded(record)
         try:
             if self._own is not None:
                 _check_same_actuator(self._own, record)
-            verdict = replace(self._diagnose(record, self._mode, self._own), bag=source)
+            verdict = self._diagnose(record, self._mode, self._own, findings)
+            verdict = replace(verdict, bag=source)
         except (RecordError, UsageError) as error:
             verdict = verdict_of_error(error, source)
         verdict = replace(verdict, actuator=record.provenance.name)
         return Judged(verdict, record.provenance.serial_number, record.provenance.start_time,
                       record.profile.name)
 
-    def _diagnose(self, record: Record, mode: Mode, own: Baseline | None) -> Verdict:
+    def _diagnose(
+        self, record: Record, mode: Mode, own: Baseline | None,
+        findings: Sequence[Finding] | None = None,
+    ) -> Verdict:
         with self._libraries.limit(limits=1):
-            return forbidden(record) or diagnose(
+            return forbidden(record, findings) or diagnose(
                 record, self._model, mode=mode, baseline=own, checked=True)
 
     def _load_baseline(self, given: str | Path | Record) -> Baseline:
@@ -125,15 +149,16 @@ class Judge:
             raise UsageError(f"{path}: {error}") from None
 
 
-def forbidden(record: Record) -> Verdict | None:
+def forbidden(record: Record, findings: Sequence[Finding] | None = None) -> Verdict | None:
     """Return the verdict that the record checks amount to, None where they forbid nothing."""
-    findings = guard_findings(record)
+    findings = guard_findings(record) if findings is None else findings
     if not findings:
         return None
     outcome = outcome_of(findings)
     return Verdict(
         outcome=outcome, probabilities={"unknown": 1.0} if outcome == "unknown" else {},
         reasons=tuple(map(reason_of, findings[:MOST_REASONS])), bag=record.provenance.source,
+        cause=findings[0].rule,
     )
 
 

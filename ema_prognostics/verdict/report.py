@@ -2,76 +2,72 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ema_prognostics.cascade.classes import CLASS_OF, FAULTS, SHORTS, UNITS, level_of, levels_of
 from ema_prognostics.cascade.find import Cascade, Detection
-from ema_prognostics.cascade.guard_groups import GROUPS
 from ema_prognostics.features.profile_kind import ProfileKind
-from ema_prognostics.verdict.verdict import Fault, Verdict
-from ema_prognostics.words import REPEAT, feature_words, next_step
+from ema_prognostics.verdict.evidence import MOST, Measured
+from ema_prognostics.verdict.verdict import Fault, Measure, Symptom, Verdict
+from ema_prognostics.words import ENGLISH, feature_words, next_step
 from ema_record.errors import EmaError, IncompleteRecordError
 
-RELEVANT = {
-    "turn_short": ("_even_m2", "_even_m4", "resistance_spread", "inductance_spread"),
-    "rotor_eccentricity": ("_even_m1", "_even_m3"),
-    "friction": ("torque_", "gap_torque", "surface_torque"),
-    "backlash": ("gap_width", "lag_", "start_stiffness"),
-}
-"""Features that speak for each class."""
-MOST = 3
+GROUP, ALL = "group.", "all"
+"""Beginning of the names of groups of features, and the name of all together."""
+FOUND: dict[Measure, str] = {
+    "healthy": "{:+.1f} healthy deviations", "bound": "{:.1f} times the usual bound"}
 
 
-def reasons_of_fault(cascade: Cascade, x: np.ndarray, output: str) -> list[str]:
-    """Return what moved, largest first, for an announced output; `x` has shape (d,)."""
-    keys = RELEVANT[CLASS_OF[output]]
-    names = cascade.inputs.input_names
-    z = cascade.inputs.deviations(x[None])[0]
-    chosen = [k for k, n in enumerate(names)
-              if any(key in n for key in keys) and not n.startswith("absolute_")]
-    chosen.sort(key=lambda k: -abs(z[k]))
-    found: list[str] = []
-    for k in chosen:
-        text = feature_words(names[k])
-        if abs(z[k]) >= 2.0 and not any(f.startswith(text) for f in found):
-            found.append(f"{text}: {z[k]:+.1f} healthy deviations")
-        if len(found) == MOST:
-            break
-    return found
+def words_of(evidence: Sequence[Symptom]) -> list[str]:
+    """Return pieces of evidence as reasons in words."""
+    return [f"{feature_words(e.feature, ENGLISH)}: {FOUND[e.measure].format(e.times)}"
+            for e in evidence]
 
 
-def reasons_of_guard(cascade: Cascade, detection: Detection, bound: float = 1.0) -> list[str]:
-    """Return what is unlike anything trained on, worst first, and what to do; empty: nothing is.
+def guard_evidence(cascade: Cascade, detection: Detection) -> list[Symptom]:
+    """Return what the guard finds unusual: features, groups of them, or all together."""
+    guard = cascade.guard
+    if guard is None:
+        return []
+    names = [
+        *(cascade.inputs.input_names[k] for k in guard.checked),
+        *(f"{GROUP}{name}" for name in guard.groups), ALL,
+    ]
+    singles = len(guard.checked)
+    order = [*np.argsort(-detection.guard[:singles])[:MOST],
+             *(singles + np.argsort(-detection.guard[singles:-1]))[:MOST]]
+    found = [Symptom(feature=names[k], measure="bound", times=float(detection.guard[k]))
+             for k in order if detection.guard[k] > 1.0][:MOST]
+    return found or [Symptom(feature=ALL, measure="bound", times=float(detection.guard[-1]))]
+
+
+def verdict_of_guard(
+    cascade: Cascade, detection: Detection, bound: float = 1.0, *, cause: str = "unlike"
+) -> Verdict | None:
+    """Return the verdict on a record that is unlike anything trained on, None where it is not.
 
     Parameters
     ----------
     cascade : that found it.
     detection : what it found.
     bound : of the guard's scores, above 1 where another guard judges too.
+    cause : ``unlike``, or ``unlike_since_baseline``.
     """
-    guard = cascade.guard
-    if guard is None or detection.guard.max() <= bound:
-        return []
-    names = cascade.inputs.input_names
-    m = len(guard.checked)
-    each, groups, together = detection.guard[:m], detection.guard[m:-1], float(detection.guard[-1])
-    found = [
-        f"{feature_words(names[guard.checked[k]])}: {each[k]:.1f} times the usual bound"
-        for k in np.argsort(-each)[:MOST] if each[k] > 1.0
-    ]
-    found += [
-        f"{GROUPS[guard.groups[k]].words}, together: {groups[k]:.1f} times the usual distance"
-        for k in np.argsort(-groups)[:MOST - len(found)] if groups[k] > 1.0
-    ]
-    if not found:
-        worst = feature_words(names[guard.checked[int(np.argmax(each))]])
-        found.append(f"all features together: {together:.1f} times the usual distance, most of "
-                     f"all the {worst}")
-    odd = np.argmax(each) if each.size and each.max() > 1.0 else None
-    step = REPEAT if odd is None else next_step(names[guard.checked[odd]])
-    return [*found, f"next: {step}"]
+    if cascade.guard is None or detection.guard.max() <= bound:
+        return None
+    found = guard_evidence(cascade, detection)
+    first = found[0].feature
+    reasons = [UNLIKE[cause], *words_of(found), f"next: {next_step(first, ENGLISH)}"]
+    return unknown_verdict(*reasons, cause=cause, evidence=found)
 
 
+UNLIKE = {
+    "unlike": "the record is unlike anything the networks were trained on",
+    "unlike_since_baseline": "the change since the baseline is unlike anything the networks were "
+                             "trained on",
+}
 GAP_CAVEAT = (
     "one step in one direction shows lost motion only where the motor crosses it at the start; if "
     "the last motion left the shaft wound that way, only the extended profile rules backlash out"
@@ -98,20 +94,25 @@ def verdict_of_error(error: EmaError, bag: str = "") -> Verdict:
     """Return the verdict on a record that cannot be read or used: incomplete or invalid."""
     incomplete = isinstance(error, IncompleteRecordError)
     return Verdict(
-        outcome="incomplete" if incomplete else "invalid", reasons=(str(error),), bag=bag
+        outcome="incomplete" if incomplete else "invalid", reasons=(str(error),), bag=bag,
+        cause="record",
     )
 
 
-def unknown_verdict(*reasons: str) -> Verdict:
-    """Return the verdict on a record that cannot be judged."""
-    return Verdict(outcome="unknown", probabilities={"unknown": 1.0}, reasons=reasons)
+def unknown_verdict(
+    *reasons: str, cause: str = "record", evidence: Sequence[Symptom] = ()
+) -> Verdict:
+    """Return the verdict on a record that cannot be judged; `cause` as in `Verdict`."""
+    return Verdict(outcome="unknown", probabilities={"unknown": 1.0}, reasons=reasons,
+                   cause=cause, evidence=tuple(evidence))
 
 
-def _doubt(probabilities: dict[str, float], *, small: bool) -> Verdict:
+def _doubt(measured: Measured, probabilities: dict[str, float], *, small: bool) -> Verdict:
     """Return the verdict where no fault is certain enough, nor that there is none.
 
     Parameters
     ----------
+    measured : the record.
     probabilities : of the classes.
     small : whether a fault is certain, but too small to be told from a side of something else.
     """
@@ -125,25 +126,25 @@ def _doubt(probabilities: dict[str, float], *, small: bool) -> Verdict:
         "test, or give a baseline")
     return Verdict(
         outcome="unknown", probabilities=probabilities, alternatives=tuple(likely),
-        reasons=(reason,),
+        reasons=(reason,), cause="too_small" if small else "doubt",
+        evidence=tuple(measured.strongest(likely, 0.0)),
     )
 
 
 def verdict_of_detection(
-    cascade: Cascade, x: np.ndarray, detection: Detection, kind: ProfileKind
+    measured: Measured, detection: Detection, kind: ProfileKind
 ) -> Verdict:
     """Return the verdict.
 
     Parameters
     ----------
-    cascade : that found it.
-    x : ndarray, shape (d,). Its inputs.
+    measured : the record, with the cascade that judged it.
     detection : what it found.
     kind : of the test.
     """
     probabilities = detection.class_probability
     if detection.doubtful:
-        return _doubt(probabilities, small=bool((detection.margin > 0.0).any()))
+        return _doubt(measured, probabilities, small=bool((detection.margin > 0.0).any()))
     if not detection.outputs:
         reasons = ["no feature lies outside what the healthy fleet shows"]
         if kind == "step":
@@ -151,8 +152,9 @@ def verdict_of_detection(
         return Verdict(
             outcome="healthy", probabilities=probabilities, reasons=tuple(reasons),
             alternatives=("backlash", "friction") if kind == "step" else (),
+            evidence=tuple(measured.strongest(FAULTS, 0.0)),
         )
-    faults, reasons = [], []
+    faults, reasons, side = [], [], None
     for output, severity in zip(detection.outputs, detection.severity):
         name = CLASS_OF[output]
         faults.append(Fault(
@@ -164,7 +166,7 @@ def verdict_of_detection(
         if name == "friction":
             side = "motor" if output == "motor_friction" else "surface"
             reasons.append(f"the friction is most likely that of the {side}")
-        reasons += reasons_of_fault(cascade, x, output)
+        reasons += words_of(measured.strongest([name]))
     faults.sort(key=lambda f: -(f.severity or 0.0) / levels_of(f.fault_class)[1])
     named = {f.fault_class for f in faults}
     alternatives: tuple[str, ...] = ()
@@ -176,5 +178,6 @@ def verdict_of_detection(
     reasons += [SAME_LINES[name] for name in alternatives]
     return Verdict(
         outcome="fault", faults=tuple(faults), reasons=tuple(reasons),
-        probabilities=probabilities, alternatives=alternatives,
+        probabilities=probabilities, alternatives=alternatives, side=side,
+        evidence=tuple(measured.strongest(f.fault_class for f in faults)),
     )

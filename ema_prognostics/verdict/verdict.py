@@ -6,9 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from ema_prognostics.words import ENGLISH, feature_words
+
 Outcome = Literal["healthy", "fault", "unknown", "incomplete", "invalid"]
 DIGITS = 6
 """Significant digits of a number in the JSON object."""
+TOLD = 5
+"""The same of a symptom."""
+Measure = Literal["healthy", "bound"]
 EXIT_STATUS: dict[Outcome, int] = {
     "healthy": 0, "fault": 1, "unknown": 3, "incomplete": 3, "invalid": 2,
 }
@@ -44,6 +49,39 @@ class Fault:
         }
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Symptom:
+    """One number that speaks for a verdict.
+
+    Attributes
+    ----------
+    feature : its name.
+    measure : what `times` counts: spreads of healthy units (signed), or the guard's usual bound.
+    times : how far off it is.
+    value, unit : as a person reads it; None: a distance of several features.
+    healthy : range of 90 % of healthy units of the type.
+    own : the same of this unit, by its baseline; None: without one.
+    """
+
+    feature: str
+    measure: Measure
+    times: float
+    value: float | None = None
+    unit: str = ""
+    healthy: tuple[float, float] | None = None
+    own: tuple[float, float] | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields as JSON values, with the feature in words."""
+        return {
+            "feature": self.feature, "words": feature_words(self.feature, ENGLISH),
+            "measure": self.measure, "times": _rounded(self.times, TOLD),
+            "value": None if self.value is None else _rounded(self.value, TOLD), "unit": self.unit,
+            "healthy": None if self.healthy is None else [_rounded(v, TOLD) for v in self.healthy],
+            "own": None if self.own is None else [_rounded(v, TOLD) for v in self.own],
+        }
+
+
 _NO_FAULT = {
     "fault_class": None, "phase": None, "severity": None, "severity_unit": None,
     "severity_interval": None, "level": None,
@@ -66,6 +104,14 @@ class Verdict:
     reasons: tuple[str, ...] = ()
     """In words."""
     bag: str = ""
+    cause: str = ""
+    """Why there is no answer: ``unlike``, ``unlike_since_baseline``, ``doubt``, ``too_small``,
+    ``unknown_test``, ``missing_feature``, ``not_done``, ``record``, or the name of a rule of the
+    record checks; empty where there is one."""
+    evidence: tuple[Symptom, ...] = ()
+    """The numbers that say the most, largest first."""
+    side: str | None = None
+    """Of a friction that is found, where it is most likely: motor or surface."""
     actuator: str = ""
     """Name of the actuator among those of the aircraft; empty: it has none."""
 
@@ -108,6 +154,9 @@ class Verdict:
                 name: round(float(p), DIGITS) for name, p in self.probabilities.items()
             },
             "reasons": list(self.reasons),
+            "cause": self.cause or None,
+            "evidence": [e.to_dict() for e in self.evidence],
+            "side": self.side,
         }
 
 
@@ -128,5 +177,5 @@ def worst_status(statuses: list[int]) -> int:
     return next((status for status in _WORST_FIRST if status in statuses), 0)
 
 
-def _rounded(value: float | None) -> float | None:
-    return None if value is None else float(f"{value:.{DIGITS}g}")
+def _rounded(value: float | None, digits: int = DIGITS) -> float | None:
+    return None if value is None else float(f"{value:.{digits}g}")

@@ -8,7 +8,7 @@ warn of what is unusual and may be a fault of the actuator. The worst level wins
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -72,6 +72,8 @@ class CheckResult:
     level: Level
     message: str
     values: dict[str, str] = field(default_factory=dict)
+    limits: dict[str, float] = field(default_factory=dict)
+    """Largest usual size of those of `values` that have one."""
 
 
 def group_of(finding: Finding) -> str:
@@ -92,7 +94,11 @@ def check_record(record: Record, actuator: Actuator | None = None) -> list[Check
 
     """
     facts = facts_of_record(record, actuator)
-    findings = guard_findings(facts)
+    return check_facts(facts, guard_findings(facts))
+
+
+def check_facts(facts: BagFacts, findings: Sequence[Finding]) -> list[CheckResult]:
+    """Return the results of all checks on facts in which the guard has these `findings`."""
     with np.errstate(all="ignore"):  # the values of a record may be anything
         measured = [check(facts) for check in CHECKS]
     return [_with(result, [f for f in findings if group_of(f) == result.name])
@@ -148,6 +154,7 @@ def _count(facts: BagFacts) -> CheckResult:
         name="count", level=Level.OK if n == expected > 1 else Level.ERROR,
         message=f"{n} of {expected} samples, {gaps} gaps",
         values={"samples": str(n), "expected": str(expected), "gaps": str(gaps)},
+        limits={"gaps": 0.0},
     )
 
 
@@ -159,7 +166,7 @@ def _time_order(facts: BagFacts) -> CheckResult:
     return CheckResult(
         name="time order", level=Level.ERROR if backwards else Level.OK,
         message=f"{backwards} steps back or still" if backwards else "time increases",
-        values={"backwards": str(backwards)},
+        values={"backwards": str(backwards)}, limits={"backwards": 0.0},
     )
 
 
@@ -171,7 +178,7 @@ def _finite(facts: BagFacts) -> CheckResult:
     return CheckResult(
         name="finite", level=Level.ERROR if names else Level.OK,
         message=f"not finite: {', '.join(names)}" if names else "all values are finite",
-        values={"not_finite": str(int(bad.sum()))},
+        values={"not_finite": str(int(bad.sum()))}, limits={"not_finite": 0.0},
     )
 
 
@@ -208,7 +215,7 @@ def _range(facts: BagFacts) -> CheckResult:
     return CheckResult(
         name="range", level=Level.ERROR if outside else Level.OK,
         message="; ".join(outside) or "all values are within their ranges",
-        values={"channels_outside": str(len(outside))},
+        values={"channels_outside": str(len(outside))}, limits={"channels_outside": 0.0},
     )
 
 
@@ -221,11 +228,11 @@ def _saturation(facts: BagFacts) -> CheckResult:
         [[0], (reference >= 0.99 * limit).astype(np.int8), [0]]
     )))
     longest = int((edges[1::2] - edges[::2]).max()) * facts.interval if len(edges) else 0.0
+    usual = SATURATION_TIME * facts.run_up
     return CheckResult(
-        name="saturation",
-        level=Level.WARN if longest > SATURATION_TIME * facts.run_up else Level.OK,
+        name="saturation", level=Level.WARN if longest > usual else Level.OK,
         message=f"at most {longest:.3f} s on end at the current limit of {limit:g} A",
-        values={"longest_s": f"{longest:.4f}"},
+        values={"longest_s": f"{longest:.4f}"}, limits={"longest_s": usual},
     )
 
 
@@ -242,7 +249,7 @@ def _current_sum(facts: BagFacts) -> CheckResult:
         name="current sum",
         level=_graded(abs(mean), limits),
         message=f"mean of i_a + i_b + i_c is {mean:+.3f} A",
-        values={"mean_A": f"{mean:.4f}"},
+        values={"mean_A": f"{mean:.4f}"}, limits={"mean_A": limits[0]},
     )
 
 
@@ -261,6 +268,7 @@ def _speed_against_position(facts: BagFacts) -> CheckResult:
         name="speed against position", level=_graded((span - facts.twist) / stop, TRAVEL),
         message=f"integrated speed and position differ by {1e3 * span:.2f} mrad",
         values={"difference_rad": f"{span:.6f}"},
+        limits={"difference_rad": TRAVEL[0] * stop + facts.twist},
     )
 
 
@@ -298,6 +306,7 @@ def _command_reached(facts: BagFacts) -> CheckResult:
         message=f"at most {1e3 * away:.1f} mrad from the expected course, "
         f"{1e3 * left:+.1f} mrad from the command at the end",
         values={"away_rad": f"{away:.6f}", "end_rad": f"{left:.6f}"},
+        limits={"away_rad": usual},
     )
 
 

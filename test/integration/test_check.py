@@ -63,16 +63,15 @@ def test_for_a_person(bags, capsys):
     assert run(["check", bags["short"]]) == 1
     text = capsys.readouterr().out
     assert "FAULT" in text
-    assert "turn short in phase b" in text
-    assert "medium" in text
+    assert "Shorted turns, phase b" in text
+    assert "MEDIUM" in text
 
 
 def test_what_cannot_be_told_apart_does_not_contradict_the_probabilities(bags, capsys):
     """A static eccentricity along the axis of the phase is judged as that short, and said so."""
     run(["check", bags["short"]])
     text = capsys.readouterr().out
-    assert ("cannot be told from: static rotor eccentricity (its probability is in that of the "
-            "turn short)") in text
+    assert "A rotor off centre in a fixed direction would look the same: measure the" in text
     _, (verdict,) = check(capsys, bags["short"])
     assert verdict["alternatives"] == ["rotor_eccentricity"]
     assert any("the probability of turn short is that of either" in r for r in verdict["reasons"])
@@ -91,7 +90,7 @@ def test_what_is_no_bag_is_not_judged(bags, capsys, tmp_path):
     assert run(["check", *paths]) == 2
     out, err = capsys.readouterr()
     assert "INVALID" not in out
-    assert out.startswith(f"HEALTHY  {bags['healthy']}\n")
+    assert out.startswith("HEALTHY  ") and f"  Record  {bags['healthy']}\n" in out
     assert [line.split(": ")[1:3] for line in err.splitlines()] == [
         [paths[0], "a text file, no bag"], [paths[1], "no such file or directory"]]
     status, verdicts = check(capsys, *paths)
@@ -113,7 +112,10 @@ def test_a_hostile_serial_number_and_name_are_shown_as_they_are(tmp_path, capsys
              for text in (HOSTILE, name)}
     plot = str(tmp_path / "a.png")
     result = {
-        "record": bag, "checks": [{"name": HOSTILE, "level": 1, "message": HOSTILE}],
+        "record": bag, "heading": {
+            "serial_number": HOSTILE, "profile": HOSTILE, "start_time": "", "kit": "",
+            "model": "", "software_version": "",
+            "checks": [{"name": HOSTILE, "level": 1, "message": HOSTILE}]},
         "verdict": check(capsys, bag)[1][0],
         "times": {"start": 1.0, "test": 1.0, "after_record_closed": 0.1, "total": 3.0},
     }

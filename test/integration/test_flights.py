@@ -161,9 +161,17 @@ def test_units_are_not_mixed(two_units, capsys, tmp_path):
         assert not plot.exists()
 
 
-def test_a_plot_needs_a_directory(growing, capsys, tmp_path):
-    assert run(["check", str(growing / "flight_6"), "--plot", str(tmp_path / "a.png")]) == 2
-    assert "directory that holds bags" in capsys.readouterr().err
+def test_a_picture_is_of_one_bag_or_directory(growing, capsys, tmp_path):
+    bag, plot = str(growing / "flight_6"), tmp_path / "a.png"
+    for arguments, problem in (
+        (["check", bag, bag, "--plot", str(plot)], "one bag, or one directory"),
+        (["check", bag, "--plot", str(tmp_path / "a.bmp")], "end the name with .png, .svg, .pdf"),
+        (["trend", bag, "--plot", str(tmp_path / "a")], "no ending"),
+        (["check", str(tmp_path / "none"), "--plot", str(plot)], "no record to draw"),
+    ):
+        assert run(arguments) == 2
+        assert problem in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_bag_beside_a_directory(growing, two_units, capsys):

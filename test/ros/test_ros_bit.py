@@ -99,10 +99,13 @@ def test_replay_without_a_listener_says_so(repository):
 
 
 def test_a_healthy_actuator_is_called_healthy(tmp_path):
-    run = ema("bit", "--profile", "step", "--out", tmp_path / "records")
+    run = ema("bit", "--profile", "step", "--out", tmp_path / "records", "--verbose")
     assert run.returncode == 0, run.stdout + run.stderr
-    assert "healthy" in run.stdout
+    assert run.stdout.startswith("HEALTHY  SIM-0000")
+    assert "complete, 9 of 9 checks" in run.stdout
     assert "all 9000 published samples are recorded" in run.stdout
+    (page,) = (tmp_path / "records").glob("*.html")
+    assert str(page) in run.stdout and page.with_suffix(".xml").is_file()
 
 
 @pytest.mark.parametrize(("arguments", "hint"), [

@@ -10,14 +10,14 @@ from ema_sim.effects import EFFECTS, Choice, parse_effects
 
 def test_table_has_every_effect_and_parameter(capsys):
     assert run(["effects"]) == 0
-    lines = capsys.readouterr().out.split("\n")
-    heads = {line.split()[0]: line for line in lines if line and not line.startswith(" ")}
+    lines = capsys.readouterr().out.splitlines()
     for name, effect in EFFECTS.items():
-        assert effect.port in heads[name]
-        assert effect.reference in heads[name]
-    assert sum(line.startswith("  .") for line in lines) == sum(
-        len(effect.fields) for effect in EFFECTS.values()
-    )
+        at = lines.index(f"  {name} ({effect.port})")
+        assert lines[at + 1].strip() == effect.summary
+        for k, field in enumerate(effect.fields, start=at + 2):
+            assert lines[k].split("=")[0].strip() == f"{name}.{field.name}"
+    assert sum("=" in line and "." in line.split("=")[0] for line in lines) >= sum(
+        len(effect.fields) for effect in EFFECTS.values())
 
 
 def test_json_is_one_object_an_effect_and_its_names_can_be_set(capsys):

@@ -6,7 +6,8 @@ import os
 import pytest
 from typer.main import get_command
 
-from ema_cli.main import COMMANDS, build_app, run, with_kit
+from ema_cli.main import COMMANDS, build_app, run
+from ema_cli.options import with_common
 from ema_record.actuator import load_actuator
 from ema_record.actuator_type import actuator_hash
 from ema_record.bag.read import read_bag
@@ -54,7 +55,7 @@ def test_it_holds_inside_the_command_alone(kit):
         return 0
 
     before = os.environ.get(ENVIRONMENT)
-    wrapped = with_kit(command)
+    wrapped = with_common(command)
     wrapped(name="a", kit=kit)
     wrapped(name="b", kit=None)
     assert seen[0] == ("a", 300.0, str(kit.resolve()))
@@ -66,7 +67,7 @@ def test_a_command_with_a_kit_of_its_own_keeps_it():
     def command(kit: str) -> str:
         return kit
 
-    assert with_kit(command) is command
+    assert with_common(command)(kit="mine") == "mine"
 
 
 def test_simulate_lint_and_check_with_a_kit(kit, tmp_path, capsys):

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from ema_cli import console, main
+from ema_cli import console, ending, main
 from ema_cli.commands.train import print_report
 from ema_record.errors import IncompleteRecordError, OutputError, UsageError
 from ema_record.version import VERSION
@@ -121,7 +121,7 @@ def test_errors_are_one_line_with_their_status(error, status, expected, capsys):
     def command():
         raise error
 
-    assert console.guarded(command) == status
+    assert ending.guarded(command) == status
     captured = capsys.readouterr()
     assert captured.err.count("\n") == 1
     assert expected in captured.err

@@ -2,12 +2,16 @@
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from ema_cli.main import run
+from ema_cli.views import evidence_plot
 from ema_cli.views import record_plots as plots
+from ema_cli.views.pictures import save_picture
 from ema_prognostics.features.turns import paper_window, whole_turns
-from ema_record.actuator import load_actuator
+from ema_prognostics.verdict.examination import examine
+from ema_prognostics.verdict.judge import Judge
 from ema_record.channels import N_CHANNELS
 from ema_record.errors import OutputError
 from ema_record.profile import load_profile
@@ -119,11 +123,11 @@ def test_channels_that_were_not_recorded_are_rebuilt_and_that_is_said(tmp_path):
     samples = np.array(record.samples)
     samples[:, [4, 9]] = np.nan
     part = Record(samples=samples, profile=record.profile)
-    whole, text = plots._completed(part, load_actuator())
+    whole, text = plots.completed_record(part)
     assert text == "not recorded, rebuilt from the others: phase_current_c, surface_position"
     np.testing.assert_allclose(whole.samples[:, 4], record.samples[:, 4], atol=1e-9)
     np.testing.assert_allclose(whole.samples[:, 9], record.samples[:, 9], atol=1e-3)
-    assert plots._completed(record, load_actuator()) == (record, "")
+    assert plots.completed_record(record) == (record, "")
     assert len(plots.plot_record(part, tmp_path / "p")) == len(plots.NAMES)
     samples[:, [5, 6, 7, 8]] = np.nan
     samples[:, 2:4] = 0.0  # no current from which the angle could be told
@@ -137,3 +141,47 @@ def test_the_scale_of_the_surface_is_that_of_its_travel(stop, linear):
     assert axes.yaxis.get_transform().linthresh == pytest.approx(linear)
     assert f"linear to ±{linear:g}" in axes.get_ylabel()
     assert [t.get_text() for t in axes.get_yticklabels()].count("") == 4
+
+
+@pytest.fixture(scope="module")
+def examined(repository):
+    judge = Judge()
+    return examine(judge, repository / "bags" / "sim_0001_extended"), judge
+
+
+def test_evidence_shows_each_reason_outside_of_healthy_units(examined, monkeypatch):
+    found, judge = examined
+    monkeypatch.setattr(evidence_plot, "UNITS", 2)
+    monkeypatch.setattr(evidence_plot.healthy_currents, "__defaults__", (2,))
+    figure = evidence_plot.evidence_figure(found, judge.fleet_cascade("extended"))
+    reasons, others = figure.axes[:3], figure.axes[3:]
+    for axes, evidence in zip(reasons, found.verdict.evidence):
+        (band, *_), low, high = axes.patches, *evidence.healthy
+        assert (band.get_x(), band.get_x() + band.get_width()) == pytest.approx(
+            (low, high), rel=1e-3)
+        (value,) = [line.get_xdata()[0] for line in axes.lines if line.get_marker() == "D"
+                    and len(line.get_xdata())][:1]
+        assert value == pytest.approx(evidence.value, rel=1e-3)
+        assert not low <= value <= high
+        first, last = axes.get_xlim()
+        assert first < min(low, value) and max(high, value) < last
+    slow, full, *currents, course, _ = others
+    assert [axes.get_title(loc="right") for axes in (slow, full)] == ["quarter", "full speed"]
+    sizes = slow.lines[-1].get_ydata()
+    usual = [bar.get_height() for bar in slow.patches]
+    beyond = [h + 1 for h in range(6) if sizes[h] > usual[h]]
+    assert beyond == [2, 4]  # a turn short: these lines and no other
+    assert sizes[1] == pytest.approx(100 * 0.278 * 0.098, rel=0.1)
+    assert [axes.get_ylabel() for axes in currents] == ["a (A)", "b (A)", "c (A)"]
+    assert len(course.patches) == 6 and {t.get_text() for t in course.texts} == {
+        "full speed", "quarter", "ramp"}
+
+
+@pytest.mark.parametrize(("name", "begins"), [
+    ("a.png", b"\x89PNG"), ("a.svg", b"<?xml"), ("a.PDF", b"%PDF"),
+])
+def test_pictures_in_three_formats(tmp_path, name, begins):
+    path = save_picture(Figure(), tmp_path / name)
+    assert path.read_bytes().startswith(begins)
+    with pytest.raises(OutputError, match="never overwritten"):
+        save_picture(Figure(), path)

@@ -8,7 +8,7 @@ from ema_prognostics.verdict.verdict import Fault, Verdict, worst_status
 
 KEYS = [
     "bag", "verdict", "fault_class", "phase", "severity", "severity_unit", "severity_interval",
-    "level", "faults", "alternatives", "probabilities", "reasons",
+    "level", "faults", "alternatives", "probabilities", "reasons", "cause", "evidence", "side",
 ]
 SHORT = Fault(
     fault_class="turn_short", phase="b", severity=0.1 + 0.2, severity_unit="1",

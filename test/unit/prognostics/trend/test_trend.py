@@ -26,12 +26,22 @@ def test_growth_and_the_levels_ahead():
         assert first <= ahead[level].flight <= last
 
 
+def test_a_limit_of_ones_own_is_forecast_between_the_levels():
+    marks = [0.01 + 0.002 * n for n in range(12)]
+    (fault,) = trend_of("SN-1", flights_of(marks), limits={"turn_short": 0.1}).faults
+    assert [f.level for f in fault.forecasts] == ["medium", "limit", "large"]
+    assert fault.forecasts[1].flight == pytest.approx(12 + (0.1 - marks[-1]) / 0.002, abs=1.5)
+    (fault,) = trend_of("SN-1", flights_of(marks), limits={"turn_short": 0.02}).faults
+    assert [f.level for f in fault.forecasts] == ["medium", "large"]  # it is reached
+
+
 def test_growth_begins_anew_after_a_repair():
     marks = [*[0.02 * n for n in range(1, 8)], *["."] * 4, *[0.01 + 0.001 * n for n in range(6)]]
     (fault,) = trend_of("SN-1", flights_of(marks)).faults
     assert [(e.confirmed, e.cleared, e.repaired) for e in fault.episodes] == [
         (2, 8, True), (13, None, False),
     ]
+    assert fault.falls == ()  # the repair is told once
     assert fault.growth.count == 6
     assert fault.growth.rate == pytest.approx(0.001)
 

@@ -1,0 +1,26 @@
+"""The phases of a test with their names, for pictures."""
+
+from __future__ import annotations
+
+from ema_prognostics.features.profile_kind import profile_kind
+from ema_prognostics.words import words
+from ema_record.actuator import load_actuator
+from ema_record.profile import Profile
+from ema_record.profiles.plan import test_plan
+
+Phase = tuple[float, float, str]
+"""Begin, end (s after the acceptance of the command), name."""
+
+
+def phases_of(profile: Profile) -> list[Phase]:
+    """Return the parts of a test that the diagnosis looks at; empty for a test not known."""
+    actuator = load_actuator()
+    if profile_kind(profile, actuator) is None:
+        return []
+    say, plan, start = words(), test_plan(profile, actuator), profile.command_time
+    found = [(start + part.begin, start + part.end,
+              say("phases.full" if name.startswith("full") else "phases.quarter"))
+             for name, part in plan.segments.items()]
+    found += [(start + window[0], start + window[1], say("phases.ramp"))
+              for window in (plan.ramp, plan.ramp_back) if window is not None]
+    return sorted(found)

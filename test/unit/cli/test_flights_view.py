@@ -1,0 +1,84 @@
+"""What is ahead of an actuator: cone, dates, limits of one's own, in pictures and words."""
+
+from dataclasses import replace
+from datetime import date
+
+import numpy as np
+import pytest
+
+from ema_cli.commands.trend import growth_lines, parse_limit
+from ema_cli.views.flights_plot import cone, trend_figure
+from ema_prognostics.trend.flights import date_of
+from ema_prognostics.trend.growth import passage_probability
+from ema_prognostics.trend.unit_trend import trend_of
+from ema_record.errors import UsageError
+from support.flights import flights_of
+
+DAY = 86_400 * 10**9
+BEGIN = 1_790_000_000 * 10**9
+
+
+def growing(count=10, rate=0.004):
+    flights = flights_of([0.02 + rate * n for n in range(count)])
+    return [replace(f, start_time=BEGIN + 2 * DAY * n) for n, f in enumerate(flights)]
+
+
+@pytest.mark.parametrize(("text", "expected"), [
+    ("turn_short=5%", 0.05), ("turn_short = 0.05", 0.05), ("friction=80 %", 0.8),
+    ("backlash=2mrad", 0.002), ("backlash=0.002 rad", 0.002),
+])
+def test_limits(text, expected):
+    name, severity = parse_limit(text)
+    assert name == text.partition("=")[0].strip()
+    assert severity == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("text", "problem"), [
+    ("turnshort=5%", "did you mean 'turn_short'"), ("turn_short=5mrad", "is no unit"),
+    ("turn_short", "is not a number"), ("backlash=-1", "out of bounds"),
+    ("backlash=2%", "no unit"),
+])
+def test_limits_that_are_none(text, problem):
+    with pytest.raises(UsageError, match=problem):
+        parse_limit(text)
+
+
+def test_dates_go_on_at_the_pace_of_the_flights():
+    flights = growing()
+    assert date_of(flights, 1).date() == date(2026, 9, 21)
+    assert (date_of(flights, 20) - date_of(flights, 10)).days == 20
+    assert date_of([replace(f, start_time=0) for f in flights], 5) is None
+    assert date_of(flights, 10**9) is None
+
+
+def test_the_cone_meets_a_level_where_the_forecast_says():
+    (fault,) = trend_of("SN-1", growing()).faults
+    rise, ahead = fault.growth, fault.forecasts[-1]
+    steps = np.arange(0.0, 60.0, 0.01)
+    middle, low, high = cone(rise, steps)
+    reached = [10 + steps[np.argmax(part >= ahead.severity)] for part in (high, middle, low)]
+    assert reached[1] == pytest.approx(ahead.flight, abs=1.0)
+    assert (reached[0], reached[2]) == pytest.approx(ahead.interval, abs=1.5)
+    assert passage_probability(1.0, 1.0, 1.0, 1e-9) == pytest.approx(0.5, abs=1e-3)
+
+
+def test_the_figure_goes_on_to_the_levels_with_dates():
+    trend = trend_of("SN-1", growing(), limits={"turn_short": 0.09})
+    figure = trend_figure(trend)
+    panel, strip = figure.axes[:2]
+    assert panel.get_xlim()[1] >= max(f.flight for f in trend.faults[0].forecasts)
+    said = {text.get_text() for text in panel.texts}
+    assert {"own limit", "large"} <= said
+    assert any(text.startswith(f"{trend.faults[0].forecasts[-1].flight} (") for text in said)
+    figure.draw_without_rendering()
+    ticks = [t.get_text() for t in strip.get_xticklabels()]
+    assert any("\n2026-" in t for t in ticks) and any("\n~2026-" in t for t in ticks)
+
+
+def test_words_tell_the_day_and_the_limit():
+    limits = {"turn_short": 0.03}
+    flights = growing()
+    (fault,) = trend_of("SN-1", flights, limits=limits).faults
+    first, *ahead = growth_lines(fault, flights, limits)
+    assert "your limit of 3 % of the turns is reached" in first
+    assert ", about 2026-1" in ahead[-1] and "in 2" in ahead[-1]

@@ -1,0 +1,173 @@
+"""The report of a test: same content as page, XML and JSON; hashes that `sha256sum` gives."""
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from ema_cli.main import run
+from ema_record.kit import kit_folder
+
+LARGEST = 600_000
+"""Bytes of a page."""
+FIELDS = ["--ata", "27-11-00", "--work-order", "WO <4711> & Co", "--aircraft", "D-EMAX"]
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory, repository):
+    """Return the reports of a bag with a turn short, by their endings."""
+    folder = tmp_path_factory.mktemp("report")
+    files = {end: folder / f"report{end}" for end in (".html", ".xml", ".json")}
+    outs = [part for path in files.values() for part in ("--out", str(path))]
+    bag = repository / "bags" / "sim_0001_extended"
+    assert run(["report", str(bag), *outs, *FIELDS, "--quiet"]) == 1
+    return files
+
+
+class Page(HTMLParser):
+    """Collects what a page refers to, and whether its tags are closed."""
+
+    VOID = frozenset({"meta", "br", "link", "img"})
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.links = [], []
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in self.VOID:
+            self.open.append(tag)
+        self.links += [v for k, v in attrs if k in ("src", "href", "onload")]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_page_is_whole_small_and_needs_nothing_else(written):
+    text = written[".html"].read_text(encoding="utf-8")
+    page = Page()
+    page.feed(text)
+    assert (page.open, page.links) == ([], [])
+    assert "<script" not in text and "@import" not in text and "url(" not in text
+    assert len(text.encode()) < LARGEST
+    said = " ".join(re.sub(r"<[^>]+>", " ", text.partition("</style>")[2]).split())
+    for part in ("SIM-0001", "27-11-00", "WO &lt;4711&gt; &amp; Co", "FAULT", "MEDIUM",
+                 "Shorted turns, phase b", "Plan the replacement", "command reached",
+                 "≤ 9.78 mrad", "torque pulses twice a turn", "passed", "Tested by",
+                 "Inspected by"):
+        assert part in said, part
+
+
+def test_hashes_are_those_of_the_files(written, repository):
+    data = json.loads(written[".json"].read_text())
+    bag = repository / "bags" / "sim_0001_extended"
+    found = {one["file"]: one for one in data["trace"]["files"]}
+    assert set(found) == {"actuator.yaml", "cascade.json", *(p.name for p in bag.iterdir())}
+    for folder in (bag, kit_folder()):
+        for path in folder.iterdir():
+            if path.name in found:
+                content = path.read_bytes()
+                assert found[path.name]["sha256"] == hashlib.sha256(content).hexdigest()
+                assert found[path.name]["bytes"] == len(content)
+    page = written[".html"].read_text()
+    assert all(one["sha256"] in page for one in found.values())
+    assert data["trace"]["software_sha256"] in page
+
+
+def test_xml_holds_what_json_holds(written):
+    data = json.loads(written[".json"].read_text())
+    root = ET.fromstring(written[".xml"].read_text())
+    assert root.find("UUT").get("serialNumber") == data["unit"]["serial_number"] == "SIM-0001"
+    assert root.find("ResultSet/Outcome").get("value") == data["outcome"] == "Failed"
+    tests = {one.get("name"): one for one in root.findall("ResultSet/Test")}
+    assert list(tests) == [*(c["name"] for c in data["checks"]), "diagnosis"]
+    for check in data["checks"]:
+        given = {r.get("name"): r for r in tests[check["name"]].findall("TestResult")}
+        for value in check["values"]:
+            datum = given[value["name"]].find("TestData/Datum")
+            assert (datum.get("value"), datum.get("unit") or "") == (value["value"], value["unit"])
+            limit = given[value["name"]].find("TestLimits/Limit")
+            assert (None if limit is None else float(limit.get("value"))) == value["limit"]
+            if limit is not None and check["outcome"] == "Passed":
+                assert abs(float(value["value"])) <= value["limit"]
+    fault = tests["diagnosis"].find("Fault")
+    assert float(fault.get("severity")) == data["verdict"]["faults"][0]["severity"]
+    assert len(root.findall("Configuration/File")) == len(data["trace"]["files"])
+
+
+@pytest.mark.parametrize(("arguments", "problem"), [
+    (["bags/sim_0001_step", "--out", "x.pdf"], "end the name with .html, .xml, .json"),
+    (["bags/sim_0001_step", "bags/sim_0000_step", "--out", "x.html"], "2 actuators"),
+    (["nowhere", "--out", "x.html"], "cannot be reported"),
+    (["bags/sim_0001_step", "--out", "README.md"], "end the name"),
+])
+def test_wrong_use_is_one_line_and_writes_nothing(
+        arguments, problem, repository, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bags").symlink_to(repository / "bags")
+    assert run(["report", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert problem in error and error.count("\n") == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["bags"]
+
+
+def test_what_is_there_is_not_overwritten(written, repository, capsys):
+    before = written[".html"].read_bytes()
+    bag = str(repository / "bags" / "sim_0001_step")
+    assert run(["report", bag, "--out", str(written[".html"])]) == 2
+    assert "never overwritten" in capsys.readouterr().err
+    assert written[".html"].read_bytes() == before
+
+
+@pytest.fixture
+def chromium():
+    """Return a browser without a window."""
+    found = shutil.which("chromium") or shutil.which("chromium-browser")
+    if found is None:
+        pytest.skip("no chromium on this machine: the page is NOT tested in a browser")
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_it_prints_on_one_page_and_fits_narrow_and_wide_windows(written, chromium, tmp_path):
+    page = written[".html"]
+
+    def browse(*options):
+        return subprocess.run(
+            [chromium, "--headless", "--no-sandbox", "--disable-gpu",
+             f"--user-data-dir={tmp_path / 'profile'}", *options], check=True, timeout=200,
+            capture_output=True, text=True, env={**os.environ, "HOME": str(tmp_path)})
+
+    for source in (page, written_with_trend(page, tmp_path)):
+        pdf = tmp_path / f"{source.stem}.pdf"
+        browse("--no-pdf-header-footer", f"--print-to-pdf={pdf}", source.as_uri())
+        assert len(re.findall(rb"/Type /Page\b(?!s)", pdf.read_bytes())) == 1
+    script = ("<script>addEventListener('load',()=>document.title='wide '+"
+              "(document.documentElement.scrollWidth-innerWidth))</script></body>")
+    probe = tmp_path / "probe.html"
+    probe.write_text(page.read_text().replace("</body>", script))
+    for width in (500, 1400):
+        out = browse("--dump-dom", f"--window-size={width},900", probe.as_uri()).stdout
+        assert int(re.search(r"<title>wide (-?\d+)", out)[1]) <= 0, width
+
+
+def written_with_trend(page, folder):
+    """Return the fullest page there can be: two charts of a trend, long fields."""
+    from ema_cli.views.report_files import as_page
+    from ema_record.bag.read import read_bag
+
+    data = json.loads(page.with_suffix(".json").read_text())
+    (fault,) = data["verdict"]["faults"]
+    second = {**fault, "fault_class": "friction", "phase": None}
+    data["verdict"]["faults"].append(second)
+    data["trend"] = [{"verdict": "fault", "faults": [fault, second]}] * 9
+    data["checks"].append(data["checks"][-1])
+    full = folder / "full.html"
+    full.write_text(as_page(data, read_bag(data["verdict"]["bag"])))
+    return full

@@ -1,0 +1,120 @@
+"""The terminal: rows that fit, completion, what a bag holds, how a process ends."""
+
+import io
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+
+import pytest
+from rich.console import Console
+
+from ema_cli import console
+from ema_cli.commands.completion import follow
+from ema_cli.lines import TextLine, print_lines, print_rows
+from ema_cli.main import COMMANDS, run
+
+
+def shown(width, draw, *arguments):
+    text = io.StringIO()
+    draw(*arguments, Console(file=text, width=width, markup=False, highlight=False))
+    return text.getvalue().splitlines()
+
+
+@pytest.mark.parametrize("width", [60, 80, 200])
+def test_rows_keep_to_the_width_and_break_no_word(width):
+    rows = [["1", ("FAULT", "bold"), "turn short, phase b 9.92 % (9.28 to 10.6), medium; " * 3]]
+    lines = shown(width, print_rows, ["flight", "verdict", "severity"], rows)
+    assert all(len(line) <= width for line in lines)
+    said = " ".join(" ".join(lines[1:]).split())
+    assert said == f"1 FAULT {rows[0][2].strip()}"
+    assert not any(line.endswith((" 9.92", "phas")) for line in lines)
+
+
+def test_a_command_is_never_broken_and_an_empty_line_is_empty():
+    command = "ema\u00a0report\u00a0a/very/long/path/of/a/record\u00a0--out\u00a0page.html"
+    given = [TextLine("Next", command), TextLine(None, ""), TextLine("Do", "x")]
+    lines = shown(40, print_lines, given)
+    assert lines[1:] == ["", "  Do    x"]
+    assert command.replace("\u00a0", " ") in lines[0]
+
+
+@pytest.mark.parametrize(("line", "expected"), [
+    ("ema che", ["check"]), ("ema ", [*sorted([*COMMANDS, "--help", "--version"])]),
+    ("ema simulate --effect turn_short.ph", [f"turn_short.phase={p}" for p in "abc"]),
+    ("ema simulate --effect backlash.", ["backlash.increase="]),
+    ("ema check --ver", ["--verbose"]), ("ema bit -p ste", ["step", "steps"]),
+    ("ema effects turn_", ["turn_short"]), ("ema check --lang ", ["de", "en"]),
+    ("ema trend x --limit f", ["friction="]), ("ema check bags/", []), ("ema nothing x", []),
+    ("ema simulate --out ", []), ("", ["check"]),
+])
+def test_completion(line, expected):
+    found = follow(line)
+    assert found == expected or (not line and set(expected) < set(found))
+
+
+def test_completion_knows_the_kits_here(tmp_path, monkeypatch):
+    (tmp_path / "kits" / "aileron").mkdir(parents=True)
+    (tmp_path / "kits" / "aileron" / "actuator.yaml").touch()
+    monkeypatch.chdir(tmp_path)
+    assert follow("ema check --kit ki") == ["kits/aileron"]
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash: its completion is NOT tested")
+def test_bash_takes_the_completion(capsys, tmp_path):
+    assert run(["completion", "bash"]) == 0
+    (tmp_path / "ema").write_text("#!/bin/sh\necho turn_short.phase=a; echo turn_short.phase=b\n")
+    (tmp_path / "ema").chmod(0o755)
+    script = capsys.readouterr().out + (
+        "\nCOMP_LINE='ema simulate --effect turn_short.phase='; COMP_POINT=${#COMP_LINE}; _ema"
+        '\necho "${COMPREPLY[@]}"')
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True,
+                          env={**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"})
+    assert done.stdout == "a b\n"  # bash breaks words at =
+    assert run(["completion", "tcsh"]) == 2
+
+
+def test_info(repository, capsys):
+    bag = str(repository / "bags" / "sim_0001_step")
+    assert run(["info", bag, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["serial number"], found["test"], found["samples"]) == ("SIM-0001", "step", 9000)
+    assert len(found["channels"]) == 10 and found["not recorded"] == []
+    assert run(["info", bag]) == 0
+    assert "serial number  SIM-0001" in capsys.readouterr().out
+    assert run(["info", "nowhere"]) == 2
+
+
+def test_help_shows_no_types_of_python(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    for name in ("check", "simulate", "import"):
+        assert run([name, "--help"]) == 0
+        text = capsys.readouterr().out
+        assert not any(word in text for word in ("<bool>", "<str>", "<path>", "list[", "<int>"))
+
+
+def test_version_quiet_and_colour(capsys, repository):
+    assert run(["-V"]) == 0
+    assert capsys.readouterr().out.startswith("ema ")
+    assert run(["explain", "gap", "--color", "always"]) == 0
+    assert "\x1b[" in capsys.readouterr().out
+    assert run(["explain", "gap", "--color", "never"]) == 0
+    assert "\x1b[" not in capsys.readouterr().out
+    assert run(["explain", "gap", "--color", "red"]) == 2
+    capsys.readouterr()
+    with console.speaking(verbose=False, quiet=True):
+        console.note("not said")
+    assert capsys.readouterr().err == ""
+    assert not {"NO_COLOR", "FORCE_COLOR"} & set(os.environ)
+
+
+def test_sigterm_ends_quietly_with_its_own_status():
+    code = ("import os, signal, sys\nfrom ema_cli import ending\nending.end_quietly()\n"
+            "def work():\n    os.kill(os.getpid(), signal.SIGTERM)\n    signal.pause()\n"
+            "ending.leave(ending.guarded(work))")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
+                          check=False, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (
+        128 + signal.SIGTERM, "", "ema: terminated\n")
