@@ -24,7 +24,8 @@ from ema_cli.views.record_plots import (
 )
 from ema_prognostics.cascade.classes import LEVELS, levels_of
 from ema_prognostics.trend.flights import Flight, date_of
-from ema_prognostics.trend.growth import QUANTILE, Growth
+from ema_prognostics.trend.forecast import Outlook, course
+from ema_prognostics.trend.growth import Growth
 from ema_prognostics.trend.unit_trend import LIMIT, FaultTrend, UnitTrend
 from ema_prognostics.words import class_name, counted, scaled, words
 
@@ -123,8 +124,8 @@ def _severity_panel(axes: Axes, faults: list[FaultTrend], end: float) -> None:
                 axes.axvline(episode.cleared, color=GREY, ls=":", lw=1.4, zorder=1)
         for at in fault.falls:
             axes.axvline(at, color=GREY, ls=":", lw=1.4, zorder=1)
-        if fault.growth is not None and fault.growth.growing:
-            _cone(axes, fault, fault.growth, scale, colour, end)
+        if fault.growth is not None and fault.outlook is not None:
+            _cone(axes, fault, fault.growth, fault.outlook, scale, colour, end)
     axes.set_ylim(bottom=0.0)
     _level_lines(axes, faults, scale)
     for style, text in (("--", "first announced"), ("-", "confirmed"), (":", "gone or smaller")):
@@ -161,27 +162,16 @@ def _level_lines(axes: Axes, faults: list[FaultTrend], scale: float) -> None:
                           textcoords="offset points", ha="center", va="bottom", fontsize=8.0)
 
 
-def cone(rise: Growth, ahead: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return severity and its 90 % bounds `ahead` flights after the last, each shape (n,).
-
-    Uncertain are the severity now, the rate, and the bursts to come.
-    """
-    middle = rise.severity + rise.rate * ahead
-    noise = QUANTILE**2 * (rise.severity_error**2 + rise.wander * ahead)
-    low, high = rise.rate_interval
-    return (middle, middle - np.sqrt(noise + ((rise.rate - low) * ahead) ** 2),
-            middle + np.sqrt(noise + ((high - rise.rate) * ahead) ** 2))
-
-
 def _cone(
-    axes: Axes, fault: FaultTrend, rise: Growth, scale: float, colour: str, end: float
+    axes: Axes, fault: FaultTrend, rise: Growth, outlook: Outlook, scale: float, colour: str,
+    end: float,
 ) -> None:
     known = fault.history.number[np.isfinite(fault.history.severity)]
     begin, now = float(known[-rise.count]), float(known[-1])
     x = np.array([begin, now])
     axes.plot(x, scale * (rise.severity + rise.rate * (x - now)), color=colour, lw=1.6, alpha=0.5)
     ahead = np.linspace(0.0, max(0.0, end - now), 60)
-    middle, low, high = (scale * part for part in cone(rise, ahead))
+    middle, low, high = (scale * part for part in course(outlook, ahead))
     axes.fill_between(now + ahead, np.maximum(low, 0.0), high, color=colour, alpha=0.15, lw=0.0,
                       label="90 %")
     axes.plot(now + ahead, middle, color=colour, lw=1.4, ls=(0, (5, 2)))

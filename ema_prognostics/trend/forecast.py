@@ -170,6 +170,28 @@ def forecast(seen: Outlook, level: float) -> Forecast | None:
                     upper=law.quantile(1.0 - tail))
 
 
+def course(seen: Outlook, flights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return median and 90 % bounds of the severity `flights` after the last, each shape (n,).
+
+    Parameters
+    ----------
+    flights : ndarray, shape (n,). Increasing, from 0.
+    """
+    mean, covariance = seen.mean, seen.covariance
+    scale = seen.pace * _elapsed(seen.acceleration, flights[:, None])
+    found = np.empty((3, len(flights)))
+    tail = 0.5 - 0.5 * INTERVAL
+    for k in range(len(flights)):
+        if k:
+            mean, covariance = _ahead(mean, covariance, scale[k] - scale[k - 1],
+                                      flights[k] - flights[k - 1], seen.memory, seen.variance)
+        wide = np.sqrt(covariance[:, 0, 0] + (seen.shared * mean[:, 0]) ** 2)
+        grid = np.linspace((mean[:, 0] - 4.0 * wide).min(), (mean[:, 0] + 4.0 * wide).max(), 400)
+        below = ndtr((grid[:, None] - mean[:, 0]) / wide) @ seen.weight
+        found[:, k] = np.interp([0.5, tail, 1.0 - tail], below, grid)
+    return found[0], found[1], found[2]
+
+
 def _seen(
     mean: np.ndarray, covariance: np.ndarray, severity: float, noise: np.ndarray, outlier: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

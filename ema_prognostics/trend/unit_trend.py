@@ -66,6 +66,7 @@ class FaultTrend:
     falls : flights from which on it is there and clearly smaller.
     growth : since the last repair; None: too few flights with a severity.
     forecasts : of the levels ahead; empty without growth.
+    outlook : severity and rate now, process by process; None without growth.
     """
 
     history: History
@@ -73,6 +74,7 @@ class FaultTrend:
     falls: tuple[int, ...]
     growth: Growth | None
     forecasts: tuple[LevelForecast, ...]
+    outlook: Outlook | None = None
 
     @property
     def present(self) -> bool:
@@ -191,7 +193,8 @@ def _fault_trend(
     rise = growth(*seen)
     view = None if rise is None else outlook(*seen, rise)
     ahead = () if view is None else _ahead(history, view, limits)
-    return FaultTrend(history=history, episodes=found, falls=steps, growth=rise, forecasts=ahead)
+    return FaultTrend(history=history, episodes=found, falls=steps, growth=rise, forecasts=ahead,
+                      outlook=view)
 
 
 def _told(at: int, found: Sequence[Episode], history: History) -> bool:

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from ema_cli.commands.trend import growth_lines, parse_limit
-from ema_cli.views.flights_plot import cone, trend_figure
+from ema_cli.views.flights_plot import trend_figure
 from ema_prognostics.trend.flights import date_of
-from ema_prognostics.trend.growth import passage_probability
+from ema_prognostics.trend.forecast import course
 from ema_prognostics.trend.unit_trend import trend_of
 from ema_record.errors import UsageError
 from support.flights import flights_of
@@ -53,13 +53,11 @@ def test_dates_go_on_at_the_pace_of_the_flights():
 
 def test_the_cone_meets_a_level_where_the_forecast_says():
     (fault,) = trend_of("SN-1", growing()).faults
-    rise, ahead = fault.growth, fault.forecasts[-1]
-    steps = np.arange(0.0, 60.0, 0.01)
-    middle, low, high = cone(rise, steps)
+    ahead, steps = fault.forecasts[-1], np.arange(0.0, 60.0, 0.1)
+    middle, low, high = course(fault.outlook, steps)
     reached = [10 + steps[np.argmax(part >= ahead.severity)] for part in (high, middle, low)]
-    assert reached[1] == pytest.approx(ahead.flight, abs=1.0)
-    assert (reached[0], reached[2]) == pytest.approx(ahead.interval, abs=1.5)
-    assert passage_probability(1.0, 1.0, 1.0, 1e-9) == pytest.approx(0.5, abs=1e-3)
+    assert reached[1] == pytest.approx(ahead.flight, abs=2.0)  # whole flights, rounded up
+    assert (reached[0], reached[2]) == pytest.approx(ahead.interval, abs=2.0)
 
 
 def test_the_figure_goes_on_to_the_levels_with_dates():
