@@ -1,0 +1,312 @@
+"""One record against the healthy fleet: its likelihood, and fits of none, one or two laws.
+
+A model is judged by the cost
+
+    J = |C^-1/2 b((y - f) / s)|² + 3 |z|²,   |z_j| <= 1,
+
+y the features, f the prediction, s and C deviations and correlation of their noise as measured
+(`surrogate.NoiseLaw`), b a logarithm beyond five deviations, z all in which healthy units differ.
+First f is the quadratic of the library; then the mean of runs at the point reached.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from ema_identification.actuator.decision.fleet import SIZE, fleet_features
+from ema_identification.actuator.decision.surrogate import FleetLibrary, bent, flattening
+from ema_identification.actuator.measure.tolerances import RecordConditions
+from ema_identification.actuator.surrogate.fit import (
+    EffectTerm,
+    bounds,
+    coordinates,
+    library_slopes,
+    moved,
+    with_terms,
+)
+from ema_identification.actuator.surrogate.library import Signature
+from ema_identification.actuator.surrogate.likelihood import bounded_least_squares
+
+PRIOR = 3.0
+"""1 / variance of a number that is uniform from -1 to 1."""
+LAW_ERROR = 0.02
+"""Relative error of what a simulated law adds (steps of the solver, end of the descent)."""
+QUADRATIC_STEPS = 6
+STRONG, PART = 4.0, 0.2
+"""Effect (deviations, rms) from which its slope is simulated, and the step, of its size."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Whitener:
+    """Residuals to independent numbers of variance 1."""
+
+    deviation: np.ndarray
+    root: np.ndarray
+
+    def residual(self, rest: np.ndarray) -> np.ndarray:
+        """Return measured minus predicted features, shape (d,) or (d, m), whitened."""
+        scale = self.deviation.reshape((-1,) + (1,) * (rest.ndim - 1))
+        return self._white(bent(rest / scale))
+
+    def columns(self, slopes: np.ndarray, rest: np.ndarray) -> np.ndarray:
+        """Return slopes, shape (d, m), as `residual` sees them about `rest`."""
+        flat = flattening(rest / self.deviation) / self.deviation
+        return self._white(flat[:, None] * slopes)
+
+    def _white(self, x: np.ndarray) -> np.ndarray:
+        return np.asarray(solve_triangular(self.root, x, lower=True, check_finite=False))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawFit:
+    """A model fitted to a record: no law, one, two.
+
+    Attributes
+    ----------
+    terms : the laws at their coordinates.
+    z : ndarray, shape (SIZE,).
+    mean : ndarray, shape (d,). Features as predicted.
+    slopes : ndarray, shape (d, coordinates + SIZE).
+    cost : J.
+    runs : that `mean` is the mean of; 0: the quadratic's.
+    """
+
+    terms: tuple[EffectTerm, ...]
+    z: np.ndarray
+    mean: np.ndarray
+    slopes: np.ndarray
+    cost: float
+    runs: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the laws."""
+        return tuple(t.variant.effect for t in self.terms)
+
+    @property
+    def free(self) -> int:
+        """Number of coordinates of the laws."""
+        return sum(t.variant.size for t in self.terms)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TestedUnit:
+    """A record, what is known of its like, and runs of models of it.
+
+    Attributes
+    ----------
+    library : of its test.
+    values : ndarray, shape (d,). Its features.
+    conditions : as measured.
+    seed : of all runs.
+    """
+
+    library: FleetLibrary
+    values: np.ndarray
+    conditions: RecordConditions
+    seed: int = 0
+    workers: int = 1
+    _known: dict[tuple[int, int], Whitener] = field(
+        init=False, repr=False, compare=False, default_factory=dict)
+
+    @property
+    def size(self) -> int:
+        """Number of features."""
+        return len(self.values)
+
+    def covariance(self, runs: int) -> np.ndarray:
+        """Return the covariance of measured minus predicted features at the right model.
+
+        `runs` : that the prediction is the mean of; 0: it is the quadratic's.
+        """
+        library, noise = self.library, min(self.conditions.noise, 4.0)
+        surrogate = library.surrogate.covariance(noise)
+        if not runs:
+            return surrogate
+        return (1.0 + 1.0 / runs) * library.repeat.covariance(noise) + (
+            library.carried**2 * surrogate)
+
+    def whitener(self, runs: int, before: np.ndarray | None = None) -> Whitener:
+        """Return the whitening; `before`: features without a law, to which its error belongs."""
+        key = runs, id(before)
+        if key not in self._known:
+            found = self.covariance(runs)
+            if before is not None:
+                found[np.diag_indices_from(found)] += (LAW_ERROR * (self.values - before)) ** 2
+            deviation = np.sqrt(np.diag(found))
+            self._known[key] = Whitener(
+                deviation=deviation,
+                root=cholesky(found / np.outer(deviation, deviation), lower=True))
+        return self._known[key]
+
+    def cost(self, white: Whitener, mean: np.ndarray, z: np.ndarray) -> float:
+        """Return J."""
+        rest = white.residual(self.values - mean)
+        return float(rest @ rest + PRIOR * (z @ z))
+
+    def run(self, terms: Sequence[EffectTerm], z: np.ndarray, runs: int, salt: int = 0
+            ) -> np.ndarray:
+        """Return the mean features of runs of a model, shape (d,)."""
+        return self.run_all([(terms, z)], runs, salt)[0]
+
+    def run_all(
+        self, models: Sequence[tuple[Sequence[EffectTerm], np.ndarray]], runs: int, salt: int = 0
+    ) -> list[np.ndarray]:
+        """Return the mean features of runs of each model, with the same noise."""
+        library = self.library
+        seeds = np.random.default_rng([self.seed, 11, salt]).integers(2**31, size=runs)
+        jobs = [(with_terms(terms, library.model.effects), z, int(s))
+                for terms, z in models for s in seeds]
+
+        def one(job: tuple[object, np.ndarray, int]) -> np.ndarray:
+            effects, z, seed = job
+            return fleet_features(library.model, library.spread, library.fmap, z,
+                                  self.conditions, seed, effects)  # type: ignore[arg-type]
+
+        if self.workers > 1:
+            with ThreadPoolExecutor(self.workers) as pool:
+                rows = np.array(list(pool.map(one, jobs)))
+        else:
+            rows = np.array([one(job) for job in jobs])
+        return list(rows.reshape(len(models), runs, -1).mean(axis=1))
+
+    def without_law(self) -> LawFit:
+        """Return the fit of no law on the quadratic: what recalibration can do."""
+        white, z = self.whitener(0), np.zeros(SIZE)
+        mean = self.library.mean(z, self.conditions)
+        cost = self.cost(white, mean, z)
+        slopes = self.library.slope(z, self.conditions)
+        for _ in range(QUADRATIC_STEPS):
+            step = self._step(white, mean, slopes, z, (), 0.0)
+            for part in (1.0, 0.5, 0.25):
+                there = np.clip(z + part * step, -1.0, 1.0)
+                found = self.library.mean(there, self.conditions)
+                lower = self.cost(white, found, there)
+                if lower < cost:
+                    break
+            if lower > cost - 0.01 * cost / self.size:
+                break
+            z, mean, cost = there, found, lower
+            slopes = self.library.slope(z, self.conditions)
+        return LawFit(terms=(), z=z, mean=mean, slopes=slopes, cost=cost, runs=0)
+
+    def settled(self, fit: LawFit, before: np.ndarray | None, runs: int, salt: int = 7) -> LawFit:
+        """Return a fit on fresh runs at its point, with a last linear step."""
+        mean = self.run(fit.terms, fit.z, runs, salt)
+        if not np.isfinite(mean).all():
+            return replace(fit, cost=np.inf)
+        return self.settled_at(fit, mean, self.whitener(runs, before), runs)
+
+    def settled_at(self, fit: LawFit, mean: np.ndarray, white: Whitener, runs: int) -> LawFit:
+        """Return a fit after a linear step from `mean`, that of runs at its point."""
+        step = self._step(white, mean, fit.slopes, fit.z, fit.terms, 0.0)
+        terms = moved(fit.terms, coordinates(fit.terms) + step[:fit.free]) if fit.terms else ()
+        there, z = mean + fit.slopes @ step, fit.z + step[fit.free:]
+        return LawFit(terms=terms, z=z, mean=there, slopes=fit.slopes, runs=runs,
+                      cost=self.cost(white, there, z))
+
+    def descended(
+        self, fit: LawFit, before: np.ndarray, *, runs: int, steps: int, salt: int = 0
+    ) -> LawFit:
+        """Return a fit of lower cost, by damped Gauss-Newton steps on runs.
+
+        Slopes to the laws are simulated where these are strong, and mended by what a step did.
+        """
+        white = self.whitener(runs, before)
+        mean = self.run(fit.terms, fit.z, runs, salt)
+        if not np.isfinite(mean).all():
+            return replace(fit, cost=np.inf)
+        own = self._law_slopes(fit, mean, runs, salt, white)
+        slopes = np.hstack([own, fit.slopes[:, fit.free:]])
+        point = replace(fit, mean=mean, slopes=slopes, runs=runs,
+                        cost=self.cost(white, mean, fit.z))
+        damping = 1e-3
+        for _ in range(steps):
+            step = self._step(white, point.mean, point.slopes, point.z, point.terms, damping)
+            terms = moved(point.terms, coordinates(point.terms) + step[:fit.free])
+            z = np.clip(point.z + step[fit.free:], -1.0, 1.0)
+            mean = self.run(terms, z, runs, salt)
+            if not np.isfinite(mean).all():
+                damping = max(10.0 * damping, 0.1)
+                continue
+            done = np.append(coordinates(terms) - coordinates(point.terms), z - point.z)
+            slopes = self._mended(point, done, mean - point.mean)
+            cost = self.cost(white, mean, z)
+            if cost < point.cost:
+                small = point.cost - cost < 0.5 * cost / self.size
+                point = replace(point, terms=terms, z=z, mean=mean, slopes=slopes, cost=cost)
+                damping *= 0.3
+                if small:
+                    break
+            else:
+                point = replace(point, slopes=slopes)
+                damping = max(10.0 * damping, 0.1)
+        return point
+
+    def _law_slopes(
+        self, fit: LawFit, mean: np.ndarray, runs: int, salt: int, white: Whitener
+    ) -> np.ndarray:
+        found = library_slopes(fit.terms)
+        u = coordinates(fit.terms)
+        low, high = bounds(fit.terms)
+        asked, k = [], 0
+        for term in fit.terms:
+            added = term.signature.at(term.u) / white.deviation
+            strong = float(np.sqrt(np.mean(added**2))) > 0.3 * STRONG
+            size = float(np.linalg.norm(term.u))
+            for levels in term.signature.levels:
+                known = len(levels) > 1
+                if strong or not known:
+                    there = u.copy()
+                    step = PART * size if known else 0.3
+                    there[k] += step if u[k] + step <= high[k] else -step
+                    if low[k] <= there[k] and there[k] != u[k]:
+                        asked.append((k, there))
+                k += 1
+        means = self.run_all([(moved(fit.terms, u1), fit.z) for _, u1 in asked], runs, salt)
+        for (k, there), f in zip(asked, means):
+            if np.isfinite(f).all():
+                found[:, k] = (f - mean) / (there[k] - u[k])
+        return found
+
+    def _step(
+        self, white: Whitener, mean: np.ndarray, slopes: np.ndarray, z: np.ndarray,
+        terms: tuple[EffectTerm, ...], damping: float,
+    ) -> np.ndarray:
+        rest = self.values - mean
+        columns, target = white.columns(slopes, rest), white.residual(rest)
+        free = slopes.shape[1] - SIZE
+        weight = np.append(np.zeros(free), np.full(SIZE, PRIOR))
+        u = coordinates(terms) if terms else np.zeros(0)
+        low, high = bounds(terms) if terms else (np.zeros(0), np.zeros(0))
+        reach = np.concatenate([
+            np.full(t.variant.size, max(float(np.linalg.norm(t.u)), 2.0 * _least(t.signature)))
+            for t in terms]) if terms else np.zeros(0)
+        lower = np.append(np.maximum(low - u, -reach), -1.0 - z)
+        upper = np.append(np.minimum(high - u, reach), 1.0 - z)
+        curve = np.sqrt(damping * ((columns**2).sum(axis=0) + weight))
+        return bounded_least_squares(
+            np.vstack([columns, np.diag(curve)]), np.append(target, np.zeros(len(curve))),
+            np.minimum(lower, -1e-9), np.maximum(upper, 1e-9), weight, np.append(u, z))
+
+    def _mended(self, point: LawFit, step: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """Return slopes that say what a step did (Broyden), coordinates in units of their size."""
+        scale = np.append(np.concatenate([
+            np.full(t.variant.size, max(float(np.linalg.norm(t.u)), 1e-12))
+            for t in point.terms]), np.full(SIZE, 1.0))
+        weight = step / scale**2
+        power = float(step @ weight)
+        if power < 1e-4:
+            return point.slopes
+        return point.slopes + np.outer(change - point.slopes @ step, weight) / power
+
+
+def _least(signature: Signature) -> float:
+    """Return the least size at which a law was simulated."""
+    found = [float(np.abs(x[x != 0.0]).min()) for x in signature.levels if len(x) > 1]
+    return min(found, default=1.0)
