@@ -22,6 +22,7 @@ def identify(
     measured: Sequence[Record | RigRecord], model: Model | str | Path | None = None, *,
     validate: Sequence[Record | RigRecord] = (), without: Sequence[str] = (),
     progress: Progress | None = None, workers: int = 1, seed: int = 0,
+    by_fleet: bool = False,
 ) -> Identification:
     """Find the disagreement between a model and records, name what is missing, add it.
 
@@ -34,6 +35,8 @@ def identify(
     progress : called with what is being done and how much of it is (0 to 1).
     workers : how many simulations run at a time; their number does not change the answer.
     seed : of all simulations; the same seed gives the same answer.
+    by_fleet : decide by one likelihood in which all that healthy units differ in is marginalised
+        (`ema_identification.actuator.decision`); on trial beside the present decision.
 
     Raises
     ------
@@ -64,6 +67,13 @@ def identify(
 
     if model is None or isinstance(model, str | Path):
         model = load_model_file(model)
+    if by_fleet:
+        from ema_identification.actuator.decision.workflow import identify_by_fleet
+
+        return identify_by_fleet(
+            cast("Sequence[Record]", measured), model,
+            validate=cast("Sequence[Record]", validate), without=without,
+            progress=progress or silent, workers=workers, seed=seed)
     return identify_actuator(
         cast("Sequence[Record]", measured), model,
         validate=cast("Sequence[Record]", validate), without=without,

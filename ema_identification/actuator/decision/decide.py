@@ -38,9 +38,10 @@ COVERED = 0.95
 """Requirement: evidence that a set of names holds."""
 LARGEST_SET = 3
 """Requirement: more names are no answer."""
-PROPOSED, SECONDS, PAIRED = 8, 3, 3
-"""Budget: laws fitted, second laws fitted beside one, first laws that get a second."""
-ROUNDS = ((2, 3, 4), (4, 4, 3))
+PROPOSED, SECONDS, PAIRED, TESTED = 8, 3, 3, 2
+"""Budget: laws fitted, second laws fitted beside one, first laws that get a second; pairs whose
+laws are each fitted alone."""
+ROUNDS = ((2, 4, 4), (4, 3, 3))
 """Budget: runs, steps, and how many go on."""
 
 
@@ -168,7 +169,7 @@ class _Decision:
         for term, own in zip(pair.terms, parts):
             columns = np.append(own, np.arange(pair.free, pair.slopes.shape[1]))
             start = replace(pair, terms=(term,), slopes=pair.slopes[:, columns])
-            found.append(self.fitted([start])[0])
+            found += self.fitted([start]) or [replace(start, cost=np.inf)]
         return found
 
 
@@ -243,36 +244,31 @@ def _nothing(null: LawFit, p: float, held: HeldOut | None) -> FleetAnswer:
 
 def _named(case: _Decision, answer: FleetAnswer, explaining: list[LawFit]) -> FleetAnswer:
     """Return the answer with the names that the evidence leaves."""
-    tested = []
-    for fit in explaining:
-        if len(fit.terms) == 1:
-            tested.append((fit, (case.p_own(fit, case.null.cost),)))
-    best = max((case.evidence(f) for f, _ in tested), default=-np.inf)
-    for pair in [f for f in explaining if len(f.terms) == 2 and case.evidence(f) > best][:2]:
-        alone = case.each_alone(pair)
-        tested.append((pair, tuple(case.p_own(pair, other.cost) for other in alone[::-1])))
-        best = max(best, case.evidence(pair))
-    good = [(f, p) for f, p in tested if max(p) <= LEVEL]
+    tested = [(fit, (case.p_own(fit, case.null.cost),), (case.null.cost,))
+              for fit in explaining if len(fit.terms) == 1]
+    best = max((case.evidence(f) for f, *_ in tested), default=-np.inf)
+    for pair in [f for f in explaining if len(f.terms) == 2 and case.evidence(f) > best][:TESTED]:
+        alone = tuple(f.cost for f in case.each_alone(pair)[::-1])  # of each, without it
+        tested.append((pair, tuple(case.p_own(pair, less) for less in alone), alone))
+    good = [row for row in tested if max(row[1]) <= LEVEL]
     if not good:
         why = "no law of the catalogue, nor two, leave what a healthy unit leaves"
         return replace(answer, reasons=(why,))
     weights: dict[frozenset[str], float] = {}
-    top = max(case.evidence(f) for f, _ in good)
-    for fit, _ in good:
+    top = max(case.evidence(row[0]) for row in good)
+    for fit, *_ in good:
         key = frozenset(fit.names)
         weights[key] = max(weights.get(key, 0.0), float(np.exp(case.evidence(fit) - top)))
     ordered = sorted(weights, key=lambda k: -weights[k])
     share = np.cumsum([weights[k] for k in ordered]) / sum(weights.values())
     kept = ordered[:int(np.searchsorted(share, COVERED)) + 1]
-    chosen, p_value = max(good, key=lambda pair: case.evidence(pair[0]))
+    chosen, p_value, less = max(good, key=lambda row: case.evidence(row[0]))
     equivalent = tuple(_instead(chosen, name, kept) for name in chosen.names)
     if max(len(e) for e in equivalent) >= LARGEST_SET:
         return replace(answer, equivalent=(tuple(sorted(set().union(*kept))),), reasons=(
             f"{len(kept)} explanations are equally good",))
     excess = max(case.null.cost - chosen.cost, 1e-9)
-    closed = (1.0,) if len(chosen.terms) == 1 else tuple(
-        float(np.clip((other.cost - chosen.cost) / excess, 0.0, 1.0))
-        for other in case.each_alone(chosen)[::-1])
+    closed = tuple(float(np.clip((x - chosen.cost) / excess, 0.0, 1.0)) for x in less)
     return replace(answer, verdict="explained", fit=chosen, equivalent=equivalent,
                    p_value=p_value, closed=closed)
 

@@ -11,7 +11,7 @@ First f is the quadratic of the library; then the mean of runs at the point reac
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
@@ -31,12 +31,15 @@ from ema_identification.actuator.surrogate.fit import (
 )
 from ema_identification.actuator.surrogate.library import Signature
 from ema_identification.actuator.surrogate.likelihood import bounded_least_squares
+from ema_sim.effects import Effects
 
 PRIOR = 3.0
 """1 / variance of a number that is uniform from -1 to 1."""
 LAW_ERROR = 0.02
 """Relative error of what a simulated law adds (steps of the solver, end of the descent)."""
 QUADRATIC_STEPS = 6
+LOUDEST = 4.0
+"""Noise factor up to which the law of the noise is believed."""
 STRONG, PART = 4.0, 0.2
 """Effect (deviations, rms) from which its slope is simulated, and the step, of its size."""
 
@@ -104,6 +107,8 @@ class TestedUnit:
     values : ndarray, shape (d,). Its features.
     conditions : as measured.
     seed : of all runs.
+    workers : threads that share the runs.
+    simulator : gives the features of a run; its arguments are those of `fleet_features`.
     """
 
     library: FleetLibrary
@@ -111,6 +116,7 @@ class TestedUnit:
     conditions: RecordConditions
     seed: int = 0
     workers: int = 1
+    simulator: Callable[..., np.ndarray] = fleet_features
     _known: dict[tuple[int, int], Whitener] = field(
         init=False, repr=False, compare=False, default_factory=dict)
 
@@ -124,7 +130,7 @@ class TestedUnit:
 
         `runs` : that the prediction is the mean of; 0: it is the quadratic's.
         """
-        library, noise = self.library, min(self.conditions.noise, 4.0)
+        library, noise = self.library, min(self.conditions.noise, LOUDEST)
         surrogate = library.surrogate.covariance(noise)
         if not runs:
             return surrogate
@@ -134,6 +140,9 @@ class TestedUnit:
     def whitener(self, runs: int, before: np.ndarray | None = None) -> Whitener:
         """Return the whitening; `before`: features without a law, to which its error belongs."""
         key = runs, id(before)
+        if not runs and before is None:  # one correlation for all records
+            law, noise = self.library.surrogate, self.conditions.noise
+            return Whitener(deviation=law.deviation(min(noise, LOUDEST)), root=self.library.root)
         if key not in self._known:
             found = self.covariance(runs)
             if before is not None:
@@ -163,10 +172,10 @@ class TestedUnit:
         jobs = [(with_terms(terms, library.model.effects), z, int(s))
                 for terms, z in models for s in seeds]
 
-        def one(job: tuple[object, np.ndarray, int]) -> np.ndarray:
+        def one(job: tuple[Effects, np.ndarray, int]) -> np.ndarray:
             effects, z, seed = job
-            return fleet_features(library.model, library.spread, library.fmap, z,
-                                  self.conditions, seed, effects)  # type: ignore[arg-type]
+            return self.simulator(library.model, library.spread, library.fmap, z,
+                                  self.conditions, seed, effects)
 
         if self.workers > 1:
             with ThreadPoolExecutor(self.workers) as pool:

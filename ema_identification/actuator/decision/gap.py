@@ -17,8 +17,8 @@ from ema_identification.actuator.decision.fit import PRIOR, LawFit, TestedUnit
 from ema_identification.actuator.decision.fleet import NAMES, SIZE
 from ema_identification.actuator.naming.gap import worst
 
-RUNS, DRAWS = 8, 39
-"""Of a prediction; of the last model's own, from which the bound is taken by rank."""
+RUNS, DRAWS = 8, 99
+"""Of a prediction; of the last model's own, whose ranks resolve the level of the decision."""
 OF_DAY = np.array([n.startswith(("current_sensor", "surface_load")) for n in NAMES])
 """What differs from test to test."""
 

@@ -60,10 +60,11 @@ class Sizes(NamedTuple):
     """Of those, units that are fitted on runs too."""
 
 
+FULL = Sizes()
 CHUNK = 20
-SCALED = 40
+SCALED = 24
 """Of those, units that set the scale of the likelihood."""
-SETTLED_RUNS = 10
+SETTLED_RUNS = 8
 """Of a model in the end, healthy or not."""
 
 
@@ -189,7 +190,7 @@ def _carried(
 
     if excess(0.0) <= 0.0:
         return 0.0
-    return float(brentq(excess, 0.0, 2.0, xtol=0.01)) if excess(2.0) < 0.0 else 2.0
+    return float(brentq(excess, 0.0, 2.0, xtol=0.02)) if excess(2.0) < 0.0 else 2.0
 
 
 def scores(unit: TestedUnit, fit: LawFit, runs: int) -> tuple[float, float]:
@@ -206,7 +207,7 @@ def gain_of(cost: float, lower: float, size: int) -> float:
 
 def fleet_library(
     model: Model, profile: Profile, *, rate: float | None = None, signatures: bool = True,
-    sizes: Sizes = Sizes(), seed: int = 0, workers: int = 1, progress: Progress = silent,
+    sizes: Sizes = FULL, seed: int = 0, workers: int = 1, progress: Progress = silent,
 ) -> FleetLibrary:
     """Return the library of a model, a test and a rate, from the kit or the cache, else built."""
     spread = load_spread()

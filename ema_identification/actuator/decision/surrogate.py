@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import cholesky
 from sklearn.covariance import ledoit_wolf_shrinkage
 
 from ema_identification.actuator.decision.fleet import SIZE
@@ -65,8 +66,12 @@ class NoiseLaw:
 
     def covariance(self, noise: float) -> np.ndarray:
         """Return the covariance at a noise factor, shape (d, d)."""
-        deviation = np.sqrt(self.quiet + self.noisy * noise**2)
+        deviation = self.deviation(noise)
         return np.asarray(self.correlation * np.outer(deviation, deviation))
+
+    def deviation(self, noise: float) -> np.ndarray:
+        """Return the standard deviations at a noise factor, shape (d,)."""
+        return np.sqrt(self.quiet + self.noisy * noise**2)
 
     def scaled(self, factor: float) -> NoiseLaw:
         """Return the law with all variances times `factor`."""
@@ -89,8 +94,10 @@ def noise_law(rest: np.ndarray, noise: np.ndarray, floor: np.ndarray) -> NoiseLa
     slope = np.where(quiet < 0.0, (rest**2).mean(axis=0) / (noise**2).mean(), slope)
     quiet = np.maximum(quiet, floor)
     x = bent(rest / np.sqrt(quiet + slope * noise[:, None] ** 2))
-    share = float(ledoit_wolf_shrinkage(x / x.std(axis=0), assume_centered=True))
-    correlation = (1.0 - share) * np.corrcoef(x.T) + share * np.eye(x.shape[1])
+    x /= np.maximum(np.sqrt((x**2).mean(axis=0)), 1e-9)  # a feature may be constant
+    share = float(ledoit_wolf_shrinkage(x, assume_centered=True))
+    correlation = (1.0 - share) * (x.T @ x) / len(x)
+    np.fill_diagonal(correlation, 1.0)
     return NoiseLaw(quiet=quiet, noisy=slope, correlation=correlation)
 
 
@@ -130,6 +137,11 @@ class FleetLibrary:
         v = arguments(z, conditions)
         step = 0.5 * np.eye(SIZE, len(v))
         return np.asarray((design(v + step) - design(v - step)) @ self.weights).T
+
+    @cached_property
+    def root(self) -> np.ndarray:
+        """Return the lower root of the correlation of the quadratic's errors, shape (d, d)."""
+        return np.asarray(cholesky(self.surrogate.correlation, lower=True))
 
     @cached_property
     def freedom(self) -> float:

@@ -1,0 +1,163 @@
+"""The workflow with the decision of this package: `decide` on a record, said as the others say it.
+
+It takes one measured and at most one held-out record; the report's pictures are not drawn yet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+
+from ema_identification.actuator.checks import check_records
+from ema_identification.actuator.decision.decide import FleetAnswer, decide
+from ema_identification.actuator.decision.fit import PRIOR, LawFit, TestedUnit
+from ema_identification.actuator.decision.fleet import NAMES, SIZE, fleet_unit
+from ema_identification.actuator.decision.gap import HeldOut
+from ema_identification.actuator.decision.library import FULL, Sizes, fleet_library
+from ema_identification.actuator.measure.features import nominal_rate
+from ema_identification.actuator.measure.runs import Progress, silent
+from ema_identification.actuator.measure.tolerances import RecordConditions, align
+from ema_identification.actuator.naming.estimates import choices_of, model_file_text
+from ema_identification.actuator.surrogate.fit import with_terms
+from ema_identification.actuator.words import groups_of, where_of
+from ema_identification.result import (
+    Candidate,
+    Formula,
+    Identification,
+    NamedEffect,
+    Parameter,
+    Shape,
+)
+from ema_record.errors import UsageError
+from ema_record.record import Record
+from ema_sim.effects import EFFECTS
+from ema_sim.effects.base import Quantity
+from ema_sim.model_file import Model
+
+DRAWS = 400
+GAP_UNIT = ("rms of the tenth of the features that are off most, in standard deviations of what "
+            "the model without a law may be off on this record when nothing is missing")
+
+
+def identify_by_fleet(
+    measured: Sequence[Record], model: Model, *, validate: Sequence[Record] = (),
+    without: Sequence[str] = (), progress: Progress = silent, workers: int = 1, seed: int = 0,
+    sizes: Sizes = FULL,
+) -> Identification:
+    """Return what the model lacks to explain a record; parameters as of `identify`.
+
+    Raises
+    ------
+    UsageError
+        More than one measured or more than one held-out record.
+    """
+    check_records(measured, validate, model, without)
+    if len(measured) > 1 or len(validate) > 1:
+        raise UsageError(f"{len(measured)} measured and {len(validate)} held-out records: this "
+                         "decision takes one of each")
+
+    def unit_of(record: Record, signatures: bool) -> TestedUnit:
+        known = fleet_library(
+            model, record.profile, rate=nominal_rate(record), signatures=signatures, sizes=sizes,
+            seed=seed, workers=workers, progress=progress)
+        return TestedUnit(library=known, values=known.fmap.extract(record), seed=seed,
+                          conditions=align(record, model), workers=workers)
+
+    unit = unit_of(measured[0], True)
+    held = HeldOut(unit=unit_of(validate[0], False), fitted=unit) if validate else None
+    return _said(unit, decide(unit, held, without=without, progress=progress), model)
+
+
+def covariance_of(unit: TestedUnit, fit: LawFit) -> np.ndarray:
+    """Return the covariance of the coordinates of all laws and of all that healthy units have."""
+    white = unit.whitener(fit.runs)
+    columns = white.columns(fit.slopes, unit.values - fit.mean)
+    weight = np.append(np.full(fit.free, 1e-12), np.full(SIZE, PRIOR))
+    return np.asarray(np.linalg.inv(columns.T @ columns + np.diag(weight)))
+
+
+def parameters_of(unit: TestedUnit, fit: LawFit, index: int) -> tuple[Parameter, ...]:
+    """Return the parameters of a law with intervals of 90 %, by draws of its coordinates."""
+    begin = sum(t.variant.size for t in fit.terms[:index])
+    term = fit.terms[index]
+    part = slice(begin, begin + term.variant.size)
+    draws = np.random.default_rng(0).multivariate_normal(
+        term.u, covariance_of(unit, fit)[part, part], size=DRAWS)
+    draws = np.clip(draws, term.variant.low, term.variant.high)
+    kinds = {f.name: f.kind for f in EFFECTS[term.variant.effect].fields}
+    found = []
+    for name, value in term.variant.settings(term.u).items():
+        kind, middle = kinds[name], float(value)
+        if not isinstance(kind, Quantity):
+            continue
+        values = np.array([float(term.variant.settings(u)[name]) for u in draws])
+        if kind.unit == "rad" and name in ("phase", "angle"):
+            values = middle + np.angle(np.exp(1j * (values - middle)))
+        low, high = (float(x) for x in np.quantile(values, (0.05, 0.95)))
+        found.append(Parameter(name=f"{term.variant.effect}.{name}", value=middle,
+                               low=min(low, middle), high=max(high, middle), unit=kind.unit))
+    return tuple(found)
+
+
+def _said(unit: TestedUnit, answer: FleetAnswer, model: Model) -> Identification:
+    gap = answer.gap
+    values = (float("nan"),) * 2 if gap is None else (gap.values[0], gap.values[-1])
+    evidence = cast("Any", SimpleNamespace(blocks=(unit,)))
+    white = unit.whitener(answer.null.runs)
+    groups = groups_of(evidence, [(unit.values - answer.null.mean) / white.deviation])
+    where = where_of(groups)
+    findings = []
+    for k, term in enumerate(() if answer.fit is None else answer.fit.terms):
+        assert answer.fit is not None
+        name = term.variant.effect
+        effect = EFFECTS[name]
+        findings.append(NamedEffect(
+            effect=name, equivalent=answer.equivalent[k], choices=choices_of(term),
+            formula=Formula(effect.summary, effect.equation, effect.reference),
+            parameters=parameters_of(unit, answer.fit, k), where=where,
+            p_value=answer.p_value[k], gap_before=values[0], gap_after=values[1]))
+    shape = None
+    if answer.verdict == "unknown effect":
+        ports = list(dict.fromkeys(str(EFFECTS[f.names[-1]].port) for f in answer.fits))[:2]
+        shape = Shape(port=", ".join(ports) or "controller",
+                      text=f"{', '.join(ports)}: {where.text}")
+    shares = tuple(f"{f.effect} closes {share:.0%} of what the model leaves"
+                   for f, share in zip(findings, answer.closed))
+    return Identification(
+        verdict=answer.verdict, gap_before=values[0], gap_after=values[1],
+        noise_floor=float("nan") if gap is None else gap.floor, gap_unit=GAP_UNIT,
+        held_out=gap is not None, findings=tuple(findings),
+        rivals=_rivals(unit, answer), reasons=(*shares, *answer.reasons), unknown=shape,
+        recalibrated=_recalibrated(unit, answer.null if answer.fit is None else answer.fit),
+        model_text="" if answer.verdict == "contradicted" else _model_text(unit, answer, model))
+
+
+def _rivals(unit: TestedUnit, answer: FleetAnswer) -> tuple[Candidate, ...]:
+    named = set() if answer.fit is None else {*answer.fit.names, *sum(answer.equivalent, ())}
+    found: dict[str, Candidate] = {}
+    for fit in answer.fits:
+        if len(fit.terms) == 1 and fit.names[0] not in named:
+            found.setdefault(fit.names[0], Candidate(
+                effect=fit.names[0], score=float(np.sqrt(fit.cost / unit.size)), p_value=1.0,
+                reason=f"fitted: cost {fit.cost / unit.size:.2f} a feature"))
+    return tuple(found.values())
+
+
+def _recalibrated(unit: TestedUnit, fit: LawFit) -> tuple[Parameter, ...]:
+    deviation = np.sqrt(np.diag(covariance_of(unit, fit)))[fit.free:]
+    return tuple(
+        Parameter(name=name, value=float(x), low=float(max(x - 1.645 * s, -1.0)),
+                  high=float(min(x + 1.645 * s, 1.0)), unit="half widths")
+        for name, x, s in zip(NAMES, fit.z, deviation))
+
+
+def _model_text(unit: TestedUnit, answer: FleetAnswer, model: Model) -> str:
+    """Return the model file: the hardware as recalibrated, and the laws."""
+    fit = answer.null if answer.fit is None else answer.fit
+    effects = with_terms(fit.terms, model.effects)
+    actuator, _ = fleet_unit(  # conditions and sensor errors stay out
+        unit.library.model, unit.library.spread, fit.z, RecordConditions(), effects)
+    return model_file_text(actuator, effects)
