@@ -37,7 +37,7 @@ PRIOR = 3.0
 """1 / variance of a number that is uniform from -1 to 1."""
 LAW_ERROR = 0.02
 """Relative error of what a simulated law adds (steps of the solver, end of the descent)."""
-QUADRATIC_STEPS = 6
+QUADRATIC_STEPS, DAMPINGS = 20, 4
 LOUDEST = 4.0
 """Noise factor up to which the law of the noise is believed."""
 STRONG, PART = 4.0, 0.2
@@ -46,20 +46,21 @@ STRONG, PART = 4.0, 0.2
 
 @dataclass(frozen=True, kw_only=True)
 class Whitener:
-    """Residuals to independent numbers of variance 1."""
+    """Residuals to independent numbers of variance 1; `straight`: without `bent`."""
 
     deviation: np.ndarray
     root: np.ndarray
+    straight: bool = False
 
     def residual(self, rest: np.ndarray) -> np.ndarray:
         """Return measured minus predicted features, shape (d,) or (d, m), whitened."""
         scale = self.deviation.reshape((-1,) + (1,) * (rest.ndim - 1))
-        return self._white(bent(rest / scale))
+        return self._white(rest / scale if self.straight else bent(rest / scale))
 
     def columns(self, slopes: np.ndarray, rest: np.ndarray) -> np.ndarray:
         """Return slopes, shape (d, m), as `residual` sees them about `rest`."""
-        flat = flattening(rest / self.deviation) / self.deviation
-        return self._white(flat[:, None] * slopes)
+        flat = 1.0 if self.straight else flattening(rest / self.deviation)
+        return self._white((flat / self.deviation)[:, None] * slopes)
 
     def _white(self, x: np.ndarray) -> np.ndarray:
         return np.asarray(solve_triangular(self.root, x, lower=True, check_finite=False))
@@ -185,24 +186,37 @@ class TestedUnit:
         return list(rows.reshape(len(models), runs, -1).mean(axis=1))
 
     def without_law(self) -> LawFit:
-        """Return the fit of no law on the quadratic: what recalibration can do."""
-        white, z = self.whitener(0), np.zeros(SIZE)
-        mean = self.library.mean(z, self.conditions)
+        """Return the fit of no law on the quadratic: what recalibration can do.
+
+        Two descents, since the cost has other minima far from the record: one straight from the
+        middle of the fleet, one that begins with plain least squares.
+        """
+        white, middle = self.whitener(0), np.zeros(SIZE)
+        plain, _ = self._recalibrated(replace(white, straight=True), middle)
+        z, cost = min((self._recalibrated(white, start) for start in (middle, plain)),
+                      key=lambda found: found[1])
+        return LawFit(terms=(), z=z, mean=self.library.mean(z, self.conditions), cost=cost,
+                      slopes=self.library.slope(z, self.conditions), runs=0)
+
+    def _recalibrated(self, white: Whitener, z: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return where damped steps on the quadratic end, and the cost there."""
+        mean, damping = self.library.mean(z, self.conditions), 0.0
         cost = self.cost(white, mean, z)
-        slopes = self.library.slope(z, self.conditions)
         for _ in range(QUADRATIC_STEPS):
-            step = self._step(white, mean, slopes, z, (), 0.0)
-            for part in (1.0, 0.5, 0.25):
-                there = np.clip(z + part * step, -1.0, 1.0)
+            slopes = self.library.slope(z, self.conditions)
+            for _ in range(DAMPINGS):
+                there = np.clip(z + self._step(white, mean, slopes, z, (), damping), -1.0, 1.0)
                 found = self.library.mean(there, self.conditions)
                 lower = self.cost(white, found, there)
                 if lower < cost:
                     break
-            if lower > cost - 0.01 * cost / self.size:
+                damping = max(10.0 * damping, 0.01)
+            gained, damping = cost - lower, 0.1 * damping
+            if gained > 0.0:
+                z, mean, cost = there, found, lower
+            if gained < 1e-3 * cost:
                 break
-            z, mean, cost = there, found, lower
-            slopes = self.library.slope(z, self.conditions)
-        return LawFit(terms=(), z=z, mean=mean, slopes=slopes, cost=cost, runs=0)
+        return z, cost
 
     def settled(self, fit: LawFit, before: np.ndarray | None, runs: int, salt: int = 7) -> LawFit:
         """Return a fit on fresh runs at its point, with a last linear step."""

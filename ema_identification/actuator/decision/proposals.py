@@ -76,8 +76,10 @@ def linear_gains(
     if not rows:
         return []
     columns = white.columns(np.array([row for _, _, row in rows]).T, rest)
-    pull = columns.T @ target
     across = others.T @ columns
+    at = np.append(np.zeros(fit.free), fit.z)[inside]
+    owed = np.linalg.solve(normal, others.T @ target - weight * at)  # a last step of the others
+    pull = columns.T @ target - across.T @ owed
     square = (columns**2).sum(axis=0) - (across * np.linalg.solve(normal, across)).sum(axis=0)
     found: dict[str, Proposal] = {}
     start = 0
