@@ -38,9 +38,9 @@ COVERED = 0.95
 """Requirement: evidence that a set of names holds."""
 LARGEST_SET = 3
 """Requirement: more names are no answer."""
-PROPOSED, SECONDS, PAIRED, TESTED = 8, 3, 3, 2
-"""Budget: laws fitted, second laws fitted beside one, first laws that get a second; pairs whose
-laws are each fitted alone."""
+SCREENED, PROPOSED, SECONDS, PAIRED, TESTED = 16, 6, 3, 3, 2
+"""Budget: laws fitted on the library; with the simulator; second laws fitted beside one; first
+laws that get a second; pairs whose laws are each fitted alone."""
 ROUNDS = ((2, 4, 4), (4, 3, 3))
 """Budget: runs, steps, and how many go on."""
 
@@ -99,7 +99,7 @@ def log_evidence(fit: LawFit, freedom: float) -> float:
 class _Decision:
     def __init__(self, unit: TestedUnit, null: LawFit, without: Sequence[str]) -> None:
         self.unit, self.library = unit, unit.library
-        self.before = null.mean
+        self.quadratic, self.before = null, null.mean
         self.signatures = selectable(unit, without)
         self.without = tuple(without)
         first = unit.settled(null, self.before, 3, salt=3)
@@ -108,11 +108,11 @@ class _Decision:
 
     def explains(self, fit: LawFit) -> bool:
         """Whether a healthy unit leaves as much."""
-        return rank(fit.cost / self.unit.size, self.library.settled[:, 0]) > LEVEL
+        return rank(fit.cost / self.unit.size, self.library.healthy[:, 0]) > LEVEL
 
     def p_own(self, fit: LawFit, less: float) -> float:
         """Return how often the best useless law gains as much as from the cost `less`."""
-        return rank(gain_of(less, fit.cost, self.unit.size), self.library.settled[:, 1])
+        return rank(gain_of(less, fit.cost, self.unit.size), self.library.healthy[:, 1])
 
     def evidence(self, fit: LawFit) -> float:
         return log_evidence(fit, self.library.freedom)
@@ -127,26 +127,19 @@ class _Decision:
         return sorted((self.unit.settled(p, self.before, SETTLED_RUNS) for p in points),
                       key=lambda f: -self.evidence(f))
 
-    def started(self, proposals: Sequence[Proposal], beside: LawFit | None = None
-                ) -> list[LawFit]:
-        terms = () if beside is None else beside.terms
-        found = []
-        for p in proposals:
-            own = p.signature.slope(p.u)
-            old = self.null.slopes if beside is None else beside.slopes
-            free = 0 if beside is None else beside.free
-            found.append(LawFit(
-                terms=(*terms, p.term), z=p.z, mean=self.before, cost=p.cost, runs=0,
-                slopes=np.hstack([old[:, :free], own, old[:, free:]])))
-        return found
+    def screened(self, proposals: Sequence[Proposal], beside: LawFit | None) -> list[LawFit]:
+        """Return the models of proposals, fitted without a run, lowest cost first."""
+        terms, also = ((), self.quadratic.z) if beside is None else (beside.terms, beside.z)
+        return sorted((self.unit.on_library((*terms, p.term), [p.z, also]) for p in proposals),
+                      key=lambda f: f.cost)
 
     def singles(self) -> list[LawFit]:
         """Return the fits of single laws."""
         near = linear_gains(self.unit, self.null, self.white, self.signatures)
         far = sized(self.unit, self.signatures)
         extra = ripples(self.unit, self.null, self.white, self.without)
-        chosen = _alternating((near, far, extra), PROPOSED)
-        return self.fitted(self.started(chosen))
+        chosen = _alternating((near, far, extra), SCREENED)
+        return self.fitted(self.screened(chosen, None)[:PROPOSED])
 
     def pairs(self, singles: Sequence[LawFit]) -> list[LawFit]:
         """Return the fits of two laws, where a second one gains more than useless ones do."""
@@ -157,9 +150,10 @@ class _Decision:
             better = [p for p in sorted(more, key=lambda p: p.cost)
                       if p.signature.variant.effect not in one.names
                       and rank(gain_of(one.cost, p.cost, self.unit.size),
-                               self.library.settled[:, 1]) <= LEVEL]
-            found += self.started(_alternating((better,), SECONDS), one)
-        return self.fitted(found) if found else []
+                               self.library.healthy[:, 1]) <= LEVEL]
+            found += self.screened(_alternating((better,), SECONDS), one)
+        found.sort(key=lambda f: f.cost)
+        return self.fitted(found[:PROPOSED]) if found else []
 
     def each_alone(self, pair: LawFit) -> list[LawFit]:
         """Return the fits of each law of a pair alone, by law."""
@@ -214,7 +208,7 @@ def decide(
     again = linear_gains(unit, case.null, case.white, case.signatures)
     lower = again[0].cost if again else case.null.cost
     p = max(p, p_nothing((case.null.cost / unit.size,
-                          gain_of(case.null.cost, lower, unit.size)), library.settled))
+                          gain_of(case.null.cost, lower, unit.size)), library.healthy))
     if p > LEVEL:
         return _nothing(case.null, p, held)
     singles = case.singles()

@@ -38,6 +38,7 @@ PRIOR = 3.0
 LAW_ERROR = 0.02
 """Relative error of what a simulated law adds (steps of the solver, end of the descent)."""
 QUADRATIC_STEPS, DAMPINGS = 20, 4
+"""Most steps of a descent without runs, and dampings tried a step."""
 LOUDEST = 4.0
 """Noise factor up to which the law of the noise is believed."""
 STRONG, PART = 4.0, 0.2
@@ -118,7 +119,7 @@ class TestedUnit:
     seed: int = 0
     workers: int = 1
     simulator: Callable[..., np.ndarray] = fleet_features
-    _known: dict[tuple[int, int], Whitener] = field(
+    _whiteners: dict[tuple[int, int], Whitener] = field(
         init=False, repr=False, compare=False, default_factory=dict)
 
     @property
@@ -144,15 +145,15 @@ class TestedUnit:
         if not runs and before is None:  # one correlation for all records
             law, noise = self.library.surrogate, self.conditions.noise
             return Whitener(deviation=law.deviation(min(noise, LOUDEST)), root=self.library.root)
-        if key not in self._known:
+        if key not in self._whiteners:
             found = self.covariance(runs)
             if before is not None:
                 found[np.diag_indices_from(found)] += (LAW_ERROR * (self.values - before)) ** 2
             deviation = np.sqrt(np.diag(found))
-            self._known[key] = Whitener(
+            self._whiteners[key] = Whitener(
                 deviation=deviation,
                 root=cholesky(found / np.outer(deviation, deviation), lower=True))
-        return self._known[key]
+        return self._whiteners[key]
 
     def cost(self, white: Whitener, mean: np.ndarray, z: np.ndarray) -> float:
         """Return J."""
@@ -186,37 +187,58 @@ class TestedUnit:
         return list(rows.reshape(len(models), runs, -1).mean(axis=1))
 
     def without_law(self) -> LawFit:
-        """Return the fit of no law on the quadratic: what recalibration can do.
+        """Return the fit of no law on the quadratic: what recalibration can do."""
+        return self.on_library((), [np.zeros(SIZE)])
 
-        Two descents, since the cost has other minima far from the record: one straight from the
-        middle of the fleet, one that begins with plain least squares.
+    def on_library(
+        self, terms: tuple[EffectTerm, ...], starts: Sequence[np.ndarray]
+    ) -> LawFit:
+        """Return a fit on the quadratic and the signatures, without a run.
+
+        From each start two descents, since the cost has other minima far from the record: one at
+        once, one that begins with plain least squares.
         """
-        white, middle = self.whitener(0), np.zeros(SIZE)
-        plain, _ = self._recalibrated(replace(white, straight=True), middle)
-        z, cost = min((self._recalibrated(white, start) for start in (middle, plain)),
-                      key=lambda found: found[1])
-        return LawFit(terms=(), z=z, mean=self.library.mean(z, self.conditions), cost=cost,
-                      slopes=self.library.slope(z, self.conditions), runs=0)
+        white = self.whitener(0)
+        plain = replace(white, straight=True)
+        found = []
+        for z in starts:
+            found.append(self._recalibrated(white, terms, z))
+            found.append(self._recalibrated(white, *self._recalibrated(plain, terms, z)[:2]))
+        terms, z, cost = min(found, key=lambda row: row[2])
+        return LawFit(terms=terms, z=z, mean=self._known(terms, z), cost=cost, runs=0,
+                      slopes=self._known_slopes(terms, z))
 
-    def _recalibrated(self, white: Whitener, z: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return where damped steps on the quadratic end, and the cost there."""
-        mean, damping = self.library.mean(z, self.conditions), 0.0
+    def _known(self, terms: Sequence[EffectTerm], z: np.ndarray) -> np.ndarray:
+        mean = self.library.mean(z, self.conditions)
+        return np.asarray(sum((t.signature.at(t.u) for t in terms), mean))
+
+    def _known_slopes(self, terms: Sequence[EffectTerm], z: np.ndarray) -> np.ndarray:
+        own = self.library.slope(z, self.conditions)
+        return np.hstack([library_slopes(terms), own]) if terms else own
+
+    def _recalibrated(
+        self, white: Whitener, terms: tuple[EffectTerm, ...], z: np.ndarray
+    ) -> tuple[tuple[EffectTerm, ...], np.ndarray, float]:
+        """Return where damped steps without runs end, and the cost there."""
+        mean, damping, free = self._known(terms, z), 0.0, sum(t.variant.size for t in terms)
         cost = self.cost(white, mean, z)
         for _ in range(QUADRATIC_STEPS):
-            slopes = self.library.slope(z, self.conditions)
+            slopes = self._known_slopes(terms, z)
             for _ in range(DAMPINGS):
-                there = np.clip(z + self._step(white, mean, slopes, z, (), damping), -1.0, 1.0)
-                found = self.library.mean(there, self.conditions)
+                step = self._step(white, mean, slopes, z, terms, damping)
+                there = np.clip(z + step[free:], -1.0, 1.0)
+                laws = moved(terms, coordinates(terms) + step[:free]) if terms else ()
+                found = self._known(laws, there)
                 lower = self.cost(white, found, there)
                 if lower < cost:
                     break
                 damping = max(10.0 * damping, 0.01)
             gained, damping = cost - lower, 0.1 * damping
             if gained > 0.0:
-                z, mean, cost = there, found, lower
+                terms, z, mean, cost = laws, there, found, lower
             if gained < 1e-3 * cost:
                 break
-        return z, cost
+        return terms, z, cost
 
     def settled(self, fit: LawFit, before: np.ndarray | None, runs: int, salt: int = 7) -> LawFit:
         """Return a fit on fresh runs at its point, with a last linear step."""

@@ -56,14 +56,12 @@ class Sizes(NamedTuple):
     repeated: int = 500
     set_aside: int = 400
     """Their ranks resolve a level of 1 in 400."""
-    settled: int = 150
-    """Of those, units that are fitted on runs too."""
+    scaled: int = 40
+    """Of those, units that set the scale of the likelihood, on the quadratic and on runs."""
 
 
 FULL = Sizes()
 CHUNK = 20
-SCALED = 24
-"""Of those, units that set the scale of the likelihood."""
 SETTLED_RUNS = 8
 """Of a model in the end, healthy or not."""
 
@@ -142,38 +140,35 @@ def fitted_library(
     weights, rest = fit_mean(v, features)
     paired = np.isfinite(runs.again).all(axis=1) & good[:len(runs.again)]
     difference = (runs.features[:len(runs.again)] - runs.again)[paired] / np.sqrt(2.0)
-    none = np.ones((1, 2))
     return FleetLibrary(
         model=model, spread=spread, fmap=fmap, weights=weights, signatures=signatures,
         surrogate=noise_law(rest, noise, floor),
         repeat=noise_law(difference, runs.conditions[:len(runs.again)][paired, 2], 0.5 * floor),
-        healthy=none, settled=none)
+        healthy=np.ones((1, 2)))
 
 
 def judged_library(
     library: FleetLibrary, runs: FleetRuns, sizes: Sizes, *, progress: Progress = silent,
 ) -> FleetLibrary:
-    """Return the library put to scale, with what units that built nothing of it leave."""
+    """Return the library put to scale, with what units that built nothing of it leave.
+
+    The likelihood on runs is put to the same scale as that on the quadratic, so that one list of
+    healthy scores serves both.
+    """
     units = [
         TestedUnit(library=library, values=runs.features[k], seed=k,
                    conditions=conditions_of(runs.conditions[k]))
         for k in range(sizes.units, len(runs.z)) if np.isfinite(runs.features[k]).all()]
-    some = [unit.without_law().cost / unit.size for unit in units[:SCALED]]
+    some = [unit.without_law().cost / unit.size for unit in units[:sizes.scaled]]
     library = replace(library, surrogate=library.surrogate.scaled(float(np.mean(some))))
-    healthy, settled = [], []
     units = [replace(unit, library=library) for unit in units]
+    healthy = []
     for k, unit in enumerate(units):
         healthy.append(scores(unit, unit.without_law(), 0))
         progress("units set aside", (k + 1) / len(units))
-    library = replace(library, healthy=np.array(healthy))
-    first = [(u, u.settled(u.without_law(), None, 3, salt=3)) for u in units[:sizes.settled]]
+    first = [(u, u.settled(u.without_law(), None, 3, salt=3)) for u in units[:sizes.scaled]]
     means = [(u, fit, u.run((), fit.z, SETTLED_RUNS, salt=4)) for u, fit in first]
-    library = replace(library, carried=_carried(library, means[:SCALED]))
-    for before, fit, mean in means:
-        unit = replace(before, library=library)
-        settled.append(scores(unit, unit.settled_at(
-            fit, mean, unit.whitener(SETTLED_RUNS), SETTLED_RUNS), SETTLED_RUNS))
-    return replace(library, settled=np.array(settled))
+    return replace(library, healthy=np.array(healthy), carried=_carried(library, means))
 
 
 def _carried(
@@ -236,10 +231,9 @@ def fleet_library(
 
     def judged() -> dict[str, np.ndarray]:
         found = judged_library(plain, runs, sizes, progress=progress)
-        return {"healthy": found.healthy, "settled": found.settled, "scale": np.array(
+        return {"healthy": found.healthy, "scale": np.array(
             [found.carried, float(found.surrogate.quiet[0] / plain.surrogate.quiet[0])])}
 
     found = kept("judged", judged)
-    return replace(plain, healthy=found["healthy"], settled=found["settled"],
-                   carried=float(found["scale"][0]),
+    return replace(plain, healthy=found["healthy"], carried=float(found["scale"][0]),
                    surrogate=plain.surrogate.scaled(float(found["scale"][1])))

@@ -20,9 +20,8 @@ from ema_identification.actuator.surrogate.catalogue import Variant, ripple
 from ema_identification.actuator.surrogate.fit import EffectTerm
 from ema_identification.actuator.surrogate.library import Signature
 
-ANGLES = 12
-RADII = (0.3, 0.6, 1.0)
-"""Of a vector beside its levels, in units of the largest below."""
+ANGLES, CHORDS = 8, 3
+"""Directions of a vector at each of its levels; steps towards the unit."""
 
 
 class Proposal(NamedTuple):
@@ -121,19 +120,23 @@ def _largest_gain(
 
 
 def sized(unit: TestedUnit, signatures: Sequence[Signature]) -> list[Proposal]:
-    """Return each law at the library's size that comes nearest, about the middle of the fleet."""
-    white, nothing = unit.whitener(0), np.zeros(SIZE)
-    mean = unit.library.mean(nothing, unit.conditions)
-    slope = unit.library.slope(nothing, unit.conditions)
-    plain = white.columns(slope, np.zeros(unit.size))
-    solve = np.linalg.inv(plain.T @ plain + PRIOR * np.eye(SIZE)) @ plain.T
+    """Return each law at the library's size that comes nearest, all else fitted to it roughly.
+
+    The unit is found by steps of plain least squares with the slopes in the middle of the fleet.
+    """
+    white, middle = unit.whitener(0), np.zeros(SIZE)
+    plain = replace(white, straight=True)
+    columns = plain.columns(unit.library.slope(middle, unit.conditions), np.zeros(unit.size))
+    inverse = np.linalg.inv(columns.T @ columns + PRIOR * np.eye(SIZE))
     points = [(s, u) for s in signatures for u in _points(s)]
     if not points:
         return []
-    added = np.array([s.at(u) for s, u in points]).T
-    rest = (unit.values - mean)[:, None] - added
-    z = np.clip(solve @ white.residual(rest), -1.0, 1.0)
-    left = white.residual(rest - slope @ z)
+    wanted = unit.values[:, None] - np.array([s.at(u) for s, u in points]).T
+    z = np.zeros((SIZE, len(points)))
+    for _ in range(CHORDS):
+        rest = plain.residual(wanted - unit.library.means(z.T, unit.conditions).T)
+        z = np.clip(z + inverse @ (columns.T @ rest - PRIOR * z), -1.0, 1.0)
+    left = white.residual(wanted - unit.library.means(z.T, unit.conditions).T)
     cost = (left**2).sum(axis=0) + PRIOR * (z**2).sum(axis=0)
     best: dict[str, Proposal] = {}
     for i in np.argsort(cost):
@@ -147,9 +150,8 @@ def _points(signature: Signature) -> list[np.ndarray]:
     levels, size = signature.levels, signature.variant.size
     if size == 2 and all(len(x) > 1 for x in levels) and math.isclose(
             levels[0].max(), levels[1].max()):
-        radii = sorted({float(r) * f for r in levels[0] if r > 0.0 for f in RADII})
-        return [r * np.array([math.cos(a), math.sin(a)])
-                for r in radii for a in 2.0 * math.pi * np.arange(ANGLES) / ANGLES]
+        return [float(r) * np.array([math.cos(a), math.sin(a)])
+                for r in levels[0] if r > 0.0 for a in 2.0 * math.pi * np.arange(ANGLES) / ANGLES]
     found = []
     for k, row in enumerate(levels):
         dense = np.unique(np.concatenate([row, 0.5 * (row[1:] + row[:-1])]))

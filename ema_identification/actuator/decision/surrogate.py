@@ -114,7 +114,6 @@ class FleetLibrary:
     carried : share of the quadratic's error that is left after runs at the unit's own parameters.
     healthy : ndarray, shape (n, 2). Of units that built nothing of this: cost a feature that the
         quadratic leaves, and the largest gain of a useless law.
-    settled : ndarray, shape (m, 2). The same where runs replaced the quadratic.
     """
 
     model: Model
@@ -126,11 +125,15 @@ class FleetLibrary:
     signatures: tuple[Signature, ...] = ()
     carried: float = 1.0
     healthy: np.ndarray
-    settled: np.ndarray
 
     def mean(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
         """Return the mean features of a unit, shape (d,)."""
         return np.asarray(design(arguments(z, conditions)[None])[0] @ self.weights)
+
+    def means(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
+        """Return the mean features of several units, shape (n, SIZE) -> (n, d)."""
+        rows = np.hstack([z, np.tile(conditions.regressors(), (len(z), 1))])
+        return np.asarray(design(rows) @ self.weights)
 
     def slope(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
         """Return their derivative to `z`, shape (d, SIZE): exact, of a quadratic."""
@@ -146,7 +149,7 @@ class FleetLibrary:
     @cached_property
     def freedom(self) -> float:
         """Independent numbers in a record, as the scatter of the healthy costs tells."""
-        return float(2.0 / np.var(np.log(self.settled[:, 0])))
+        return float(2.0 / np.var(np.log(self.healthy[:, 0])))
 
 
 def fit_mean(v: np.ndarray, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

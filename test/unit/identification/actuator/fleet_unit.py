@@ -9,7 +9,7 @@ from linear_unit import ADDED, BASE, FEATURES, MODEL, STRANGE, UNITS, VARIANTS
 
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.fleet import SIZE
-from ema_identification.actuator.decision.library import SETTLED_RUNS, scores
+from ema_identification.actuator.decision.library import scores
 from ema_identification.actuator.decision.surrogate import FleetLibrary, NoiseLaw, design
 from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_identification.actuator.surrogate.library_runs import unpack
@@ -53,7 +53,7 @@ def plain_library():
     return FleetLibrary(
         model=MODEL, spread=None, weights=weights, surrogate=law, repeat=law, carried=0.0,
         signatures=unpack(VARIANTS, np.array(rows)), healthy=np.ones((1, 2)),
-        settled=np.ones((1, 2)), fmap=SimpleNamespace(
+        fmap=SimpleNamespace(
             plan=SimpleNamespace(segments=(), transitions=()), rate=20_000.0, profile=None,
             features=[SimpleNamespace(name=f"f{k}", place="record", signal="s", against="a")
                       for k in range(FEATURES)]))
@@ -61,14 +61,12 @@ def plain_library():
 
 @cache
 def judged():
-    """Return the library with the scores of healthy units, on the quadratic and on runs."""
-    library, healthy, settled = plain_library(), [], []
+    """Return the library with the scores of healthy units."""
+    library, healthy = plain_library(), []
     for seed in range(HEALTHY):
         u = unit(seed=10_000 + seed, library=library)
-        fit = u.without_law()
-        healthy.append(scores(u, fit, 0))
-        settled.append(scores(u, u.settled(fit, None, SETTLED_RUNS), SETTLED_RUNS))
-    return replace(library, healthy=np.array(healthy), settled=np.array(settled))
+        healthy.append(scores(u, u.without_law(), 0))
+    return replace(library, healthy=np.array(healthy))
 
 
 def unit(*, seed=1, strange=0.0, library=None, z=None, **sizes):

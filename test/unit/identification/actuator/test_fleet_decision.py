@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fleet_unit import FEATURES, HEALTHY, UNITS, judged, unit
+from fleet_unit import FEATURES, HEALTHY, UNITS, unit
 
 from ema_identification.actuator.decision.decide import (
     LEVEL,
@@ -41,9 +41,11 @@ def test_level_of_nothing_on_healthy_units():
 
 
 def test_likelihood_is_to_scale_on_healthy_units():
-    costs = [u.without_law().cost / FEATURES for u in (unit(seed=300 + k) for k in range(60))]
-    assert np.mean(costs) == pytest.approx(1.0, abs=0.08)
-    assert judged().settled[:, 0].mean() == pytest.approx(1.0, abs=0.08)
+    units = [unit(seed=300 + k) for k in range(60)]
+    fits = [u.without_law() for u in units]
+    assert np.mean([f.cost for f in fits]) / FEATURES == pytest.approx(1.0, abs=0.08)
+    runs = [u.settled(f, None, 8) for u, f in zip(units, fits)]
+    assert np.mean([f.cost for f in runs]) / FEATURES == pytest.approx(1.0, abs=0.08)
 
 
 def test_larger_effects_are_never_less_surprising():
