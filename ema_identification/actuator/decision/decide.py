@@ -210,7 +210,7 @@ def decide(
     p = max(p, p_nothing((case.null.cost / unit.size,
                           gain_of(case.null.cost, lower, unit.size)), library.healthy))
     if p > LEVEL:
-        return _nothing(case.null, p, held)
+        return _nothing(null, p, held)
     singles = case.singles()
     progress("name", 0.5)
     pairs = case.pairs(singles)
@@ -229,11 +229,11 @@ def _nothing(null: LawFit, p: float, held: HeldOut | None) -> FleetAnswer:
     if held is None:
         return answer
     gap = held.gap([null])
-    if rank(gap.values[0], gap.draws) > LEVEL or gap.values[0] <= gap.bound:
+    if rank(gap.values[0], gap.healthy) > LEVEL:
         return replace(answer, gap=gap)
     return replace(answer, gap=gap, verdict="unknown effect", reasons=(
-        said, f"the held-out record is off by {gap.values[0]:.3g}; the model's own runs reach "
-        f"{gap.bound:.3g}"))
+        said, f"the held-out record is off by {gap.values[0]:.3g}; healthy units by up to "
+        f"{gap.bound:.3g} (95 %)"))
 
 
 def _named(case: _Decision, answer: FleetAnswer, explaining: list[LawFit]) -> FleetAnswer:

@@ -170,6 +170,8 @@ class TestedUnit:
     ) -> list[np.ndarray]:
         """Return the mean features of runs of each model, with the same noise."""
         library = self.library
+        if not models:
+            return []
         seeds = np.random.default_rng([self.seed, 11, salt]).integers(2**31, size=runs)
         jobs = [(with_terms(terms, library.model.effects), z, int(s))
                 for terms, z in models for s in seeds]

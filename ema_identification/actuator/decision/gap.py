@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +16,8 @@ from ema_identification.actuator.decision.fit import PRIOR, LawFit, TestedUnit
 from ema_identification.actuator.decision.fleet import NAMES, SIZE
 from ema_identification.actuator.naming.gap import worst
 
-RUNS, DRAWS = 8, 99
-"""Of a prediction; of the last model's own, whose ranks resolve the level of the decision."""
+RUNS = 8
+"""Of a prediction with a law."""
 OF_DAY = np.array([n.startswith(("current_sensor", "surface_load")) for n in NAMES])
 """What differs from test to test."""
 
@@ -29,63 +28,79 @@ class LawGap(NamedTuple):
     Attributes
     ----------
     values : of each model.
-    draws : ndarray, shape (n,). The same when runs of the last model are measured.
+    healthy : ndarray, shape (n,). Of healthy units without a law.
     """
 
     values: tuple[float, ...]
-    draws: np.ndarray
+    healthy: np.ndarray
 
     @property
     def floor(self) -> float:
-        """What the last model's own runs leave, the median."""
-        return float(np.median(self.draws)) if len(self.draws) else float("nan")
+        """What healthy units leave, the median."""
+        return float(np.median(self.healthy))
 
     @property
     def bound(self) -> float:
         """What 95 % of them stay within."""
-        return float(np.sort(self.draws)[int(0.95 * (len(self.draws) + 1)) - 1]) if len(
-            self.draws) else float("nan")
+        return float(np.quantile(self.healthy, 0.95, method="higher"))
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeldOut:
-    """A held-out record of the unit of `fitted`."""
+    """A held-out record of the unit of `fitted`.
+
+    `healthy` : gaps of healthy units on the same two tests (`healthy_gaps`).
+    """
 
     unit: TestedUnit
     fitted: TestedUnit
-
-    @cached_property
-    def _covariance(self) -> np.ndarray:
-        """Return that of the fitted tolerances, shape (SIZE, SIZE); of the day: their band."""
-        null = self.fitted.without_law()
-        columns = self.fitted.whitener(0).columns(null.slopes, self.fitted.values - null.mean)
-        found = np.linalg.inv(columns.T @ columns + PRIOR * np.eye(SIZE))
-        found[OF_DAY] = found[:, OF_DAY] = 0.0
-        return found
+    healthy: np.ndarray
 
     def gap(self, models: Sequence[LawFit]) -> LawGap:
-        """Return the gap of each model, the first without a law."""
-        z = [np.where(OF_DAY, 0.0, np.clip(m.z, -1.0, 1.0)) for m in models]
-        slope = self.unit.library.slope(z[0], self.unit.conditions)
-        root = np.sqrt(np.diag(self.unit.covariance(RUNS)) + np.einsum(
-            "ij,jk,ik->i", slope, self._covariance, slope))
-        day = slope[:, OF_DAY] / root[:, None]
-        solve = np.linalg.inv(day.T @ day + PRIOR * np.eye(day.shape[1])) @ day.T
-        means = [self.unit.run(m.terms, x, RUNS, salt=21) for m, x in zip(models, z)]
+        """Return the gap of each model, the first without a law.
 
-        def left(values: np.ndarray) -> list[float]:
-            parts = []
-            for mean in means:
-                rest = (values - mean) / root
-                parts.append([rest - day @ np.clip(solve @ rest, -1.0, 1.0)])
-            return worst(parts)
+        Alone it is predicted as those of `healthy` are, by the quadratic; beside others all are
+        means of runs.
+        """
+        if len(models) == 1:
+            return LawGap((quadratic_gap(self.unit, self.fitted, models[0]),), self.healthy)
+        means = [self.unit.run(m.terms, _without_day(m.z), RUNS, salt=21) for m in models]
+        return LawGap(tuple(_left(self.unit, _yardstick(self.fitted), _without_day(models[0].z),
+                                  means)), self.healthy)
 
-        rng = np.random.default_rng([self.unit.seed, 23])
-        draws = []
-        for k in range(DRAWS):
-            there = rng.multivariate_normal(z[-1], self._covariance)
-            there[OF_DAY] = rng.uniform(-1.0, 1.0, int(OF_DAY.sum()))
-            run = self.unit.run(models[-1].terms, np.clip(there, -1.0, 1.0), 1, salt=100 + k)
-            if np.isfinite(run).all():
-                draws.append(left(run)[-1])
-        return LawGap(values=tuple(left(self.unit.values)), draws=np.array(draws))
+
+def quadratic_gap(unit: TestedUnit, fitted: TestedUnit, null: LawFit) -> float:
+    """Return the gap of a unit without a law on `unit`, its quadratic at the fit to `fitted`."""
+    z = _without_day(null.z)
+    return _left(unit, _yardstick(fitted, null), z, [unit.library.mean(z, unit.conditions)])[0]
+
+
+def healthy_gaps(pairs: Sequence[tuple[TestedUnit, TestedUnit]]) -> np.ndarray:
+    """Return the gaps of healthy units: (held-out record, fitted record) of each."""
+    return np.array([quadratic_gap(held, fitted, fitted.without_law())
+                     for held, fitted in pairs])
+
+
+def _without_day(z: np.ndarray) -> np.ndarray:
+    return np.where(OF_DAY, 0.0, np.clip(z, -1.0, 1.0))
+
+
+def _yardstick(fitted: TestedUnit, null: LawFit | None = None) -> np.ndarray:
+    """Return the covariance of the fitted unit, shape (SIZE, SIZE); of the day: none."""
+    null = fitted.without_law() if null is None or null.runs else null
+    columns = fitted.whitener(0).columns(null.slopes, fitted.values - null.mean)
+    found = np.linalg.inv(columns.T @ columns + PRIOR * np.eye(SIZE))
+    found[OF_DAY] = found[:, OF_DAY] = 0.0
+    return np.asarray(found)
+
+
+def _left(unit: TestedUnit, covariance: np.ndarray, z: np.ndarray, means: Sequence[np.ndarray]
+          ) -> list[float]:
+    """Return the gap of each prediction, on the scale of the first at `z`."""
+    slope = unit.library.slope(z, unit.conditions)
+    root = np.sqrt(np.diag(unit.covariance(0)) + np.einsum(
+        "ij,jk,ik->i", slope, covariance, slope))
+    day = slope[:, OF_DAY] / root[:, None]
+    solve = np.linalg.inv(day.T @ day + PRIOR * np.eye(day.shape[1])) @ day.T
+    rests = [(unit.values - mean) / root for mean in means]
+    return worst([[rest - day @ np.clip(solve @ rest, -1.0, 1.0)] for rest in rests])

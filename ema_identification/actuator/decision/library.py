@@ -98,7 +98,7 @@ def _chunk(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first:
     rows = []
     with threadpool_limits(limits=1):
         for k in range(first, last):
-            rng = np.random.default_rng([seed, 7, k])
+            rng = np.random.default_rng([seed, 7, k])  # the same unit in every test
             z, c = draw_fleet_unit(rng), draw_fleet_conditions(rng, spread)
             seeds = rng.integers(2**31, size=2)
             found = fleet_features(model, spread, fmap, z, c, int(seeds[0]))
@@ -144,7 +144,8 @@ def fitted_library(
         model=model, spread=spread, fmap=fmap, weights=weights, signatures=signatures,
         surrogate=noise_law(rest, noise, floor),
         repeat=noise_law(difference, runs.conditions[:len(runs.again)][paired, 2], 0.5 * floor),
-        healthy=np.ones((1, 2)))
+        healthy=np.ones((1, 2)),
+        aside=(runs.conditions[sizes.units:], runs.features[sizes.units:]))
 
 
 def judged_library(
@@ -169,6 +170,18 @@ def judged_library(
     first = [(u, u.settled(u.without_law(), None, 3, salt=3)) for u in units[:sizes.scaled]]
     means = [(u, fit, u.run((), fit.z, SETTLED_RUNS, salt=4)) for u, fit in first]
     return replace(library, healthy=np.array(healthy), carried=_carried(library, means))
+
+
+def paired_units(
+    held: FleetLibrary, fitted: FleetLibrary
+) -> list[tuple[TestedUnit, TestedUnit]]:
+    """Return the units set aside, each in both tests: they are the same ones in every test."""
+    def units(library: FleetLibrary) -> list[TestedUnit]:
+        return [TestedUnit(library=library, values=values, conditions=conditions_of(row))
+                for row, values in zip(*library.aside)]
+
+    return [(a, b) for a, b in zip(units(held), units(fitted))
+            if np.isfinite(a.values).all() and np.isfinite(b.values).all()]
 
 
 def _carried(

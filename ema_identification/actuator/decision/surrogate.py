@@ -114,6 +114,7 @@ class FleetLibrary:
     carried : share of the quadratic's error that is left after runs at the unit's own parameters.
     healthy : ndarray, shape (n, 2). Of units that built nothing of this: cost a feature that the
         quadratic leaves, and the largest gain of a useless law.
+    aside : conditions, shape (n, 4), and features, shape (n, d), of the same units.
     """
 
     model: Model
@@ -125,6 +126,7 @@ class FleetLibrary:
     signatures: tuple[Signature, ...] = ()
     carried: float = 1.0
     healthy: np.ndarray
+    aside: tuple[np.ndarray, np.ndarray]
 
     def mean(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
         """Return the mean features of a unit, shape (d,)."""

@@ -15,8 +15,13 @@ from ema_identification.actuator.checks import check_records
 from ema_identification.actuator.decision.decide import FleetAnswer, decide
 from ema_identification.actuator.decision.fit import PRIOR, LawFit, TestedUnit
 from ema_identification.actuator.decision.fleet import NAMES, SIZE, fleet_unit
-from ema_identification.actuator.decision.gap import HeldOut
-from ema_identification.actuator.decision.library import FULL, Sizes, fleet_library
+from ema_identification.actuator.decision.gap import HeldOut, healthy_gaps
+from ema_identification.actuator.decision.library import (
+    FULL,
+    Sizes,
+    fleet_library,
+    paired_units,
+)
 from ema_identification.actuator.measure.features import nominal_rate
 from ema_identification.actuator.measure.runs import Progress, silent
 from ema_identification.actuator.measure.tolerances import RecordConditions, align
@@ -67,7 +72,11 @@ def identify_by_fleet(
                           conditions=align(record, model), workers=workers)
 
     unit = unit_of(measured[0], True)
-    held = HeldOut(unit=unit_of(validate[0], False), fitted=unit) if validate else None
+    held = None
+    if validate:
+        other = unit_of(validate[0], False)
+        held = HeldOut(unit=other, fitted=unit, healthy=healthy_gaps(
+            paired_units(other.library, unit.library)))
     return _said(unit, decide(unit, held, without=without, progress=progress), model)
 
 

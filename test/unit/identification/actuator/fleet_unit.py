@@ -53,7 +53,7 @@ def plain_library():
     return FleetLibrary(
         model=MODEL, spread=None, weights=weights, surrogate=law, repeat=law, carried=0.0,
         signatures=unpack(VARIANTS, np.array(rows)), healthy=np.ones((1, 2)),
-        fmap=SimpleNamespace(
+        aside=(np.zeros((0, 4)), np.zeros((0, FEATURES))), fmap=SimpleNamespace(
             plan=SimpleNamespace(segments=(), transitions=()), rate=20_000.0, profile=None,
             features=[SimpleNamespace(name=f"f{k}", place="record", signal="s", against="a")
                       for k in range(FEATURES)]))
