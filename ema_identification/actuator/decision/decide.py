@@ -23,7 +23,7 @@ from ema_identification.actuator.decision.fit import LawFit, TestedUnit
 from ema_identification.actuator.decision.gap import HeldOut, LawGap
 from ema_identification.actuator.decision.library import SETTLED_RUNS, gain_of, scores
 from ema_identification.actuator.decision.proposals import (
-    Proposal,
+    LawProposal,
     linear_gains,
     ripples,
     selectable,
@@ -82,11 +82,13 @@ def rank(score: float, healthy: np.ndarray) -> float:
 
 
 def p_nothing(score: tuple[float, float], healthy: np.ndarray) -> float:
-    """Return the rank of the rarer of cost and gain, corrected for having looked at both."""
-    def rarer(row: Sequence[float]) -> float:
-        return min(rank(row[0], healthy[:, 0]), rank(row[1], healthy[:, 1]))
+    """Return the rank of the rarer of cost and gain, corrected for having looked at both.
 
-    return float(1.0 + sum(rarer(h) <= rarer(score) for h in healthy)) / (1.0 + len(healthy))
+    Each unit, this one among them, is ranked among all; exact where all are exchangeable.
+    """
+    pooled = np.vstack([score, healthy])
+    rarer = (pooled[None] >= pooled[:, None]).sum(axis=1).min(axis=1)
+    return float((rarer <= rarer[0]).mean())
 
 
 def log_evidence(fit: LawFit, freedom: float) -> float:
@@ -127,7 +129,7 @@ class _Decision:
         return sorted((self.unit.settled(p, self.before, SETTLED_RUNS) for p in points),
                       key=lambda f: -self.evidence(f))
 
-    def screened(self, proposals: Sequence[Proposal], beside: LawFit | None) -> list[LawFit]:
+    def screened(self, proposals: Sequence[LawProposal], beside: LawFit | None) -> list[LawFit]:
         """Return the models of proposals, fitted without a run, lowest cost first."""
         terms, also = ((), self.quadratic.z) if beside is None else (beside.terms, beside.z)
         return sorted((self.unit.on_library((*terms, p.term), [p.z, also]) for p in proposals),
@@ -167,9 +169,9 @@ class _Decision:
         return found
 
 
-def _alternating(lists: Sequence[Sequence[Proposal]], most: int) -> list[Proposal]:
+def _alternating(lists: Sequence[Sequence[LawProposal]], most: int) -> list[LawProposal]:
     """Return the first of each list in turn, at most two variants of one effect."""
-    found: list[Proposal] = []
+    found: list[LawProposal] = []
     names: dict[str, int] = {}
     seen = set()
     for row in range(max((len(x) for x in lists), default=0)):

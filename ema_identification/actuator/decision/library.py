@@ -49,7 +49,7 @@ from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
 
 
-class Sizes(NamedTuple):
+class LibrarySizes(NamedTuple):
     """How many runs a library is made of."""
 
     units: int = 3000
@@ -60,7 +60,7 @@ class Sizes(NamedTuple):
     """Of those, units that set the scale of the likelihood, on the quadratic and on runs."""
 
 
-FULL = Sizes()
+FULL = LibrarySizes()
 CHUNK = 20
 SETTLED_RUNS = 8
 """Of a model in the end, healthy or not."""
@@ -110,7 +110,7 @@ def _chunk(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first:
 
 
 def fleet_runs(
-    model: Model, spread: TypeSpread, fmap: FeatureMap, sizes: Sizes, *, seed: int = 0,
+    model: Model, spread: TypeSpread, fmap: FeatureMap, sizes: LibrarySizes, *, seed: int = 0,
     workers: int = 1, progress: Progress = silent,
 ) -> FleetRuns:
     """Simulate the healthy units; the last `set_aside` are for judging."""
@@ -125,7 +125,7 @@ def fleet_runs(
 
 
 def fitted_library(
-    runs: FleetRuns, model: Model, spread: TypeSpread, fmap: FeatureMap, sizes: Sizes,
+    runs: FleetRuns, model: Model, spread: TypeSpread, fmap: FeatureMap, sizes: LibrarySizes,
     signatures: tuple[Signature, ...] = (),
 ) -> FleetLibrary:
     """Return the library of runs, not judged yet."""
@@ -149,7 +149,7 @@ def fitted_library(
 
 
 def judged_library(
-    library: FleetLibrary, runs: FleetRuns, sizes: Sizes, *, progress: Progress = silent,
+    library: FleetLibrary, runs: FleetRuns, sizes: LibrarySizes, *, progress: Progress = silent,
 ) -> FleetLibrary:
     """Return the library put to scale, with what units that built nothing of it leave.
 
@@ -215,7 +215,7 @@ def gain_of(cost: float, lower: float, size: int) -> float:
 
 def fleet_library(
     model: Model, profile: Profile, *, rate: float | None = None, signatures: bool = True,
-    sizes: Sizes = FULL, seed: int = 0, workers: int = 1, progress: Progress = silent,
+    sizes: LibrarySizes = FULL, seed: int = 0, workers: int = 1, progress: Progress = silent,
 ) -> FleetLibrary:
     """Return the library of a model, a test and a rate, from the kit or the cache, else built."""
     spread = load_spread()

@@ -24,7 +24,7 @@ ANGLES, CHORDS = 8, 3
 """Directions of a vector at each of its levels; steps towards the unit."""
 
 
-class Proposal(NamedTuple):
+class LawProposal(NamedTuple):
     """A law at a size, and what it would leave."""
 
     signature: Signature
@@ -58,7 +58,7 @@ def _directions(signature: Signature) -> list[tuple[np.ndarray, np.ndarray]]:
 
 def linear_gains(
     unit: TestedUnit, fit: LawFit, white: Whitener, signatures: Sequence[Signature]
-) -> list[Proposal]:
+) -> list[LawProposal]:
     """Return each law at the size of its largest linear gain, best first.
 
     What a law gains while everything else that is fitted gives way: g²/h, g the pull along it, h
@@ -80,7 +80,7 @@ def linear_gains(
     owed = np.linalg.solve(normal, others.T @ target - weight * at)  # a last step of the others
     pull = columns.T @ target - across.T @ owed
     square = (columns**2).sum(axis=0) - (across * np.linalg.solve(normal, across)).sum(axis=0)
-    found: dict[str, Proposal] = {}
+    found: dict[str, LawProposal] = {}
     start = 0
     for signature in signatures:
         n = len(_directions(signature))
@@ -89,7 +89,7 @@ def linear_gains(
         u, gain = _largest_gain(signature, [rows[i][1] for i in range(start - n, start)],
                                 pull[part], np.maximum(square[part], 1e-12),
                                 columns[:, part], across[:, part], normal)
-        found[signature.variant.name] = Proposal(signature, u, fit.z, fit.cost - gain)
+        found[signature.variant.name] = LawProposal(signature, u, fit.z, fit.cost - gain)
     return sorted(found.values(), key=lambda p: p.cost)
 
 
@@ -119,7 +119,7 @@ def _largest_gain(
     return u, float(max(part @ pull[least], 0.0))
 
 
-def sized(unit: TestedUnit, signatures: Sequence[Signature]) -> list[Proposal]:
+def sized(unit: TestedUnit, signatures: Sequence[Signature]) -> list[LawProposal]:
     """Return each law at the library's size that comes nearest, all else fitted to it roughly.
 
     The unit is found by steps of plain least squares with the slopes in the middle of the fleet.
@@ -138,11 +138,11 @@ def sized(unit: TestedUnit, signatures: Sequence[Signature]) -> list[Proposal]:
         z = np.clip(z + inverse @ (columns.T @ rest - PRIOR * z), -1.0, 1.0)
     left = white.residual(wanted - unit.library.means(z.T, unit.conditions).T)
     cost = (left**2).sum(axis=0) + PRIOR * (z**2).sum(axis=0)
-    best: dict[str, Proposal] = {}
+    best: dict[str, LawProposal] = {}
     for i in np.argsort(cost):
         signature, u = points[i]
         best.setdefault(signature.variant.name,
-                        Proposal(signature, u, z[:, i], float(cost[i])))
+                        LawProposal(signature, u, z[:, i], float(cost[i])))
     return sorted(best.values(), key=lambda p: p.cost)
 
 
@@ -169,7 +169,7 @@ RIPPLE_RUNS = 4
 
 def ripples(
     unit: TestedUnit, fit: LawFit, white: Whitener, without: Sequence[str]
-) -> list[Proposal]:
+) -> list[LawProposal]:
     """Return ripple at the order whose torque lines are off most, signatures simulated."""
     power: dict[int, float] = {}
     rest = (unit.values - fit.mean) / white.deviation

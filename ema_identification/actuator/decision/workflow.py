@@ -18,7 +18,7 @@ from ema_identification.actuator.decision.fleet import NAMES, SIZE, fleet_unit
 from ema_identification.actuator.decision.gap import HeldOut, healthy_gaps
 from ema_identification.actuator.decision.library import (
     FULL,
-    Sizes,
+    LibrarySizes,
     fleet_library,
     paired_units,
 )
@@ -50,7 +50,7 @@ GAP_UNIT = ("rms of the tenth of the features that are off most, in standard dev
 def identify_by_fleet(
     measured: Sequence[Record], model: Model, *, validate: Sequence[Record] = (),
     without: Sequence[str] = (), progress: Progress = silent, workers: int = 1, seed: int = 0,
-    sizes: Sizes = FULL,
+    sizes: LibrarySizes = FULL,
 ) -> Identification:
     """Return what the model lacks to explain a record; parameters as of `identify`.
 
