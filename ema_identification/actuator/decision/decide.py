@@ -285,5 +285,3 @@ def _validated(case: _Decision, answer: FleetAnswer, held: HeldOut) -> FleetAnsw
         return answer
     grew = f"the gap on the held-out record went from {gap.values[0]:.3g} to {gap.values[-1]:.3g}"
     return replace(answer, verdict="contradicted", reasons=(grew, *answer.reasons))
-
-

@@ -16,10 +16,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import cholesky
 
 from ema_identification.actuator.decision.fleet import SIZE, fleet_features
-from ema_identification.actuator.decision.surrogate import FleetLibrary, bent, flattening
+from ema_identification.actuator.decision.surrogate import FleetLibrary, Whitener
 from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_identification.actuator.surrogate.fit import (
     EffectTerm,
@@ -43,28 +43,6 @@ LOUDEST = 4.0
 """Noise factor up to which the law of the noise is believed."""
 STRONG, PART = 4.0, 0.2
 """Effect (deviations, rms) from which its slope is simulated, and the step, of its size."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Whitener:
-    """Residuals to independent numbers of variance 1; `straight`: without `bent`."""
-
-    deviation: np.ndarray
-    root: np.ndarray
-    straight: bool = False
-
-    def residual(self, rest: np.ndarray) -> np.ndarray:
-        """Return measured minus predicted features, shape (d,) or (d, m), whitened."""
-        scale = self.deviation.reshape((-1,) + (1,) * (rest.ndim - 1))
-        return self._white(rest / scale if self.straight else bent(rest / scale))
-
-    def columns(self, slopes: np.ndarray, rest: np.ndarray) -> np.ndarray:
-        """Return slopes, shape (d, m), as `residual` sees them about `rest`."""
-        flat = 1.0 if self.straight else flattening(rest / self.deviation)
-        return self._white((flat / self.deviation)[:, None] * slopes)
-
-    def _white(self, x: np.ndarray) -> np.ndarray:
-        return np.asarray(solve_triangular(self.root, x, lower=True, check_finite=False))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -55,7 +55,7 @@ class LibrarySizes(NamedTuple):
     units: int = 3000
     repeated: int = 500
     set_aside: int = 400
-    """Their ranks resolve a level of 1 in 400."""
+    """For two scores they resolve a level of 1 in 200."""
     scaled: int = 40
     """Of those, units that set the scale of the likelihood, on the quadratic and on runs."""
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cholesky
+from scipy.linalg import cholesky, solve_triangular
 from sklearn.covariance import ledoit_wolf_shrinkage
 
 from ema_identification.actuator.decision.fleet import SIZE
@@ -48,6 +48,28 @@ def bent(x: np.ndarray) -> np.ndarray:
 def flattening(x: np.ndarray) -> np.ndarray:
     """Return the derivative of `bent`."""
     return np.asarray(1.0 / np.sqrt(1.0 + (x / BEND) ** 2))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Whitener:
+    """Residuals to independent numbers of variance 1; `straight`: without `bent`."""
+
+    deviation: np.ndarray
+    root: np.ndarray
+    straight: bool = False
+
+    def residual(self, rest: np.ndarray) -> np.ndarray:
+        """Return measured minus predicted features, shape (d,) or (d, m), whitened."""
+        scale = self.deviation.reshape((-1,) + (1,) * (rest.ndim - 1))
+        return self._white(rest / scale if self.straight else bent(rest / scale))
+
+    def columns(self, slopes: np.ndarray, rest: np.ndarray) -> np.ndarray:
+        """Return slopes, shape (d, m), as `residual` sees them about `rest`."""
+        flat = 1.0 if self.straight else flattening(rest / self.deviation)
+        return self._white((flat / self.deviation)[:, None] * slopes)
+
+    def _white(self, x: np.ndarray) -> np.ndarray:
+        return np.asarray(solve_triangular(self.root, x, lower=True, check_finite=False))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -39,11 +39,11 @@ def test_rank_of_exchangeable_scores_is_uniform():
 def test_level_of_two_scores_is_exact():
     """Looking at cost and gain is paid for, at the smallest rank too."""
     rng = np.random.default_rng(2)
-    pairs = rng.normal(size=(4000, 100, 2)) @ np.array([[1.0, 0.6], [0.0, 0.8]])
+    pairs = rng.normal(size=(2000, 100, 2)) @ np.array([[1.0, 0.6], [0.0, 0.8]])
     found = np.array([p_nothing(tuple(s[0]), s[1:]) for s in pairs])
     for level in (0.02, 0.05, 0.5):
-        assert (found <= level).mean() <= level + 4 * np.sqrt(level / 4000)
-        assert (found <= level).mean() >= level - 0.02 - 4 * np.sqrt(level / 4000)
+        assert (found <= level).mean() <= level + 4 * np.sqrt(level / 2000)
+        assert (found <= level).mean() >= level - 0.02 - 4 * np.sqrt(level / 2000)
 
 
 def test_level_of_nothing_on_healthy_units():
