@@ -1,18 +1,22 @@
 """The `ema` command: which commands there are, and how one is found and run.
 
 A command is a function with typer options in a module of its own, which imports what is heavy
-when it is called. Its docstring is its help: a summary, what else to know, and an example.
+when it is called. Its docstring is its help: a summary, what else to know, and an example. Each
+has `--kit DIR`: the kit of one type of actuator, while the command runs.
 """
 
 from __future__ import annotations
 
+import functools
 import importlib
 import inspect
 import keyword
 import re
 import sys
+import typing
 from collections.abc import Callable, Sequence
 from io import TextIOWrapper
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -20,13 +24,18 @@ from typer.core import TyperGroup
 from typer.main import get_command
 
 from ema_cli.console import WRONG_USE, error_line, guarded, leave, print_table, say, stdout, styled
-from ema_cli.kit_option import with_kit
 from ema_record.errors import UsageError, unknown_name
+from ema_record.kit import ENVIRONMENT, using_kit
 
 COMMANDS = ("bit", "simulate", "check", "trend", "replay", "import", "export", "lint", "recover",
             "identify", "effects", "profile", "new-actuator", "commission", "train", "paper")
 """All commands, in the order of the help."""
 PROGRAM = "ema"
+KIT = "kit"
+_KIT_OPTION = Annotated[Path | None, typer.Option(
+    f"--{KIT}", metavar="DIR", show_default=f"${ENVIRONMENT}, or the default actuator's",
+    help="Kit of the type of actuator: its description, tests, trained networks.",
+)]
 
 
 class Commands(TyperGroup):
@@ -99,9 +108,15 @@ def _describe(error: Any) -> str:
     """Return what typer has to say about wrong options, with the nearest option."""
     near = getattr(error, "possibilities", None)
     text = (f"no such option {error.option_name!r}: did you mean {near[0]!r}?" if near
-            else error.format_message().rstrip(". ") + ";")
+            else f"{error.format_message().rstrip('. ')}{_value(error.__context__)};")
     context = getattr(error, "ctx", None)
     return f"{text} see '{PROGRAM if context is None else context.command_path} --help'"
+
+
+def _value(cause: Any) -> str:
+    """Return the value that was given, which not all versions of typer say."""
+    problems = cause.errors() if hasattr(cause, "errors") else []
+    return f" (value {str(problems[0]['input'])[:60]})" if problems else ""
 
 
 def load_command(name: str) -> Callable[..., object]:
@@ -113,6 +128,33 @@ def load_command(name: str) -> Callable[..., object]:
     function: Callable[..., object] = getattr(
         importlib.import_module(f"ema_cli.commands.{name}"), name)
     return function
+
+
+def with_kit(command: Callable[..., object]) -> Callable[..., object]:
+    """Return `command` with the option `--kit`, which its own body finds as the present kit.
+
+    A command that has a parameter of that name is returned as it is.
+    """
+    signature = inspect.signature(command)
+    if KIT in signature.parameters:
+        return command
+
+    @functools.wraps(command)
+    def run(*args: object, **options: object) -> object:
+        kit = options.pop(KIT, None)
+        if kit is None:
+            return command(*args, **options)
+        with using_kit(typing.cast("Path", kit)):
+            return command(*args, **options)
+
+    hints = typing.get_type_hints(command, include_extras=True)
+    parameters = [p.replace(annotation=hints[p.name]) for p in signature.parameters.values()]
+    own = inspect.Parameter(KIT, inspect.Parameter.KEYWORD_ONLY, default=None,
+                            annotation=_KIT_OPTION)
+    run.__signature__ = signature.replace(  # type: ignore[attr-defined]
+        parameters=[*parameters, own], return_annotation=hints["return"])
+    run.__annotations__ = {**hints, KIT: _KIT_OPTION}
+    return run
 
 
 def build_app(name: str) -> typer.Typer:
@@ -152,5 +194,6 @@ def _print_help() -> None:
     )
     console.print(
         "\nExit status: 0 healthy or done, 1 a fault, 2 wrong use or unreadable input, "
-        "3 unknown or incomplete, 70 an error in this software, 130 interrupted"
+        "3 unknown or incomplete, 4 no verdict of ema bit, 70 an error in this software, "
+        "130 interrupted"
     )

@@ -80,6 +80,34 @@ def identify(
         progress=progress or silent, workers=workers, seed=seed)
 
 
+def build_library(
+    record: Record, folder: Path, *, workers: int = 1, progress: Progress | None = None,
+) -> None:
+    """Make the library of the present kit's actuator for records such as this one.
+
+    Its parts are kept in `folder` as each is done; what is there already is not made again.
+
+    Parameters
+    ----------
+    record : of a healthy unit; its test, rate and channels count.
+    folder : `library/` of the kit.
+    workers : processes that simulate, -1 for all cores.
+    progress : called with what is being done and how much of it is (0 to 1).
+    """
+    from threadpoolctl import threadpool_limits
+
+    from ema_identification.actuator.measure.features import nominal_rate
+    from ema_identification.actuator.measure.recorder import recorded_alike
+    from ema_identification.actuator.measure.runs import silent
+    from ema_identification.actuator.surrogate.calibration import library
+    from ema_sim.model_file import load_model_file
+
+    with threadpool_limits(limits=1):  # as `identify_actuator` makes it
+        library(recorded_alike([record], load_model_file()), record.profile,
+                rate=nominal_rate(record), workers=workers, progress=progress or silent,
+                folder=folder)
+
+
 def _check_kit(records: Sequence[Record]) -> None:
     """Refuse a record that names another actuator than the kit's."""
     for record in records:

@@ -208,7 +208,10 @@ class Identification:
     """The command of `next_test`, where it is one that the actuator can be given as it is."""
     model: Path | None = None
     recalibrated: tuple[Parameter, ...] = ()
-    """Parameters moved within their tolerances before anything was named."""
+    """Parameters moved within their tolerances before anything was named; of a rig all of the
+    model's own, as fitted with what was found."""
+    unexplained: float | None = None
+    """Of a rig: share of the input, rms about its mean, that is left where the gap is measured."""
     unknown: Shape | None = None
     reasons: tuple[str, ...] = ()
     steps: tuple[Step, ...] = ()
@@ -230,6 +233,7 @@ class Identification:
             "rivals": [r.to_dict() for r in self.rivals], "next_test": self.next_test,
             "model": None if self.model is None else str(self.model),
             "recalibrated": [p.to_dict() for p in self.recalibrated],
+            **({} if self.unexplained is None else {"unexplained": self.unexplained}),
             "unknown": None if self.unknown is None else
             {"port": self.unknown.port, "text": self.unknown.text},
             "reasons": list(self.reasons),

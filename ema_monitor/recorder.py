@@ -1,15 +1,16 @@
-"""The recorder of the built-in test: one bag, and the samples for the record checks."""
+"""The recorder of the built-in test: one bag, its clock, and the samples for the record checks."""
 
 from __future__ import annotations
 
 import itertools
 import re
+import time
+from collections.abc import Callable
 from datetime import datetime, timezone
 from pathlib import Path
 
 import numpy as np
 
-from ema_monitor.log_clock import LogClock
 from ema_record.actuator_type import actuator_hash
 from ema_record.bag.writer import BagWriter
 from ema_record.channels import N_CHANNELS, TIME
@@ -18,20 +19,62 @@ from ema_record.record import Provenance, Record, Status
 from ema_record.version import VERSION
 from ema_record.wire.samples import decode_block
 from ema_record.wire.topics import BAG_TOPICS, SAMPLES
+from ema_record.wire.types import NANOSECONDS
 
 _IN_BAG = frozenset(topic.name for topic in BAG_TOPICS)
 
 
 def new_bag_path(directory: Path, serial_number: str, stamp: int, profile: str) -> Path:
     """Return a name that is not taken: ``<serial>_<UTC time>_<profile>``."""
-    time = datetime.fromtimestamp(stamp / 1e9, tz=timezone.utc).strftime("%Y%m%dT%H%M%SZ")
+    begin = datetime.fromtimestamp(stamp / 1e9, tz=timezone.utc).strftime("%Y%m%dT%H%M%SZ")
     serial = re.sub(r"[^A-Za-z0-9.-]+", "-", serial_number).strip("-.")[:40] or "unknown"
-    stem = f"{serial}_{time}_{profile}"
+    stem = f"{serial}_{begin}_{profile}"
     for number in itertools.count(1):
         path = directory / (stem if number == 1 else f"{stem}_{number}")
         if not path.exists():
             return path
     raise AssertionError
+
+
+class LogClock:
+    """Reception times that a step of the host's clock does not put out of order.
+
+    Parameters
+    ----------
+    wall : clock of the host (ns since the epoch).
+    steady : monotonic clock (s).
+    """
+
+    def __init__(
+        self, wall: Callable[[], int] = time.time_ns, steady: Callable[[], float] = time.monotonic
+    ) -> None:
+        """Begin with the time of the host."""
+        self._wall, self._steady = wall, steady
+        self._begin, self._origin = wall(), steady()
+        self._last: dict[str, int] = {}
+        self._now, self._shift = self._begin, 0
+
+    def look(self) -> None:
+        """Compare the clocks; to be called before messages are taken."""
+        self._now = self._begin + round((self._steady() - self._origin) * NANOSECONDS)
+        self._shift = self._wall() - self._now
+
+    @property
+    def shift(self) -> float:
+        """By how much the host's clock has stepped since the begin (s)."""
+        return self._shift / NANOSECONDS
+
+    def log_time(self, topic: str, received: int) -> int:
+        """Return when a message of `topic` came (ns), never before the one before it.
+
+        Parameters
+        ----------
+        topic : its topic.
+        received : by the host's clock (ns since the epoch).
+        """
+        steady = min(received - self._shift, self._now)
+        self._last[topic] = max(steady, self._last.get(topic, 0))
+        return self._last[topic]
 
 
 class BitRecorder:

@@ -97,6 +97,12 @@ def scaled(fault_class: str, unit: str | None = None) -> tuple[float, str]:
     return SCALES.get(fault_class, (1.0, unit or ""))
 
 
+def size(fault_class: str, value: float | None) -> str:
+    """Return a severity in the unit that people read, or a dash."""
+    factor, unit = scaled(fault_class)
+    return "-" if value is None else f"{factor * value:.3g} {unit}"
+
+
 def severity_words(
     fault_class: str, severity: float | None, interval: Sequence[float] | None = None
 ) -> str:

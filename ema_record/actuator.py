@@ -66,7 +66,6 @@ BACK_EMFS = ("trapezoid", "harmonics")
 TRAPEZOID, HARMONICS = range(len(BACK_EMFS))
 SAMPLINGS = ("mean", "instant")
 MEAN, INSTANT = range(len(SAMPLINGS))
-NO_OR_YES = ("no", "yes")
 
 
 def _yes(text: str) -> object:
@@ -264,7 +263,6 @@ def load_actuator(path: str | Path | None = None) -> Actuator:
     ------
     UsageError
         No such file, an unknown name, or a value out of bounds.
-
     """
     own = _of_kit(*kit_file(ACTUATOR))
     return own if path is None else actuator_from(sections_of(path), str(path), own)
@@ -319,23 +317,28 @@ def _checked(section: str, values: Mapping[str, Any], where: str) -> Any:
         raise UsageError(text) from None
 
 
-def with_values(text: str, actuator: Actuator) -> str:
+def with_values(text: str, actuator: Actuator, tolerances: NamedTuple | None = None) -> str:
     """Return the text of an `actuator.yaml` with the values of `actuator`, comments kept.
 
     A parameter stands on a line of its own, ``  name: value  # comment``; values that are equal
-    are left as they are written.
+    are left as they are written, and `tolerances` where they are not given.
     """
     section, lines = "", []
     for line in text.splitlines():
         heading = re.match(r"([a-z_]+):\s*(#.*)?$", line)
         section = heading.group(1) if heading else section
         entry = re.match(r"(\s+)([a-z_0-9]+):(\s*)([^#\s]+)(\s*)(#.*)?$", line)
-        if entry and section in PARTS:
+        if entry and (section in PARTS or (section == "tolerances" and tolerances is not None)):
             indent, name, gap, old, space, comment = entry.groups()
-            value = getattr(getattr(actuator, section), name)
-            given = _checked(section, {**getattr(actuator, section)._asdict(),
-                                       name: yaml.safe_load(old)}, "text")
-            if getattr(given, name) != value:
+            if section in PARTS:
+                part: NamedTuple = getattr(actuator, section)
+                given = getattr(_checked(section, {**part._asdict(), name: yaml.safe_load(old)},
+                                         "text"), name)
+            else:
+                assert tolerances is not None
+                part, given = tolerances, float(old)
+            value = getattr(part, name)
+            if given != value:
                 new = f"{value:.6g}" if isinstance(value, float) else str(value)
                 new = str(bool(value)).lower() if old in ("true", "false") else new
                 written = old + space if comment else old

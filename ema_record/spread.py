@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -35,6 +35,7 @@ class UnitTolerances(NamedTuple):
     damping: Annotated[float, quantity("1", 0.0, 0.9, "of the shaft")]
     control_gain: Annotated[float, quantity("1", 0.0, 0.5, "each gain of the control")]
     hysteresis: Annotated[float, quantity("1", 0.0, 0.5, "band of the relay")]
+    backlash: Annotated[float, quantity("1", 0.0, 0.8, "lost motion of the gear")]
     latency: Annotated[float, quantity("1", 0.0, 20.0, "control periods, 0 up to this")]
 
 
@@ -56,6 +57,12 @@ class TypeSpread(NamedTuple):
 
     tolerances: UnitTolerances
     conditions: Conditions
+
+
+def most_of(name: str) -> float:
+    """Return the largest value of one of `UnitTolerances`."""
+    field = get_type_hints(UnitTolerances, include_extras=True)[name].__metadata__[-1]
+    return float(next(item.le for item in field.metadata if hasattr(item, "le")))
 
 
 _Part = TypeVar("_Part", UnitTolerances, Conditions)

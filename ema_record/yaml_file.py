@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import yaml
@@ -29,21 +30,33 @@ def load_yaml(path: Path, *, max_bytes: int = 1 << 20) -> object:
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         line = f" line {mark.line + 1}:" if mark is not None else ""
-        what = getattr(error, "problem", None) or str(error).split("\n")[0]
+        what = getattr(error, "problem", None) or re.split(r"[\n;]", str(error))[0]
         raise UsageError(f"{path}:{line} malformed YAML: {what}") from None
 
 
 def _check_structure(text: str) -> None:
-    """Refuse aliases (exponential expansion) and deep nesting before anything is built."""
-    depth = 0
+    """Refuse what is not meant or not safe, before anything is built.
+
+    That is aliases (exponential expansion), deep nesting, a key that its mapping has already.
+    """
+    keys: list[set[str] | None] = []  # of the collections that are open; None: a list
+    at_key: list[bool] = []
     for event in yaml.parse(text, Loader=_LOADER):
         if isinstance(event, yaml.AliasEvent):
             raise _refused("aliases are not allowed", event)
+        if isinstance(event, yaml.CollectionEndEvent):
+            keys.pop()
+            at_key.pop()
+        elif isinstance(event, yaml.NodeEvent) and keys and (known := keys[-1]) is not None:
+            if at_key[-1] and isinstance(event, yaml.ScalarEvent):
+                if event.value in known:
+                    raise _refused(f"{event.value[:60]!r} stands there twice", event)
+                known.add(event.value)
+            at_key[-1] = not at_key[-1]
         if isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
-        elif isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
-        if depth > MAX_DEPTH:
+            keys.append(set() if isinstance(event, yaml.MappingStartEvent) else None)
+            at_key.append(True)
+        if len(keys) > MAX_DEPTH:
             raise _refused(f"nested deeper than {MAX_DEPTH} levels", event)
 
 

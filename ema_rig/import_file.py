@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 
+from ema_record.bag.any_topic import is_bag
 from ema_record.channels import CHANNELS, N_CHANNELS, Channel
 from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.profile import load_profile
@@ -16,13 +17,24 @@ from ema_record.version import VERSION
 from ema_rig.map import Column, InputColumn, RigMap, TextFormat
 from ema_rig.mat import read_mat
 from ema_rig.npz import read_npz
+from ema_rig.parquet import read_parquet
 from ema_rig.record import INPUT_UNITS, Axis, InputQuantity, RigRecord
-from ema_rig.runs import chosen_runs, one_after_another, restarts
+from ema_rig.ros_bag import read_ros_bag
+from ema_rig.runs import chosen_runs, one_after_another, restarts, run_labels
 from ema_rig.table import MAX_FILE_BYTES, Table
 from ema_rig.text import read_text_table
-from ema_rig.units import SI_OF, unit_factor
+from ema_rig.times import one_clock, seconds, single_stamps, unwrapped
+from ema_rig.units import SI_OF, is_unit, unit_factor
 
-SUFFIXES = (".csv", ".txt", ".dat", ".tsv", ".mat", ".npz", ".gz")
+SUFFIXES = (".csv", ".txt", ".dat", ".tsv", ".log", ".mat", ".npz", ".parquet", ".gz")
+ELSEWHERE = {
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), "a spreadsheet is not read: save its sheet as CSV "
+                    "(in the menu 'save as'), then import that file"),
+    **dict.fromkeys((".h5", ".hdf5"), "HDF5 is not read: write its columns by numpy.savez, or by "
+                    "pandas.DataFrame.to_csv, then import that file"),
+    **dict.fromkeys((".bag",), "a bag of ROS 1 is not read: convert it with 'rosbags-convert'"),
+}
+"""What is known and not read, and what to do with it."""
 GAP = 5.0
 """An interval of so many median intervals is a gap."""
 MAX_LOST = 0.05
@@ -31,7 +43,7 @@ _QUANTITY_OF = {unit: quantity for quantity, unit in SI_OF.items()}
 
 
 def import_file(path: str | Path, rig_map: RigMap) -> RigRecord | Record:
-    """Return what a CSV, TXT, MAT or NPZ file holds, in SI units.
+    """Return what a bag, a CSV, TXT, MAT, NPZ or Parquet file holds, in SI units.
 
     Parameters
     ----------
@@ -56,10 +68,7 @@ def import_file(path: str | Path, rig_map: RigMap) -> RigRecord | Record:
     if rig_map.axis == "actuator":
         return _actuator(rig_map, Path(path))
     assert rig_map.input is not None  # the map says so
-    needed = [part.column for part in _columns(rig_map).values()]
-    if isinstance(rig_map.input.gain, str):
-        needed.append(rig_map.input.gain)
-    table = _table(rig_map, Path(path), needed)
+    table = _table(rig_map, Path(path), _columns(rig_map).values())
     quantity = rig_map.input.acts_as or _quantity(rig_map.input, source)
     axis = Axis(name=rig_map.name, motion=rig_map.axis, input=quantity,
                 description=rig_map.description)
@@ -72,26 +81,39 @@ def import_file(path: str | Path, rig_map: RigMap) -> RigRecord | Record:
             columns[channel.name] = _input(table, part, quantity)
         else:
             columns[channel.name] = _converted(table, part, name, _QUANTITY_OF[channel.unit])
-    samples, chosen = _joined(table, rig_map, columns, axis.channels, notes)
+    parts = {given[axis.input_channel.name if name == "input" else name].name: part
+             for name, part in _columns(rig_map).items()}
+    samples, chosen = _joined(table, rig_map, columns, parts, axis.channels, notes)
     axis = axis.model_copy(update={"notes": tuple(notes)})
     return RigRecord(samples=samples, channels=chosen, axis=axis, source=source)
 
 
 def _columns(rig_map: RigMap) -> dict[str, Column]:
-    names = ("input", "position", "speed", "reference_position", "reference_speed", "disturbance")
+    names = ("input", "position", "speed", "output_position", "reference_position",
+             "reference_speed", "disturbance")
     return {name: part for name in names if (part := getattr(rig_map, name)) is not None}
 
 
-def _table(rig_map: RigMap, path: Path, needed: list[str | int]) -> Table:
+def _table(rig_map: RigMap, path: Path, parts: Iterable[Column]) -> Table:
+    """Return the columns of a file that a map needs."""
+    needed: list[str | int] = []
+    for part in parts:
+        needed += [part.column, *([] if part.time is None else [part.time.column])]
+        if isinstance(part, InputColumn) and isinstance(part.gain, str):
+            needed.append(part.gain)
     if rig_map.time.column is not None:
-        needed = [rig_map.time.column, *needed]
+        needed.append(rig_map.time.column)
     if rig_map.run is not None:
-        needed = [rig_map.run.column, *needed]
+        needed.append(rig_map.run.column)
+    if rig_map.bag is not None:
+        return read_ros_bag(path, rig_map.bag, needed)
     return read_table(path, rig_map.format, needed)
 
 
-def read_table(path: Path, text_format: TextFormat, needed: Sequence[str | int]) -> Table:
-    """Return the columns of a CSV, TXT, MAT (v5) or NPZ file.
+def read_table(
+    path: Path, text_format: TextFormat, needed: Sequence[str | int] | None
+) -> Table:
+    """Return the columns of a CSV, TXT, MAT (v5), NPZ or Parquet file.
 
     Parameters
     ----------
@@ -99,8 +121,8 @@ def read_table(path: Path, text_format: TextFormat, needed: Sequence[str | int])
         Known by its suffix; text may be compressed by gzip.
     text_format : TextFormat
         How text is laid out, where that is known.
-    needed : sequence of str or int
-        Columns that are wanted; a MAT or NPZ file is read no further.
+    needed : sequence of str or int, or None
+        Columns that are wanted, all where None; a file is read no further.
 
     Raises
     ------
@@ -110,8 +132,11 @@ def read_table(path: Path, text_format: TextFormat, needed: Sequence[str | int])
         Not one of these kinds, or not there.
 
     """
+    if path.is_dir() or is_bag(path):
+        raise UsageError(f"{path}: a bag of ROS 2 needs 'bag: {{topic: /joint_states, joint: ...}}"
+                         "' in the map, or no map but --topic and --joint")
     if not path.is_file():
-        raise UsageError(f"{path}: no such file: give a CSV, TXT, MAT or NPZ file")
+        raise UsageError(f"{path}: no such file: give a file or a bag that is there")
     size = path.stat().st_size
     if not 0 < size <= MAX_FILE_BYTES:
         raise InvalidRecordError(f"{path}: {size} bytes, expected 1 to {MAX_FILE_BYTES}: "
@@ -121,10 +146,14 @@ def read_table(path: Path, text_format: TextFormat, needed: Sequence[str | int])
         return read_mat(path, needed)
     if suffix == ".npz":
         return read_npz(path, needed)
+    if suffix == ".parquet":
+        return read_parquet(path, needed)
+    if suffix in ELSEWHERE:
+        raise UsageError(f"{path}: {ELSEWHERE[suffix]}")
     if suffix not in SUFFIXES:
         raise UsageError(f"{path}: a file {suffix or 'without suffix'!r} is not known: give one "
-                         f"of {', '.join(SUFFIXES)}")
-    return read_text_table(path, text_format)
+                         f"of {', '.join(SUFFIXES)}, or a bag (.mcap, .db3, or its directory)")
+    return read_text_table(path, text_format, needed)
 
 
 def _quantity(part: Column, source: str) -> InputQuantity:
@@ -136,6 +165,8 @@ def _quantity(part: Column, source: str) -> InputQuantity:
             continue
         found: InputQuantity = quantity
         return found
+    if not is_unit(part.unit):
+        unit_factor(part.unit, "force", f"{source}: input")  # says which unit is near
     raise UsageError(f"{source}: input: unit {part.unit!r} measures none of "
                      f"{', '.join(INPUT_UNITS)}: correct it in the map")
 
@@ -143,7 +174,10 @@ def _quantity(part: Column, source: str) -> InputQuantity:
 def _converted(table: Table, part: Column, name: str, quantity: str) -> np.ndarray:
     """Return a column in SI, shape (n,)."""
     factor = unit_factor(part.unit, quantity, f"{table.source}: {name}")
-    return (table.column(part.column, name) - part.zero) * (factor * part.scale)
+    values = table.column(part.column, name)
+    if part.unwrap is not None:
+        values = unwrapped(values, part.unwrap)
+    return (values - part.zero) * (factor * part.scale)
 
 
 def _input(table: Table, part: InputColumn, quantity: str) -> np.ndarray:
@@ -158,33 +192,63 @@ def _input(table: Table, part: InputColumn, quantity: str) -> np.ndarray:
     return _converted(table, part, "input", own) * float(gain)
 
 
+def _clocked(
+    table: Table, rig_map: RigMap, columns: dict[str, np.ndarray], parts: Mapping[str, Column],
+    notes: list[str],
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return the time (s) and the columns at these times."""
+    source = table.source
+    own: dict[str, np.ndarray] = {}
+    for name, part in parts.items():
+        if part.time is not None:
+            own[name] = seconds(table, part.time.column, part.time.unit, f"{name}.time")
+        elif (label := table.name_of(part.column, name)) in table.times:
+            own[name] = table.times[label]
+    lengths = {name: len(values) for name, values in columns.items()}
+    time = np.empty(0)
+    if len(own) < len(columns):
+        if rig_map.time.column is None:
+            assert rig_map.time.rate is not None
+            time = np.arange(next(lengths[n] for n in columns if n not in own)) / rig_map.time.rate
+        else:
+            time = seconds(table, rig_map.time.column, rig_map.time.unit, "time")
+    wrong = {name: n for name, n in lengths.items() if n != len(own.get(name, time))}
+    if wrong:
+        raise InvalidRecordError(
+            f"{source}: columns of different length: " + ", ".join(
+                f"{k} {n}" for k, n in {**lengths, "time": len(time)}.items())
+            + ": give each its own 'time: {column, unit}' if they were sampled apart")
+    if not own and not rig_map.mixed_rates:
+        return time, columns
+    if rig_map.run is not None:
+        raise UsageError(f"{source}: 'run' with columns of several clocks: import the runs one by "
+                         "one")
+    time, columns, said = one_clock(
+        columns, {name: own.get(name, time) for name in columns}, source)
+    notes += said
+    return time, columns
+
+
 def _joined(
-    table: Table, rig_map: RigMap, columns: dict[str, np.ndarray],
+    table: Table, rig_map: RigMap, columns: dict[str, np.ndarray], parts: Mapping[str, Column],
     channels: tuple[Channel, ...], notes: list[str],
 ) -> tuple[np.ndarray, tuple[Channel, ...]]:
     """Return all columns with time in front, within the bounds of time, and their channels."""
     source = table.source
-    lengths = {name: len(values) for name, values in columns.items()}
-    length = next(iter(lengths.values()))
-    if rig_map.time.column is None:
-        assert rig_map.time.rate is not None
-        time = np.arange(length) / rig_map.time.rate
-    else:
-        factor = unit_factor(rig_map.time.unit, "time", f"{source}: time")
-        time = table.column(rig_map.time.column, "time") * factor
-    lengths["time"] = len(time)
-    if len(set(lengths.values())) != 1:
-        raise InvalidRecordError(f"{source}: columns of different length: "
-                                 + ", ".join(f"{k} {n}" for k, n in lengths.items()))
+    time, columns = _clocked(table, rig_map, columns, parts, notes)
     chosen = tuple(c for c in channels if c.name == "time" or c.name in columns)
     ordered = [time if c.name == "time" else columns[c.name] for c in chosen]
     samples = np.column_stack(ordered)
-    labels = restarts(time) if rig_map.run is None else table.column(rig_map.run.column, "run")
+    words: dict[float, str] = {}
+    if rig_map.run is None:
+        labels = restarts(time)
+    else:
+        labels, words = run_labels(table, rig_map.run.column)
     if len(labels) != len(time):
         raise InvalidRecordError(f"{source}: columns of different length: time {len(time)}, run "
                                  f"{len(labels)}")
     if rig_map.run is not None:
-        inside = chosen_runs(labels, rig_map.run.only, source)
+        inside = chosen_runs(labels, rig_map.run.only, source, words)
         samples, time, labels = samples[inside], time[inside], labels[inside]
     if rig_map.start is not None or rig_map.end is not None:
         low = -np.inf if rig_map.start is None else rig_map.start
@@ -196,6 +260,8 @@ def _joined(
         samples, labels = samples[inside], labels[inside]
         notes.append(f"{inside.sum()} of {len(time)} samples, from {samples[0, 0]:g} to "
                      f"{samples[-1, 0]:g} s")
+    samples, labels, told = single_stamps(samples, labels, rig_map.duplicates, source)
+    notes += told
     samples, labels = _without_missing(samples, labels, source, notes)
     samples[:, 0], told = one_after_another(samples[:, 0], labels, source)
     notes += told
@@ -211,7 +277,8 @@ def _without_missing(
     if bad.mean() > MAX_LOST:
         raise InvalidRecordError(
             f"{source}: {bad.sum()} of {len(bad)} rows lack a value, at most "
-            f"{100 * MAX_LOST:g} %: choose other columns, or a part with 'start' and 'end'"
+            f"{100 * MAX_LOST:g} %: set 'mixed_rates: true' if columns were sampled at different "
+            "rates, choose other columns, or a part with 'start' and 'end'"
         )
     if bad.any():
         notes.append(f"{bad.sum()} rows without a value left out")
@@ -236,14 +303,14 @@ def _describe_time(time: np.ndarray, notes: list[str]) -> None:
 
 def _actuator(rig_map: RigMap, path: Path) -> Record:
     """Return the record of our actuator's own test."""
-    table = _table(rig_map, path, [part.column for part in rig_map.channels.values()])
+    table = _table(rig_map, path, rig_map.channels.values())
     notes: list[str] = []
     columns = {
         channel.name: _converted(
             table, rig_map.channels[channel.name], channel.name, _QUANTITY_OF[channel.unit])
         for channel in CHANNELS[1:] if channel.name in rig_map.channels
     }
-    recorded, chosen = _joined(table, rig_map, columns, CHANNELS, notes)
+    recorded, chosen = _joined(table, rig_map, columns, rig_map.channels, CHANNELS, notes)
     samples = np.full((len(recorded), N_CHANNELS), np.nan)
     samples[:, [CHANNELS.index(channel) for channel in chosen]] = recorded
     check_samples(samples, str(path))

@@ -22,6 +22,13 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
+class ColumnTime(_Part):
+    """When a column was sampled, where it has a clock of its own."""
+
+    column: ColumnName
+    unit: str = Field(default="s", max_length=20)
+
+
 class Column(_Part):
     """One column: where it stands, its unit, and a scale with sign after the conversion."""
 
@@ -32,6 +39,10 @@ class Column(_Part):
     """Multiplies what was converted; -1 turns the direction."""
     zero: Finite = 0.0
     """Subtracted before anything else, in the unit of the column."""
+    unwrap: float | None = Field(default=None, gt=0.0, le=1e18)
+    """After how much a counter starts again, in the unit of the column: 4096, 360."""
+    time: ColumnTime | None = None
+    """Of its own, where it was not sampled with the others."""
 
     @model_validator(mode="after")
     def _scale_is_not_zero(self) -> Column:
@@ -74,8 +85,17 @@ class RunColumn(_Part):
     """The column that numbers the runs of a file that holds several."""
 
     column: ColumnName
-    only: tuple[Finite, ...] = Field(default=(), max_length=1000, strict=False)
-    """Numbers of the runs to take; all where empty."""
+    only: tuple[Finite | Annotated[str, Field(max_length=200)], ...] = Field(
+        default=(), max_length=1000, strict=False)
+    """Numbers or words of the runs to take; all where empty."""
+
+
+class BagSource(_Part):
+    """Of a bag: the topic and the joint whose fields the columns are."""
+
+    topic: str = Field(pattern=r"^/[^\s:]{0,250}$")
+    joint: str | None = Field(default=None, min_length=1, max_length=200)
+    """One of those that a JointState or a DynamicJointState lists."""
 
 
 class TextFormat(_Part):
@@ -96,12 +116,16 @@ class RigMap(_Part):
     axis: Literal["linear", "rotary", "actuator"]
     description: str = Field(default="", max_length=1000)
     format: TextFormat = TextFormat()
+    bag: BagSource | None = None
+    """Where the file is a bag of ROS 2."""
     time: TimeColumn
     run: RunColumn | None = None
     """Where a file holds several runs; a time that starts again is a new run without it."""
     input: InputColumn | None = None
     position: Column | None = None
     speed: Column | None = None
+    output_position: Column | None = None
+    """Behind the gear or the coupling; `scale` turns it into motion of `position`'s side."""
     reference_position: Column | None = None
     reference_speed: Column | None = None
     disturbance: Column | None = None
@@ -113,11 +137,15 @@ class RigMap(_Part):
     start: Finite | None = None
     """First time to take (s), as the file counts it after conversion."""
     end: Finite | None = None
+    duplicates: Literal["drop", "mean"] | None = None
+    """What is done with rows of one time stamp."""
+    mixed_rates: bool = False
+    """Cells are empty where their column was not sampled; each column is taken by itself."""
 
     @model_validator(mode="after")
     def _fits_the_axis(self) -> RigMap:
-        own = ("input", "position", "speed", "reference_position", "reference_speed",
-               "disturbance")
+        own = ("input", "position", "speed", "output_position", "reference_position",
+               "reference_speed", "disturbance")
         if self.axis == "actuator":
             given = [name for name in own if getattr(self, name) is not None]
             if given:
@@ -139,6 +167,9 @@ class RigMap(_Part):
                 raise ValueError("'input' is missing: the column of what drives the axis")
             if self.position is None and self.speed is None:
                 raise ValueError("give 'position' or 'speed', or both")
+            if self.output_position is not None and self.position is None:
+                raise ValueError("'output_position' is compared with 'position': give both, or "
+                                 "one sensor as 'position'")
         if self.start is not None and self.end is not None and self.end <= self.start:
             raise ValueError(f"'end' {self.end:g} s is not after 'start' {self.start:g} s")
         return self

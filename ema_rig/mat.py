@@ -19,7 +19,7 @@ _NUMERIC = frozenset({"double", "single", "int8", "uint8", "int16", "uint16", "i
 _HDF5 = b"\x89HDF"
 
 
-def read_mat(path: Path, needed: Sequence[str | int]) -> Table:
+def read_mat(path: Path, needed: Sequence[str | int] | None) -> Table:
     """Return the variables of a MAT file that are needed; fields of a structure as ``a.b``.
 
     Raises
@@ -31,10 +31,13 @@ def read_mat(path: Path, needed: Sequence[str | int]) -> Table:
     with path.open("rb") as stream:
         head = stream.read(520)
     if head[:4] == _HDF5 or b"MATLAB 7.3" in head[:128]:
-        raise InvalidRecordError(f"{path}: MAT of version 7.3 (HDF5) is not read: save it with "
-                                 "'-v7' in MATLAB")
+        raise InvalidRecordError(f"{path}: MAT of version 7.3 (HDF5) is not read: load it in "
+                                 "MATLAB and save(..., '-v7'); a table or timetable by "
+                                 "writetable or writetimetable as CSV")
     listed = _by_scipy(lambda: whosmat(str(path)), path)
     contents = {name: (shape, kind) for name, shape, kind in listed}
+    if needed is None:
+        needed = [name for name, (_, kind) in contents.items() if kind in _NUMERIC | {"struct"}]
     if any(isinstance(name, int) for name in needed):
         raise UsageError(f"{path}: columns of a MAT file have names, not numbers: it holds "
                          f"{', '.join(list(contents)[:12])}")
@@ -42,6 +45,10 @@ def read_mat(path: Path, needed: Sequence[str | int]) -> Table:
     total = 0
     for name in wanted:
         shape, kind = contents[name]
+        if kind in ("opaque", "object", "function"):
+            raise InvalidRecordError(
+                f"{path}: {name} is a MATLAB {kind} (a table, a timetable): write it as text with "
+                f"writetimetable({name}, '{name}.csv') or writetable, then import that file")
         if kind not in _NUMERIC | {"struct"}:
             raise InvalidRecordError(f"{path}: {name} is a MATLAB {kind}, expected an array of "
                                      "numbers: convert it with double(...) and save again")

@@ -13,7 +13,7 @@ from ema_record.errors import InvalidRecordError
 from ema_rig.table import MAX_FILE_BYTES, Table, base_name, check_shape, real_array
 
 
-def read_npz(path: Path, needed: Sequence[str | int]) -> Table:
+def read_npz(path: Path, needed: Sequence[str | int] | None) -> Table:
     """Return the arrays of an NPZ file that are needed, those named by number included.
 
     Raises
@@ -26,6 +26,8 @@ def read_npz(path: Path, needed: Sequence[str | int]) -> Table:
     try:
         with zipfile.ZipFile(path) as archive:
             names = [entry.filename.removesuffix(".npy") for entry in archive.infolist()]
+            if needed is None:
+                needed = names
             by_name = {base_name(str(name)) for name in needed if isinstance(name, str)}
             by_number = {names[n] for n in needed if isinstance(n, int) and n < len(names)}
             wanted = (by_name | by_number) & set(names)

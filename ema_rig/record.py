@@ -22,6 +22,7 @@ INPUT_UNITS: dict[str, str] = {"voltage": "V", "current": "A", "force": "N", "to
 TIME = "time"
 POSITION = "position"
 SPEED = "speed"
+OUTPUT_POSITION = "output_position"
 REFERENCE_POSITION = "reference_position"
 REFERENCE_SPEED = "reference_speed"
 DISTURBANCE = "disturbance"
@@ -65,7 +66,8 @@ class Axis(BaseModel):
         position, speed = OUTPUT_UNITS[self.motion]
         return (
             Channel(TIME, "s"), self.input_channel, Channel(POSITION, position),
-            Channel(SPEED, speed), Channel(REFERENCE_POSITION, position),
+            Channel(SPEED, speed), Channel(OUTPUT_POSITION, position),
+            Channel(REFERENCE_POSITION, position),
             Channel(REFERENCE_SPEED, speed),
             Channel(DISTURBANCE, INPUT_UNITS[LOAD_QUANTITY[self.motion]]),
         )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ema_record.errors import UsageError
+from ema_rig.table import Table
 
 BETWEEN = 20.0
 """Median intervals between two runs that are put one after the other, and at least a second."""
@@ -31,7 +32,23 @@ def restarts(time: np.ndarray) -> np.ndarray:
     return number
 
 
-def chosen_runs(labels: np.ndarray, only: Sequence[float], source: str) -> np.ndarray:
+def run_labels(table: Table, name: str | int) -> tuple[np.ndarray, dict[float, str]]:
+    """Return the number of the run of each row, shape (n,), and the words that they stand for.
+
+    Words are numbered as they first occur; an empty one belongs to no run (NaN).
+    """
+    text = table.text(name, "run")
+    if text is None:
+        return table.column(name, "run"), {}
+    numbers: dict[str, float] = {}
+    labels = np.array([numbers.setdefault(word, float(len(numbers))) if word else np.nan
+                       for _, word in text.words()])
+    return labels, {number: word for word, number in numbers.items()}
+
+
+def chosen_runs(
+    labels: np.ndarray, only: Sequence[float | str], source: str, words: Mapping[float, str]
+) -> np.ndarray:
     """Return which samples belong to the runs that are wanted, shape (n,) of bool.
 
     Raises
@@ -40,12 +57,16 @@ def chosen_runs(labels: np.ndarray, only: Sequence[float], source: str) -> np.nd
         A run that is wanted is not in the file.
 
     """
-    known = np.unique(labels[np.isfinite(labels)])
+    known = {words.get(value, float(value)): float(value)
+             for value in np.unique(labels[np.isfinite(labels)])}
     for label in only:
         if label not in known:
-            listed = ", ".join(f"{value:g}" for value in known[:12])
-            raise UsageError(f"{source}: run.only: no run {label:g}; the file has {listed}")
-    wanted: np.ndarray = np.isin(labels, only) if only else np.isfinite(labels)
+            shown, *listed = (f"{key:g}" if isinstance(key, float) else key
+                              for key in (label, *list(known)[:12]))
+            raise UsageError(f"{source}: run.only: no run {shown}; the file has "
+                             f"{', '.join(listed)}")
+    wanted: np.ndarray = np.isin(labels, [known[label] for label in only]) if only else (
+        np.isfinite(labels))
     return wanted
 
 

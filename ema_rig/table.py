@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,13 +19,102 @@ MAX_COLUMNS = 1000
 _INDEXED = re.compile(r"^(.*)\[(\d{1,4})\]$")
 
 
+MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--"})
+"""Cells that lack a value, in lower case."""
+
+
+@dataclass(frozen=True, slots=True)
+class CellBlock:
+    """Some rows of one column of a text: numbers where all cells are, else the cells."""
+
+    values: np.ndarray | None
+    cells: tuple[str, ...]
+    lines: tuple[int, ...]
+    """Of the cells in the file, from 1; empty beside numbers."""
+    decimal: str
+
+    @classmethod
+    def of(cls, cells: Sequence[str], lines: Sequence[int], decimal: str) -> CellBlock:
+        """Return cells as numbers if they all are."""
+        try:
+            values = np.array([_number(cell, decimal) for cell in cells])
+        except ValueError:
+            return cls(None, tuple(cells), tuple(lines), decimal)
+        return cls(values, (), (), decimal)
+
+
+def _number(cell: str, decimal: str) -> float:
+    if cell.lower() in MISSING:
+        return float("nan")
+    if "_" in cell:
+        raise ValueError
+    return float(cell.replace(",", ".") if decimal == "," else cell)
+
+
+@dataclass(frozen=True, slots=True)
+class TextColumn:
+    """A column of a text file that is not of numbers alone."""
+
+    parts: tuple[CellBlock, ...]
+
+    @property
+    def has_words(self) -> bool:
+        """Whether a cell is no number."""
+        return any(part.values is None for part in self.parts)
+
+    def numbers(self, source: str, name: str) -> np.ndarray:
+        """Return the column as numbers, shape (n,); the first cell that is none is named."""
+        for part in self.parts:
+            for line, cell in zip(part.lines, part.cells):
+                try:
+                    _number(cell, part.decimal)
+                except ValueError:
+                    raise InvalidRecordError(
+                        f"{source}: line {line}, column {name!r}: {cell[:40]!r} is not a number: "
+                        "correct that cell, or name another column in the map") from None
+        return np.concatenate([part.values for part in self.parts if part.values is not None]
+                              or [np.empty(0)])
+
+    def words(self) -> Iterator[tuple[int, str]]:
+        """Return the line and the text of each cell; 0 where the line is not known."""
+        for part in self.parts:
+            if part.values is None:
+                yield from zip(part.lines, part.cells)
+            else:
+                yield from ((0, f"{value:g}") for value in part.values)
+
+
+Cells = np.ndarray | TextColumn
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """Columns of a file by name, all of them float64 with one dimension or two."""
+    """Columns of a file by name: float64 with one dimension or two, or text."""
 
-    columns: Mapping[str, np.ndarray]
+    columns: Mapping[str, Cells]
     source: str
     notes: tuple[str, ...] = field(default=())
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Units of columns as the file gives them, in its own words."""
+    times: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """Of columns that have a clock of their own (s)."""
+
+    def name_of(self, name: str | int, where: str) -> str:
+        """Return the name of a column that a map gives by name or number."""
+        if not isinstance(name, int):
+            return name
+        names = list(self.columns)
+        if name >= len(names):
+            raise UsageError(
+                f"{self.source}: {where}: no column {name}: the file has {len(names)}, "
+                f"numbered from 0 ({_listed(names)})"
+            )
+        return names[name]
+
+    def text(self, name: str | int, where: str) -> TextColumn | None:
+        """Return a column that is text, None where it is of numbers."""
+        found = self.columns.get(self.name_of(name, where))
+        return found if isinstance(found, TextColumn) else None
 
     def column(self, name: str | int, where: str) -> np.ndarray:
         """Return one column, shape (n,); `where` is the key of the map that asks for it.
@@ -37,13 +126,7 @@ class Table:
 
         """
         names = list(self.columns)
-        if isinstance(name, int):
-            if name >= len(names):
-                raise UsageError(
-                    f"{self.source}: {where}: no column {name}: the file has {len(names)}, "
-                    f"numbered from 0 ({_listed(names)})"
-                )
-            name = names[name]
+        name = self.name_of(name, where)
         matched = _INDEXED.match(name)
         index = None
         if name not in self.columns and matched:
@@ -52,6 +135,8 @@ class Table:
             raise unknown_name("column", name, names, f"{self.source}: {where}: the file has "
                                f"{_listed(names)}")
         values = self.columns[name]
+        if isinstance(values, TextColumn):
+            return values.numbers(self.source, name)
         if index is not None:
             if values.ndim != 2 or index >= values.shape[1]:
                 raise UsageError(
@@ -77,6 +162,14 @@ class Table:
                 "number: write the number itself into the map"
             )
         return float(values[0])
+
+
+def chosen(names: Sequence[str], needed: Sequence[str | int] | None) -> set[int]:
+    """Return the numbers of the columns that are wanted; all where `needed` is None."""
+    if needed is None:
+        return set(range(len(names)))
+    return {names.index(n) for n in needed if isinstance(n, str) and n in names} | {
+        n for n in needed if isinstance(n, int) and n < len(names)}
 
 
 def _listed(names: Sequence[str]) -> str:

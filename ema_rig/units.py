@@ -52,6 +52,15 @@ def is_unit(text: str) -> bool:
     return _plain(text) in UNITS
 
 
+def find_unit(text: str) -> str | None:
+    """Return the unit that a word of a header means, also in letters of another size, or None."""
+    name = _plain(text.strip(" []()"))
+    if name in UNITS:
+        return name
+    alike = [unit for unit in UNITS if unit.lower() == name.lower()]
+    return alike[0] if len(alike) == 1 else None
+
+
 def unit_factor(unit: str, quantity: str, where: str) -> float:
     """Return the SI value of one `unit`.
 

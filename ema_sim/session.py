@@ -247,6 +247,7 @@ class ActuatorSession:
             read = self._undelayed(first - whole, n)
             if latency > whole:
                 read = read + (latency - whole) * (self._undelayed(first - whole - 1, n) - read)
+            read.flags.writeable = False  # else numba takes it for another type, and compiles
             self._read = begin, read
         return read[first - begin:first - begin + periods]
 

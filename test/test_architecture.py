@@ -62,6 +62,7 @@ BY_CHANCE = {
     "ema_identification/rig/search/alternatives.py": {0.6, 1.6},  # delays in periods
     "ema_monitor/monitor_node.py": {0.6},  # seconds of looking for another monitor
     "ema_prognostics/commission/calibrate.py": {20_000.0},  # steps of an optimiser
+    "ema_prognostics/commission/commission.py": {48.0},  # units that are simulated
     "ema_prognostics/features/start.py": {0.6},  # share of the wind-up
     "ema_prognostics/features/winding.py": {0.6},  # share of the relay's band
     "ema_prognostics/features/vector.py": {0.6},  # share of a turn-on time

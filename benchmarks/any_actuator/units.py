@@ -14,7 +14,7 @@ from benchmarks.any_actuator.records import BenchTest
 from ema_record.actuator import RELAY, TRAPEZOID, Actuator
 from ema_record.spread import Conditions, UnitTolerances
 
-SURFACE_INERTIA, LOST_MOTION, CURRENT_GAIN, HARMONIC = 0.10, 0.20, 0.10, 0.01
+SURFACE_INERTIA, CURRENT_GAIN, HARMONIC = 0.10, 0.10, 0.01
 """Half widths that no file states: relative, of the gains of the current control too; absolute
 for the harmonics."""
 ROUNDING, DEAD_TIME, DRIFT = 0.10, (0.2e-6, 1.0e-6), 2e-3
@@ -74,7 +74,7 @@ def draw_unit(a: Actuator, t: UnitTolerances, seed: tuple[int, ...]) -> Actuator
     shaft = a.shaft._replace(
         stiffness=a.shaft.stiffness * d.near(t.stiffness),
         damping=a.shaft.damping * d.near(t.damping),
-        backlash=a.shaft.backlash * d.near(LOST_MOTION))
+        backlash=a.shaft.backlash * d.near(t.backlash))
     control = c._replace(
         position_gain=c.position_gain * d.near(t.control_gain),
         proportional_gain=c.proportional_gain * d.near(t.control_gain),

@@ -97,9 +97,8 @@ def linear_bound(
     weight, noise = projected_noise(samples, shifts.T @ shifts / 3.0, signature, records)
     rng = np.random.default_rng(990_001)
     score = noise * rng.standard_normal(draws)
-    for shift in shifts @ weight:
-        score += rng.uniform(-shift, shift, draws) if shift > 0 else rng.uniform(
-            shift, -shift, draws)
+    for half in np.abs(shifts @ weight):  # 0 of a parameter that no feature shows
+        score += rng.uniform(-half, half, draws)
     rate = FALSE_ALARMS / directions
     found = float(np.quantile(score, 1.0 - rate) - np.quantile(score, 1.0 - FOUND))
     # A direction that is not known costs what it costs in Gaussian noise.

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ema_cli.console import note, print_json, print_table, progress, stdout, styled
+from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber
 from ema_cli.views.verdict import print_verdict
-from ema_record.errors import TestRefusedError, UsageError
+from ema_record.errors import TestRefusedError
 
 if TYPE_CHECKING:
     from ema_monitor.aircraft_node import AircraftNode
@@ -41,37 +42,19 @@ class NoVerdictError(TestRefusedError):
 
 
 def bit(
-    profile: Annotated[
-        str, typer.Option("--profile", "-p", metavar="NAME|FILE.yaml", help="Test profile.")
-    ] = "extended",
-    effect: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--effect", "-e", metavar="NAME.PARAMETER=VALUE",
-            help="Effect to hide in the simulated actuator; repeatable.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for the records.")
-    ] = Path("records"),
-    model: Annotated[
-        Path | None,
-        typer.Option("--model", metavar="FILE.yaml",
-                     help="Actuator parameters and effects: changes over the kit's."),
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Of noise and start angle.")] = 0,
-    noise: Annotated[float, typer.Option("--noise", help="Factor on the sensor noise.")] = 1.0,
-    serial_number: Annotated[
-        str, typer.Option("--serial-number", metavar="TEXT", help="Of the actuator.")
-    ] = "SIM-0000",
-    real_time_factor: Annotated[
-        float,
-        typer.Option("--real-time-factor", help="Simulated seconds a second; 0: no pacing."),
-    ] = 1.0,
-    domain: Annotated[
-        int | None,
-        typer.Option("--domain", min=0, max=232, help="ROS domain, default a free one."),
-    ] = None,
+    profile: Annotated[str, typer.Option(
+        "--profile", "-p", metavar="NAME|FILE.yaml", help="Test profile.")] = "extended",
+    effect: Effect = None,
+    out: Annotated[Path, typer.Option(
+        "--out", "-o", metavar="DIR", help="Folder for the records.")] = Path("records"),
+    model: Changes = None,
+    seed: Seed = 0,
+    noise: Noise = 1.0,
+    serial_number: SerialNumber = "SIM-0000",
+    real_time_factor: Annotated[float, typer.Option(
+        "--real-time-factor", help="Simulated seconds a second; 0: no pacing.")] = 1.0,
+    domain: Annotated[int | None, typer.Option(
+        "--domain", min=0, max=232, help="ROS domain, default a free one.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> int:
     """Run the whole built-in test over ROS 2 and print the verdict.
@@ -86,7 +69,9 @@ def bit(
     from ema_record.actuator import load_actuator
     from ema_record.profile import load_profile
     from ema_ros.domain import enter_domain, private_domain
+    from ema_ros.parameters import check_values
     from ema_ros.supervisor import Supervisor
+    from ema_sim.node.settings import load_model, parameter_specs
 
     chosen = load_profile(profile)
     chosen.check_within(load_actuator(model).surface.end_stop)
@@ -97,6 +82,7 @@ def bit(
         "real_time_factor": real_time_factor,
         **effect_parameters(effect or []),
     }
+    check_values(parameter_specs(load_model(model_file)), simulator)
     log = new_log(out)
     before = set(out.iterdir())
     begin = time.monotonic()
@@ -141,17 +127,13 @@ def exit_status(result: dict[str, Any]) -> int:
 
 
 def effect_parameters(settings: list[str]) -> dict[str, ParameterValue]:
-    """Return effects as parameters of the simulator node, which checks them."""
+    """Return effects as parameters of the simulator node; UsageError where one is wrong."""
+    from ema_sim.effects import parse_effects
+
+    parse_effects(settings)
     found: dict[str, ParameterValue] = {}
     for setting in settings:
-        name, separator, value = (part.strip() for part in setting.partition("="))
-        effect, dot, parameter = name.partition(".")
-        if not (separator and value and dot and effect.isidentifier()
-                and parameter.isidentifier()):
-            raise UsageError(
-                f"effect {setting!r}: expected NAME.PARAMETER=VALUE, "
-                "for example turn_short.fraction=0.1"
-            )
+        name, _, value = (part.strip() for part in setting.partition("="))
         try:
             found[name] = float(value)
         except ValueError:

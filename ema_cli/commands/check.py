@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ema_cli.console import check_new_file, error_line, print_json, stdout
+from ema_cli.options import Baseline, Cascade, Commanded
 from ema_cli.views.flights import draw_sequence, judged_flights, print_sequence
 from ema_cli.views.verdict import print_verdict
 from ema_record.errors import InvalidRecordError, UsageError, unknown_name
@@ -17,17 +18,12 @@ def check(
     bags: Annotated[list[Path], typer.Argument(
         metavar="BAG...", help="Bags: rosbag2 directories or single MCAP files; or a directory "
         "of them, one a flight.")],
-    profile: Annotated[str | None, typer.Option(
-        help="The test that was commanded (name or YAML file), in place of the bag's own."
-    )] = None,
-    model: Annotated[Path | None, typer.Option(
-        help="Model file of 'ema train', in place of the kit's.")] = None,
+    profile: Commanded = None,
+    model: Cascade = None,
     mode: Annotated[str, typer.Option(
         help="robust: healthy class and guard; paper: the paper's two networks, which know "
         "no healthy actuator and no other than the default one.")] = "robust",
-    baseline: Annotated[Path | None, typer.Option(
-        metavar="BAG", help="A healthy bag of the same actuator and test, from its acceptance: "
-        "sharpens the verdict.")] = None,
+    baseline: Baseline = None,
     plot: Annotated[Path | None, typer.Option(
         metavar="FILE.png", help="Of a directory of flights: plot severities and announcements."
     )] = None,

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ema_cli.console import check_new, given_bags, note, print_json, progress_of, say
+from ema_cli.options import TrainingJobs
+
+if TYPE_CHECKING:
+    from ema_record.record import Record
 
 
 def commission(
@@ -20,26 +25,37 @@ def commission(
     quick: Annotated[bool, typer.Option(
         "--quick", help="A small training, to try the way.")] = False,
     seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Of the training.")] = 1,
-    jobs: Annotated[int, typer.Option(
-        min=-1, max=256, help="Processes that simulate, -1 for all cores.")] = -1,
+    jobs: TrainingJobs = -1,
+    library: Annotated[bool | None, typer.Option(
+        "--library/--no-library", show_default="made, but not with --quick",
+        help="Make the library for 'ema identify' too; else it is made at its first use.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="The validation as JSON.")] = False,
 ) -> int:
     """Make the kit of an actuator type from its description and records of healthy units.
 
     The model is corrected by the records, the cascade trained around it and validated. A kit that
     is not good enough is not made: too many false alarms, or the records do not fit the
-    description. A run that was stopped goes on where it was.
+    description. Then the library for 'ema identify' is made. A run that was stopped goes on where
+    it was.
 
     Example: `ema commission acceptance/* --actuator aileron/actuator.yaml --out aileron_kit`
     """
     from ema_prognostics.commission.commission import commission as make
-    from ema_prognostics.commission.report import percent, size
+    from ema_prognostics.commission.report import percent
+    from ema_prognostics.words import size
     from ema_record.kit import REPORT
 
     check_new(out)
+
+    def make_library(record: Record, folder: Path, step: Callable[[str, float], None]) -> None:
+        from ema_identification.identify import build_library
+
+        build_library(record, folder, workers=jobs or -1, progress=step)
+
+    with_library = not quick if library is None else library
     with progress_of("commissioning") as advance:
         made = make(given_bags(records), actuator, out, quick=quick, seed=seed, jobs=jobs or -1,
-                    progress=advance)
+                    progress=advance, library=make_library if with_library else None)
     found = made.validation
     if as_json:
         print_json({"kit": str(made.kit), **found})
@@ -53,5 +69,7 @@ def commission(
         say("    found in nine of ten: " + ", ".join(
             f"{name.replace('_', ' ')} {size(name, one[name]['a90'])}" for name in one
             if isinstance(one[name], dict) and "a90" in one[name]))
+    if not found["library"]:
+        note("no library for 'ema identify': it is made at its first use, in some minutes")
     note(f"{made.kit / REPORT} says more; next: ema check RECORD --kit {made.kit}")
     return 0

@@ -16,12 +16,10 @@ if TYPE_CHECKING:
 
 
 def effects(
-    name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="Effect to explain.")
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object an effect.")
-    ] = False,
+    name: Annotated[str | None, typer.Argument(
+        metavar="[NAME]", help="Effect to explain.")] = None,
+    as_json: Annotated[bool, typer.Option(
+        "--json", help="Print one JSON object an effect.")] = False,
 ) -> int:
     """List the catalogue of physical effects, or explain one.
 

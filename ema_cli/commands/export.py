@@ -1,4 +1,4 @@
-"""`ema export`: a bag in the formats of other tools, and as plots."""
+"""`ema export`: a bag, or an identified axis, in the formats of other tools; plots of a bag."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from ema_cli.console import (
     check_new_file,
     drawing,
     given_bags,
+    note,
     print_json,
     progress,
     say,
@@ -21,34 +22,30 @@ from ema_record.errors import UsageError, unknown_name
 
 def export(
     bags: Annotated[list[Path], typer.Argument(
-        metavar="BAG...", help="Bags to convert, or directories of them.")],
-    file_format: Annotated[
-        str | None,
-        typer.Option(
-            "--format", "-f", metavar="csv|parquet|mcap", show_default="csv",
-            help="mcap: a bag of standard messages, one a sample, for plotters.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", "-o", metavar="FILE", show_default="beside the bag",
-            help="What to write, of a single bag; for mcap a directory.",
-        ),
-    ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            "--plot", metavar="DIR",
-            help="Plot the test, as PNG into DIR (of several bags, each into a folder of its own "
-            "there); without --format and --out nothing else.",
-        ),
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print what was written as JSON.")
-    ] = False,
+        metavar="BAG...", help="Bags to convert, or directories of them; or the model.yaml of an "
+        "identified rig.")],
+    file_format: Annotated[str | None, typer.Option(
+        "--format", "-f", metavar="csv|parquet|mcap", show_default="csv",
+        help="mcap: a bag of standard messages, one a sample, for plotters. Of a model: "
+        "mjcf|urdf|python.")] = None,
+    out: Annotated[Path | None, typer.Option(
+        "--out", "-o", metavar="FILE", show_default="beside the bag",
+        help="What to write, of a single bag; for mcap a directory.")] = None,
+    plot: Annotated[Path | None, typer.Option(
+        "--plot", metavar="DIR", help="Plot the test, as PNG into DIR (of several bags, each into "
+        "a folder of its own there); without --format and --out nothing else.")] = None,
+    gain: Annotated[float | None, typer.Option(
+        metavar="N", help="Of a model: the force or torque at the axis of one A or V.")] = None,
+    body_inertia: Annotated[float, typer.Option(
+        metavar="J", help="Of a model: the inertia about the axis that the simulator's bodies "
+        "have; the armature is the rest.")] = 0.0,
+    as_json: Annotated[bool, typer.Option(
+        "--json", help="Print what was written as JSON.")] = False,
 ) -> int:
-    """Convert a bag to CSV, Parquet or messages for plotters; plot it.
+    """Convert a bag to CSV, Parquet or messages for plotters; plot it; a rig's model to MJCF.
+
+    The model.yaml that `ema identify` wrote of a rig becomes a joint of MJCF or URDF, or a Python
+    module (--format mjcf, urdf, python); what the format has no place for is said.
 
     Outputs that exist are never overwritten.
 
@@ -56,6 +53,11 @@ def export(
     """
     from ema_record.bag.export import FORMATS, default_path
 
+    if any(path.suffix in (".yaml", ".yml") for path in bags):
+        return _export_model(bags, file_format or "mjcf", out, plot, gain, body_inertia, as_json)
+    if gain is not None or body_inertia:
+        raise UsageError("--gain and --body-inertia are for the model.yaml of a rig: leave them "
+                         "out")
     chosen = file_format or "csv"
     if chosen not in FORMATS:
         raise unknown_name("format", chosen, FORMATS, f"the formats are {', '.join(FORMATS)}")
@@ -76,6 +78,31 @@ def export(
         jobs.append((bag, target, folder))
     for job in jobs:
         _export(*job, chosen, as_json)
+    return 0
+
+
+def _export_model(
+    files: list[Path], file_format: str, out: Path | None, plot: Path | None,
+    gain: float | None, body_inertia: float, as_json: bool,
+) -> int:
+    """Write the model of a rig for a simulator and say what it does not hold."""
+    from ema_identification.rig.export import MODEL_FORMATS, export_model
+    from ema_record.files import new_file
+
+    if len(files) > 1 or plot is not None:
+        raise UsageError("a model is exported alone, without --plot: give one model.yaml")
+    found = export_model(files[0], file_format, gain=gain, body_inertia=body_inertia)
+    target = out or files[0].with_suffix(MODEL_FORMATS[file_format])
+    check_new_file(target)
+    with new_file(target) as temporary:
+        temporary.write_text(found.text, encoding="utf-8")
+    if as_json:
+        print_json({"model": str(files[0]), "format": file_format, "written": str(target),
+                    "left_out": list(found.left_out)})
+        return 0
+    say(str(target))
+    for line in found.left_out:
+        note(f"not exported, as {file_format} has no place for it: {line}")
     return 0
 
 

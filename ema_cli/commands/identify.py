@@ -7,17 +7,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ema_cli.console import check_new, note, print_json, progress_of, stdout, styled
+from ema_cli.console import check_new, note, print_json, progress_of, say, stdout, styled
+from ema_record.errors import UsageError
 
 if TYPE_CHECKING:
-    from ema_identification.result import Identification
+    from ema_identification.result import Identification, Parameter
 
 
 def identify(
     measured: Annotated[list[Path], typer.Argument(
         metavar="MEASURED...", help="Records of one unit: bags, or what 'ema import' made of a "
         "rig's data.")],
-    out: Annotated[Path, typer.Option(help="Directory to make: report.html, plots, JSON, model.")],
+    out: Annotated[Path | None, typer.Option(
+        metavar="DIR", help="Directory to make: report.html, plots, JSON, model. Needed, but for "
+        "--check.")] = None,
     validate: Annotated[list[Path] | None, typer.Option(
         metavar="BAG", help="A record of the same unit that takes no part in the fit, of another "
         "command; repeatable.")] = None,
@@ -35,6 +38,9 @@ def identify(
     )] = 2,
     seed: Annotated[int, typer.Option(
         min=0, max=2**31 - 1, help="Of all simulations; the same seed, the same answer.")] = 0,
+    check: Annotated[bool, typer.Option(
+        "--check", help="Of a rig: only say what the records can show, and which motion would "
+        "show the rest; nothing is fitted.")] = False,
     json: Annotated[bool, typer.Option("--json", help="The result as one JSON object.")] = False,
 ) -> int:
     """Say what a model lacks to explain records, and add it.
@@ -56,6 +62,10 @@ def identify(
     from ema_identification.report.write import write_answer, write_page
     from ema_record.kit import kit_name
 
+    if check:
+        return _check([_read(path, None) for path in measured], model, json)
+    if out is None:
+        raise UsageError("no --out: give the directory to make, as --out report")
     check_new(out)
     records = [_read(path, profile) for path in measured]
     held = [_read(path, None) for path in validate or ()]
@@ -94,6 +104,23 @@ def identify(
     return found.exit_status
 
 
+def _check(records: list[Any], model: Path | None, json: bool) -> int:
+    """Print what records of a rig can show."""
+    from ema_identification.rig.workflow import check_rig
+    from ema_rig.record import RigRecord
+
+    if not all(isinstance(record, RigRecord) for record in records):
+        raise UsageError("--check is for records of a rig; those of the actuator are checked by "
+                         "'ema check'")
+    found = check_rig(records, model)
+    if json:
+        print_json(found.to_dict())
+    else:
+        for line in found.lines:
+            say(line)
+    return 0
+
+
 def _read(path: Path, profile: str | None) -> Any:
     """Return the record of a bag, of the actuator or of a rig."""
     from dataclasses import replace
@@ -101,7 +128,11 @@ def _read(path: Path, profile: str | None) -> Any:
     from ema_record.bag.read import read_bag
     from ema_record.profile import load_profile
     from ema_rig.bag import is_rig_bag, read_rig_bag
+    from ema_rig.ros_bag import how_to_import
 
+    foreign = how_to_import(path)
+    if foreign is not None:
+        raise foreign
     if is_rig_bag(path):
         return read_rig_bag(path)
     record = read_bag(path)
@@ -114,6 +145,12 @@ def _title(record: Any, path: Path) -> str:
     return path.name if serial == "unknown" else f"{serial}: {path.name}"
 
 
+def _value(p: Parameter) -> str:
+    """Return a parameter with its unit and interval."""
+    unit = "" if p.unit == "1" else f" {p.unit}"
+    return f"{p.name} = {p.value:.4g}{unit}  (90 %: {p.low:.4g} to {p.high:.4g})"
+
+
 def _print(found: Identification) -> None:
     """Print the answer for people."""
     from ema_identification.report.words import probability
@@ -124,15 +161,18 @@ def _print(found: Identification) -> None:
     gap = grew if found.verdict == "contradicted" else (
         f"{found.gap_before:.3g} before, {found.gap_after:.3g} after")
     console.print(f"gap {gap}, floor {found.noise_floor:.3g}: {found.gap_unit}")
+    if found.unexplained is not None:
+        left = min(100.0 * found.unexplained, 100.0)
+        console.print(f"{100.0 - left:.1f} % of the input is explained, {left:.1f} % left (rms)")
+        for p in found.recalibrated:
+            console.print(f"  {_value(p)}")
     for finding in found.findings:
         names = " or ".join((finding.effect, *finding.equivalent))
         console.print(styled("  ", (names, "bold"), f"  (p {probability(finding.p_value)})"))
         for name, choice in finding.choices.items():
             console.print(f"    {name} = {choice}")
         for p in finding.parameters:
-            unit = "" if p.unit == "1" else f" {p.unit}"
-            console.print(f"    {p.name} = {p.value:.4g}{unit}  "
-                          f"(90 %: {p.low:.4g} to {p.high:.4g})")
+            console.print(f"    {_value(p)}")
         console.print(f"    where: {finding.where.text}")
     if found.unknown is not None:
         console.print(f"  unknown: {found.unknown.text}")

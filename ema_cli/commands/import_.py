@@ -1,53 +1,212 @@
-"""`ema import`: a file of another tool becomes a bag."""
+"""`ema import`: a file of another tool, or a bag of ROS 2, becomes a bag of a rig."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ema_cli.console import check_new, note, print_json, progress, say
+from ema_cli.console import check_new, check_new_file, note, print_json, progress, say
+from ema_record.errors import UsageError
+
+if TYPE_CHECKING:
+    from ema_rig.guess import Guess
+    from ema_rig.map import RigMap
 
 
 def import_(
     file: Annotated[Path, typer.Argument(
-        metavar="FILE", help="CSV or other text (also gzip), MAT (v5), NPZ.")],
-    map_file: Annotated[Path, typer.Option(
-        "--map", "-m", metavar="MAP.yaml",
-        help="Which column is what, its unit, and what the axis is.")],
-    out: Annotated[Path, typer.Option(
-        "--out", "-o", metavar="BAG", help="The directory to make.")],
+        metavar="FILE", help="A bag of ROS 2 (MCAP, sqlite3), CSV or other text (also gzip), MAT "
+        "(v5), NPZ, Parquet.")],
+    map_file: Annotated[Path | None, typer.Option(
+        "--map", "-m", metavar="MAP.yaml", show_default="guessed from the file",
+        help="Which column is what, its unit, and what the axis is.")] = None,
+    out: Annotated[Path | None, typer.Option(
+        "--out", "-o", metavar="BAG", show_default="the name in the map",
+        help="The directory to make; with --guess the map, with --preview the picture.")] = None,
+    topic: Annotated[str | None, typer.Option(
+        metavar="TOPIC", help="Of a bag: the topic, for example /joint_states.")] = None,
+    joint: Annotated[str | None, typer.Option(
+        metavar="NAME", help="Of a bag: the joint that the topic lists.")] = None,
+    changes: Annotated[list[str] | None, typer.Option(
+        "--set", metavar="KEY=VALUE", help="Change the map: axis=linear, input.unit=A, "
+        "speed.scale=-1; repeatable.")] = None,
+    guess: Annotated[bool, typer.Option(
+        "--guess", help="Only write the map that is guessed from the file.")] = False,
+    preview: Annotated[bool, typer.Option(
+        "--preview", help="Only show the map, the first rows in SI, and a picture.")] = False,
     as_json: Annotated[bool, typer.Option(
         "--json", help="Print what was read and written as JSON.")] = False,
 ) -> int:
-    """Convert a file of a rig (CSV, MAT, NPZ) to a bag, by a map of it.
+    """Convert a file of a rig (a ROS 2 bag, CSV, MAT, NPZ) to a bag.
 
-    The map names columns, units and the axis; docs/rigs.md shows the form. Outputs that exist
-    are never overwritten.
+    The map names columns, units and the axis; docs/rigs.md shows the form. Without one it is
+    guessed: a joint of a JointState needs none, and a text file none that names columns and units.
+    Outputs that exist are never overwritten.
 
-    Example: `ema import run.csv --map rig.yaml --out run`
+    Example: `ema import bag --topic /joint_states --joint elbow --out elbow`
     """
+    from ema_rig.map import map_from
+
+    if guess and map_file is not None:
+        raise UsageError("--guess writes a map, --map gives one: leave one of them out")
+    told = dict(change.partition("=")[::2] for change in changes or ())
+    data, guessed = _map_data(file, map_file, topic, joint, told)
+    where = str(map_file or "guessed map")
+    data = _changed(data, changes or ())
+    if guess:
+        return _write_guess(guessed, data, file, out, as_json)
+    rig_map = map_from(data, where)
+    if preview:
+        return _preview(file, rig_map, guessed, out, as_json)
+    if guessed is not None:
+        open_ = [line for line in guessed.supposed if line.partition(":")[0] not in told]
+        if open_:
+            keys = " ".join(f"--set {line.partition(':')[0]}=..." for line in open_)
+            raise UsageError(f"{file}: not known from the file: {'; '.join(open_)}: say {keys}, "
+                             "or write the map with --guess")
+    return _import(file, rig_map, out or Path(rig_map.name), as_json,
+                   guessed.remarks if guessed is not None else [])
+
+
+def _map_data(
+    file: Path, map_file: Path | None, topic: str | None, joint: str | None,
+    told: dict[str, str],
+) -> tuple[Any, Guess | None]:
+    """Return the map as data, and the guess that it is where no file gives it."""
+    from ema_record.yaml_file import load_yaml
+    from ema_rig.guess import guess_map
+
+    if map_file is None:
+        with progress(f"looking at {file}"):
+            if told.get("axis") == "actuator":
+                raise UsageError("a map of an actuator is not guessed: give --map with 'channels'")
+            guessed = guess_map(file, topic, joint, told)
+        return guessed.data, guessed
+    data = load_yaml(map_file)
+    if isinstance(data, dict) and (topic or joint):
+        bag = data["bag"] if isinstance(data.get("bag"), dict) else {}
+        given = {"topic": topic, "joint": joint}
+        data = {**data, "bag": {**bag, **{k: v for k, v in given.items() if v}}}
+    return data, None
+
+
+def _changed(data: Any, changes: list[str] | tuple[()]) -> Any:
+    """Return the map with ``a.b=value`` set, the value as YAML reads it."""
+    import yaml
+
+    if not isinstance(data, dict):
+        return data
+    for change in changes:
+        key, mark, text = change.partition("=")
+        names = key.strip().split(".")
+        if not mark or not all(names):
+            raise UsageError(f"--set {change[:60]!r}: write KEY=VALUE, as input.unit=A")
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError:
+            raise UsageError(f"--set {change[:60]!r}: the value is no YAML: put it in quotes"
+                             ) from None
+        if names[-1] in ("column", "unit") and not isinstance(value, int | str):
+            value = text
+        place = data = dict(data)
+        for name in names[:-1]:
+            inner = place.get(name)
+            place[name] = dict(inner) if isinstance(inner, dict) else {}
+            place = place[name]
+        place[names[-1]] = value
+    return data
+
+
+def _write_guess(
+    guessed: Guess | None, data: Any, file: Path, out: Path | None, as_json: bool
+) -> int:
+    """Write the map that was guessed."""
+    from ema_record.files import new_file
+
+    assert guessed is not None  # without --map
+    guessed.data = data
+    target = out if out is not None and out.suffix in (".yaml", ".yml") else Path(
+        f"{out or data.get('name', 'rig')}.map.yaml")
+    check_new_file(target)
+    text = guessed.text(str(file))
+    with new_file(target) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    if as_json:
+        print_json({"map": data, "written": str(target), "supposed": guessed.supposed,
+                    "remarks": guessed.remarks})
+        return 0
+    for line in text.splitlines():
+        say(line)
+    say(f"written: {target}")
+    return 0
+
+
+def _preview(
+    file: Path, rig_map: RigMap, guessed: Guess | None, out: Path | None, as_json: bool
+) -> int:
+    """Show what the map makes of the file."""
+    import yaml
+
+    from ema_record.record import Record
+    from ema_rig.import_file import import_file
+
+    picture = out if out is not None and out.suffix == ".png" else Path(
+        f"{out or rig_map.name}-preview.png")
+    check_new_file(picture)
+    with progress(f"reading {file}"):
+        record = import_file(file, rig_map)
+    if isinstance(record, Record):
+        raise UsageError("--preview is for a rig: import the bag, then plot it with 'ema export "
+                         "BAG --plot DIR'")
+    from ema_cli.views.rig_preview import draw, first_rows
+
+    draw(record, picture)
+    rows = first_rows(record)
+    supposed = [] if guessed is None else guessed.supposed
+    remarks = [*([] if guessed is None else guessed.remarks), *record.axis.notes]
+    if as_json:
+        print_json({"map": rig_map.model_dump(exclude_defaults=True), "rows": rows,
+                    "supposed": supposed, "remarks": remarks, "picture": str(picture)})
+        return 0
+    for line in yaml.safe_dump(rig_map.model_dump(mode="json", exclude_defaults=True),
+                               sort_keys=False, allow_unicode=True).splitlines():
+        say(line)
+    for line in supposed:
+        say(f"# supposed: {line}")
+    for line in remarks:
+        say(f"# {line}")
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    for row in rows:
+        say("  ".join(cell.rjust(width) for cell, width in zip(row, widths)))
+    say(f"{len(record)} samples, {record.duration:.4g} s at {record.rate:.5g} 1/s; picture: "
+        f"{picture}")
+    return 0
+
+
+def _import(
+    file: Path, rig_map: RigMap, out: Path, as_json: bool, remarks: list[str]
+) -> int:
+    """Write the bag and say what was done."""
     from ema_record.bag.read import write_bag
     from ema_record.channels import CHANNELS
     from ema_record.record import Record
     from ema_rig.bag import write_rig_bag
     from ema_rig.import_file import import_file
-    from ema_rig.map import load_map
 
     check_new(out)
-    rig_map = load_map(map_file)
     with progress(f"reading {file}"):
         record = import_file(file, rig_map)
     with progress(f"writing {out}"):
         if isinstance(record, Record):
             written = write_bag(record, out)
             channels = [CHANNELS[column].label for column in record.columns]
-            notes: list[str] = []
+            notes = list(remarks)
         else:
             written = write_rig_bag(record, out)
             channels = [channel.label for channel in record.channels]
-            notes = list(record.axis.notes)
+            notes = [*remarks, *record.axis.notes]
     if as_json:
         print_json({"bag": str(written), "samples": len(record), "rate": record.rate,
                     "duration": record.duration, "channels": channels, "notes": notes})

@@ -14,18 +14,12 @@ if TYPE_CHECKING:
 
 
 def lint(
-    bags: Annotated[
-        list[Path], typer.Argument(metavar="BAG...", help="Bag directories or .mcap files; or a "
-                                   "directory of them.")
-    ],
-    model: Annotated[
-        Path | None,
-        typer.Option("--model", metavar="FILE.yaml",
-                     help="The actuator that was tested: changes over the kit's."),
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object a bag.")
-    ] = False,
+    bags: Annotated[list[Path], typer.Argument(
+        metavar="BAG...", help="Bag directories or .mcap files; or a directory of them.")],
+    model: Annotated[Path | None, typer.Option(
+        "--model", metavar="FILE.yaml",
+        help="The actuator that was tested: changes over the kit's.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a bag.")] = False,
 ) -> int:
     """Look for defects of a recording: gaps, swapped phases, wrong units.
 

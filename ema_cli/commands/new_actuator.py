@@ -2,46 +2,46 @@
 
 from __future__ import annotations
 
+import inspect
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ema_cli.console import check_new, note, print_json, print_table, say
+from ema_record.data_sheet.quantities import DRIVE, MOTOR, QUANTITIES, RECORDER
 from ema_record.errors import UsageError
 
 if TYPE_CHECKING:
     from ema_record.data_sheet.derive import Description
 
-TEXT = str | None
-MOTOR, GEAR, DRIVE, RECORDER = "Motor", "Gear and surface", "Drive", "Recorder"
+
+def _with_quantities(command: Callable[..., int]) -> Callable[..., int]:
+    """Return `command` with an option for each quantity, after its first two."""
+    stated = [
+        inspect.Parameter(
+            option.replace("-", "_"), inspect.Parameter.KEYWORD_ONLY, default=None,
+            annotation=Annotated[str | None, typer.Option(
+                f"--{option}", metavar="VALUE", rich_help_panel=kind.part,
+                help=f"{kind.words[0].upper()}{kind.words[1:]}; e.g. {kind.example}.")])
+        for option, kind in QUANTITIES.items()]
+    signature = inspect.signature(command)
+    out, name, *others, _ = signature.parameters.values()
+    command.__signature__ = signature.replace(  # type: ignore[attr-defined]
+        parameters=[out, name, *stated, *others])
+    command.__annotations__ |= {p.name: p.annotation for p in stated}
+    return command
 
 
-def _option(name: str, help_text: str, panel: str) -> Any:
-    return typer.Option(f"--{name}", metavar="VALUE", help=help_text, rich_help_panel=panel)
-
-
+@_with_quantities
 def new_actuator(
+    *,
     out: Annotated[Path, typer.Option(
         "--out", "-o", metavar="KIT", help="Folder to make.")],
     name: Annotated[str, typer.Option("--name", help="Of the type, for the head of the file.")]
     = "",
-    resistance: Annotated[TEXT, _option(
-        "resistance", "Between two terminals, e.g. 1.2ohm.", MOTOR)] = None,
-    inductance: Annotated[TEXT, _option(
-        "inductance", "Between two terminals, e.g. 0.194mH.", MOTOR)] = None,
-    kv: Annotated[TEXT, _option("kv", "Speed constant, e.g. 475rpm/V.", MOTOR)] = None,
-    back_emf: Annotated[TEXT, _option(
-        "back-emf", "Voltage constant, line to line, e.g. 2.107mV/rpm.", MOTOR)] = None,
-    torque_constant: Annotated[TEXT, _option(
-        "torque-constant", "E.g. 20.1mNm/A.", MOTOR)] = None,
-    no_load_speed: Annotated[TEXT, _option(
-        "no-load-speed", "At the nominal voltage, e.g. 11300rpm; serves as constant, and as "
-        "check of another.", MOTOR)] = None,
-    no_load_current: Annotated[TEXT, _option("no-load-current", "E.g. 0.189A.", MOTOR)] = None,
-    nominal_voltage: Annotated[TEXT, _option(
-        "nominal-voltage", "Of the no-load values; default --bus.", MOTOR)] = None,
     voltage_is: Annotated[str, typer.Option(
         "--voltage-is", metavar="mean|peak|rms", rich_help_panel=MOTOR,
         help="What --kv and --back-emf are of, line to line: mean in block commutation (most "
@@ -53,50 +53,16 @@ def new_actuator(
     shape: Annotated[str, typer.Option(
         "--shape", metavar="sine|trapezoid", rich_help_panel=MOTOR, show_default="sine",
         help="Of the back-EMF.")] = "",
-    pole_pairs: Annotated[TEXT, _option("pole-pairs", "Pairs, not poles.", MOTOR)] = None,
-    inertia: Annotated[TEXT, _option("inertia", "Of the rotor, e.g. 34gcm2.", MOTOR)] = None,
-    friction: Annotated[TEXT, _option(
-        "friction", "Dry, of motor and gear at the motor, e.g. 1.1mNm.", MOTOR)] = None,
-    viscous_friction: Annotated[TEXT, _option(
-        "viscous-friction", "Of motor and gear, e.g. 2.4e-4mNm/rpm.", MOTOR)] = None,
-    peak_torque: Annotated[TEXT, _option(
-        "peak-torque", "Where the motor saturates, e.g. 0.3Nm.", MOTOR)] = None,
-    gear: Annotated[TEXT, _option(
-        "gear", "Turns of the motor a turn of the surface, e.g. 100.", GEAR)] = None,
-    gear_efficiency: Annotated[TEXT, _option("gear-efficiency", "E.g. 0.7.", GEAR)] = None,
-    gear_inertia: Annotated[TEXT, _option(
-        "gear-inertia", "At the motor, e.g. 4gcm2.", GEAR)] = None,
-    stiffness: Annotated[TEXT, _option(
-        "stiffness", "Of gear and shaft at the output, e.g. 1.5Nm/arcmin.", GEAR)] = None,
-    backlash: Annotated[TEXT, _option(
-        "backlash", "Total, at the output, e.g. 1arcmin.", GEAR)] = None,
-    end_stop: Annotated[TEXT, _option(
-        "end-stop", "From the middle to either end stop, half the stroke, e.g. 40deg.",
-        GEAR)] = None,
-    surface_inertia: Annotated[TEXT, _option(
-        "surface-inertia", "Of what the gear turns, e.g. 2e-3kgm2.", GEAR)] = None,
-    surface_friction: Annotated[TEXT, _option(
-        "surface-friction", "Dry, of what the gear turns, e.g. 0.4Nm.", GEAR)] = None,
     drive: Annotated[str, typer.Option(
         "--drive", metavar="relay|pwm|foc", rich_help_panel=DRIVE,
         show_default="foc with a sine, pwm with a trapezoid",
         help="Hysteresis a phase; six-step with PI control; field oriented.")] = "",
-    bus: Annotated[TEXT, _option("bus", "Between the rails, e.g. 24V.", DRIVE)] = None,
-    current_limit: Annotated[TEXT, _option(
-        "current-limit", "Peak of a phase, e.g. 7.5A.", DRIVE)] = None,
-    speed: Annotated[TEXT, _option(
-        "speed", "Limit of the motor's speed, e.g. 6000rpm; default 0.6 of what the bus "
-        "allows.", DRIVE)] = None,
-    control_period: Annotated[TEXT, _option("control-period", "E.g. 50us.", DRIVE)] = None,
-    pwm: Annotated[TEXT, _option("pwm", "Frequency of the carrier, e.g. 40kHz.", DRIVE)] = None,
-    hysteresis: Annotated[TEXT, _option(
-        "hysteresis", "Half width of a relay's band, e.g. 0.2A.", DRIVE)] = None,
-    rate: Annotated[TEXT, _option("rate", "Samples, e.g. 10kHz.", RECORDER)] = None,
     without: Annotated[list[str] | None, typer.Option(
         "--without", metavar="CHANNEL", rich_help_panel=RECORDER,
         help="Not recorded: phase_current_c, reference_currents, rotor_angle, "
         "surface_position; repeatable.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    **stated: str | None,
 ) -> int:
     """Write the kit of a type of actuator from what its data sheet says.
 
@@ -110,12 +76,10 @@ def new_actuator(
 --pole-pairs 1 --inertia 34gcm2 --gear 100 --end-stop 40deg --current-limit 7.5A --bus 24V`
     """
     from ema_record.data_sheet.new_kit import new_kit
-    from ema_record.data_sheet.quantities import QUANTITIES
     from ema_record.data_sheet.sheet import read_sheet
 
-    here = locals()
-    texts = {option: here[option.replace("-", "_")] for option in QUANTITIES
-             if here[option.replace("-", "_")] is not None}
+    texts = {option: text for option in QUANTITIES
+             if (text := stated.get(option.replace("-", "_"))) is not None}
     choices = {"drive": drive, "shape": shape, "voltage-is": voltage_is,
                "current-is": current_is}
     check_new(out)
@@ -131,7 +95,7 @@ def new_actuator(
 
 def _ask(texts: dict[str, str]) -> None:
     """Ask for what is needed and not given, until it can be read."""
-    from ema_record.data_sheet.quantities import QUANTITIES, read_quantity
+    from ema_record.data_sheet.quantities import read_quantity
     from ema_record.data_sheet.sheet import CONSTANTS, missing
 
     lacking = missing(texts)

@@ -15,15 +15,10 @@ if TYPE_CHECKING:
 
 def recover(
     bag: Annotated[Path, typer.Argument(metavar="BAG", help="Bag directory or .mcap file.")],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", "-o", metavar="DIR", help="Bag to make; default: BAG_recovered beside it."
-        ),
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object.")
-    ] = False,
+    out: Annotated[Path | None, typer.Option(
+        "--out", "-o", metavar="DIR", show_default="BAG_recovered beside it",
+        help="Bag to make.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> int:
     """Rebuild a readable bag from a recording that was cut or damaged.
 

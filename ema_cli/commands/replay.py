@@ -15,17 +15,12 @@ RATES = (0.01, 100.0)
 
 def replay(
     bag: Annotated[Path, typer.Argument(metavar="BAG", help="Directory or .mcap file.")],
-    rate: Annotated[
-        float, typer.Option("--rate", "-r", help="Speed, 1 for the original timing.")
-    ] = 1.0,
-    wait: Annotated[
-        float,
-        typer.Option("--wait", help="Longest wait for a subscriber to the samples (s)."),
-    ] = 10.0,
-    domain: Annotated[
-        int | None,
-        typer.Option("--domain", min=0, max=232, help="ROS domain, default ROS_DOMAIN_ID."),
-    ] = None,
+    rate: Annotated[float, typer.Option(
+        "--rate", "-r", help="Speed, 1 for the original timing.")] = 1.0,
+    wait: Annotated[float, typer.Option(
+        "--wait", help="Longest wait for a subscriber to the samples (s).")] = 10.0,
+    domain: Annotated[int | None, typer.Option(
+        "--domain", min=0, max=232, help="ROS domain, default ROS_DOMAIN_ID.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the counts as JSON.")] = False,
 ) -> int:
     """Put a bag back onto the topics.

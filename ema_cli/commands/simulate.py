@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ema_cli.console import check_new, check_new_file, drawing, note, print_json, progress, say
+from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber
 from ema_record.errors import UsageError
 
 if TYPE_CHECKING:
@@ -25,92 +26,43 @@ TRACE_LABELS = ("motor_torque[N m]", "shaft_torque[N m]", "surface_speed[rad/s]"
 
 def simulate(
     context: typer.Context,
-    out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="BAG", help="Directory to make.")
-    ],
-    campaign: Annotated[
-        Path | None,
-        typer.Option(
-            "--campaign", metavar="FILE.yaml",
-            help="Make all runs of a campaign; --out is the folder of its results.",
-        ),
-    ] = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option("--jobs", help="Campaign: worker processes, default one a core."),
-    ] = None,
-    dask: Annotated[
-        str | None,
-        typer.Option("--dask", metavar="ADDRESS", help="Campaign: scheduler of a dask cluster; "
-                     "whoever answers there runs code here."),
-    ] = None,
-    run: Annotated[
-        int | None,
-        typer.Option("--run", metavar="NUMBER", help="Campaign: this run alone, into a bag."),
-    ] = None,
-    profile: Annotated[
-        str | None,
-        typer.Option(
-            "--profile", "-p", metavar="NAME|FILE.yaml", show_default=DEFAULT_PROFILE,
-            help="Test profile: one of the kit's (step, extended), or a file.",
-        ),
-    ] = None,
-    effect: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--effect", "-e", metavar="NAME.PARAMETER=VALUE",
-            help="Effect to hide in the actuator; repeatable. 'ema effects' lists them.",
-        ),
-    ] = None,
-    model: Annotated[
-        Path | None,
-        typer.Option(
-            "--model", metavar="FILE.yaml",
-            help="Actuator parameters and effects: changes over the kit's.",
-        ),
-    ] = None,
-    seed: Annotated[
-        int, typer.Option("--seed", help="Of noise and start angle; same seed, same bytes.")
-    ] = 0,
-    noise: Annotated[
-        float, typer.Option("--noise", help="Factor on the sensor noise, 0 for none.")
-    ] = 1.0,
-    rate: Annotated[
-        float | None,
-        typer.Option("--rate", help="Samples a second, default those of the actuator."),
-    ] = None,
-    step: Annotated[
-        float | None,
-        typer.Option(
-            "--step", metavar="AMPLITUDE",
-            help="Instead of a profile: one step of this size (rad) from where the kit's profile "
-            "step begins.",
-        ),
-    ] = None,
-    start_angle: Annotated[
-        float | None,
-        typer.Option(
-            "--start-angle", metavar="RAD",
-            help="Electrical rotor angle at the start, default drawn from the seed.",
-        ),
-    ] = None,
-    serial_number: Annotated[
-        str, typer.Option("--serial-number", metavar="TEXT", help="Of the actuator.")
-    ] = "SIM-0000",
-    trace: Annotated[
-        Path | None,
-        typer.Option(
-            "--trace", metavar="FILE.csv",
-            help="Also write what no sensor sees: motor and shaft torque, surface speed.",
-        ),
-    ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option("--plot", metavar="DIR", help="Also plot the test, as PNG into DIR."),
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print a summary as JSON.")
-    ] = False,
+    out: Annotated[Path, typer.Option(
+        "--out", "-o", metavar="BAG", help="Directory to make.")],
+    campaign: Annotated[Path | None, typer.Option(
+        "--campaign", metavar="FILE.yaml",
+        help="Make all runs of a campaign; --out is the folder of its results.")] = None,
+    jobs: Annotated[int | None, typer.Option(
+        "--jobs", help="Campaign: worker processes, default one a core.")] = None,
+    dask: Annotated[str | None, typer.Option(
+        "--dask", metavar="ADDRESS", help="Campaign: scheduler of a dask cluster; whoever answers "
+        "there runs code here.")] = None,
+    run: Annotated[int | None, typer.Option(
+        "--run", metavar="NUMBER", help="Campaign: this run alone, into a bag.")] = None,
+    profile: Annotated[str | None, typer.Option(
+        "--profile", "-p", metavar="NAME|FILE.yaml", show_default=DEFAULT_PROFILE,
+        help="Test profile: one of the kit's (step, extended), or a file.")] = None,
+    effect: Effect = None,
+    model: Changes = None,
+    seed: Seed = 0,
+    noise: Noise = 1.0,
+    rate: Annotated[float | None, typer.Option(
+        "--rate", help="Samples a second, default those of the actuator.")] = None,
+    switching: Annotated[bool, typer.Option(
+        "--switching", help="Simulate each edge of a carrier (drives pwm and foc), not the means "
+        "of its periods; a relay's always are.")] = False,
+    step: Annotated[float | None, typer.Option(
+        "--step", metavar="AMPLITUDE", help="Instead of a profile: one step of this size (rad) "
+        "from where the kit's profile step begins.")] = None,
+    start_angle: Annotated[float | None, typer.Option(
+        "--start-angle", metavar="RAD",
+        help="Electrical rotor angle at the start, default drawn from the seed.")] = None,
+    serial_number: SerialNumber = "SIM-0000",
+    trace: Annotated[Path | None, typer.Option(
+        "--trace", metavar="FILE.csv",
+        help="Also write what no sensor sees: motor and shaft torque, surface speed.")] = None,
+    plot: Annotated[Path | None, typer.Option(
+        "--plot", metavar="DIR", help="Also plot the test, as PNG into DIR.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a summary as JSON.")] = False,
 ) -> int:
     """Run a test on the emulated actuator, without ROS, into a bag.
 
@@ -143,7 +95,7 @@ def simulate(
         result = simulate_traced(
             chosen, actuator=loaded.actuator, effects=effects, seed=seed, noise=noise, rate=rate,
             start_angle=start_angle, serial_number=serial_number, start_time=time.time_ns(),
-            trace=trace is not None or plot is not None,
+            trace=trace is not None or plot is not None, switching=switching,
         )
     wall = time.perf_counter() - begin
     written = write_bag(_named(result.record), out)
@@ -187,8 +139,8 @@ def _named(record: Record) -> Record:
 
 def _refuse_own_options(context: typer.Context, file: Path) -> None:
     """Raise UsageError for an option of a single run: the campaign's file gives them."""
-    for name in ("profile", "effect", "model", "seed", "noise", "rate", "step", "start_angle",
-                 "serial_number", "trace", "plot"):
+    for name in ("profile", "effect", "model", "seed", "noise", "rate", "switching", "step",
+                 "start_angle", "serial_number", "trace", "plot"):
         source = context.get_parameter_source(name)
         if source is not None and source.name != "DEFAULT":
             raise UsageError(

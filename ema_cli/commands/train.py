@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from ema_cli.console import check_new_file, note, print_json, progress_of, stdout
+from ema_cli.options import TrainingJobs
 
 
 def train(
@@ -17,8 +18,7 @@ def train(
         min=0, max=2**31 - 1, help="Of units, noise and initial weights.")] = 1,
     quick: Annotated[bool, typer.Option(
         "--quick", help="A small training in one to two minutes, to try the way.")] = False,
-    jobs: Annotated[int, typer.Option(
-        min=-1, max=256, help="Processes that simulate, -1 for all cores.")] = -1,
+    jobs: TrainingJobs = -1,
     work: Annotated[Path | None, typer.Option(
         help="Folder that keeps what was simulated: a training that was stopped goes on."
     )] = None,

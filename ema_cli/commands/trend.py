@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ema_cli.console import check_new_file, print_json, say
+from ema_cli.options import Baseline, Cascade, Commanded
 from ema_cli.views.flights import (
     draw_sequence,
     episode_text,
@@ -30,14 +31,9 @@ def trend(
     rule: Annotated[str, typer.Option(
         metavar="K/N", help="A fault is confirmed when K of the last N flights find it."
     )] = "2/3",
-    profile: Annotated[str | None, typer.Option(
-        help="The test that was commanded (name or YAML file), in place of the bags' own."
-    )] = None,
-    model: Annotated[Path | None, typer.Option(
-        help="Model file of 'ema train', in place of the kit's.")] = None,
-    baseline: Annotated[Path | None, typer.Option(
-        metavar="BAG", help="A healthy bag of the same actuator and test, from its acceptance: "
-        "sharpens the verdicts.")] = None,
+    profile: Commanded = None,
+    model: Cascade = None,
+    baseline: Baseline = None,
     plot: Annotated[Path | None, typer.Option(
         metavar="FILE.png", help="Plot severities, announcements and growth.")] = None,
     json: Annotated[bool, typer.Option(

@@ -17,9 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ema_cli.console import check_new, check_new_file, neutral
-from ema_prognostics.features.rebuild import completed
 from ema_prognostics.features.turns import TURN, Turns, paper_window, rotor_lines, whole_turns
-from ema_prognostics.paper.envelope import fold
+from ema_prognostics.paper.features import fold
 from ema_record.actuator import Actuator, load_actuator
 from ema_record.channels import (
     ALL,
@@ -32,6 +31,7 @@ from ema_record.channels import (
 from ema_record.errors import OutputError, RecordError
 from ema_record.files import cannot_write, new_file
 from ema_record.record import Record
+from ema_sim.rebuild import completed
 
 BLACK, ORANGE, GREEN = "#000000", "#E69F00", "#009E73"
 BLUE, VERMILION, GREY = "#0072B2", "#D55E00", "#7F7F7F"

@@ -8,7 +8,7 @@ import numpy as np
 
 from ema_identification.actuator.measure.segments import path
 from ema_identification.actuator.measure.signals import TURN
-from ema_record.channels import ALL, CHANNEL_NAMES, PHASE_CURRENTS, REFERENCE_CURRENTS
+from ema_record.channels import CHANNEL_NAMES, PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_record.errors import (
     IncompleteRecordError,
     InvalidRecordError,
@@ -68,11 +68,6 @@ def _check(record: Record, model: Model) -> None:
         raise IncompleteRecordError(
             f"{name}: {record.duration:.3g} s, at least {SHORTEST:g} s: too short to identify "
             "anything; run the profile 'extended'")
-    lacking = [CHANNEL_NAMES[c] for c in ALL if c not in record.columns]
-    if lacking:
-        raise InvalidRecordError(
-            f"{name}: not recorded: {', '.join(lacking)}: identify compares all channels; record "
-            "them too")
     bad = ~np.isfinite(record.samples).all(axis=0)
     if bad.any():
         raise InvalidRecordError(

@@ -9,6 +9,7 @@ import numpy as np
 
 from ema_identification.actuator.checks import check_records
 from ema_identification.actuator.measure.features import nominal_rate
+from ema_identification.actuator.measure.recorder import recorded_alike, whole
 from ema_identification.actuator.measure.runs import Progress, Runner, silent
 from ema_identification.actuator.measure.tolerances import align
 from ema_identification.actuator.naming.answer import Answer, stages_of
@@ -70,6 +71,10 @@ def identify_actuator(
     """
     from threadpoolctl import threadpool_limits
 
+    given = model
+    model = recorded_alike((*measured, *validate), given)
+    measured, validate = ([whole(record, model.actuator) for record in records]
+                          for records in (measured, validate))
     check_records(measured, validate, model, without)
     with threadpool_limits(limits=1):  # sums in one order: the last digit grows in limit cycles
         ready = _blocks(measured, model, signatures=True, seed=seed, workers=workers,
@@ -78,7 +83,7 @@ def identify_actuator(
                               progress=progress)
         runner = Runner(workers)
         held = evidence(held_blocks, runner) if held_blocks else None
-        return _identify(evidence(ready, runner), held, model, tuple(without), progress, seed)
+        return _identify(evidence(ready, runner), held, given, tuple(without), progress, seed)
 
 
 def _identify(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,6 +9,12 @@ from scipy import signal
 
 from ema_identification.rig.fit.model import Settings
 from ema_identification.rig.signals.clocks import earlier, response_band, speed_lag, speed_noise
+from ema_identification.rig.signals.plausible import (
+    GAP,
+    RUN,
+    check_columns,
+    check_input,
+)
 from ema_identification.rig.signals.trajectory import (
     Segment,
     Trajectory,
@@ -17,40 +22,16 @@ from ema_identification.rig.signals.trajectory import (
     low_pass,
     monotone_low_pass,
 )
-from ema_record.errors import IncompleteRecordError, InvalidRecordError, UsageError
-from ema_rig.record import DISTURBANCE, POSITION, SPEED, RigRecord
+from ema_identification.rig.signals.two_sides import between_the_sides
+from ema_record.errors import (
+    IncompleteRecordError,
+    InvalidRecordError,
+    RecordError,
+    UsageError,
+)
+from ema_rig.record import DISTURBANCE, OUTPUT_POSITION, POSITION, SPEED, RigRecord
 
 MIN_SAMPLES = 200
-TOLERANCE = 0.05
-"""Of the ratio of speed to the derivative of position."""
-
-FOLLOWS = 0.9
-"""Least correlation of the integral of the speed with the position."""
-STILL = 2.0
-"""Spread of a position over that of its steps; white noise has 0.7."""
-RUN = ("record a run with reversals and at least two speeds, for example a sine or trapezoids of "
-       "speed")
-
-_RATIOS = {
-    "rotary": {
-        60.0 / (2 * math.pi): "speed is in rev/min (rpm), not rad/s",
-        180.0 / math.pi: "speed is in deg/s, or position in units of 57.3 degrees less",
-        1.0 / (2 * math.pi): "speed is in rev/s, not rad/s",
-        math.pi / 180.0: "position is in degrees, not rad",
-        2 * math.pi: "position is in turns, not rad",
-        6.0: "speed is in rev/min (rpm) and position in degrees times 2 pi: check both",
-        1.0 / 6.0: "speed is in rev/min (rpm) and position in degrees",
-        60.0: "speed is in rev/min (rpm) and position in turns",
-    },
-    "linear": {
-        1000.0: "speed is in mm/s and position in m",
-        1e-3: "position is in mm and speed in m/s",
-        100.0: "speed is in cm/s and position in m",
-        0.01: "position is in cm and speed in m/s",
-        60.0: "speed is in m/min, not m/s",
-        1000.0 * 60.0: "speed is in mm/min, not m/s",
-    },
-}
 
 
 def too_short(record: RigRecord, why: str) -> IncompleteRecordError:
@@ -92,64 +73,6 @@ def check_record(record: RigRecord) -> None:
             )
 
 
-def check_units(record: RigRecord) -> None:
-    """Compare the speed with the derivative of the position, where both are measured.
-
-    Raises
-    ------
-    InvalidRecordError
-        Their ratio is not 1; the unit that it suggests is named.
-
-    """
-    if not (record.has(POSITION) and record.has(SPEED)):
-        return
-    time, position, speed = record.time, record.channel(POSITION), record.channel(SPEED)
-    travelled = np.concatenate(
-        [[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time))])
-    ratio, quality = _ratio(time, position, travelled)
-    if quality < FOLLOWS and np.std(position) < STILL * np.std(np.diff(position)):
-        raise InvalidRecordError(
-            f"{record.source}: no excitation: the position is noise about one place: {RUN}")
-    if not math.isfinite(ratio) or quality < FOLLOWS:
-        raise InvalidRecordError(
-            f"{record.source}: the speed does not follow the position (correlation of its "
-            f"integral {quality:.2f}, at least {FOLLOWS:g}): check the columns of the map"
-        )
-    if abs(ratio - 1.0) <= TOLERANCE:
-        return
-    if abs(ratio + 1.0) <= TOLERANCE:
-        raise InvalidRecordError(
-            f"{record.source}: speed and position have opposite signs: set 'scale: -1' for one "
-            "of them in the map"
-        )
-    known = _RATIOS[record.axis.motion]
-    near = min(known, key=lambda value: abs(math.log(abs(ratio) / value)))
-    guess = f": {known[near]}" if abs(abs(ratio) / near - 1.0) <= TOLERANCE else ""
-    raise InvalidRecordError(
-        f"{record.source}: the speed integrates to {ratio:.4g} times the position{guess}: "
-        "correct the unit or the scale in the map and import again"
-    )
-
-
-def _ratio(time: np.ndarray, position: np.ndarray, travelled: np.ndarray) -> tuple[float, float]:
-    """Return the slope of the travelled way against position, short-term, and its quality.
-
-    Differences over a hundredth of the record, so that a drift of the integral and noise of
-    the position matter little.
-    """
-    count = len(time)
-    lag = max(1, count // 200)
-    way = position[lag:] - position[:-lag]
-    own = travelled[lag:] - travelled[:-lag]
-    power = float(way @ way)
-    if power == 0.0:
-        return math.nan, 0.0
-    correlation = float(way @ own) / math.sqrt(power * float(own @ own) or 1.0)
-    return float(way @ own) / power, abs(correlation)
-
-
-GAP = 10.0
-"""Intervals longer than so many median ones cut the record; shorter ones are interpolated."""
 NOISE_RMS = 3.0
 """Speeds below so many times the noise of the speed count as standstill."""
 SMALLEST = 1e-3
@@ -179,6 +102,24 @@ def prepare(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
     """
     if not records:
         raise UsageError("no record: give at least one rig bag")
+    trajectory = _trajectory(records, settings)
+    for record in records:
+        own = trajectory if len(records) == 1 else _alone(record, trajectory)
+        if own is not None:
+            check_input(record, own, lambda record: _alone(record, trajectory))
+    return trajectory
+
+
+def _alone(record: RigRecord, trajectory: Trajectory) -> Trajectory | None:
+    """Return the trajectory of one record under the same filter, None where there is none."""
+    try:
+        return _trajectory([record], Settings(band=trajectory.band, gate=trajectory.gate))
+    except RecordError:
+        return None
+
+
+def _trajectory(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
+    """Return the trajectory of records of one axis, their inputs not looked at."""
     first = records[0]
     for record in records:
         if (record.axis.motion, record.axis.input) != (first.axis.motion, first.axis.input):
@@ -193,7 +134,7 @@ def prepare(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
     if not raw:
         raise too_short(first, "no stretch without a gap holds 64 samples")
     for record in records:
-        check_units(record)
+        check_columns(record)
     is_position = not first.has(SPEED)
     bands = [response_band(p["position" if is_position else "speed"], float(p["rate"]),
                            is_position=is_position) for p in raw]
@@ -202,6 +143,9 @@ def prepare(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
     quiet = speed_noise(bands[longest], is_position=is_position)
     if first.has(SPEED) and first.has(POSITION):
         _one_clock(raw, edge, bands[longest].motion, notes)
+    if first.has(POSITION) and first.has(OUTPUT_POSITION):
+        notes.append(between_the_sides([p for p in raw if OUTPUT_POSITION in p], edge,
+                                       first.axis.position_unit))
     segments = tuple(_segment(piece, edge, settings) for piece in raw)
     if sum(len(segment) for segment in segments) > MAX_SAMPLES:
         raise UsageError(

@@ -15,17 +15,16 @@ from ema_identification.result import (
     Formula,
     Identification,
     NamedEffect,
-    Outcome,
     Parameter,
     Shape,
-    after_validation,
 )
 from ema_identification.rig.fit.balance import Design, InputBalance, rms
 from ema_identification.rig.fit.estimates import parameters, without_modifiers
-from ema_identification.rig.fit.known import common_factor, known_balance
+from ema_identification.rig.fit.known import known_balance
 from ema_identification.rig.fit.model import RigModel, Settings, load_rig_model
 from ema_identification.rig.fit.regression import Blocks, fit, held_out, make_blocks
 from ema_identification.rig.fit.sign_flips import LEVEL_OF_CHANCE
+from ema_identification.rig.fit.visible import Check, what_shows
 from ema_identification.rig.laws import LAWS
 from ema_identification.rig.prepare import prepare
 from ema_identification.rig.report.panels import all_panels, unknown_panel
@@ -33,7 +32,6 @@ from ema_identification.rig.report.steps import Story, all_steps, updated_text
 from ema_identification.rig.report.words import (
     for_unknown,
     next_test,
-    one_direction,
     shape_words,
     signal_name,
     where,
@@ -44,17 +42,16 @@ from ema_identification.rig.search.alternatives import (
     standard_error,
     without_skew,
 )
-from ema_identification.rig.search.remainder import main_shape, portrait
+from ema_identification.rig.search.remainder import portrait
 from ema_identification.rig.search.search import Search, search
 from ema_identification.rig.search.shapes import freest_columns, smooth_shapes, waves_in_position
+from ema_identification.rig.verdict import outcome, reasons_of, unexplained
 from ema_record.errors import unknown_name
 from ema_rig.record import RigRecord
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and how much of all is (0 to 1)."""
 MAX_RIVALS = 8
-MUCH = 0.1
-"""Share of the input that is not explained without a word."""
 QUANTILE = 1.645
 """Standard errors of the noise floor that make its 95 % bound."""
 HIDEABLE = (*LAWS, "inertia_change")
@@ -72,6 +69,14 @@ class _Judge:
         if self.held:
             return rms(np.concatenate([balance.residual_on(d) for d in self.held]))
         return rms(balance.held_out(self.blocks))
+
+
+def check_rig(
+    measured: Sequence[RigRecord], model: str | Path | RigModel | None = None
+) -> Check:
+    """Return what records can show, before anything is fitted; raises as `identify_rig`."""
+    given = model if isinstance(model, RigModel) else load_rig_model(model)
+    return what_shows(prepare(measured, given.settings))
 
 
 @threadpool_limits.wrap(limits=1)  # threads of small products only wait for each other
@@ -137,7 +142,10 @@ def identify_rig(
     gaps = [judge.gap(balance) for balance in found.stages]
     floor, bound = _noise_floor(found, blocks, held)
     findings = _findings(found, blocks, gaps)
+    targets = [d.trajectory.target for d in held] or [trajectory.target]
     story = Story(trajectory=trajectory, blocks=blocks, start=start, found=found, gaps=gaps,
+                  size=rms(np.concatenate([target - target.mean() for target in targets])),
+                  check=what_shows(trajectory),
                   noise_floor=floor, noise_bound=bound, before=before,
                   notes=(*trajectory.notes, *skew_words(found.balance), *notes),
                   findings=findings, validated=len(validate))
@@ -248,15 +256,7 @@ def _identification(given: RigModel, story: Story) -> Identification:
     if found.unknown is not None:
         unknown = Shape(port=signal_name(trajectory), text=shape_words(found.unknown, trajectory),
                         panel=unknown_panel(found.unknown, trajectory))
-    verdict: Outcome = "no disagreement"
-    if story.findings:
-        verdict = "explained" if unknown is None else "partly explained"
-    elif unknown is not None:
-        verdict = "unknown effect"
-    said: tuple[str, ...] = ()
-    if story.validated:
-        verdict, said = after_validation(
-            verdict, story.gaps[0], story.gaps[-1], story.noise_bound, "the freest model's fit")
+    verdict, said = outcome(story)
     ambiguous = next((f for f in story.findings if f.equivalent), None)
     test = next_test((ambiguous.effect, *ambiguous.equivalent), trajectory) \
         if ambiguous is not None else None
@@ -273,7 +273,8 @@ def _identification(given: RigModel, story: Story) -> Identification:
         rivals=tuple(_candidate(t.name, t.score, t.p_value, None, t)
                      for t in found.last_trials[:MAX_RIVALS]),
         next_test=test, recalibrated=_recalibrated(story), unknown=unknown,
-        reasons=(*said, *_reasons(story)), steps=all_steps(story),
+        reasons=(*said, *reasons_of(story)), unexplained=unexplained(story),
+        steps=all_steps(story),
         panels=all_panels(found.stages[0], found.balance, found.unknown),
         model_text="" if verdict == "contradicted" else updated_text(given, story),
     )
@@ -287,37 +288,3 @@ def _recalibrated(story: Story) -> tuple[Parameter, ...]:
             continue
         found += parameters(story.found.balance, index, story.blocks)
     return tuple(found)
-
-
-def _reasons(story: Story) -> tuple[str, ...]:
-    reasons = list(story.notes)
-    one_way = one_direction(story.trajectory)
-    if one_way:
-        reasons.append(one_way)
-    if story.found.given_up:
-        reasons.append("given up, as they only stood in for a shape that no law holds: "
-                       + ", ".join(story.found.given_up))
-    factor = common_factor(story.start, story.found.balance)
-    if factor is not None:
-        reasons.append(
-            f"all known terms are {factor:.3g} times those of the model: a wrong gain of the "
-            f"{signal_name(story.trajectory)} looks the same; calibrate it with a known load")
-    reasons += _of_the_rest(story)
-    return tuple(reasons)
-
-
-def _of_the_rest(story: Story) -> list[str]:
-    """Return what is said of a remainder that is no unknown effect."""
-    if story.found.unknown is not None:
-        return []
-    trajectory = story.trajectory
-    minor = main_shape(story.found.left, 0.0)
-    if minor is not None:
-        return [f"no further law; a remainder of {100 * minor.share:.1f} % of the "
-                f"{signal_name(trajectory)} stays, its cause unknown: "
-                f"{shape_words(minor, trajectory)}"]
-    share = rms(story.found.balance.fit.residual) / rms(trajectory.target)
-    if share > MUCH:
-        return [f"{100 * share:.0f} % of the {signal_name(trajectory)} is not explained, and no "
-                "shape of it is more than chance: record longer, or with less noise"]
-    return []

@@ -13,10 +13,10 @@ from ema_prognostics.cascade.classes import (
     OUTPUTS,
     SEVERITY_OF,
     SHORTS,
+    kind_found,
 )
 from ema_prognostics.cascade.guard import build_guard
 from ema_prognostics.cascade.inputs import Inputs
-from ema_prognostics.cascade.known import kind_found
 from ema_prognostics.cascade.model_body import MemberPart, SeverityPart, ViewPart
 from ema_prognostics.features.vector import rotate
 from ema_prognostics.networks.network import logit

@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ema_prognostics.cascade.classes import KINDS_FOUND, probability_known, tail_probability
 from ema_prognostics.cascade.guard_groups import group_columns
 from ema_prognostics.cascade.inputs import SURFACE, input_names
-from ema_prognostics.cascade.known import KINDS_FOUND, probability_known, tail_probability
 from ema_prognostics.cascade.lines import DERIVED
 from ema_prognostics.cascade.model_body import GuardPart, LimitPart, ViewPart
 from ema_prognostics.features.vector import ABSOLUTE

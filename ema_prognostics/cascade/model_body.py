@@ -10,9 +10,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from ema_prognostics.cascade.classes import KINDS_FOUND, TAIL_RATES
 from ema_prognostics.cascade.guard_groups import group_columns
 from ema_prognostics.cascade.inputs import input_names
-from ema_prognostics.cascade.known import KINDS_FOUND, TAIL_RATES
 from ema_prognostics.cascade.lines import (
     ECCENTRIC_LINES,
     HARMONICS,
@@ -332,7 +332,13 @@ class Body(Part):
     paper: PaperPart | None
     discrepancy: dict[Literal["step", "extended"], DiscrepancyPart] = {}
     """By kind of test; empty: nothing is known of it."""
+    actuator: Annotated[str, Field(pattern="^([0-9a-f]{16})?$")] = ""
+    """Type that it was trained for, see `actuator_hash`; empty: a file of before it was told."""
     training: dict[str, Any]
+
+    def plain(self) -> dict[str, Any]:
+        """Return the body as plain values, as the file holds it."""
+        return self.model_dump(mode="json", exclude=None if self.actuator else {"actuator"})
 
     @classmethod
     def parse(cls, data: object, where: str) -> Body:

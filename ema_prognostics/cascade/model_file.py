@@ -19,6 +19,7 @@ from ema_prognostics.cascade.model_body import Body, PaperPart, View
 from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.paper.cascade import ANN_B_INPUTS, FAULTS, PaperCascade
 from ema_prognostics.paper.features import ANN_A_INPUTS
+from ema_record.actuator_type import actuator_hash, is_of_another_actuator
 from ema_record.errors import ModelError
 from ema_record.files import new_file, read_bounded
 from ema_record.kit import CASCADE, kit_name, kit_path
@@ -62,7 +63,7 @@ def model_of(body: Body, where: str = "model") -> TrainedModel:
         paper = None if body.paper is None else _paper_of(body.paper)
     except ValueError as error:
         raise ModelError(f"{where}: {error}: train again") from None
-    text = _canonical(body.model_dump(mode="json"))
+    text = _canonical(body.plain())
     return TrainedModel(body=body, cascades=cascades, paper=paper, sha256=_hash(text))
 
 
@@ -87,7 +88,7 @@ def _hash(text: str) -> str:
 
 def model_text(model: TrainedModel) -> str:
     """Return the model file as text."""
-    text = _canonical(model.body.model_dump(mode="json"))
+    text = _canonical(model.body.plain())
     return (
         f'{{"format":"{FORMAT}","version":{VERSION},"sha256":"{_hash(text)}",\n"body":{text}}}\n'
     )
@@ -102,7 +103,10 @@ def save_model(model: TrainedModel, path: str | Path) -> Path:
 
 
 def load_model(path: str | Path | None = None) -> TrainedModel:
-    """Return the model of a file, default the present kit's; ModelError in one line."""
+    """Return the model of a file, default the present kit's; ModelError in one line.
+
+    One that was trained for another type of actuator than the present kit's is refused.
+    """
     target = kit_path(CASCADE) if path is None else Path(path)
     if path is None and not target.exists():
         raise ModelError(f"{kit_name()} has no {CASCADE}: 'ema commission' makes it from records "
@@ -115,7 +119,13 @@ def load_model(path: str | Path | None = None) -> TrainedModel:
         raise ModelError(
             f"{target}: {error.strerror or error}: 'ema train --out FILE' makes one"
         ) from None
-    return parse_model(text, str(target))
+    model = parse_model(text, str(target))
+    if is_of_another_actuator(model.body.actuator):
+        raise ModelError(
+            f"{target}: trained for the actuator {model.body.actuator!r}, {kit_name()} describes "
+            f"{actuator_hash()!r}: give that actuator's kit (--kit DIR), or train for this one "
+            "('ema commission', 'ema train')")
+    return model
 
 
 def parse_model(text: str, where: str) -> TrainedModel:

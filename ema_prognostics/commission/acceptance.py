@@ -14,7 +14,6 @@ import numpy as np
 
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import ProfileKind, profile_kind
-from ema_prognostics.features.rebuild import present
 from ema_prognostics.verdict.judge import UNKNOWN_SERIAL, forbidden
 from ema_record.actuator import NOISE_RATE, Actuator
 from ema_record.bag.read import read_bag
@@ -27,6 +26,7 @@ from ema_record.channels import (
 )
 from ema_record.errors import RecordError, UsageError
 from ema_record.record import Record
+from ema_sim.rebuild import present
 
 MIN_RECORDS, MIN_UNITS = 4, 2
 """Fewest acceptance records, and units: a spread needs two units, a mean two records of each."""

@@ -56,9 +56,10 @@ def linear_bound(faults: FleetFeatures, healthy: FleetFeatures, *, own: bool) ->
                 break
             low, high = np.sqrt(SMALL / information), np.sqrt(LARGE / information)
             used = (size[there] >= low) & (size[there] <= high)
-            if np.count_nonzero(used) < FEWEST:
-                break
+            if np.count_nonzero(used) < FEWEST:  # such sizes are rare: those nearest to them
+                away = np.abs(np.log(size[there] / np.sqrt(low * high)))
+                used = away <= np.sort(away)[FEWEST - 1]
             information = float(np.median(power[used]))
-        else:
+        if information > 0.0:
             found[name] = wanted / float(np.sqrt(information))
     return found

@@ -1,28 +1,33 @@
 """The model corrected by acceptance records: parameters that make its features theirs.
 
 Units are drawn about the description as widely as a data sheet knows its parameters (`PRIORS`),
-each is tested in the simulator, and the parameters are regressed on the features: the linear
-Bayes estimate, cov(p, f) cov(f)⁻¹ (f − mean f), which weighs each feature by what it tells beside
-its own scatter (chaotic features have no usable slopes). Applied to the mean features of the
-records, and again about the estimate with what it leaves open. What then stays is not the
-parameters': the discrepancy.
+each is tested in the simulator, and the features are regressed on the parameters: their slopes.
+The estimate is that of the greatest posterior density, with the prior at the description and the
+scatter of the mean of so many units as error of a feature (Gelman et al., Bayesian Data Analysis,
+2013, 14.8); the slopes are taken again about the estimate. A feature that no parameters explain is
+not theirs: its error grows until it fits, and what stays is the discrepancy. Of the type is known
+what is known of the mean of these units, and as far as that mean may be from the type.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ema_prognostics.commission.acceptance import Acceptance
+from ema_prognostics.commission.estimate import estimate
+from ema_prognostics.commission.quality import fleet_spread
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import ProfileKind
+from ema_prognostics.training.fleet import FleetFeatures
 from ema_record.actuator import RELAY, TRAPEZOID, Actuator
 from ema_record.errors import EmaError, UsageError
 from ema_record.kit import kit_folder, use_kit
 from ema_record.profile import Profile
+from ema_record.spread import UnitTolerances, most_of
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
 
@@ -33,24 +38,39 @@ PRIORS: dict[str, float] = {
     "motor.back_emf_constant": 0.05, "motor.phase_resistance": 0.1,
     "motor.phase_inductance": 0.15, "control.position_gain": 0.1, "control.speed_limit": 0.01,
     "control.proportional_gain": 0.1, "control.integral_gain": 0.2, "inverter.hysteresis": 0.1,
-    "motor.flat_top": 0.05, "acquisition.reference_latency": 1.0,
-    "acquisition.command_latency": 1.0,
+    "motor.flat_top": 0.05, "acquisition.reference_latency": 0.5,
+    "acquisition.command_latency": 0.5,
 }
 """Standard deviation of what a description says: of the logarithm, of latencies in periods. A
 data sheet gives motor constants within their tolerance; friction and stiffness are assumed. Static
 friction varies beside the dynamic one, which moves both."""
+UNTOLD = 0.75
+"""Part of the prior that is left where the records tell next to nothing of a parameter."""
+TOLERANCE_OF = {
+    "resistance": ("motor.phase_resistance",), "inductance": ("motor.phase_inductance",),
+    "back_emf": ("motor.back_emf_constant",), "flat_top": ("motor.flat_top",),
+    "motor_friction": ("motor.dynamic_friction",),
+    "surface_friction": ("surface.dynamic_friction",),
+    "static_ratio": ("motor.static_friction", "surface.static_friction"),
+    "viscous_factor": ("motor.viscous_friction",), "inertia": ("motor.inertia",),
+    "stiffness": ("shaft.stiffness",), "damping": ("shaft.damping",),
+    "backlash": ("shaft.backlash",), "hysteresis": ("inverter.hysteresis",),
+    "control_gain": ("control.position_gain", "control.proportional_gain",
+                     "control.integral_gain"),
+}
+"""Parameters of each tolerance."""
 LATENCIES = ("acquisition.reference_latency", "acquisition.command_latency")
 RELAY_ONLY = ("inverter.hysteresis", "motor.phase_resistance", "motor.phase_inductance")
 """Only a relay's currents show them: others hide them behind their current control."""
 LOAD = "load"
 """The mean load of the records, in parts of the surface's friction, is estimated beside them."""
 LOAD_SPREAD = 0.15
-DRAWS = (200, 150, 150)
+DRAWS = (150, 120, 120)
 """Simulated tests of each round."""
-FOLDS, PENALTIES = 5, tuple(np.geomspace(0.2, 0.004, 16))
-"""Of the regression, on parameters of unit variance; the best by cross-validation."""
 NARROWER = 2.0
 """Of what a round leaves open: the spread of the next."""
+CLIP = 4.0
+"""Robust deviations beyond which features of a test are taken as those that far off."""
 CONDITIONS = ("temperature", "bus_voltage")
 
 
@@ -105,8 +125,7 @@ def parameters_of(actuator: Actuator) -> list[str]:
             continue
         if name == "motor.flat_top" and actuator.motor.back_emf != TRAPEZOID:
             continue
-        section, _, field = name.partition(".")
-        if name in LATENCIES or getattr(getattr(actuator, section), field) > 0.0:
+        if name in LATENCIES or _value(actuator, name) > 0.0:
             found.append(name)
     return found
 
@@ -175,42 +194,10 @@ def conditions_of(names: Sequence[str], mean: np.ndarray) -> list[str]:
             f"bus_voltage_change.change={place['bus_voltage'] - 1.0!r}"]
 
 
-def linear_bayes(
-    parameters: np.ndarray, features: np.ndarray, measured: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the linear Bayes estimate of the parameters, and what it leaves open.
-
-    Most of a hundred features say nothing of a parameter: least absolute shrinkage (Tibshirani
-    1996), where the plain covariance of two hundred draws would fit their noise.
-
-    Parameters
-    ----------
-    parameters : ndarray, shape (n, p). Of the draws.
-    features : ndarray, shape (n, d). Of their tests.
-    measured : ndarray, shape (d,).
-
-    Returns
-    -------
-    ndarray, shape (p,), the estimate; ndarray, shape (p,), standard deviation of its error.
-    """
-    from sklearn.linear_model import LassoCV
-
-    center, scale = np.median(features, axis=0), np.maximum(features.std(axis=0), 1e-9)
-    z = np.clip((features - center) / scale, -5.0, 5.0)
-    wanted = np.clip((measured - center) / scale, -5.0, 5.0)
-    found, error = [], []
-    for column in parameters.T:
-        unit = max(float(column.std()), 1e-9)
-        fit = LassoCV(cv=FOLDS, alphas=PENALTIES, max_iter=20_000, tol=1e-3).fit(
-            z, column / unit)
-        found.append(unit * float(fit.predict(wanted[None])[0]))
-        error.append(unit * float(np.sqrt(fit.mse_path_.mean(axis=1).min())))
-    return np.array(found), np.array(error)
-
-
 def calibrate(
-    acceptance: Acceptance, actuator: Actuator, spread: Callable[[list[str]], np.ndarray], *,
-    seed: int = 1, jobs: int = 1, progress: Callable[[float], None] = lambda _: None,
+    acceptance: Acceptance, actuator: Actuator, fleet: FleetFeatures,
+    tolerances: UnitTolerances, *, seed: int = 1, jobs: int = 1,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> Calibration:
     """Return the model corrected by the records.
 
@@ -218,8 +205,7 @@ def calibrate(
     ----------
     acceptance : the records.
     actuator : as described, the recorder as measured.
-    spread : gives the standard deviation of features, shape (d,), over healthy tests of the
-        described type, conditions included, by their names.
+    fleet, tolerances : healthy units of the described type, and how they differ.
     seed, jobs : of the draws; processes.
     progress : called with the part that is done.
     """
@@ -231,14 +217,18 @@ def calibrate(
     profile, kind = acceptance.records[0].profile, acceptance.kind
     conditions = conditions_of(names, mean)
     chosen = parameters_of(actuator)
-    scale = np.array([*(PRIORS[name] for name in chosen), LOAD_SPREAD])
-    x, wide = np.zeros(len(scale)), scale
+    prior = np.array([*(PRIORS[name] for name in chosen), LOAD_SPREAD])
+    x, wide = np.zeros(len(prior)), prior
     used = np.array([n not in CONDITIONS for n in names])
+    sigma = fleet_spread(names, fleet)
+    root = np.sqrt(len(np.unique(units)))
+    usual = _usual(actuator, tolerances)
+    least = np.array([-_value(usual, n) if n in LATENCIES else -np.inf for n in [*chosen, LOAD]])
     rng = np.random.default_rng([seed, 3])
     chunk = 8
     for turn, count in enumerate(DRAWS):
         steps = x + wide * np.clip(rng.standard_normal((count, len(x))), -2.0, 2.0)
-        runs = [(_candidate(actuator, chosen, row[:-1]),
+        runs = [(_candidate(usual, chosen, row[:-1]),
                  _settings(conditions, actuator, float(row[-1])), int(rng.integers(2**31)))
                 for row in steps]
         work = Parallel(n_jobs=jobs, return_as="generator")(
@@ -254,26 +244,76 @@ def calibrate(
             raise UsageError("the described actuator does not do its test in most simulations: "
                              "check torque, friction and control gains of the description")
         # Latencies are not below 0: what was simulated counts, not what was drawn.
-        taken = np.where([n in LATENCIES for n in [*chosen, LOAD]], np.maximum(steps, 0.0), steps)
-        x, left = linear_bayes(taken[done], found[done][:, used], mean[used])
-        wide = np.minimum(NARROWER * left, scale)
+        taken = np.maximum(steps, least)
+        features = _drawn_in(found[done][:, used])
+        x, left = estimate(taken[done], features, mean[used], prior, sigma[used] / root,
+                           len(np.unique(units)))
+        wide = np.minimum(NARROWER * left, prior)
     progress(1.0)
     corrected = _candidate(actuator, chosen, x[:-1])
-    sigma = spread(names)
-    off = [(mean - model_features(of, actuator, profile, kind, names,
+    off = [(mean - model_features(_usual(of, tolerances), actuator, profile, kind, names,
                                   _settings(conditions, actuator, load), range(6)).mean(axis=0))
            / sigma for of, load in ((actuator, 0.0), (corrected, float(x[-1])))]
+    units_own = _deviations(tolerances, actuator)
     return Calibration(
         actuator=corrected, changes=_changes(actuator, corrected, chosen), names=tuple(names),
-        open=dict(zip(chosen, map(float, left))), before=np.where(used, off[0], 0.0),
+        open={name: float(np.hypot(error, units_own.get(name, 0.0) / root))
+              for name, error in zip(chosen, left)}, before=np.where(used, off[0], 0.0),
         after=np.where(used, off[1], 0.0),
     )
+
+
+def _usual(actuator: Actuator, tolerances: UnitTolerances) -> Actuator:
+    """Return the unit in the middle of its type: latencies only grow from the type's."""
+    acquisition, more = actuator.acquisition, 0.5 * tolerances.latency
+    return actuator._replace(acquisition=acquisition._replace(
+        command_latency=acquisition.command_latency + more,
+        reference_latency=acquisition.reference_latency + more))
+
+
+def _deviations(tolerances: UnitTolerances, actuator: Actuator) -> dict[str, float]:
+    """Return the standard deviation of units by parameter, as `PRIORS`: they differ evenly."""
+    half = {**tolerances._asdict(), "viscous_factor": np.log(tolerances.viscous_factor),
+            "flat_top": tolerances.flat_top / actuator.motor.flat_top}
+    return {parameter: half[name] / np.sqrt(3.0)
+            for name, of in TOLERANCE_OF.items() for parameter in of}
+
+
+def _drawn_in(features: np.ndarray) -> np.ndarray:
+    """Return features, shape (n, d), of which far ones are drawn in."""
+    center, scale = np.median(features, axis=0), np.maximum(features.std(axis=0), 1e-9)
+    return np.asarray(center + scale * np.clip((features - center) / scale, -CLIP, CLIP))
+
+
+def wider(tolerances: UnitTolerances, nominal: Actuator, left: Mapping[str, float]
+          ) -> UnitTolerances:
+    """Return the tolerances about a model of which `left`, as `Calibration.open`, is not known.
+
+    Half widths whose variance is that of the units and of what is not known of their type. A
+    parameter of which the records tell next to nothing moves no feature, and its tolerance stays;
+    of several parameters of one tolerance the best known counts.
+    """
+    found = {}
+    for name, of in TOLERANCE_OF.items():
+        told = [left[n] for n in of if n in left and left[n] < UNTOLD * PRIORS[n]]
+        error = np.sqrt(3.0) * min(told, default=0.0)
+        old = getattr(tolerances, name)
+        if name == "viscous_factor":
+            new = np.exp(np.hypot(np.log(old), error))
+        else:
+            new = np.hypot(old, error * (nominal.motor.flat_top if name == "flat_top" else 1.0))
+        found[name] = float(f"{min(new, most_of(name)):.3g}") if error > 0.0 else old
+    return tolerances._replace(**found)
+
+
+def _value(actuator: Actuator, name: str) -> float:
+    section, _, field = name.partition(".")
+    return float(getattr(getattr(actuator, section), field))
 
 
 def _changes(old: Actuator, new: Actuator, names: Sequence[str]) -> dict[str, float]:
     found = {}
     for name in names:
-        section, _, field = name.partition(".")
-        was, now = (getattr(getattr(a, section), field) for a in (old, new))
-        found[name] = float(now) if name in LATENCIES else float(now / was)
+        was, now = _value(old, name), _value(new, name)
+        found[name] = now if name in LATENCIES else now / was
     return found

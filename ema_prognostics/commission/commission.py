@@ -30,10 +30,14 @@ from ema_prognostics.commission.bound import linear_bound
 from ema_prognostics.commission.calibrate import (
     Calibration,
     calibrate,
-    conditions_of,
-    model_features,
+    wider,
 )
-from ema_prognostics.commission.discrepancy import fit_discrepancy, widened, with_discrepancy
+from ema_prognostics.commission.discrepancy import (
+    expected,
+    fit_discrepancy,
+    widened,
+    with_discrepancy,
+)
 from ema_prognostics.commission.quality import (
     check_described,
     check_good,
@@ -47,10 +51,12 @@ from ema_prognostics.training.rates import rate
 from ema_prognostics.training.train_model import VALIDATION_SEED, TrainingSettings
 from ema_prognostics.training.view_training import train_view
 from ema_record.actuator import FORMERLY, Actuator, load_actuator, with_values
-from ema_record.actuator_type import actuator_hashes
+from ema_record.actuator_type import actuator_hash, actuator_hashes
 from ema_record.errors import EmaError, OutputError, UsageError
 from ema_record.files import exists
-from ema_record.kit import ACTUATOR, CASCADE, PROFILES, REPORT, VALIDATION, using_kit
+from ema_record.kit import ACTUATOR, CASCADE, LIBRARY, PROFILES, REPORT, VALIDATION, using_kit
+from ema_record.record import Record
+from ema_record.spread import UnitTolerances, load_spread
 from ema_record.version import VERSION
 from ema_sim.effects import Effects
 from ema_sim.model_file import Model
@@ -58,12 +64,16 @@ from ema_sim.model_file import Model
 FULL = TrainingSettings(units=700, healthy=900, validation=150, validation_healthy=400)
 QUICK = TrainingSettings(units=120, healthy=200, validation=40, validation_healthy=100,
                          hidden=12, iterations=120)
-SPREAD_UNITS = 24
-"""Healthy units from which the spread of the features is read before the model is corrected."""
+SPREAD_UNITS = 48
+"""Healthy units from which the scatter of the features is read before the model is corrected."""
 WIDEN = 2.0
 """Most by which the guard's limits are widened so that they hold the acceptance records that
 were left out: beyond, it is not the recorder that is unlike the model."""
+LIBRARY_SHARE, LIBRARY_PARTS = (0.80, 0.98), 3
+"""Of the whole, for the library; it has so many parts."""
 Progress = Callable[[str, float], None]
+MakeLibrary = Callable[[Record, Path, Progress], None]
+"""Makes the library of the present kit for such records in a folder, and goes on where it was."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,6 +93,7 @@ class Commissioning:
 def commission(
     paths: Sequence[str | Path], description: str | Path, out: str | Path, *, quick: bool = False,
     seed: int = 1, jobs: int = -1, progress: Progress = lambda _what, _part: None,
+    library: MakeLibrary | None = None,
 ) -> Commissioning:
     """Make a kit.
 
@@ -95,6 +106,7 @@ def commission(
     seed : of the training.
     jobs : processes that simulate, -1 for all cores.
     progress : called with what goes on and how much of the whole is done, 0 to 1.
+    library : makes the library for `ema identify`; None: it is made at its first use.
 
     Raises
     ------
@@ -109,13 +121,13 @@ def commission(
         raise exists(target)
     draft = target.with_name(target.name + ".unfinished")
     progress("reading the description", 0.0)
-    make_draft(Path(description), draft)
     try:
+        make_draft(Path(description), draft)
         with using_kit(draft):
             actuator = load_actuator()
             acceptance = read_acceptance(paths, actuator)
             found = _Work(acceptance, draft, quick=quick, seed=seed, jobs=jobs,
-                          progress=progress).run(actuator)
+                          progress=progress, library=library).run(actuator)
     except EmaError:
         if not (draft / "work").is_dir():  # nothing that a second run could take up
             shutil.rmtree(draft, ignore_errors=True)
@@ -134,7 +146,6 @@ def make_draft(description: Path, draft: Path) -> None:
     The tests are those beside the description, or made for the actuator.
     """
     from ema_record.profiles.text import write_profiles
-    from ema_record.spread import load_spread
 
     if not description.is_file():
         raise UsageError(f"{description}: no such file: 'ema new-actuator' writes one from a "
@@ -145,8 +156,12 @@ def make_draft(description: Path, draft: Path) -> None:
     except OSError as error:
         raise OutputError(f"{draft}: {error.strerror or error}: choose another folder") from None
     with using_kit(draft):
-        actuator = load_actuator()
-        load_spread()
+        try:
+            actuator = load_actuator()
+            load_spread()
+        except UsageError as error:
+            copy = str(draft.resolve() / ACTUATOR)
+            raise UsageError(str(error).replace(copy, str(description))) from None
         beside = description.parent / PROFILES
         if beside.is_dir():
             shutil.copytree(beside, draft / PROFILES, dirs_exist_ok=True)
@@ -158,11 +173,11 @@ class _Work:
     """One commissioning at work."""
 
     def __init__(self, acceptance: Acceptance, draft: Path, *, quick: bool, seed: int, jobs: int,
-                 progress: Progress) -> None:
+                 progress: Progress, library: MakeLibrary | None) -> None:
         self._acceptance, self._draft = acceptance, draft
         self._size = QUICK if quick else FULL
         self._quick, self._seed, self._jobs = quick, seed, jobs
-        self._progress = progress
+        self._progress, self._library = progress, library
         self._folder = draft / "work"
 
     def run(self, described: Actuator) -> dict[str, Any]:
@@ -170,16 +185,19 @@ class _Work:
         kind = self._acceptance.kind
         recorder = measured_recorder(described, self._acceptance.records)
         self._write_actuator(recorder)
+        described_fleet = self._fleet(recorder, "spread of the type", SPREAD_UNITS,
+                                      self._seed + 2, healthy=True, begin=0.0, end=0.02)
+        tolerances = load_spread().tolerances
         calibration = calibrate(
-            self._acceptance, recorder, self._spread_of(recorder), seed=self._seed,
+            self._acceptance, recorder, described_fleet, tolerances, seed=self._seed,
             jobs=self._jobs,
             progress=lambda part: self._progress("correcting the model", 0.02 + 0.13 * part))
-        actuator = calibration.actuator
-        self._write_actuator(actuator)
+        tolerances = wider(tolerances, calibration.actuator, calibration.open)
+        self._write_actuator(calibration.actuator, tolerances)
         actuator = load_actuator()  # the numbers as they are written
         faults, healthy, held, held_healthy = self._fleets(actuator)
         names, rows = self._acceptance.features(actuator)
-        model, spread = self._model(actuator, names, rows), fleet_spread(names, healthy)
+        model, spread = expected(healthy, names, rows), fleet_spread(names, healthy)
         check_described(names, rows, model, spread)
         units = self._acceptance.units
         discrepancy = fit_discrepancy(names, rows, units, model, spread)
@@ -205,10 +223,11 @@ class _Work:
         check_good(found)
         body = Body(
             views={f"{kind}/{view}": part for view, part in views.items()}, paper=None,
-            discrepancy={kind: discrepancy},
+            discrepancy={kind: discrepancy}, actuator=actuator_hash(),
             training={"seed": self._seed, "quick": self._quick, "software_version": VERSION,
                       "settings": asdict(self._size), "held_out": held_out},
         )
+        found["library"] = self._make_library()
         self._progress("writing the kit", 0.98)
         (self._draft / CASCADE).unlink(missing_ok=True)
         model_file = model_of(body)
@@ -218,11 +237,29 @@ class _Work:
         write_report(found, self._draft / REPORT)
         return found
 
-    def _write_actuator(self, actuator: Actuator) -> None:
+    def _make_library(self) -> bool:
+        """Make the kit's library for such records as the first; return whether one is made."""
+        if self._library is None:
+            return False
+        begin, end = LIBRARY_SHARE
+        part = -1
+        last = ""
+
+        def step(what: str, share: float) -> None:
+            nonlocal part, last
+            part, last = part + (what != last), what
+            done = min((part + share) / LIBRARY_PARTS, 1.0)
+            self._progress(f"library: {what}", begin + (end - begin) * done)
+
+        self._library(self._acceptance.records[0], self._draft / LIBRARY, step)
+        return True
+
+    def _write_actuator(self, actuator: Actuator, tolerances: UnitTolerances | None = None
+                        ) -> None:
         """Write the description with other values; the hashes of what it was are kept with it."""
         file = self._draft / ACTUATOR
         former = actuator_hashes()
-        text = with_values(file.read_text(encoding="utf-8"), actuator)
+        text = with_values(file.read_text(encoding="utf-8"), actuator, tolerances)
         lines = [line for line in text.splitlines() if not line.startswith(f"{FORMERLY}:")]
         lines.append(f"{FORMERLY}: {json.dumps(list(former))}  # of the records taken with it")
         file.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -238,14 +275,6 @@ class _Work:
             folder=self._folder, model=Model(actuator, Effects()),
             progress=self._simulated(what, begin, end))
 
-    def _spread_of(self, actuator: Actuator) -> Callable[[list[str]], np.ndarray]:
-        def spread(names: list[str]) -> np.ndarray:
-            fleet = self._fleet(actuator, "spread of the type", SPREAD_UNITS, self._seed + 2,
-                                healthy=True, begin=0.0, end=0.02)
-            return fleet_spread(names, fleet)
-
-        return spread
-
     def _fleets(self, actuator: Actuator) -> tuple[FleetFeatures, ...]:
         size, other = self._size, self._seed + VALIDATION_SEED
         return (
@@ -259,11 +288,6 @@ class _Work:
                         healthy=True, begin=0.64, end=0.70),
         )
 
-    def _model(self, actuator: Actuator, names: list[str], rows: np.ndarray) -> np.ndarray:
-        return model_features(
-            actuator, actuator, self._acceptance.records[0].profile, self._acceptance.kind, names,
-            conditions_of(names, rows.mean(axis=0)), range(100, 112)).mean(axis=0)
-
     def _views(self, faults: FleetFeatures, healthy: FleetFeatures, discrepancy: DiscrepancyPart
                ) -> dict[View, ViewPart]:
         faults, healthy = (with_discrepancy(f, discrepancy, self._seed) for f in (faults, healthy))
@@ -274,7 +298,7 @@ class _Work:
                 faults, healthy, self._acceptance.kind, view, seed=self._seed,
                 hidden=self._size.hidden, iterations=self._size.iterations,
                 progress=lambda what, v=view, a=at: self._progress(  # type: ignore[misc]
-                    f"network {what}, {v}", 0.70 + 0.12 * a))
+                    f"network {what}, {v}", 0.70 + 0.05 * a))
         return parts
 
     def _left_out(self, fleet: Cascade, names: list[str], rows: np.ndarray, model: np.ndarray,
@@ -289,7 +313,7 @@ class _Work:
         found, widest = [], 0.0
         for row, unit in zip(rows, units):
             others = units != unit
-            left = fit_discrepancy(names, rows[others], units[others], model, spread)
+            left = fit_discrepancy(names, rows[others], units[others], model[others], spread)
             x = corrected_row(dict(zip(names, row)), fleet.view.names, left)
             detection = fleet.find(x)[0]
             found.append(outcome_of(detection))
@@ -316,6 +340,7 @@ class _Work:
             "largest_before": largest(calibration.names, calibration.before),
             "largest_after": largest(calibration.names, calibration.after),
             "discrepancy": dict(zip(discrepancy.names, discrepancy.mean)),
+            "spread": {name: part._asdict() for name, part in load_spread()._asdict().items()},
             "held_out": held_out,
             "actuator": {name: part._asdict()
                          for name, part in calibration.actuator._asdict().items()},

@@ -27,10 +27,10 @@ def check_described(
     Parameters
     ----------
     names : of the features, (d,).
-    rows : ndarray, shape (n, d). Of the records.
-    model, spread : ndarray, shape (d,). Of the corrected model and of healthy tests.
+    rows, model : ndarray, shape (n, d). Of the records and of the corrected model.
+    spread : ndarray, shape (d,). Over healthy tests.
     """
-    off = np.abs(rows.mean(axis=0) - model) / spread
+    off = np.abs((rows - model).mean(axis=0)) / spread
     off[[n.startswith(NOT_SHIFTED) for n in names]] = 0.0
     if np.count_nonzero(off > WORST) > MOST_BEYOND:
         worst = [f"{feature_words(names[k])} by {off[k]:.0f}" for k in np.argsort(-off)[:3]]

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ema_prognostics.features.rebuild import completed, present
 from ema_record.actuator import Actuator, load_actuator
 from ema_record.channels import (
     MOTOR_SPEED,
@@ -25,6 +24,7 @@ from ema_record.errors import IncompleteRecordError
 from ema_record.record import Record
 from ema_sim.effects.winding_temperature import REFERENCE, WindingTemperature
 from ema_sim.plant.electrical import THIRD, unit_back_emf
+from ema_sim.rebuild import completed, present
 
 GUARD_TIME = 1e-3
 """Left out before the inverter switches on (s)."""

@@ -8,9 +8,15 @@ from typing import Any
 import numpy as np
 
 from ema_prognostics.paper.cascade import ANN_B_INPUTS, FAULTS, FaultName, level_target
-from ema_prognostics.paper.experiment import FeatureSet, PaperExperiment, draw, paper_window_of
+from ema_prognostics.paper.experiment import (
+    NOISE_LEVELS,
+    REFERENCE_RATE,
+    FeatureSet,
+    PaperExperiment,
+    draw,
+    paper_window_of,
+)
 from ema_prognostics.paper.features import ANN_A_INPUTS
-from ema_prognostics.paper.noise import NOISE_LEVELS, REFERENCE_RATE
 from ema_prognostics.paper.statements import check_statements
 from ema_record.kit import share_path
 from ema_record.yaml_file import load_yaml

@@ -64,6 +64,7 @@ class Unit:
     current_gains: tuple[float, float]
     """Proportional and integral, of a current control by pulse width."""
     hysteresis: float
+    backlash: float
     latency: tuple[float, float]
     """Of command and reference, added (control periods)."""
     recorder: Recorder
@@ -125,7 +126,8 @@ def draw_unit(rng: np.random.Generator, spread: UnitTolerances) -> Unit:
         stiffness=one(spread.stiffness), damping=one(spread.damping),
         gains=_three(rng, spread.control_gain),
         current_gains=_two(rng, -spread.control_gain, spread.control_gain),
-        hysteresis=one(spread.hysteresis), latency=_two(rng, 0.0, spread.latency),
+        hysteresis=one(spread.hysteresis), backlash=one(spread.backlash),
+        latency=_two(rng, 0.0, spread.latency),
         recorder=_recorder(rng, RECORDER_SHARE),
     )
 
@@ -185,7 +187,8 @@ def actuator_of(nominal: Actuator, unit: Unit, conditions: RunConditions) -> Act
             dynamic_friction=dry_s, static_friction=dry_s * over_s,
         ),
         shaft=shaft._replace(stiffness=shaft.stiffness * (1.0 + unit.stiffness),
-                             damping=shaft.damping * (1.0 + unit.damping)),
+                             damping=shaft.damping * (1.0 + unit.damping),
+                             backlash=shaft.backlash * (1.0 + unit.backlash)),
         control=control._replace(
             position_gain=control.position_gain * (1.0 + unit.gains[0]),
             proportional_gain=control.proportional_gain * (1.0 + unit.gains[1]),

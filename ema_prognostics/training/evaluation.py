@@ -57,6 +57,8 @@ def evaluate(
         result[name] = {
             "detected": _plain(rate(found)), "right class of detected": _plain(rate(right)),
             "interval coverage": _plain(rate(inside)),
+            **({"right phase": _plain(rate(_phases(detections, campaign, only, columns)))}
+               if name == CLASS_OF[SHORTS[0]] else {}),
             "median relative error": round(float(np.median(error)), 4) if error else None,
             **{key: None if curve is None or value > mine.max() else float(f"{value:.3g}")
                for key, value in (("a90", curve and curve.a90), ("a90/95", curve and curve.a90_95))
@@ -83,6 +85,18 @@ def _judge(
     _, x = view_inputs(campaign, "baseline")
     detections = own.find(x)
     return detections, ["unknown" if g else outcome_of(f) for g, f in zip(guarded, detections)]
+
+
+def _phases(
+    detections: list[Detection], campaign: FleetFeatures, rows: np.ndarray, columns: list[int]
+) -> list[bool]:
+    """Return whether the phase is right, where a short is there and named."""
+    found = []
+    for k in np.flatnonzero(rows):
+        said = [output for output in detections[k].outputs if output in SHORTS]
+        if said:
+            found.append(said[0] == OUTPUTS[columns[int(campaign.severity[k, columns].argmax())]])
+    return found
 
 
 def _severities(

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ema_prognostics.cascade.classes import KINDS_FOUND, TAIL_RATES
 from ema_prognostics.cascade.guard import (
     ALONE,
     FLOOR,
@@ -20,7 +21,6 @@ from ema_prognostics.cascade.guard import (
     squeeze,
 )
 from ema_prognostics.cascade.guard_groups import group_columns
-from ema_prognostics.cascade.known import KINDS_FOUND, TAIL_RATES
 from ema_prognostics.cascade.model_body import (
     GroupPart,
     GuardPart,

@@ -60,6 +60,10 @@ ORIGIN = {"friction": 1.0, "motor_friction": 1.0, "surface_friction": 1.0}
 training itself."""
 
 
+LARGEST_LOG = 700.0
+"""Of a severity: a curve that hardly rises has its bound beyond all numbers."""
+
+
 def detection_curve(
     severity: np.ndarray, found: np.ndarray, origin: float = 0.0
 ) -> DetectionCurve | None:
@@ -96,6 +100,7 @@ def detection_curve(
     u = (target - b[0]) / b[1]
     gradient = np.array([-1.0 / b[1], -u / b[1]])
     error = float(np.sqrt(gradient @ covariance @ gradient))
-    a90, bound = (float(np.exp(center + scale * v)) - origin for v in (u, u + 1.645 * error))
+    a90, bound = (float(np.exp(min(center + scale * v, LARGEST_LOG))) - origin
+                  for v in (u, u + 1.645 * error))
     slope = b[1] / scale
     return DetectionCurve(float(b[0] - slope * center), float(slope), a90, bound, origin)

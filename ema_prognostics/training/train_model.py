@@ -17,6 +17,7 @@ from ema_prognostics.training.evaluation import evaluate
 from ema_prognostics.training.fleet import FleetFeatures, simulate_fleets
 from ema_prognostics.training.training_jobs import VIEWS, TrainingFleets, train_views
 from ema_record.actuator import RELAY, TRAPEZOID, load_actuator
+from ema_record.actuator_type import actuator_hash
 from ema_record.profile import profile_names
 from ema_record.version import VERSION
 from ema_sim.model_file import Model
@@ -100,6 +101,7 @@ def train_model(
                           "baseline": evaluate(fleet, own, held[kind], sound[kind])}
     body = Body(
         views=views, paper=None if trained.paper is None else _paper_part(trained.paper),
+        actuator=actuator_hash(),
         training={
             "seed": seed, "quick": quick, "software_version": VERSION,
             "settings": asdict(size), "held_out": held_out,

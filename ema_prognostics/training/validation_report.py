@@ -6,7 +6,7 @@ from typing import Any
 
 from ema_prognostics.cascade.classes import FAULTS, UNITS
 from ema_prognostics.cascade.model_file import TrainedModel
-from ema_prognostics.words import scaled
+from ema_prognostics.words import size
 
 
 def _percent(found: dict[str, Any]) -> str:
@@ -15,11 +15,6 @@ def _percent(found: dict[str, Any]) -> str:
     value = 100.0 * found["count"] / found["total"]
     return (f"{value:.2f} % ({found['count']} of {found['total']}; "
             f"{100 * found['lower']:.2f} to {100 * found['upper']:.2f})")
-
-
-def _severity(name: str, value: float | None) -> str:
-    scale, unit = scaled(name)
-    return "-" if value is None else f"{scale * value:.3g} {unit}"
 
 
 def validation_data(model: TrainedModel) -> dict[str, Any]:
@@ -61,7 +56,7 @@ def validation_report(model: TrainedModel) -> str:
                 error = f["median relative error"]
                 lines.append(
                     f"| {name} (in {UNITS[name]}) | {_percent(f['detected'])} | "
-                    f"{_severity(name, f['a90/95'])} | {_percent(f['right class of detected'])} | "
+                    f"{size(name, f['a90/95'])} | {_percent(f['right class of detected'])} | "
                     f"{_percent(f['interval coverage'])} | "
                     f"{'-' if error is None else f'{100 * error:.1f} %'} |"
                 )

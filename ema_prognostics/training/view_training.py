@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ema_prognostics.cascade.classes import FAMILIES, FAMILY_OF, OUTPUTS, SEVERITY_OF
+from ema_prognostics.cascade.classes import FAMILIES, FAMILY_OF, OUTPUTS, SEVERITY_OF, kind_found
 from ema_prognostics.cascade.find import Cascade
 from ema_prognostics.cascade.guard import LOG_SIZES
 from ema_prognostics.cascade.inputs import ITSELF, Inputs, derive, group_inputs, input_names
-from ema_prognostics.cascade.known import kind_found
 from ema_prognostics.cascade.lines import LineFilter, fit_line_filter
 from ema_prognostics.cascade.model_body import (
     FamilyPart,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -35,6 +35,7 @@ class BagFiles(NamedTuple):
     """``""`` or ``zstd``: of each message, inside its file."""
     counts: dict[str, int]
     """Messages by topic as ``metadata.yaml`` says; empty where it does not."""
+    storage: str = "mcap"
 
 
 class StoredMessage(NamedTuple):
@@ -54,8 +55,15 @@ class BagContent:
     topics: set[str] = field(default_factory=set)
 
 
-def find_files(path: Path) -> BagFiles:
-    """Return the MCAP files of a rosbag2 directory, or of an ``.mcap`` file itself.
+def find_files(path: Path, storages: Sequence[str] = ("mcap",)) -> BagFiles:
+    """Return the files of a rosbag2 directory, or of an ``.mcap`` or ``.db3`` file itself.
+
+    Parameters
+    ----------
+    path : Path
+        The directory or file.
+    storages : sequence of str
+        Those that are read: ``mcap``, ``sqlite3``.
 
     Raises
     ------
@@ -67,19 +75,19 @@ def find_files(path: Path) -> BagFiles:
     """
     try:
         if path.is_dir():
-            return _files_of_directory(path)
+            return _files_of_directory(path, storages)
         if path.is_file():
-            return BagFiles([path], "", {})
+            return BagFiles([path], "", {}, "sqlite3" if path.suffix == ".db3" else "mcap")
         exists = path.exists()
     except OSError as error:
-        raise _unreadable(path, error) from None
+        raise unreadable(path, error) from None
     what = "neither a file nor a directory" if exists else "no such file or directory"
     raise InvalidRecordError(f"{path}: {what}: give a rosbag2 directory or an .mcap file")
 
 
-def _files_of_directory(path: Path) -> BagFiles:
+def _files_of_directory(path: Path, storages: Sequence[str]) -> BagFiles:
     if (path / METADATA_FILE).is_file():
-        return _files_of_metadata(path)
+        return _files_of_metadata(path, storages)
     if any(p.name.endswith(MCAP_SUFFIXES) for p in path.iterdir()):
         raise IncompleteRecordError(
             f"{path}: no {METADATA_FILE}, which is written last: the recording was cut; record "
@@ -91,7 +99,7 @@ def _files_of_directory(path: Path) -> BagFiles:
     )
 
 
-def _files_of_metadata(path: Path) -> BagFiles:
+def _files_of_metadata(path: Path, storages: Sequence[str]) -> BagFiles:
     place = path / METADATA_FILE
     try:
         data = load_yaml(place)
@@ -105,10 +113,10 @@ def _files_of_metadata(path: Path) -> BagFiles:
             "relative_file_paths: not written by rosbag2, or damaged"
         )
     storage = information.get("storage_identifier")
-    if storage != "mcap":
+    if storage not in storages:
         raise InvalidRecordError(
-            f"{path}: storage {str(storage)[:40]!r}, expected 'mcap': convert it with 'ros2 bag "
-            "convert' or 'rosbags-convert'"
+            f"{path}: storage {str(storage)[:40]!r}, expected {' or '.join(map(repr, storages))}: "
+            "convert it with 'ros2 bag convert' or 'rosbags-convert'"
         )
     mode = str(information.get("compression_mode") or "").lower()
     method = str(information.get("compression_format") or "").lower()
@@ -122,7 +130,7 @@ def _files_of_metadata(path: Path) -> BagFiles:
         if not file.is_file():
             raise InvalidRecordError(f"{file}: named by {METADATA_FILE} and missing: copy it too")
     refuse_links(path, paths)
-    return BagFiles(paths, "zstd" if mode == "message" else "", _counts(information))
+    return BagFiles(paths, "zstd" if mode == "message" else "", _counts(information), storage)
 
 
 def refuse_links(bag: Path, files: list[Path]) -> None:
@@ -166,7 +174,7 @@ def read_content(
     content = BagContent()
     for file in files.paths:
         try:
-            with _opened(file) as (stream, size):
+            with opened(file) as (stream, size):
                 mcap = McapStream(stream, size, str(file), topics, validate_crcs)
                 for item in mcap:
                     if isinstance(item, McapMetadata):
@@ -185,7 +193,7 @@ def read_content(
                 _check_types(mcap, topics)
                 content.topics.update(channel.topic for channel in mcap.channels)
         except OSError as error:
-            raise _unreadable(file, error) from None
+            raise unreadable(file, error) from None
     for topic in topics & files.counts.keys():
         read = len(content.messages.get(topic, []))
         if read < files.counts[topic]:
@@ -222,7 +230,7 @@ def _check_types(mcap: McapStream, topics: frozenset[str]) -> None:
 
 
 @contextmanager
-def _opened(file: Path) -> Iterator[tuple[IO[bytes], int]]:
+def opened(file: Path) -> Iterator[tuple[IO[bytes], int]]:
     """Open a file; one that is compressed as a whole is unpacked in memory."""
     with file.open("rb") as stream:
         if file.name.endswith(".zstd"):
@@ -237,7 +245,8 @@ def _opened(file: Path) -> Iterator[tuple[IO[bytes], int]]:
             yield stream, file.stat().st_size
 
 
-def _unreadable(path: Path, error: OSError) -> InvalidRecordError:
+def unreadable(path: Path, error: OSError) -> InvalidRecordError:
+    """Return the error for a file that the operating system does not give."""
     return InvalidRecordError(
         f"{path}: cannot be read ({error.strerror or error}): check its permissions"
     )

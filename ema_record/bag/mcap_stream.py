@@ -46,12 +46,16 @@ _BOUNDS = {
 
 
 class McapChannel(NamedTuple):
-    """A channel and the name of its schema."""
+    """A channel and its schema."""
 
     topic: str
     message_encoding: str
     schema_name: str
     metadata: dict[str, str]
+    schema_encoding: str = ""
+    """``ros2msg``, ``ros2idl``, ..."""
+    schema: bytes = b""
+    """The definition of the type."""
 
 
 class McapMessage(NamedTuple):
@@ -102,7 +106,7 @@ class McapStream:
     _crc: int = 0
     _total: int = 0
     _data_end: bool = False
-    _schemas: dict[int, str] = field(default_factory=dict)
+    _schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
     _channels: dict[int, McapChannel] = field(default_factory=dict)
 
     def __iter__(self) -> Iterator[McapMessage | McapMetadata]:
@@ -247,14 +251,17 @@ class McapStream:
                 yield McapMessage(channel, log_time, publish_time, body[_MESSAGE.size:])
         elif opcode == Opcode.SCHEMA:
             (number,) = struct.unpack_from("<H", body)
-            self._schemas[number] = _text(body, 2)[0]
+            name, at = _text(body, 2)
+            encoding, at = _text(body, at)
+            (length,) = struct.unpack_from("<I", body, at)
+            self._schemas[number] = name, encoding, bytes(body[at + 4:at + 4 + length])
         elif opcode == Opcode.CHANNEL:
             number, schema = struct.unpack_from("<HH", body)
             topic, at = _text(body, 4)
             encoding, at = _text(body, at)
             values = _text_map(body, at)
-            name = self._schemas.get(schema, "")
-            self._channels[number] = McapChannel(topic, encoding, name, values)
+            name, kind, definition = self._schemas.get(schema, ("", "", b""))
+            self._channels[number] = McapChannel(topic, encoding, name, values, kind, definition)
         elif opcode == Opcode.METADATA:
             name, at = _text(body, 0)
             yield McapMetadata(name, _text_map(body, at))

@@ -18,7 +18,7 @@ import numpy as np
 
 from ema_record.actuator import load_actuator
 from ema_record.bag.compression import unpack_zstd_part
-from ema_record.bag.container import MCAP_SUFFIXES, METADATA_FILE, refuse_links
+from ema_record.bag.container import MCAP_SUFFIXES, METADATA_FILE, find_files, refuse_links
 from ema_record.bag.mcap_stream import McapMessage, McapMetadata, McapStream
 from ema_record.bag.metadata import END, START, is_intact, read_test_metadata
 from ema_record.bag.writer import BagWriter
@@ -308,19 +308,19 @@ def _files(path: Path, found: Salvage) -> list[Path]:
 
     if path.is_file():
         return [path]
-    if not path.is_dir():
-        raise InvalidRecordError(
-            f"{path}: no such file or directory: give a rosbag2 directory or an .mcap file"
-        )
-    files = [p for p in path.iterdir() if p.name.endswith(MCAP_SUFFIXES) and p.is_file()]
-    if not 1 <= len(files) <= MAX_FILES:
-        raise InvalidRecordError(
-            f"{path}: {len(files)} .mcap files, expected 1 to {MAX_FILES}: give the directory of "
-            "one bag"
-        )
+    files = ([p for p in path.iterdir() if p.name.endswith(MCAP_SUFFIXES) and p.is_file()]
+             if path.is_dir() else [])
+    try:
+        find_files(path)
+    except RecordError as error:
+        if not files:
+            raise
+        found.damaged(str(error) if (path / METADATA_FILE).is_file() else
+                      f"no {METADATA_FILE}: the recorder did not finish")
+    if len(files) > MAX_FILES:
+        raise InvalidRecordError(f"{path}: {len(files)} .mcap files, expected 1 to {MAX_FILES}: "
+                                 "give the directory of one bag")
     refuse_links(path, files)
-    if not (path / METADATA_FILE).is_file():
-        found.damaged(f"no {METADATA_FILE}: the recorder did not finish")
     return sorted(files, key=number)
 
 

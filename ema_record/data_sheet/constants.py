@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_record.data_sheet.quantities import RPM, Given
+from ema_record.data_sheet.quantities import Given
 from ema_record.errors import UsageError
 
 SHAPES = ("sine", "trapezoid")
@@ -102,16 +102,8 @@ def phase_constant(
                 f"--{name} {given[name].text} and --{other} {given[other].text} contradict each "
                 f"other: k of a phase would be {k:.4g} or {value:.4g} V s/rad: check the units, "
                 "--voltage-is and --current-is")
-    words = {"torque-constant": f"{current} current", "no-load-speed": "less the drop of the "
-             "no-load current"}.get(name, f"{voltage} line to line")
-    return k, f"--{name} {given[name].text} ({words}), over {k_over(name, of, line, torque):.4g}"
-
-
-def k_over(name: str, of: ShapeConstants, line: float, torque: float) -> float:
-    """Return what a stated constant is over k of a phase."""
-    return {"torque-constant": torque, "no-load-speed": of.mean}.get(name, line)
-
-
-def rpm(speed: float) -> float:
-    """Return a speed (rad/s) in turns a minute."""
-    return speed / RPM
+    words, over = {
+        "torque-constant": (f"{current} current", torque),
+        "no-load-speed": ("less the drop of the no-load current", of.mean),
+    }.get(name, (f"{voltage} line to line", line))
+    return k, f"--{name} {given[name].text} ({words}), over {over:.4g}"

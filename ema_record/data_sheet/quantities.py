@@ -31,9 +31,14 @@ RATE = {"Hz": 1.0, "kHz": 1e3}
 NUMBER: dict[str, float] = {"": 1.0}
 
 
+MOTOR, GEAR, DRIVE, RECORDER = "Motor", "Gear and surface", "Drive", "Recorder"
+
+
 class Stated(NamedTuple):
     """A quantity that a data sheet may state."""
 
+    part: str
+    """Of the actuator, as in the help."""
     units: dict[str, float]
     """Factors to SI; empty unit: a pure number."""
     least: float
@@ -45,34 +50,49 @@ class Stated(NamedTuple):
 
 
 QUANTITIES: dict[str, Stated] = {
-    "resistance": Stated(OHM, 2e-3, 200.0, "1.2ohm", "between two terminals, at 20 degC", True),
-    "inductance": Stated(HENRY, 4e-5, 0.2, "0.194mH", "between two terminals", True),
-    "kv": Stated(KV, 1e-2, 1e4, "475rpm/V", "speed constant"),
-    "back-emf": Stated(BACK_EMF, 1e-4, 20.0, "2.107mV/rpm", "voltage constant, line to line"),
-    "torque-constant": Stated(TORQUE_CONSTANT, 1e-4, 20.0, "20.1mNm/A", "torque a current"),
-    "no-load-speed": Stated(SPEED, 1.0, 2e4, "11300rpm", "at the nominal voltage"),
-    "no-load-current": Stated(AMPERE, 1e-4, 100.0, "0.189A", "at the no-load speed"),
-    "nominal-voltage": Stated(VOLT, 1.0, 800.0, "24V", "that no-load values are given at"),
-    "pole-pairs": Stated(NUMBER, 1.0, 50.0, "1", "pairs of poles, not poles", True),
-    "inertia": Stated(INERTIA, 1e-8, 10.0, "34gcm2", "of the rotor", True),
-    "friction": Stated(TORQUE, 0.0, 1e3, "1.1mNm", "dry, of motor and gear at the motor"),
-    "viscous-friction": Stated(VISCOUS, 0.0, 10.0, "2.4e-4mNm/rpm", "of motor and gear"),
-    "gear": Stated(NUMBER, 1.0, 1e5, "100", "turns of the motor a turn of the surface", True),
-    "gear-efficiency": Stated(NUMBER, 0.05, 1.0, "0.7", "of the torque"),
-    "gear-inertia": Stated(INERTIA, 0.0, 10.0, "4gcm2", "at the motor"),
-    "end-stop": Stated(ANGLE, 0.01, 10.0, "40deg", "from the middle to either end stop", True),
-    "current-limit": Stated(AMPERE, 0.1, 500.0, "7.5A", "of the drive, peak of a phase", True),
-    "bus": Stated(VOLT, 2.0, 800.0, "24V", "between the rails", True),
-    "speed": Stated(SPEED, 0.1, 1e4, "6000rpm", "limit of the motor's speed in the control"),
-    "peak-torque": Stated(TORQUE, 1e-3, 1e4, "0.15Nm", "of the motor, where it saturates"),
-    "surface-inertia": Stated(INERTIA, 1e-4, 1e4, "2e-3kgm2", "of what the gear turns"),
-    "surface-friction": Stated(TORQUE, 0.0, 1e5, "0.4Nm", "dry, of what the gear turns"),
-    "stiffness": Stated(STIFFNESS, 1e2, 1e7, "1.5Nm/arcmin", "of gear and shaft"),
-    "backlash": Stated(ANGLE, 0.0, 0.1, "1arcmin", "of the gear, total, at its output"),
-    "control-period": Stated(TIME, 1e-5, 1e-3, "50us", "of the speed control"),
-    "pwm": Stated(RATE, 1e3, 5e5, "40kHz", "frequency of the carrier"),
-    "hysteresis": Stated(AMPERE, 0.05, 10.0, "0.2A", "half width of the relay's band"),
-    "rate": Stated(RATE, 1e3, 1e6, "10kHz", "samples of the recorder"),
+    "resistance": Stated(
+        MOTOR, OHM, 2e-3, 200.0, "1.2ohm", "between two terminals, at 20 degC", True),
+    "inductance": Stated(MOTOR, HENRY, 4e-5, 0.2, "0.194mH", "between two terminals", True),
+    "kv": Stated(MOTOR, KV, 1e-2, 1e4, "475rpm/V", "speed constant"),
+    "back-emf": Stated(
+        MOTOR, BACK_EMF, 1e-4, 20.0, "2.107mV/rpm", "voltage constant, line to line"),
+    "torque-constant": Stated(MOTOR, TORQUE_CONSTANT, 1e-4, 20.0, "20.1mNm/A", "torque a current"),
+    "no-load-speed": Stated(
+        MOTOR, SPEED, 1.0, 2e4, "11300rpm",
+        "at the nominal voltage; serves as constant, and as check of another"),
+    "no-load-current": Stated(MOTOR, AMPERE, 1e-4, 100.0, "0.189A", "at the no-load speed"),
+    "nominal-voltage": Stated(
+        MOTOR, VOLT, 1.0, 800.0, "24V", "that no-load values are given at; default --bus"),
+    "pole-pairs": Stated(MOTOR, NUMBER, 1.0, 50.0, "1", "pairs of poles, not poles", True),
+    "inertia": Stated(MOTOR, INERTIA, 1e-8, 10.0, "34gcm2", "of the rotor", True),
+    "friction": Stated(MOTOR, TORQUE, 0.0, 1e3, "1.1mNm", "dry, of motor and gear at the motor"),
+    "viscous-friction": Stated(
+        MOTOR, VISCOUS, 0.0, 10.0, "2.4e-4mNm/rpm", "of motor and gear"),
+    "peak-torque": Stated(
+        MOTOR, TORQUE, 1e-3, 1e4, "0.15Nm", "of the motor, where it saturates"),
+    "gear": Stated(
+        GEAR, NUMBER, 1.0, 1e5, "100", "turns of the motor a turn of the surface", True),
+    "gear-efficiency": Stated(GEAR, NUMBER, 0.05, 1.0, "0.7", "of the torque"),
+    "gear-inertia": Stated(GEAR, INERTIA, 0.0, 10.0, "4gcm2", "at the motor"),
+    "stiffness": Stated(
+        GEAR, STIFFNESS, 1e2, 1e7, "1.5Nm/arcmin", "of gear and shaft at the output"),
+    "backlash": Stated(GEAR, ANGLE, 0.0, 0.1, "1arcmin", "of the gear, total, at its output"),
+    "end-stop": Stated(
+        GEAR, ANGLE, 0.01, 10.0, "40deg",
+        "from the middle to either end stop, half the stroke", True),
+    "surface-inertia": Stated(GEAR, INERTIA, 1e-4, 1e4, "2e-3kgm2", "of what the gear turns"),
+    "surface-friction": Stated(
+        GEAR, TORQUE, 0.0, 1e5, "0.4Nm", "dry, of what the gear turns"),
+    "bus": Stated(DRIVE, VOLT, 2.0, 800.0, "24V", "between the rails", True),
+    "current-limit": Stated(
+        DRIVE, AMPERE, 0.1, 500.0, "7.5A", "of the drive, peak of a phase", True),
+    "speed": Stated(
+        DRIVE, SPEED, 0.1, 1e4, "6000rpm",
+        "limit of the motor's speed; default 0.6 of what the bus allows"),
+    "control-period": Stated(DRIVE, TIME, 1e-5, 1e-3, "50us", "of the speed control"),
+    "pwm": Stated(DRIVE, RATE, 1e3, 5e5, "40kHz", "frequency of the carrier"),
+    "hysteresis": Stated(DRIVE, AMPERE, 0.05, 10.0, "0.2A", "half width of a relay's band"),
+    "rate": Stated(RECORDER, RATE, 1e3, 1e6, "10kHz", "samples of the recorder"),
 }
 """By the name of the option; bounds are those of the model, doubled where two phases count."""
 _TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")

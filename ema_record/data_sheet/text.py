@@ -13,7 +13,7 @@ TOLERANCES = {
     "resistance": 0.10, "inductance": 0.10, "back_emf": 0.03, "back_emf_phase": 0.005,
     "flat_top": 0.0873, "motor_friction": 0.10, "surface_friction": 0.10, "static_ratio": 0.20,
     "viscous_factor": 2.0, "inertia": 0.10, "stiffness": 0.20, "damping": 0.30,
-    "control_gain": 0.10, "hysteresis": 0.10, "latency": 2.0,
+    "control_gain": 0.10, "hysteresis": 0.10, "backlash": 0.20, "latency": 2.0,
 }
 """As units of one type differ that no one has measured yet (docs/kit.md)."""
 LOAD_SHARE, OFFSET_SHARE = 0.3, 1.0 / 440.0

@@ -36,6 +36,8 @@ class CampaignPlan(BaseModel):
     """Number of runs; default all combinations of the grids."""
     rate: float | None = Field(default=None, ge=RATES[0], le=RATES[1])
     """Samples a second."""
+    switching: bool = False
+    """Simulate the edges of a carrier (drives pwm and foc), not the means of its periods."""
     model: str | None = Field(default=None, max_length=4096)
     """Model file that the runs start from, default the nominal actuator."""
     parameters: dict[str, Setting] = Field(default_factory=dict, max_length=MAX_PARAMETERS)

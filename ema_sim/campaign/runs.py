@@ -55,6 +55,7 @@ class Run:
     noise: float
     start_angle: float | None
     rate: float | None
+    switching: bool
     kit: str
     """Hash of the kit's actuator, see `Provenance.actuator`."""
     drawn: Mapping[str, Value]
@@ -65,7 +66,7 @@ class Run:
         record = simulate(
             self.profile, actuator=self.actuator, effects=self.effects, seed=self.seed,
             noise=self.noise, rate=self.rate, start_angle=self.start_angle,
-            serial_number=f"SIM-{self.index:04d}",
+            serial_number=f"SIM-{self.index:04d}", switching=self.switching,
         )
         return replace(record, provenance=replace(record.provenance, actuator=self.kit))
 
@@ -108,6 +109,7 @@ class Campaign:
             noise=float(drawn.get("noise", 1.0)),
             start_angle=None if angle is None else float(angle),
             rate=plan.rate,
+            switching=plan.switching,
             kit=self.kit,
             drawn=drawn,
         )

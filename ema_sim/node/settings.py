@@ -41,6 +41,10 @@ _FIXED = (
         text="factor on the sensor noise",
     ),
     ParameterSpec(
+        name="switching", default=False, read_only=True,
+        text="simulate the edges of a carrier (drives pwm and foc), not the means of its periods",
+    ),
+    ParameterSpec(
         name="real_time_factor", default=1.0, lower=0.0, upper=1000.0, unit="1",
         text="simulated seconds a second; 0: as fast as possible",
     ),
@@ -108,6 +112,7 @@ class SimulatorSettings:
     seed: int
     noise: float
     rate: float
+    switching: bool
     block_size: int
     real_time_factor: float
     initial_position: float
@@ -120,7 +125,7 @@ class SimulatorSettings:
         """Return the actuator at rest at `position` (rad)."""
         return ActuatorSession(
             self.actuator, self.effects, seed=self.seed, noise=self.noise, rate=self.rate,
-            position=position,
+            position=position, switching=self.switching,
         )
 
 
@@ -130,6 +135,7 @@ def settings_from(values: Mapping[str, Value], model: Model) -> SimulatorSetting
     effects = effects_from_mapping({name: v[name] for name in v if "." in name}, model.effects)
     return SimulatorSettings(
         actuator=model.actuator, effects=effects, serial_number=v["serial_number"],
-        seed=v["seed"], noise=v["noise"], rate=v["rate"], block_size=v["block_size"],
-        real_time_factor=v["real_time_factor"], initial_position=v["initial_position"],
+        seed=v["seed"], noise=v["noise"], rate=v["rate"], switching=v["switching"],
+        block_size=v["block_size"], real_time_factor=v["real_time_factor"],
+        initial_position=v["initial_position"],
     )

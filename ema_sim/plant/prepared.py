@@ -1,4 +1,8 @@
-"""What no step of the kernel changes: effects and parameters put together, once a call."""
+"""What no step of the kernel changes: effects and parameters put together, once a call.
+
+Groups of effects that are absent are noted: a neutral effect adds 0 or multiplies by 1, and
+leaving it out gives the same bits in less time.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,7 @@ import math
 from ema_record.actuator import FOC, HARMONICS, INSTANT, Actuator
 from ema_sim.effects.base import AllEffects
 from ema_sim.effects.compile import law
-from ema_sim.plant import neutral, ports, sensor_ports
+from ema_sim.plant import ports, sensor_ports
 from ema_sim.plant.electrical import THIRD, TURN, of_phases
 from ema_sim.plant.parts import Masses, Sensors, Winding
 
@@ -19,6 +23,28 @@ SHARE_OF_WINDING = 0.25
 """Longest step over the time constant of the winding."""
 SATURATED_STEP = 10e-6
 """Longest step (s) with saturation, which a step takes from its begin."""
+
+
+@law
+def friction_is_steady(e: AllEffects) -> bool:
+    """Whether the dry friction of the motor depends on neither speed nor load."""
+    return e.stribeck_friction.increase == 0.0 and e.load_dependent_friction.coefficient == 0.0
+
+
+@law
+def rotation_is_smooth(e: AllEffects) -> bool:
+    """Whether rotor and gear turn without cogging, ripple and the drag of a short."""
+    return (
+        e.gear_mesh_ripple.amplitude == 0.0
+        and e.cogging_torque.amplitude == 0.0
+        and e.turn_short.fraction == 0.0
+    )
+
+
+@law
+def inverter_is_ideal(e: AllEffects) -> bool:
+    """Whether rails and switches drop no voltage."""
+    return e.bus_voltage_sag.resistance == 0.0 and e.inverter_voltage_drop.drop == 0.0
 
 
 @law
@@ -44,7 +70,7 @@ def winding_of(a: Actuator, e: AllEffects) -> Winding:
         sines,
         ports.winding_swings(e),
         ports.inductance_varies(e),
-        neutral.inverter_is_ideal(e),
+        inverter_is_ideal(e),
     )
 
 
@@ -54,8 +80,8 @@ def masses_of(a: Actuator, e: AllEffects) -> Masses:
     dynamic_m, static_m = ports.motor_dry_friction(e, a.motor, 0.0, 0.0)
     dynamic_s, static_s = ports.surface_dry_friction(e, a.surface)
     return Masses(
-        neutral.rotation_is_smooth(e),
-        neutral.friction_is_steady(e),
+        rotation_is_smooth(e),
+        friction_is_steady(e),
         dynamic_m, static_m, dynamic_s, static_s,
         ports.shaft_stiffness(e, a.shaft),
         ports.lost_motion(e, a.shaft),

@@ -159,7 +159,6 @@ def test_train_never_overwrites(tmp_path, capsys):
     assert "exists" in capsys.readouterr().err
 
 
-@pytest.mark.xfail(reason="step with a baseline: 5 false alarms of 300")
 def test_validation_of_the_shipped_model_is_good_enough():
     held_out = load_model().training["held_out"]
     for kind, views in held_out.items():

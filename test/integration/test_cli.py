@@ -15,6 +15,7 @@ from ema_cli.main import run
 from ema_record.bag.read import read_bag
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
+from ema_sim.model_file import load_model_file
 from ema_sim.simulate import simulate
 
 
@@ -89,6 +90,25 @@ def test_model_file_and_profile_file(tmp_path):
     assert record.profile.name == "mine"
     late = record.time > 0.15
     assert record.channel("motor_speed")[late].mean() == pytest.approx(400.0, rel=0.01)
+
+
+def test_the_edges_of_a_carrier(tmp_path):
+    """With them the current has the ripple of the carrier, as the call gives it."""
+    model, profile = tmp_path / "model.yaml", tmp_path / "mine.yaml"
+    model.write_text("drive: {kind: pwm, proportional_gain: 4.0, integral_gain: 1200.0}\n",
+                     encoding="utf-8")
+    profile.write_text("name: mine\npoints: [[0.0, 0.0], [0.03, 0.0], [0.03, 0.2], [0.06, 0.2]]\n",
+                       encoding="utf-8")
+    found = []
+    for more in ([], ["--switching"]):
+        bag = tmp_path / f"bag{len(more)}"
+        assert run(["simulate", "--profile", str(profile), "--model", str(model), "--noise", "0",
+                    "--out", str(bag), *more]) == 0
+        found.append(read_bag(bag))
+    loaded = load_model_file(model)
+    edges = simulate(found[0].profile, actuator=loaded.actuator, noise=0.0, switching=True)
+    assert np.array_equal(found[1].samples, edges.samples)
+    assert not np.array_equal(found[0].samples, edges.samples)
 
 
 def test_simulate_and_export_plots(tmp_path, bag, capsys):

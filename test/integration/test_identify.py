@@ -1,6 +1,7 @@
 """Hide an effect, get its name back, see the gap shrink: the short test, a small library."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from ema_identification.actuator.surrogate.fit import EffectTerm, Start, run_poi
 from ema_identification.actuator.surrogate.likelihood import recalibrate
 from ema_identification.identify import identify
 from ema_record.bag.read import write_bag
+from ema_record.errors import InvalidRecordError
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.model_file import load_model_file
@@ -44,7 +46,7 @@ def small_library(tmp_path_factory):
         for name in ("PAIRS", "SECONDS", "SCANNED"):
             patch.setattr(naming, name, 1)
         patch.setattr(library_runs, "variants",
-                      lambda: tuple(v for v in variants() if v.name in KNOWN))
+                      lambda _actuator: tuple(v for v in variants() if v.name in KNOWN))
         yield
 
 
@@ -89,6 +91,29 @@ def test_a_record_at_half_the_rate_is_compared_with_runs_at_that_rate():
     found = identify([record(rate=10_000.0)])
     assert found.verdict == "no disagreement"
     assert found.gap_before < 1.5 * found.noise_floor
+
+
+def lacking(measured, *columns):
+    """Return a record as a recorder without those channels has it."""
+    samples = measured.samples.copy()
+    samples[:, columns] = np.nan
+    return replace(measured, samples=samples)
+
+
+def test_records_of_time_speed_and_two_currents_alone():
+    """The other channels are rebuilt, in the record and in the runs."""
+    absent = (4, 5, 6, 7, 8, 9)
+    found = identify([lacking(record(), *absent)])
+    assert found.verdict == "no disagreement"
+    found = identify([lacking(record(OFFSET), *absent)])
+    assert "current_sensor_offset" in {
+        name for f in found.findings for name in (f.effect, *f.equivalent)}
+    assert "acquisition" not in found.model_text
+
+
+def test_a_record_without_a_current_that_is_needed_is_refused():
+    with pytest.raises(InvalidRecordError, match=r"no channel phase_current_a: .*record them too"):
+        identify([lacking(record(), 2)])
 
 
 def test_a_held_out_record_that_speaks_against_the_fit_contradicts_it():

@@ -179,6 +179,29 @@ def test_whole_bags_existing_output_and_rubbish_are_refused(good, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("text", ["\t- x:", "rosbag2_bagfile_information: 3\n", "\0"])
+def test_a_bag_whose_metadata_file_is_damaged_is_recovered(good, tmp_path, text):
+    bag = cut(good, tmp_path / "bag", None)
+    (bag / "metadata.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(RecordError, match=r"metadata\.yaml"):
+        read_bag(bag)
+    report = recover_bag(bag)
+    assert report.missing_samples == 0 and "metadata.yaml" in report.damages[0]
+    assert np.array_equal(read_bag(report.bag).samples, read_bag(good).samples)
+
+
+@pytest.mark.parametrize(("name", "what"), [("empty", "a directory that is no bag"),
+                                            ("bag", "named by metadata.yaml and missing"),
+                                            ("nowhere", "no such file or directory")])
+def test_where_there_is_no_recording_that_is_said(good, tmp_path, name, what):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "bag").mkdir()
+    shutil.copy(good / "metadata.yaml", tmp_path / "bag")
+    with pytest.raises(RecordError, match=what):
+        recover_bag(tmp_path / name)
+    assert {p.name for p in tmp_path.iterdir()} == {"empty", "bag"}
+
+
 def test_command(good, tmp_path, capsys):
     bag = cut(good, tmp_path / "cut", 250_000)
     assert run(["recover", str(bag), "--out", str(tmp_path / "new"), "--json"]) == 0

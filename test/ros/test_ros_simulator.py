@@ -88,7 +88,8 @@ def test_parameters_are_described_bounded_and_settable_when_idle(nodes, watcher)
     watcher.wait_for_simulator()
     names = [f"{effect}.{field.name}" for effect, entry in EFFECTS.items()
              for field in entry.fields]
-    names += ["model_file", "seed", "noise", "rate", "block_size", "real_time_factor"]
+    names += ["model_file", "seed", "noise", "rate", "switching", "block_size",
+              "real_time_factor"]
     descriptors = call(watcher, DescribeParameters, "/ema_sim/describe_parameters",
                        DescribeParameters.Request(names=names)).descriptors
     assert [d.name for d in descriptors] == names

@@ -50,8 +50,10 @@ def run(
     n = round(duration * rate)
     periods = round(duration / a.control.period) + 2
     out, trace, after = np.empty((n, N_CHANNELS)), np.empty((n, 3)), state.copy()
+    commanded = np.full(periods, command)
+    commanded.flags.writeable = False  # the type that a session passes: compiled only once
     status = k.kernel(a.drive.kind, switching)(
-        a, effects if effects is not None else Effects(), after, np.full(periods, command),
+        a, effects if effects is not None else Effects(), after, commanded,
         np.zeros((periods, 2)), inverter_on, rate, max_step, out, trace, np.empty(1), n,
     )
     assert status == k.OK

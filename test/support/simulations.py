@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from ema_prognostics.cascade.model_file import model_of, parse_model, save_model
 from ema_record.actuator import Actuator, load_actuator
-from ema_record.kit import ACTUATOR, CASCADE, PROFILES, shipped_kit
+from ema_record.actuator_type import actuator_hash
+from ema_record.kit import ACTUATOR, CASCADE, PROFILES, shipped_kit, using_kit
 from ema_record.profile import Profile, load_profile, step_profile
 from ema_record.record import Record
 from ema_sim.effects import parse_effects
@@ -48,6 +50,15 @@ def record_of(profile: str | Profile, *effects: str, seed: int, **options) -> Re
     return dataclasses.replace(found, samples=found.samples.copy())
 
 
+def column(index, law):
+    """Return what changes a channel of a record by `law`."""
+    def change(record: Record) -> Record:
+        samples = record.samples.copy()
+        samples[:, index] = law(samples[:, index])
+        return dataclasses.replace(record, samples=samples)
+    return change
+
+
 def slewing_record(
     *, speed=790.6, rate=20_000.0, duration=0.45, speed_lines=(), current=7.0,
     current_lines=(), direction=1, noise=0.0, seed=0,
@@ -81,7 +92,8 @@ def make_kit(folder: Path, changes: dict[str, dict[str, object]], *tests: Profil
              cascade: bool = True) -> Path:
     """Return a new kit: the shipped one with some parameters changed, section by section.
 
-    `tests` take the place of its tests of those names; without `cascade` it is not trained.
+    `tests` take the place of its tests of those names; the cascade is that of the shipped one,
+    said to be its own; without `cascade` it is not trained.
     """
     shutil.copytree(shipped_kit(), folder)
     file = folder / ACTUATOR
@@ -92,8 +104,13 @@ def make_kit(folder: Path, changes: dict[str, dict[str, object]], *tests: Profil
     for profile in tests:
         text = yaml.safe_dump(profile.model_dump(mode="json"))
         (folder / PROFILES / f"{profile.name}.yaml").write_text(text, encoding="utf-8")
-    if not cascade:
-        (folder / CASCADE).unlink()
+    text = (folder / CASCADE).read_text(encoding="utf-8")
+    (folder / CASCADE).unlink()
+    if cascade:
+        body = parse_model(text, CASCADE).body
+        with using_kit(folder):
+            save_model(model_of(body.model_copy(update={"actuator": actuator_hash()})),
+                       folder / CASCADE)
     return folder
 
 

@@ -11,13 +11,16 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
 from ema_identification.actuator.measure.features import FeatureMap
+from ema_identification.actuator.measure.recorder import whole
 from ema_identification.actuator.measure.signals import TURN
 from ema_identification.actuator.measure.tolerances import RecordConditions, realise
-from ema_record.errors import SimulationError
+from ema_record.errors import InvalidRecordError, SimulationError
+from ema_record.kit import kit_folder, using_kit
 from ema_record.record import Record
 from ema_sim.effects import Effects
 from ema_sim.model_file import Model
@@ -46,21 +49,21 @@ class UnitRun:
 
 
 def simulate_case(model: Model, case: UnitRun, fmap: FeatureMap) -> Record:
-    """Return the record of a case."""
+    """Return the record of a case, channels that the recorder lacks rebuilt."""
     actuator, effects = realise(model, case.z, case.conditions, case.effects)
     # The conditions hold what the sensor of the rotor angle reads.
     angle = case.conditions.start_angle - effects.hall_misalignment.angle
-    return simulate(
+    return whole(simulate(
         fmap.profile, actuator=actuator, effects=effects, seed=case.seed,
         noise=case.conditions.noise, rate=fmap.rate, start_angle=angle % TURN,
-    )
+    ), model.actuator)
 
 
 def run_case(model: Model, case: UnitRun, fmap: FeatureMap) -> np.ndarray:
     """Return the features of a case, shape (d,); NaN where it left the simulator's domain."""
     try:
         return fmap.extract(simulate_case(model, case, fmap))
-    except SimulationError:
+    except (SimulationError, InvalidRecordError):  # the latter: nothing to rebuild from
         return np.full(len(fmap.features), np.nan)
 
 
@@ -86,7 +89,7 @@ def spread_out(
     function: Callable[..., np.ndarray], arguments: Sequence[tuple[object, ...]], *, workers: int,
     progress: Progress = silent, what: str = "runs",
 ) -> list[np.ndarray]:
-    """Return ``function(*a)`` for each of `arguments`, in order."""
+    """Return ``function(*a)`` for each of `arguments`, in order, with the present kit."""
     found: list[np.ndarray] = []
     if workers == 1:
         for k, argument in enumerate(arguments):
@@ -96,10 +99,15 @@ def spread_out(
     from joblib import Parallel, delayed
 
     for k, result in enumerate(Parallel(n_jobs=workers, return_as="generator")(
-            delayed(function)(*argument) for argument in arguments)):
+            delayed(_in_kit)(kit_folder(), function, *argument) for argument in arguments)):
         found.append(result)
         progress(what, (k + 1) / len(arguments))
     return found
+
+
+def _in_kit(kit: Path, function: Callable[..., np.ndarray], *arguments: object) -> np.ndarray:
+    with using_kit(kit):  # a process that lives on may have been begun with another
+        return function(*arguments)
 
 
 class Runner:

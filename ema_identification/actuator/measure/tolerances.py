@@ -18,6 +18,7 @@ from ema_identification.actuator.measure.signals import OFF_GUARD, TURN
 from ema_record.actuator import NOISE_RATE, Actuator
 from ema_record.channels import PHASE_CURRENTS
 from ema_record.record import Record
+from ema_record.spread import load_spread
 from ema_sim.effects import EFFECTS, Effects
 from ema_sim.model_file import Model
 
@@ -26,11 +27,18 @@ class Tolerance(NamedTuple):
     """A parameter of the unit, or of the day, that is not known exactly."""
 
     name: str
-    half_width: float
-    """Of the band in which it lies; relative, or in `unit`."""
+    band: float | str
+    """Half width; or which of the kit's conditions says it."""
     unit: str
     shared: bool = True
     """Whether all records of one unit have the same value."""
+
+    @property
+    def half_width(self) -> float:
+        """Half width of the band in which it lies; relative, or in `unit`."""
+        if isinstance(self.band, str):
+            return float(getattr(load_spread().conditions, self.band))
+        return self.band
 
 
 TOLERANCES: tuple[Tolerance, ...] = (
@@ -45,13 +53,13 @@ TOLERANCES: tuple[Tolerance, ...] = (
     Tolerance("motor.inertia", 0.10, "1"),
     Tolerance("surface.inertia", 0.10, "1"),
     Tolerance("shaft.stiffness", 0.10, "1"),
-    Tolerance("current_sensor_gain.phase_a", 0.01, "1"),
-    Tolerance("current_sensor_gain.phase_b", 0.01, "1"),
-    Tolerance("current_sensor_gain.phase_c", 0.01, "1"),
-    Tolerance("current_sensor_offset.phase_a", 0.05, "A"),
-    Tolerance("current_sensor_offset.phase_b", 0.05, "A"),
-    Tolerance("current_sensor_offset.phase_c", 0.05, "A"),
-    Tolerance("surface_load.constant", 19.0, "N m", shared=False),
+    Tolerance("current_sensor_gain.phase_a", "current_gain", "1"),
+    Tolerance("current_sensor_gain.phase_b", "current_gain", "1"),
+    Tolerance("current_sensor_gain.phase_c", "current_gain", "1"),
+    Tolerance("current_sensor_offset.phase_a", "current_offset", "A"),
+    Tolerance("current_sensor_offset.phase_b", "current_offset", "A"),
+    Tolerance("current_sensor_offset.phase_c", "current_offset", "A"),
+    Tolerance("surface_load.constant", "load", "N m", shared=False),
 )
 """Bands of the fleet; uniform inside."""
 N_TOLERANCES = len(TOLERANCES)

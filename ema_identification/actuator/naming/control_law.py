@@ -19,7 +19,7 @@ from ema_identification.actuator.measure.tolerances import N_TOLERANCES
 from ema_identification.actuator.surrogate.evidence import Evidence, RecordEvidence
 from ema_record.actuator import Actuator, Control
 from ema_record.channels import REFERENCE_CURRENTS
-from ema_record.errors import SimulationError
+from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.record import Record
 from ema_sim.effects import EFFECTS, Effects
 from ema_sim.plant.electrical import unit_trapezoid
@@ -144,6 +144,9 @@ def check_law(
     entries = {s.variant.effect for s in evidence.blocks[0].library.signatures
                if EFFECTS[s.variant.effect].port == PORT} - set(without)
     text = ""
+    recorder = evidence.blocks[0].library.model.actuator.acquisition
+    if not (recorder.reference_currents and recorder.surface_position):
+        return None
     for block in evidence.blocks:
         model = block.library.model
         control = model.actuator.control
@@ -192,6 +195,6 @@ def _run(block: RecordEvidence, effects: Effects | None, seed: int) -> Gains | N
         record = simulate_case(library.model, UnitRun(
             z=np.zeros(N_TOLERANCES), conditions=block.conditions, seed=seed, effects=effects),
             library.fmap)
-    except SimulationError:
+    except (SimulationError, InvalidRecordError):
         return None
     return measured_gains(record, library.model.actuator)

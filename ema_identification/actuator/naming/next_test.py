@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.measure.features import feature_map
+from ema_identification.actuator.measure.recorder import whole
 from ema_identification.actuator.measure.runs import UnitRun, run_case
 from ema_identification.actuator.measure.tolerances import TOLERANCES
 from ema_identification.actuator.surrogate.evidence import Evidence
@@ -124,8 +125,8 @@ def _separation(
     """Return the least separation of two candidates on a command."""
     block = evidence.blocks[0]
     model = block.library.model
-    example = simulate(profile, actuator=model.actuator, seed=seed,
-                       rate=block.library.fmap.rate)
+    example = whole(simulate(profile, actuator=model.actuator, seed=seed,
+                             rate=block.library.fmap.rate), model.actuator)
     fmap = feature_map(profile, model.actuator, example)
     runs = [
         np.array([

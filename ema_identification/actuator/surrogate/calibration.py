@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from ema_identification.actuator.measure.features import feature_map
+from ema_identification.actuator.measure.recorder import whole
 from ema_identification.actuator.measure.runs import (
     Progress,
     UnitRun,
@@ -182,8 +183,8 @@ def library(
     in `folder`, default the cache.
     """
     rate = model.actuator.acquisition.rate if rate is None else rate
-    example = simulate(profile, actuator=model.actuator, effects=model.effects, seed=seed,
-                       rate=rate)
+    example = whole(simulate(profile, actuator=model.actuator, effects=model.effects, seed=seed,
+                             rate=rate), model.actuator)
     fmap = feature_map(profile, model.actuator, example)
     key = "null_" + _key(model, profile, rate, build_null_library, seed)
     stored = _kept(key)

@@ -3,7 +3,7 @@
 Each variant has the coordinates that the data must tell. A coordinate is a number that is zero
 where the effect is absent and in which the features change nearly in proportion: a severity, or
 the cosine and sine parts of an amplitude with a phase. Some act on the same number as a tolerance
-of the unit.
+of the unit. What is no ratio is sized by the actuator's own scales (`Scales`).
 """
 
 from __future__ import annotations
@@ -11,13 +11,54 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from ema_record.actuator import Actuator, load_actuator
 from ema_sim.effects import EFFECTS, Effects
 from ema_sim.effects.base import Quantity
 
 Settings = Mapping[str, float | int]
+DIGITS = 2
+"""Significant digits of a size."""
+LARGEST_DELAY = 0.8
+"""rad of the electrical turn at the highest speed; beyond, a delay turns the torque around."""
+
+
+class Scales(NamedTuple):
+    """Units in which effects of an actuator are small or large."""
+
+    torque: float
+    """Dry friction, at the motor (N m)."""
+    surface_torque: float
+    """The same at the surface (N m)."""
+    speed: float
+    """Highest of the motor (rad/s)."""
+    turn: float
+    """Electrical radian at that speed (s)."""
+    travel: float
+    """Of the motor until a surface at rest starts, at the surface (rad)."""
+    stroke: float
+    """To the end stop (rad)."""
+    voltage: float
+    """Between a rail and the middle (V)."""
+    current: float
+    """Limit (A)."""
+
+
+def scales_of(a: Actuator) -> Scales:
+    """Return the scales of an actuator."""
+    return Scales(
+        torque=a.friction_torque, surface_torque=a.gear.ratio * a.friction_torque,
+        speed=a.control.speed_limit, turn=1.0 / (a.motor.pole_pairs * a.control.speed_limit),
+        travel=a.wind_up / a.gear.ratio, stroke=a.surface.end_stop,
+        voltage=a.inverter.bus_voltage, current=a.inverter.current_limit)
+
+
+def sizes(scale: float, *shares: float) -> tuple[float, ...]:
+    """Return shares of a scale, rounded to `DIGITS` digits."""
+    return tuple(float(f"{scale * share:.{DIGITS}g}") for share in shares)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +104,13 @@ def _both(*levels: float) -> tuple[float, ...]:
     return (*(-x for x in reversed(levels)), *levels)
 
 
+def _bounded(kind: Quantity, levels: Sequence[float], neutral: float = 0.0
+             ) -> tuple[float, ...]:
+    """Return coordinates (beside `neutral`) that an effect may have, others at its bounds."""
+    low, high = kind.lower - neutral, kind.upper - neutral
+    return tuple(x for x in dict.fromkeys(min(max(x, low), high) for x in levels) if x != 0.0)
+
+
 def _one(
     effect: str, parameter: str, levels: Sequence[float], *, label: str = "", condition: str = "",
     neutral: float = 0.0, **others: float,
@@ -75,7 +123,8 @@ def _one(
         return {parameter: neutral + float(u[0]), **others}
 
     return Variant(
-        name=f"{effect} {label}".strip(), effect=effect, levels=(tuple(levels),),
+        name=f"{effect} {label}".strip(), effect=effect,
+        levels=(_bounded(kind, levels, neutral),),
         settings=settings, low=(kind.lower - neutral,), high=(kind.upper - neutral,),
         condition=condition,
     )
@@ -84,17 +133,16 @@ def _one(
 def _many(effect: str, levels: Mapping[str, Sequence[float]]) -> Variant:
     """Return a variant with several severities."""
     names = tuple(levels)
-    kinds = {f.name: f.kind for f in EFFECTS[effect].fields}
+    kinds = {f.name: f.kind for f in EFFECTS[effect].fields if isinstance(f.kind, Quantity)}
 
     def settings(u: np.ndarray) -> Settings:
         return {name: float(x) for name, x in zip(names, u)}
 
     bounds = [kinds[name] for name in names]
     return Variant(
-        name=effect, effect=effect, levels=tuple(tuple(levels[n]) for n in names),
-        settings=settings,
-        low=tuple(b.lower for b in bounds if isinstance(b, Quantity)),
-        high=tuple(b.upper for b in bounds if isinstance(b, Quantity)),
+        name=effect, effect=effect,
+        levels=tuple(_bounded(kinds[n], levels[n]) for n in names), settings=settings,
+        low=tuple(b.lower for b in bounds), high=tuple(b.upper for b in bounds),
     )
 
 
@@ -114,7 +162,8 @@ def _vector(
                 angle: _wrap(quarter + math.atan2(u[1], u[0]))}
 
     return Variant(
-        name=f"{effect} {label}".strip(), effect=effect, levels=(_both(*levels),) * 2,
+        name=f"{effect} {label}".strip(), effect=effect,
+        levels=(_both(*_bounded(kind, levels)),) * 2,
         settings=settings, low=(-kind.upper,) * 2, high=(kind.upper,) * 2,
     )
 
@@ -129,20 +178,23 @@ def _wrap(angle: float) -> float:
     return math.remainder(angle, 2.0 * math.pi)
 
 
-def _stribeck(speed: float) -> Variant:
+def _stribeck(speed: float, slowest: float, fastest: float) -> Variant:
     def settings(u: np.ndarray) -> Settings:
         return {"increase": float(u[0]), "speed": speed * math.exp(float(u[1]))}
 
     return Variant(
         name=f"stribeck_friction at {speed:g} rad/s", effect="stribeck_friction",
         levels=((-0.4, -0.1, 0.1, 0.4, 1.2), ()), settings=settings,
-        low=(-0.5, math.log(0.5 / speed)), high=(3.0, math.log(500.0 / speed)),
+        low=(-0.5, math.log(slowest / speed)), high=(3.0, math.log(fastest / speed)),
     )
 
 
-def variants() -> tuple[Variant, ...]:
-    """Return all candidates."""
+def variants(actuator: Actuator | None = None) -> tuple[Variant, ...]:
+    """Return all candidates for an actuator, default the present kit's."""
+    a = load_actuator() if actuator is None else actuator
+    unit = scales_of(a)
     found: list[Variant] = []
+    slowest, fastest = sizes(unit.speed, 6.3e-4, 0.63)
     for k, phase in enumerate("abc"):
         for mode, text in ((1, "physical"), (0, "paper")):
             found.append(_one("turn_short", "fraction", (0.01, 0.04, 0.15, 0.4),
@@ -161,33 +213,42 @@ def variants() -> tuple[Variant, ...]:
         _one("torque_constant_drop", "drop", (-0.3, -0.1, 0.05, 0.15, 0.3)),
         _one("winding_temperature", "temperature", (-50.0, -20.0, 20.0, 60.0, 120.0),
              neutral=20.0, condition="temperature"),
-        _one("magnetic_saturation", "inverse_current", (0.01, 0.02, 0.04, 0.08)),
+        _one("magnetic_saturation", "inverse_current",
+             sizes(1.0 / unit.current, 0.22, 0.44, 0.88, 1.76)),
         _one("hall_misalignment", "angle", _both(0.02, 0.1, 0.3)),
-        _one("control_delay", "delay", (3e-5, 1e-4, 3e-4, 1e-3)),
-        _vector("cogging_torque", "amplitude", "phase", (0.005, 0.02, 0.08),
+        _one("control_delay", "delay", sizes(unit.turn, 0.024, 0.079, 0.24, LARGEST_DELAY)),
+        _vector("cogging_torque", "amplitude", "phase", sizes(unit.torque, 0.012, 0.048, 0.19),
                 label="12 a turn", quarter=0.5 * math.pi, periods=12.0),
         _one("motor_friction", "increase", (-0.4, -0.15, 0.15, 0.4, 1.0)),
         _one("surface_friction", "increase", (-0.4, -0.15, 0.15, 0.4, 1.0, 2.0)),
-        _one("viscous_friction", "coefficient", (-1e-4, 5e-5, 2e-4, 5e-4, 1e-3)),
-        _stribeck(5.0), _stribeck(20.0), _stribeck(100.0),
+        _one("viscous_friction", "coefficient", (
+            -a.motor.viscous_friction,
+            *sizes(unit.torque / unit.speed, 0.094, 0.38, 0.94, 1.9))),
+        *(_stribeck(speed, slowest, fastest)
+          for speed in sizes(unit.speed, 6.3e-3, 0.025, 0.126)),
         _one("load_dependent_friction", "coefficient", (0.03, 0.1, 0.3, 0.6)),
-        _one("backlash", "increase", (-1e-4, 1e-4, 3e-4, 1e-3, 3e-3, 8e-3)),
+        _one("backlash", "increase", (
+            -a.shaft.backlash, *sizes(unit.travel, 0.1, 0.3, 1.0, 3.0, 8.0))),
         _one("shaft_compliance", "increase", (-0.5, -0.2, 0.2, 0.6, 2.0, 6.0)),
-        _vector("gear_mesh_ripple", "amplitude", "phase", (3e-6, 1.5e-5, 6e-5),
-                label="17 a turn", quarter=0.5 * math.pi, periods=17.0),
-        _one("inverter_voltage_drop", "drop", (0.5, 1.5, 4.0, 8.0)),
-        _one("bus_voltage_sag", "resistance", (0.05, 0.2, 0.6, 1.5)),
+        _vector("gear_mesh_ripple", "amplitude", "phase",
+                sizes(unit.travel, 0.003, 0.015, 0.06), label="17 a turn",
+                quarter=0.5 * math.pi, periods=17.0),
+        _one("inverter_voltage_drop", "drop", sizes(unit.voltage, 0.0104, 0.031, 0.083, 0.167)),
+        _one("bus_voltage_sag", "resistance",
+             sizes(2.0 * unit.voltage / unit.current, 0.0115, 0.046, 0.137, 0.344)),
         _one("bus_voltage_change", "change", _both(0.1, 0.3), condition="bus"),
-        _many("current_sensor_offset", {f"phase_{p}": _both(0.1, 0.5, 2.0) for p in "abc"}),
+        _many("current_sensor_offset", {
+            f"phase_{p}": _both(*sizes(unit.current, 0.00455, 0.0227, 0.091)) for p in "abc"}),
         _many("current_sensor_gain", {f"phase_{p}": _both(0.02, 0.08, 0.25) for p in "abc"}),
         _vector("speed_sensor_runout", "amplitude", "angle", (0.002, 0.01, 0.05)),
-        _one("position_sensor_offset", "offset", _both(5e-4, 5e-3, 0.05)),
+        _one("position_sensor_offset", "offset", _both(*sizes(unit.travel, 0.5, 5.0, 50.0))),
         _one("quantisation", "position_bits_lost", (1.0, 2.0, 3.0, 5.0), label="position"),
         _one("quantisation", "speed_bits_lost", (1.0, 2.0, 3.0, 5.0), label="speed"),
         _one("inertia_change", "motor", (-0.4, -0.15, 0.15, 0.5, 1.5), label="motor"),
         _one("inertia_change", "surface", (-0.5, 0.5, 2.0, 6.0, 15.0), label="surface"),
-        _many("surface_load", {"constant": _both(40.0, 120.0, 300.0),
-                               "slope": _both(100.0, 400.0, 1200.0)}),
+        _many("surface_load", {
+            "constant": _both(*sizes(unit.surface_torque, 0.19, 0.57, 1.43)),
+            "slope": _both(*sizes(unit.surface_torque / unit.stroke, 0.286, 1.14, 3.43))}),
     ]
     return tuple(found)
 

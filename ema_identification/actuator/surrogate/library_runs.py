@@ -94,7 +94,7 @@ BASE_RUNS = 4
 
 def candidates(model: Model) -> tuple[Variant, ...]:
     """Return the variants of effects that the model does not have yet."""
-    return tuple(v for v in variants()
+    return tuple(v for v in variants(model.actuator)
                  if EFFECTS[v.effect].is_neutral(getattr(model.effects, v.effect)))
 
 

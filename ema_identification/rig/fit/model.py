@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from ema_identification.rig.laws import LAWS
 from ema_record.errors import UsageError, unknown_name
 from ema_record.yaml_file import load_yaml
+from ema_rig.record import InputQuantity, Motion
 
 SEE = "docs/rigs.md shows the form"
 DEFAULT_TOLERANCE = 0.1
@@ -30,6 +31,9 @@ class KnownTerm(_Part):
     """Nominal values; a linear parameter without one is free."""
     tolerance: float = Field(default=DEFAULT_TOLERANCE, ge=0.0, le=10.0)
     """How far the linear parameters may be off, relative to their size."""
+    estimate: dict[str, tuple[Finite, Finite, Finite]] = Field(
+        default_factory=dict, max_length=10)
+    """What a record gave, value and 90 % interval; told, and exported, not used in a fit."""
 
     @field_validator("effect")
     @classmethod
@@ -55,12 +59,27 @@ class Settings(_Part):
     """Speed below which the axis counts as at rest (m/s or rad/s)."""
 
 
+class ModelAxis(_Part):
+    """What axis a model is of, and how far it moved in the records."""
+
+    motion: Motion
+    input: InputQuantity
+    travel: tuple[Finite, Finite]
+    """Smallest and largest position (m or rad)."""
+    largest_speed: float = Field(default=0.0, ge=0.0, allow_inf_nan=False)
+    """(m/s or rad/s)"""
+    largest_input: float = Field(default=0.0, ge=0.0, allow_inf_nan=False)
+    """In the unit of the input."""
+
+
 class RigModel(_Part):
     """What is believed of a rig before the comparison."""
 
     rig: str = Field(default="rig", pattern=r"^[A-Za-z0-9_.-]{1,64}$")
     terms: tuple[KnownTerm, ...] = Field(min_length=1, max_length=MAX_TERMS)
     settings: Settings = Settings()
+    axis: ModelAxis | None = None
+    """Written by an identification."""
 
 
 DEFAULT_MODEL = RigModel(
@@ -113,9 +132,12 @@ def dump_rig_model(model: RigModel, comment: str = "") -> str:
     """Return the YAML text of a model."""
     data = model.model_dump(exclude_defaults=True)
     data = {"rig": model.rig, "terms": [_plain(term) for term in model.terms],
+            **({} if model.axis is None else {"axis": {
+                **data["axis"], "travel": list(model.axis.travel)}}),
             **({"settings": data["settings"]} if "settings" in data else {})}
     head = "".join(f"# {line}\n" for line in comment.splitlines())
-    return head + yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=90)
+    return head + yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=90,
+                                 default_flow_style=None)
 
 
 def _plain(term: KnownTerm) -> dict[str, object]:
@@ -124,4 +146,7 @@ def _plain(term: KnownTerm) -> dict[str, object]:
         entry["parameters"] = {name: float(f"{value:.8g}")
                                for name, value in term.parameters.items()}
         entry["tolerance"] = float(f"{term.tolerance:.3g}")
+    if term.estimate:
+        entry["estimate"] = {name: [float(f"{value:.6g}") for value in values]
+                             for name, values in term.estimate.items()}
     return entry

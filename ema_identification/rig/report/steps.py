@@ -9,14 +9,17 @@ import numpy as np
 from ema_identification.report.words import number
 from ema_identification.result import NamedEffect, Step
 from ema_identification.rig.fit.balance import InputBalance, rms
+from ema_identification.rig.fit.estimates import parameters
 from ema_identification.rig.fit.model import (
     DEFAULT_TOLERANCE,
     KnownTerm,
+    ModelAxis,
     RigModel,
     Settings,
     dump_rig_model,
 )
 from ema_identification.rig.fit.regression import Blocks, covariance, half_width
+from ema_identification.rig.fit.visible import Check
 from ema_identification.rig.laws.base import physical
 from ema_identification.rig.report.words import shape_words, signal_name, term_words
 from ema_identification.rig.search.remainder import Left
@@ -34,6 +37,10 @@ class Story:
     found: Search
     gaps: list[float]
     """Held-out gap at the start and after each finding."""
+    size: float
+    """Input about its mean where the gap is measured, rms."""
+    check: Check
+    """What the records can show."""
     noise_floor: float
     noise_bound: float
     """95 % bound of the floor."""
@@ -65,7 +72,8 @@ def _align(story: Story) -> Step:
             "rest are left out, as dry friction takes any value there. "
             f"{story.blocks.count} blocks of {number(story.blocks.length)} s are held out, and "
             "change their sign, together.")
-    return Step(name="align", text=" ".join([text, *(f"{note}." for note in story.notes)]))
+    notes = (f"{note}." for note in (*story.notes, *story.check.lines))
+    return Step(name="align", text=" ".join([text, *notes]))
 
 
 def _recalibrate(story: Story) -> Step:
@@ -160,11 +168,22 @@ MOST = 1.0
 """Largest tolerance that is written."""
 
 
+def _axis_of(trajectory: Trajectory) -> ModelAxis:
+    """Return what axis it is and how far, fast and hard it was driven."""
+    segments = trajectory.segments
+    low, high = (min(s.position.min() for s in segments), max(s.position.max() for s in segments))
+    return ModelAxis(
+        motion=trajectory.axis.motion, input=trajectory.axis.input,
+        travel=(float(f"{low:.6g}"), float(f"{high:.6g}")),
+        largest_speed=float(f"{max(np.abs(s.smooth_speed).max() for s in segments):.6g}"),
+        largest_input=float(f"{np.abs(trajectory.target).max():.6g}"))
+
+
 def updated_text(given: RigModel, story: Story) -> str:
     """Return the YAML of the model with all terms that were found.
 
     Every term gets its value and a tolerance that holds its interval; terms that were free
-    in the model stay free.
+    in the model stay free. Beside them stands what was estimated, with its interval.
     """
     balance, blocks = story.found.balance, story.blocks
     trajectory = story.trajectory
@@ -172,12 +191,16 @@ def updated_text(given: RigModel, story: Story) -> str:
     variance = covariance(balance.free_columns, balance.fit.residual, blocks)
     place = np.cumsum(~balance.fixed) - 1
     terms = []
+    units = []
     for index, term in enumerate(balance.terms):
         span = balance.span(index)
         if balance.replaced(index):
             continue
+        estimated = parameters(balance, index, blocks)
+        units += [f"{p.name} {p.unit}" for p in estimated if p.unit != "1"]
+        estimate = {p.name.split(".")[1]: (p.value, p.low, p.high) for p in estimated}
         if index < len(story.start.terms) and term.law.name in free:
-            terms.append(KnownTerm(effect=term.law.name))
+            terms.append(KnownTerm(effect=term.law.name, estimate=estimate))
             continue
         values = balance.fit.coefficients[span]
         if term.law.name == "control_delay":
@@ -188,7 +211,7 @@ def updated_text(given: RigModel, story: Story) -> str:
         tolerance = min(MOST, max(DEFAULT_TOLERANCE, 1.5 * max(wide, default=0.0) / size))
         terms.append(KnownTerm(effect=term.law.name,
                                parameters=physical(term.law, term.shape, values),
-                               tolerance=float(f"{tolerance:.3g}")))
+                               tolerance=float(f"{tolerance:.3g}"), estimate=estimate))
     settings = Settings(**{
         **given.settings.model_dump(exclude_none=True),
         **({} if given.settings.decimate else {"band": float(f"{trajectory.band:.6g}")}),
@@ -197,6 +220,7 @@ def updated_text(given: RigModel, story: Story) -> str:
     names = ", ".join(f.effect for f in story.findings) or "nothing"
     return dump_rig_model(
         RigModel(rig=given.rig if given.rig != "rig" else trajectory.axis.name,
-                 terms=tuple(terms), settings=settings),
+                 terms=tuple(terms), settings=settings, axis=_axis_of(trajectory)),
         f"Updated by ema identify: added {names}.\nInput: "
-        f"{trajectory.axis.input_channel.label}; {trajectory.axis.motion} axis.")
+        f"{trajectory.axis.input_channel.label}; {trajectory.axis.motion} axis.\n"
+        f"An estimate is a value and its 90 % interval. Units: {', '.join(dict.fromkeys(units))}.")

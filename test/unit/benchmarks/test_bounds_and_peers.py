@@ -67,6 +67,16 @@ def test_what_is_not_known_elsewhere_does_no_harm():
     assert free == pytest.approx(KNOWN, rel=0.1)
 
 
+def test_a_parameter_that_no_feature_shows_does_no_harm():
+    """Its shift is 0, or -0 under a negative weight."""
+    rng = np.random.default_rng(92_006)
+    samples = rng.standard_normal((300, 2))
+    signature = np.array([1.0, 0.0])
+    for sign in (1.0, -1.0):
+        found = linear_bound(signature, samples, np.empty((0, 2)), np.full((1, 2), sign * 0.0))
+        assert found == pytest.approx(KNOWN, rel=0.1)
+
+
 def test_tied_parameters_move_together():
     nominal = load_actuator().motor
     moved = actuator_of({"motor_friction": 0.1, "back_emf_b": 0.005}).motor

@@ -154,6 +154,7 @@ def test_the_identifying_process_cannot_read_the_answers(cases, tmp_path, reposi
         ["open", "relative", "link", "numpy", "list", "import", "others stay open"], True)
 
 
+@pytest.mark.slow
 def test_a_bag_tells_nothing(cases, tmp_path):
     case = next(c for c in cases if c.group == "effect")
     record = record_of(case, load_profile("step"), "validate")

@@ -6,8 +6,7 @@ import os
 import pytest
 from typer.main import get_command
 
-from ema_cli.kit_option import with_kit
-from ema_cli.main import COMMANDS, build_app, run
+from ema_cli.main import COMMANDS, build_app, run, with_kit
 from ema_record.actuator import load_actuator
 from ema_record.actuator_type import actuator_hash
 from ema_record.bag.read import read_bag

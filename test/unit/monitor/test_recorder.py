@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from ema_monitor.log_clock import LogClock
-from ema_monitor.recorder import BitRecorder, new_bag_path
+from ema_monitor.recorder import BitRecorder, LogClock, new_bag_path
 from ema_record.bag.read import read_bag
 from ema_record.errors import InvalidRecordError
 from ema_record.profile import load_profile

@@ -4,18 +4,19 @@ import numpy as np
 import pytest
 
 from ema_prognostics.paper.cascade import EXTENTS, level_target
-from ema_prognostics.paper.envelope import envelopes, symmetry
+from ema_prognostics.paper.experiment import add_noise
 from ema_prognostics.paper.features import (
     ANN_A_INPUTS,
     ECCENTRICITY_INPUTS,
     HALF_PORTION,
     TURN_SHORT_INPUTS,
     concavity,
+    envelopes,
     paper_features,
     paper_turns,
     portion_centre,
+    symmetry,
 )
-from ema_prognostics.paper.noise import add_noise
 from support.simulations import slewing_record
 
 

@@ -20,6 +20,12 @@ def test_what_is_written_is_read(tmp_path):
     }
 
 
+def test_one_name_in_several_places_is_no_key_twice(tmp_path):
+    path = written(tmp_path, "a: {b: a, c: {a: b, b: b}}\nb: [a, a, {a: b}, {a: b}]\nc: a\n")
+    assert load_yaml(path) == {"a": {"b": "a", "c": {"a": "b", "b": "b"}},
+                               "b": ["a", "a", {"a": "b"}, {"a": "b"}], "c": "a"}
+
+
 @pytest.mark.parametrize(
     ("text", "match"),
     [
@@ -29,8 +35,11 @@ def test_what_is_written_is_read(tmp_path):
         ("a: !!python/object/apply:os.system [ls]", "could not determine a constructor"),
         ("[" * 5000, "malformed YAML"),
         ("[" * 60 + "]" * 60, "nested deeper than 50 levels"),
+        ("a:\n  b: 1\n  c: 2\n  b: 3\n", "line 4: malformed YAML: 'b' stands there twice"),
+        ("[{a: 1, 'a': 2}]", "line 1: malformed YAML: 'a' stands there twice"),
         ("a: 1\n---\nb: 2\n", "but found another document"),
         ("a: 2026-13-45", "malformed YAML"),
+        ("a: " + "9" * 5000, "value has 5000 digits$"),
         (b"\xff\xfe\xfa", "not UTF-8"),
         ("a: \x00", "malformed YAML"),
         ("x" * (2 << 20), "at most 1048576"),

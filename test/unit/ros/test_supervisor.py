@@ -115,10 +115,15 @@ def test_a_domain_is_held_across_processes_and_leaves_no_file(tmp_path, monkeypa
 
 
 def test_effects_become_parameters():
-    assert effect_parameters(["turn_short.fraction=1", "turn_short.phase = b"]) == {
-        "turn_short.fraction": 1.0, "turn_short.phase": "b"}
-    for wrong in ("turn_short", "turn_short=1", "turn_short.fraction=", "a b.c=1", ".x=1"):
-        with pytest.raises(UsageError, match=r"NAME\.PARAMETER=VALUE"):
+    assert effect_parameters(["turn_short.fraction=0.5", "turn_short.phase = b"]) == {
+        "turn_short.fraction": 0.5, "turn_short.phase": "b"}
+    for wrong, what in (
+        ("turn_short", r"NAME\.PARAMETER=VALUE"), ("turn_short.fraction=", r"NAME\.PARAMETER="),
+        ("turn_short=1", "name a parameter too"), ("a b.c=1", "unknown effect 'a b'"),
+        (".x=1", "unknown effect ''"), ("turn_short.phase=1", "choose one of a, b, c"),
+        ("turn_short.fraction=nan", "nan is out of bounds"),
+    ):
+        with pytest.raises(UsageError, match=what):
             effect_parameters([wrong])
 
 

@@ -142,6 +142,17 @@ def test_the_latency_goes_on_over_a_new_command():
     assert session._commanded(begun, 6)[3:] == pytest.approx(0.3)
 
 
+@pytest.mark.parametrize("latency", [0.0, 1.0, 1.9])
+def test_the_kernel_is_given_one_type_whatever_is_commanded(latency):
+    """An array that can be written is another type, and compiled for it anew: half a minute."""
+    session = ActuatorSession(changed(acquisition={"command_latency": latency}), settle=False)
+    session.command(STEP)
+    first = session._commanded(0, 40)
+    session._take(STEP)
+    for command in (first, session._commanded(0, 40), session._commanded(30, 2000)):
+        assert command.flags.c_contiguous and not command.flags.writeable
+
+
 @pytest.mark.parametrize(("delay", "latency"), [
     (0.0, 0.0), (3.0, 0.0), (0.0, 4.0), (2.0, 5.0), (0.5, 2.25)])
 def test_a_reference_is_recorded_after_its_delay_and_acts_after_its_latency_too(delay, latency):

@@ -39,8 +39,10 @@ CURRENTS = [f"{k}_current_{p}" for k in ("phase", "reference") for p in "abc"]
     ({"factor": 1e3, "channels": CURRENTS[:3]}, InvalidRecordError, "mA"),
     ({"value": 0.0, "channels": ["phase_current_b"]}, InvalidRecordError, "phase current b"),
     ({"value": 0.0, "channels": ["motor_speed"]}, InvalidRecordError, "motor_speed"),
-    ({"value": np.nan, "channels": ["surface_position"]}, InvalidRecordError,
-     "not recorded: surface_position"),
+    ({"value": np.nan, "channels": ["phase_current_b"]}, InvalidRecordError,
+     "no channel phase_current_b"),
+    ({"value": np.nan, "channels": ["phase_current_b", "phase_current_c"]}, InvalidRecordError,
+     "not finite|no channel"),
 ])
 def test_a_record_that_cannot_be_used_is_named(record, change, error, said):
     with pytest.raises(error, match=said) as caught:

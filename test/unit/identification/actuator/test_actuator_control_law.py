@@ -30,7 +30,7 @@ def record(effects=None, *, seed=1, **control):
 
 @pytest.mark.parametrize("effects", [
     None, effect("motor_friction", increase=1.0), effect("backlash", increase=3e-3),
-    effect("hall_misalignment", angle=0.15), effect("quantisation", speed_bits_lost=3),
+    effect("hall_misalignment", angle=0.15), effect("quantisation", speed_bits_lost=3.0),
 ])
 def test_whatever_the_drive_does_the_controller_measures_as_it_is(effects):
     found = measured_gains(record(effects), MODEL.actuator)

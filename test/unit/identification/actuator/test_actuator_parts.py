@@ -93,6 +93,47 @@ def test_every_effect_of_the_catalogue_is_a_candidate():
     assert {v.effect for v in variants()} == set(EFFECTS)
 
 
+def test_sizes_follow_the_scales_of_the_actuator():
+    """An actuator with a third of the friction and ten times the lost motion."""
+    a = load_model_file().actuator
+    other = a._replace(
+        motor=a.motor._replace(dynamic_friction=a.motor.dynamic_friction / 3.0),
+        surface=a.surface._replace(dynamic_friction=a.surface.dynamic_friction / 3.0,
+                                   static_friction=10.0 * a.surface.static_friction),
+        shaft=a.shaft._replace(backlash=10.0 * a.shaft.backlash))
+    known = {v.name: v.levels for v in variants(a)}
+    for variant in variants(other):
+        found, before = np.array(variant.levels[0]), np.array(known[variant.name][0])
+        if variant.effect in ("cogging_torque", "surface_load"):
+            assert found == pytest.approx(before / 3.0, rel=0.05)
+        elif variant.effect in ("backlash", "gear_mesh_ripple"):
+            top = EFFECTS[variant.effect].fields[0].kind.upper
+            assert np.abs(found[2:]) == pytest.approx(
+                np.minimum(np.abs(10.0 * before[2:]), top), rel=0.05)
+        elif variant.effect in ("turn_short", "current_sensor_offset", "control_delay"):
+            assert variant.levels[0] == known[variant.name][0]
+
+
+def test_sizes_stay_within_what_an_effect_may_be():
+    a = load_model_file().actuator
+    large = a._replace(surface=a.surface._replace(dynamic_friction=1e4, static_friction=1e4))
+    for variant in variants(large):
+        for k, levels in enumerate(variant.levels):
+            assert all(variant.low[k] <= x <= variant.high[k] and x != 0.0 for x in levels)
+            assert len(set(levels)) == len(levels)
+
+
+def test_the_load_and_the_errors_of_sensors_are_those_of_the_kit(tmp_path):
+    kit = make_kit(tmp_path / "kit", {"conditions": {"load": 3.0, "current_offset": 0.2}},
+                   cascade=False)
+    load, offset = (next(t for t in TOLERANCES if t.name == name)
+                    for name in ("surface_load.constant", "current_sensor_offset.phase_a"))
+    before = load.half_width, offset.half_width
+    with using_kit(kit):
+        assert (load.half_width, offset.half_width) == (3.0, 0.2)
+    assert (load.half_width, offset.half_width) == before != (3.0, 0.2)
+
+
 def test_aliases_name_variants_and_tolerances():
     names = {v.name: v for v in variants()}
     for (variant, coordinate), (tolerance, _) in ALIASES.items():

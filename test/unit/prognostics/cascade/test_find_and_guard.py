@@ -5,7 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ema_prognostics.cascade.classes import FAMILIES, OUTPUTS, level_of, scale_of
+from ema_prognostics.cascade.classes import (
+    CLEAR,
+    FAMILIES,
+    KINDS_FOUND,
+    OUTPUTS,
+    STRANGERS,
+    TAIL_RATES,
+    kind_found,
+    level_of,
+    probability_known,
+    scale_of,
+    tail_probability,
+)
 from ema_prognostics.cascade.find import SeverityNetwork, announced
 from ema_prognostics.cascade.guard import (
     GROUP_SQUEEZE,
@@ -17,15 +29,6 @@ from ema_prognostics.cascade.guard import (
 )
 from ema_prognostics.cascade.guard_groups import GROUPS, group_columns
 from ema_prognostics.cascade.inputs import Inputs, group_inputs, input_names
-from ema_prognostics.cascade.known import (
-    CLEAR,
-    KINDS_FOUND,
-    STRANGERS,
-    TAIL_RATES,
-    kind_found,
-    probability_known,
-    tail_probability,
-)
 from ema_prognostics.cascade.lines import LineFilter
 from ema_prognostics.cascade.model_body import NetworkPart, SeverityPart
 from ema_prognostics.networks.network import Network, logit

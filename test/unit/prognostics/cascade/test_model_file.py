@@ -9,16 +9,25 @@ import pytest
 from ema_prognostics.cascade.model_file import (
     MAX_BYTES,
     load_model,
+    model_of,
     model_text,
     parse_model,
     save_model,
 )
+from ema_record.actuator_type import actuator_hash
 from ema_record.errors import ModelError, OutputError
+from ema_record.kit import ACTUATOR, CASCADE, shipped_kit, using_kit
+from support.simulations import make_kit
 
 
 @pytest.fixture(scope="module")
 def shipped():
     return load_model()
+
+
+def of_type(model, name):
+    """Return a model that says for which actuator it was trained."""
+    return model_of(model.body.model_copy(update={"actuator": name}))
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +48,38 @@ def test_the_shipped_file_is_a_full_training(shipped):
     }
     assert shipped.paper is not None
     assert shipped.training["quick"] is False
+
+
+def test_the_hash_of_the_shipped_file_is_that_of_the_loaded_model(shipped):
+    file = json.loads((shipped_kit() / CASCADE).read_text(encoding="utf-8"))
+    assert shipped.sha256 == file["sha256"]
+
+
+def test_a_file_that_does_not_say_its_actuator_is_accepted(shipped, tmp_path):
+    """One of before the entry: it is written as it was read."""
+    file = save_model(of_type(shipped, ""), tmp_path / "model.json")
+    assert "actuator" not in json.loads(file.read_text(encoding="utf-8"))["body"]
+    with using_kit(make_kit(tmp_path / "kit", {"gear": {"ratio": 501.0}}, cascade=False)):
+        assert load_model(file).body.actuator == ""
+
+
+def test_a_cascade_of_another_actuator_is_refused(shipped, tmp_path):
+    own = save_model(of_type(shipped, actuator_hash()), tmp_path / "model.json")
+    assert load_model(own).body.actuator == actuator_hash()
+    kit = make_kit(tmp_path / "kit", {"gear": {"ratio": 501.0}}, cascade=False)
+    (kit / CASCADE).write_bytes(own.read_bytes())
+    trained_for = actuator_hash()
+    with using_kit(kit):
+        for path in (None, own):
+            with pytest.raises(ModelError) as error:
+                load_model(path)
+            line = str(error.value)
+            assert trained_for in line and actuator_hash() in line and "--kit" in line
+            assert "\n" not in line
+        # A description that was corrected after the training names what it was.
+        with (kit / ACTUATOR).open("a", encoding="utf-8") as file:
+            file.write(f"formerly: ['{trained_for}']\n")
+        assert load_model().body.actuator == trained_for
 
 
 def test_an_existing_file_is_not_touched(shipped, tmp_path):
@@ -112,6 +153,11 @@ def test_a_view_and_a_network_of_others(text):
         {"sideways/fleet": body["views"].pop("step/fleet")}))
     refused(text, lambda body: body["paper"].update(
         ann_a=body["views"]["extended/fleet"]["members"]["short"]["network"]))
+
+
+@pytest.mark.parametrize("name", ["0123", "0123456789ABCDEF", 12, None])
+def test_an_actuator_that_is_no_hash(text, name):
+    refused(text, lambda body: body.update(actuator=name))
 
 
 def test_missing_large_and_binary_files(tmp_path):

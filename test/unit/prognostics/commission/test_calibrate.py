@@ -13,9 +13,18 @@ from ema_prognostics.commission.acceptance import (
     measured_recorder,
     read_acceptance,
 )
-from ema_prognostics.commission.calibrate import changed, linear_bayes, parameters_of
+from ema_prognostics.commission.calibrate import (
+    changed,
+    parameters_of,
+    wider,
+)
 from ema_prognostics.commission.commission import commission
-from ema_prognostics.commission.discrepancy import fit_discrepancy, with_discrepancy
+from ema_prognostics.commission.discrepancy import (
+    fit_discrepancy,
+    moderated,
+    with_discrepancy,
+)
+from ema_prognostics.commission.estimate import estimate
 from ema_prognostics.commission.quality import check_described, check_good
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_record.actuator import load_actuator
@@ -25,25 +34,74 @@ from ema_record.kit import ACTUATOR as ACTUATOR_FILE
 from ema_record.kit import kit_path
 from ema_record.profile import load_profile, step_profile
 from ema_record.record import Record
+from ema_record.spread import load_spread
 from support.simulations import record_of
 
 ACTUATOR = load_actuator()
 
 
+SLOPES = np.array([[1.0, 0.3, 0.0], [0.0, 1.0, 0.0], [0.2, 0.0, 0.0]])
+PRIOR = np.array([0.4, 0.7, 1.0])
+
+
+def drawn(rng: np.random.Generator, noisy: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return parameters of tests, shape (200, 3), and features of which `noisy` say nothing."""
+    parameters = rng.standard_normal((200, 3)) * PRIOR
+    shown = parameters @ SLOPES.T + 0.01 * rng.standard_normal((200, 3))
+    return parameters, np.hstack([shown, rng.standard_normal((200, noisy))])
+
+
 def test_parameters_of_a_linear_machine_come_out_among_features_that_say_nothing() -> None:
     rng = np.random.default_rng(1)
-    parameters = rng.standard_normal((200, 3)) * [0.4, 0.7, 1.0]
-    slopes = np.array([[1.0, 0.3, 0.0], [0.0, 1.0, 0.0], [0.2, 0.0, 0.0]])
-    noise = rng.standard_normal((200, 100))
-    features = np.hstack([parameters @ slopes.T + 0.01 * rng.standard_normal((200, 3)), noise])
+    parameters, features = drawn(rng, 100)
     truth = np.array([0.3, -0.5, 0.8])
-    measured = np.concatenate([slopes @ truth, rng.standard_normal(100)])
-    found, left = linear_bayes(parameters, features, measured)
+    measured = np.concatenate([SLOPES @ truth, rng.standard_normal(100)])
+    error = np.array([0.03] * 3 + [1.0] * 100)
+    found, left = estimate(parameters, features, measured, PRIOR, error, 10_000)
     assert found[:2] == pytest.approx(truth[:2], abs=0.06)
     assert max(left[:2]) < 0.08
     # Nothing shows the third: the estimate stays at the prior, and says so.
     assert abs(found[2]) < 0.5
     assert left[2] == pytest.approx(1.0, abs=0.2)
+
+
+def test_the_estimate_is_that_of_bayes_and_its_error_is_said() -> None:
+    rng = np.random.default_rng(2)
+    parameters, features = drawn(rng, 0)
+    error = np.array([0.2, 0.3, 0.4])
+    truth, wanted = PRIOR * rng.standard_normal((400, 3)), []
+    for one in truth:
+        measured = SLOPES @ one + 0.01 * rng.standard_normal(3) + (
+            error * rng.standard_normal(3))
+        found, left = estimate(parameters, features, measured, PRIOR, error, 10_000)
+        wanted.append((found - one) / left)
+    spread = np.std(wanted, axis=0)
+    assert spread == pytest.approx([1.0, 1.0, 1.0], abs=0.12)
+
+
+def test_a_feature_that_no_parameter_explains_moves_none() -> None:
+    rng = np.random.default_rng(3)
+    parameters, features = drawn(rng, 0)
+    truth = np.array([0.3, -0.5, 0.0])
+    measured = SLOPES @ truth + [0.0, 0.0, 20.0]  # 400 of its errors, of the weak third feature
+    found, _ = estimate(parameters, features, measured, PRIOR, np.full(3, 0.05), 10_000)
+    assert found[:2] == pytest.approx(truth[:2], abs=0.1)
+
+
+def test_what_is_not_known_of_the_type_is_part_of_its_tolerances() -> None:
+    old = load_spread().tolerances
+    left = {"motor.phase_resistance": 0.03, "motor.viscous_friction": 0.2,
+            "shaft.damping": 0.4, "shaft.stiffness": 0.2,
+            "control.position_gain": 0.03, "control.integral_gain": 0.04}
+    new = wider(old, ACTUATOR, left)
+    assert new.resistance**2 / 3 == pytest.approx(old.resistance**2 / 3 + 0.03**2, rel=1e-2)
+    assert np.log(new.viscous_factor)**2 / 3 == pytest.approx(
+        np.log(old.viscous_factor)**2 / 3 + 0.2**2, rel=1e-2)
+    assert new.control_gain**2 / 3 == pytest.approx(old.control_gain**2 / 3 + 0.03**2, rel=1e-2)
+    assert new.stiffness**2 / 3 == pytest.approx(old.stiffness**2 / 3 + 0.2**2, rel=1e-2)
+    assert new.damping == old.damping  # four fifths of the prior are left
+    assert new.inertia == old.inertia
+    assert wider(old._replace(stiffness=0.79), ACTUATOR, left).stiffness == 0.8  # the most
 
 
 def test_static_friction_moves_with_the_dynamic_one_and_never_falls_below() -> None:
@@ -79,6 +137,17 @@ def test_what_is_no_larger_than_its_error_is_no_discrepancy() -> None:
     assert found.spread == pytest.approx([np.sqrt(share * 0.25)])
     condition = fit_discrepancy(["load_quarter"], rows, units, zero, one)
     assert (condition.mean, condition.spread) == ([0.0], [0.0])
+
+
+def test_variances_of_few_units_are_drawn_together_as_far_as_chance_goes() -> None:
+    rng = np.random.default_rng(8)
+    alike = rng.chisquare(3, 400) / 3  # all true ratios are 1: what differs is chance
+    assert moderated(alike, 3) == pytest.approx(np.ones(400), abs=0.25)
+    truth = 6.0 / rng.chisquare(6, 2000)  # of the prior: 6 degrees of freedom
+    measured = truth * rng.chisquare(3, 2000) / 3
+    found = moderated(measured, 3)
+    assert np.mean(np.log(found / truth)**2) < 0.5 * np.mean(np.log(measured / truth)**2)
+    assert found == pytest.approx((6.0 + 3.0 * measured) / 9.0, rel=0.2)
 
 
 def test_the_discrepancy_of_a_unit_is_that_of_all_its_records() -> None:
@@ -160,3 +229,13 @@ def test_a_refusal_before_any_work_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="1 acceptance records"):
         commission([one], kit_path(ACTUATOR_FILE), tmp_path / "kit")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["one"]
+
+
+@pytest.mark.parametrize("text", ["\0", "motor: {}\nmotor: {}\n", "motr: {}\n", "drive: {}\n"])
+def test_a_description_that_is_none_is_named_and_leaves_nothing_behind(tmp_path, text):
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(text, encoding="utf-8")
+    with pytest.raises(UsageError) as caught:
+        commission([tmp_path / "record"], mine, tmp_path / "kit")
+    assert str(mine) in str(caught.value) and "unfinished" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == [mine]

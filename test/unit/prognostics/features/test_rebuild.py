@@ -9,7 +9,6 @@ import pytest
 
 from ema_prognostics.features.balance import line_orders, torque_balance
 from ema_prognostics.features.extract import extract
-from ema_prognostics.features.rebuild import completed, torque_command, torque_signs
 from ema_prognostics.features.signals import prepare
 from ema_record.actuator import FOC, load_actuator
 from ema_record.channels import (
@@ -20,6 +19,7 @@ from ema_record.channels import (
 )
 from ema_record.errors import InvalidRecordError
 from ema_record.record import Record
+from ema_sim.rebuild import completed, torque_command, torque_signs
 from support.simulations import record_of, slewing_record
 
 ACTUATOR = load_actuator()

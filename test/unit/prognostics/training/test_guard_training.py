@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ema_prognostics.cascade.classes import KINDS_FOUND
 from ema_prognostics.cascade.guard import (
     ALONE,
     BETTER_IS_LESS,
@@ -15,7 +16,6 @@ from ema_prognostics.cascade.guard import (
     signed,
 )
 from ema_prognostics.cascade.guard_groups import group_columns
-from ema_prognostics.cascade.known import KINDS_FOUND
 from ema_prognostics.training.guard_training import GuardRecords, train_guard
 
 NAMES = ["torque_quarter", "noise_speed", "position_step", "temperature", "inertia",

@@ -55,3 +55,11 @@ def test_growth_that_multiplies_is_counted_from_one() -> None:
     assert found is not None
     assert found.a90 == pytest.approx(1.12 * 9.0**0.04 - 1.0, rel=0.05)
     assert found.probability(np.array([found.a90])) == pytest.approx(0.9)
+
+
+def test_a_curve_that_hardly_rises_has_its_bound_beyond_all_severities() -> None:
+    rng = np.random.default_rng(12)
+    x = np.exp(rng.uniform(np.log(0.01), 0.0, 40))
+    found = detection_curve(x, rng.random(40) < 0.5)
+    assert found is not None
+    assert 1.0 < found.a90 < found.a90_95 < np.inf

@@ -18,12 +18,15 @@ from ema_prognostics.cascade.model_file import (
     model_text,
     save_model,
 )
+from ema_prognostics.training import train_model
 from ema_prognostics.training.evaluation import evaluate
 from ema_prognostics.training.fleet import FleetFeatures, simulate_fleet
 from ema_prognostics.training.train_model import TrainingSettings
+from ema_prognostics.training.training_jobs import Trained
 from ema_prognostics.training.validation_report import validation_report
 from ema_prognostics.training.view_training import train_view
 from ema_prognostics.verdict.diagnose import diagnose
+from ema_record.actuator_type import actuator_hash
 from ema_record.errors import UsageError
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
@@ -91,6 +94,20 @@ def test_a_campaign_about_another_actuator(campaigns: Campaigns, tmp_path: Path)
 
 def test_same_seed_same_bytes(campaigns: Campaigns, model: TrainedModel) -> None:
     assert model_text(train(campaigns)) == model_text(model)
+
+
+def test_a_training_says_for_which_actuator_it_was(
+    model: TrainedModel, campaigns: Campaigns, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    faults, sound = campaigns
+    views = {"step": {v: model.body.views[f"step/{v}"] for v in ("fleet", "baseline")}}
+    monkeypatch.setattr(train_model, "simulate_fleets", lambda *_, healthy, **__: {
+        "step": sound if healthy else faults})
+    monkeypatch.setattr(train_model, "train_views", lambda *_, **__: Trained(views, None))
+    monkeypatch.setattr(train_model, "evaluate", lambda *_: {})
+    trained = train_model.train_model(31, kinds=("step",))
+    assert trained.body.actuator == actuator_hash()
+    assert trained.cascades["step/fleet"].view == model.cascades["step/fleet"].view
 
 
 def test_file_judges_as_what_was_trained(model: TrainedModel, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from ema_record.checks.held import held_share
 from ema_record.checks.live import Level, check_record, worst
 from ema_record.checks.run import lint_bag
 from support.actuators import changed
-from support.simulations import record_of, second_actuator
+from support.simulations import column, record_of, second_actuator
 
 FLAGS = {4: "phase_current_c", 5: "reference_currents", 8: "rotor_angle", 9: "surface_position"}
 ABSENT = {
@@ -37,14 +37,6 @@ def without(record, columns):
 
 def rules(record, actuator=None):
     return [finding.rule for finding in guard_findings(record, actuator)]
-
-
-def column(index, law):
-    def change(record):
-        samples = record.samples.copy()
-        samples[:, index] = law(samples[:, index])
-        return replace(record, samples=samples)
-    return change
 
 
 def noise(deviation):

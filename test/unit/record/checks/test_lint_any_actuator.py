@@ -13,7 +13,7 @@ from ema_record.checks.guard import guard_findings, outcome_of
 from ema_record.checks.live import Level, check_record, group_of, worst
 from ema_record.checks.run import lint_bag
 from support.recording import Recording
-from support.simulations import DESCRIPTION, SECOND_STEP, record_of, second_actuator
+from support.simulations import DESCRIPTION, SECOND_STEP, column, record_of, second_actuator
 
 SECOND = second_actuator()
 ROW = 5000
@@ -53,14 +53,6 @@ def test_the_command_takes_its_description(tmp_path, capsys):
     bag = write_bag(second(), tmp_path / "bag")
     assert run(["lint", "--model", str(DESCRIPTION), str(bag)]) == 0
     assert "clean" in capsys.readouterr().out
-
-
-def column(index, law):
-    def change(record):
-        samples = record.samples.copy()
-        samples[:, index] = law(samples[:, index])
-        return replace(record, samples=samples)
-    return change
 
 
 FLAWS = [

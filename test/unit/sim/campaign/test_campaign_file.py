@@ -2,10 +2,12 @@ import numpy as np
 import pytest
 
 from ema_record.errors import UsageError
+from ema_sim.campaign import runs as campaign_runs
 from ema_sim.campaign.plan import load_plan, plan_from
 from ema_sim.campaign.reductions import named_reduction, summary
 from ema_sim.campaign.runs import prepare
 from ema_sim.effects import EFFECTS
+from support.simulations import record_of
 
 STEP = {"profile": "step", "runs": 100}
 
@@ -75,6 +77,17 @@ def test_what_is_drawn_reaches_the_run():
     assert run.effects.turn_short.fraction == 0.125
     assert EFFECTS["turn_short"].fields[1].kind.options[run.effects.turn_short.phase] == "b"
     assert run.start_angle == 1.5
+
+
+def test_the_edges_of_a_carrier_are_simulated_where_the_plan_says_so(monkeypatch):
+    seen = []
+    monkeypatch.setattr(campaign_runs, "simulate", lambda *_, switching, **__: (
+        seen.append(switching) or record_of("step", seed=3)))
+    for switching in (False, True):
+        run = campaign({"noise": 1.0}, switching=switching).run(0)
+        assert run.switching is switching
+        run.simulate()
+    assert seen == [False, True]
 
 
 def test_grids_give_all_combinations_once():

@@ -33,6 +33,8 @@ _SIGNS = np.array([reference_signs.py_func(sector) for sector in range(6)])
 TRIES = 41
 """Speed offsets tried each round; three rounds, each a fifth as wide."""
 ROUNDS = 4
+BLOCK_ANGLE = 0.02
+"""Largest turn (rad) by the offset that is looked for within what is summed before the search."""
 
 
 def present(record: Record) -> np.ndarray:
@@ -115,20 +117,25 @@ def _angle(samples: np.ndarray, actuator: Actuator) -> np.ndarray:
                         1e-3 * actuator.control.speed_limit)
     middle = time - time.mean()
     best = 0.0
+    period = max(float(np.median(np.diff(time))), 1e-9)
+    block = max(1, int(BLOCK_ANGLE / (2.0 * reach * period)))
+    first = np.arange(0, len(time), block)
+    sums, places = np.add.reduceat(square, first), np.add.reduceat(middle, first)
+    places /= np.diff(first, append=len(time))
     for _ in range(ROUNDS):
         tried = best + np.linspace(-reach, reach, TRIES)
-        size = [abs(np.mean(square * np.exp(-2j * w * middle))) for w in tried]
+        size = np.abs(np.exp(-2j * tried[:, None] * places) @ sums)
         best, reach = float(tried[int(np.argmax(size))]), reach / 5.0
     mean = np.mean(square * np.exp(-2j * best * middle))
     theta = turned + best * middle + 0.5 * np.angle(-mean)
     torque = (vector * 1j * np.exp(-1j * theta)).real
-    n = max(2, round(1e-3 / max(float(np.median(np.diff(time))), 1e-9)))
+    n = max(2, round(1e-3 / period))
     kernel = np.ones(n) / n
     smooth = np.convolve(torque, kernel, mode="valid")
     pace = np.convolve(speed, kernel, mode="valid")
     gain = np.gradient(pace)
     motor = actuator.motor
-    needed = (motor.inertia * gain / max(float(np.median(np.diff(time))), 1e-9)
+    needed = (motor.inertia * gain / period
               + actuator.friction_torque * np.sign(pace)
               * (np.abs(pace) > 0.01 * actuator.control.speed_limit))
     return np.mod(theta if smooth @ needed >= 0.0 else theta + np.pi, TURN)
