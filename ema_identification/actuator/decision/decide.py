@@ -240,8 +240,9 @@ def _nothing(null: LawFit, p: float, held: HeldOut | None) -> FleetAnswer:
 
 def _named(case: _Decision, answer: FleetAnswer, explaining: list[LawFit]) -> FleetAnswer:
     """Return the answer with the names that the evidence leaves."""
-    tested = [(fit, (case.p_own(fit, case.null.cost),), (case.null.cost,))
-              for fit in explaining if len(fit.terms) == 1]
+    tested: list[tuple[LawFit, tuple[float, ...], tuple[float, ...]]] = [
+        (fit, (case.p_own(fit, case.null.cost),), (case.null.cost,))
+        for fit in explaining if len(fit.terms) == 1]
     best = max((case.evidence(f) for f, *_ in tested), default=-np.inf)
     for pair in [f for f in explaining if len(f.terms) == 2 and case.evidence(f) > best][:TESTED]:
         alone = tuple(f.cost for f in case.each_alone(pair)[::-1])  # of each, without it
