@@ -150,7 +150,7 @@ class TestedUnit:
         library = self.library
         if not models:
             return []
-        seeds = np.random.default_rng([self.seed, 11, salt]).integers(2**31, size=runs)
+        seeds = np.random.default_rng([self.seed, 31, salt]).integers(2**31, size=runs)
         jobs = [(with_terms(terms, library.model.effects), z, int(s))
                 for terms, z in models for s in seeds]
 

@@ -53,7 +53,7 @@ class LibrarySizes(NamedTuple):
     """How many runs a library is made of."""
 
     units: int = 3000
-    repeated: int = 500
+    repeated: int = 450
     set_aside: int = 400
     """For two scores they resolve a level of 1 in 200."""
     scaled: int = 40
