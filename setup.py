@@ -64,6 +64,7 @@ setup(
             "pytest-xdist",
             "hypothesis",
             "pandas",
+            'mujoco-core; python_version >= "3.11"',
             "psutil",
             "ruff",
             "mypy",

@@ -106,7 +106,7 @@ def test_a_healthy_actuator_is_called_healthy(tmp_path):
 
 
 @pytest.mark.parametrize(("arguments", "hint"), [
-    (("--effect", "turn_shrt.fraction=0.1"), "did you mean 'turn_short.fraction'"),
+    (("--effect", "turn_shrt.fraction=0.1"), "did you mean 'turn_short'"),
     (("--effect", "turn_short.fraction=5"), "0 to 0.9"),
     (("--effect", "turn_short"), "NAME.PARAMETER=VALUE"),
     (("--profile", "exteded"), "did you mean 'extended'"),

@@ -14,11 +14,11 @@ MAP = {"name": "bench", "axis": "rotary", "time": {"column": "t", "unit": "s"},
        "input": {"column": "i", "unit": "A"}, "position": {"column": "q", "unit": "rad"}}
 N = 60
 T = 0.01 * np.arange(N)
-Q, I = np.sin(5 * T), np.cos(7 * T)
+Q, CURRENT = np.sin(5 * T), np.cos(7 * T)
 
 
 def table(head="t,i,q,state", cells=None, form="{t:.4f},{i:.8f},{q:.8f},{s}"):
-    rows = [form.format(t=T[k], i=I[k], q=Q[k], s=("IDLE", "RUN")[k % 2]) for k in range(N)]
+    rows = [form.format(t=T[k], i=CURRENT[k], q=Q[k], s=("IDLE", "RUN")[k % 2]) for k in range(N)]
     for row, text in (cells or {}).items():
         rows[row] = text
     return head + "\n" + "\n".join(rows) + "\n"
@@ -35,7 +35,7 @@ def imported(path, **more):
 
 def check(record):
     np.testing.assert_allclose(record.time, T, atol=1e-9)
-    np.testing.assert_allclose(record.input, I, atol=1e-8)
+    np.testing.assert_allclose(record.input, CURRENT, atol=1e-8)
     np.testing.assert_allclose(record.channel("position"), Q, atol=1e-8)
 
 
@@ -72,7 +72,7 @@ def test_the_cell_that_offends_is_named(tmp_path, cells, match):
 def test_a_cell_of_another_column_and_a_line_that_was_cut_do_not_matter(tmp_path):
     path = write(tmp_path / "a.csv", table(
         head="t,i,q,state,more", form="{t:.4f},{i:.8f},{q:.8f},{s},1",
-        cells={7: f"{T[7]},{I[7]},{Q[7]},x,bad"}) + "0.6,1.0")
+        cells={7: f"{T[7]},{CURRENT[7]},{Q[7]},x,bad"}) + "0.6,1.0")
     record = imported(path)
     check(record)
     assert "line 62 is cut and left out" in record.axis.notes
@@ -87,7 +87,7 @@ def test_a_cell_of_another_column_and_a_line_that_was_cut_do_not_matter(tmp_path
     ("h:m:s", lambda t: f"59:01.{round(1e4 * t):04d}"),
 ])
 def test_dates_and_clocks(tmp_path, unit, form):
-    rows = "\n".join(f"{form(t)},{i:.9f},{q:.9f}" for t, i, q in zip(T, I, Q))
+    rows = "\n".join(f"{form(t)},{i:.9f},{q:.9f}" for t, i, q in zip(T, CURRENT, Q))
     path = write(tmp_path / "a.csv", f"t,i,q\n{rows}\n")
     record = imported(path, time={"column": "t", "unit": unit})
     np.testing.assert_allclose(record.time - record.time[0], T, atol=2e-6)
@@ -104,14 +104,14 @@ def test_equal_stamps_are_refused_dropped_or_averaged(tmp_path):
         imported(path)
     dropped, mean = (imported(path, duplicates=how) for how in ("drop", "mean"))
     assert len(dropped) == len(mean) == N - 1
-    assert dropped.input[9] == pytest.approx(I[9], abs=1e-8)
-    assert mean.input[9] == pytest.approx((I[9] + 5) / 2, abs=1e-8)
+    assert dropped.input[9] == pytest.approx(CURRENT[9], abs=1e-8)
+    assert mean.input[9] == pytest.approx((CURRENT[9] + 5) / 2, abs=1e-8)
     assert "1 rows of a time stamp that was there averaged" in mean.axis.notes
 
 
 def test_a_counter_that_starts_again_goes_on(tmp_path):
     count = 3000 * T**2 - 400 * T
-    rows = "\n".join(f"{t:.4f},{i:.8f},{c % 100:.6f}" for t, i, c in zip(T, I, count))
+    rows = "\n".join(f"{t:.4f},{i:.8f},{c % 100:.6f}" for t, i, c in zip(T, CURRENT, count))
     path = write(tmp_path / "a.csv", "t,i,q\n" + rows)
     column = {"column": "q", "unit": "turn", "scale": 0.01, "unwrap": 100.0}
     record = imported(path, position=column)
@@ -163,11 +163,11 @@ def test_a_second_sensor_behind_the_gear(tmp_path):
 def test_parquet(tmp_path):
     pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     stamps = np.datetime64("2024-01-01", "ns") + np.rint(1e9 * T).astype("timedelta64[ns]")
-    pq.write_table(pa.table({"t": stamps, "i": I.astype(np.float32), "q": Q,
+    pq.write_table(pa.table({"t": stamps, "i": CURRENT.astype(np.float32), "q": Q,
                              "state": ["a"] * N}), tmp_path / "a.parquet")
     record = imported(tmp_path / "a.parquet")
     np.testing.assert_allclose(record.time, T, atol=1e-9)
-    np.testing.assert_allclose(record.input, I, atol=1e-6)
+    np.testing.assert_allclose(record.input, CURRENT, atol=1e-6)
     with pytest.raises(InvalidRecordError, match="line 1, column 'state': 'a' is not a number"):
         imported(tmp_path / "a.parquet", position={"column": "state", "unit": "rad"})
 

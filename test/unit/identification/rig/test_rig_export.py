@@ -109,7 +109,8 @@ def test_a_free_run_stops_when_friction_says(tmp_path):
 
 
 def test_mujoco_moves_as_we_predict(tmp_path):
-    mujoco = pytest.importorskip("mujoco", reason="no wheel of MuJoCo: MJCF is NOT run by it")
+    mujoco = pytest.importorskip(
+        "mujoco", reason="no MuJoCo (Python 3.11 or later): MJCF is NOT run by it")
     path = model(tmp_path / "m.yaml")
     plant = mujoco.MjModel.from_xml_string(export_model(path, "mjcf").text)
     state = mujoco.MjData(plant)
