@@ -1,7 +1,8 @@
 """The decision, whole: nothing, one law, two, a set of names, or something unknown.
 
-1. *Nothing* unless the misfit or the largest useless gain is rarer than `LEVEL` among healthy
-   units that built nothing of the library (conformal rank), on its quadratic and again on runs.
+1. *Nothing* unless the misfit or the largest useless gain is surely rarer than `LEVEL` among
+   healthy units (conformal rank among some that built nothing of the library, with the bound that
+   holds for these very ones, Vovk 2012), on its quadratic and again on runs.
 2. Laws are proposed from the library (wide, cheap), fitted with the simulator (`ROUNDS`), and
    compared by one evidence: log E = -½ ν ln J - ½ k ln ν, J the cost, k coordinates, ν the
    independent numbers of a record. This is the likelihood of a scale that is not known, with the
@@ -18,6 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.stats import beta
 
 from ema_identification.actuator.decision.fit import LawFit, TestedUnit
 from ema_identification.actuator.decision.gap import HeldOut, LawGap
@@ -34,6 +36,8 @@ from ema_identification.result import Outcome
 
 LEVEL = 0.01
 """Requirement: names on nothing, at most 1 %. Of every test."""
+SURE = 0.95
+"""Statistic: confidence that the units set aside prove the level."""
 COVERED = 0.95
 """Requirement: evidence that a set of names holds."""
 LARGEST_SET = 3
@@ -82,13 +86,20 @@ def rank(score: float, healthy: np.ndarray) -> float:
 
 
 def p_nothing(score: tuple[float, float], healthy: np.ndarray) -> float:
-    """Return the rank of the rarer of cost and gain, corrected for having looked at both.
+    """Return the share of healthy units that are as far off, with `SURE` at most as large.
 
-    Each unit, this one among them, is ranked among all; exact where all are exchangeable.
+    The score is the rarer of the ranks of cost and gain, so that having looked at both is paid
+    for. Of `n` healthy units `k` are as rare: the bound of Clopper and Pearson (1934). Among all
+    libraries that might have been drawn, at least `SURE` keep what it promises.
     """
     pooled = np.vstack([score, healthy])
     rarer = (pooled[None] >= pooled[:, None]).sum(axis=1).min(axis=1)
-    return float((rarer <= rarer[0]).mean())
+    return share_of(int((rarer[1:] <= rarer[0]).sum()), len(healthy))
+
+
+def share_of(as_rare: int, units: int) -> float:
+    """Return the largest share that is compatible, with `SURE`, with so many of `units`."""
+    return float(beta.ppf(SURE, as_rare + 1, units - as_rare)) if as_rare < units else 1.0
 
 
 def log_evidence(fit: LawFit, freedom: float) -> float:
@@ -226,12 +237,12 @@ def decide(
 
 def _nothing(null: LawFit, p: float, held: HeldOut | None) -> FleetAnswer:
     """Return silence, unless the held-out record is off by more than the model's own runs."""
-    said = f"healthy units are as far off with probability {p:.2g}"
+    said = f"of healthy units, up to {p:.2g} are as far off"
     answer = FleetAnswer(verdict="no disagreement", null=null, p_nothing=p, reasons=(said,))
     if held is None:
         return answer
     gap = held.gap([null])
-    if rank(gap.values[0], gap.healthy) > LEVEL:
+    if share_of(int((gap.healthy >= gap.values[0]).sum()), len(gap.healthy)) > LEVEL:
         return replace(answer, gap=gap)
     return replace(answer, gap=gap, verdict="unknown effect", reasons=(
         said, f"the held-out record is off by {gap.values[0]:.3g}; healthy units by up to "

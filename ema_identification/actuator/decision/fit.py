@@ -2,10 +2,11 @@
 
 A model is judged by the cost
 
-    J = |C^-1/2 b((y - f) / s)|² + 3 |z|²,   |z_j| <= 1,
+    J = |C^-1/2 b((y - f) / s)|² + sum w_j (z_j - c_j)²,   |z_j| <= 1,
 
 y the features, f the prediction, s and C deviations and correlation of their noise as measured
-(`surrogate.NoiseLaw`), b a logarithm beyond five deviations, z all in which healthy units differ.
+(`surrogate.NoiseLaw`), b a logarithm beyond five deviations, z all in which healthy units differ,
+of a unit of which nothing else is known w = 3, the inverse variance of an even number, and c = 0.
 First f is the quadratic of the library; then the mean of runs at the point reached.
 """
 
@@ -14,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg import cholesky
@@ -88,6 +90,7 @@ class TestedUnit:
     conditions : as measured.
     seed : of all runs.
     workers : threads that share the runs.
+    centre, weight : ndarrays, shape (SIZE,). Where the unit is expected, and how surely.
     simulator : gives the features of a run; its arguments are those of `fleet_features`.
     """
 
@@ -96,6 +99,8 @@ class TestedUnit:
     conditions: RecordConditions
     seed: int = 0
     workers: int = 1
+    centre: np.ndarray = field(default_factory=partial(np.zeros, SIZE))
+    weight: np.ndarray = field(default_factory=partial(np.full, SIZE, PRIOR))
     simulator: Callable[..., np.ndarray] = fleet_features
     _whiteners: dict[tuple[int, int], Whitener] = field(
         init=False, repr=False, compare=False, default_factory=dict)
@@ -105,22 +110,29 @@ class TestedUnit:
         """Number of features."""
         return len(self.values)
 
+    @property
+    def _plain(self) -> bool:
+        """Whether the quadratic's noise is the library's, as it is."""
+        return self.library.left is None
+
     def covariance(self, runs: int) -> np.ndarray:
         """Return the covariance of measured minus predicted features at the right model.
 
         `runs` : that the prediction is the mean of; 0: it is the quadratic's.
         """
         library, noise = self.library, min(self.conditions.noise, LOUDEST)
-        surrogate = library.surrogate.covariance(noise)
-        if not runs:
-            return surrogate
-        return (1.0 + 1.0 / runs) * library.repeat.covariance(noise) + (
-            library.carried**2 * surrogate)
+        found = library.surrogate.covariance(noise)
+        if runs:
+            found = (1.0 + 1.0 / runs) * library.repeat.covariance(noise) + (
+                library.carried**2 * found)
+        if library.left is not None:
+            found[np.diag_indices_from(found)] += library.left.spread**2
+        return found
 
     def whitener(self, runs: int, before: np.ndarray | None = None) -> Whitener:
         """Return the whitening; `before`: features without a law, to which its error belongs."""
         key = runs, id(before)
-        if not runs and before is None:  # one correlation for all records
+        if self._plain and not runs and before is None:  # one correlation for all records
             law, noise = self.library.surrogate, self.conditions.noise
             return Whitener(deviation=law.deviation(min(noise, LOUDEST)), root=self.library.root)
         if key not in self._whiteners:
@@ -136,7 +148,7 @@ class TestedUnit:
     def cost(self, white: Whitener, mean: np.ndarray, z: np.ndarray) -> float:
         """Return J."""
         rest = white.residual(self.values - mean)
-        return float(rest @ rest + PRIOR * (z @ z))
+        return float(rest @ rest + self.weight @ (z - self.centre) ** 2)
 
     def run(self, terms: Sequence[EffectTerm], z: np.ndarray, runs: int, salt: int = 0
             ) -> np.ndarray:
@@ -164,11 +176,12 @@ class TestedUnit:
                 rows = np.array(list(pool.map(one, jobs)))
         else:
             rows = np.array([one(job) for job in jobs])
-        return list(rows.reshape(len(models), runs, -1).mean(axis=1))
+        left = 0.0 if library.left is None else library.left.mean
+        return list(rows.reshape(len(models), runs, -1).mean(axis=1) + left)
 
     def without_law(self) -> LawFit:
         """Return the fit of no law on the quadratic: what recalibration can do."""
-        return self.on_library((), [np.zeros(SIZE)])
+        return self.on_library((), [self.centre])
 
     def on_library(
         self, terms: tuple[EffectTerm, ...], starts: Sequence[np.ndarray]
@@ -306,7 +319,7 @@ class TestedUnit:
         rest = self.values - mean
         columns, target = white.columns(slopes, rest), white.residual(rest)
         free = slopes.shape[1] - SIZE
-        weight = np.append(np.zeros(free), np.full(SIZE, PRIOR))
+        weight = np.append(np.zeros(free), self.weight)
         u = coordinates(terms) if terms else np.zeros(0)
         low, high = bounds(terms) if terms else (np.zeros(0), np.zeros(0))
         reach = np.concatenate([
@@ -317,7 +330,8 @@ class TestedUnit:
         curve = np.sqrt(damping * ((columns**2).sum(axis=0) + weight))
         return bounded_least_squares(
             np.vstack([columns, np.diag(curve)]), np.append(target, np.zeros(len(curve))),
-            np.minimum(lower, -1e-9), np.maximum(upper, 1e-9), weight, np.append(u, z))
+            np.minimum(lower, -1e-9), np.maximum(upper, 1e-9), weight,
+            np.append(u, z - self.centre))
 
     def _mended(self, point: LawFit, step: np.ndarray, change: np.ndarray) -> np.ndarray:
         """Return slopes that say what a step did (Broyden), coordinates in units of their size."""

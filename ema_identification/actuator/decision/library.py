@@ -7,31 +7,32 @@ ranks, and how far the likelihood's scale is off, which is then put right.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import partial
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
 
 import numpy as np
 from scipy.optimize import brentq
 
 from ema_identification.actuator.decision.fit import LawFit, TestedUnit
 from ema_identification.actuator.decision.fleet import (
-    SIZE,
-    draw_fleet_conditions,
-    draw_fleet_unit,
-    fleet_features,
+    FULL,
+    FleetRuns,
+    LibrarySizes,
+    conditions_of,
+    fleet_runs,
 )
 from ema_identification.actuator.decision.proposals import linear_gains, selectable
 from ema_identification.actuator.decision.surrogate import (
     FleetLibrary,
+    NoiseLaw,
     arguments,
     fit_mean,
     noise_law,
 )
 from ema_identification.actuator.measure.features import FeatureMap, feature_map
-from ema_identification.actuator.measure.runs import Progress, silent, spread_out
-from ema_identification.actuator.measure.tolerances import RecordConditions
+from ema_identification.actuator.measure.recorder import whole
+from ema_identification.actuator.measure.runs import Progress, silent
 from ema_identification.actuator.surrogate.library import Signature
 from ema_identification.actuator.surrogate.library_runs import (
     FLOOR,
@@ -48,80 +49,8 @@ from ema_record.spread import TypeSpread, load_spread
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
 
-
-class LibrarySizes(NamedTuple):
-    """How many runs a library is made of."""
-
-    units: int = 3000
-    repeated: int = 450
-    set_aside: int = 400
-    """For two scores they resolve a level of 1 in 200."""
-    scaled: int = 40
-    """Of those, units that set the scale of the likelihood, on the quadratic and on runs."""
-
-
-FULL = LibrarySizes()
-CHUNK = 20
 SETTLED_RUNS = 8
 """Of a model in the end, healthy or not."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FleetRuns:
-    """Runs of healthy units.
-
-    Attributes
-    ----------
-    z : ndarray, shape (n, SIZE).
-    conditions : ndarray, shape (n, 4). Temperature, bus, noise, start angle.
-    features : ndarray, shape (n, d).
-    again : ndarray, shape (m, d). Second runs of the first m units.
-    """
-
-    z: np.ndarray
-    conditions: np.ndarray
-    features: np.ndarray
-    again: np.ndarray
-
-
-def conditions_of(row: np.ndarray) -> RecordConditions:
-    """Return the conditions of a row of `FleetRuns.conditions`."""
-    temperature, bus, noise, angle = map(float, row)
-    return RecordConditions(temperature=temperature, bus=bus, noise=noise, start_angle=angle,
-                            measured=frozenset({"temperature", "bus"}))
-
-
-def _chunk(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first: int, last: int,
-           repeated: int) -> np.ndarray:
-    from threadpoolctl import threadpool_limits
-
-    rows = []
-    with threadpool_limits(limits=1):
-        for k in range(first, last):
-            rng = np.random.default_rng([seed, 7, k])  # the same unit in every test
-            z, c = draw_fleet_unit(rng), draw_fleet_conditions(rng, spread)
-            seeds = rng.integers(2**31, size=2)
-            found = fleet_features(model, spread, fmap, z, c, int(seeds[0]))
-            again = fleet_features(model, spread, fmap, z, c, int(seeds[1])) if (
-                k < repeated) else np.full(len(found), np.nan)
-            rows.append(np.concatenate([
-                z, [c.temperature, c.bus, c.noise, c.start_angle], found, again]))
-    return np.array(rows)
-
-
-def fleet_runs(
-    model: Model, spread: TypeSpread, fmap: FeatureMap, sizes: LibrarySizes, *, seed: int = 0,
-    workers: int = 1, progress: Progress = silent,
-) -> FleetRuns:
-    """Simulate the healthy units; the last `set_aside` are for judging."""
-    n, d = sizes.units + sizes.set_aside, len(fmap.features)
-    rows = np.concatenate(spread_out(
-        partial(_chunk, model, spread, fmap, seed),
-        [(k, min(k + CHUNK, n), sizes.repeated) for k in range(0, n, CHUNK)],
-        workers=workers, progress=progress, what="healthy units"))
-    return FleetRuns(z=rows[:, :SIZE], conditions=rows[:, SIZE:SIZE + 4],
-                     features=rows[:, SIZE + 4:SIZE + 4 + d],
-                     again=rows[:sizes.repeated, SIZE + 4 + d:])
 
 
 def fitted_library(
@@ -145,31 +74,35 @@ def fitted_library(
         surrogate=noise_law(rest, noise, floor),
         repeat=noise_law(difference, runs.conditions[:len(runs.again)][paired, 2], 0.5 * floor),
         healthy=np.ones((1, 2)),
-        aside=(runs.conditions[sizes.units:], runs.features[sizes.units:]))
+        aside=(runs.conditions[sizes.ranked:], runs.features[sizes.ranked:]))
 
 
 def judged_library(
-    library: FleetLibrary, runs: FleetRuns, sizes: LibrarySizes, *, progress: Progress = silent,
+    library: FleetLibrary, runs: FleetRuns, sizes: LibrarySizes, *, workers: int = 1,
+    progress: Progress = silent,
 ) -> FleetLibrary:
     """Return the library put to scale, with what units that built nothing of it leave.
 
     The likelihood on runs is put to the same scale as that on the quadratic, so that one list of
     healthy scores serves both.
     """
-    units = [
-        TestedUnit(library=library, values=runs.features[k], seed=k,
-                   conditions=conditions_of(runs.conditions[k]))
-        for k in range(sizes.units, len(runs.z)) if np.isfinite(runs.features[k]).all()]
-    some = [unit.without_law().cost / unit.size for unit in units[:sizes.scaled]]
-    library = replace(library, surrogate=library.surrogate.scaled(float(np.mean(some))))
-    units = [replace(unit, library=library) for unit in units]
-    healthy = []
-    for k, unit in enumerate(units):
-        healthy.append(scores(unit, unit.without_law(), 0))
-        progress("units set aside", (k + 1) / len(units))
-    first = [(u, u.settled(u.without_law(), None, 3, salt=3)) for u in units[:sizes.scaled]]
+    def units(first: int, last: int) -> list[TestedUnit]:
+        return [TestedUnit(library=library, values=runs.features[k], seed=k, workers=workers,
+                           conditions=conditions_of(runs.conditions[k]))
+                for k in range(first, last) if np.isfinite(runs.features[k]).all()]
+
+    some = units(sizes.units, sizes.ranked)  # not ranked: they would be closer than new ones
+    costs = [unit.without_law().cost / unit.size for unit in some]
+    library = replace(library, surrogate=library.surrogate.scaled(float(np.mean(costs))))
+    some = units(sizes.units, sizes.ranked)
+    first = [(u, u.settled(u.without_law(), None, 3, salt=3)) for u in some]
     means = [(u, fit, u.run((), fit.z, SETTLED_RUNS, salt=4)) for u, fit in first]
-    return replace(library, healthy=np.array(healthy), carried=_carried(library, means))
+    library = replace(library, carried=_carried(library, means))
+    healthy, ranked = [], units(sizes.ranked, sizes.total)
+    for k, unit in enumerate(ranked):
+        healthy.append(scores(unit, unit.without_law(), 0))
+        progress("units set aside", (k + 1) / len(ranked))
+    return replace(library, healthy=np.array(healthy))
 
 
 def paired_units(
@@ -216,37 +149,74 @@ def gain_of(cost: float, lower: float, size: int) -> float:
 def fleet_library(
     model: Model, profile: Profile, *, rate: float | None = None, signatures: bool = True,
     sizes: LibrarySizes = FULL, seed: int = 0, workers: int = 1, progress: Progress = silent,
+    folder: Path | None = None,
 ) -> FleetLibrary:
-    """Return the library of a model, a test and a rate, from the kit or the cache, else built."""
+    """Return the library of a model, a test and a rate, from where it is kept, else built.
+
+    That is the present kit's `library/`, else the cache; what is not there is simulated and kept
+    in `folder`, default the cache. A building that was stopped goes on where it was.
+    """
     spread = load_spread()
     rate = model.actuator.acquisition.rate if rate is None else rate
-    example = simulate(profile, actuator=model.actuator, effects=model.effects, seed=seed,
-                       rate=rate)
-    fmap = feature_map(profile, model.actuator, example)
-    command = [list(p) for p in profile.points]
-    key = cache.key_of(
-        json.dumps([command, profile.inverter_off, rate, list(sizes), signatures]), repr(model),
-        repr(spread), str(seed), module=__name__)
+    fmap = feature_map(profile, model.actuator, whole(simulate(
+        profile, actuator=model.actuator, effects=model.effects, seed=seed, rate=rate),
+        model.actuator))
+    of_test = (json.dumps([[list(p) for p in profile.points], profile.inverter_off, rate]),
+               repr(model), repr(spread), str(seed))
 
-    def kept(what: str, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-        found = cache.load(f"{what}_{key}", kit_path(LIBRARY)) or cache.load(f"{what}_{key}")
+    def key(what: str, made_by: str, *parts: object) -> str:
+        return f"{what}_{cache.key_of(*of_test, *map(repr, parts), module=made_by)}"
+
+    def kept(name: str, make: Callable[[str], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+        found = cache.load(name, kit_path(LIBRARY)) or cache.load(name)
         if found is None:
-            found = make()
-            cache.save(f"{what}_{key}", found, None)
+            found = make(f"part_{name}")
+            cache.save(name, found, folder)
+            cache.forget(f"part_{name}")
         return found
 
-    runs = FleetRuns(**kept("fleet", lambda: asdict(fleet_runs(
-        model, spread, fmap, sizes, seed=seed, workers=workers, progress=progress))))
-    laws = unpack(candidates(model), kept("laws", lambda: {"added": pack(build_effect_library(
-        model, fmap, seed=seed, workers=workers, progress=progress))})["added"]
-    ) if signatures else ()
-    plain = fitted_library(runs, model, spread, fmap, sizes, laws)
+    laws: tuple[Signature, ...] = ()
+    if signatures:
+        laws = unpack(candidates(model), kept(
+            key("laws", build_effect_library.__module__), lambda parts: {"added": pack(
+                build_effect_library(model, fmap, seed=seed, workers=workers, progress=progress,
+                                     keep=parts))})["added"])
 
-    def judged() -> dict[str, np.ndarray]:
-        found = judged_library(plain, runs, sizes, progress=progress)
-        return {"healthy": found.healthy, "scale": np.array(
-            [found.carried, float(found.surrogate.quiet[0] / plain.surrogate.quiet[0])])}
+    def built(_: str) -> dict[str, np.ndarray]:
+        runs = FleetRuns(**kept(key("fleet", fleet_runs.__module__, tuple(sizes)),
+                                lambda parts: asdict(fleet_runs(
+                                    model, spread, fmap, sizes, seed=seed, workers=workers,
+                                    progress=progress, keep=parts))))
+        return as_arrays(judged_library(
+            fitted_library(runs, model, spread, fmap, sizes, laws), runs, sizes,
+            workers=workers, progress=progress))
 
-    found = kept("judged", judged)
-    return replace(plain, healthy=found["healthy"], carried=float(found["scale"][0]),
-                   surrogate=plain.surrogate.scaled(float(found["scale"][1])))
+    return from_arrays(kept(key("judged", __name__, tuple(sizes), signatures), built),
+                       model, spread, fmap, laws)
+
+
+def as_arrays(library: FleetLibrary) -> dict[str, np.ndarray]:
+    """Return what is kept of a library; its signatures are kept by themselves."""
+    found = {"weights": library.weights.astype(np.float32), "healthy": library.healthy,
+             "carried": np.array(library.carried), "conditions": library.aside[0],
+             "features": library.aside[1]}
+    for name in ("surrogate", "repeat"):
+        law = getattr(library, name)
+        found |= {f"{name}_quiet": law.quiet, f"{name}_noisy": law.noisy,
+                  f"{name}_correlation": law.correlation.astype(np.float32)}
+    return found
+
+
+def from_arrays(
+    kept: Mapping[str, np.ndarray], model: Model, spread: TypeSpread, fmap: FeatureMap,
+    signatures: tuple[Signature, ...],
+) -> FleetLibrary:
+    """Return the library of `as_arrays`."""
+    surrogate, repeat = (
+        NoiseLaw(quiet=kept[f"{name}_quiet"], noisy=kept[f"{name}_noisy"],
+                 correlation=kept[f"{name}_correlation"].astype(float))
+        for name in ("surrogate", "repeat"))
+    return FleetLibrary(
+        model=model, spread=spread, fmap=fmap, weights=kept["weights"].astype(float),
+        signatures=signatures, surrogate=surrogate, repeat=repeat, healthy=kept["healthy"],
+        carried=float(kept["carried"]), aside=(kept["conditions"], kept["features"]))

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_identification.actuator.decision.fit import PRIOR, LawFit, TestedUnit
+from ema_identification.actuator.decision.fit import LawFit, TestedUnit
 from ema_identification.actuator.decision.fleet import SIZE
 from ema_identification.actuator.decision.surrogate import Whitener
 from ema_identification.actuator.surrogate.catalogue import Variant, ripple
@@ -70,14 +70,14 @@ def linear_gains(
     target = white.residual(rest)
     inside = np.append(np.ones(fit.free, dtype=bool), np.abs(fit.z) < 1.0 - 1e-6)
     others = white.columns(fit.slopes[:, inside], rest)
-    weight = np.append(np.zeros(fit.free), np.full(SIZE, PRIOR))[inside]
+    weight = np.append(np.zeros(fit.free), unit.weight)[inside]
     normal = others.T @ others + np.diag(weight + 1e-9)
     rows = [(s, u, row) for s in signatures for u, row in _directions(s)]
     if not rows:
         return []
     columns = white.columns(np.array([row for _, _, row in rows]).T, rest)
     across = others.T @ columns
-    at = np.append(np.zeros(fit.free), fit.z)[inside]
+    at = np.append(np.zeros(fit.free), fit.z - unit.centre)[inside]
     owed = np.linalg.solve(normal, others.T @ target - weight * at)  # a last step of the others
     pull = columns.T @ target - across.T @ owed
     square = (columns**2).sum(axis=0) - (across * np.linalg.solve(normal, across)).sum(axis=0)
@@ -123,22 +123,23 @@ def _largest_gain(
 def sized(unit: TestedUnit, signatures: Sequence[Signature]) -> list[LawProposal]:
     """Return each law at the library's size that comes nearest, all else fitted to it roughly.
 
-    The unit is found by steps of plain least squares with the slopes in the middle of the fleet.
+    The unit is found by steps of plain least squares with the slopes where it is expected.
     """
-    white, middle = unit.whitener(0), np.zeros(SIZE)
+    white, middle = unit.whitener(0), unit.centre
     plain = replace(white, straight=True)
     columns = plain.columns(unit.library.slope(middle, unit.conditions), np.zeros(unit.size))
-    inverse = np.linalg.inv(columns.T @ columns + PRIOR * np.eye(SIZE))
+    inverse = np.linalg.inv(columns.T @ columns + np.diag(unit.weight))
     points = [(s, u) for s in signatures for u in _points(s)]
     if not points:
         return []
     wanted = unit.values[:, None] - np.array([s.at(u) for s, u in points]).T
-    z = np.zeros((SIZE, len(points)))
+    centre, weight = middle[:, None], unit.weight[:, None]
+    z = np.tile(centre, (1, len(points)))
     for _ in range(CHORDS):
         rest = plain.residual(wanted - unit.library.means(z.T, unit.conditions).T)
-        z = np.clip(z + inverse @ (columns.T @ rest - PRIOR * z), -1.0, 1.0)
+        z = np.clip(z + inverse @ (columns.T @ rest - weight * (z - centre)), -1.0, 1.0)
     left = white.residual(wanted - unit.library.means(z.T, unit.conditions).T)
-    cost = (left**2).sum(axis=0) + PRIOR * (z**2).sum(axis=0)
+    cost = (left**2).sum(axis=0) + (weight * (z - centre) ** 2).sum(axis=0)
     best: dict[str, LawProposal] = {}
     for i in np.argsort(cost):
         signature, u = points[i]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -123,6 +124,14 @@ def noise_law(rest: np.ndarray, noise: np.ndarray, floor: np.ndarray) -> NoiseLa
     return NoiseLaw(quiet=quiet, noisy=slope, correlation=correlation)
 
 
+class Discrepancy(NamedTuple):
+    """What healthy machines leave over the model, feature by feature: mean, spread, shape (d,)."""
+
+    mean: np.ndarray
+    spread: np.ndarray
+    """Standard deviation between units, and the error of the mean."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class FleetLibrary:
     """What is known of the records of one type and one test.
@@ -137,6 +146,7 @@ class FleetLibrary:
     healthy : ndarray, shape (n, 2). Of units that built nothing of this: cost a feature that the
         quadratic leaves, and the largest gain of a useless law.
     aside : conditions, shape (n, 4), and features, shape (n, d), of the same units.
+    left : discrepancy of the type, where acceptance records tell it.
     """
 
     model: Model
@@ -149,15 +159,17 @@ class FleetLibrary:
     carried: float = 1.0
     healthy: np.ndarray
     aside: tuple[np.ndarray, np.ndarray]
+    left: Discrepancy | None = None
 
     def mean(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
         """Return the mean features of a unit, shape (d,)."""
-        return np.asarray(design(arguments(z, conditions)[None])[0] @ self.weights)
+        return self.means(z[None], conditions)[0]
 
     def means(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
         """Return the mean features of several units, shape (n, SIZE) -> (n, d)."""
         rows = np.hstack([z, np.tile(conditions.regressors(), (len(z), 1))])
-        return np.asarray(design(rows) @ self.weights)
+        left = 0.0 if self.left is None else self.left.mean
+        return np.asarray(design(rows) @ self.weights + left)
 
     def slope(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
         """Return their derivative to `z`, shape (d, SIZE): exact, of a quadratic."""

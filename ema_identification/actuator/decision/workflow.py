@@ -13,15 +13,16 @@ import numpy as np
 
 from ema_identification.actuator.checks import check_records
 from ema_identification.actuator.decision.decide import FleetAnswer, decide
-from ema_identification.actuator.decision.fit import PRIOR, LawFit, TestedUnit
-from ema_identification.actuator.decision.fleet import NAMES, SIZE, fleet_unit
-from ema_identification.actuator.decision.gap import HeldOut, healthy_gaps
-from ema_identification.actuator.decision.library import (
+from ema_identification.actuator.decision.fit import LawFit, TestedUnit
+from ema_identification.actuator.decision.fleet import (
     FULL,
+    NAMES,
+    SIZE,
     LibrarySizes,
-    fleet_library,
-    paired_units,
+    fleet_unit,
 )
+from ema_identification.actuator.decision.gap import HeldOut, healthy_gaps
+from ema_identification.actuator.decision.library import fleet_library, paired_units
 from ema_identification.actuator.measure.features import nominal_rate
 from ema_identification.actuator.measure.runs import Progress, silent
 from ema_identification.actuator.measure.tolerances import RecordConditions, align
@@ -84,7 +85,7 @@ def covariance_of(unit: TestedUnit, fit: LawFit) -> np.ndarray:
     """Return the covariance of the coordinates of all laws and of all that healthy units have."""
     white = unit.whitener(fit.runs)
     columns = white.columns(fit.slopes, unit.values - fit.mean)
-    weight = np.append(np.full(fit.free, 1e-12), np.full(SIZE, PRIOR))
+    weight = np.append(np.full(fit.free, 1e-12), unit.weight)
     return np.asarray(np.linalg.inv(columns.T @ columns + np.diag(weight)))
 
 

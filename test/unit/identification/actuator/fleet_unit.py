@@ -16,7 +16,7 @@ from ema_identification.actuator.surrogate.library_runs import unpack
 
 SLOPES = np.random.default_rng(8).normal(scale=1.5, size=(FEATURES, SIZE))
 CONDITIONS = RecordConditions(measured=frozenset({"temperature", "bus"}))
-HEALTHY = 240
+HEALTHY = 480
 
 
 def features_of(z, effects):

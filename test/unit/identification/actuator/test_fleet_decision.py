@@ -12,6 +12,7 @@ from ema_identification.actuator.decision.decide import (
     log_evidence,
     p_nothing,
     rank,
+    share_of,
 )
 from ema_identification.actuator.decision.fit import LawFit
 from ema_identification.actuator.decision.fleet import SIZE
@@ -36,21 +37,29 @@ def test_rank_of_exchangeable_scores_is_uniform():
         assert share == pytest.approx(np.floor(101 * level) / 101, abs=4 * np.sqrt(level / 4000))
 
 
-def test_level_of_two_scores_is_exact():
-    """Looking at cost and gain is paid for, at the smallest rank too."""
+def test_nineteen_of_twenty_libraries_keep_the_level():
+    """Not only the mean of all libraries that might have been drawn."""
+    healthy = np.sort(np.random.default_rng(2).uniform(size=(4000, 480)))
+    allowed = max(k for k in range(5) if share_of(k, 480) <= LEVEL)
+    shares = 1.0 - healthy[:, -1 - allowed]  # of healthy units beyond the last that is tolerated
+    kept = (shares <= LEVEL).mean()
+    assert 0.94 < kept < 0.97
+    assert shares.mean() > 0.2 * LEVEL
+
+
+def test_looking_at_cost_and_gain_is_paid_for():
     rng = np.random.default_rng(2)
     pairs = rng.normal(size=(2000, 100, 2)) @ np.array([[1.0, 0.6], [0.0, 0.8]])
     found = np.array([p_nothing(tuple(s[0]), s[1:]) for s in pairs])
-    for level in (0.02, 0.05, 0.5):
-        assert (found <= level).mean() <= level + 4 * np.sqrt(level / 2000)
-        assert (found <= level).mean() >= level - 0.02 - 4 * np.sqrt(level / 2000)
+    for level in (0.05, 0.1, 0.5):
+        assert level - 0.15 <= (found <= level).mean() <= level
 
 
 def test_level_of_nothing_on_healthy_units():
     found = np.array([p_of(unit(seed=k)) for k in range(120)])
-    assert 1 <= (found <= 0.05).sum() <= 16  # 6 expected; the healthy ones scatter too
-    assert (found <= LEVEL).sum() <= 5
-    assert 0.35 < found.mean() < 0.65
+    assert (found <= 0.05).sum() <= 14  # at most 6 expected; the healthy ones scatter too
+    assert (found <= LEVEL).sum() <= 4
+    assert 0.35 < found.mean() < 0.7
 
 
 def test_likelihood_is_to_scale_on_healthy_units():
@@ -64,7 +73,7 @@ def test_likelihood_is_to_scale_on_healthy_units():
 def test_larger_effects_are_never_less_surprising():
     found = [p_of(unit(seed=5, backlash=x)) for x in (0.0, 0.2, 0.4, 0.8, 1.6)]
     assert found == sorted(found, reverse=True)
-    assert found[-1] == pytest.approx(1.0 / (HEALTHY + 1.0))
+    assert found[-1] == pytest.approx(1.0 - 0.05 ** (1.0 / HEALTHY))
 
 
 @pytest.mark.parametrize(("hidden", "verdict"), [
