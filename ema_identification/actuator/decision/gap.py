@@ -6,6 +6,7 @@ all else is predicted. One yardstick for all models: what the model without a la
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -13,8 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.decision.fit import PRIOR, LawFit, TestedUnit
-from ema_identification.actuator.decision.fleet import NAMES, SIZE
+from ema_identification.actuator.decision.fleet import NAMES, SIZE, conditions_of
+from ema_identification.actuator.decision.library import paired_units
 from ema_identification.actuator.naming.gap import worst
+from ema_record import array_cache as cache
 
 RUNS = 8
 """Of a prediction with a law."""
@@ -79,6 +82,38 @@ def healthy_gaps(pairs: Sequence[tuple[TestedUnit, TestedUnit]]) -> np.ndarray:
     """Return the gaps of healthy units: (held-out record, fitted record) of each."""
     return np.array([quadratic_gap(held, fitted, fitted.without_law())
                      for held, fitted in pairs])
+
+
+def gaps_of_healthy(held: TestedUnit, fitted: TestedUnit) -> np.ndarray:
+    """Return `healthy_gaps` of the units set aside of two tests' libraries, kept in the cache."""
+    libraries = held.library, fitted.library
+    digest = hashlib.sha256(b"".join(
+        np.ascontiguousarray(x).tobytes() for library in libraries
+        for x in (library.weights, library.aside[1], library.healthy)))
+    name = f"gaps_{cache.key_of(digest.hexdigest(), module=__name__)}"
+    found = cache.load(name)
+    if found is None:
+        found = {"gaps": healthy_gaps(paired_units(*libraries))}
+        cache.save(name, found)
+    return found["gaps"]
+
+
+FLOOR_UNITS = 20
+"""Healthy units that tell what a fit leaves of its own record."""
+
+
+def fitted_gap(unit: TestedUnit, models: Sequence[LawFit]) -> LawGap:
+    """Return the gap on the fitted record itself, where no other one is given."""
+    root = np.sqrt(np.diag(unit.covariance(0)))
+    healthy = []
+    conditions, features = unit.library.aside
+    for row, values in list(zip(conditions, features))[:FLOOR_UNITS]:
+        one = TestedUnit(library=unit.library, values=values, conditions=conditions_of(row))
+        if np.isfinite(values).all():
+            rest = values - one.without_law().mean
+            healthy.append(worst([[rest / np.sqrt(np.diag(one.covariance(0)))]])[0])
+    return LawGap(tuple(worst([[(unit.values - m.mean) / root] for m in models])),
+                  np.array(healthy or [np.nan]))
 
 
 def _without_day(z: np.ndarray) -> np.ndarray:

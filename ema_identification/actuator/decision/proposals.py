@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.decision.fit import LawFit, TestedUnit
-from ema_identification.actuator.decision.fleet import SIZE
 from ema_identification.actuator.decision.surrogate import Whitener
 from ema_identification.actuator.surrogate.catalogue import Variant, ripple
 from ema_identification.actuator.surrogate.fit import EffectTerm

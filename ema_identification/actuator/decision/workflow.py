@@ -1,29 +1,36 @@
 """The workflow with the decision of this package: `decide` on a record, said as the others say it.
 
-It takes one measured and at most one held-out record; the report's pictures are not drawn yet.
+It takes one measured and at most one held-out record, and any number from when the unit was
+accepted.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.checks import check_records
+from ema_identification.actuator.decision.acceptance import with_acceptance
+from ema_identification.actuator.decision.baseline import changed_unit, with_baselines
 from ema_identification.actuator.decision.decide import FleetAnswer, decide
 from ema_identification.actuator.decision.fit import LawFit, TestedUnit
 from ema_identification.actuator.decision.fleet import (
     FULL,
     NAMES,
-    SIZE,
     LibrarySizes,
     fleet_unit,
 )
-from ema_identification.actuator.decision.gap import HeldOut, healthy_gaps
-from ema_identification.actuator.decision.library import fleet_library, paired_units
+from ema_identification.actuator.decision.gap import HeldOut, fitted_gap, gaps_of_healthy
+from ema_identification.actuator.decision.library import fleet_library
+from ema_identification.actuator.decision.show import panels_of, steps_of
 from ema_identification.actuator.measure.features import nominal_rate
+from ema_identification.actuator.measure.recorder import recorded_alike, whole
 from ema_identification.actuator.measure.runs import Progress, silent
 from ema_identification.actuator.measure.tolerances import RecordConditions, align
 from ema_identification.actuator.naming.estimates import choices_of, model_file_text
@@ -50,8 +57,8 @@ GAP_UNIT = ("rms of the tenth of the features that are off most, in standard dev
 
 def identify_by_fleet(
     measured: Sequence[Record], model: Model, *, validate: Sequence[Record] = (),
-    without: Sequence[str] = (), progress: Progress = silent, workers: int = 1, seed: int = 0,
-    sizes: LibrarySizes = FULL,
+    baseline: Sequence[Record] = (), without: Sequence[str] = (), progress: Progress = silent,
+    workers: int = 1, seed: int = 0, sizes: LibrarySizes = FULL,
 ) -> Identification:
     """Return what the model lacks to explain a record; parameters as of `identify`.
 
@@ -60,25 +67,72 @@ def identify_by_fleet(
     UsageError
         More than one measured or more than one held-out record.
     """
-    check_records(measured, validate, model, without)
+    case = FleetCase((*measured, *validate, *baseline), model, sizes, seed, workers, progress)
+    check_records([case.whole(r) for r in measured], [case.whole(r) for r in validate],
+                  case.model, without)
     if len(measured) > 1 or len(validate) > 1:
         raise UsageError(f"{len(measured)} measured and {len(validate)} held-out records: this "
                          "decision takes one of each")
+    with threadpool_limits(limits=1):
+        unit = case.unit(measured[0])
+        held = None
+        if validate:
+            other = case.unit(validate[0], signatures=False)
+            held = HeldOut(unit=other, fitted=unit, healthy=gaps_of_healthy(other, unit))
+        found = _said(unit, decide(unit, held, without=without, progress=progress), model)
+        return found if not baseline else replace(
+            found, since=_since(case, unit, baseline, without, model))
 
-    def unit_of(record: Record, signatures: bool) -> TestedUnit:
-        known = fleet_library(
-            model, record.profile, rate=nominal_rate(record), signatures=signatures, sizes=sizes,
-            seed=seed, workers=workers, progress=progress)
-        return TestedUnit(library=known, values=known.fmap.extract(record), seed=seed,
-                          conditions=align(record, model), workers=workers)
 
-    unit = unit_of(measured[0], True)
-    held = None
-    if validate:
-        other = unit_of(validate[0], False)
-        held = HeldOut(unit=other, fitted=unit, healthy=healthy_gaps(
-            paired_units(other.library, unit.library)))
-    return _said(unit, decide(unit, held, without=without, progress=progress), model)
+def changes_since(
+    measured: Record, baseline: Sequence[Record], model: Model, *, without: Sequence[str] = (),
+    progress: Progress = silent, workers: int = 1, seed: int = 0, sizes: LibrarySizes = FULL,
+) -> Identification:
+    """Return what has changed since the baseline; parameters as of `identify`."""
+    case = FleetCase((measured, *baseline), model, sizes, seed, workers, progress)
+    check_records([case.whole(measured)], (), case.model, without)
+    with threadpool_limits(limits=1):
+        return _since(case, case.unit(measured), baseline, without, model)
+
+
+class FleetCase:
+    """Records of one unit, by one recorder, and the libraries of their tests."""
+
+    def __init__(self, records: Sequence[Record], model: Model, sizes: LibrarySizes, seed: int,
+                 workers: int, progress: Progress) -> None:
+        self.model, self.sizes, self.seed = recorded_alike(records, model), sizes, seed
+        self.workers, self.progress = workers, progress
+
+    def whole(self, record: Record) -> Record:
+        """Return the record with all channels."""
+        return whole(record, self.model.actuator)
+
+    def unit(self, record: Record, *, signatures: bool = True) -> TestedUnit:
+        """Return the record as it is judged; `signatures`: laws may be named on it."""
+        known = with_acceptance(fleet_library(
+            self.model, record.profile, rate=nominal_rate(record), signatures=signatures,
+            sizes=self.sizes, seed=self.seed, workers=self.workers, progress=self.progress),
+            seed=self.seed)
+        record = self.whole(record)
+        return TestedUnit(library=known, values=known.fmap.extract(record), seed=self.seed,
+                          conditions=align(record, self.model), workers=self.workers)
+
+
+def _since(case: FleetCase, unit: TestedUnit, baseline: Sequence[Record],
+           without: Sequence[str], model: Model) -> Identification:
+    """Return what has changed since the baseline."""
+    for record in baseline:
+        if tuple(record.profile.points) != tuple(unit.library.fmap.profile.points) or not (
+                math.isclose(nominal_rate(record), unit.library.fmap.rate)):
+            name = record.provenance.source or record.profile.name
+            raise UsageError(f"baseline {name}: not the command and rate of the measured record: "
+                             "give one of the same test")
+    before = [case.unit(record) for record in baseline]
+    library, apart = with_baselines(
+        replace(unit.library, left=None), case.sizes, seed=case.seed, workers=case.workers,
+        progress=case.progress)
+    changed = changed_unit(replace(unit, library=library), before, apart)
+    return _said(changed, decide(changed, without=without, progress=case.progress), model)
 
 
 def covariance_of(unit: TestedUnit, fit: LawFit) -> np.ndarray:
@@ -113,8 +167,9 @@ def parameters_of(unit: TestedUnit, fit: LawFit, index: int) -> tuple[Parameter,
 
 
 def _said(unit: TestedUnit, answer: FleetAnswer, model: Model) -> Identification:
-    gap = answer.gap
-    values = (float("nan"),) * 2 if gap is None else (gap.values[0], gap.values[-1])
+    models = [answer.null] if answer.fit is None else [answer.null, answer.fit]
+    gap = fitted_gap(unit, models) if answer.gap is None else answer.gap
+    values = gap.values[0], gap.values[-1]
     evidence = cast("Any", SimpleNamespace(blocks=(unit,)))
     white = unit.whitener(answer.null.runs)
     groups = groups_of(evidence, [(unit.values - answer.null.mean) / white.deviation])
@@ -138,11 +193,12 @@ def _said(unit: TestedUnit, answer: FleetAnswer, model: Model) -> Identification
                    for f, share in zip(findings, answer.closed))
     return Identification(
         verdict=answer.verdict, gap_before=values[0], gap_after=values[1],
-        noise_floor=float("nan") if gap is None else gap.floor, gap_unit=GAP_UNIT,
-        held_out=gap is not None, findings=tuple(findings),
-        rivals=_rivals(unit, answer), reasons=(*shares, *answer.reasons), unknown=shape,
+        noise_floor=gap.floor, gap_unit=GAP_UNIT, held_out=answer.gap is not None,
+        findings=tuple(findings), rivals=_rivals(unit, answer),
+        reasons=(*shares, *answer.reasons), unknown=shape,
         recalibrated=_recalibrated(unit, answer.null if answer.fit is None else answer.fit),
-        model_text="" if answer.verdict == "contradicted" else _model_text(unit, answer, model))
+        model_text="" if answer.verdict == "contradicted" else _model_text(unit, answer, model),
+        steps=steps_of(unit, answer, groups, gap), panels=panels_of(unit, answer))
 
 
 def _rivals(unit: TestedUnit, answer: FleetAnswer) -> tuple[Candidate, ...]:

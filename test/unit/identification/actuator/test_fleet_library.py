@@ -6,19 +6,30 @@ import pytest
 from ema_identification.actuator.decision.fleet import (
     NAMES,
     SIZE,
+    LibrarySizes,
     draw_fleet_conditions,
+    draw_fleet_unit,
+    fleet_runs,
     fleet_unit,
 )
+from ema_identification.actuator.decision.library import as_arrays, from_arrays
 from ema_identification.actuator.decision.surrogate import (
+    FleetLibrary,
+    NoiseLaw,
     bent,
     design,
     fit_mean,
     flattening,
     noise_law,
 )
+from ema_identification.actuator.measure.features import feature_map
+from ema_identification.actuator.measure.runs import spread_out
 from ema_identification.actuator.measure.tolerances import RecordConditions
+from ema_record import array_cache
+from ema_record.profile import load_profile
 from ema_record.spread import load_spread
 from ema_sim.model_file import load_model_file
+from ema_sim.simulate import simulate
 
 MODEL, SPREAD = load_model_file(), load_spread()
 
@@ -28,6 +39,53 @@ def at(**moved):
     for name, value in moved.items():
         z[NAMES.index(name.replace("__", "."))] = value
     return fleet_unit(MODEL, SPREAD, z, RecordConditions())[0]
+
+
+def test_runs_that_were_stopped_go_on_where_they_were(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    done = []
+
+    def part(k):
+        if k == 3 and len(done) == 3:
+            raise KeyboardInterrupt
+        done.append(k)
+        return np.full((2, 2), float(k))
+
+    jobs = [(k,) for k in range(5)]
+    with pytest.raises(KeyboardInterrupt):
+        spread_out(part, jobs, workers=1, keep="part_of_a_test")
+    done.append("again")
+    found = spread_out(part, jobs, workers=1, keep="part_of_a_test")
+    assert done == [0, 1, 2, "again", 3, 4]
+    assert np.concatenate(found)[::2, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    array_cache.save("part_of_a_test_too", {"rows": np.zeros(1)})
+    array_cache.forget("part_of_a_test")
+    assert [p.stem for p in (tmp_path / "ema_phm").iterdir()] == ["part_of_a_test_too"]
+
+
+def test_a_library_comes_back_as_it_was_kept():
+    law = NoiseLaw(quiet=np.array([1.0, 2.0]), noisy=np.array([0.5, 0.0]),
+                   correlation=np.array([[1.0, 0.25], [0.25, 1.0]]))
+    library = FleetLibrary(
+        model=MODEL, spread=SPREAD, fmap=None, weights=np.ones((3, 2)), surrogate=law,
+        repeat=law.scaled(2.0), healthy=np.ones((4, 2)), carried=0.3,
+        aside=(np.zeros((4, 4)), np.ones((4, 2))))
+    again = from_arrays(as_arrays(library), MODEL, SPREAD, None, ())
+    assert (again.carried, again.repeat.quiet.tolist()) == (0.3, [2.0, 4.0])
+    assert again.surrogate.covariance(1.5) == pytest.approx(law.covariance(1.5))
+
+
+def test_conditions_of_healthy_units_are_those_that_their_records_tell():
+    """As of a measured record: the noise is an estimate, not the number that was drawn."""
+    profile = load_profile("step")
+    fmap = feature_map(profile, MODEL.actuator, simulate(profile, seed=1))
+    runs = fleet_runs(MODEL, SPREAD, fmap, LibrarySizes(1, 1, 0, 1))
+    drawn = np.random.default_rng([0, 7, 0])
+    z, given = draw_fleet_unit(drawn), draw_fleet_conditions(drawn, SPREAD)
+    assert runs.z[0].tolist() == z.tolist()
+    assert runs.conditions[0, 2] == pytest.approx(given.noise, rel=0.05)
+    assert runs.conditions[0, 2] != given.noise
+    assert np.isfinite(runs.again).all() and (runs.again != runs.features[:1]).any()
 
 
 def test_bands_are_those_of_the_kit():

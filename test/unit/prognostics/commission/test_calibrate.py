@@ -21,7 +21,6 @@ from ema_prognostics.commission.calibrate import (
 from ema_prognostics.commission.commission import commission
 from ema_prognostics.commission.discrepancy import (
     fit_discrepancy,
-    moderated,
     with_discrepancy,
 )
 from ema_prognostics.commission.estimate import estimate
@@ -29,6 +28,7 @@ from ema_prognostics.commission.quality import check_described, check_good
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_record.actuator import load_actuator
 from ema_record.bag.read import write_bag
+from ema_record.discrepancy import moderated
 from ema_record.errors import UsageError
 from ema_record.kit import ACTUATOR as ACTUATOR_FILE
 from ema_record.kit import kit_path
