@@ -51,6 +51,7 @@ DAMAGES: dict[str, tuple[str, float | None]] = {
 """Effect: field of `Damage` and its size; None: as the benchmark of the kit draws it."""
 STRANGE = tuple(name for name, hidden in HIDEABLE.items() if hidden.without is not None)
 LISTED_SIZE = len(UNLISTED)
+DECISIONS = ("present", "likelihood")
 RANGE = 1.3
 """Of bands that are wider than the description says."""
 
@@ -187,19 +188,20 @@ def main() -> None:
     parser.add_argument("--each", type=int, required=True, help="units of each stratum")
     parser.add_argument("--tests", default="extended,step",
                         help="profile of the record, and of the held-out one if there is one")
+    parser.add_argument("--only", choices=DECISIONS, help="of the two decisions")
     parser.add_argument("--table", action="store_true", help="run nothing")
     given = parser.parse_args()
     tests = tuple(given.tests.split(","))
     given.out.mkdir(parents=True, exist_ok=True)
     ledger = Ledger(given.out / "decisions.jsonl")
     rows: dict[tuple[str, str], list[dict[str, Any]]] = {
-        (stratum, which): [] for stratum in STRATA for which in ("present", "likelihood")}
+        (stratum, which): [] for stratum in STRATA for which in DECISIONS}
     for k in range(given.each):
         for stratum, make in STRATA.items():
             unit: HiddenUnit | None = None
-            for which in ("present", "likelihood"):
+            for which in DECISIONS:
                 key = f"{given.seed}/{given.tests}/{stratum}/{k}/{which}"
-                if given.table and key not in ledger.keys:
+                if key not in ledger.keys and (given.table or given.only not in (None, which)):
                     continue
                 if key not in ledger.keys:
                     unit = make(given.seed, k, tests) if unit is None else unit

@@ -1,9 +1,10 @@
 """What has changed since a unit was accepted: its record against its own earlier ones.
 
-What the model leaves of the accepted records is taken off the later one. Tolerances are those of
-the accepted unit; only what belongs to the day is free. The error of such a difference is that of
-repeats of both records and the part of the quadratic's error that two tests of one unit do not
-share, which healthy units, tested on two days, tell; they also give the ranks.
+What the model leaves of the accepted records is taken off the later one, y - (y0 - f(z, c0)), so
+that what a number of the unit does to both records cancels: it matters as far as it acts otherwise
+on another day. What belongs to the day is free. The error of such a difference is that of repeats
+of both records and the part of the quadratic's error that two tests of one unit do not share,
+which healthy units, tested on two days, tell; they also give the ranks.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from scipy.optimize import brentq
 from ema_identification.actuator.decision.fit import LOUDEST, PRIOR, TestedUnit
 from ema_identification.actuator.decision.fleet import (
     CHUNK,
+    SIZE,
     LibrarySizes,
     conditions_of,
     draw_fleet_conditions,
@@ -35,9 +37,6 @@ from ema_record import array_cache as cache
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.spread import TypeSpread
 from ema_sim.model_file import Model
-
-SAME = 1e4
-"""Weight of a tolerance that two records of one unit share: a hundredth of its half width."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,19 +67,44 @@ class ChangedUnit(TestedUnit):
         return np.asarray((1.0 + (1.0 / runs if runs else 0.0)) * found + share**2 * surrogate)
 
     @cached_property
+    def _at(self) -> list[np.ndarray]:
+        return accepted_at(self.accepted)
+
+    @cached_property
+    def _before(self) -> np.ndarray:
+        """Return what the quadratic says of the accepted records, shape (d,)."""
+        return np.asarray(np.mean([u.library.mean(z, u.conditions)
+                                   for u, z in zip(self.accepted, self._at)], axis=0))
+
+    @cached_property
     def _shift(self) -> np.ndarray:
         """Return how far runs of the accepted unit are from its quadratic, shape (d,)."""
-        off = []
-        for unit, z in zip(self.accepted, accepted_at(self.accepted)):
-            off.append(unit.library.mean(z, unit.conditions)
-                       - unit.run((), z, SETTLED_RUNS, salt=51))
-        return np.asarray(np.mean(off, axis=0))
+        runs = [u.run((), z, SETTLED_RUNS, salt=51) for u, z in zip(self.accepted, self._at)]
+        return np.asarray(self._before - np.mean(runs, axis=0))
+
+    def _ahead(self, z: np.ndarray) -> np.ndarray:
+        """Return how far the accepted records of other units are, shape (n, SIZE) -> (n, d)."""
+        found = [u.library.means(np.where(OF_DAY, at, z), u.conditions)
+                 for u, at in zip(self.accepted, self._at)]
+        return np.asarray(np.mean(found, axis=0) - self._before)
+
+    def means(self, z: np.ndarray) -> np.ndarray:
+        """Return what the quadratic predicts for units that left the accepted records."""
+        return super().means(z) - self._ahead(z)
+
+    def slope(self, z: np.ndarray) -> np.ndarray:
+        """Return the derivative of `means`, shape (d, SIZE)."""
+        before = np.mean([u.library.slope(np.where(OF_DAY, at, z), u.conditions)
+                          for u, at in zip(self.accepted, self._at)], axis=0)
+        return super().slope(z) - np.where(OF_DAY, 0.0, before)
 
     def run_all(
         self, models: Sequence[tuple[Sequence[EffectTerm], np.ndarray]], runs: int, salt: int = 0
     ) -> list[np.ndarray]:
         """Return the mean features of runs, less what runs of the accepted unit are off."""
-        return [mean + self._shift for mean in super().run_all(models, runs, salt)]
+        found = super().run_all(models, runs, salt)
+        return [mean + self._shift - self._ahead(np.clip(z, -1.0, 1.0)[None])[0]
+                for mean, (_, z) in zip(found, models)]
 
 
 def accepted_at(accepted: Sequence[TestedUnit]) -> list[np.ndarray]:
@@ -97,11 +121,20 @@ def changed_unit(
     at = accepted_at(accepted)
     left = np.mean([u.values - u.library.mean(z, u.conditions)
                     for u, z in zip(accepted, at)], axis=0)
+    spread = np.mean([np.diag(np.linalg.inv(_information(u))) for u in accepted], axis=0)
     return ChangedUnit(
         library=replace(unit.library, left=None), values=unit.values - left,
         conditions=unit.conditions, seed=unit.seed, workers=unit.workers,
         simulator=unit.simulator, accepted=tuple(accepted), apart=apart,
-        centre=np.where(OF_DAY, 0.0, at[0]), weight=np.where(OF_DAY, PRIOR, SAME))
+        centre=np.where(OF_DAY, 0.0, at[0]),
+        weight=np.where(OF_DAY, PRIOR, len(accepted) / spread))
+
+
+def _information(unit: TestedUnit) -> np.ndarray:
+    """Return how well a record tells the numbers of its unit, shape (SIZE, SIZE)."""
+    fit = unit.without_law()
+    columns = unit.whitener(0).columns(fit.slopes, unit.values - fit.mean)
+    return np.asarray(columns.T @ columns + PRIOR * np.eye(SIZE))
 
 
 def _days(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first: int, last: int

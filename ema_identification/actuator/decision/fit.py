@@ -201,12 +201,20 @@ class TestedUnit:
         return LawFit(terms=terms, z=z, mean=self._known(terms, z), cost=cost, runs=0,
                       slopes=self._known_slopes(terms, z))
 
+    def means(self, z: np.ndarray) -> np.ndarray:
+        """Return what the quadratic predicts for units without a law, (n, SIZE) -> (n, d)."""
+        return self.library.means(z, self.conditions)
+
+    def slope(self, z: np.ndarray) -> np.ndarray:
+        """Return the derivative of `means`, shape (d, SIZE)."""
+        return self.library.slope(z, self.conditions)
+
     def _known(self, terms: Sequence[EffectTerm], z: np.ndarray) -> np.ndarray:
-        mean = self.library.mean(z, self.conditions)
+        mean = self.means(z[None])[0]
         return np.asarray(sum((t.signature.at(t.u) for t in terms), mean))
 
     def _known_slopes(self, terms: Sequence[EffectTerm], z: np.ndarray) -> np.ndarray:
-        own = self.library.slope(z, self.conditions)
+        own = self.slope(z)
         return np.hstack([library_slopes(terms), own]) if terms else own
 
     def _recalibrated(

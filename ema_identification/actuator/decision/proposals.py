@@ -126,7 +126,7 @@ def sized(unit: TestedUnit, signatures: Sequence[Signature]) -> list[LawProposal
     """
     white, middle = unit.whitener(0), unit.centre
     plain = replace(white, straight=True)
-    columns = plain.columns(unit.library.slope(middle, unit.conditions), np.zeros(unit.size))
+    columns = plain.columns(unit.slope(middle), np.zeros(unit.size))
     inverse = np.linalg.inv(columns.T @ columns + np.diag(unit.weight))
     points = [(s, u) for s in signatures for u in _points(s)]
     if not points:
@@ -135,9 +135,9 @@ def sized(unit: TestedUnit, signatures: Sequence[Signature]) -> list[LawProposal
     centre, weight = middle[:, None], unit.weight[:, None]
     z = np.tile(centre, (1, len(points)))
     for _ in range(CHORDS):
-        rest = plain.residual(wanted - unit.library.means(z.T, unit.conditions).T)
+        rest = plain.residual(wanted - unit.means(z.T).T)
         z = np.clip(z + inverse @ (columns.T @ rest - weight * (z - centre)), -1.0, 1.0)
-    left = white.residual(wanted - unit.library.means(z.T, unit.conditions).T)
+    left = white.residual(wanted - unit.means(z.T).T)
     cost = (left**2).sum(axis=0) + (weight * (z - centre) ** 2).sum(axis=0)
     best: dict[str, LawProposal] = {}
     for i in np.argsort(cost):
