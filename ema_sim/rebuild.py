@@ -30,9 +30,8 @@ from ema_record.record import Record
 from ema_sim.plant.electrical import FIRST_EDGE, SECTOR, THIRD, TURN, reference_signs
 
 _SIGNS = np.array([reference_signs.py_func(sector) for sector in range(6)])
-TRIES = 41
-"""Speed offsets tried each round; three rounds, each a fifth as wide."""
-ROUNDS = 4
+TRIES, ROUNDS = 41, 4
+"""Speed offsets tried each round; rounds, each a fifth as wide as the one before."""
 BLOCK_ANGLE = 0.02
 """Largest turn (rad) by the offset that is looked for within what is summed before the search."""
 

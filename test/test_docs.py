@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+import sys
 
 import pytest
 
@@ -122,3 +123,15 @@ def test_the_readme_is_short_and_leads_to_every_page(files):
 def test_no_file_cites_a_page_that_is_not_here(files):
     assert [name for name, text in files.items() if NOT_HERE.search(text)] == []
     assert NOT_HERE.search("the law (DESIGN, sec" + "tion 3)")
+
+
+def test_the_pages_make_a_site_that_loads_nothing_from_a_network(repository, tmp_path):
+    pytest.importorskip("mkdocs")
+    built = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", tmp_path / "site"],
+        cwd=repository, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
+    pages = list((tmp_path / "site").rglob("*.html"))
+    assert len(pages) > len(list((repository / "docs").glob("*.md")))
+    loaded = re.compile(r"<(?:script|img|link)\b[^>]*(?:src|href)=[\"']?(?:https?:)?//")
+    assert [p.name for p in pages if loaded.search(p.read_text(encoding="utf-8"))] == []

@@ -22,9 +22,10 @@ from benchmarks.any_actuator.machines import (
 )
 from benchmarks.any_actuator.records import record_of
 from benchmarks.any_actuator.table import markdown, outcomes, why_unknown
+from benchmarks.any_actuator.units import draw_type
 from benchmarks.ledger import Ledger
 from ema_prognostics.verdict.judge import Judge
-from ema_record.actuator import load_actuator
+from ema_record.actuator import Actuator, load_actuator
 from ema_record.bag.read import write_bag
 from ema_record.kit import CASCADE, kit_folder, using_kit
 from ema_record.profile import load_profile
@@ -80,13 +81,21 @@ def _kit(options: Namespace, machine: BenchMachine) -> Path:
     return Path(options.work) / machine.name / ("kit-quick" if options.quick else "kit")
 
 
+def _built(options: Namespace, machine: BenchMachine) -> Actuator:
+    """Return the type as it is: off its description, unless that is said to be exact."""
+    if options.exact:
+        return machine.actuator
+    return draw_type(machine.actuator, (options.seed, machine_names().index(machine.name)))
+
+
 def make(options: Namespace) -> None:
     """Write the acceptance records of each machine as bags."""
     for machine in _machines(options):
         folder = _acceptance(options, machine)
         profile = default_test(machine.actuator)
-        cases = draw_cases(machine.actuator, machine.spread, ACCEPTED, {}, seed=options.seed,
-                           fleet=ACCEPTANCE, duration=profile.duration, own=True)
+        cases = draw_cases(_built(options, machine), machine.spread, ACCEPTED, {},
+                           seed=options.seed, fleet=ACCEPTANCE, duration=profile.duration,
+                           own=True)
         folder.mkdir(parents=True, exist_ok=True)
         for case in cases:
             if not (folder / case.key).exists():
@@ -117,12 +126,13 @@ def judged(options: Namespace, machine: BenchMachine) -> list[dict[str, Any]] | 
     with using_kit(kit):
         profile = load_profile(TEST_NAME)
         sizes = sizes_of(machine.actuator, kit, options.times)
-        cases = draw_cases(machine.actuator, machine.spread, _part(TESTED, options.part), sizes,
-                           seed=options.seed, fleet=TEST, duration=profile.duration, own=True)
+        cases = draw_cases(
+            _built(options, machine), machine.spread, _part(TESTED, options.part), sizes,
+            seed=options.seed, fleet=TEST, duration=profile.duration, own=True)
         return judge_cases(
             cases, profile, Judge(), Ledger(Path(options.work) / machine.name / "judged.jsonl"),
-            decided_by(machine.spread, options.seed, options.part, sizes), say(machine.name),
-            features=True)
+            decided_by(machine.spread, options.seed, options.part, sizes, options.exact),
+            say(machine.name), features=True)
 
 
 def judge(options: Namespace) -> None:

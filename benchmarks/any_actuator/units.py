@@ -21,9 +21,16 @@ ROUNDING, DEAD_TIME, DRIFT = 0.10, (0.2e-6, 1.0e-6), 2e-3
 """Largest blur of the back-EMF's edges (rad), dead time (s), drift of a current sensor (of the
 current limit in ten seconds)."""
 
+DRY, VISCOUS = 1.3, 1.5
+"""Factors by which a type's dry and viscous friction are other than described: no data sheet of a
+motor gives that of the gear and the bearings."""
+STIFFNESS, DAMPING, LOST_MOTION = 0.20, 0.30, 0.30
+CONSTANT, RESISTANCE, INDUCTANCE, INERTIA = 0.03, 0.05, 0.10, 0.05
+"""Half widths of what a type is off its description beside these, relative."""
+
 
 class _Draw:
-    """Draws of one unit or one test."""
+    """Draws of one type, unit or test."""
 
     def __init__(self, *seed: int) -> None:
         self._rng = np.random.default_rng(seed)
@@ -41,6 +48,28 @@ class _Draw:
 
     def three(self, half: float) -> tuple[float, float, float]:
         return self.even(-half, half), self.even(-half, half), self.even(-half, half)
+
+
+def draw_type(a: Actuator, seed: tuple[int, ...]) -> Actuator:
+    """Return the type as it is built, which its description misses by what such papers do."""
+    d = _Draw(*seed, 4)
+    m, x = a.motor, a.surface
+    dry, dry_x = d.factor(DRY), d.factor(DRY)
+    motor = m._replace(
+        phase_resistance=m.phase_resistance * d.near(RESISTANCE),
+        phase_inductance=m.phase_inductance * d.near(INDUCTANCE),
+        back_emf_constant=m.back_emf_constant * d.near(CONSTANT),
+        inertia=m.inertia * d.near(INERTIA),
+        viscous_friction=m.viscous_friction * d.factor(VISCOUS),
+        dynamic_friction=m.dynamic_friction * dry, static_friction=m.static_friction * dry)
+    surface = x._replace(
+        viscous_friction=x.viscous_friction * d.factor(VISCOUS),
+        dynamic_friction=x.dynamic_friction * dry_x, static_friction=x.static_friction * dry_x)
+    shaft = a.shaft._replace(
+        stiffness=a.shaft.stiffness * d.near(STIFFNESS),
+        damping=a.shaft.damping * d.near(DAMPING),
+        backlash=a.shaft.backlash * d.near(LOST_MOTION))
+    return a._replace(motor=motor, surface=surface, shaft=shaft)
 
 
 def draw_unit(a: Actuator, t: UnitTolerances, seed: tuple[int, ...]) -> Actuator:

@@ -7,8 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ema_prognostics.commission.discrepancy import NOT_SHIFTED
+from ema_prognostics.cascade.find import Cascade
+from ema_prognostics.commission.discrepancy import NOT_SHIFTED, fit_discrepancy
+from ema_prognostics.training.evaluation import outcome_of
 from ema_prognostics.training.fleet import FleetFeatures
+from ema_prognostics.verdict.diagnose import corrected_row
 from ema_prognostics.words import feature_words
 from ema_record.errors import UsageError
 
@@ -59,6 +62,12 @@ def largest(names: Sequence[str], z: np.ndarray) -> list[dict[str, Any]]:
     return [{"feature": names[k], "deviations": float(z[k])} for k in order[:10]]
 
 
+def too_many_alarms(views: dict[str, Any]) -> bool:
+    """Whether the validation of a test shows more false alarms than a kit may have."""
+    alarms = views["fleet"]["false alarms"]
+    return bool(alarms["count"] > MOST_FALSE_ALARMS * alarms["total"])
+
+
 def check_good(found: dict[str, Any]) -> None:
     """Raise UsageError unless the kit is good enough to be used."""
     wrong = [r for r in found["records"] if r["left_out"] not in ("healthy", "unknown")]
@@ -76,8 +85,35 @@ def check_good(found: dict[str, Any]) -> None:
             "one): give records of more units, or wider tolerances")
     for views in found["held_out"].values():
         alarms = views["fleet"]["false alarms"]
-        if alarms["count"] > MOST_FALSE_ALARMS * alarms["total"]:
+        if too_many_alarms(views):
             raise UsageError(
                 f"{alarms['count']} of {alarms['total']} healthy tests of the kit's own fleet are "
                 f"false alarms, at most {100 * MOST_FALSE_ALARMS:g} %: train without --quick, or "
                 "give tighter tolerances")
+
+
+def judge_left_out(
+    fleet: Cascade, names: list[str], rows: np.ndarray, units: np.ndarray, model: np.ndarray,
+    spread: np.ndarray,
+) -> tuple[list[str], float]:
+    """Return the outcome of each acceptance record, and the largest score of the guard.
+
+    The discrepancy is that of the other units. Infinite: more than the guard says unknown.
+
+    Parameters
+    ----------
+    fleet : the cascade without baseline.
+    names, rows, units, model, spread : as of `fit_discrepancy`.
+    """
+    found, widest = [], 0.0
+    for row, unit in zip(rows, units):
+        others = units != unit
+        left = fit_discrepancy(names, rows[others], units[others], model[others], spread)
+        x = corrected_row(dict(zip(names, row)), fleet.view.names, left)
+        detection = fleet.find(x)[0]
+        found.append(outcome_of(detection))
+        if not detection.outputs and not detection.doubtful and detection.guard.size:
+            widest = max(widest, float(detection.guard.max()))
+        elif found[-1] == "unknown":
+            widest = np.inf
+    return found, widest

@@ -7,6 +7,7 @@ residual when the actuator turns round; what the speed sensor makes up changes i
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +18,9 @@ from ema_record.errors import IncompleteRecordError
 
 HARMONICS = 6
 BINS = 360
-HIGH = tuple(range(7, 37))
-"""Lines that no fault class excites; cogging, gear mesh and saturation do."""
+BANDS = {"low": 12, "mid": 20, "top": 36}
+"""Highest line of each band of those that no fault class excites; cogging, gear mesh and
+saturation do."""
 DRIVEN = 0.01
 """Share of the torque of nominal friction below which the motor was driven from outside."""
 
@@ -34,6 +36,19 @@ def line_orders(pole_pairs: int) -> tuple[float, ...]:
     return turn, 2.0, 2.0 + turn, 4.0, 4.0 + turn, 6.0
 
 
+def other_orders(pole_pairs: int) -> np.ndarray:
+    """Return the multiples of the electrical angle of all other lines.
+
+    Up to the highest of `BANDS` they are those of a turn of the rotor: a gear wheel has so many
+    teeth a turn. Up to line 6 the windings' multiples and those once a turn beside their even ones
+    are left to the faults.
+    """
+    teeth = np.arange(1, max(BANDS.values()) * pole_pairs + 1)
+    beside = np.minimum(teeth % (2 * pole_pairs), -teeth % (2 * pole_pairs))
+    own = (teeth % pole_pairs == 0) | (beside == 1)
+    return teeth[~own | (teeth > HARMONICS * pole_pairs)] / pole_pairs
+
+
 class Balance(NamedTuple):
     """Torque balance of one segment."""
 
@@ -43,27 +58,27 @@ class Balance(NamedTuple):
     """Mean torque of the motor along its sense of rotation (N m)."""
     speed: float
     """Mean speed along the sense of rotation (rad/s)."""
-    high: np.ndarray
-    """|m_h| of the lines `HIGH`, shape (30,)."""
+    high: dict[str, float]
+    """Largest |m_h| of the lines `other_orders`, in each of `BANDS`; empty: not asked for."""
 
 
-def _high_lines(
-    turns: Turns, signal: np.ndarray, low: np.ndarray, orders: tuple[float, ...]
+def _other_lines(
+    turns: Turns, signal: np.ndarray, low: np.ndarray, pole_pairs: int
 ) -> np.ndarray:
-    """Return the lines `HIGH` of what the low lines leave, complex, shape (30, m).
+    """Return the lines `other_orders` of what the low lines leave, complex, shape (n, m).
 
     Over whole turns the lines are orthogonal, so a projection serves; angles are taken in
-    `BINS` parts of a turn, which leaves 98 % of line 36.
+    `BINS` parts of an electrical turn, which leaves 98 % of line 36.
     """
-    whole = [k for k, h in enumerate(orders, start=1) if h == round(h)]
-    place = (turns.theta * (BINS / TURN)).astype(int) % BINS
+    bins = BINS * pole_pairs
+    place = (turns.theta * (BINS / TURN)).astype(int) % bins
     mean = np.column_stack([
-        np.bincount(place, turns.weight * column, minlength=BINS) for column in signal.T])
-    weight = np.bincount(place, turns.weight, minlength=BINS)[:, None]
-    angle = (np.arange(BINS) + 0.5) * (TURN / BINS)
-    known = np.exp(1j * np.outer(angle, [orders[k - 1] for k in whole]))
-    rest = mean - weight * (low[0].real + (known @ low[whole]).real)
-    return 2.0 * np.exp(-1j * np.outer(HIGH, angle)) @ rest
+        np.bincount(place, turns.weight * column, minlength=bins) for column in signal.T])
+    weight = np.bincount(place, turns.weight, minlength=bins)[:, None]
+    angle = (np.arange(bins) + 0.5) * (TURN / BINS)
+    known = np.exp(1j * np.outer(angle, line_orders(pole_pairs)))
+    rest = mean - weight * (low[0].real + (known @ low[1:]).real)
+    return 2.0 * np.exp(-1j * np.outer(other_orders(pole_pairs), angle)) @ rest
 
 
 def torque_balance(
@@ -82,13 +97,17 @@ def torque_balance(
                         pole_pairs=motor.pole_pairs)
     first = int(np.searchsorted(signals.time, turns.samples[0, 0]))
     part = slice(first, first + len(turns.theta))
+    pairs = motor.pole_pairs
+    # All segments count the electrical turns of one of the rotor from the record's first.
+    before = round((signals.theta[first] - turns.theta[0]) / TURN) % pairs
+    turns = replace(turns, theta=turns.theta + TURN * before)
     signal = np.column_stack([signals.speed[part], signals.torque_current[part]])
-    orders = line_orders(motor.pole_pairs)
+    orders = line_orders(pairs)
     lines = rotor_lines(turns, signal, orders)
     h = np.array(orders)
     if high:
-        lines = np.vstack([lines, _high_lines(turns, signal, lines, orders)])
-        h = np.concatenate([h, HIGH])
+        lines = np.vstack([lines, _other_lines(turns, signal, lines, pairs)])
+        h = np.concatenate([h, other_orders(pairs)])
     k2 = signals.torque_constant
     mean_speed, mean = lines[0, 0].real, lines[0, 1].real
     if turns.direction * mean * k2 <= DRIVEN * signals.actuator.friction_torque:
@@ -96,9 +115,11 @@ def torque_balance(
             f"mean torque current {mean:.3g} A against the sense of rotation: the motor was "
             "driven from outside, repeat the test without load"
         )
-    turning = motor.pole_pairs * mean_speed  # electrical: the lines are those of `theta`
+    turning = pairs * mean_speed  # electrical: the lines are those of `theta`
     residual = (1j * motor.inertia * h * turning * lines[1:, 0] - k2 * lines[1:, 1]) / (k2 * mean)
+    largest, least = {}, 0
+    for band, most in BANDS.items() if high else ():
+        inside = (h[HARMONICS:] > least) & (h[HARMONICS:] <= most)
+        largest[band], least = float(np.abs(residual[HARMONICS:][inside]).max()), most
     return Balance(
-        residual[:HARMONICS], float(k2 * abs(mean)), float(abs(mean_speed)),
-        np.abs(residual[HARMONICS:]),
-    )
+        residual[:HARMONICS], float(k2 * abs(mean)), float(abs(mean_speed)), largest)

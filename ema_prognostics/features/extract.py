@@ -25,8 +25,6 @@ LEAST_SAG = 0.05
 """Resistance of a supply, of that of a phase, below which all are alike."""
 LEAST_TORQUE = 2e-3
 """Floor of a torque, of that of nominal friction."""
-HIGH_BANDS = {"low": slice(0, 6), "mid": slice(6, 14), "top": slice(14, 30)}
-"""Bands of the lines 7 to 36."""
 
 
 def _lines(found: dict[str, float], name: str, residual: np.ndarray) -> None:
@@ -41,9 +39,8 @@ def _pair(found: dict[str, float], speed: str, ahead: Balance, back: Balance) ->
     _lines(found, f"{speed}_odd", 0.5 * (ahead.residual - back.residual))
     found[f"torque_{speed}"] = float(np.log(0.5 * (ahead.torque + back.torque)))
     found[f"load_{speed}"] = 0.5 * (ahead.torque - back.torque)
-    for band, part in HIGH_BANDS.items():
-        high = np.maximum(ahead.high[part], back.high[part])
-        found[f"high_{band}_{speed}"] = float(np.log(high.max() + 1e-5))
+    for band, high in ahead.high.items():
+        found[f"high_{band}_{speed}"] = float(np.log(max(high, back.high[band]) + 1e-5))
 
 
 def _ramp_torque(signals: Signals, begin: float, end: float) -> float:
@@ -150,9 +147,8 @@ def extract(
     else:
         _lines(found, "full_even", balances["full"].residual)
         found["torque_full"] = float(np.log(balances["full"].torque))
-        for band, part in HIGH_BANDS.items():
-            high = balances["full"].high[part]
-            found[f"high_{band}_full"] = float(np.log(high.max() + 1e-5))
+        for band, high in balances["full"].high.items():
+            found[f"high_{band}_full"] = float(np.log(high + 1e-5))
         if signals.has_position:
             found |= start_features(signals, *slews["full"][:2])
     found |= _winding(signals, plan)

@@ -66,6 +66,39 @@ def view_inputs(campaign: FleetFeatures, view: View) -> tuple[list[str], np.ndar
     return difference_names(names), differences(record, start_allowed(campaign.baseline, names))
 
 
+def sound_rows(healthy: FleetFeatures, view: View) -> np.ndarray:
+    """Return the features of healthy tests as a view sees them, each record in either part.
+
+    Returns
+    -------
+    ndarray, shape (2 n, d). With a baseline either of two healthy records may be it.
+    """
+    names, rows = view_inputs(healthy, view)
+    if view == "fleet":
+        return np.vstack([rows, start_allowed(healthy.baseline, names)])
+    swapped = replace(healthy, baseline=healthy.record, record=healthy.baseline)
+    return np.vstack([rows, view_inputs(swapped, view)[1]])
+
+
+def stricter(part: ViewPart, kind: str, view: View, sound: np.ndarray) -> ViewPart:
+    """Return a view whose families are announced on half as many of the healthy `sound` rows.
+
+    Half the rates of `FALSE_ALARMS`; no threshold falls.
+    """
+    margin = np.array([found.margin for found in Cascade(part).find(sound)])
+    families = {
+        name: family.model_copy(update={"threshold": float(
+            f"{family.threshold + max(tail_quantile(margin[:, k], 0.5 * rate), 0.0):.6g}")})
+        for k, (name, family) in enumerate(part.families.items())
+        for rate in [rates_of(kind, view)[name]]}
+    return part.model_copy(update={"families": families})
+
+
+def rates_of(kind: str, view: View) -> dict[str, float]:
+    """Return the rate of healthy records of which each family may be announced."""
+    return STEP_FALSE_ALARMS if kind == "step" else FALSE_ALARMS[view]
+
+
 def _turn_labels(y: np.ndarray, thirds: int) -> np.ndarray:
     """Return severities, shape (n, 8), after `vector.rotate` by `thirds`."""
     out = y.copy()
@@ -92,7 +125,7 @@ def train_view(
     names, x = view_inputs(campaign, view)
     y = campaign.severity
     fit = campaign.unit % HELD_BACK != 0
-    _, sound = view_inputs(healthy, view)
+    sound = sound_rows(healthy, view)
     reference = x[fit & (y == 0.0).all(axis=1)]
     # The acceptance record of a unit stands for all of its tests: once, with their weight.
     _, first, tests = np.unique(campaign.unit[fit], return_index=True, return_counts=True)
@@ -104,11 +137,8 @@ def train_view(
         own = np.vstack([campaign.friction[fit], campaign.friction[fit][first]])
         weight = np.concatenate([weight, tests])
         reference = np.vstack([reference, extra])
-        sound = np.vstack([sound, start_allowed(healthy.baseline, names)])
-    else:  # either of two healthy records may be the baseline
+    else:
         itself = differences(accepted, accepted)
-        swapped = replace(healthy, baseline=healthy.record, record=healthy.baseline)
-        sound = np.vstack([sound, view_inputs(swapped, view)[1]])
     lines, absolute = _filters(names, reference, x[fit], y[fit], view)
     raw = derive(names, reference, lines, absolute)
     least = np.where([n.removeprefix(ABSOLUTE).startswith(LOG_SIZES) for n in input_names(names)],
@@ -118,9 +148,8 @@ def train_view(
     inputs = Inputs(names, lines, absolute, np.array(center), np.array(spread))
     xs = np.vstack([x[fit], extra])
     ys = np.vstack([y[fit], np.zeros((len(extra), y.shape[1]))])
-    rates = STEP_FALSE_ALARMS if kind == "step" else FALSE_ALARMS[view]
     records = TrainingRecords(xs, ys, weight, itself, tests[:len(itself)].astype(float), own)
-    work = _Work(inputs, records, rates, seed, hidden, iterations)
+    work = _Work(inputs, records, rates_of(kind, view), seed, hidden, iterations)
     parts = campaign.unit % HELD_BACK
     families, members = {}, {}
     for name, outputs in FAMILIES.items():

@@ -122,11 +122,17 @@ def test_every_fault_is_in_the_panel():
     assert all(len(cases) >= 3 for fault, cases in FAULTS.items() if fault != "healthy")
 
 
-@pytest.mark.xfail(reason="one of 530 differences is 3.2 spreads (motor friction, speed line 3)")
-def test_features_agree_within_the_spread_over_start_angles(differences, names):
-    for case, (difference, spread, _) in differences.items():
-        worst = np.argmax(np.abs(difference) / spread)
-        assert abs(difference[worst]) < 3.0 * spread[worst], (case, names[worst])
+CASES = [" ".join(settings) or fault for fault, cases in FAULTS.items() for settings in cases]
+UNMET = {"motor_friction.increase=1.5": "speed line 3 differs by 3.2 spreads"}
+
+
+@pytest.mark.parametrize("case", [
+    pytest.param(case, marks=pytest.mark.xfail(reason=UNMET[case])) if case in UNMET else case
+    for case in CASES])
+def test_features_agree_within_the_spread_over_start_angles(differences, names, case):
+    difference, spread, _ = differences[case]
+    worst = np.argmax(np.abs(difference) / spread)
+    assert abs(difference[worst]) < 3.0 * spread[worst], names[worst]
 
 
 def test_differences_are_no_larger_than_chance(differences, names):

@@ -27,11 +27,20 @@ def report(experiment):
     return paper_report(experiment)
 
 
-@pytest.mark.xfail(reason="one of 147 draws of ANN_A is missed since the kernel changed")
+UNMET = "ann_a turn_short"
+"""One of its 147 draws is missed, 0.9932 where 0.995 is asked for."""
+
+
 def test_accuracies_meet_their_targets_on_fresh_noise(report):
-    for entry in report["accuracies"]:
-        if entry["start_angles"] == "same":
+    same = [e for e in report["accuracies"] if e["start_angles"] == "same"]
+    for entry in same:
+        if entry["network"] != UNMET:
             assert entry["met"], entry
+    assert len(same) > 1
+
+
+@pytest.mark.xfail(reason="one of 147 draws of ANN_A is missed since the kernel changed")
+def test_all_targets_are_met(report):
     assert report["met"]
 
 

@@ -21,7 +21,13 @@ from benchmarks.any_actuator.machines import load_machine, machine_names
 from benchmarks.any_actuator.physics import run
 from benchmarks.any_actuator.records import BenchTest, record_of
 from benchmarks.any_actuator.table import is_right, markdown, rates
-from benchmarks.any_actuator.units import draw_own, draw_surroundings, draw_test, draw_unit
+from benchmarks.any_actuator.units import (
+    draw_own,
+    draw_surroundings,
+    draw_test,
+    draw_type,
+    draw_unit,
+)
 from ema_record.actuator import FOC, HARMONICS, INSTANT, PWM, RELAY, load_actuator
 from ema_record.profile import load_profile_dict
 from ema_record.spread import load_spread
@@ -223,3 +229,13 @@ def test_a_fault_shows_in_the_record(loaded):
     before = m.dynamic_friction + dry + m.viscous_friction * omega + (
         x.viscous_friction * omega / ratio**2)
     assert current[1] / current[0] == pytest.approx(1.0 + dry / before, rel=0.03)
+
+
+def test_a_type_is_off_its_description():
+    a = load_actuator()
+    types = [draw_type(a, (7, n)) for n in range(100)]
+    dry = np.array([t.surface.dynamic_friction for t in types]) / a.surface.dynamic_friction
+    assert 1.0 / 1.3 <= dry.min() < 0.82 < 1.2 < dry.max() <= 1.3
+    assert all(t.motor.static_friction / t.motor.dynamic_friction == pytest.approx(
+        a.motor.static_friction / a.motor.dynamic_friction) for t in types)
+    assert all(t.gear == a.gear and t.control == a.control for t in types)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ema_prognostics.features.balance import line_orders, torque_balance
+from ema_prognostics.features.balance import line_orders, other_orders, torque_balance
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.signals import prepare
 from ema_record.actuator import FOC, load_actuator
@@ -18,8 +18,11 @@ from ema_record.channels import (
     SURFACE_POSITION,
 )
 from ema_record.errors import InvalidRecordError
+from ema_record.profile import load_profile
 from ema_record.record import Record
+from ema_sim.effects import parse_effects
 from ema_sim.rebuild import completed, torque_command, torque_signs
+from ema_sim.simulate import simulate
 from support.simulations import record_of, slewing_record
 
 ACTUATOR = load_actuator()
@@ -101,3 +104,35 @@ def test_an_eccentric_rotor_of_four_pole_pairs_has_a_first_line() -> None:
     # tells: the direction is known up to a quarter.
     assert found.residual[0] ** 4 == pytest.approx(0.05**4 * np.exp(1.6j), abs=1e-6)
     assert abs(found.residual[1:5]).max() < 3e-3
+
+
+def test_teeth_that_are_no_multiple_of_the_pole_pairs_have_a_line() -> None:
+    """17 teeth a turn of the rotor: 3.4 periods an electrical turn; beside 4 is eccentricity."""
+    five = ACTUATOR._replace(motor=ACTUATOR.motor._replace(pole_pairs=5))
+    orders = other_orders(5)
+    assert 3.4 in orders and not {2.0, 3.8, 4.0, 4.2} & set(orders)
+    assert other_orders(1).tolist() == list(range(7, 37))
+    high = {line: torque_balance(
+        prepare(slewing_record(current_lines=[(line, 0.35, 0.4)]), five), 0.1, 0.36, 20,
+        high=True).high["low"] for line in (3.4, 4.2)}
+    assert high[3.4] == pytest.approx(0.05, rel=0.02)
+    assert high[4.2] < 0.01
+
+
+@pytest.mark.parametrize(("mode", "line", "part"), [("common", 1, 1.0), ("shifted", 3, 0.413)])
+def test_lines_of_the_rotor_are_the_same_in_all_slews(mode: str, line: int, part: float) -> None:
+    """Even and equal at both speeds: each slew begins with another of the electrical turns.
+
+    `part` of ζ: the closed form of the modulated torque, 1.24 / 3 of the mean for `shifted`.
+    """
+    four = ACTUATOR._replace(motor=ACTUATOR.motor._replace(pole_pairs=4))
+    effects = parse_effects(["rotor_eccentricity.zeta=0.1", f"rotor_eccentricity.mode={mode}",
+                             "rotor_eccentricity.angle=0.3"])
+    record = simulate(load_profile("extended"), actuator=four, effects=effects, seed=5)
+    found = extract(record, "extended", four)
+    even, slow, odd = (
+        abs(complex(found[f"{name}_m{line}_re"], found[f"{name}_m{line}_im"]))
+        for name in ("full_even", "quarter_even", "full_odd"))
+    assert even == pytest.approx(100.0 * part, rel=0.15)
+    assert slow == pytest.approx(100.0 * part, rel=0.10)
+    assert odd < 0.6 * even

@@ -10,7 +10,7 @@ import pytest
 
 from ema_prognostics.cascade.classes import OUTPUTS
 from ema_prognostics.cascade.find import Cascade
-from ema_prognostics.cascade.model_body import Body
+from ema_prognostics.cascade.model_body import Body, View
 from ema_prognostics.cascade.model_file import (
     TrainedModel,
     load_model,
@@ -24,7 +24,7 @@ from ema_prognostics.training.fleet import FleetFeatures, simulate_fleet
 from ema_prognostics.training.train_model import TrainingSettings
 from ema_prognostics.training.training_jobs import Trained
 from ema_prognostics.training.validation_report import validation_report
-from ema_prognostics.training.view_training import train_view
+from ema_prognostics.training.view_training import sound_rows, stricter, train_view
 from ema_prognostics.verdict.diagnose import diagnose
 from ema_record.actuator_type import actuator_hash
 from ema_record.errors import UsageError
@@ -139,3 +139,23 @@ def test_baseline_that_cannot_serve(model: TrainedModel) -> None:
 def test_stranger_to_a_model_of_another_test(model: TrainedModel) -> None:
     odd = simulate(load_profile("step"), effects=parse_effects(["cogging_torque.amplitude=0.3"]))
     assert diagnose(odd, model).outcome in ("unknown", "fault")
+
+
+@pytest.mark.parametrize("view", ["fleet", "baseline"])
+def test_thresholds_rise_with_what_healthy_tests_reach(
+    campaigns: Campaigns, model: TrainedModel, view: View,
+) -> None:
+    part, rows = model.body.views[f"step/{view}"], sound_rows(campaigns[1], view)
+    assert len(rows) == 2 * len(campaigns[1])
+    low = part.model_copy(update={"families": {
+        name: f.model_copy(update={"threshold": f.threshold - 20.0})
+        for name, f in part.families.items()}})
+    margin = np.array([found.margin for found in Cascade(low).find(rows)])
+    assert (margin > 0.0).any()
+    mended = stricter(low, "step", view, rows)
+    assert (np.array([f.margin for f in Cascade(mended).find(rows)]) <= 1e-3).all()
+    high = {n: f.threshold + 20.0 for n, f in part.families.items()}
+    raised = part.model_copy(update={"families": {
+        n: f.model_copy(update={"threshold": high[n]}) for n, f in part.families.items()}})
+    kept = stricter(raised, "step", view, rows)
+    assert {n: f.threshold for n, f in kept.families.items()} == pytest.approx(high, rel=1e-4)

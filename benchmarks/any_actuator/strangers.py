@@ -1,0 +1,166 @@
+"""Whether anything could tell a stranger from what the kit knows: a bound beside the guard.
+
+Of healthy tests of the type the features have covariance Σ; a stranger moves them by s, each known
+fault k by a multiple of f_k. A detector that knew the stranger beforehand, and its size, could at
+best tell it by the distance d² = min over a of (s − F a)ᵀ Σ⁻¹ (s − F a), healthy alone with a = 0
+(Neyman and Pearson 1933; the faults that might be there instead are nuisance). It finds the part
+Φ(d − z(1 − 0.03)) where 3 % of the known may be called unknown. The guard knows no stranger
+beforehand, so it finds less. Shifts are means over pairs of runs of one unit, with and without.
+
+    python -m benchmarks.any_actuator.strangers KIT...
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+import numpy as np
+from joblib import Parallel, delayed
+from rich.console import Console
+from threadpoolctl import threadpool_limits
+
+from benchmarks.any_actuator.cases import STRANGERS, usual_sizes
+from benchmarks.detection.print_table import make_table
+from ema_prognostics.cascade.model_file import load_model
+from ema_prognostics.features.extract import extract
+from ema_prognostics.training.conditions import actuator_of, draw_conditions, draw_unit, effects_of
+from ema_prognostics.training.faults import HEALTHY, InjectedFault
+from ema_record.actuator import Actuator, load_actuator
+from ema_record.errors import RecordError
+from ema_record.kit import using_kit
+from ema_record.profile import load_profile
+from ema_record.spread import load_spread
+from ema_sim.effects import Effects
+from ema_sim.simulate import simulate
+
+KIND, SEED = "extended", 660_000
+UNKNOWN = 0.03
+"""Part of the known records that may be called unknown."""
+LEAST_SPREAD = 1e-2
+"""Floor of a feature's spread: what never varies in a simulation does in a machine."""
+STEP = 0.5
+"""Size of the faults whose direction is taken, of the usual ones."""
+
+
+def strangers_of(a: Actuator) -> dict[str, list[str]]:
+    """Return the strangers of the benchmark as effects of the product's own simulator."""
+    m, x = a.motor, a.surface
+    speed, slew = a.control.speed_limit, a.slew_speed
+    power = speed * (m.dynamic_friction + m.viscous_friction * speed) + slew * (
+        x.dynamic_friction + x.viscous_friction * slew)
+    found = {
+        "cogging": [f"cogging_torque.amplitude={0.15 * m.dynamic_friction!r}",
+                    f"cogging_torque.periods={6 * m.pole_pairs}"],
+        "demagnetisation": ["torque_constant_drop.drop=0.15"],
+        "sag": ["bus_voltage_sag.resistance="
+                f"{min(0.05 * (2.0 * a.inverter.bus_voltage) ** 2 / power, 2.0)!r}"],
+        "resistance": ["phase_resistance_imbalance.increase=0.5"],
+        "hall": ["hall_misalignment.angle=0.1"],
+        "mesh": ["gear_mesh_ripple.amplitude="
+                 f"{0.2 * x.dynamic_friction / a.shaft.stiffness!r}"],
+    }
+    return {name: found[name] for name in STRANGERS}
+
+
+def known_of(a: Actuator) -> dict[str, list[str]]:
+    """Return small faults of each known class, one for each direction that they may have."""
+    size = {name: STEP * value for name, value in usual_sizes(a).items()}
+    short, gap = size["turn_short"], size["rotor_eccentricity"]
+    return {
+        **{f"short {p}": [f"turn_short.fraction={short!r}", f"turn_short.phase={p}"]
+           for p in "abc"},
+        **{f"eccentricity {mode} {angle}": [
+            f"rotor_eccentricity.zeta={gap!r}", f"rotor_eccentricity.mode={mode}",
+            f"rotor_eccentricity.angle={angle}"]
+           for mode in ("common", "shifted") for angle in (0.0, 1.5708)},
+        "motor friction": [f"motor_friction.increase={size['motor_friction']!r}"],
+        "surface friction": [f"surface_friction.increase={size['surface_friction']!r}"],
+        "backlash": [f"backlash.increase={size['backlash']!r}"],
+    }
+
+
+def _test(seed: np.random.SeedSequence, cases: list[list[str]], kit: Path) -> np.ndarray | None:
+    """Return the features of one unit in one test, healthy and with each case, (1 + cases, d)."""
+    with using_kit(kit), threadpool_limits(limits=1):
+        rng, spread, nominal = np.random.default_rng(seed), load_spread(), load_actuator()
+        unit, conditions = draw_unit(rng, spread.tolerances), draw_conditions(
+            rng, spread.conditions)
+        rows = []
+        try:
+            for settings in ([], *cases):
+                fault = InjectedFault(severity={}, settings=tuple(settings)) if settings else (
+                    HEALTHY)
+                record = simulate(
+                    load_profile(KIND), actuator=actuator_of(nominal, unit, conditions),
+                    effects=effects_of(conditions, fault, Effects()), seed=conditions.seed)
+                rows.append(list(extract(record, KIND, nominal).values()))
+        except RecordError:
+            return None
+    return np.array(rows)
+
+
+def distances(healthy: np.ndarray, shifts: np.ndarray, faults: np.ndarray,
+              more: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far shifts are from healthy, and from healthy or any fault.
+
+    Parameters
+    ----------
+    healthy : ndarray, shape (n, d). Features of healthy tests.
+    shifts : ndarray, shape (k, d). Of the strangers.
+    faults : ndarray, shape (f, d). Directions of the faults.
+    more : ndarray, shape (d,). Standard deviation that the kit adds to each feature.
+    """
+    from sklearn.covariance import ledoit_wolf
+
+    scale = np.maximum(np.sqrt(healthy.var(axis=0) + more**2), LEAST_SPREAD)
+    covariance, _ = ledoit_wolf((healthy - healthy.mean(axis=0)) / scale)
+    root = np.linalg.cholesky(np.linalg.inv(covariance + np.diag((more / scale) ** 2)))
+    s, f = shifts / scale @ root, faults / scale @ root
+    left = s - (np.linalg.lstsq(f.T, s.T, rcond=None)[0].T @ f)
+    return np.linalg.norm(s, axis=1), np.linalg.norm(left, axis=1)
+
+
+def rows_of(kit: Path, units: int, pairs: int, jobs: int) -> list[list[str]]:
+    """Return the rows of the table for one kit."""
+    with using_kit(kit):
+        a, discrepancy = load_actuator(), load_model().body.discrepancy.get(KIND)
+    strangers, known = strangers_of(a), known_of(a)
+    cases = [*strangers.values(), *known.values()]
+    streams = np.random.SeedSequence(SEED).spawn(units + pairs)
+    found = Parallel(n_jobs=jobs)(
+        delayed(_test)(s, cases if k < pairs else [], kit) for k, s in enumerate(streams))
+    tests = [t for t in found if t is not None]
+    paired = np.array([t for t in tests if len(t) > 1])
+    shifts = (paired[:, 1:] - paired[:, :1]).mean(axis=0)
+    healthy = np.array([t[0] for t in tests])
+    more = np.zeros(healthy.shape[1]) if discrepancy is None else np.array(discrepancy.spread)
+    alone, among = distances(healthy, shifts[:len(strangers)], shifts[len(strangers):], more)
+    from scipy.stats import norm
+
+    limit = norm.ppf(1.0 - UNKNOWN)
+    return [[kit.parent.name, name, *("> 99" if d > 99.0 else f"{d:.1f}" for d in both),
+             *(f"{100 * norm.cdf(d - limit):.0f} %" for d in both)]
+            for name, *both in zip(strangers, alone, among)]
+
+
+def main() -> None:
+    """Simulate and print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("kit", nargs="+", type=Path)
+    parser.add_argument("--units", type=int, default=500)
+    parser.add_argument("--pairs", type=int, default=24)
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    o = parser.parse_args()
+    table = make_table(f"strangers, {o.units + o.pairs} healthy tests, {o.pairs} pairs",
+                       "kit", "stranger", "d, healthy", "d, known", "told, healthy",
+                       "told, known")
+    for kit in o.kit:
+        for row in rows_of(kit.resolve(), o.units, o.pairs, o.jobs):
+            table.add_row(*row)
+    Console(width=120).print(table)
+
+
+if __name__ == "__main__":
+    main()
