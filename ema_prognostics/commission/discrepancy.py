@@ -1,6 +1,6 @@
 """What healthy machines leave over their best model, feature by feature: the discrepancy.
 
-`ema_record.discrepancy` says how it is estimated; its spread is added to that of the fleet, one
+`ema_record.spread` says how it is estimated; its spread is added to that of the fleet, one
 draw a unit: it is the same in all records of a unit.
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from ema_prognostics.cascade.model_body import DiscrepancyPart, LimitPart, ViewPart, rounded
 from ema_prognostics.training.fleet import FleetFeatures
-from ema_record.discrepancy import left_over
+from ema_record.spread import left_over
 
 CONDITIONS = ("temperature", "bus_voltage", "load_")
 """Beginnings of features that are conditions of a test."""

@@ -17,15 +17,15 @@ import numpy as np
 
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.fleet import conditions_of
-from ema_identification.actuator.decision.library import scores
+from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.surrogate import Discrepancy, FleetLibrary
 from ema_identification.actuator.measure.features import FeatureMap, feature_map, nominal_rate
 from ema_identification.actuator.measure.recorder import recorded_alike, whole
 from ema_identification.actuator.measure.tolerances import align
 from ema_record import array_cache as cache
-from ema_record.discrepancy import left_over
 from ema_record.kit import LIBRARY, kit_path
 from ema_record.record import Record
+from ema_record.spread import left_over
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
 

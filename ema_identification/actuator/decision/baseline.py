@@ -27,8 +27,8 @@ from ema_identification.actuator.decision.fleet import (
     fleet_record,
 )
 from ema_identification.actuator.decision.gap import OF_DAY
-from ema_identification.actuator.decision.library import SETTLED_RUNS, scores
-from ema_identification.actuator.decision.surrogate import FleetLibrary
+from ema_identification.actuator.decision.proposals import scores
+from ema_identification.actuator.decision.surrogate import SETTLED_RUNS, FleetLibrary
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.runs import Progress, silent, spread_out
 from ema_identification.actuator.measure.tolerances import RecordConditions, align
@@ -46,10 +46,14 @@ class ChangedUnit(TestedUnit):
     Attributes
     ----------
     accepted : the accepted records, at least one.
+    at : their fits, shape (SIZE,) each.
+    before : ndarray, shape (d,). What the quadratic says of them there, the mean.
     apart : share of the quadratic's error that two tests of one unit do not share.
     """
 
     accepted: tuple[TestedUnit, ...]
+    at: tuple[np.ndarray, ...]
+    before: np.ndarray
     apart: float = 0.0
 
     @property
@@ -61,32 +65,22 @@ class ChangedUnit(TestedUnit):
         law, k = self.library.repeat, len(self.accepted)
         found = law.covariance(min(self.conditions.noise, LOUDEST))
         for unit in self.accepted:
-            found = found + law.covariance(min(unit.conditions.noise, LOUDEST)) / k
+            found = found + law.covariance(min(unit.conditions.noise, LOUDEST)) / k**2
         share = min(self.apart, self.library.carried) if runs else self.apart
         surrogate = self.library.surrogate.covariance(min(self.conditions.noise, LOUDEST))
         return np.asarray((1.0 + (1.0 / runs if runs else 0.0)) * found + share**2 * surrogate)
 
     @cached_property
-    def _at(self) -> list[np.ndarray]:
-        return accepted_at(self.accepted)
-
-    @cached_property
-    def _before(self) -> np.ndarray:
-        """Return what the quadratic says of the accepted records, shape (d,)."""
-        return np.asarray(np.mean([u.library.mean(z, u.conditions)
-                                   for u, z in zip(self.accepted, self._at)], axis=0))
-
-    @cached_property
     def _shift(self) -> np.ndarray:
         """Return how far runs of the accepted unit are from its quadratic, shape (d,)."""
-        runs = [u.run((), z, SETTLED_RUNS, salt=51) for u, z in zip(self.accepted, self._at)]
-        return np.asarray(self._before - np.mean(runs, axis=0))
+        runs = [u.run((), z, SETTLED_RUNS, salt=51) for u, z in zip(self.accepted, self.at)]
+        return np.asarray(self.before - np.mean(runs, axis=0))
 
     def _ahead(self, z: np.ndarray) -> np.ndarray:
         """Return how far the accepted records of other units are, shape (n, SIZE) -> (n, d)."""
         found = [u.library.means(np.where(OF_DAY, at, z), u.conditions)
-                 for u, at in zip(self.accepted, self._at)]
-        return np.asarray(np.mean(found, axis=0) - self._before)
+                 for u, at in zip(self.accepted, self.at)]
+        return np.asarray(np.mean(found, axis=0) - self.before)
 
     def means(self, z: np.ndarray) -> np.ndarray:
         """Return what the quadratic predicts for units that left the accepted records."""
@@ -95,7 +89,7 @@ class ChangedUnit(TestedUnit):
     def slope(self, z: np.ndarray) -> np.ndarray:
         """Return the derivative of `means`, shape (d, SIZE)."""
         before = np.mean([u.library.slope(np.where(OF_DAY, at, z), u.conditions)
-                          for u, at in zip(self.accepted, self._at)], axis=0)
+                          for u, at in zip(self.accepted, self.at)], axis=0)
         return super().slope(z) - np.where(OF_DAY, 0.0, before)
 
     def run_all(
@@ -107,34 +101,26 @@ class ChangedUnit(TestedUnit):
                 for mean, (_, z) in zip(found, models)]
 
 
-def accepted_at(accepted: Sequence[TestedUnit]) -> list[np.ndarray]:
-    """Return the fits of one unit to its records: its own numbers are their mean."""
-    found = [unit.without_law().z for unit in accepted]
-    own = np.mean(found, axis=0)
-    return [np.where(OF_DAY, z, own) for z in found]
-
-
 def changed_unit(
     unit: TestedUnit, accepted: Sequence[TestedUnit], apart: float
 ) -> ChangedUnit:
-    """Return a record beside accepted ones of the same test and unit."""
-    at = accepted_at(accepted)
-    left = np.mean([u.values - u.library.mean(z, u.conditions)
-                    for u, z in zip(accepted, at)], axis=0)
-    spread = np.mean([np.diag(np.linalg.inv(_information(u))) for u in accepted], axis=0)
+    """Return a record beside accepted ones of the same test and unit.
+
+    The unit's own numbers are the mean of those that the accepted records give.
+    """
+    fits = [u.without_law() for u in accepted]
+    own, spread = np.mean([f.z for f in fits], axis=0), np.zeros(SIZE)
+    for u, fit in zip(accepted, fits):
+        columns = u.whitener(0).columns(fit.slopes, u.values - fit.mean)
+        spread += np.diag(np.linalg.inv(columns.T @ columns + PRIOR * np.eye(SIZE)))
+    at = tuple(np.where(OF_DAY, f.z, own) for f in fits)
+    before = np.mean([u.library.mean(z, u.conditions) for u, z in zip(accepted, at)], axis=0)
     return ChangedUnit(
-        library=replace(unit.library, left=None), values=unit.values - left,
-        conditions=unit.conditions, seed=unit.seed, workers=unit.workers,
-        simulator=unit.simulator, accepted=tuple(accepted), apart=apart,
-        centre=np.where(OF_DAY, 0.0, at[0]),
-        weight=np.where(OF_DAY, PRIOR, len(accepted) / spread))
-
-
-def _information(unit: TestedUnit) -> np.ndarray:
-    """Return how well a record tells the numbers of its unit, shape (SIZE, SIZE)."""
-    fit = unit.without_law()
-    columns = unit.whitener(0).columns(fit.slopes, unit.values - fit.mean)
-    return np.asarray(columns.T @ columns + PRIOR * np.eye(SIZE))
+        library=replace(unit.library, left=None), conditions=unit.conditions, seed=unit.seed,
+        values=unit.values - np.mean([u.values for u in accepted], axis=0) + before,
+        workers=unit.workers, simulator=unit.simulator, accepted=tuple(accepted), at=at,
+        before=before, apart=apart, centre=np.where(OF_DAY, 0.0, own),
+        weight=np.where(OF_DAY, PRIOR, len(accepted) ** 2 / spread))
 
 
 def _days(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first: int, last: int

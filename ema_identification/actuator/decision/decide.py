@@ -23,14 +23,16 @@ from scipy.stats import beta
 
 from ema_identification.actuator.decision.fit import LawFit, TestedUnit
 from ema_identification.actuator.decision.gap import HeldOut, LawGap
-from ema_identification.actuator.decision.library import SETTLED_RUNS, gain_of, scores
 from ema_identification.actuator.decision.proposals import (
     LawProposal,
+    gain_of,
     linear_gains,
     ripples,
+    scores,
     selectable,
     sized,
 )
+from ema_identification.actuator.decision.surrogate import SETTLED_RUNS
 from ema_identification.actuator.measure.runs import Progress, silent
 from ema_identification.result import Outcome
 

@@ -21,7 +21,12 @@ import numpy as np
 from scipy.linalg import cholesky
 
 from ema_identification.actuator.decision.fleet import SIZE, fleet_features
-from ema_identification.actuator.decision.surrogate import FleetLibrary, Whitener
+from ema_identification.actuator.decision.surrogate import (
+    FleetLibrary,
+    Whitener,
+    least_size,
+    mended,
+)
 from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_identification.actuator.surrogate.fit import (
     EffectTerm,
@@ -31,7 +36,6 @@ from ema_identification.actuator.surrogate.fit import (
     moved,
     with_terms,
 )
-from ema_identification.actuator.surrogate.library import Signature
 from ema_identification.actuator.surrogate.likelihood import bounded_least_squares
 from ema_sim.effects import Effects
 
@@ -112,14 +116,10 @@ class TestedUnit:
 
     @property
     def _plain(self) -> bool:
-        """Whether the quadratic's noise is the library's, as it is."""
         return self.library.left is None
 
     def covariance(self, runs: int) -> np.ndarray:
-        """Return the covariance of measured minus predicted features at the right model.
-
-        `runs` : that the prediction is the mean of; 0: it is the quadratic's.
-        """
+        """Return the covariance of what the right model leaves; `runs` 0: on the quadratic."""
         library, noise = self.library, min(self.conditions.noise, LOUDEST)
         found = library.surrogate.covariance(noise)
         if runs:
@@ -281,7 +281,7 @@ class TestedUnit:
                 damping = max(10.0 * damping, 0.1)
                 continue
             done = np.append(coordinates(terms) - coordinates(point.terms), z - point.z)
-            slopes = self._mended(point, done, mean - point.mean)
+            slopes = mended(point.slopes, done, mean - point.mean, _scale(point.terms))
             cost = self.cost(white, mean, z)
             if cost < point.cost:
                 small = point.cost - cost < 0.5 * cost / self.size
@@ -331,7 +331,7 @@ class TestedUnit:
         u = coordinates(terms) if terms else np.zeros(0)
         low, high = bounds(terms) if terms else (np.zeros(0), np.zeros(0))
         reach = np.concatenate([
-            np.full(t.variant.size, max(float(np.linalg.norm(t.u)), 2.0 * _least(t.signature)))
+            np.full(t.variant.size, max(float(np.linalg.norm(t.u)), 2.0 * least_size(t.signature)))
             for t in terms]) if terms else np.zeros(0)
         lower = np.append(np.maximum(low - u, -reach), -1.0 - z)
         upper = np.append(np.minimum(high - u, reach), 1.0 - z)
@@ -341,19 +341,9 @@ class TestedUnit:
             np.minimum(lower, -1e-9), np.maximum(upper, 1e-9), weight,
             np.append(u, z - self.centre))
 
-    def _mended(self, point: LawFit, step: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """Return slopes that say what a step did (Broyden), coordinates in units of their size."""
-        scale = np.append(np.concatenate([
-            np.full(t.variant.size, max(float(np.linalg.norm(t.u)), 1e-12))
-            for t in point.terms]), np.full(SIZE, 1.0))
-        weight = step / scale**2
-        power = float(step @ weight)
-        if power < 1e-4:
-            return point.slopes
-        return point.slopes + np.outer(change - point.slopes @ step, weight) / power
 
-
-def _least(signature: Signature) -> float:
-    """Return the least size at which a law was simulated."""
-    found = [float(np.abs(x[x != 0.0]).min()) for x in signature.levels if len(x) > 1]
-    return min(found, default=1.0)
+def _scale(terms: Sequence[EffectTerm]) -> np.ndarray:
+    """Return the size of each coordinate: of a law its own, of all else a half width."""
+    return np.append(np.concatenate([
+        np.full(t.variant.size, max(float(np.linalg.norm(t.u)), 1e-12)) for t in terms]),
+        np.ones(SIZE))

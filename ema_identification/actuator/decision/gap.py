@@ -15,7 +15,7 @@ import numpy as np
 
 from ema_identification.actuator.decision.fit import PRIOR, LawFit, TestedUnit
 from ema_identification.actuator.decision.fleet import NAMES, SIZE, conditions_of
-from ema_identification.actuator.decision.library import paired_units
+from ema_identification.actuator.decision.surrogate import FleetLibrary
 from ema_identification.actuator.naming.gap import worst
 from ema_record import array_cache as cache
 
@@ -82,6 +82,18 @@ def healthy_gaps(pairs: Sequence[tuple[TestedUnit, TestedUnit]]) -> np.ndarray:
     """Return the gaps of healthy units: (held-out record, fitted record) of each."""
     return np.array([quadratic_gap(held, fitted, fitted.without_law())
                      for held, fitted in pairs])
+
+
+def paired_units(
+    held: FleetLibrary, fitted: FleetLibrary
+) -> list[tuple[TestedUnit, TestedUnit]]:
+    """Return the units set aside, each in both tests: they are the same ones in every test."""
+    def units(library: FleetLibrary) -> list[TestedUnit]:
+        return [TestedUnit(library=library, values=values, conditions=conditions_of(row))
+                for row, values in zip(*library.aside)]
+
+    return [(a, b) for a, b in zip(units(held), units(fitted))
+            if np.isfinite(a.values).all() and np.isfinite(b.values).all()]
 
 
 def gaps_of_healthy(held: TestedUnit, fitted: TestedUnit) -> np.ndarray:

@@ -22,8 +22,9 @@ from ema_identification.actuator.decision.fleet import (
     conditions_of,
     fleet_runs,
 )
-from ema_identification.actuator.decision.proposals import linear_gains, selectable
+from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.surrogate import (
+    SETTLED_RUNS,
     FleetLibrary,
     NoiseLaw,
     arguments,
@@ -48,9 +49,6 @@ from ema_record.profile import Profile
 from ema_record.spread import TypeSpread, load_spread
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
-
-SETTLED_RUNS = 8
-"""Of a model in the end, healthy or not."""
 
 
 def fitted_library(
@@ -105,18 +103,6 @@ def judged_library(
     return replace(library, healthy=np.array(healthy))
 
 
-def paired_units(
-    held: FleetLibrary, fitted: FleetLibrary
-) -> list[tuple[TestedUnit, TestedUnit]]:
-    """Return the units set aside, each in both tests: they are the same ones in every test."""
-    def units(library: FleetLibrary) -> list[TestedUnit]:
-        return [TestedUnit(library=library, values=values, conditions=conditions_of(row))
-                for row, values in zip(*library.aside)]
-
-    return [(a, b) for a, b in zip(units(held), units(fitted))
-            if np.isfinite(a.values).all() and np.isfinite(b.values).all()]
-
-
 def _carried(
     library: FleetLibrary, means: Sequence[tuple[TestedUnit, LawFit, np.ndarray]]
 ) -> float:
@@ -132,18 +118,6 @@ def _carried(
     if excess(0.0) <= 0.0:
         return 0.0
     return float(brentq(excess, 0.0, 2.0, xtol=0.02)) if excess(2.0) < 0.0 else 2.0
-
-
-def scores(unit: TestedUnit, fit: LawFit, runs: int) -> tuple[float, float]:
-    """Return cost a feature, and the largest gain of a law in units of what it leaves."""
-    found = linear_gains(unit, fit, unit.whitener(runs), selectable(unit, ()))
-    lower = found[0].cost if found else fit.cost
-    return fit.cost / unit.size, gain_of(fit.cost, lower, unit.size)
-
-
-def gain_of(cost: float, lower: float, size: int) -> float:
-    """Return a fall of the cost in units of what is left a feature."""
-    return (cost - lower) / max(lower / size, 1e-9)
 
 
 def fleet_library(

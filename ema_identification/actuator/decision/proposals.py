@@ -163,6 +163,18 @@ def _points(signature: Signature) -> list[np.ndarray]:
     return found
 
 
+def scores(unit: TestedUnit, fit: LawFit, runs: int) -> tuple[float, float]:
+    """Return cost a feature, and the largest gain of a law in units of what it leaves."""
+    found = linear_gains(unit, fit, unit.whitener(runs), selectable(unit, ()))
+    lower = found[0].cost if found else fit.cost
+    return fit.cost / unit.size, gain_of(fit.cost, lower, unit.size)
+
+
+def gain_of(cost: float, lower: float, size: int) -> float:
+    """Return a fall of the cost in units of what is left a feature."""
+    return (cost - lower) / max(lower / size, 1e-9)
+
+
 ORDERS = range(3, 25)
 """Periods a turn at which ripple is looked for; lower ones belong to windings."""
 RIPPLE_RUNS = 4

@@ -27,6 +27,8 @@ BEND = 5.0
 known."""
 RIDGES = (0.3, 3.0, 30.0, 300.0)
 """Penalties tried for each feature; leave one out chooses."""
+SETTLED_RUNS = 8
+"""Of a model in the end, healthy or not."""
 _UPPER = np.triu_indices(SIZE + 3)
 
 
@@ -122,6 +124,23 @@ def noise_law(rest: np.ndarray, noise: np.ndarray, floor: np.ndarray) -> NoiseLa
     correlation = (1.0 - share) * (x.T @ x) / len(x)
     np.fill_diagonal(correlation, 1.0)
     return NoiseLaw(quiet=quiet, noisy=slope, correlation=correlation)
+
+
+def mended(
+    slopes: np.ndarray, step: np.ndarray, change: np.ndarray, scale: np.ndarray
+) -> np.ndarray:
+    """Return slopes, shape (d, m), that say what a step did (Broyden), coordinates by `scale`."""
+    weight = step / scale**2
+    power = float(step @ weight)
+    if power < 1e-4:
+        return slopes
+    return slopes + np.outer(change - slopes @ step, weight) / power
+
+
+def least_size(signature: Signature) -> float:
+    """Return the least size at which a law was simulated."""
+    found = [float(np.abs(x[x != 0.0]).min()) for x in signature.levels if len(x) > 1]
+    return min(found, default=1.0)
 
 
 class Discrepancy(NamedTuple):

@@ -9,7 +9,7 @@ from linear_unit import ADDED, BASE, FEATURES, MODEL, STRANGE, UNITS, VARIANTS
 
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.fleet import SIZE
-from ema_identification.actuator.decision.library import scores
+from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.surrogate import FleetLibrary, NoiseLaw, design
 from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_identification.actuator.surrogate.library_runs import unpack

@@ -17,7 +17,7 @@ from ema_identification.actuator.decision.decide import (
 from ema_identification.actuator.decision.fit import LawFit
 from ema_identification.actuator.decision.fleet import SIZE
 from ema_identification.actuator.decision.gap import LawGap
-from ema_identification.actuator.decision.library import scores
+from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.workflow import parameters_of
 from ema_identification.actuator.surrogate.fit import EffectTerm
 

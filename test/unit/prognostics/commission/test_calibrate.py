@@ -28,13 +28,12 @@ from ema_prognostics.commission.quality import check_described, check_good
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_record.actuator import load_actuator
 from ema_record.bag.read import write_bag
-from ema_record.discrepancy import moderated
 from ema_record.errors import UsageError
 from ema_record.kit import ACTUATOR as ACTUATOR_FILE
 from ema_record.kit import kit_path
 from ema_record.profile import load_profile, step_profile
 from ema_record.record import Record
-from ema_record.spread import load_spread
+from ema_record.spread import load_spread, moderated
 from support.simulations import record_of
 
 ACTUATOR = load_actuator()
