@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from fleet_unit import CONDITIONS, STRANGE, effects_of, features_of, judged, run, unit
 
-from ema_identification.actuator.decision import acceptance, baseline, fit
+from ema_identification.actuator.decision import acceptance, baseline, fit, gap
 from ema_identification.actuator.decision.baseline import changed_unit
 from ema_identification.actuator.decision.decide import LEVEL, decide, p_nothing
 from ema_identification.actuator.decision.fleet import SIZE
@@ -111,3 +111,29 @@ def test_a_kit_without_acceptance_records_has_no_discrepancy(tmp_path, monkeypat
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     library = judged()
     assert LIBRARY and acceptance.with_acceptance(library) is library
+
+
+def test_gap_on_a_held_out_record_is_ranked_among_healthy_units(tmp_path, monkeypatch):
+    """Their gaps are kept; a unit whose held-out record has an effect is beyond them."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    days = [two_days(k) for k in range(30)]
+    libraries = [replace(judged(), aside=(
+        np.tile(ROW, (30, 1)), np.array([drawn(1000 * d + k, z[d]) for k, z in enumerate(days)])))
+        for d in (0, 1)]
+    z, later = two_days(9100)
+    fitted = fit.TestedUnit(library=libraries[0], values=drawn(1, z), conditions=CONDITIONS)
+
+    def gap_of(values):
+        held = fit.TestedUnit(library=libraries[1], values=values, conditions=CONDITIONS)
+        healthy = gap.gaps_of_healthy(held, fitted)
+        assert healthy.shape == (30,)
+        return gap.HeldOut(unit=held, fitted=fitted, healthy=healthy).gap([fitted.without_law()])
+
+    quiet = gap_of(drawn(2, later))
+    assert len(list((tmp_path / "ema_phm").iterdir())) == 1
+    loud = gap_of(drawn(2, later, backlash=3.0))
+    assert loud.healthy.tolist() == quiet.healthy.tolist()
+    assert quiet.values[0] <= quiet.healthy.max() * 1.2
+    assert loud.values[0] > loud.healthy.max()
+    own = gap.fitted_gap(fitted, [fitted.without_law()])
+    assert 0.5 * own.floor < own.values[0] < 2.0 * own.floor

@@ -126,7 +126,7 @@ class Held:
         self.values = values
 
     def gap(self, models):
-        return LawGap(values=self.values[:len(models)], healthy=np.linspace(0.5, 1.5, 199))
+        return LawGap(values=self.values[:len(models)], healthy=np.linspace(0.5, 1.5, 480))
 
 
 def test_held_out_records_only_judge():
