@@ -8,7 +8,12 @@ from fleet_unit import CONDITIONS, STRANGE, effects_of, features_of, judged, run
 
 from ema_identification.actuator.decision import acceptance, baseline, fit, gap
 from ema_identification.actuator.decision.baseline import changed_unit
-from ema_identification.actuator.decision.decide import LEVEL, decide, p_nothing
+from ema_identification.actuator.decision.decide import (
+    LEVEL,
+    decide,
+    p_nothing,
+    share_of,
+)
 from ema_identification.actuator.decision.fleet import SIZE
 from ema_identification.actuator.decision.gap import OF_DAY
 from ema_identification.actuator.decision.proposals import scores
@@ -82,7 +87,9 @@ def test_a_change_within_the_band_shows_beside_the_accepted_record_only(ranked):
                                     simulator=run)
                      for values in (drawn(1, z), drawn(2, later)))
     assert p_of(second) > LEVEL
-    assert p_of(changed_unit(second, [first], apart)) <= LEVEL
+    # Beyond all in cost; the healthy unit of the largest gain is as rare, and so many units prove
+    # no more than this (480 do).
+    assert p_of(changed_unit(second, [first], apart)) <= share_of(1, PAIRS) < 0.016
 
 
 def test_discrepancy_of_a_type_is_taken_off(tmp_path, monkeypatch):
