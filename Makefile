@@ -85,6 +85,8 @@ endef
 
 $(RUN_STAMP): constraints.txt setup.py
 	$(call install,$(RUN_EXTRAS))
+	@echo 'make: compiling the simulator, about a minute'
+	@$(VENV)/bin/python -m ema_sim.node.server
 
 $(TEST_STAMP): $(RUN_STAMP)
 	$(call install,$(TEST_EXTRAS))

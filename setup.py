@@ -27,7 +27,10 @@ setup(
     maintainer_email="ema-phm@example.org",
     license="MIT",
     packages=find_packages(include=["ema_*"]),
-    package_data={"": ["py.typed"], "ema_identification.report": ["templates/*"]},
+    package_data={
+        "": ["py.typed"], "ema_identification.report": ["templates/*"],
+        "ema_cli.views": ["templates/*"], "ema_prognostics.verdict": ["*.json"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/ema_phm"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -27,8 +27,9 @@ from ema_cli.console import WRONG_USE, error_line, guarded, leave, print_table, 
 from ema_record.errors import UsageError, unknown_name
 from ema_record.kit import ENVIRONMENT, using_kit
 
-COMMANDS = ("bit", "simulate", "check", "trend", "replay", "import", "export", "lint", "recover",
-            "identify", "effects", "profile", "new-actuator", "commission", "train", "paper")
+COMMANDS = ("bit", "conformance", "simulate", "check", "trend", "fleet", "replay", "import",
+            "export", "lint", "recover", "identify", "effects", "profile", "new-actuator",
+            "commission", "train", "paper")
 """All commands, in the order of the help."""
 PROGRAM = "ema"
 KIT = "kit"

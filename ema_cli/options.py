@@ -23,6 +23,11 @@ Changes = Annotated[Path | None, typer.Option(
 Seed = Annotated[int, typer.Option(
     "--seed", help="Of noise and start angle; same seed, same bytes.")]
 Noise = Annotated[float, typer.Option("--noise", help="Factor on the sensor noise, 0 for none.")]
+Rule = Annotated[str, typer.Option(
+    metavar="K/N", help="A fault is confirmed when K of the last N flights find it.")]
+Format = Annotated[str, typer.Option(
+    "--format", metavar="text|json|csv", help="json: one object a line, see docs/api.md; csv: a "
+    "row a fault, with a header.")]
 SerialNumber = Annotated[str, typer.Option(
     "--serial-number", metavar="TEXT", help="Of the actuator.")]
 TrainingJobs = Annotated[int, typer.Option(

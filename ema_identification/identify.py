@@ -22,7 +22,7 @@ Progress = Callable[[str, float], None]
 def identify(
     measured: Sequence[Record | RigRecord], model: Model | str | Path | None = None, *,
     validate: Sequence[Record | RigRecord] = (), without: Sequence[str] = (),
-    baseline: Sequence[Record] = (), progress: Progress | None = None, workers: int = 1,
+    baseline: Sequence[Record | RigRecord] = (), progress: Progress | None = None, workers: int = 1,
     seed: int = 0, by_fleet: bool = False,
 ) -> Identification:
     """Find the disagreement between a model and records, name what is missing, add it.
@@ -51,7 +51,7 @@ def identify(
     """
     if not measured:
         raise UsageError("0 records: give at least one measured record")
-    kinds = {isinstance(r, Record) for r in (*measured, *validate)}
+    kinds = {isinstance(r, Record) for r in (*measured, *validate, *baseline)}
     if len(kinds) > 1:
         raise UsageError("records of the actuator and of a rig together: identify one at a time")
     if kinds == {False}:
@@ -67,8 +67,9 @@ def identify(
             validate=cast("Sequence[RigRecord]", validate), without=without, progress=progress)
     records = cast("Sequence[Record]", measured)
     held = cast("Sequence[Record]", validate)
-    _check_one_unit((*records, *held, *baseline))
-    _check_kit((*records, *held, *baseline))
+    accepted = cast("Sequence[Record]", baseline)
+    _check_one_unit((*records, *held, *accepted))
+    _check_kit((*records, *held, *accepted))
     from ema_identification.actuator.decision.workflow import changes_since, identify_by_fleet
     from ema_identification.actuator.measure.runs import silent
     from ema_identification.actuator.workflow import identify_actuator
@@ -78,12 +79,12 @@ def identify(
         model = load_model_file(model)
     shown = progress or silent
     if by_fleet:
-        return identify_by_fleet(records, model, validate=held, baseline=baseline,
+        return identify_by_fleet(records, model, validate=held, baseline=accepted,
                                  without=without, progress=shown, workers=workers, seed=seed)
     found = identify_actuator(records, model, validate=held, without=without, progress=shown,
                               workers=workers, seed=seed)
-    return found if not baseline else replace(found, since=changes_since(
-        records[0], baseline, model, without=without, progress=shown, workers=workers, seed=seed))
+    return found if not accepted else replace(found, since=changes_since(
+        records[0], accepted, model, without=without, progress=shown, workers=workers, seed=seed))
 
 
 def build_library(

@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ema_record.profile import Profile
+from ema_record.record import html_of
 
 Outcome = Literal[
     "no disagreement", "explained", "partly explained", "unknown effect", "contradicted"]
@@ -225,6 +226,18 @@ class Identification:
     def exit_status(self) -> int:
         """0 no disagreement or explained, 3 partly explained, unknown or contradicted."""
         return 0 if self.verdict in ("no disagreement", "explained") else 3
+
+    def __repr__(self) -> str:
+        """Return one line: what was found, and the gap."""
+        named = ", ".join(f"{p.name} = {p.value:.4g}" for f in self.findings for p in f.parameters)
+        return (f"<Identification {self.verdict}{': ' if named else ''}{named}; gap "
+                f"{self.gap_before:.3g} to {self.gap_after:.3g}>")
+
+    def _repr_html_(self) -> str:
+        return html_of(repr(self)[1:-1], (
+            *((p.name, f"{p.value:.5g} ({p.low:.5g} to {p.high:.5g}) {p.unit}")
+              for f in self.findings for p in f.parameters),
+            *(("reason", reason) for reason in self.reasons)))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the object that ``ema identify --json`` prints."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -12,12 +12,12 @@ import rclpy.executors
 import rclpy.signals
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
+from lifecycle_msgs.srv import GetState
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 from std_msgs.msg import Bool
 
-from ema_monitor.messages import PolledGroup, make_polled_subscription
 from ema_record.wire.topics import (
     DIAGNOSTICS,
     SAMPLES,
@@ -25,61 +25,137 @@ from ema_record.wire.topics import (
     VERDICT,
     WEIGHT_ON_WHEELS,
 )
-from ema_ros.messages import make_publisher, make_timer, take_all
+from ema_ros.messages import (
+    PolledGroup,
+    make_polled_subscription,
+    make_publisher,
+    make_timer,
+    resolved,
+    take_all,
+)
 from ema_ros.process import QUIET, prepare_environment
 
 NODE_NAME = "aircraft"
+SIMULATOR = "ema_sim"
+LIFECYCLE_NODES = (SIMULATOR, "ema_monitor", "ema_prognostics")
+"""Those that the test waits for."""
+AT_ONCE = 3
+"""Callbacks beyond the first that are done without a wait, if they are due."""
 PERIOD = 0.1
 """Interval of weight on wheels (s)."""
 
 
 @contextmanager
-def aircraft() -> Iterator[AircraftNode]:
+def aircraft(namespace: str = "") -> Iterator[AircraftNode]:
     """Yield the node, in a context of its own that leaves the signals to the caller."""
+    with aircrafts([namespace]) as (node,):
+        yield node
+
+
+@contextmanager
+def aircrafts(namespaces: Sequence[str]) -> Iterator[list[AircraftNode]]:
+    """Yield a node for each actuator, by its namespace; all are spun together."""
     prepare_environment()
     context = rclpy.Context()
     rclpy.init(
         context=context, args=QUIET, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO
     )
-    node = AircraftNode(context)
+    nodes = [AircraftNode(context, namespace, first=number == 0)
+             for number, namespace in enumerate(namespaces)]
     executor = rclpy.executors.SingleThreadedExecutor(context=context)
-    executor.add_node(node)
+    for node in nodes:
+        executor.add_node(node)
     try:
-        yield node
+        yield nodes
     finally:
         executor.shutdown(timeout_sec=1.0)
-        node.destroy_node()
+        for node in nodes:
+            node.destroy_node()
         rclpy.try_shutdown(context=context)
 
 
 class AircraftNode(Node):
-    """Sends weight on wheels, calls the self-test, listens for the verdict."""
+    """Sends weight on wheels, calls the self-test of one actuator, listens for its verdict."""
 
-    def __init__(self, context: rclpy.Context) -> None:
-        """Appear on the graph, on the ground."""
-        super().__init__(NODE_NAME, context=context)
+    def __init__(
+        self, context: rclpy.Context, namespace: str = "", *, first: bool = True
+    ) -> None:
+        """Appear on the graph, on the ground, in the namespace of the actuator.
+
+        Only the first one of an aircraft sends weight on wheels, and hears `/diagnostics`.
+        """
+        super().__init__(NODE_NAME, context=context, namespace=namespace)
         self.weight_on_wheels = True
         self.send = True
         """Whether weight on wheels is sent ten times a second."""
+        self.gives_way = False
+        """Whether it is left to another aircraft on the domain, if there is one."""
         self.stage = "idle"
         """Stage of the test, as the monitor reports it."""
         self.verdict: dict[str, Any] | None = None
         """The last verdict, as `ema check --json` prints it."""
         group = PolledGroup()
         self._verdict = make_polled_subscription(self, VERDICT, group)
-        self._diagnostics = make_polled_subscription(self, DIAGNOSTICS, group)
+        self._diagnostics = (
+            make_polled_subscription(self, DIAGNOSTICS, group) if first else None)
         self._wheels = make_publisher(self, WEIGHT_ON_WHEELS)
-        self._test = self.create_client(SelfTest, SELF_TEST_SERVICE)
-        make_timer(self, PERIOD, self._on_timer)
+        self._test = self.create_client(SelfTest, SELF_TEST_SERVICE.removeprefix("/"))
+        self._states = {
+            name: self.create_client(GetState, f"{name}/get_state") for name in LIFECYCLE_NODES
+        }
+        self._monitor = f"{namespace}{'/' if namespace else ''}ema_monitor: test"
+        self._asked: dict[str, Future] = {}
+        self._active: set[str] = set()
+        if first:
+            make_timer(self, PERIOD, self._on_timer)
 
     def spin(self, seconds: float) -> None:
         """Do what is due, waiting at most so long for it (s)."""
         assert self.executor is not None
         self.executor.spin_once(timeout_sec=seconds)
+        for _ in range(AT_ONCE):
+            self.executor.spin_once(timeout_sec=0.0)
 
     def _on_timer(self) -> None:
-        if self.send:
+        other = self.gives_way and self._others_send()
+        if self.send and not other:
             self.send_weight_on_wheels()
+
+    def _others_send(self) -> bool:
+        """Whether a node of another name says if the aircraft stands on its wheels."""
+        infos = self.get_publishers_info_by_topic(resolved(self, WEIGHT_ON_WHEELS))
+        return any(info.node_name != NODE_NAME for info in infos)
+
+    def state(self, name: str) -> str:
+        """Return what a lifecycle node says of its state; empty: it is active.
+
+        It is asked anew until it is. While it loads and compiles it does not answer.
+        """
+        if name in self._active:
+            return ""
+        asked = self._asked.get(name)
+        if asked is not None and asked.done():
+            label = asked.result().current_state.label
+            del self._asked[name]
+            if label == "active":
+                self._active.add(name)
+                return ""
+            return str(label)
+        if not self._states[name].service_is_ready():
+            return "starting"
+        if asked is None:
+            self._asked[name] = self._states[name].call_async(GetState.Request())
+        return "loading"
+
+    def waiting_for(self, with_driver: bool = False) -> str:
+        """Return which nodes are not active yet, and what else is missing; empty: nothing.
+
+        A driver of somebody else has no state that we know of.
+        """
+        states = {name: self.state(name) for name in LIFECYCLE_NODES
+                  if not (with_driver and name == SIMULATOR)}
+        late = [f"{name} ({state})" for name, state in states.items() if state]
+        return ", ".join(late) or self.missing()
 
     def send_weight_on_wheels(self) -> None:
         """Publish whether the aircraft stands on its wheels."""
@@ -91,7 +167,7 @@ class AircraftNode(Node):
             return "the monitor"
         if self._wheels.get_subscription_count() < 1:
             return "the monitor's interlock"
-        if self.count_publishers(SAMPLES) < 1:
+        if self.count_publishers(resolved(self, SAMPLES)) < 1:
             return "the actuator"
         if self._verdict.get_publisher_count() < 1:
             return "the prognostics"
@@ -103,9 +179,11 @@ class AircraftNode(Node):
 
     def poll(self) -> None:
         """Take diagnostics and verdicts that have arrived."""
-        for taken in take_all(self._diagnostics):
+        for taken in take_all(self._diagnostics) if self._diagnostics is not None else []:
+            if self._monitor.encode() not in taken.data:
+                continue
             for status in deserialize_message(taken.data, DiagnosticArray).status:
-                if status.name == "ema_monitor: test":
+                if status.name == self._monitor:
                     values = {pair.key: pair.value for pair in status.values}
                     self.stage = values.get("stage", self.stage)
         for taken in take_all(self._verdict):

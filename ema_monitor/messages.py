@@ -3,25 +3,43 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
-from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
-from rclpy.subscription import Subscription
+from rclpy.serialization import deserialize_message
+from rclpy.task import Future
 
 from ema_monitor.sequence import ActuatorStatus
+from ema_record.bag.annotate import add_last_message
 from ema_record.checks.live import CheckResult, Level
-from ema_record.wire.topics import TOPICS
-from ema_ros.messages import Taken, diagnostic_status, message_class, qos_profile
+from ema_record.errors import EmaError
+from ema_record.wire.topics import TOPICS, VERDICT, name_on_graph
+from ema_ros.messages import (
+    PolledGroup,
+    Taken,
+    diagnostic_status,
+    make_polled_subscription,
+    namespace_of,
+    take_all,
+)
 
-ACTUATOR_STATUS = ": actuator"
-"""End of the name of the status in which an actuator reports."""
-POLLED_DEPTH = 100
-"""Messages that may come between two looks: an interlock that opens for a moment is one."""
+VERDICT_WAIT = 0.3
+"""Longest wait, at the end, for the verdict on the last record (s)."""
+ACTUATOR_STATUS = "actuator"
+"""Name of the status in which an actuator reports."""
+ACTUATOR_KEYS = {
+    "state": "'idle', or anything else while a command is executed",
+    "surface_position": "of the surface, as measured (rad)",
+    "command_stamp": "header stamp of the command accepted last (ns since the epoch), 0 without",
+    "start_time": "when it was accepted (ns since the epoch): time 0 of its samples",
+    "samples_published": "how many samples answer it so far",
+}
+"""What that status must say."""
 _LEVELS = {
     Level.OK: DiagnosticStatus.OK,
     Level.WARN: DiagnosticStatus.WARN,
@@ -29,36 +47,16 @@ _LEVELS = {
 }
 
 
-class PolledGroup(CallbackGroup):
-    """Group of subscriptions that never wake the executor; `take_all` empties them.
+class Request:
+    """A caller of the service, waiting for the end of its test."""
 
-    Four thousand messages a second cost a few percent of a core this way.
-    """
-
-    def can_execute(self, entity: Any) -> bool:  # noqa: ARG002  (the base class's signature)
-        """Never."""
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:  # noqa: ARG002
-        """Never."""
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        """Nothing begins, so nothing ends."""
-
-
-def _never_called(_: bytes) -> None:
-    """Stand for the callback of a polled subscription."""
-
-
-def make_polled_subscription(node: Node, topic: str, group: PolledGroup) -> Subscription:
-    """Return a subscription to serialised messages of a topic of the table."""
-    offered = TOPICS[topic].qos
-    wanted = replace(offered, depth=max(offered.depth, POLLED_DEPTH))
-    return node.create_subscription(
-        message_class(topic), topic, _never_called, qos_profile(wanted), raw=True,
-        callback_group=group,
-    )
+    def __init__(self) -> None:
+        """Begin to wait."""
+        self.asked = time.monotonic()
+        self.ended = Future()
+        """Its result: why the test did not run to its end; empty: it did."""
+        self.statuses: list[DiagnosticStatus] = []
+        self.passed = False
 
 
 def in_order(messages: list[Taken]) -> list[Taken]:
@@ -77,52 +75,126 @@ def level_status(
     return diagnostic_status(name, _LEVELS[level], message, values, hardware_id)
 
 
-def check_status(result: CheckResult) -> DiagnosticStatus:
-    """Return the result of a record check as a diagnostic status."""
-    return level_status(
-        f"ema_monitor: {result.name}", result.level, result.message, result.values
-    )
+class VerdictKeeper:
+    """Adds the verdict on the last record to it, when it comes.
+
+    Parameters
+    ----------
+    node : hears it.
+    wanted : whether it is added.
+    """
+
+    def __init__(self, node: Node, group: PolledGroup, *, wanted: bool) -> None:
+        """Listen; no record yet."""
+        self._logger = node.get_logger()
+        self.subscription = make_polled_subscription(node, VERDICT, group)
+        self._topic = replace(
+            TOPICS[VERDICT], name=name_on_graph(VERDICT, namespace_of(node)))
+        self._wanted = wanted
+        self._awaited: Path | None = None
+
+    def expect(self, path: Path) -> None:
+        """Take the record that the next verdict is of."""
+        self._awaited = path.resolve() if self._wanted else None
+
+    def poll(self) -> None:
+        """Take verdicts that have come."""
+        for taken in take_all(self.subscription):
+            status = deserialize_message(taken.data, DiagnosticStatus)
+            said = {pair.key: pair.value for pair in status.values}
+            path = self._awaited
+            if path is None or said.get("bag") != str(path):
+                continue
+            self._awaited = None
+            try:
+                add_last_message(path, self._topic, taken.data, time.time_ns(), {
+                    key: said[key] for key in ("verdict", "fault_code") if key in said})
+            except EmaError as error:
+                self._logger.warning(f"verdict not added to the record: {error}")
+
+    def wait(self) -> None:
+        """Wait a little for a verdict that has not come, if somebody is there who gives it."""
+        end = time.monotonic() + VERDICT_WAIT
+        while (self._awaited is not None and self.subscription.get_publisher_count() > 0
+               and time.monotonic() < end):
+            self.poll()
+            time.sleep(0.01)
+
+
+def record_statuses(
+    path: Path, status: str, closed: int, results: Sequence[CheckResult]
+) -> list[DiagnosticStatus]:
+    """Return what the answer of the self-test says of its record and of each check.
+
+    Parameters
+    ----------
+    path : of the bag.
+    status : how the test ended.
+    closed : when the bag was closed (ns since the epoch).
+    results : of the record checks; empty: it is not complete.
+    """
+    return [
+        level_status(
+            "ema_monitor: record", Level.OK if results else Level.ERROR, status,
+            {"path": str(path.resolve()), "status": status, "closed": str(closed)},
+        ),
+        *(level_status(f"ema_monitor: {result.name}", result.level, result.message, result.values)
+          for result in results),
+    ]
 
 
 def fill_response(
-    response: SelfTest.Response, serial: str, passed: bool, statuses: list[DiagnosticStatus]
+    response: SelfTest.Response, serial: str, request: Request, reason: str
 ) -> SelfTest.Response:
-    """Fill in the answer of the self-test service."""
+    """Fill in the answer of the self-test service; `reason` says why it did not end."""
+    passed = request.passed
+    outcome = level_status(
+        "ema_monitor: test", Level.OK if passed else Level.ERROR,
+        reason or ("passed" if passed else "record checks failed"), {},
+    )
     response.id = serial
     response.passed = b"\x01" if passed else b"\x00"
-    response.status = statuses
+    response.status = [outcome, *request.statuses]
     return response
 
 
-def find_actuator(array: DiagnosticArray) -> tuple[ActuatorStatus, str] | None:
+def find_actuator(
+    array: DiagnosticArray, namespace: str = ""
+) -> tuple[ActuatorStatus, str] | None:
     """Return what the actuator says of itself and its serial number, if it is in the array.
 
     Any driver may take the place of the emulated actuator. Its DiagnosticStatus is named
-    ``<anything>: actuator``, its hardware_id is the actuator's serial number. It comes at least
-    once a second, and at the begin and the end of each run, with these five keys (others may
-    stand beside them):
-
-    state : ``idle``, anything else while a command is being executed.
-    surface_position : of the surface, as measured (rad).
-    command_stamp : header stamp of the JointTrajectory that was accepted last (ns since the
-        epoch), 0 before the first one.
-    start_time : when it was accepted (ns since the epoch): time 0 of its samples.
-    samples_published : how many samples on `/ema/samples` answer it so far.
+    ``actuator`` or ``<node>: actuator``, both below the namespace if it has one
+    (``/left_aileron/driver: actuator``); its hardware_id is the actuator's serial number. It
+    comes at least once a second, and at the begin and the end of each run, with the keys of
+    `ACTUATOR_KEYS`. Others may stand beside them.
     """
     for status in array.status:
-        if not status.name.endswith(ACTUATOR_STATUS):
+        if not reports_of(status.name, namespace):
             continue
-        values = {pair.key: pair.value for pair in status.values}
         try:
-            found = ActuatorStatus(
-                active=values["state"] != "idle",
-                surface_position=float(values["surface_position"]),
-                command_stamp=int(values["command_stamp"]),
-                start_time=int(values["start_time"]),
-                samples_published=int(values["samples_published"]),
-            )
+            return actuator_status({pair.key: pair.value for pair in status.values}), (
+                status.hardware_id)
         except (KeyError, ValueError):  # a status of somebody else, of the same name
             continue
-        if math.isfinite(found.surface_position):
-            return found, status.hardware_id
     return None
+
+
+def reports_of(name: str, namespace: str) -> bool:
+    """Return whether a status of this name is of the actuator in a namespace."""
+    node, _, task = name.rpartition(": ")
+    path = node.rpartition("/")[0] if node else name.rpartition("/")[0]
+    task = task if node else name.rpartition("/")[2]
+    return task == ACTUATOR_STATUS and path.strip("/") == namespace.strip("/")
+
+
+def actuator_status(values: Mapping[str, str]) -> ActuatorStatus:
+    """Return a status of the actuator (KeyError: incomplete; ValueError: no number)."""
+    position = float(values["surface_position"])
+    if not math.isfinite(position):
+        raise ValueError(f"surface_position {position}")
+    return ActuatorStatus(
+        active=values["state"] != "idle", surface_position=position,
+        command_stamp=int(values["command_stamp"]), start_time=int(values["start_time"]),
+        samples_published=int(values["samples_published"]),
+    )

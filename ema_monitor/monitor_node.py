@@ -9,24 +9,24 @@ from pathlib import Path
 
 import rclpy
 import rclpy.executors
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.srv import SelfTest
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
 from rclpy.serialization import deserialize_message
-from rclpy.task import Future
-from std_msgs.msg import Bool, String
+from std_msgs.msg import Bool, Header, String
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from ema_monitor.interlock import Interlock
 from ema_monitor.messages import (
-    PolledGroup,
-    check_status,
+    ACTUATOR_STATUS,
+    Request,
+    VerdictKeeper,
     fill_response,
     find_actuator,
     in_order,
     level_status,
-    make_polled_subscription,
+    record_statuses,
 )
 from ema_monitor.recorder import BitRecorder, new_bag_path
 from ema_monitor.sequence import (
@@ -43,78 +43,85 @@ from ema_monitor.sequence import (
 from ema_monitor.settings import SPECS
 from ema_record.actuator import load_actuator
 from ema_record.checks.live import CheckResult, Level, check_counters, check_record, worst
-from ema_record.errors import EmaError, UsageError
+from ema_record.errors import EmaError
 from ema_record.profile import load_profile
 from ema_record.wire.topics import (
     BAG_TOPICS,
     BIT_RECORD,
     COMMAND,
+    DEADMAN,
     DIAGNOSTICS,
     SAMPLES,
-    SELF_TEST_SERVICE,
     WEIGHT_ON_WHEELS,
 )
 from ema_record.wire.trajectory import encode_command
 from ema_record.wire.types import stamp_of
+from ema_ros.ema_node import EmaNode, declare_parameters, use_given_kit
+from ema_ros.interlock import Interlock
 from ema_ros.messages import (
-    EmaNode,
-    declare_parameters,
+    DiagnosticsPublisher,
+    PolledGroup,
+    make_polled_subscription,
     make_publisher,
     make_timer,
+    namespace_of,
+    set_period,
+    stamp_message,
+    status_name,
     take_all,
-    use_given_kit,
 )
 from ema_ros.process import SHUT_DOWN, StopSignal, run_node
 
-NODE_NAME = "ema_monitor"
-POLL_PERIOD = 0.02
+POLL_PERIOD, IDLE_PERIOD = 0.02, 0.05
 DIAGNOSTICS_PERIOD = 1.0
-LOOK_FOR_OTHERS = 0.6
-"""How long the node looks for another monitor before it offers its service (s)."""
+SIGN_PERIOD = 0.05
 RUNNING = "refused: a test is running already: wait for its end"
 ACTUATOR_TIMEOUT = 3.0
 """Age at which the status of the actuator is no longer believed (s); it sends one a second."""
 
 
-class Request:
-    """A caller of the service, waiting for the end of its test."""
-
-    def __init__(self) -> None:
-        """Begin to wait."""
-        self.asked = time.monotonic()
-        self.ended = Future()
-        """Its result: why the test did not run to its end; empty: it did."""
-        self.statuses: list[DiagnosticStatus] = []
-        self.passed = False
-
-
 class MonitorNode(EmaNode):
     """Runs the built-in test on request; all of it happens in one timer, the poll."""
 
+    name = "ema_monitor"
+
     def __init__(self, stop: StopSignal) -> None:
-        """Read the parameters, look for another monitor, then offer the service."""
-        super().__init__(NODE_NAME, stop)
+        """Read the parameters."""
+        super().__init__(stop)
         use_given_kit(self)
-        values = declare_parameters(self, SPECS)
-        self._directory = Path(str(values["output_directory"]))
-        self._serial = str(values["serial_number"])
-        self._interlock = Interlock(float(values["weight_on_wheels_timeout"]))
+        self._values = declare_parameters(self, SPECS)
+        self._serial = str(self._values["serial_number"])
+        self._namespace = namespace_of(self)
+        self._service_name = self.resolve_service_name("~/self_test")
+        self._request: Request | None = None
+        self._waiting: list[Request] = []
+        self._callers = 0
+
+    def configure(self) -> None:
+        """Load the test, and make the publishers."""
+        values = self._values
         self._described = load_actuator(str(values["model_file"]) or None)
         self._sequence = TestSequence(
             load_profile(str(values["profile"])), self._described,
             stream_timeout=float(values["stream_timeout"]),
             test_timeout=float(values["test_timeout"]),
         )
-        self._refuse_second_monitor()
-        self._recorder = BitRecorder()
+        self._command = make_publisher(self, COMMAND)
+        self._deadman = make_publisher(self, DEADMAN)
+        self._record = make_publisher(self, BIT_RECORD)
+        self._diagnostics = DiagnosticsPublisher(self)
+
+    def activate(self) -> None:
+        """Look for another monitor, then listen and offer the services."""
+        self.refuse_another(self._service_name)
+        self._interlock = Interlock(float(self._values["weight_on_wheels_timeout"]))
+        self._recorder = BitRecorder(self._namespace)
         self._actuator: ActuatorStatus | None = None
         self._actuator_heard = 0.0
         self._began: float | None = None
-        self._request: Request | None = None
-        self._waiting: list[Request] = []
-        self._callers = 0
         self._sent: set[int] = set()
-        self._foreign = False
+        self._last_sent, self._next_sign = 0, 0.0
+        self._foreign = self._abort = self._leaving = False
         self._last_block = -1.0
         self._last_reason, self._failed = "no test yet", False
         group = PolledGroup()
@@ -122,25 +129,31 @@ class MonitorNode(EmaNode):
             topic: make_polled_subscription(self, topic, group)
             for topic in (*(entry.name for entry in BAG_TOPICS), DIAGNOSTICS)
         }
-        self._command = make_publisher(self, COMMAND)
-        self._record = make_publisher(self, BIT_RECORD)
-        self._diagnostics = make_publisher(self, DIAGNOSTICS)
-        make_timer(self, POLL_PERIOD, self._poll)
-        make_timer(self, DIAGNOSTICS_PERIOD, self._publish_status)
-        self.create_service(
-            SelfTest, "~/self_test", self._self_test, callback_group=ReentrantCallbackGroup()
+        self._keeper = VerdictKeeper(self, group, wanted=bool(self._values["record_verdict"]))
+        self._timer = make_timer(self, IDLE_PERIOD, self._poll)
+        self.while_active(
+            *self._polled.values(), self._keeper.subscription,
+            self._timer,
+            make_timer(self, DIAGNOSTICS_PERIOD, self._publish_status),
+            self.create_service(Trigger, "~/abort", self._on_abort),
+            self.create_service(
+                SelfTest, "~/self_test", self._self_test, callback_group=ReentrantCallbackGroup()
+            ),
         )
         self.get_logger().info("ready")
 
-    def _refuse_second_monitor(self) -> None:
-        end = time.monotonic() + LOOK_FOR_OTHERS
-        while time.monotonic() < end and not self._stop:
-            if self.count_services(SELF_TEST_SERVICE):
-                raise UsageError(
-                    f"another monitor offers {SELF_TEST_SERVICE} on this domain: stop it, or "
-                    "set another ROS_DOMAIN_ID"
-                )
-            time.sleep(0.02)
+    def deactivate(self) -> None:
+        """End a test that runs: its record is closed, all callers are answered."""
+        self._leaving = True
+        self._end("refused: the monitor is deactivated")
+
+    def _on_abort(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Stop the surface, and end the test that runs."""
+        stage = self._sequence.stage
+        response.success = self._abort = stage is not Stage.IDLE
+        response.message = f"aborting: {stage.value}" if self._abort else "no test runs"
+        self._poll()
+        return response
 
     async def _self_test(
         self, _: SelfTest.Request, response: SelfTest.Response
@@ -151,14 +164,7 @@ class MonitorNode(EmaNode):
         self._callers += 1
         reason = await request.ended
         self._callers -= 1
-        outcome = level_status(
-            "ema_monitor: test",
-            Level.OK if request.passed else Level.ERROR,
-            reason or ("passed" if request.passed else "record checks failed"), {},
-        )
-        return fill_response(
-            response, self._serial, request.passed, [outcome, *request.statuses]
-        )
+        return fill_response(response, self._serial, request, reason)
 
     def _poll(self) -> None:
         """Take what has arrived, then let the sequence go on."""
@@ -176,15 +182,24 @@ class MonitorNode(EmaNode):
         ):
             request = self._waiting.pop(0)
             if self._sequence.stage is Stage.IDLE and self._request is None:
-                self._request, self._foreign = request, False
+                self._request, self._foreign, self._abort = request, False, False
                 self._began = time.monotonic()
                 self._perform(self._sequence.start(self._observe()))
             else:
                 request.ended.set_result(RUNNING)
+        set_period(self._timer, IDLE_PERIOD if self._sequence.stage is Stage.IDLE else POLL_PERIOD)
+        self._keeper.poll()
+
+    def _send_sign_of_life(self) -> None:
+        now = time.monotonic()
+        if self._sequence.stage not in (Stage.IDLE, Stage.FINDING) and now >= self._next_sign:
+            self._next_sign = now + SIGN_PERIOD
+            self._deadman.publish(Header(stamp=stamp_message(self._last_sent)))
 
     def _drain(self) -> None:
         self._recorder.begin_turn()
         for topic, subscription in self._polled.items():
+            self._send_sign_of_life()
             taken = take_all(subscription)
             for data, received, sent, _ in in_order(taken) if topic == SAMPLES else taken:
                 if topic == SAMPLES:
@@ -202,7 +217,9 @@ class MonitorNode(EmaNode):
                 self._recorder.take(topic, data, received, sent)
 
     def _take_diagnostics(self, data: bytes) -> None:
-        found = find_actuator(deserialize_message(data, DiagnosticArray))
+        if ACTUATOR_STATUS.encode() not in data:
+            return
+        found = find_actuator(deserialize_message(data, DiagnosticArray), self._namespace)
         if found is not None:
             self._actuator, serial = found
             self._actuator_heard = time.monotonic()
@@ -215,21 +232,24 @@ class MonitorNode(EmaNode):
         return Observation(
             now=now, stamp=time.time_ns(), interlock=self._interlock.reason(now, self._began),
             missing=self._missing() if finding else "",
-            actuator=None if silent else self._actuator,
+            actuator=None if silent else self._actuator, actuator_heard=self._actuator_heard,
             samples_received=self._recorder.samples_received,
-            last_sample=self._recorder.last_sample, last_block=self._last_block,
-            foreign_command=self._foreign, stop=bool(self._stop),
+            last_sample=self._recorder.last_sample,
+            last_position=self._recorder.last_position, last_block=self._last_block,
+            foreign_command=self._foreign, abort=self._abort,
+            stop=bool(self._stop) or self._leaving,
         )
 
     def _missing(self) -> str:
         """Return what of the graph is missing or in the way."""
         publishers = self._polled[SAMPLES].get_publisher_count()
         if publishers != 1:
-            return f"{publishers} nodes publish {SAMPLES}, expected one actuator"
+            return (f"{publishers} nodes publish {self._namespace}{SAMPLES}, expected one "
+                    "actuator")
         if self._command.get_subscription_count() < 1:
-            return f"no actuator listens to {COMMAND}"
-        if self.count_services(SELF_TEST_SERVICE) > 1:
-            return f"another monitor offers {SELF_TEST_SERVICE} on this domain"
+            return f"no actuator listens to {self._namespace}{COMMAND}"
+        if self.count_services(self._service_name) > 1:
+            return f"another monitor offers {self._service_name} on this domain"
         return ""
 
     def _perform(self, actions: Sequence[Action]) -> None:
@@ -246,10 +266,12 @@ class MonitorNode(EmaNode):
         if isinstance(action, SendCommand):
             self._recorder.reset_count()
             self._sent.add(action.stamp)
+            self._last_sent, self._next_sign = action.stamp, 0.0
             self._command.publish(encode_command(action.profile, action.stamp))
         elif isinstance(action, OpenRecord):
             path = new_bag_path(
-                self._directory, self._serial, action.stamp, action.profile.name
+                Path(str(self._values["output_directory"])), self._serial, action.stamp,
+                action.profile.name, self._namespace.removeprefix("/"),
             )
             self._recorder.open(path, action.profile, self._serial or "unknown", action.stamp)
         elif isinstance(action, CloseRecord):
@@ -273,21 +295,14 @@ class MonitorNode(EmaNode):
         closed = time.time_ns()
         if self._request is not None:
             self._request.passed = bool(results) and worst(results) < Level.ERROR
-            self._request.statuses = [
-                level_status(
-                    "ema_monitor: record", Level.OK if results else Level.ERROR, action.status,
-                    {"path": str(path.resolve()), "status": action.status,
-                     "closed": str(closed)},
-                ),
-                *(check_status(result) for result in results),
-            ]
+            self._request.statuses = record_statuses(path, action.status, closed, results)
         if action.status == "complete":
+            self._keeper.expect(path)
             self._record.publish(String(data=str(path.resolve())))
         self.get_logger().info(f"{path}: {action.status}")
 
     def _finish(self, reason: str) -> None:
-        self._last_reason = reason or "the last test ran to its end"
-        self._failed = bool(reason)
+        self._last_reason, self._failed = reason or "the last test ran to its end", bool(reason)
         request, self._request, self._began = self._request, None, None
         if request is not None:
             request.passed = request.passed and not reason
@@ -296,26 +311,29 @@ class MonitorNode(EmaNode):
     def _publish_status(self) -> None:
         stage = self._sequence.stage
         idle = stage is Stage.IDLE
-        array = DiagnosticArray(status=[level_status(
-            "ema_monitor: test", Level.WARN if idle and self._failed else Level.OK,
+        self._diagnostics.publish(level_status(
+            status_name(self, "test"), Level.WARN if idle and self._failed else Level.OK,
             f"idle; {self._last_reason}" if idle else stage.value,
             {"stage": stage.name.lower(),
              "interlock": self._interlock.reason(time.monotonic(), self._began) or "closed",
              "samples_recorded": str(self._recorder.samples_recorded),
              "clock_step_s": f"{self._recorder.clock_step:.3f}"},
             self._serial,
-        )])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
+        ))
 
     def shut_down(self) -> None:
         """End a test that runs: its record closed, the surface sent back, all callers answered."""
+        if self.is_active:
+            self._end("refused: the monitor ends")
+            self._keeper.wait()
+
+    def _end(self, refusal: str) -> None:
+        """End a test that runs; those who still wait for one get the refusal."""
         was_running = self._sequence.stage is not Stage.IDLE
         while self._sequence.stage is not Stage.IDLE:
             self._perform(self._sequence.step(self._observe()))
-        for request in self._waiting:
-            request.ended.set_result("refused: the monitor ends")
-        self._waiting.clear()
+        while self._waiting:
+            self._waiting.pop().ended.set_result(refusal)
         end = time.monotonic() + SHUT_DOWN
         while self.executor is not None and self._callers and time.monotonic() < end:
             self.executor.spin_once(timeout_sec=POLL_PERIOD)
@@ -325,7 +343,7 @@ class MonitorNode(EmaNode):
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    sys.exit(run_node(rclpy, MonitorNode, args))
+    sys.exit(run_node(rclpy, MonitorNode.started, args))
 
 
 if __name__ == "__main__":

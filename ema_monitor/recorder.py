@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 import time
 from collections.abc import Callable
@@ -13,7 +14,7 @@ import numpy as np
 
 from ema_record.actuator_type import actuator_hash
 from ema_record.bag.writer import BagWriter
-from ema_record.channels import N_CHANNELS, TIME
+from ema_record.channels import N_CHANNELS, SURFACE_POSITION, TIME
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record, Status
 from ema_record.version import VERSION
@@ -24,11 +25,17 @@ from ema_record.wire.types import NANOSECONDS
 _IN_BAG = frozenset(topic.name for topic in BAG_TOPICS)
 
 
-def new_bag_path(directory: Path, serial_number: str, stamp: int, profile: str) -> Path:
-    """Return a name that is not taken: ``<serial>_<UTC time>_<profile>``."""
+def new_bag_path(
+    directory: Path, serial_number: str, stamp: int, profile: str, name: str = ""
+) -> Path:
+    """Return a name that is not taken: ``<serial>_<UTC time>_<profile>``.
+
+    The name of the actuator stands before it, where there are several: ``left_aileron_``.
+    """
     begin = datetime.fromtimestamp(stamp / 1e9, tz=timezone.utc).strftime("%Y%m%dT%H%M%SZ")
     serial = re.sub(r"[^A-Za-z0-9.-]+", "-", serial_number).strip("-.")[:40] or "unknown"
-    stem = f"{serial}_{begin}_{profile}"
+    prefix = name.replace("/", "_") + "_" if name else ""
+    stem = f"{prefix}{serial}_{begin}_{profile}"
     for number in itertools.count(1):
         path = directory / (stem if number == 1 else f"{stem}_{number}")
         if not path.exists():
@@ -80,8 +87,9 @@ class LogClock:
 class BitRecorder:
     """Counts what arrives; while a bag is open, writes it and keeps its samples."""
 
-    def __init__(self) -> None:
-        """Begin without a bag."""
+    def __init__(self, namespace: str = "") -> None:
+        """Begin without a bag; `namespace` is the actuator's."""
+        self._namespace = namespace
         self._writer: BagWriter | None = None
         self._blocks: list[np.ndarray] = []
         self._clock = LogClock()
@@ -89,6 +97,8 @@ class BitRecorder:
         """Since `reset_count`."""
         self.last_sample = -1.0
         """Time of the last sample since `reset_count` (s)."""
+        self.last_position: float | None = None
+        """Of the surface in that sample (rad); None: not recorded."""
         self.samples_recorded = 0
         """In the bag."""
 
@@ -99,7 +109,7 @@ class BitRecorder:
 
     def reset_count(self) -> None:
         """Count samples from here on: a command was sent."""
-        self.samples_received, self.last_sample = 0, -1.0
+        self.samples_received, self.last_sample, self.last_position = 0, -1.0, None
 
     def open(self, path: Path, profile: Profile, serial_number: str, stamp: int) -> None:
         """Make the bag, which names the kit's actuator (OutputError: it cannot be made)."""
@@ -107,7 +117,7 @@ class BitRecorder:
             path, profile=profile,
             provenance=Provenance(
                 serial_number=serial_number, software_version=VERSION, start_time=stamp,
-                actuator=actuator_hash(),
+                actuator=actuator_hash(), namespace=self._namespace,
             ),
         )
         self._blocks = []
@@ -144,6 +154,8 @@ class BitRecorder:
             return
         self.samples_received += len(block)
         self.last_sample = float(block[-1, TIME])
+        position = float(block[-1, SURFACE_POSITION])
+        self.last_position = position if math.isfinite(position) else None
         if self._writer is not None:
             self.samples_recorded += len(block)
             self._blocks.append(block)

@@ -5,9 +5,10 @@ Stages::
     IDLE -> FINDING -> POSITIONING -> TESTING -> COUNTING -> IDLE      the test
                |            |            |
                v            v            v
-             IDLE       RETURNING <------+                            refused, aborted
+             IDLE   RETURNING, STOPPING <+                            refused, aborted
 
-The record is open in TESTING and COUNTING.
+The record is open in TESTING and COUNTING. STOPPING is where the interlock has opened or somebody
+has asked for the end: the surface is stopped where it is, and stays there until the next test.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
+from ema_monitor.moves import MOVE_SPEED, ramp, step_to
 from ema_record.actuator import Actuator
-from ema_record.profile import Profile, load_profile_dict
+from ema_record.profile import Profile
 from ema_record.record import Status
 
 AT_START = 0.005
@@ -30,6 +32,8 @@ END_MARGIN = (2e-3, 2.0)
 samples."""
 RETURN_TIMEOUT = 5.0
 """Longest wait for the surface to be back after an abort, beyond its way from stop to stop (s)."""
+STOP_TIMEOUT = 2.0
+"""Longest wait for the surface to be at rest after a stop (s)."""
 
 
 class Stage(enum.Enum):
@@ -41,6 +45,7 @@ class Stage(enum.Enum):
     TESTING = "recording"
     COUNTING = "counting samples"
     RETURNING = "bringing the surface back"
+    STOPPING = "stopping the surface"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,12 +76,18 @@ class Observation:
     missing: str = ""
     """What of the graph is missing or in the way; empty: nothing."""
     actuator: ActuatorStatus | None = None
+    actuator_heard: float = -1.0
+    """Monotonic clock at that status (s)."""
     samples_received: int = 0
     """Since the last command of this test."""
     last_sample: float = -1.0
     """Time of the last sample since that command (s)."""
+    last_position: float | None = None
+    """Of the surface with that sample (rad); None: it is not recorded."""
     last_block: float = -1.0
     """Monotonic clock at the last block (s)."""
+    abort: bool = False
+    """Somebody asked for the end of the test."""
     foreign_command: bool = False
     """Somebody else commanded the actuator."""
     stop: bool = False
@@ -141,7 +152,8 @@ class TestSequence:
         self.profile = profile
         self._near = AT_START * self._end_stop
         self._end_margin = max(END_MARGIN[0], END_MARGIN[1] / actuator.acquisition.rate)
-        self._return_timeout = RETURN_TIMEOUT + 2.0 * self._end_stop / actuator.slew_speed
+        self._speed = MOVE_SPEED * actuator.slew_speed
+        self._return_timeout = RETURN_TIMEOUT + 2.0 * self._end_stop / self._speed
         self.stage = Stage.IDLE
         self._stream_timeout, self._test_timeout = stream_timeout, test_timeout
         self._begun = self._entered = 0.0
@@ -163,8 +175,8 @@ class TestSequence:
         """Return what is to be done at this moment."""
         if self.stage is Stage.IDLE:
             return []
-        if self.stage is Stage.RETURNING:
-            return self._returning(seen)
+        if self.stage in (Stage.RETURNING, Stage.STOPPING):
+            return self._ending(seen)
         problem = self._problem(seen)
         if problem:
             return self._abort(problem, seen)
@@ -189,6 +201,8 @@ class TestSequence:
             return "interrupted"
         if seen.interlock:
             return seen.interlock
+        if seen.abort:
+            return "the test was asked to end"
         if self.stage is Stage.FINDING:
             return ""
         if seen.foreign_command:
@@ -212,11 +226,11 @@ class TestSequence:
             self.stage = Stage.IDLE
             return [Finish(f"refused: {waiting}")]
         at = actuator.surface_position
-        self._origin = min(max(at, -self._end_stop), self._end_stop)
+        self._origin = self._within(at)
         if abs(at - self.profile.start) <= self._near:
             return self._begin_test(seen)
         self._enter(Stage.POSITIONING, seen)
-        return [self._send(step_to(self.profile.start), seen)]
+        return [self._send(ramp(self._origin, self.profile.start, self._speed), seen)]
 
     def _positioning(self, seen: Observation) -> list[Action]:
         if not self._done(seen):
@@ -260,11 +274,18 @@ class TestSequence:
             Finish(""),
         ]
 
-    def _returning(self, seen: Observation) -> list[Action]:
-        if not self._done(seen):
-            if seen.now - self._entered <= self._return_timeout and not seen.stop:
+    def _ending(self, seen: Observation) -> list[Action]:
+        """Wait for the surface; it is sent nowhere while the interlock is open."""
+        if self.stage is Stage.RETURNING and (seen.interlock or seen.abort):
+            return self._stop(seen)
+        stopping = self.stage is Stage.STOPPING
+        done = self._at_rest(seen) if stopping else self._done(seen)
+        if not done:
+            limit = STOP_TIMEOUT if stopping else self._return_timeout
+            if seen.now - self._entered <= limit and not seen.stop:
                 return []
-            self._reason += "; the surface is not confirmed to be back"
+            where = "at rest" if stopping else "back"
+            self._reason += f"; the surface is not confirmed to be {where}"
         self.stage = Stage.IDLE
         return [Finish(self._reason)]
 
@@ -281,9 +302,27 @@ class TestSequence:
         if stage is Stage.FINDING or seen.foreign_command:
             self.stage = Stage.IDLE
             return [*actions, Finish(self._reason)]
+        if seen.interlock or seen.abort:
+            return [*actions, *self._stop(seen)]
         self._enter(Stage.RETURNING, seen)
-        actions.append(self._send(step_to(self._origin), seen))
-        return actions
+        back = ramp(self._position(seen), self._origin, self._speed)
+        return [*actions, self._send(back, seen)]
+
+    def _stop(self, seen: Observation) -> list[Action]:
+        """Command the surface to stay where it is."""
+        self._enter(Stage.STOPPING, seen)
+        return [self._send(step_to(self._position(seen)), seen)]
+
+    def _position(self, seen: Observation) -> float:
+        """Return where the surface is (rad), as the latest news of it say."""
+        if seen.last_position is not None:
+            return self._within(seen.last_position)
+        return self._origin if seen.actuator is None else self._within(
+            seen.actuator.surface_position)
+
+    def _within(self, position: float) -> float:
+        """Return a position between the end stops (rad)."""
+        return min(max(position, -self._end_stop), self._end_stop)
 
     def _send(self, profile: Profile, seen: Observation) -> SendCommand:
         self._stamp = max(seen.stamp, self._stamp + 1)
@@ -292,6 +331,11 @@ class TestSequence:
     def _accepted(self, seen: Observation) -> bool:
         """Whether the actuator reports on the last command sent."""
         return seen.actuator is not None and seen.actuator.command_stamp == self._stamp
+
+    def _at_rest(self, seen: Observation) -> bool:
+        """Whether the actuator, which may have stopped by itself, executes nothing."""
+        idle = seen.actuator is not None and not seen.actuator.active
+        return idle and seen.actuator_heard > self._entered
 
     def _done(self, seen: Observation) -> bool:
         """Whether the last command was executed and all of its samples have arrived."""
@@ -304,10 +348,3 @@ class TestSequence:
                 or seen.samples_received >= seen.actuator.samples_published
             )
         )
-
-
-def step_to(position: float) -> Profile:
-    """Return the command of one point: a step to `position` (rad), at once."""
-    return load_profile_dict(
-        {"name": "move", "points": [[1e-3, position]], "description": "move"}, "move"
-    )

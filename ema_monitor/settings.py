@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ema_monitor.interlock import DEFAULT_TIMEOUT
+from ema_ros.interlock import DEFAULT_TIMEOUT
 from ema_ros.parameters import KIT, ParameterSpec
 
 SPECS = (
@@ -26,6 +26,10 @@ SPECS = (
     ParameterSpec(
         name="weight_on_wheels_timeout", default=DEFAULT_TIMEOUT, lower=0.1, upper=60.0,
         unit="s", read_only=True, text="age at which weight on wheels is no longer fresh",
+    ),
+    ParameterSpec(
+        name="record_verdict", default=True, read_only=True,
+        text="whether the verdict that follows is added to the record",
     ),
     ParameterSpec(
         name="stream_timeout", default=5.0, lower=0.1, upper=60.0, unit="s",

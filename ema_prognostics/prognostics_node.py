@@ -7,38 +7,38 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import rclpy
 import rclpy.executors
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
 from ema_prognostics.node.assembler import TOPICS, RecordAssembler
-from ema_prognostics.node.messages import severity_message, verdict_status
+from ema_prognostics.node.messages import fault_statuses, severity_message, verdict_status
+from ema_prognostics.verdict.contract import trace_of, verdict_object
 from ema_prognostics.verdict.judge import Judge, Judged
 from ema_prognostics.verdict.report import verdict_of_error
 from ema_record.bag.container import METADATA_FILE
 from ema_record.bag.read import read_bag
 from ema_record.errors import EmaError, InvalidRecordError, RecordError, UsageError
 from ema_record.wire.topics import BIT_RECORD, SEVERITY, VERDICT
+from ema_ros.ema_node import EmaNode, declare_parameters, use_given_kit
 from ema_ros.messages import (
     OK,
     DiagnosticsPublisher,
-    EmaNode,
-    declare_parameters,
     diagnostic_status,
     make_publisher,
     make_subscription,
     make_timer,
+    namespace_of,
+    status_name,
     take_all,
-    use_given_kit,
 )
 from ema_ros.parameters import KIT, ParameterSpec
 from ema_ros.process import StopSignal, report, run_node
 
-NODE_NAME = "ema_prognostics"
-POLL_PERIOD = 0.05
+POLL_PERIOD = 0.1
 DIAGNOSTICS_PERIOD = 1.0
 REMEMBERED = 100
 """Announced paths that are not opened again; one that was forgotten is diagnosed anew."""
@@ -67,29 +67,42 @@ SPECS = (
 class PrognosticsNode(EmaNode):
     """Diagnoses each announced record once, and what is replayed onto the topics."""
 
+    name = "ema_prognostics"
+
     def __init__(self, stop: StopSignal) -> None:
-        """Load the model, then listen."""
-        super().__init__(NODE_NAME, stop)
+        """Read the parameters."""
+        super().__init__(stop)
         use_given_kit(self)
-        values = declare_parameters(self, SPECS)
-        self._judge = Judge(str(values["model_file"]) or None, str(values["baseline"]) or None)
-        self._assembler = RecordAssembler()
+        self._values = declare_parameters(self, SPECS)
         self._done: deque[str] = deque(maxlen=REMEMBERED)
         self._records = 0
         self._state = "waiting for a record"
-        self._status: Any = None
+        self._statuses: list[DiagnosticStatus] = []
+
+    def configure(self) -> None:
+        """Load the model, and make the publishers."""
+        values = self._values
+        self._judge = Judge(str(values["model_file"]) or None, str(values["baseline"]) or None)
+        self._trace = trace_of(self._judge.model_sha256)
         self._verdict = make_publisher(self, VERDICT)
         self._severity = make_publisher(self, SEVERITY)
         self._diagnostics = DiagnosticsPublisher(self)
+
+    def activate(self) -> None:
+        """Listen."""
+        self._assembler = RecordAssembler()
         self._live: dict[str, Subscription] = {}
         for topic in TOPICS:
             self._listen(topic)
-        make_subscription(self, BIT_RECORD, self._on_record)
-        make_timer(self, POLL_PERIOD, self._poll)
-        make_timer(self, DIAGNOSTICS_PERIOD, self._publish_status)
+        self._announced = make_subscription(self, BIT_RECORD, self._on_record)
+        self.while_active(
+            *self._live.values(), self._announced,
+            make_timer(self, POLL_PERIOD, self._poll),
+            make_timer(self, DIAGNOSTICS_PERIOD, self._publish_status),
+        )
         self.get_logger().info("ready")
-        if values["record"]:
-            path = str(Path(str(values["record"])).resolve())
+        if self._values["record"]:
+            path = str(Path(str(self._values["record"])).resolve())
             self._done.append(path)
             self._publish(self._judge.of_bag(path))
 
@@ -132,34 +145,33 @@ class PrognosticsNode(EmaNode):
         except EmaError as error:
             self.get_logger().warning(str(error))
             return
-        if record is not None and self.count_publishers(BIT_RECORD) == 0:
+        if record is not None and self._announced.get_publisher_count() == 0:
             self._publish(self._judge.of_record(record, LIVE))
 
     def _publish(self, judged: Judged) -> None:
-        verdict = judged.verdict.to_dict()
-        self._status = verdict_status(verdict, judged.serial_number)
-        self._verdict.publish(self._status)
+        verdict = verdict_object(
+            judged.verdict, self._trace, serial_number=judged.serial_number,
+            start_time=judged.start_time, profile=judged.profile)
+        namespace = namespace_of(self)
+        status = verdict_status(status_name(self, "verdict"), verdict, judged)
+        self._statuses = [status, *fault_statuses(
+            f"{namespace}/" if namespace else "", verdict, judged.serial_number)]
+        self._verdict.publish(status)
         self._severity.publish(severity_message(verdict))
         self._records += 1
         self._state = f"diagnosed {verdict['bag']}"
         self._publish_status()
-        self.get_logger().info(f"{verdict['bag']}: {self._status.message}")
+        self.get_logger().info(f"{verdict['bag']}: {status.message}")
 
     def _publish_status(self) -> None:
-        statuses = [diagnostic_status(
-            "ema_prognostics: node", OK, self._state, {"records": str(self._records)}
-        )]
-        if self._status is not None:
-            statuses.append(self._status)
-        self._diagnostics.publish(*statuses)
-
-    def shut_down(self) -> None:
-        """Nothing is left to do."""
+        self._diagnostics.publish(diagnostic_status(
+            status_name(self, "node"), OK, self._state, {"records": str(self._records)}
+        ), *self._statuses)
 
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    sys.exit(run_node(rclpy, PrognosticsNode, args))
+    sys.exit(run_node(rclpy, PrognosticsNode.started, args))
 
 
 if __name__ == "__main__":

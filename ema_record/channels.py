@@ -7,12 +7,13 @@ two phase currents; what it lacks is NaN throughout a record.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ema_record.errors import InvalidRecordError
+from ema_record.errors import InvalidRecordError, library
 
 
 class Channel(NamedTuple):
@@ -131,3 +132,30 @@ def check_channel_label(label: str) -> None:
     """Raise InvalidRecordError unless `label` names channels of a record."""
     if label != CHANNEL_LABEL:
         columns_of(label)
+
+
+def channels_to_pandas(
+    samples: np.ndarray, channels: Sequence[Channel], attributes: dict[str, Any]
+) -> Any:
+    """Return samples, shape (n, m), as a DataFrame over the first channel, the time.
+
+    Columns are named ``name[unit]``; `attributes` are in ``attrs``.
+    """
+    pandas = library("pandas", "to_pandas", "use the arrays of channel()")
+    frame = pandas.DataFrame(samples[:, 1:], columns=[c.label for c in channels[1:]],
+                             index=pandas.Index(samples[:, 0], name=channels[0].label))
+    frame.attrs.update(attributes)
+    return frame
+
+
+def channels_to_xarray(
+    samples: np.ndarray, channels: Sequence[Channel], attributes: dict[str, Any]
+) -> Any:
+    """Return samples, shape (n, m), as a Dataset over the time; each variable has its unit."""
+    xarray = library("xarray", "to_xarray", "use to_pandas()")
+    time, *others = channels
+    return xarray.Dataset(
+        {c.name: (time.name, samples[:, k], {"units": c.unit})
+         for k, c in enumerate(others, start=1)},
+        coords={time.name: (time.name, samples[:, 0], {"units": time.unit})}, attrs=attributes,
+    )

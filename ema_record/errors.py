@@ -17,9 +17,12 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from types import ModuleType
+
     from pydantic import ValidationError
 
 
@@ -96,6 +99,15 @@ def bounded(name: str, value: object, lower: float, upper: float, unit: str = ""
     if not lower <= number <= upper:
         raise UsageError(f"{name}: {number:g} is out of bounds: {given}")
     return number
+
+
+def library(name: str, purpose: str, instead: str) -> ModuleType:
+    """Return a library that is not needed otherwise; UsageError where it is not installed."""
+    try:
+        return import_module(name)
+    except ImportError:
+        raise UsageError(f"{purpose} needs the package {name}, which is not installed: "
+                         f"pip install {name}, or {instead}") from None
 
 
 def first_problem(

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from datetime import datetime, timezone
+from html import escape
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ema_record.channels import CHANNEL_NAMES, N_CHANNELS, TIME, recorded_columns
-from ema_record.errors import InvalidRecordError, UsageError
+from ema_record.channels import (
+    CHANNEL_NAMES,
+    CHANNELS,
+    N_CHANNELS,
+    TIME,
+    Channel,
+    channels_to_pandas,
+    channels_to_xarray,
+    recorded_columns,
+)
+from ema_record.errors import InvalidRecordError, UsageError, unknown_name
 from ema_record.limits import MAX_DURATION, MAX_RATE
 from ema_record.profile import Profile
 
@@ -33,6 +45,13 @@ class Provenance:
     """File or bag that it was read from."""
     actuator: str = ""
     """Type of the actuator, see `actuator_type`; empty: not known."""
+    namespace: str = ""
+    """Of the actuator on the graph it was recorded from, ``/left_aileron``; empty: it has none."""
+
+    @property
+    def name(self) -> str:
+        """Name of the actuator among others of the aircraft, ``left_aileron``; empty: none."""
+        return self.namespace.removeprefix("/")
 
 
 class SampleBlock(NamedTuple):
@@ -93,6 +112,9 @@ class Record:
 
     def channel(self, name: str) -> np.ndarray:
         """Return one channel, shape (n,), in the unit of `channels.CHANNELS`."""
+        if name not in CHANNEL_NAMES:
+            raise unknown_name("channel", name, CHANNEL_NAMES,
+                               f"a record has {', '.join(CHANNEL_NAMES)}")
         return self.samples[:, CHANNEL_NAMES.index(name)]
 
     @property
@@ -111,6 +133,54 @@ class Record:
     def duration(self) -> float:
         """Length of the record (s)."""
         return float(len(self) / self.rate) if len(self) > 1 else 0.0
+
+    def _facts(self) -> dict[str, Any]:
+        """Return what the record is of, in plain values."""
+        known = self.provenance
+        return {
+            "serial_number": known.serial_number, "profile": self.profile.name,
+            "start_time": iso_time(known.start_time) or "not known", "status": known.status,
+            "source": known.source,
+        }
+
+    def __repr__(self) -> str:
+        """Return one line: unit, test, size."""
+        facts = self._facts()
+        return (f"<Record {facts['serial_number']}, {facts['profile']}: {len(self)} samples in "
+                f"{self.duration:.4g} s, {facts['status']}>")
+
+    def _repr_html_(self) -> str:
+        size = (("samples", len(self)), ("duration (s)", f"{self.duration:.4g}"))
+        channels = ", ".join(CHANNELS[c].label for c in self.columns)
+        return html_of("Record", (*self._facts().items(), *size, ("channels", channels)))
+
+    def to_pandas(self) -> Any:
+        """Return the recorded channels as a DataFrame over the time, columns ``name[unit]``."""
+        return channels_to_pandas(*self._table(), self._facts())
+
+    def to_xarray(self) -> Any:
+        """Return the recorded channels as an xarray Dataset over the time."""
+        return channels_to_xarray(*self._table(), self._facts())
+
+    def _table(self) -> tuple[np.ndarray, list[Channel]]:
+        return self.samples[:, list(self.columns)], [CHANNELS[c] for c in self.columns]
+
+
+def html_of(title: str, rows: Iterable[tuple[str, object]]) -> str:
+    """Return a small table of names and values, ready for a notebook."""
+    lines = "".join(
+        f"<tr><th style='text-align:left'>{escape(name)}</th>"
+        f"<td style='text-align:left'>{escape(str(value))}</td></tr>" for name, value in rows
+    )
+    return f"<table><caption>{escape(title)}</caption>{lines}</table>"
+
+
+def iso_time(start_time: int) -> str | None:
+    """Return a time (ns since the epoch) as ISO 8601 in UTC, to the ms; None for 0."""
+    if not start_time:
+        return None
+    time = datetime.fromtimestamp(start_time / 1e9, tz=timezone.utc)
+    return time.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def check_samples(samples: np.ndarray, source: str) -> None:

@@ -6,6 +6,7 @@ metadata record `RIG`.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,12 @@ from pydantic import ValidationError
 
 from ema_record.bag.container import BagContent, read_content
 from ema_record.bag.metadata import RIG
+from ema_record.bag.read import read_bag
 from ema_record.bag.writer import RawBag
 from ema_record.channels import Channel
 from ema_record.errors import InvalidRecordError, first_problem
+from ema_record.profile import load_profile
+from ema_record.record import Record
 from ema_record.version import VERSION
 from ema_record.wire.samples import BLOCK_SIZE, decode_labelled, encode_block
 from ema_record.wire.topics import SAMPLES, TOPICS
@@ -102,3 +106,23 @@ def _axis(content: BagContent, source: str) -> Axis:
         text = first_problem(error, source, "description of the axis",
                              "the bag was edited or damaged")
         raise InvalidRecordError(text) from None
+
+
+def read_any(path: str | Path, profile: str | Path | None = None) -> Record | RigRecord:
+    """Return the record of a bag, with the test `profile` in place of its own.
+
+    Raises
+    ------
+    RecordError
+        It cannot be read; of a file of another kind the error says how to import it.
+    """
+    from ema_rig.ros_bag import how_to_import
+
+    path = Path(path)
+    foreign = how_to_import(path)
+    if foreign is not None:
+        raise foreign
+    if is_rig_bag(path):
+        return read_rig_bag(path)
+    record = read_bag(path)
+    return record if profile is None else replace(record, profile=load_profile(profile))

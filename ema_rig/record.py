@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from ema_record.channels import Channel
+from ema_record.channels import Channel, channels_to_pandas, channels_to_xarray
 from ema_record.errors import InvalidRecordError, UsageError
+from ema_record.record import html_of
 
 Motion = Literal["linear", "rotary"]
 InputQuantity = Literal["voltage", "current", "force", "torque"]
@@ -147,6 +148,28 @@ class RigRecord:
     def duration(self) -> float:
         """Length of the record (s)."""
         return float(self.time[-1] - self.time[0])
+
+    def _facts(self) -> dict[str, Any]:
+        """Return what the record is of, in plain values."""
+        return {"axis": self.axis.name, "motion": self.axis.motion, "input": self.axis.input,
+                "source": self.source}
+
+    def __repr__(self) -> str:
+        """Return one line: axis, size."""
+        return f"<RigRecord {self.axis.name}: {len(self)} samples in {self.duration:.4g} s>"
+
+    def _repr_html_(self) -> str:
+        names = ", ".join(c.label for c in self.channels)
+        size = (("samples", len(self)), ("duration (s)", f"{self.duration:.4g}"))
+        return html_of("RigRecord", (*self._facts().items(), *size, ("channels", names)))
+
+    def to_pandas(self) -> Any:
+        """Return the channels as a DataFrame over the time, columns ``name[unit]``."""
+        return channels_to_pandas(self.samples, self.channels, self._facts())
+
+    def to_xarray(self) -> Any:
+        """Return the channels as an xarray Dataset over the time."""
+        return channels_to_xarray(self.samples, self.channels, self._facts())
 
 
 def _check_channels(channels: tuple[Channel, ...], axis: Axis, source: str) -> None:

@@ -1,35 +1,36 @@
-"""Between our types and those of the client library, for all nodes: topics, parameters, status."""
+"""Between our types and those of the client library, for all nodes: topics and status.
+
+What of the client library is not its public interface is used here and nowhere else:
+`PolledGroup`, `take_all`, `try_publish`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from importlib import import_module
 from typing import Any, NamedTuple
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    ParameterType,
-    SetParametersResult,
-)
+from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from ema_record.errors import EmaError, UsageError
-from ema_record.kit import use_kit
-from ema_record.wire.topics import DIAGNOSTICS, TOPICS, Qos
-from ema_ros.parameters import KIT, USE_SIM_TIME, ParameterSpec, Value, check_values
-from ema_ros.process import StopSignal
+from ema_record.wire.topics import DIAGNOSTICS, TOPICS, Qos, relative_name
+from ema_record.wire.types import NANOSECONDS
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+POLLED_DEPTH = 100
+"""Messages that may come between two looks: an interlock that opens for a moment is one."""
 
 
 def message_class(topic: str) -> Any:
@@ -49,8 +50,10 @@ def qos_profile(qos: Qos) -> QoSProfile:
 
 
 def make_publisher(node: Node, topic: str) -> Publisher:
-    """Return a publisher of a topic of the table."""
-    return node.create_publisher(message_class(topic), topic, qos_profile(TOPICS[topic].qos))
+    """Return a publisher of a topic of the table, in the namespace of the node."""
+    return node.create_publisher(
+        message_class(topic), relative_name(topic), qos_profile(TOPICS[topic].qos)
+    )
 
 
 def make_subscription(
@@ -58,13 +61,71 @@ def make_subscription(
 ) -> Subscription:
     """Return a subscription to a topic of the table; `raw` gives serialised messages."""
     return node.create_subscription(
-        message_class(topic), topic, callback, qos_profile(TOPICS[topic].qos), raw=raw
+        message_class(topic), relative_name(topic), callback, qos_profile(TOPICS[topic].qos),
+        raw=raw,
     )
+
+
+class PolledGroup(CallbackGroup):
+    """Group of subscriptions that never wake the executor; `take_all` empties them.
+
+    Four thousand messages a second cost a few percent of a core this way.
+    """
+
+    def can_execute(self, entity: Any) -> bool:  # noqa: ARG002  (the base class's signature)
+        """Never."""
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:  # noqa: ARG002
+        """Never."""
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        """Nothing begins, so nothing ends."""
+
+
+def _never_called(_: bytes) -> None:
+    """Stand for the callback of a polled subscription."""
+
+
+def make_polled_subscription(node: Node, topic: str, group: PolledGroup) -> Subscription:
+    """Return a subscription to serialised messages of a topic of the table."""
+    offered = TOPICS[topic].qos
+    wanted = replace(offered, depth=max(offered.depth, POLLED_DEPTH))
+    return node.create_subscription(
+        message_class(topic), relative_name(topic), _never_called, qos_profile(wanted), raw=True,
+        callback_group=group,
+    )
+
+
+def resolved(node: Node, topic: str) -> str:
+    """Return the name of a topic of the table on the graph, as this node knows it."""
+    name: str = node.resolve_topic_name(relative_name(topic))
+    return name
+
+
+def namespace_of(node: Node) -> str:
+    """Return the namespace of a node with its slash, empty for the root."""
+    name: str = node.get_namespace()
+    return name.rstrip("/")
+
+
+def status_name(node: Node, task: str) -> str:
+    """Return the name of a diagnostic status: ``ema_monitor: test``, below its namespace."""
+    namespace = namespace_of(node)
+    return f"{namespace + '/' if namespace else ''}{node.get_name()}: {task}"
 
 
 def make_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
     """Return a timer (s) that a step of the host's clock neither stops nor hurries."""
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
+def set_period(timer: Timer, period: float) -> None:
+    """Let a timer go at another period (s), from now on."""
+    if timer.timer_period_ns != round(period * NANOSECONDS):
+        timer.timer_period_ns = round(period * NANOSECONDS)
+        timer.reset()
 
 
 def try_publish(publisher: Publisher, message: Any) -> bool:
@@ -101,105 +162,6 @@ def take_all(subscription: Subscription) -> list[Taken]:
     return found
 
 
-class EmaNode(Node):
-    """A node that `node_process.run_node` can run, with all the parameters that it was given.
-
-    Parameters
-    ----------
-    name : of the node.
-    stop : tells that the process was asked to end.
-
-    Raises
-    ------
-    UsageError
-        A parameter was given without a value.
-    """
-
-    def __init__(self, name: str, stop: StopSignal) -> None:
-        """Appear on the graph."""
-        try:
-            super().__init__(name, automatically_declare_parameters_from_overrides=True)
-        except ValueError:
-            raise UsageError(
-                "a parameter has no value, or an empty list for one: give NAME:=VALUE"
-            ) from None
-        self.exit_status: int | None = None
-        """Set: the process is to end with this status."""
-        self._stop = stop
-
-
-def use_given_kit(node: Node) -> None:
-    """Work with the kit that the node's parameter `KIT` names, if it does.
-
-    Raises
-    ------
-    UsageError
-        There is no such kit.
-    """
-    use_kit(str(KIT.check(given_parameters(node).get(KIT.name, KIT.default))))
-
-
-def declare_parameters(node: Node, specs: Iterable[ParameterSpec]) -> dict[str, Value]:
-    """Declare all parameters of a node with their bounds and return their values.
-
-    Raises
-    ------
-    UsageError
-        A name or a value given to the node is wrong.
-    """
-    specs = list(specs)
-    given = given_parameters(node)
-    values = check_values(specs, given)
-    fixed = ParameterDescriptor(type=ParameterType.PARAMETER_BOOL, read_only=True)
-    node.set_descriptor(USE_SIM_TIME, fixed)
-    for spec in specs:
-        if spec.name in given:  # declared by the node itself, without bounds
-            node.undeclare_parameter(spec.name)
-        node.declare_parameter(
-            spec.name, values[spec.name], _descriptor(spec), ignore_override=True
-        )
-    return values
-
-
-def given_parameters(node: Node) -> dict[str, Any]:
-    """Return the parameters that an `EmaNode` was given or has declared, known or not."""
-    return {name: node.get_parameter(name).value for name in node.get_parameters_by_prefix("")}
-
-
-def on_parameters(
-    node: Node, specs: Iterable[ParameterSpec], apply: Callable[[dict[str, Value]], None]
-) -> None:
-    """Call `apply` with checked new values; an EmaError that it raises refuses them."""
-    known = {spec.name: spec for spec in specs}
-
-    def callback(parameters: list[Parameter]) -> SetParametersResult:
-        try:
-            apply({p.name: known[p.name].check(p.value) for p in parameters if p.name in known})
-        except EmaError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
-
-    node.add_on_set_parameters_callback(callback)
-
-
-def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
-    descriptor = ParameterDescriptor(description=spec.description, read_only=spec.read_only)
-    descriptor.additional_constraints = (
-        f"one of {', '.join(spec.options)}" if spec.options else ""
-    )
-    if spec.lower is None or spec.upper is None:
-        return descriptor
-    if isinstance(spec.default, float):
-        descriptor.floating_point_range = [
-            FloatingPointRange(from_value=float(spec.lower), to_value=float(spec.upper))
-        ]
-    else:
-        descriptor.integer_range = [
-            IntegerRange(from_value=int(spec.lower), to_value=int(spec.upper), step=1)
-        ]
-    return descriptor
-
-
 def diagnostic_status(
     name: str, level: bytes, message: str, values: Mapping[str, str], hardware_id: str = ""
 ) -> DiagnosticStatus:
@@ -210,16 +172,20 @@ def diagnostic_status(
     )
 
 
+def stamp_message(stamp: int) -> Time:
+    """Return ns since the epoch as the time of a header."""
+    return Time(sec=stamp // NANOSECONDS, nanosec=stamp % NANOSECONDS)
+
+
 class DiagnosticsPublisher:
-    """Publishes `/diagnostics` for one node."""
+    """Publishes `/diagnostics` for one node, stamped by the host's clock as all else."""
 
     def __init__(self, node: Node) -> None:
         """Make the publisher."""
-        self._clock = node.get_clock()
         self._publisher = make_publisher(node, DIAGNOSTICS)
 
     def publish(self, *statuses: DiagnosticStatus) -> None:
         """Publish statuses with the time of now."""
         array = DiagnosticArray(status=list(statuses))
-        array.header.stamp = self._clock.now().to_msg()
+        array.header.stamp = stamp_message(time.time_ns())
         self._publisher.publish(array)

@@ -82,6 +82,12 @@ KIT = ParameterSpec(
 )
 """Parameter of every node; it counts before all others."""
 
+AUTOSTART = ParameterSpec(
+    name="autostart", default=True, read_only=True,
+    text="configure and activate the node by itself; false: wait for the lifecycle services",
+)
+"""Parameter of every node."""
+
 
 def check_values(specs: Iterable[ParameterSpec], given: Mapping[str, Any]) -> dict[str, Value]:
     """Return the values of all parameters: those given, checked, else the defaults.

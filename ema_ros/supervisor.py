@@ -31,6 +31,11 @@ class NodeDiedError(EmaError):
     exit_status = 4
 
 
+def key(module: str, namespace: str) -> str:
+    """Return how a node is called among others: its module, and its actuator's name."""
+    return f"{module} of {namespace.removeprefix('/')}" if namespace else module
+
+
 class Supervisor:
     """Starts nodes, each in a process group of its own; ends them when the block is left.
 
@@ -43,7 +48,7 @@ class Supervisor:
         """Begin without nodes."""
         self.log = log
         self._nodes: dict[str, subprocess.Popen[bytes]] = {}
-        self._parameters: dict[str, Mapping[str, ParameterValue]] = {}
+        self._started: dict[str, tuple[str, Mapping[str, ParameterValue], str]] = {}
         self._restarts: dict[str, int] = {}
 
     def __enter__(self) -> Supervisor:
@@ -59,27 +64,32 @@ class Supervisor:
         """End all nodes."""
         self.stop()
 
-    def start(self, module: str, parameters: Mapping[str, ParameterValue]) -> None:
-        """Start ``python -m module`` with ROS parameters."""
+    def start(
+        self, module: str, parameters: Mapping[str, ParameterValue], namespace: str = ""
+    ) -> None:
+        """Start ``python -m module`` with ROS parameters, in a namespace."""
         settings = [item for name, value in parameters.items()
                     for item in ("-p", f"{name}:={json.dumps(value, ensure_ascii=False)}")]
-        self._parameters[module] = parameters
-        if module in self._nodes:
-            self._nodes[module].wait(GENTLE_STOP)  # one that runs is not replaced
+        if namespace:
+            settings += ["-r", f"__ns:={namespace}"]
+        name = key(module, namespace)
+        self._started[name] = module, parameters, namespace
+        if name in self._nodes:
+            self._nodes[name].wait(GENTLE_STOP)  # one that runs is not replaced
         with self.log.open("ab") as log:
-            self._nodes[module] = subprocess.Popen(  # noqa: S603  (our own modules)
+            self._nodes[name] = subprocess.Popen(  # noqa: S603  (our own modules)
                 [sys.executable, "-m", module, *QUIET, *settings],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
                 env={**os.environ, PARENT: str(os.getpid())},
             )
 
-    def pid(self, module: str) -> int:
+    def pid(self, module: str, namespace: str = "") -> int:
         """Return the process id of a node."""
-        return self._nodes[module].pid
+        return self._nodes[key(module, namespace)].pid
 
     def check(self) -> None:
         """Raise the error of a node that has ended, its last line being the reason."""
-        for module, process in self._nodes.items():
+        for name, process in self._nodes.items():
             status = process.poll()
             if status is None:
                 continue
@@ -87,22 +97,23 @@ class Supervisor:
             if status == UsageError.exit_status and line:
                 raise UsageError(line)
             raise NodeDiedError(
-                f"{module} ended with status {status}: {line or 'it gave no reason'} "
+                f"{name} ended with status {status}: {line or 'it gave no reason'} "
                 f"(see {self.log})"
             )
 
-    def revive(self, module: str) -> str:
+    def revive(self, module: str, namespace: str = "") -> str:
         """Start a node again that was killed, at most `RESTARTS` times; return what was done.
 
         A node that gave an error of its own is left to `check`.
         """
-        process = self._nodes.get(module)
+        name = key(module, namespace)
+        process = self._nodes.get(name)
         status = None if process is None else process.poll()
-        if status is None or status >= 0 or self._restarts.get(module, 0) >= RESTARTS:
+        if status is None or status >= 0 or self._restarts.get(name, 0) >= RESTARTS:
             return ""
-        self._restarts[module] = self._restarts.get(module, 0) + 1
-        self.start(module, self._parameters[module])
-        return f"{module} was killed (signal {-status}) and started again"
+        self._restarts[name] = self._restarts.get(name, 0) + 1
+        self.start(*self._started[name])
+        return f"{name} was killed (signal {-status}) and started again"
 
     def last_error(self) -> str:
         """Return the last error line that a node wrote, else its last line, else nothing."""
@@ -116,8 +127,9 @@ class Supervisor:
         return errors[-1].removeprefix("error: ") if errors else "".join(lines[-1:])[:200]
 
     def stop(self, *first: str) -> None:
-        """End all nodes, those named before the others; what does not end is killed."""
-        early = {name: self._nodes[name] for name in first if name in self._nodes}
+        """End all nodes, those of the modules named first; what does not end is killed."""
+        early = {name: process for name, process in self._nodes.items()
+                 if self._started[name][0] in first}
         try:
             for group in (early, self._nodes):
                 for process in group.values():

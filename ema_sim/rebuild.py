@@ -27,9 +27,8 @@ from ema_record.channels import (
 )
 from ema_record.errors import InvalidRecordError
 from ema_record.record import Record
-from ema_sim.plant.electrical import FIRST_EDGE, SECTOR, THIRD, TURN, reference_signs
+from ema_sim.machine import FIRST_EDGE, SECTOR, SECTOR_SIGNS, THIRD, TURN
 
-_SIGNS = np.array([reference_signs.py_func(sector) for sector in range(6)])
 TRIES, ROUNDS = 41, 4
 """Speed offsets tried each round; rounds, each a fifth as wide as the one before."""
 BLOCK_ANGLE = 0.02
@@ -85,7 +84,7 @@ def torque_signs(theta: np.ndarray, actuator: Actuator) -> np.ndarray:
     if actuator.drive.kind == FOC:
         return np.sin(theta[:, None] - THIRD * np.arange(3))
     place = np.floor((theta - FIRST_EDGE) / SECTOR).astype(int) % 6
-    return np.asarray(_SIGNS[place])
+    return np.asarray(SECTOR_SIGNS[place])
 
 
 def torque_command(references: np.ndarray, theta: np.ndarray, actuator: Actuator) -> np.ndarray:

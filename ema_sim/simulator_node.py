@@ -8,50 +8,75 @@ from collections.abc import Sequence
 
 import rclpy
 import rclpy.executors
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import Bool, Header
 from trajectory_msgs.msg import JointTrajectory
 
-from ema_record.errors import EmaError, UsageError
+from ema_record.errors import EmaError, TestRefusedError, UsageError
 from ema_record.wire.topics import (
     COMMAND,
     DC_BUS,
+    DEADMAN,
     JOINT_STATES,
     PHASE_CURRENTS,
     SAMPLES,
+    WEIGHT_ON_WHEELS,
     WINDING_TEMPERATURE,
 )
 from ema_record.wire.trajectory import command_points
-from ema_record.wire.types import stamp_of
+from ema_record.wire.types import NANOSECONDS, stamp_of
+from ema_ros.ema_node import (
+    EmaNode,
+    declare_parameters,
+    given_parameters,
+    on_parameters,
+    use_given_kit,
+)
+from ema_ros.interlock import DEFAULT_TIMEOUT, Deadman, Interlock
 from ema_ros.messages import (
     ERROR,
     OK,
     WARN,
     DiagnosticsPublisher,
-    EmaNode,
-    declare_parameters,
+    PolledGroup,
     diagnostic_status,
-    given_parameters,
+    make_polled_subscription,
     make_publisher,
     make_subscription,
     make_timer,
-    on_parameters,
+    resolved,
+    set_period,
+    status_name,
+    take_all,
     try_publish,
-    use_given_kit,
 )
 from ema_ros.parameters import ParameterSpec, Value
 from ema_ros.process import StopSignal, report, run_node
 from ema_sim.node.server import ActuatorServer
 from ema_sim.node.settings import MODEL_FILE, load_model, parameter_specs, settings_from
 
-NODE_NAME = "ema_sim"
 TICK = 0.005
 """Interval at which due blocks are looked for (s)."""
+IDLE_TICK = 0.05
+"""The same where nothing is executed (s): eight idle actuators cost little."""
 DIAGNOSTICS_PERIOD = 1.0
 MATCH_TIMEOUT = 1.0
 """Longest wait, after a command, for all readers of the samples to be matched (s)."""
+ACTUATOR = "actuator"
+"""Task of the status in which it reports."""
 SLOW_READER = ParameterSpec(
     name="slow_reader_timeout", default=8.0, lower=0.5, upper=600.0, unit="s", read_only=True,
     text="longest wait for a slow reader; one that was killed stops counting after 5 s",
 )
+WHEELS = ParameterSpec(
+    name="weight_on_wheels_timeout", default=DEFAULT_TIMEOUT, lower=0.1, upper=60.0, unit="s",
+    read_only=True, text="age at which weight on wheels is stale, and the surface stopped",
+)
+SILENCE = ParameterSpec(
+    name="deadman_timeout", default=DEFAULT_TIMEOUT, lower=0.1, upper=60.0, unit="s",
+    read_only=True, text="silence on /ema/deadman, once heard, after which the surface is stopped",
+)
+SAFETY = (SLOW_READER, WHEELS, SILENCE)
 
 
 class SlowReaderError(EmaError):
@@ -59,32 +84,64 @@ class SlowReaderError(EmaError):
 
 
 class SimulatorNode(EmaNode):
-    """Executes commands on `/ema/command`, publishes what the transducers measure."""
+    """Executes commands on `/ema/command`, publishes what the transducers measure.
+
+    It obeys only while the aircraft says that it stands on its wheels, and stops by itself when
+    that ends, or when who commands falls silent.
+    """
+
+    name = "ema_sim"
 
     def __init__(self, stop: StopSignal) -> None:
-        """Read the parameters, compile, then appear on the graph."""
-        super().__init__(NODE_NAME, stop)
+        """Read the parameters."""
+        super().__init__(stop)
         use_given_kit(self)
         model_file = given_parameters(self).get(MODEL_FILE.name, MODEL_FILE.default)
         self._model = load_model(str(MODEL_FILE.check(model_file)))
         specs = parameter_specs(self._model)
-        self._values = declare_parameters(self, [*specs, SLOW_READER])
+        self._values = declare_parameters(self, [*specs, *SAFETY])
         self._slow_reader = float(self._values[SLOW_READER.name])
-        settings = settings_from(self._values, self._model)
-        self._server = ActuatorServer(settings)
+        self._settings = settings_from(self._values, self._model)
         on_parameters(self, specs, self._reconfigure)
+        self._server: ActuatorServer | None = None
+
+    def configure(self) -> None:
+        """Compile, and make the publishers."""
+        self._server = ActuatorServer(self._settings)
         self._outputs = {
             topic: make_publisher(self, topic)
             for topic in (SAMPLES, JOINT_STATES, PHASE_CURRENTS, DC_BUS, WINDING_TEMPERATURE)
         }
         self._diagnostics = DiagnosticsPublisher(self)
-        self._message = "ready"
-        self._level = OK
+
+    def activate(self) -> None:
+        """Listen, and run what is commanded."""
+        self._message, self._level = "ready", OK
+        self._begun: float | None = None
         self._pending: tuple[float, list[tuple[float, float]], int] | None = None
-        make_subscription(self, COMMAND, self._on_command)
-        make_timer(self, TICK, self._tick)
-        make_timer(self, DIAGNOSTICS_PERIOD, self._publish_status)
+        # Any moment off the wheels ends what runs; when to begin again is for who commands.
+        self._interlock = Interlock(float(self._values[WHEELS.name]), hold=0.0)
+        self._deadman = Deadman(float(self._values[SILENCE.name]))
+        group = PolledGroup()
+        self._polled = {topic: make_polled_subscription(self, topic, group)
+                        for topic in (WEIGHT_ON_WHEELS, DEADMAN)}
+        self._timer = make_timer(self, IDLE_TICK, self._tick)
+        self.while_active(
+            *self._polled.values(),
+            make_subscription(self, COMMAND, self._on_command),
+            self._timer,
+            make_timer(self, DIAGNOSTICS_PERIOD, self._publish_status),
+        )
         self.get_logger().info("ready")
+
+    def deactivate(self) -> None:
+        """Give up what runs."""
+        self._actuator.give_up()
+
+    @property
+    def _actuator(self) -> ActuatorServer:
+        assert self._server is not None
+        return self._server
 
     def _on_command(self, message: JointTrajectory) -> None:
         try:
@@ -93,6 +150,7 @@ class SimulatorNode(EmaNode):
             self._refuse(error)
             return
         self._pending = (time.monotonic() + MATCH_TIMEOUT, points, stamp_of(message))
+        set_period(self._timer, TICK)
         self._begin_pending()
 
     def _begin_pending(self) -> None:
@@ -100,31 +158,68 @@ class SimulatorNode(EmaNode):
         if self._pending is None:
             return
         deadline, points, stamp = self._pending
+        now = time.monotonic()
         matched = self._outputs[SAMPLES].get_subscription_count()
-        if matched < self.count_subscribers(SAMPLES) and time.monotonic() < deadline:
+        self._listen()
+        unheard = self._interlock.is_undecided(now, now)
+        if now < deadline and (
+            unheard or matched < self.count_subscribers(resolved(self, SAMPLES))
+        ):
             return
         self._pending = None
         try:
-            self._server.command(points, stamp)
+            forbidden = self._interlock.reason(now)
+            if forbidden:
+                raise TestRefusedError(forbidden)
+            self._actuator.command(points, stamp)
         except EmaError as error:
             self._refuse(error)
             return
+        self._begun = now
+        set_period(self._timer, TICK)
         self._level, self._message = OK, "command accepted"
         self._publish_status()
 
     def _refuse(self, error: EmaError) -> None:
         self.get_logger().warning(f"command refused: {error}")
-        self._level, self._message = WARN, f"command refused: {error}"
+        why = f"stopped: {self._actuator.stopped}; " if self._actuator.stopped else ""
+        self._level, self._message = WARN, f"{why}command refused: {error}"
         self._publish_status()
+
+    def _listen(self) -> None:
+        """Take what the aircraft and who commands have said."""
+        for taken in take_all(self._polled[WEIGHT_ON_WHEELS]):
+            transit = (time.time_ns() - taken.sent) / NANOSECONDS
+            value = deserialize_message(taken.data, Bool).data
+            self._interlock.update(value, time.monotonic(), transit)
+        for taken in take_all(self._polled[DEADMAN]):
+            stamp = stamp_of(deserialize_message(taken.data, Header))
+            self._deadman.update(stamp, time.monotonic())
+
+    def _stop_if_unsafe(self) -> None:
+        """Stop the surface where the interlock is open, or nobody watches the command."""
+        self._listen()
+        actuator, now = self._actuator, time.monotonic()
+        if not actuator.active or actuator.stopped:
+            return
+        reason = self._interlock.reason(now, self._begun) or self._deadman.reason(
+            actuator.command_stamp, now)
+        if reason:
+            actuator.stop(reason)
+        if actuator.stopped:
+            self.get_logger().warning(f"stopped: {actuator.stopped}")
+            self._level, self._message = WARN, f"stopped: {actuator.stopped}"
+            self._publish_status()
 
     def _tick(self) -> None:
         self._begin_pending()
-        was_active = self._server.active
+        self._stop_if_unsafe()
+        was_active = self._actuator.active
         try:
-            for topic, data in self._server.poll():
+            for topic, data in self._actuator.poll():
                 self._publish(topic, data)
         except SlowReaderError as error:
-            self._server.give_up()
+            self._actuator.give_up()
             self.get_logger().error(str(error))
             self._level, self._message = ERROR, str(error)
             self._publish_status()
@@ -134,8 +229,11 @@ class SimulatorNode(EmaNode):
             report(f"error: {error}")
             self.exit_status = error.exit_status
             return
-        if was_active and not self._server.active:
-            self._message = "command executed"
+        if not self._actuator.active and self._pending is None:
+            set_period(self._timer, IDLE_TICK)
+        if was_active and not self._actuator.active:
+            if not self._actuator.stopped:
+                self._message = "command executed"
             self._publish_status()
 
     def _publish(self, topic: str, data: bytes) -> None:
@@ -144,6 +242,7 @@ class SimulatorNode(EmaNode):
         while not self._stop:
             if try_publish(self._outputs[topic], data):
                 return
+            self._stop_if_unsafe()
             self.get_logger().warning(
                 f"{topic}: a reader is slow, waiting for it", throttle_duration_sec=1.0
             )
@@ -153,32 +252,31 @@ class SimulatorNode(EmaNode):
                 )
 
     def _publish_status(self) -> None:
-        values = self._server.status()
+        values = self._actuator.status()
         values["sample_readers"] = str(self._outputs[SAMPLES].get_subscription_count())
         self._diagnostics.publish(diagnostic_status(
-            "ema_sim: actuator", self._level, self._message, values,
-            self._server.settings.serial_number,
+            status_name(self, ACTUATOR), self._level, self._message, values,
+            self._actuator.settings.serial_number,
         ))
 
     def _reconfigure(self, changed: dict[str, Value]) -> None:
         if not changed:
             return
-        if self._server.active:
+        if self._server is not None and self._server.active:
             raise UsageError(
                 f"parameter {next(iter(changed))}: the actuator executes a command: "
                 "set it when it is idle"
             )
         values = {**self._values, **changed}
-        self._server.reconfigure(settings_from(values, self._model))
+        self._settings = settings_from(values, self._model)
+        if self._server is not None:
+            self._server.reconfigure(self._settings)
         self._values = values
-
-    def shut_down(self) -> None:
-        """Nothing is left to do: the samples of a run that is cut are simply not made."""
 
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the node."""
-    sys.exit(run_node(rclpy, SimulatorNode, args))
+    sys.exit(run_node(rclpy, SimulatorNode.started, args))
 
 
 if __name__ == "__main__":

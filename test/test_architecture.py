@@ -22,6 +22,9 @@ MAY_IMPORT = {
         "ema_record", "ema_rig", "ema_ros", "ema_sim", "ema_monitor", "ema_prognostics",
         "ema_identification",
     },
+    "ema_phm": {
+        "ema_record", "ema_rig", "ema_sim", "ema_prognostics", "ema_identification", "ema_cli",
+    },
 }
 ROS_PACKAGES = {"rclpy", "launch", "launch_ros", "rosidl_runtime_py", "rosbag2_py", "rpyutils"}
 MESSAGE_PACKAGE = re.compile(r".+_(msgs|interfaces|srvs)$")
@@ -60,7 +63,6 @@ BY_CHANCE = {
     "ema_identification/actuator/surrogate/calibration.py": {48.0},  # units that are simulated
     "ema_identification/report/plots.py": {0.6, 500.0, 20_000.0},  # width of a line, points
     "ema_identification/rig/search/alternatives.py": {0.6, 1.6},  # delays in periods
-    "ema_monitor/monitor_node.py": {0.6},  # seconds of looking for another monitor
     "ema_prognostics/commission/calibrate.py": {20_000.0},  # steps of an optimiser
     "ema_prognostics/commission/commission.py": {48.0},  # units that are simulated
     "ema_prognostics/features/start.py": {0.6},  # share of the wind-up
@@ -76,6 +78,7 @@ BY_CHANCE = {
     "ema_record/checks/stream.py": {11.0},  # the fifth prime
     "ema_record/wire/samples.py": {500.0},  # samples a message
     "ema_rig/bag.py": {500.0},  # samples a message
+    "ema_ros/ema_node.py": {0.6},  # seconds of looking for another monitor
     "ema_ros/replay_node.py": {0.6},  # seconds of looking for others
     "ema_sim/effects/stribeck_friction.py": {500.0},  # bound of any actuator
     "ema_sim/effects/surface_load.py": {500.0},  # bound of any actuator

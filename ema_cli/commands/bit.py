@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,30 +15,20 @@ import typer
 from ema_cli.console import note, print_json, print_table, progress, stdout, styled
 from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber
 from ema_cli.views.verdict import print_verdict
-from ema_record.errors import TestRefusedError
+from ema_record.errors import TestRefusedError, UsageError, unknown_name
 
 if TYPE_CHECKING:
-    from ema_monitor.aircraft_node import AircraftNode
-    from ema_ros.supervisor import ParameterValue, Supervisor
+    from ema_ros.supervisor import ParameterValue
 
 SIMULATOR = "ema_sim.simulator_node"
 MONITOR = "ema_monitor.monitor_node"
 PROGNOSTICS = "ema_prognostics.prognostics_node"
 
-START_TIMEOUT = 180.0
-"""Longest start of the nodes: the first one compiles the physics (s)."""
-TEST_MARGIN = 60.0
-"""Longest test beyond the duration of its profile (s)."""
-VERDICT_TIMEOUT = 60.0
-SPIN = 0.02
+NO_VERDICT = 4
+SIMULATED = "SIM-0000"
+"""Serial number of a simulated actuator without another."""
 LEVELS = (("ok", "green"), ("unusual", "yellow"), ("failed", "red"))
 """Of a record check, as printed."""
-
-
-class NoVerdictError(TestRefusedError):
-    """The test was refused, aborted, or not answered."""
-
-    exit_status = 4
 
 
 def bit(
@@ -50,78 +40,154 @@ def bit(
     model: Changes = None,
     seed: Seed = 0,
     noise: Noise = 1.0,
-    serial_number: SerialNumber = "SIM-0000",
+    serial_number: SerialNumber = SIMULATED,
     real_time_factor: Annotated[float, typer.Option(
         "--real-time-factor", help="Simulated seconds a second; 0: no pacing.")] = 1.0,
+    actuators: Annotated[str | None, typer.Option(
+        "--actuators", metavar="NAME,NAME...", help="Test these, each in the namespace of its "
+        "name, one after another.")] = None,
+    side_by_side: Annotated[int, typer.Option(
+        "--side-by-side", min=1, max=32, help="How many of them are tested at a time.")] = 1,
+    no_simulator: Annotated[bool, typer.Option(
+        "--no-simulator", help="Test what drivers on the domain publish; the aircraft is played "
+        "only where no other node is it.")] = False,
     domain: Annotated[int | None, typer.Option(
-        "--domain", min=0, max=232, help="ROS domain, default a free one.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+        "--domain", min=0, max=232, help="ROS domain, default a free one; with --no-simulator "
+        "ROS_DOMAIN_ID.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, with "
+                                          "--actuators a line each.")] = False,
 ) -> int:
     """Run the whole built-in test over ROS 2 and print the verdict.
 
-    Simulator, monitor and prognostics run as three processes; this one plays the aircraft.
-    With --kit all three work with that kit. The effect is known to the simulator alone. Exit
-    status: 0 healthy, 1 a fault, 2 wrong use, 3 the verdict is unknown or incomplete, 4 no
-    verdict: the test was refused or aborted, or a node ended.
+    Simulator, monitor and prognostics run as three processes for each actuator; this one plays
+    the aircraft. With --kit all work with that kit. The effect is known to the simulator alone;
+    among several, NAME:EFFECT.PARAMETER=VALUE hides it in one. Exit status: 0 healthy, 1 a fault,
+    2 wrong use, 3 the verdict is unknown or incomplete, 4 no verdict: the test was refused or
+    aborted, or a node ended.
 
     Example: `ema bit --effect turn_short.fraction=0.1 --effect turn_short.phase=b`
     """
+    from ema_monitor.chain import Chain, NoVerdictError
     from ema_record.actuator import load_actuator
     from ema_record.profile import load_profile
-    from ema_ros.domain import enter_domain, private_domain
-    from ema_ros.parameters import check_values
+    from ema_record.wire.topics import checked_namespace
     from ema_ros.supervisor import Supervisor
-    from ema_sim.node.settings import load_model, parameter_specs
 
     chosen = load_profile(profile)
     chosen.check_within(load_actuator(model).surface.end_stop)
     model_file = str(model.resolve()) if model is not None else ""
-    simulator: dict[str, ParameterValue] = {
-        "model_file": model_file,
-        "seed": seed, "noise": noise, "serial_number": serial_number,
+    names = [name.strip() for name in actuators.split(",")] if actuators is not None else [""]
+    namespaces = [checked_namespace(name) for name in names]
+    if len(set(namespaces)) < len(namespaces) or (actuators is not None and "" in namespaces):
+        raise UsageError(f"--actuators {actuators}: give each name once, separated by commas")
+    simulators = _simulators(namespaces, effect or [], {
+        "model_file": model_file, "seed": seed, "noise": noise, "serial_number": serial_number,
         "real_time_factor": real_time_factor,
-        **effect_parameters(effect or []),
-    }
-    check_values(parameter_specs(load_model(model_file)), simulator)
+    }, wanted=not no_simulator)
+    serial = "" if len(namespaces) > 1 or (no_simulator and serial_number == SIMULATED) else (
+        serial_number)
     log = new_log(out)
     before = set(out.iterdir())
     begin = time.monotonic()
     with contextlib.ExitStack() as stack:
         stack.enter_context(ended_by_signals())
-        enter_domain(stack.enter_context(private_domain(domain)))
+        _enter(stack, domain, with_drivers=no_simulator)
         supervisor = stack.enter_context(Supervisor(log))
-        supervisor.start(SIMULATOR, simulator)
-        supervisor.start(PROGNOSTICS, {})
-        supervisor.start(MONITOR, {
-            "profile": profile, "model_file": model_file, "output_directory": str(out),
-            "serial_number": serial_number,
-        })
+        for namespace in namespaces:
+            if not no_simulator:
+                supervisor.start(SIMULATOR, simulators[namespace], namespace)
+            supervisor.start(PROGNOSTICS, {}, namespace)
+            supervisor.start(MONITOR, {
+                "profile": profile, "model_file": model_file, "output_directory": str(out),
+                "serial_number": serial,
+            }, namespace)
+        chain = Chain(supervisor, note, with_drivers=no_simulator)
         try:
-            result = _run(supervisor, chosen.duration, real_time_factor)
+            results = chain.run(namespaces, side_by_side, chosen.duration, real_time_factor,
+                                progress)
         except KeyboardInterrupt:
             supervisor.stop(MONITOR)
             for path in sorted(set(out.iterdir()) - before - {log}):
                 note(f"record kept, marked interrupted: {path}")
             raise
         supervisor.stop()
-    result["times"]["total"] = time.monotonic() - begin
-    if result["record"]:
-        log = log.rename(out / f"{Path(result['record']).name}.log")
-    result["log"] = str(log)
-    if as_json:
-        print_json(result)
+    if actuators is None:
+        (result,) = results
+        if result["status"] != "complete":
+            kept = f"; record kept: {result['record']}" if result["record"] else ""
+            raise NoVerdictError(f"built-in test {result['message']}{kept}")
+        if result["record"]:
+            log = log.rename(out / f"{Path(result['record']).name}.log")
     else:
-        print_result(result)
-    return exit_status(result)
+        results = [{"actuator": name.removeprefix("/"), **result}
+                   for name, result in zip(namespaces, results)]
+    for result in results:
+        result["times"]["total"] = time.monotonic() - begin
+        result["log"] = str(log)
+        if as_json:
+            print_json(result)
+        else:
+            print_result(result)
+    return worst_status([exit_status(result) for result in results])
+
+
+def _simulators(
+    namespaces: list[str], effects: list[str], common: dict[str, ParameterValue], *, wanted: bool
+) -> dict[str, dict[str, ParameterValue]]:
+    """Return the parameters of each simulated actuator, checked; none where none is wanted.
+
+    Several have each a seed and a serial number of their own.
+    """
+    from ema_ros.parameters import check_values
+    from ema_sim.node.settings import load_model, parameter_specs
+
+    if not wanted:
+        if effects:
+            raise UsageError("--effect hides a fault in a simulator: leave out --no-simulator")
+        return {}
+    hidden: dict[str, list[str]] = {namespace: [] for namespace in namespaces}
+    for setting in effects:
+        name, colon, rest = setting.partition(":")
+        if colon and f"/{name}" not in hidden:
+            raise unknown_name("actuator", name, [n.removeprefix("/") for n in namespaces],
+                               "give one of --actuators before the colon")
+        for namespace in [f"/{name}"] if colon else namespaces:
+            hidden[namespace].append(rest if colon else setting)
+    specs = parameter_specs(load_model(str(common["model_file"])))
+    found = {}
+    for number, namespace in enumerate(namespaces):
+        found[namespace] = {**common, **effect_parameters(hidden[namespace])}
+        if len(namespaces) > 1:
+            found[namespace]["seed"] = int(common["seed"]) + number
+            found[namespace]["serial_number"] = f"{common['serial_number']}-{number + 1}"
+        check_values(specs, found[namespace])
+    return found
+
+
+def _enter(stack: contextlib.ExitStack, domain: int | None, *, with_drivers: bool) -> None:
+    """Enter the domain of the test: a free one on this host alone, or that of the drivers."""
+    from ema_ros.domain import enter_domain, private_domain, use_fast_discovery
+
+    if with_drivers:
+        use_fast_discovery(domain)
+    else:
+        enter_domain(stack.enter_context(private_domain(domain)))
+
+
+def worst_status(statuses: list[int]) -> int:
+    """Return the exit status of several tests: 2 before 4 before 1 before 3 before 0."""
+    return next((status for status in (2, 4, 1, 3) if status in statuses), 0)
 
 
 def exit_status(result: dict[str, Any]) -> int:
     """Return 0 healthy, 1 fault, 3 unknown or a record that failed its checks, 2 unreadable.
 
-    Where there is no verdict at all, `NoVerdictError` gives 4.
+    Where there is no verdict at all it is 4.
     """
     from ema_prognostics.verdict.verdict import EXIT_STATUS
 
+    if result["verdict"] is None:
+        return NO_VERDICT
     status = EXIT_STATUS[result["verdict"]["verdict"]]
     return TestRefusedError.exit_status if status == 0 and not result["passed"] else status
 
@@ -171,70 +237,6 @@ def ended_by_signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _run(supervisor: Supervisor, duration: float, factor: float) -> dict[str, Any]:
-    """Play the aircraft: wait for the nodes, ask for the test, wait for the verdict."""
-    from ema_monitor.aircraft_node import aircraft, answer_of
-
-    begin = time.monotonic()
-    test_time = duration / factor if factor > 0.0 else duration
-    with aircraft() as node:
-
-        def wait(until: Callable[[], bool], limit: float, what: Callable[[], str],
-                 show: Callable[[float], None]) -> None:
-            start = time.monotonic()
-            while not until():
-                node.spin(SPIN)
-                node.poll()
-                revived = supervisor.revive(PROGNOSTICS)
-                if revived:
-                    note(f"{revived}; it will find the record")
-                supervisor.check()
-                passed = time.monotonic() - start
-                show(passed)
-                if passed > limit:
-                    raise NoVerdictError(f"no answer from {what()} after {limit:g} s")
-
-        with progress("starting simulator, monitor and prognostics") as show:
-            wait(lambda: not node.missing(), START_TIMEOUT, node.missing, show)
-        ready = time.monotonic()
-        answer = node.call_self_test()
-        with progress(f"built-in test, {duration:g} s", test_time + 1.0) as show:
-            wait(answer.done, test_time + TEST_MARGIN, lambda: "the monitor", show)
-        result = summarise(answer_of(answer.result()))
-        tested = time.monotonic()
-        if result["record"] and result["status"] == "complete":
-            with progress("diagnosing") as show:
-                wait(lambda: _has_verdict(node, result["record"]), VERDICT_TIMEOUT,
-                     lambda: "the prognostics", show)
-            result["verdict"] = node.verdict
-    end = time.time_ns()
-    result["times"] = {
-        "start": ready - begin, "test": tested - ready,
-        "after_record_closed": (end - result.pop("closed")) / 1e9 if result["verdict"] else None,
-    }
-    if result["status"] != "complete":
-        kept = f"; record kept: {result['record']}" if result["record"] else ""
-        raise NoVerdictError(f"built-in test {result['message']}{kept}")
-    return result
-
-
-def _has_verdict(node: AircraftNode, record: str) -> bool:
-    return node.verdict is not None and node.verdict["bag"] == record
-
-
-def summarise(answer: dict[str, Any]) -> dict[str, Any]:
-    """Return the answer of the self-test with the record's path and status at the top."""
-    checks = {check["name"]: check for check in answer["checks"]}
-    record = checks.pop("record", {"values": {}})["values"]
-    test = checks.pop("test", {"message": "no answer"})
-    return {
-        "record": record.get("path", ""), "status": record.get("status", "refused"),
-        "closed": int(record.get("closed", 0)), "passed": answer["passed"],
-        "message": test["message"], "serial_number": answer["serial_number"],
-        "checks": list(checks.values()), "verdict": None,
-    }
-
-
 def print_result(result: dict[str, Any]) -> None:
     """Print the result of a built-in test."""
     from rich.table import Table
@@ -247,6 +249,11 @@ def print_result(result: dict[str, Any]) -> None:
     for check in result["checks"]:
         table.add_row(styled(check["name"]), styled(LEVELS[min(check["level"], 2)]),
                       styled(check["message"]))
+    if "actuator" in result:
+        console.print(styled(("Actuator", "bold"), f" {result['actuator']}"))
+    if result["verdict"] is None:
+        console.print(styled((f"no verdict: built-in test {result['message']}", "bold")))
+        return
     console.print(styled(("Record", "bold"), f" {result['record']}"), soft_wrap=True)
     print_table(table)
     console.print()

@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
-from ema_cli.console import check_new_file, error_line, print_json, stdout
-from ema_cli.options import Baseline, Cascade, Commanded
+from ema_cli.console import check_new_file, error_line, stdout
+from ema_cli.options import Baseline, Cascade, Commanded, Format
 from ema_cli.views.flights import draw_sequence, judged_flights, print_sequence
+from ema_cli.views.machine import Machine, check_format
 from ema_cli.views.verdict import print_verdict
 from ema_record.errors import InvalidRecordError, UsageError, unknown_name
 
@@ -27,7 +28,8 @@ def check(
     plot: Annotated[Path | None, typer.Option(
         metavar="FILE.png", help="Of a directory of flights: plot severities and announcements."
     )] = None,
-    json: Annotated[bool, typer.Option("--json", help="One JSON object a bag and line.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="As --format json.")] = False,
+    form: Format = "text",
 ) -> int:
     """Say what is wrong with the actuator that a bag was recorded from.
 
@@ -44,14 +46,14 @@ def check(
     Example: `ema check bags/sim_0001_extended`
     """
     from ema_prognostics.trend.flights import is_sequence, what_else
-    from ema_prognostics.trend.unit_trend import trend_of
     from ema_prognostics.verdict.diagnose import MODES
-    from ema_prognostics.verdict.judge import Judge
+    from ema_prognostics.verdict.judge import Judge, Judged
     from ema_prognostics.verdict.report import verdict_of_error
     from ema_prognostics.verdict.verdict import worst_status
 
     if mode not in MODES:
         raise unknown_name("mode", mode, MODES, f"give one of {', '.join(MODES)}")
+    form = check_format(form, json=json)
     sequences = [bag for bag in bags if is_sequence(bag)]
     if plot is not None and len(sequences) != 1:
         raise UsageError(
@@ -60,25 +62,29 @@ def check(
         )
     check_new_file(plot)
     judge = Judge(model, baseline, profile=profile, mode=mode)
+    out = Machine(form, judge) if form != "text" else None
     statuses = []
     trends = []
     for bag in bags:
         if bag in sequences:
+            from ema_prognostics.trend.unit_trend import trend_of
+
             trends = [trend_of(*unit) for unit in judged_flights([bag], judge).items()]
-            print_sequence(trends, json=json)
+            print_sequence(trends, out)
             statuses += [f.verdict.exit_status for trend in trends for f in trend.flights
                          if f.repeat_of is None]
             continue
         other = what_else(bag)
         if other is None:
-            verdict = judge.of_bag(bag).verdict
+            judged = judge.of_bag(bag)
         else:
             error = InvalidRecordError(
                 f"{bag}: {other}: give a rosbag2 directory, an .mcap file or a directory of bags")
-            verdict = verdict_of_error(error, str(bag))
+            judged = Judged(verdict_of_error(error, str(bag)))
+        verdict = judged.verdict
         statuses.append(verdict.exit_status)
-        if json:
-            print_json(verdict.to_dict())
+        if out is not None:
+            out.verdict(judged)
         elif other is not None:
             error_line(verdict.reasons[0])
         else:

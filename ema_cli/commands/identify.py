@@ -67,15 +67,16 @@ def identify(
     from ema_identification.identify import identify as run
     from ema_identification.report.write import write_answer, write_page
     from ema_record.kit import kit_name
+    from ema_rig.bag import read_any
 
     if check:
-        return _check([_read(path, None) for path in measured], model, json)
+        return _check([read_any(path) for path in measured], model, json)
     if out is None:
         raise UsageError("no --out: give the directory to make, as --out report")
     check_new(out)
-    records = [_read(path, profile) for path in measured]
-    held = [_read(path, None) for path in validate or ()]
-    accepted = [_read(path, None) for path in baseline or ()]
+    records = [read_any(path, profile) for path in measured]
+    held = [read_any(path) for path in validate or ()]
+    accepted = [read_any(path) for path in baseline or ()]
     with progress_of("identify") as advance:
         shown: list[str] = []
 
@@ -128,24 +129,6 @@ def _check(records: list[Any], model: Path | None, json: bool) -> int:
         for line in found.lines:
             say(line)
     return 0
-
-
-def _read(path: Path, profile: str | None) -> Any:
-    """Return the record of a bag, of the actuator or of a rig."""
-    from dataclasses import replace
-
-    from ema_record.bag.read import read_bag
-    from ema_record.profile import load_profile
-    from ema_rig.bag import is_rig_bag, read_rig_bag
-    from ema_rig.ros_bag import how_to_import
-
-    foreign = how_to_import(path)
-    if foreign is not None:
-        raise foreign
-    if is_rig_bag(path):
-        return read_rig_bag(path)
-    record = read_bag(path)
-    return record if profile is None else replace(record, profile=load_profile(profile))
 
 
 def _title(record: Any, path: Path) -> str:

@@ -8,16 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ema_cli.console import check_new_file, print_json, say
-from ema_cli.options import Baseline, Cascade, Commanded
+from ema_cli.options import Baseline, Cascade, Commanded, Format, Rule
 from ema_cli.views.flights import (
     draw_sequence,
     episode_text,
     fall_lines,
     judged_flights,
     number_list,
+    print_sequence,
+    trend_object,
     unit_name,
-    verdict_object,
 )
+from ema_cli.views.machine import Machine, check_format
 from ema_prognostics.words import class_name, counted, scaled
 from ema_record.errors import UsageError
 
@@ -28,16 +30,15 @@ if TYPE_CHECKING:
 def trend(
     bags: Annotated[list[Path], typer.Argument(
         metavar="DIR|BAG...", help="Bags of an actuator, one a flight, or directories of them.")],
-    rule: Annotated[str, typer.Option(
-        metavar="K/N", help="A fault is confirmed when K of the last N flights find it."
-    )] = "2/3",
+    rule: Rule = "2/3",
     profile: Commanded = None,
     model: Cascade = None,
     baseline: Baseline = None,
     plot: Annotated[Path | None, typer.Option(
         metavar="FILE.png", help="Plot severities, announcements and growth.")] = None,
     json: Annotated[bool, typer.Option(
-        "--json", help="One JSON object an actuator and line.")] = False,
+        "--json", help="As --format json, one object an actuator.")] = False,
+    form: Format = "text",
 ) -> int:
     """Say how the faults of an actuator grow from flight to flight.
 
@@ -56,16 +57,22 @@ def trend(
     from ema_prognostics.verdict.judge import Judge
 
     chosen = parse_rule(rule)
+    form = check_format(form, json=json)
     check_new_file(plot)
     for bag in bags:
         other = None if is_sequence(bag) else what_else(bag)
         if other is not None:
             raise UsageError(f"{bag}: {other}: give a bag, or a directory of them")
-    units = judged_flights(bags, Judge(model, baseline, profile=profile))
+    judge = Judge(model, baseline, profile=profile)
+    units = judged_flights(bags, judge)
     trends = [trend_of(unit, flights, chosen) for unit, flights in units.items()]
+    out = Machine(form, judge) if form != "text" else None
+    if out is not None and form == "csv":
+        print_sequence(trends, out)
     for found in trends:
-        if json:
-            print_json(verdict_object(found))
+        if out is not None:
+            if form == "json":
+                print_json(trend_object(found, out))
             continue
         for line in trend_lines(found):
             say(line)

@@ -11,7 +11,6 @@ from ema_cli.console import (
     drawing,
     given_bags,
     note,
-    print_json,
     print_table,
     progress,
     say,
@@ -23,6 +22,7 @@ from ema_prognostics.words import class_name, counted, severity_words
 from ema_record.errors import UsageError
 
 if TYPE_CHECKING:
+    from ema_cli.views.machine import Machine
     from ema_prognostics.trend.announcement import Episode
     from ema_prognostics.trend.flights import Flight
     from ema_prognostics.trend.unit_trend import FaultTrend, UnitTrend
@@ -33,12 +33,12 @@ BAG_WIDTH = 28
 """Of the column of bags on a terminal (characters); longer names are folded."""
 
 
-def print_sequence(trends: Sequence[UnitTrend], *, json: bool = False) -> None:
-    """Print the flights of each actuator: a row a flight, or one JSON object a bag."""
+def print_sequence(trends: Sequence[UnitTrend], out: Machine | None = None) -> None:
+    """Print the flights of each actuator: a row a flight, or each bag to `out`."""
     for trend in trends:
-        if json:
+        if out is not None:
             for flight in trend.flights:
-                print_json(flight.verdict.to_dict())
+                out.verdict(flight)
             continue
         print_flights(trend)
         for line in fault_lines(trend):
@@ -73,8 +73,7 @@ def judged_flights(paths: Sequence[Path], judge: Judge) -> dict[str, list[Flight
     bags = given_bags(paths)
 
     def fly(bag: Path) -> Flight:
-        verdict, serial_number, start_time = judge.of_bag(bag)
-        return Flight(verdict=verdict, serial_number=serial_number, start_time=start_time)
+        return Flight(**judge.of_bag(bag)._asdict())
 
     with progress(f"checking {len(bags)} bags", len(bags)) as advance:
         return read_flights(bags, fly, advance)
@@ -187,12 +186,12 @@ def number_list(numbers: Sequence[int], most: int = 12) -> str:
     return text + (f" and {len(numbers) - most} more" if len(numbers) > most else "")
 
 
-def verdict_object(trend: UnitTrend) -> dict[str, Any]:
+def trend_object(trend: UnitTrend, out: Machine) -> dict[str, Any]:
     """Return the JSON object of a trend, with the verdict of each flight."""
     return {
         **trend.to_dict(),
         "verdicts": [
             {"flight": f.number, "start_time": f.start_time, "repeat_of": f.repeat_of,
-             **f.verdict.to_dict()} for f in trend.flights
+             **out.object_of(f)} for f in trend.flights
         ],
     }

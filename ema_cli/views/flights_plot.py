@@ -35,7 +35,14 @@ NO_PHASE = BLUE
 
 
 def plot_trend(trend: UnitTrend, path: Path) -> Path:
-    """Plot the flights of an actuator into a PNG that does not exist yet, and return it.
+    """Plot the flights of an actuator into a PNG that does not exist yet, and return it."""
+    with mpl.rc_context(STYLE), new_file(path) as temporary:
+        trend_figure(trend).savefig(temporary, format="png")
+    return path
+
+
+def trend_figure(trend: UnitTrend) -> Figure:
+    """Return the plot of the flights of an actuator.
 
     One panel a class of fault: severity with its interval, first announcement (dashed),
     confirmation (solid), the flight from which it was gone (dotted), and the line of its
@@ -56,9 +63,7 @@ def plot_trend(trend: UnitTrend, path: Path) -> Path:
         axes[-1].set_xlabel("flight")
         axes[-1].set_xlim(0.0, len(trend.flights) + 1.0)
         axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-        with new_file(path) as temporary:
-            figure.savefig(temporary, format="png")
-    return path
+    return figure
 
 
 def _severity_panel(axes: Axes, faults: list[FaultTrend]) -> None:

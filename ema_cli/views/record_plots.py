@@ -91,6 +91,17 @@ def plot_record(record: Record, folder: Path, *, trace: np.ndarray | None = None
 
     """
     check_plot_folder(folder)
+    figures = record_figures(record, trace=trace)
+    with mpl.rc_context(STYLE):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            return [_save(figures[name], folder / f"{name}.png") for name in figures]
+        except OSError as error:
+            raise cannot_write(folder, error) from None
+
+
+def record_figures(record: Record, *, trace: np.ndarray | None = None) -> dict[str, Figure]:
+    """Return the plots of a record by name, in the order of `NAMES`; `trace` as above."""
     actuator = load_actuator()
     record, rebuilt = _completed(record, actuator)
     turns = None
@@ -106,11 +117,7 @@ def plot_record(record: Record, folder: Path, *, trace: np.ndarray | None = None
             figures["spectrum"] = _spectrum(turns)
         figures["surface"] = _surface(record, actuator)
         figures["torque"] = _torque(record, trace)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            return [_save(figures[name], folder / f"{name}.png") for name in figures]
-        except OSError as error:
-            raise cannot_write(folder, error) from None
+    return figures
 
 
 def _completed(record: Record, actuator: Actuator) -> tuple[Record, str]:
@@ -258,7 +265,7 @@ def torque_estimate(record: Record) -> np.ndarray:
     ``k Σ f(θ − φ_k) i_k``, f the back-EMF of a turn: what a healthy motor would have. Shape (n,)
     (N m).
     """
-    from ema_sim.plant.electrical import THIRD, unit_back_emf
+    from ema_sim.machine import THIRD, unit_back_emf
 
     motor = load_actuator().motor
     theta = record.channel("rotor_angle")

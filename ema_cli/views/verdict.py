@@ -26,8 +26,9 @@ def print_verdict(verdict: dict[str, Any], console: Console) -> None:
     console : where to.
     """
     outcome = str(verdict["verdict"])
+    name = f"  {verdict['actuator']}" if verdict.get("actuator") else ""
     bag = f"  {verdict['bag']}" if verdict.get("bag") else ""
-    console.print(styled((outcome.upper(), STYLES.get(outcome, "bold")), (bag, "dim")))
+    console.print(styled((outcome.upper(), STYLES.get(outcome, "bold")), name, (bag, "dim")))
     for fault in verdict["faults"]:
         console.print(styled(("  " + fault_line(fault), "bold")))
     named = [fault["fault_class"] for fault in verdict["faults"]]

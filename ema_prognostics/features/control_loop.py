@@ -15,7 +15,7 @@ import numpy as np
 from ema_prognostics.features.signals import Signals
 from ema_record.actuator import FOC
 from ema_record.channels import REFERENCE_CURRENTS
-from ema_sim.plant.electrical import FIRST_EDGE, SECTOR
+from ema_sim.machine import FIRST_EDGE, SECTOR
 from ema_sim.rebuild import torque_command
 
 LONGEST = 1.5e-3

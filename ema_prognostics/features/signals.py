@@ -22,8 +22,7 @@ from ema_record.channels import (
 )
 from ema_record.errors import IncompleteRecordError
 from ema_record.record import Record
-from ema_sim.effects.winding_temperature import REFERENCE, WindingTemperature
-from ema_sim.plant.electrical import THIRD, unit_back_emf
+from ema_sim.machine import MAGNET, REFERENCE, THIRD, unit_back_emf
 from ema_sim.rebuild import completed, present
 
 GUARD_TIME = 1e-3
@@ -143,7 +142,7 @@ def prepare(record: Record, actuator: Actuator | None = None) -> Signals:
         float(np.median(record.dc_bus[:, 1]))
         if len(record.dc_bus) else 2.0 * nominal.inverter.bus_voltage
     )
-    factor = 1.0 + WindingTemperature().magnet_coefficient * (temperature - REFERENCE)
+    factor = 1.0 + MAGNET * (temperature - REFERENCE)
     return Signals(
         record=record, actuator=nominal, has_references=bool(there[REFERENCE_CURRENTS].all()),
         has_position=bool(there[SURFACE_POSITION]), rate=record.rate, time=samples[:, 0],

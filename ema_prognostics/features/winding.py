@@ -22,8 +22,7 @@ import numpy as np
 
 from ema_prognostics.features.signals import Signals
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
-from ema_sim.effects.winding_temperature import COPPER, REFERENCE
-from ema_sim.plant.electrical import FIRST_EDGE, SECTOR, THIRD, unit_back_emf
+from ema_sim.machine import COPPER, FIRST_EDGE, REFERENCE, SECTOR, THIRD, unit_back_emf
 
 MARGIN = 0.6
 """Of a current to the edge of the relay's band within which its leg may switch, of the band."""

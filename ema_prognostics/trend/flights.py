@@ -34,6 +34,7 @@ class Flight:
     start_time : acceptance of the command (ns since the epoch), 0 where not known.
     number : place in the sequence of this actuator, from 1.
     repeat_of : number of the flight that this one is a copy of, or None.
+    profile : name of the test, empty where not known.
     """
 
     verdict: Verdict
@@ -41,6 +42,7 @@ class Flight:
     start_time: int = 0
     number: int = 0
     repeat_of: int | None = None
+    profile: str = ""
 
     @property
     def answered(self) -> bool:

@@ -26,6 +26,9 @@ from ema_prognostics.trend.announcement import (
 from ema_prognostics.trend.evidence import suspicion
 from ema_prognostics.trend.flights import Flight
 from ema_prognostics.trend.growth import Growth, forecast, growth
+from ema_prognostics.words import class_name
+from ema_record.errors import library
+from ema_record.record import html_of, iso_time
 
 DIGITS = 6
 """Significant digits of a number in the JSON object."""
@@ -120,6 +123,28 @@ class UnitTrend:
     def unanswered(self) -> tuple[int, ...]:
         """Flights that say neither healthy nor faulty, copies included."""
         return tuple(f.number for f in self.flights if not f.answered)
+
+    def __repr__(self) -> str:
+        """Return one line: unit, flights, and each fault."""
+        faults = ", ".join(
+            class_name(f.history.fault_class, f.history.phase)
+            + (" present" if f.present else " not confirmed" if f.confirmed is None else " gone")
+            for f in self.faults)
+        return (f"<UnitTrend {self.serial_number or 'unknown'}: {len(self.flights)} flights, "
+                f"{faults or 'no fault'}>")
+
+    def _repr_html_(self) -> str:
+        return html_of(repr(self)[1:-1], (
+            (f"flight {f.number}", f"{iso_time(f.start_time) or ''} {f.verdict!r}")
+            for f in self.flights))
+
+    def to_pandas(self) -> Any:
+        """Return a DataFrame of a row a flight: outcome and the largest fault."""
+        pandas = library("pandas", "to_pandas", "use to_dict()")
+        return pandas.DataFrame([
+            {"flight": f.number, "start_time": iso_time(f.start_time), "outcome":
+             f.verdict.outcome, **(f.verdict.faults[0].to_dict() if f.verdict.faults else {})}
+            for f in self.flights]).set_index("flight")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``ema trend --json``."""

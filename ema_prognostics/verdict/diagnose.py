@@ -15,7 +15,6 @@ from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import SAME_POSITION, ProfileKind, profile_kind
 from ema_prognostics.features.vector import differences, start_allowed
 from ema_prognostics.paper.cascade import FAULTS, LEVELS
-from ema_prognostics.paper.features import paper_features, paper_turns
 from ema_prognostics.verdict.report import (
     reasons_of_guard,
     unknown_verdict,
@@ -65,6 +64,7 @@ class Baseline:
 def diagnose(
     record: Record, model: TrainedModel | None = None, *, mode: Mode = "robust",
     baseline: Record | Baseline | None = None, actuator: Actuator | None = None,
+    checked: bool = False,
 ) -> Verdict:
     """Say what is wrong with the actuator that `record` comes from.
 
@@ -77,6 +77,7 @@ def diagnose(
     baseline : a healthy record of the same actuator and test, from its acceptance; sharpens
         the verdict of mode ``robust``. For many records take `baseline_of` once.
     actuator : what was tested and the model was trained on, default the nominal one.
+    checked : whether the record checks were asked before, and found nothing.
 
     Returns
     -------
@@ -96,17 +97,17 @@ def diagnose(
         raise UsageError("mode paper takes no baseline: leave it out, or use mode robust")
     model = load_model() if model is None else model
     actuator = load_actuator() if actuator is None else actuator
-    verdict = _diagnose(record, model, mode, baseline, actuator)
+    verdict = _diagnose(record, model, mode, baseline, actuator, checked)
     return replace(verdict, bag=record.provenance.source)
 
 
 def _diagnose(
     record: Record, model: TrainedModel, mode: Mode, baseline: Record | Baseline | None,
-    actuator: Actuator,
+    actuator: Actuator, checked: bool,
 ) -> Verdict:
     try:
         kind = profile_kind(record.profile, actuator)
-        _check_usable(record, kind, actuator)
+        _check_usable(record, kind, actuator, NEEDED if not checked else ())
     except (InvalidRecordError, IncompleteRecordError) as error:
         return verdict_of_error(error)
     if kind is None:
@@ -221,9 +222,11 @@ def baseline_of(record: Record, model: TrainedModel, actuator: Actuator | None =
     return Baseline(record=record, kind=kind, features=features)
 
 
-def _check_usable(record: Record, kind: ProfileKind | None, actuator: Actuator) -> None:
-    """Raise InvalidRecordError, IncompleteRecordError where the guard finds what forbids it."""
-    findings = guard_findings(record, actuator, NEEDED)
+def _check_usable(
+    record: Record, kind: ProfileKind | None, actuator: Actuator, rules: Sequence[str] = NEEDED
+) -> None:
+    """Raise InvalidRecordError, IncompleteRecordError where the guard's rules forbid it."""
+    findings = guard_findings(record, actuator, rules) if rules else ()
     for finding in findings:
         if OUTCOMES[finding.rule] == "invalid":
             raise InvalidRecordError(reason_of(finding))
@@ -244,6 +247,8 @@ def _check_usable(record: Record, kind: ProfileKind | None, actuator: Actuator) 
 def _paper_verdict(record: Record, model: TrainedModel) -> Verdict:
     if model.paper is None:
         raise ModelError("the model has no paper cascade: train again with 'ema train'")
+    from ema_prognostics.paper.features import paper_features, paper_turns
+
     features = paper_features(paper_turns(record))
     outputs = model.paper.classify(features)
     fault = FAULTS[int(np.argmax(outputs))]

@@ -38,6 +38,8 @@ class Judged(NamedTuple):
     """Of the actuator, empty where the bag could not be read."""
     start_time: int = 0
     """Acceptance of the command (ns since the epoch), 0 where not known."""
+    profile: str = ""
+    """Name of the test, empty where not known."""
 
 
 class Judge:
@@ -57,7 +59,7 @@ class Judge:
     """
 
     def __init__(
-        self, model: str | Path | None = None, baseline: str | Path | None = None, *,
+        self, model: str | Path | None = None, baseline: str | Path | Record | None = None, *,
         profile: str | None = None, mode: Mode = "robust",
     ) -> None:
         """Load what is named."""
@@ -69,7 +71,12 @@ class Judge:
         self._mode = mode
         # The matrices of a record are small: threads would cost ten times the work.
         self._libraries = ThreadpoolController()
-        self._own = None if baseline is None else self._load_baseline(Path(baseline))
+        self._own = None if baseline is None else self._load_baseline(baseline)
+
+    @property
+    def model_sha256(self) -> str:
+        """Hash of the networks that judge."""
+        return self._model.sha256
 
     def of_bag(self, bag: str | Path) -> Judged:
         """Return the verdict on a bag; one that cannot be read is incomplete or invalid."""
@@ -89,16 +96,20 @@ class Judge:
             verdict = replace(self._diagnose(record, self._mode, self._own), bag=source)
         except (RecordError, UsageError) as error:
             verdict = verdict_of_error(error, source)
-        return Judged(verdict, record.provenance.serial_number, record.provenance.start_time)
+        verdict = replace(verdict, actuator=record.provenance.name)
+        return Judged(verdict, record.provenance.serial_number, record.provenance.start_time,
+                      record.profile.name)
 
     def _diagnose(self, record: Record, mode: Mode, own: Baseline | None) -> Verdict:
         with self._libraries.limit(limits=1):
-            return forbidden(record) or diagnose(record, self._model, mode=mode, baseline=own)
+            return forbidden(record) or diagnose(
+                record, self._model, mode=mode, baseline=own, checked=True)
 
-    def _load_baseline(self, path: Path) -> Baseline:
-        """Return the record of a bag as baseline, its features taken once."""
+    def _load_baseline(self, given: str | Path | Record) -> Baseline:
+        """Return a record, or that of a bag, as baseline, its features taken once."""
+        path = given.provenance.source or "record" if isinstance(given, Record) else given
         try:
-            record = read_bag(path)
+            record = given if isinstance(given, Record) else read_bag(given)
         except RecordError as error:
             raise UsageError(f"{path}: cannot serve as baseline: {error}") from None
         verdict = self._diagnose(record, "robust", None)

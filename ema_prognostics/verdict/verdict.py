@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -65,19 +66,40 @@ class Verdict:
     reasons: tuple[str, ...] = ()
     """In words."""
     bag: str = ""
+    actuator: str = ""
+    """Name of the actuator among those of the aircraft; empty: it has none."""
 
     @property
     def exit_status(self) -> int:
         """Exit status of a program that reports this verdict."""
         return EXIT_STATUS[self.outcome]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON object of ``ema check --json``; every key is always there.
+    def __repr__(self) -> str:
+        """Return one line: outcome, and each fault with its size."""
+        from ema_prognostics.words import class_name, severity_words
 
-        The largest fault stands at the top and is the first of `faults`.
+        faults = ", ".join(
+            f"{class_name(f.fault_class, f.phase)} "
+            f"{severity_words(f.fault_class, f.severity, f.severity_interval)}".rstrip()
+            for f in self.faults)
+        return f"<Verdict {self.outcome.upper()}{': ' if faults else ''}{faults}>"
+
+    def _repr_html_(self) -> str:
+        from ema_record.record import html_of
+
+        sure = ", ".join(f"{n} {100 * p:.1f} %" for n, p in self.probabilities.items())
+        return html_of(repr(self)[1:-1], (
+            ("bag", self.bag), ("probabilities", sure), *(("reason", r) for r in self.reasons)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON object of ``ema check --json``; every key but one is always there.
+
+        ``actuator`` is there where it has a name. The largest fault stands at the top and is the
+        first of `faults`.
         """
         return {
             "bag": self.bag,
+            **({"actuator": self.actuator} if self.actuator else {}),
             "verdict": self.outcome,
             **(self.faults[0].to_dict() if self.faults else _NO_FAULT),
             "faults": [f.to_dict() for f in self.faults],
@@ -87,6 +109,18 @@ class Verdict:
             },
             "reasons": list(self.reasons),
         }
+
+
+def verdict_of_dict(found: Mapping[str, Any]) -> Verdict:
+    """Return the verdict that a JSON object tells, as far as flights are compared by it."""
+    return Verdict(
+        outcome=found["verdict"], bag=found["bag"], alternatives=tuple(found["alternatives"]),
+        faults=tuple(Fault(**{**fault, "severity_interval": None if
+                              fault["severity_interval"] is None
+                              else tuple(fault["severity_interval"])})
+                     for fault in found["faults"]),
+        probabilities=dict(found["probabilities"]), reasons=tuple(found["reasons"]),
+    )
 
 
 def worst_status(statuses: list[int]) -> int:

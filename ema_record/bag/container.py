@@ -19,7 +19,7 @@ from ema_record.limits import (
     MAX_MESSAGES,
     MAX_UNPACKED_FILE_BYTES,
 )
-from ema_record.wire.topics import TOPICS
+from ema_record.wire.topics import AIRCRAFT_WIDE, TOPICS, split_name
 from ema_record.wire.types import MESSAGE_ENCODING
 from ema_record.yaml_file import load_yaml
 
@@ -53,6 +53,9 @@ class BagContent:
     messages: dict[str, list[StoredMessage]] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     topics: set[str] = field(default_factory=set)
+    """All that the bag has, the names of the table without their namespace."""
+    namespace: str = ""
+    """Of the actuator whose topics they are; empty: none."""
 
 
 def find_files(path: Path, storages: Sequence[str] = ("mcap",)) -> BagFiles:
@@ -148,7 +151,7 @@ def _counts(information: dict[str, Any]) -> dict[str, int]:
     for row in rows if isinstance(rows, list) else []:
         topic = row.get("topic_metadata") if isinstance(row, dict) else None
         if isinstance(topic, dict) and type(row.get("message_count")) is int:
-            counts[str(topic.get("name"))] = row["message_count"]
+            counts[split_name(str(topic.get("name"))).topic] = row["message_count"]
     return counts
 
 
@@ -161,26 +164,28 @@ def read_content(
 ) -> BagContent:
     """Return the messages of `topics`, sorted by log time, and all metadata.
 
-    With `file_order` they are left in the order of the file.
+    With `file_order` they are left in the order of the file. The topics of an actuator may stand
+    under its namespace.
 
     Raises
     ------
     InvalidRecordError, IncompleteRecordError
         See `find_files` and `mcap_stream.McapStream`; a topic of another type; too many
-        messages.
+        messages; topics of several actuators.
 
     """
     files = find_files(path)
     content = BagContent()
+    namespaces: set[str] = set()
     for file in files.paths:
         try:
             with opened(file) as (stream, size):
-                mcap = McapStream(stream, size, str(file), topics, validate_crcs)
+                mcap = McapStream(stream, size, str(file), _InAnyNamespace(topics), validate_crcs)
                 for item in mcap:
                     if isinstance(item, McapMetadata):
                         content.metadata[item.name] = item.values
                         continue
-                    topic = item.channel.topic
+                    topic = split_name(item.channel.topic).topic
                     messages = content.messages.get(topic)
                     if messages is None:
                         messages = content.messages.setdefault(topic, [])
@@ -191,9 +196,19 @@ def read_content(
                         )
                     messages.append(StoredMessage(item.log_time, item.publish_time, item.data))
                 _check_types(mcap, topics)
-                content.topics.update(channel.topic for channel in mcap.channels)
+                for name in (split_name(channel.topic) for channel in mcap.channels):
+                    content.topics.add(name.topic)
+                    if name.topic in topics - AIRCRAFT_WIDE:
+                        namespaces.add(name.namespace)
         except OSError as error:
             raise unreadable(file, error) from None
+    if len(namespaces) > 1:
+        names = ", ".join(sorted(name or "/" for name in namespaces))[:120]
+        raise InvalidRecordError(
+            f"{path}: holds the topics of several actuators ({names}), expected one: record each "
+            "in a bag of its own, or split it with 'ros2 bag convert'"
+        )
+    content.namespace = "".join(namespaces)
     for topic in topics & files.counts.keys():
         read = len(content.messages.get(topic, []))
         if read < files.counts[topic]:
@@ -214,12 +229,25 @@ def read_content(
     return content
 
 
+class _InAnyNamespace:
+    """The names of topics of the table, under whatever namespace."""
+
+    def __init__(self, topics: frozenset[str]) -> None:
+        """Take the names of the table."""
+        self._topics = topics
+
+    def __contains__(self, name: object) -> bool:
+        """Whether a name in a bag is one of them."""
+        return isinstance(name, str) and split_name(name).topic in self._topics
+
+
 def _check_types(mcap: McapStream, topics: frozenset[str]) -> None:
     """Check the type and the encoding of every topic that is used."""
     for channel in mcap.channels:
-        if channel.topic not in topics:
+        topic = split_name(channel.topic).topic
+        if topic not in topics:
             continue
-        expected = TOPICS[channel.topic].type
+        expected = TOPICS[topic].type
         found = re.sub(r"^(\w+)/(\w+)$", r"\1/msg/\2", channel.schema_name)
         if found != expected or channel.message_encoding != MESSAGE_ENCODING:
             raise InvalidRecordError(

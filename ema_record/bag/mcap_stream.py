@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass, field
 from typing import IO, NamedTuple
 
@@ -86,7 +86,7 @@ class McapStream:
         Bytes in `file`.
     name : str
         Named in errors.
-    topics : set of str, optional
+    topics : container of str, optional
         Only these topics' messages are returned; None: all.
     validate_crcs : bool
         Whether checksums are compared.
@@ -99,7 +99,7 @@ class McapStream:
     file: IO[bytes]
     size: int
     name: str
-    topics: frozenset[str] | None = None
+    topics: Container[str] | None = None
     validate_crcs: bool = True
     on_damage: Callable[[str, int], None] | None = None
     _at: int = 0

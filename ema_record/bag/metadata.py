@@ -142,14 +142,12 @@ def start_record(profile: Profile, provenance: Provenance) -> dict[str, str]:
     })
 
 
-def end_record(
-    status: Status, start_time: int, counts: Sequence[tuple[Topic, int]]
-) -> dict[str, str]:
-    """Return the values of the record `END`."""
+def end_record(status: Status, start_time: int, counts: Mapping[str, int]) -> dict[str, str]:
+    """Return the values of the record `END`; `counts` are messages by topic of the table."""
     return _sealed({
         "status": status,
         "start_time": str(start_time),
-        "messages": json.dumps({topic.name: count for topic, count in counts}),
+        "messages": json.dumps(dict(counts)),
     })
 
 

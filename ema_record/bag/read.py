@@ -10,7 +10,6 @@ import numpy as np
 
 from ema_record.bag.container import StoredMessage, read_content
 from ema_record.bag.metadata import read_test_metadata
-from ema_record.bag.writer import CHUNK_SIZE, BagWriter
 from ema_record.channels import SURFACE_POSITION, TIME
 from ema_record.errors import (
     IncompleteRecordError,
@@ -142,7 +141,10 @@ class Recording:
             Path(path), _READ_TOPICS.union(topics), validate_crcs=validate_crcs,
             file_order=as_recorded,
         )
-        self.test = read_test_metadata(self.content.metadata, self.source)
+        test = read_test_metadata(self.content.metadata, self.source)
+        self.test = replace(
+            test, provenance=replace(test.provenance, namespace=self.content.namespace)
+        )
         self.errors: list[str] = []
         self._as_recorded = as_recorded
 
@@ -250,7 +252,7 @@ def write_bag(
     path: str | Path,
     *,
     views: bool = True,
-    chunk_size: int = CHUNK_SIZE,
+    chunk_size: int | None = None,
 ) -> Path:
     """Write a record as a bag, the same bytes for the same record.
 
@@ -262,7 +264,7 @@ def write_bag(
         The directory to make.
     views : bool
         Also write the topics for people, decimated: joint states, phase currents.
-    chunk_size : int
+    chunk_size : int, optional
         See `BagWriter`.
 
     Returns
@@ -278,10 +280,12 @@ def write_bag(
         No sample, or times before the acceptance of the command.
 
     """
+    from ema_record.bag.writer import CHUNK_SIZE, BagWriter
+
     messages = _messages(record, views=views)
     with BagWriter(
         path, profile=record.profile, provenance=record.provenance,
-        chunk_size=chunk_size, flush_interval=None,
+        chunk_size=chunk_size or CHUNK_SIZE, flush_interval=None,
     ) as writer:
         for time, topic, data in messages:
             writer.write_raw(topic, data, time)

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from ema_record.actuator import load_actuator
+from ema_record.bag import container
 from ema_record.bag.compression import unpack_zstd_part
 from ema_record.bag.container import MCAP_SUFFIXES, METADATA_FILE, find_files, refuse_links
 from ema_record.bag.mcap_stream import McapMessage, McapMetadata, McapStream
@@ -36,7 +37,7 @@ from ema_record.limits import (
 from ema_record.profile import Profile
 from ema_record.record import LARGEST_STEP, Provenance, Status
 from ema_record.wire.samples import decode_block
-from ema_record.wire.topics import BAG_TOPICS, COMMAND, SAMPLES
+from ema_record.wire.topics import AIRCRAFT_WIDE, BAG_TOPICS, COMMAND, SAMPLES, split_name
 from ema_record.wire.trajectory import decode_command, trajectory_points
 
 _MAX_GAPS = 50
@@ -128,21 +129,23 @@ def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
 
 def default_output(source: Path) -> Path:
     """Return where the recovered bag of `source` goes unless told."""
-    place = source.resolve()
-    name = place.name if place.is_dir() else place.name.split(".mcap")[0]
-    return place.with_name(f"{name}_recovered")
+    name = source.resolve().name if source.is_dir() else source.resolve().name.split(".mcap")[0]
+    return source.resolve().with_name(f"{name}_recovered")
 
 
 def _sorted_out(found: Salvage, source: str) -> _Parts:
     """Keep the messages of the test's topics that can be decoded."""
     topics = {topic.name: topic.type for topic in BAG_TOPICS}
     left_out: Counter[str] = Counter()
-    kept: list[McapMessage] = []
-    times: list[np.ndarray] = []
+    kept, times = list[McapMessage](), list[np.ndarray]()
     first: np.ndarray | None = None
     command: McapMessage | None = None
+    namespace: str | None = None
     for message in found.messages:
-        topic = message.channel.topic
+        of, topic = split_name(message.channel.topic)
+        if topic in topics.keys() - AIRCRAFT_WIDE:
+            namespace = of if namespace is None else namespace
+            topic = topic if of == namespace else message.channel.topic  # of another one
         kind = message.channel.schema_name
         if kind not in (topics.get(topic), (topics.get(topic) or "").replace("/msg/", "/")):
             left_out[topic] += 1
@@ -161,7 +164,8 @@ def _sorted_out(found: Salvage, source: str) -> _Parts:
     profile, provenance = _test_of(_intact(found), found, command, first, source)
     return _Parts(
         messages=kept, times=np.concatenate(times) if times else np.empty(0),
-        left_out=dict(left_out), profile=profile, provenance=provenance,
+        left_out=dict(left_out), profile=profile,
+        provenance=replace(provenance, namespace=namespace or ""),
     )
 
 
@@ -208,9 +212,8 @@ def _test_of(
 
 def _nothing(source: str, what: str, found: Salvage) -> IncompleteRecordError:
     """Return the error for a bag of which too little is left."""
-    reason = found.damages[0] if found.damages else "never recorded"
-    return IncompleteRecordError(
-        f"{source}: {what} can be read ({reason}): record the test again")
+    why = (*found.damages, "never recorded")[0]
+    return IncompleteRecordError(f"{source}: {what} can be read ({why}): record the test again")
 
 
 def _report(source: str, bag: Path, status: Status, parts: _Parts, found: Salvage) -> Recovery:
@@ -247,7 +250,7 @@ def _write(parts: _Parts, out: Path, report: Recovery) -> None:
     ) as writer:
         for message in parts.messages:
             writer.write_raw(
-                message.channel.topic, bytes(message.data),
+                split_name(message.channel.topic).topic, bytes(message.data),
                 min(message.log_time, (1 << 63) - 1), min(message.publish_time, (1 << 63) - 1),
             )
         writer.close(report.status, start_time=parts.provenance.start_time, recovery={
@@ -287,10 +290,7 @@ def _salvage(path: Path) -> Salvage:
         try:
             _salvage_file(file, found)
         except OSError as error:
-            raise InvalidRecordError(
-                f"{file}: cannot be read ({error.strerror or error}): check the file and its "
-                "permissions"
-            ) from None
+            raise container.unreadable(file, error) from None
         except MemoryError:
             found.damaged(f"{file.name}: not enough memory to unpack it", file.stat().st_size)
     if not found.messages and not found.metadata:

@@ -11,6 +11,7 @@ import contextlib
 import os
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import IO
@@ -37,7 +38,7 @@ from ema_record.limits import MAX_MESSAGE_BYTES
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Status
 from ema_record.version import VERSION
-from ema_record.wire.topics import BAG_TOPICS, Topic
+from ema_record.wire.topics import BAG_TOPICS, Topic, name_on_graph
 from ema_record.wire.types import MESSAGE_ENCODING, SCHEMA_ENCODING, definition, type_hash
 
 CHUNK_SIZE = 512 << 10
@@ -63,6 +64,8 @@ class RawBag:
         MCAP metadata that stand before the first message: values by name.
     topics : sequence of Topic
         The topics of the bag.
+    namespace : str
+        Of the actuator: the topics are written under it, and are given without it.
     chunk_size : int
         256 KiB to 1 MiB.
     flush_interval : float or None
@@ -83,6 +86,7 @@ class RawBag:
         *,
         records: Mapping[str, Mapping[str, str]],
         topics: Sequence[Topic],
+        namespace: str = "",
         chunk_size: int = CHUNK_SIZE,
         flush_interval: float | None = None,
     ) -> None:
@@ -96,7 +100,7 @@ class RawBag:
         self._flush_interval = flush_interval
         self._waiting_since: float | None = None
         self._waiting_bytes = 0
-        self._topics = {topic.name: topic for topic in topics}
+        self._topics = {t.name: replace(t, name=name_on_graph(t.name, namespace)) for t in topics}
         self._counts = dict.fromkeys(self._topics, 0)
         self._first, self._last = (1 << 63) - 1, 0
         make_new_directory(self.path)
@@ -117,12 +121,12 @@ class RawBag:
         """Register all topics, so that the first chunk describes them all."""
         schemas: dict[str, int] = {}
         channels = {}
-        for topic in self._topics.values():
+        for name, topic in self._topics.items():
             if topic.type not in schemas:
                 schemas[topic.type] = self._mcap.register_schema(
                     topic.type, SCHEMA_ENCODING, definition(topic.type).encode()
                 )
-            channels[topic.name] = self._mcap.register_channel(
+            channels[name] = self._mcap.register_channel(
                 topic.name,
                 MESSAGE_ENCODING,
                 schemas[topic.type],
@@ -237,6 +241,7 @@ class RawBag:
         return self.path
 
     def _topic_counts(self) -> list[tuple[Topic, int]]:
+        """Return topics as they are called in the bag, with their numbers of messages."""
         return [(topic, self._counts[name]) for name, topic in self._topics.items()]
 
     def _failed(self, error: OSError) -> OutputError:
@@ -259,8 +264,8 @@ class BagWriter(RawBag):
     profile : Profile
         The test that is recorded.
     provenance : Provenance
-        Serial number, software version, start time and hash of the actuator; its status and
-        source are not used.
+        Serial number, software version, start time, namespace and hash of the actuator; its
+        status and source are not used.
     chunk_size, flush_interval, topics
         See `RawBag`.
 
@@ -281,7 +286,7 @@ class BagWriter(RawBag):
         self.provenance = provenance
         super().__init__(
             path, records={START: start_record(profile, provenance)}, topics=topics,
-            chunk_size=chunk_size, flush_interval=flush_interval,
+            namespace=provenance.namespace, chunk_size=chunk_size, flush_interval=flush_interval,
         )
         self.flush()
 
@@ -317,13 +322,14 @@ class BagWriter(RawBag):
         self.closed = True
         self.flush()
         begin = self.provenance.start_time if start_time is None else start_time
-        records = {END: end_record(status, begin, self._topic_counts())}
+        records = {END: end_record(status, begin, self.counts)}
         if recovery is not None:
             records = {RECOVERY: dict(recovery), **records}
         return self.finish(records, {
             "serial_number": self.provenance.serial_number,
             "software_version": self.provenance.software_version,
             **({"actuator": self.provenance.actuator} if self.provenance.actuator else {}),
+            **({"namespace": self.provenance.namespace} if self.provenance.namespace else {}),
             "test_profile": self.profile.name,
             "status": status,
             **({"recovered": "true"} if recovery is not None else {}),

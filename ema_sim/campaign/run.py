@@ -10,10 +10,8 @@ import hashlib
 import inspect
 import os
 import shutil
-import signal
-import threading
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
 
@@ -42,6 +40,7 @@ from ema_sim.campaign.store import (
     place_of_bag,
     unfinished,
 )
+from ema_sim.campaign.workers import check_jobs, done_by_workers
 from ema_sim.simulate import simulate
 
 MODULE = "ema_sim.campaign.run"
@@ -49,9 +48,6 @@ MODULE = "ema_sim.campaign.run"
 CHUNK = 25
 """Runs a task: some 0.2 s of work, against 1 ms to send it."""
 MAX_CHUNKS = 2000
-MAX_JOBS = 1024
-ANSWER_TIME = 15.0
-"""Longest wait for a scheduler and its workers (s)."""
 
 
 class Task(NamedTuple):
@@ -111,8 +107,7 @@ def run_campaign(
     bags = reduce is None and campaign.plan.keep == "bags"
     if bags and out is None:
         raise UsageError("keep bags: say where to: give a folder (out, --out)")
-    if jobs is not None and not 1 <= jobs <= MAX_JOBS:
-        raise UsageError(f"jobs {jobs}: give 1 to {MAX_JOBS} worker processes")
+    check_jobs(jobs)
     reduction = reduce if reduce is not None else _reduction_of(campaign.plan)
     size = max(CHUNK, -(-campaign.runs // MAX_CHUNKS))
     tasks = [
@@ -207,67 +202,9 @@ def _keep_bag(task: Task, index: int, record: object) -> None:
 
 def _make(tasks: list[Task], jobs: int | None, dask: str | None) -> Iterator[Done]:
     """Yield the finished tasks in any order."""
-    jobs = min(jobs or os.cpu_count() or 1, len(tasks))
-    if not tasks:
-        return
-    if dask is not None:
-        yield from _on_cluster(tasks, dask)
-    elif jobs == 1:
-        for task in tasks:
-            yield make_runs(task)
-    else:
+    if dask is None and min(jobs or os.cpu_count() or 1, len(tasks)) > 1:
         _warm()
-        yield from _parallel(tasks, n_jobs=jobs, backend="loky")
-
-
-def _parallel(tasks: Iterable[Task], **options: object) -> Iterator[Done]:
-    """Yield what workers make; joblib ends them at once where this is interrupted or left."""
-    from joblib import Parallel, delayed
-
-    parallel = Parallel(return_as="generator_unordered", batch_size=1, **options)
-    with _ignored_interrupts():
-        found: Iterator[Done] = parallel(delayed(make_runs)(task) for task in tasks)
-    return found
-
-
-@contextmanager
-def _ignored_interrupts() -> Iterator[None]:
-    """Let the workers that start here ignore Ctrl-C: this process hears it and ends them."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def _on_cluster(tasks: list[Task], address: str) -> Iterator[Done]:
-    try:
-        from distributed import Client
-        from joblib import parallel_config
-    except ModuleNotFoundError:
-        raise UsageError(
-            "dask is not installed: pip install 'ema_phm[dask]', or leave --dask out"
-        ) from None
-    try:
-        client = Client(address, timeout=ANSWER_TIME, set_as_default=True)
-    except (OSError, ValueError, TypeError) as error:
-        text = " ".join(str(error).split())[:120]
-        raise UsageError(
-            f"dask {address}: no scheduler answers ({text}): start one with 'dask scheduler'"
-        ) from None
-    with client:
-        try:
-            client.wait_for_workers(1, timeout=ANSWER_TIME)
-        except TimeoutError:
-            raise UsageError(
-                f"dask {address}: the scheduler has no worker: start one with "
-                f"'dask worker {address}'"
-            ) from None
-        with parallel_config(backend="dask"):
-            yield from _parallel(tasks)
+    yield from done_by_workers(make_runs, tasks, jobs=jobs, dask=dask)
 
 
 def _warm() -> None:

@@ -6,11 +6,7 @@ from typing import Annotated, NamedTuple
 
 from ema_sim.effects.base import Effect, Quantity
 from ema_sim.effects.compile import law
-
-REFERENCE = 20.0
-"""Temperature of the nominal parameters (degC)."""
-COPPER = 0.00393
-"""Temperature coefficient of the resistance (1/K)."""
+from ema_sim.machine import COPPER, MAGNET, REFERENCE
 
 
 class WindingTemperature(NamedTuple):
@@ -18,10 +14,10 @@ class WindingTemperature(NamedTuple):
 
     temperature: Annotated[
         float, Quantity("degC", -60.0, 200.0, "of winding and magnets; nominal at 20")
-    ] = 20.0
+    ] = REFERENCE
     magnet_coefficient: Annotated[
         float, Quantity("1/K", -5e-3, 0.0, "relative change of k")
-    ] = -1.1e-3
+    ] = MAGNET
 
 
 EFFECT = Effect(

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_record.actuator import Actuator
-from ema_record.channels import TIME
+from ema_record.channels import MOTOR_SPEED, SURFACE_POSITION, TIME
+from ema_record.errors import UsageError
 from ema_record.limits import MAX_DURATION
 from ema_record.profile import Profile, load_profile_dict
 from ema_record.wire.samples import encode_samples
@@ -29,7 +30,12 @@ from ema_record.wire.topics import (
 )
 from ema_record.wire.trajectory import UNNAMED, profile_from_points
 from ema_record.wire.types import NANOSECONDS
-from ema_sim.node.settings import SimulatorSettings
+from ema_sim.node.settings import (
+    SimulatorSettings,
+    load_model,
+    parameter_specs,
+    settings_from,
+)
 from ema_sim.plant.state import THETA_E
 
 INVERTER_OFF = 0.020
@@ -40,6 +46,10 @@ SETTLING = 6.0
 
 LEAST_SETTLING = 0.05
 """The same in s, at least: shaft and currents settle too."""
+FASTEST_RAMP = 1.05
+"""Of a ramp that is obeyed (of the slew speed); a step may ask for any speed."""
+OVERSPEED, OVERTRAVEL = 1.5, 1.05
+"""At which the surface is stopped (of the slew speed, of the way to the end stop)."""
 SLOWEST_LOOP = 1.0
 """Least gain of a position control that settles (1/s)."""
 
@@ -59,19 +69,35 @@ def profile_of_command(
     Raises
     ------
     UsageError
-        A time or a position out of bounds, or times that run back.
+        A time or a position out of bounds, times that run back, or a ramp that is too steep.
     """
     if len(points) > 1:
-        return profile_from_points(points)
+        profile = profile_from_points(points)
+        _check_ramps(profile, FASTEST_RAMP * actuator.slew_speed)
+        return profile
     (time, target), = points
-    gain = max(actuator.control.position_gain, SLOWEST_LOOP) / actuator.gear.ratio
-    settling = max(SETTLING / gain, LEAST_SETTLING)
     way = abs(target - position) / actuator.slew_speed
-    end = min(max(time, INVERTER_OFF + way + settling), MAX_DURATION)
+    end = min(max(time, INVERTER_OFF + way + settling_time(actuator)), MAX_DURATION)
     step = [(0.0, position), (INVERTER_OFF, position), (INVERTER_OFF, target), (end, target)]
     return load_profile_dict(
         {"name": UNNAMED, "points": step, "description": f"step read off {COMMAND}"}, COMMAND
     )
+
+
+def settling_time(actuator: Actuator) -> float:
+    """Return how long the position control takes to settle (s)."""
+    gain = max(actuator.control.position_gain, SLOWEST_LOOP) / actuator.gear.ratio
+    return max(SETTLING / gain, LEAST_SETTLING)
+
+
+def _check_ramps(profile: Profile, fastest: float) -> None:
+    """Raise UsageError where a ramp is steeper than `fastest` (rad/s)."""
+    for (t0, p0), (t1, p1) in zip(profile.points, profile.points[1:]):
+        if t1 > t0 and abs(p1 - p0) > fastest * (t1 - t0):
+            raise UsageError(
+                f"{COMMAND}: {abs(p1 - p0) / (t1 - t0):.3g} rad/s from {t0:g} s on, at most "
+                f"{fastest:.3g} rad/s: give the ramp more time, or command a step"
+            )
 
 
 UNPACED_BUDGET = 0.010
@@ -96,6 +122,13 @@ class Pacer:
         if self.factor == 0.0:
             return math.inf
         return (now - self.begin) * self.factor
+
+
+def compile_kernel() -> None:
+    """Compile all that a node needs, into the cache beside the sources, so that none waits."""
+    model = load_model("")
+    values = {spec.name: spec.default for spec in parameter_specs(model)}
+    ActuatorServer(settings_from(values, model))
 
 
 IDLE_PERIOD = 0.1
@@ -138,6 +171,8 @@ class ActuatorServer:
         self.samples_published = 0
         """Samples of the current or last run."""
         self.runs = 0
+        self.stopped = ""
+        """Why the current or last run was stopped; empty: it was not."""
         self._pacer = Pacer(0.0, settings.real_time_factor)
         self._views = settings.decimator()
         self._next_idle = 0.0
@@ -186,6 +221,31 @@ class ActuatorServer:
             self.samples_published = 0
         self.runs += 1
         self.command_stamp = stamp
+        self.stopped = ""
+
+    def stop(self, reason: str) -> None:
+        """Stop the surface where it is, hold it until it is at rest, and end the run."""
+        end_stop = self.settings.actuator.surface.end_stop
+        at = min(max(self.measured_position, -end_stop), end_stop)
+        hold = [(0.0, at), (settling_time(self.settings.actuator), at)]
+        self.session.command(load_profile_dict(
+            {"name": "stop", "points": hold, "description": "hold"}, "stop"
+        ))
+        self.stopped = reason
+
+    def _supervise(self, block: np.ndarray) -> None:
+        """Stop where the surface is faster, or further out, than the actuator may be."""
+        actuator = self.settings.actuator
+        speed = np.abs(block[:, MOTOR_SPEED]).max() / actuator.gear.ratio
+        out = np.abs(block[:, SURFACE_POSITION]).max()
+        if self.stopped or not self.active:
+            return
+        if speed > OVERSPEED * actuator.slew_speed:
+            self.stop(f"the surface moves at {speed:.3g} rad/s, its slew speed is "
+                      f"{actuator.slew_speed:.3g} rad/s")
+        elif out > OVERTRAVEL * actuator.surface.end_stop:
+            self.stop(f"the surface reads {out:.3g} rad, its end stops are at "
+                      f"{actuator.surface.end_stop:g} rad")
 
     def reconfigure(self, settings: SimulatorSettings) -> None:
         """Put another actuator in the place of this one, where the surface stands (idle only)."""
@@ -211,6 +271,7 @@ class ActuatorServer:
             block = self.session.advance(self.settings.block_size)
             if len(block):
                 self.samples_published += len(block)
+                self._supervise(block)
                 yield from self._block(block)
 
     def _block(self, block: np.ndarray) -> Iterator[Message]:
@@ -263,3 +324,7 @@ class ActuatorServer:
             "samples_published": str(self.samples_published),
             "runs": str(self.runs),
         }
+
+
+if __name__ == "__main__":
+    compile_kernel()

@@ -14,17 +14,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from ema_record.actuator import TRAPEZOID, Motor
 from ema_sim.effects.compile import law
+from ema_sim.machine import FIRST_EDGE, QUARTER, SECTOR, TURN
 
-TURN = 2.0 * math.pi
-THIRD = TURN / 3.0
-SECTOR = math.pi / 3.0
-QUARTER = 0.5 * math.pi
 ROOT_3_HALF = 0.5 * math.sqrt(3.0)
-FIRST_EDGE = math.pi / 6.0
 BEYOND_EDGE = 1e-9
 NO_SLOPE = 1e-150
 """Stands for no slope towards the band (A/s)."""
@@ -67,24 +60,6 @@ def of_phases(sine: float, cosine: float) -> tuple[float, float, float]:
     """Return sin(θ - φ_k) of phases a, b, c, given sin θ and cos θ."""
     half, far = -0.5 * sine, ROOT_3_HALF * cosine
     return sine, half - far, half + far
-
-
-def unit_trapezoid(theta: np.ndarray, flat_top: float) -> np.ndarray:
-    """Return `trapezoid` at any electrical angles, shape (n,) (rad)."""
-    beyond = np.mod(theta, TURN) - QUARTER
-    beyond = np.where(beyond > np.pi, beyond - TURN, beyond)
-    return np.clip((QUARTER - np.abs(beyond)) * (2.0 / (np.pi - flat_top)), -1.0, 1.0)
-
-
-def unit_back_emf(theta: np.ndarray, motor: Motor) -> np.ndarray:
-    """Return k(θ) / k of a phase at any electrical angles, shape (n,) (rad)."""
-    if motor.back_emf == TRAPEZOID:
-        return unit_trapezoid(theta, motor.flat_top)
-    found = np.sin(theta)
-    for order, part in ((3, motor.harmonic_3), (5, motor.harmonic_5), (7, motor.harmonic_7)):
-        if part != 0.0:
-            found = found + part * np.sin(order * theta)
-    return found
 
 
 @law

@@ -35,7 +35,8 @@ from ema_sim.effects import (
 )
 from ema_sim.effects.base import AllEffects
 from ema_sim.effects.compile import law
-from ema_sim.plant.electrical import THIRD, harmonics, trapezoid
+from ema_sim.machine import THIRD
+from ema_sim.plant.electrical import harmonics, trapezoid
 
 # --- winding -------------------------------------------------------------------------------
 

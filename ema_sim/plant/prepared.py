@@ -11,8 +11,9 @@ import math
 from ema_record.actuator import FOC, HARMONICS, INSTANT, Actuator
 from ema_sim.effects.base import AllEffects
 from ema_sim.effects.compile import law
+from ema_sim.machine import THIRD, TURN
 from ema_sim.plant import ports, sensor_ports
-from ema_sim.plant.electrical import THIRD, TURN, of_phases
+from ema_sim.plant.electrical import of_phases
 from ema_sim.plant.parts import Masses, Sensors, Winding
 
 PERIODS_A_STEP = 0.05

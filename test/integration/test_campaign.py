@@ -105,7 +105,7 @@ def test_a_cluster_gives_the_same_bytes(plan, tmp_path, cluster):
 
 
 def test_a_cluster_that_is_not_there(plan, monkeypatch):
-    monkeypatch.setattr("ema_sim.campaign.run.ANSWER_TIME", 0.5)
+    monkeypatch.setattr("ema_sim.campaign.workers.ANSWER_TIME", 0.5)
     with pytest.raises(UsageError, match="no scheduler answers"):
         run_campaign(plan(), dask="tcp://127.0.0.1:9")
 

@@ -187,7 +187,8 @@ def test_a_baseline_sharpens_and_is_checked(tmp_path, capsys):
                                      bags["new"])
     assert (status, verdict["fault_class"], again["verdict"]) == (1, "friction", "healthy")
     judged = Judge(baseline=bags["new"]).of_bag(bags["worn"])  # what the node does
-    assert (judged.verdict.to_dict(), judged.serial_number) == (verdict, "SN-7")
+    assert verdict | json.loads(json.dumps(judged.verdict.to_dict())) == verdict
+    assert judged.serial_number == verdict["serial_number"] == "SN-7"
     assert run(["check", bags["worn"], "--baseline", bags["short"]]) == 2
     assert "not healthy itself" in capsys.readouterr().err
     other = simulate(load_profile("extended"), seed=77_055, serial_number="SN-8")

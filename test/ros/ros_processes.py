@@ -11,11 +11,10 @@ import rclpy.serialization
 from diagnostic_msgs.msg import DiagnosticArray
 
 from ema_monitor.aircraft_node import answer_of
-from ema_monitor.messages import PolledGroup, make_polled_subscription
 from ema_record.wire.samples import decode_block
 from ema_record.wire.topics import COMMAND, DIAGNOSTICS, SAMPLES, VERDICT
 from ema_record.wire.trajectory import encode_command
-from ema_ros.messages import make_publisher, take_all
+from ema_ros.messages import PolledGroup, make_polled_subscription, make_publisher, take_all
 
 SIMULATOR = "ema_sim.simulator_node"
 MONITOR = "ema_monitor.monitor_node"

@@ -7,9 +7,11 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from diagnostic_msgs.srv import SelfTest
 from ros_processes import MONITOR, SIMULATOR
+from std_srvs.srv import Trigger
 
 from ema_monitor.messages import find_actuator
-from ema_monitor.sequence import ActuatorStatus, step_to
+from ema_monitor.moves import step_to
+from ema_monitor.sequence import ActuatorStatus
 from ema_record.bag.read import read_bag
 from ema_record.wire.topics import SELF_TEST_SERVICE
 
@@ -106,9 +108,8 @@ def test_refused_when_weight_on_wheels_is_stale(chain, watcher, tmp_path):
     assert records(tmp_path) == []
 
 
-def test_aborts_when_the_aircraft_takes_off_and_brings_the_surface_back(
-    chain, watcher, tmp_path
-):
+def test_aborts_when_the_aircraft_takes_off_and_stops_the_surface(chain, watcher, tmp_path):
+    """It stays where it stopped; the next test moves it to its start."""
     chain("extended")
 
     def take_off():
@@ -126,7 +127,12 @@ def test_aborts_when_the_aircraft_takes_off_and_brings_the_surface_back(
     assert record.provenance.status == "aborted"
     assert 10_000 < len(record) < 25_000
     watcher.wait(lambda: watcher.actuator["state"] == "idle", what="surface at rest")
-    assert float(watcher.actuator["surface_position"]) == pytest.approx(-0.4, abs=2e-3)
+    stopped = float(watcher.actuator["surface_position"])
+    last = watcher.blocks[-1][-1]
+    assert stopped == pytest.approx(last[9], abs=2e-3)
+    assert abs(last[1]) < 20.0, "the motor still turns with the last sample"
+    assert sum(map(len, watcher.blocks)) < 30_000, "the test went on"
+    assert watcher.actuator["message"].startswith("stopped: no weight on wheels")
 
     watcher.node.weight_on_wheels = True
     watcher.node.send_weight_on_wheels()
@@ -134,6 +140,38 @@ def test_aborts_when_the_aircraft_takes_off_and_brings_the_surface_back(
     answer = watcher.self_test()
     assert answer["passed"], "the monitor does not run another test after an abort"
     assert len(records(tmp_path)) == 2
+
+
+def test_abort_stops_the_surface_and_ends_the_test(chain, watcher, tmp_path):
+    chain("extended")
+    client = watcher.node.create_client(Trigger, "/ema_monitor/abort")
+    calls = []
+
+    def ask():
+        if not calls and sum(map(len, watcher.blocks)) > 4000:
+            calls.append(client.call_async(Trigger.Request()))
+
+    answer = watcher.self_test(during=ask)
+    assert answer["by_name"]["test"]["message"] == "aborted: the test was asked to end"
+    assert calls[0].result().success
+    assert read_bag(records(tmp_path)[0]).provenance.status == "aborted"
+    watcher.wait(lambda: watcher.actuator["state"] == "idle", what="surface at rest")
+    idle = client.call_async(Trigger.Request())
+    watcher.wait(idle.done, what="second abort")
+    assert (idle.result().success, idle.result().message) == (False, "no test runs")
+
+
+@pytest.mark.slow
+def test_a_killed_monitor_stops_the_surface(chain, watcher):
+    _, monitor = chain("extended")
+    watcher.node.call_self_test()
+    watcher.wait(lambda: sum(map(len, watcher.blocks)) > 4000, what="the test")
+    begin = time.monotonic()
+    monitor.kill()
+    watcher.wait(lambda: "no sign of life" in watcher.actuator["message"], 5.0, "the stop")
+    assert time.monotonic() - begin < 2.0
+    watcher.wait(lambda: watcher.actuator["state"] == "idle", what="surface at rest")
+    assert int(watcher.actuator["samples_published"]) < 62_600
 
 
 def test_a_foreign_command_aborts_the_test(chain, watcher, tmp_path):
@@ -302,17 +340,21 @@ def status_of(name, **changes):
 
 
 @pytest.mark.parametrize("name", [
-    "ema_sim: actuator", "rig_driver: actuator", "/left/ema: actuator",
+    "ema_sim: actuator", "rig_driver: actuator", "actuator", "/left/ema: actuator",
+    "left/actuator",
 ])
 def test_a_driver_of_any_name_is_an_actuator(name):
     """What stands beside it on /diagnostics, of the same name or with fewer keys, is not."""
-    others = [status_of("rig_driver: inverter"), status_of("actuator"),
+    namespace = "/left" if "left" in name else ""
+    others = [status_of("rig_driver: inverter"), status_of("/right/driver: actuator"),
+              status_of("/left/b/driver: actuator"), status_of("driver: actuators"),
               status_of("robot: actuator", command_stamp=""),
               status_of("arm: actuator", surface_position="middle"),
               status_of("leg: actuator", surface_position="nan")]
-    assert find_actuator(DiagnosticArray(status=others)) is None
-    assert find_actuator(DiagnosticArray(status=[*others, status_of(name)])) == (
+    assert find_actuator(DiagnosticArray(status=others), namespace) is None
+    assert find_actuator(DiagnosticArray(status=[status_of(name)]), "/other") is None
+    assert find_actuator(DiagnosticArray(status=[*others, status_of(name)]), namespace) == (
         ActuatorStatus(active=False, surface_position=-0.4, command_stamp=5, start_time=6,
                        samples_published=9000), "RIG-1")
     moving = DiagnosticArray(status=[status_of(name, state="homing")])
-    assert find_actuator(moving)[0].active
+    assert find_actuator(moving, namespace)[0].active

@@ -9,13 +9,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from ros_processes import PROGNOSTICS
 from std_msgs.msg import Float64, String
 
-from ema_monitor.messages import PolledGroup, make_polled_subscription
+from ema_phm.api import to_json
 from ema_prognostics.prognostics_node import LONGEST_PATH, NOT_A_BAG, REMEMBERED
-from ema_prognostics.verdict.judge import Judge
 from ema_record.bag.read import write_bag
 from ema_record.profile import load_profile
 from ema_record.wire.topics import BIT_RECORD, SEVERITY, VERDICT
-from ema_ros.messages import make_publisher, take_all
+from ema_ros.messages import PolledGroup, make_polled_subscription, make_publisher, take_all
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
 
@@ -78,8 +77,8 @@ def test_records_before_and_after_the_start_are_diagnosed_once(nodes, watcher, l
     listener.wait(2)
     announce.publish(String(data=str(bags[0])))
     listener.stay(1.0)
-    expected = [Judge().of_bag(bag).verdict.to_dict() for bag in bags]
-    assert [json.loads(v["json"]) for v in listener.verdicts] == json.loads(json.dumps(expected))
+    expected = json.loads(json.dumps([to_json(bag) for bag in bags]))  # as of `ema check --json`
+    assert [json.loads(v["json"]) for v in listener.verdicts] == expected
     assert listener.verdicts[1]["verdict"] == "fault"
     assert listener.verdicts[1]["fault_class"] == "turn_short"
     assert listener.verdicts[1]["phase"] == "b"

@@ -8,7 +8,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from ros_processes import MONITOR, PROGNOSTICS, SIMULATOR
 
-from ema_monitor.sequence import step_to
+from ema_monitor.moves import step_to
 from ema_record.profile import load_profile
 from ema_record.wire.topics import BIT_RECORD, SAMPLES, TOPICS
 from ema_ros.messages import qos_profile
@@ -71,6 +71,26 @@ def test_a_new_command_pre_empts_the_active_one(nodes, watcher):
     assert samples[-1, 0] < 3.0, "the first command went on to its end"
     assert np.all(np.diff(samples[:, 0]) > 0.0), "time does not run on across the pre-emption"
     assert float(watcher.actuator["surface_position"]) == pytest.approx(-0.3, abs=2e-3)
+
+
+def test_it_obeys_on_the_wheels_alone(nodes, watcher):
+    nodes.start(SIMULATOR)
+    watcher.node.weight_on_wheels = False
+    watcher.wait_for_simulator()
+    watcher.command(load_profile("step"))
+    watcher.wait(lambda: "refused: no weight on wheels" in watcher.actuator["message"],
+                 what="refusal")
+    assert watcher.blocks == []
+    watcher.node.weight_on_wheels = True
+    watcher.node.send_weight_on_wheels()
+    watcher.spin_for(0.3)  # two topics: the command may overtake it
+    stamp = watcher.command(load_profile("extended"))
+    watcher.wait(lambda: sum(map(len, watcher.blocks)) >= 2000, what="samples")
+    watcher.node.send = False
+    watcher.wait(lambda: "stopped: weight-on-wheels signal is 1." in watcher.actuator["message"],
+                 what="the stop of a silent aircraft")
+    watcher.wait(lambda: watcher.actuator["state"] == "idle", what="surface at rest")
+    assert watcher.actuator["command_stamp"] == stamp
 
 
 def test_a_command_out_of_bounds_is_refused_and_said(nodes, watcher):

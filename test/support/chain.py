@@ -18,12 +18,12 @@ import psutil
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
 
-from ema_cli.commands.bit import MONITOR, PROGNOSTICS, SIMULATOR, summarise
+from ema_cli.commands.bit import MONITOR, PROGNOSTICS, SIMULATOR
 from ema_monitor.aircraft_node import AircraftNode, aircraft, answer_of
-from ema_monitor.messages import PolledGroup, make_polled_subscription
+from ema_monitor.chain import summarise
 from ema_record.wire.topics import DIAGNOSTICS
 from ema_ros.domain import enter_domain, private_domain
-from ema_ros.messages import take_all
+from ema_ros.messages import PolledGroup, make_polled_subscription, take_all
 from ema_ros.supervisor import Supervisor
 
 NODES = (SIMULATOR, PROGNOSTICS, MONITOR)

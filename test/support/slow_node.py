@@ -6,8 +6,8 @@ import time
 
 import rclpy
 
-from ema_monitor.messages import PolledGroup, make_polled_subscription
 from ema_record.wire.topics import SAMPLES
+from ema_ros.messages import PolledGroup, make_polled_subscription
 from ema_ros.process import QUIET, prepare_environment
 
 

@@ -17,7 +17,7 @@ from numba import njit
 from ema_record.actuator import Actuator
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_record.record import Record
-from ema_sim.plant.electrical import unit_trapezoid
+from ema_sim.machine import unit_trapezoid
 
 TURN = 2.0 * np.pi
 TABLE = 3 * 2**15

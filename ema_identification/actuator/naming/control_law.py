@@ -22,7 +22,7 @@ from ema_record.channels import REFERENCE_CURRENTS
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.record import Record
 from ema_sim.effects import EFFECTS, Effects
-from ema_sim.plant.electrical import unit_trapezoid
+from ema_sim.machine import unit_trapezoid
 
 BLOCK = 10
 """Samples of a sum, over which what converters and instants of reading differ by cancels."""

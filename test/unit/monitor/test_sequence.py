@@ -144,15 +144,83 @@ def test_refused_when_no_idle_actuator_appears(change):
     assert bench.sequence.stage is Stage.IDLE
 
 
-def test_interlock_lost_closes_the_record_and_brings_the_surface_back():
+def silenced(bench):
+    """Let the samples stop; return the actions."""
+    bench.seen = replace(bench.seen, now=bench.seen.now + 5.1, samples_received=100)
+    return bench.sequence.step(bench.seen)
+
+
+def at_rest(bench, position):
+    """The actuator reports that it has stopped by itself."""
+    return bench.after(
+        0.1, actuator=replace(REST, surface_position=position),
+        actuator_heard=bench.seen.now + 0.1,
+    )
+
+
+@pytest.mark.parametrize(("cause", "reason"), [
+    ({"interlock": "took off"}, "took off"), ({"abort": True}, "the test was asked to end"),
+])
+def test_an_open_interlock_and_an_abort_stop_the_surface_where_it_is(cause, reason):
     bench = Bench()
     bench.to_testing()
-    closed, back = bench.after(0.2, interlock="took off", samples_received=100)
+    closed, stop = bench.after(0.2, samples_received=100, last_position=-0.13, **cause)
+    assert closed.status == "aborted"
+    assert stop.profile.points == ((1e-3, -0.13),)
+    assert bench.sequence.stage is Stage.STOPPING
+    assert bench.after(0.1) == [], "it must wait until the surface is at rest"
+    assert at_rest(bench, -0.13) == [Finish(f"aborted: {reason}")]
+
+
+def test_the_next_test_after_a_stop_begins_with_a_ramp_from_there():
+    bench = Bench()
+    bench.to_testing()
+    bench.after(0.2, interlock="took off", last_position=-0.13)
+    at_rest(bench, -0.13)
+    bench.seen = replace(bench.seen, interlock="")
+    (move,) = bench.start()
+    assert [p for _, p in move.profile.points] == [-0.13, -0.13, STEP.start, STEP.start]
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-4])
+def test_every_move_is_a_ramp_at_half_the_slew_speed_at_most_a_minute_long(scale):
+    actuator = changed(control={"speed_limit": scale * ACTUATOR.control.speed_limit})
+    (move,) = Bench(actuator=actuator).start()
+    (_, a), (t0, b), (t1, c), (end, d) = move.profile.points
+    assert (a, b, c, d) == (0.1, 0.1, STEP.start, STEP.start)
+    speed = abs(c - b) / (t1 - t0)
+    if scale == 1.0:
+        assert speed == pytest.approx(0.5 * actuator.slew_speed)
+    assert end <= 60.0
+
+
+def test_a_stop_is_waited_for_two_seconds():
+    bench = Bench()
+    bench.to_testing()
+    bench.after(0.2, interlock="took off")
+    (finish,) = bench.after(2.1)
+    assert finish.reason == "aborted: took off; the surface is not confirmed to be at rest"
+
+
+def test_an_abort_with_the_interlock_closed_brings_the_surface_back():
+    bench = Bench()
+    bench.to_testing()
+    closed, back = silenced(bench)
     assert closed.status == "aborted"
     assert back.profile.points[-1][1] == REST.surface_position
     assert bench.after(0.1) == [], "it must wait for the surface"
     (finish,) = bench.executed(back, REST.surface_position, 9000)
-    assert finish == Finish("aborted: took off")
+    assert finish.reason.startswith("aborted: no samples")
+
+
+def test_the_way_back_ends_where_the_interlock_opens():
+    bench = Bench()
+    bench.to_testing()
+    silenced(bench)
+    (stop,) = bench.after(0.1, interlock="took off", last_position=0.05)
+    assert stop.profile.points == ((1e-3, 0.05),)
+    (finish,) = at_rest(bench, 0.05)
+    assert finish.reason.startswith("aborted: no samples")
 
 
 def test_interlock_lost_while_moving_has_no_record_to_close():
@@ -164,8 +232,8 @@ def test_interlock_lost_while_moving_has_no_record_to_close():
 def test_a_surface_that_does_not_come_back_is_said():
     bench = Bench()
     bench.to_testing()
-    bench.after(0.2, interlock="took off")
-    (finish,) = bench.after(5.8)
+    silenced(bench)
+    (finish,) = bench.after(6.6)
     assert "not confirmed to be back" in finish.reason
 
 
@@ -242,13 +310,13 @@ def test_near_the_start_is_a_share_of_the_travel(scale):
 
 
 def test_a_slow_actuator_has_time_to_come_back():
-    """At a hundredth of the slew speed the way from stop to stop takes 76 s."""
+    """At a hundredth of the slew speed the way from stop to stop takes 152 s."""
     slow = changed(control={"speed_limit": 0.01 * ACTUATOR.control.speed_limit})
     for actuator, patient in ((ACTUATOR, False), (slow, True)):
         bench = Bench(actuator=actuator)
         bench.to_testing()
-        bench.after(0.1, interlock="off the wheels")
-        actions = bench.after(10.0, interlock="")
+        silenced(bench)
+        actions = bench.after(10.0)
         assert (actions == []) == patient
 
 
@@ -257,5 +325,5 @@ def test_a_surface_that_reads_beyond_its_end_stop_is_sent_back_to_the_stop():
     bench = Bench(replace(START, actuator=replace(REST, surface_position=END_STOP + 1e-3)))
     (move,) = bench.start()
     bench.executed(move, STEP.start, 3000)
-    *_, back = bench.after(0.2, interlock="took off")
-    assert back.profile.points == ((1e-3, END_STOP),)
+    *_, back = silenced(bench)
+    assert back.profile.points[-1][1] == END_STOP

@@ -9,7 +9,8 @@ import time
 import psutil
 import pytest
 
-from ema_cli.commands.bit import effect_parameters, exit_status, summarise
+from ema_cli.commands.bit import effect_parameters, exit_status
+from ema_monitor.chain import summarise
 from ema_record.errors import UsageError
 from ema_ros import domain
 from ema_ros.domain import private_domain

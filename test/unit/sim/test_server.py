@@ -219,3 +219,60 @@ def test_a_command_beyond_the_end_stops_changes_nothing():
         server.runs, server.start_time, server.command_stamp, server.samples_published)
     server.command([(0.0, 0.25)], 8)
     assert server.active
+
+
+def advance(server, clock, seconds):
+    """Turn the clock for a while; return messages with their times."""
+    end, found = clock.now + seconds, []
+    while clock.now < end:
+        clock.now += 0.005
+        found += [(clock.now, message) for message in server.poll()]
+    return found
+
+
+@pytest.mark.parametrize("at", [0.03, 0.1, 0.2])
+def test_a_stop_holds_the_surface_where_it_is_and_ends_the_run(at):
+    server, clock = make(seed=4)
+    server.command(STEP.points, 77)
+    advance(server, clock, at)
+    before = server.measured_position
+    server.stop("no weight on wheels")
+    samples = samples_of(run(server, clock))
+    assert server.stopped == "no weight on wheels"
+    overshoot = np.abs(samples[:, 9] - before).max()
+    assert overshoot < 0.05, f"{overshoot:.3f} rad at up to 1.58 rad/s"
+    assert server.measured_position == pytest.approx(before, abs=5e-3)
+    assert np.abs(samples[-100:, 1]).mean() < 0.05 * 790.0, "it is not at rest"
+    server.command(STEP.points, 78)
+    assert server.stopped == ""
+
+
+@pytest.mark.parametrize("share", [1.0, 1.2])
+def test_a_ramp_is_as_fast_as_the_actuator_at_most(share):
+    actuator = load_actuator()
+    seconds = 0.4 / (share * actuator.slew_speed)
+    points = [(0.0, -0.4), (0.02, -0.4), (0.02 + seconds, 0.0)]
+    if share <= 1.0:
+        assert profile_of_command(points, -0.4, actuator).points[-1][1] == 0.0
+    else:
+        with pytest.raises(UsageError, match=r"1\.9 rad/s from 0\.02 s on, at most 1\.66 rad/s"):
+            profile_of_command(points, -0.4, actuator)
+
+
+@pytest.mark.parametrize(("column", "value", "word"), [
+    (1, 1.6 * 790.6, "slew speed"), (9, 0.64, "end stops"),
+])
+def test_a_surface_too_fast_or_too_far_out_is_stopped(monkeypatch, column, value, word):
+    server, clock = make(seed=4)
+    server.command(STEP.points, 77)
+    advance(server, clock, 0.05)
+    honest = server.session.advance
+
+    def wrong(n):
+        block = honest(n)
+        block[-1, column] = value
+        return block
+
+    monkeypatch.setattr(server.session, "advance", wrong)
+    advance(server, clock, 0.03)
+    assert word in server.stopped

@@ -7,7 +7,8 @@ from ema_prognostics.features.balance import torque_balance
 from ema_prognostics.features.profile_kind import profile_kind
 from ema_prognostics.features.signals import current_sensors, prepare
 from ema_record.profile import load_profile, load_profile_dict, step_profile
-from ema_sim.plant.electrical import trapezoid, unit_trapezoid
+from ema_sim.machine import unit_trapezoid
+from ema_sim.plant.electrical import trapezoid
 from support.simulations import TURN, slewing_record
 
 

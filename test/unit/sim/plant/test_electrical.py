@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from ema_sim.effects import parse_effects
+from ema_sim.machine import SECTOR_SIGNS
 from ema_sim.plant import state as st
 from ema_sim.plant.electrical import reference_signs, sector_ahead, sector_of, trapezoid
 from support.actuators import changed
@@ -27,6 +28,7 @@ def test_table_1(begin, end, signs):
     for degrees in np.linspace(begin + 0.01, end - 0.01, 7):
         theta = math.radians(degrees)
         assert reference_signs.py_func(sector_of.py_func(theta)) == signs
+        assert tuple(SECTOR_SIGNS[sector_of.py_func(theta)]) == signs
         for direction in (1.0, -1.0):
             sector, gap = sector_ahead.py_func(theta, direction)
             assert reference_signs.py_func(sector) == signs

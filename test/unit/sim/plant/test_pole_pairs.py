@@ -12,7 +12,7 @@ from ema_prognostics.features.signals import prepare
 from ema_record.actuator import load_actuator
 from ema_record.profile import load_profile
 from ema_sim.campaign.reductions import summary
-from ema_sim.plant.electrical import unit_trapezoid
+from ema_sim.machine import unit_trapezoid
 from ema_sim.simulate import simulate, simulate_traced
 from support.actuators import OTHER, changed
 from support.plant import lines, run, state_of

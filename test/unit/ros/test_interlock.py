@@ -1,6 +1,6 @@
 """The interlock: present, fresh and true."""
 
-from ema_monitor.interlock import Interlock
+from ema_ros.interlock import Deadman, Interlock
 
 
 def test_refuses_without_any_message():
@@ -66,3 +66,20 @@ def test_a_source_whose_clock_is_behind_is_refused_with_a_hint():
     interlock = Interlock(1.0)
     interlock.update(True, 10.0, transit=5.0)
     assert "do the clocks agree?" in interlock.reason(10.0)
+
+
+def test_an_actuator_asks_for_no_time_to_hold_but_ends_for_a_moment():
+    interlock = Interlock(1.0, hold=0.0)
+    interlock.update(False, 10.0)
+    interlock.update(True, 10.01)
+    assert interlock.reason(10.02) == ""
+    assert "went off for a moment" in interlock.reason(10.02, since=9.0)
+
+
+def test_silence_of_who_commands_ends_the_command_that_he_watched():
+    deadman = Deadman(0.5)
+    assert deadman.reason(7, 100.0) == "", "who never gives a sign is not asked for it"
+    deadman.update(7, 100.0)
+    assert deadman.reason(7, 100.5) == ""
+    assert deadman.reason(7, 100.6) == "no sign of life from who commands for 0.60 s"
+    assert deadman.reason(8, 100.6) == "", "a sign for one command is none for the next"

@@ -14,11 +14,12 @@ class Interlock:
     Parameters
     ----------
     timeout : age at which the last message is stale (s).
+    hold : time for which it must be steady after it was off (s).
     """
 
-    def __init__(self, timeout: float = DEFAULT_TIMEOUT) -> None:
+    def __init__(self, timeout: float = DEFAULT_TIMEOUT, hold: float = HOLD) -> None:
         """Begin without any message: refused."""
-        self.timeout = timeout
+        self.timeout, self.hold = timeout, hold
         self._value = False
         self._received: float | None = None
         self._transit = 0.0
@@ -69,6 +70,33 @@ class Interlock:
         steady = now - self._opened
         if since is not None and self._opened >= since:
             return f"weight on wheels went off for a moment, {steady:.2f} s ago"
-        if steady < HOLD:
-            return f"weight on wheels is back for {steady:.2f} s only, at least {HOLD:g} s"
+        if steady < self.hold:
+            return f"weight on wheels is back for {steady:.2f} s only, at least {self.hold:g} s"
         return ""
+
+
+class Deadman:
+    """The sign of life of who commands: it repeats the stamp of the command that it watches.
+
+    Who never sends one is not asked for it.
+
+    Parameters
+    ----------
+    timeout : silence after which a command that was watched is given up (s).
+    """
+
+    def __init__(self, timeout: float) -> None:
+        """Begin without a sign."""
+        self.timeout = timeout
+        self._stamp, self._heard = 0, 0.0
+
+    def update(self, stamp: int, now: float) -> None:
+        """Take a sign for the command with this stamp (ns) at clock `now` (s)."""
+        self._stamp, self._heard = stamp, now
+
+    def reason(self, stamp: int, now: float) -> str:
+        """Return why the command with this stamp must not go on; empty: it may."""
+        silent = now - self._heard
+        if self._stamp != stamp or silent <= self.timeout:
+            return ""
+        return f"no sign of life from who commands for {silent:.2f} s"

@@ -1,0 +1,131 @@
+"""The files of `ema fleet`: page, Parquet, metrics; each replaced as a whole, if it is ours."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.resources import files
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ema_cli.console import check_new_file
+from ema_cli.views.fleet_table import summary
+from ema_prognostics.fleet.metrics import open_metrics
+from ema_prognostics.fleet.tables import OURS, is_own_parquet, write_parquet
+from ema_prognostics.trend.unit_trend import UnitTrend
+from ema_record.errors import UsageError, library
+from ema_record.files import cannot_write, exists
+from ema_record.record import iso_time
+from ema_record.version import VERSION
+
+if TYPE_CHECKING:
+    from ema_prognostics.fleet.fleet import Fleet, FleetUnit
+
+MARK = 600
+"""Bytes of a text file within which it must name this command to be replaced."""
+LINE = (200.0, 28.0)
+"""Width and height of a sparkline (px)."""
+STRIP = 8.0
+"""Height of the verdicts below it (px)."""
+MOST_POINTS = 40
+"""Flights in a sparkline, the last ones."""
+
+
+def check_files(html: Path | None, parquet: Path | None, metrics: Path | None) -> None:
+    """Raise OutputError unless these files can be made or are ours; before the work begins."""
+    if parquet is not None:
+        library("pyarrow", "--parquet", "use --format csv")
+    for path, own in ((html, _is_own_text), (parquet, is_own_parquet), (metrics, _is_own_text)):
+        if path is not None and not own(path):
+            check_new_file(path)
+    given = [path.resolve() for path in (html, parquet, metrics) if path is not None]
+    if len(set(given)) < len(given):
+        raise UsageError("two results in one file: give each a name of its own")
+
+
+def write_files(
+    fleet: Fleet, *, html: Path | None, parquet: Path | None, metrics: Path | None
+) -> None:
+    """Write what is asked for."""
+    if html is not None:
+        text = page(fleet, html)
+        with _replaced(html, _is_own_text) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    if parquet is not None:
+        with _replaced(parquet, is_own_parquet) as temporary:
+            write_parquet(fleet.objects, temporary)
+    if metrics is not None:
+        with _replaced(metrics, _is_own_text) as temporary:
+            temporary.write_text(open_metrics(fleet), encoding="utf-8")
+
+
+def _is_own_text(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return OURS.encode() in file.read(MARK)
+    except OSError:
+        return False
+
+
+@contextmanager
+def _replaced(path: Path, is_own: Callable[[Path], bool]) -> Iterator[Path]:
+    """Give a file beside `path` to write to; on success it takes the place of one of ours."""
+    if os.path.lexists(path) and not is_own(path):
+        raise exists(path)
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
+    try:
+        temporary.touch(exist_ok=False)
+        yield temporary
+        temporary.replace(path)
+    except OSError as error:
+        raise cannot_write(path, error) from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def page(fleet: Fleet, place: Path) -> str:
+    """Return the page, which needs no other file; links are relative to `place`."""
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+                              lstrip_blocks=True)
+    template = files("ema_cli.views").joinpath("templates/fleet.html").read_text(encoding="utf-8")
+    return environment.from_string(template).render(
+        generator=f"{OURS} {VERSION}", summary=summary(fleet),
+        units=[_tile(unit, place) for unit in fleet.units],
+        trace=fleet.objects[0], most=MOST_POINTS)
+
+
+def _tile(unit: FleetUnit, place: Path) -> dict[str, Any]:
+    last = unit.last
+    bag = Path(last.verdict.bag)
+    report = bag.with_name(f"{bag.name}.html")
+    link = os.path.relpath(report, place.parent) if report.is_file() else None
+    return {
+        "name": unit.serial_number or "unit not known", "state": unit.state,
+        "css": unit.state.replace(" ", "-"), "finding": unit.finding(), "ahead": unit.ahead(),
+        "tests": len(unit.objects), "time": (iso_time(last.start_time) or "")[:16],
+        "profile": last.profile, "line": sparkline(unit.trend), "report": link, "bag": str(bag),
+    }
+
+
+def sparkline(trend: UnitTrend) -> dict[str, Any]:
+    """Return what a tile draws (px): severity of the last fault, verdict of each flight."""
+    width, height = LINE
+    flights = trend.flights[-MOST_POINTS:]
+    step = width / max(len(flights), 10)
+    cells = [{"x": round(step * k, 1), "outcome": f.verdict.outcome,
+              "text": f"flight {f.number}: {f.verdict.outcome}"} for k, f in enumerate(flights)]
+    points: list[tuple[float, float]] = []
+    if trend.faults:
+        severity = max(trend.faults, key=lambda f: f.episodes[-1].last).history.severity
+        values = [float(v) for v in severity[-MOST_POINTS:]]
+        top = max((v for v in values if isfinite(v)), default=0.0) or 1.0
+        points = [(round(step * (k + 0.45), 1), round(height - 4.0 - (height - 8.0) * v / top, 1))
+                  for k, v in enumerate(values) if isfinite(v)]
+    return {"points": " ".join(f"{x},{y}" for x, y in points), "last": points[-1:],
+            "width": width, "height": height if points else 0.0, "strip": STRIP,
+            "cell": round(0.9 * step, 1), "cells": cells}

@@ -1,0 +1,61 @@
+"""Verdicts for machines: JSON objects or CSV rows on standard output."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from ema_cli.console import neutral, print_json
+from ema_record.errors import unknown_name
+
+if TYPE_CHECKING:
+    from ema_prognostics.trend.flights import Flight
+    from ema_prognostics.verdict.judge import Judge, Judged
+
+FORMATS = ("text", "json", "csv")
+
+
+def check_format(chosen: str, *, json: bool) -> str:
+    """Return the format; `json`: whether ``--json`` was given, which is short for it."""
+    if chosen not in FORMATS:
+        raise unknown_name("format", chosen, FORMATS, f"give one of {', '.join(FORMATS)}")
+    return "json" if json else chosen
+
+
+class Machine:
+    """Prints verdicts as a program reads them.
+
+    Parameters
+    ----------
+    kind : ``json`` or ``csv``.
+    judge : who judges.
+    """
+
+    def __init__(self, kind: str, judge: Judge) -> None:
+        """Look up what judges, once."""
+        from ema_prognostics.verdict.contract import trace_of
+
+        self.kind, self._header = kind, True
+        self._trace = trace_of(judge.model_sha256)
+
+    def object_of(self, said: Flight | Judged) -> dict[str, Any]:
+        """Return the JSON object of the verdict on a bag."""
+        from ema_prognostics.verdict.contract import verdict_object
+
+        return verdict_object(said.verdict, self._trace, serial_number=said.serial_number,
+                              start_time=said.start_time, profile=said.profile)
+
+    def verdict(self, said: Flight | Judged) -> None:
+        """Print the verdict on a bag."""
+        self.print(self.object_of(said))
+
+    def print(self, found: Mapping[str, Any]) -> None:
+        """Print an object."""
+        if self.kind == "json":
+            print_json(found)
+            return
+        from ema_prognostics.fleet.tables import csv_text
+
+        for line in csv_text(found, header=self._header).splitlines():
+            print(neutral(line))
+        self._header = False

@@ -1,0 +1,151 @@
+"""`judged_fleet`: every bag judged once, by all cores or a cluster; the rest is remembered."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ema_prognostics.fleet.verdict_store import VerdictStore
+from ema_prognostics.verdict.contract import kit_sha256, trace_of, verdict_object
+from ema_prognostics.verdict.judge import Judge
+from ema_record.array_cache import key_of
+from ema_record.errors import UsageError
+from ema_record.kit import kit_folder, using_kit
+from ema_sim.campaign.workers import done_by_workers
+
+MODULE = "ema_prognostics.fleet.judging"
+"""This module: its sources and those of all that it imports decide a verdict."""
+LEAST_CHUNK, CHUNK = 4, 16
+"""Bags a task: a second of work, against some milliseconds to send it; few where few wait."""
+Objects = list[dict[str, Any]]
+
+
+class JudgeSettings(NamedTuple):
+    """What a worker needs to judge as this process does."""
+
+    kit: str
+    model: str | None = None
+    profile: str | None = None
+
+    @classmethod
+    def of(cls, model: str | Path | None, profile: str | Path | None) -> JudgeSettings:
+        """Return the settings of the present kit, with paths that hold in another process."""
+        def place(given: str | Path | None) -> str | None:
+            path = None if given is None else Path(given)
+            return str(path.resolve()) if path is not None and path.is_file() else (
+                None if given is None else str(given))
+
+        return cls(str(kit_folder().resolve()), place(model), place(profile))
+
+    def key(self) -> str:
+        """Return the hash of all that a verdict depends on beside the bag.
+
+        Kit, networks, commanded test, sources and numerical packages.
+        """
+        parts = [kit_sha256()]
+        for given in (self.model, self.profile):
+            path = Path(given or "")
+            parts.append(hashlib.sha256(path.read_bytes()).hexdigest() if given and path.is_file()
+                         else given or "")
+        return key_of(*parts, module=MODULE)
+
+
+class BagsTask(NamedTuple):
+    """Some bags, and how to judge them; goes to a worker."""
+
+    settings: JudgeSettings
+    software: str
+    """Key of the sources, which a worker's must equal."""
+    bags: tuple[str, ...]
+
+
+class BagsDone(NamedTuple):
+    """What comes back: the contents of the bags, and the object of each."""
+
+    software: str
+    objects: Objects
+
+
+@lru_cache(maxsize=2)
+def _judge(settings: JudgeSettings, _software: str) -> Judge:
+    return Judge(settings.model, profile=settings.profile)
+
+
+def judge_bags(task: BagsTask) -> BagsDone:
+    """Judge the bags of a task (in a worker)."""
+    with using_kit(task.settings.kit):
+        judge = _judge(task.settings, task.software)
+        trace = trace_of(judge.model_sha256)
+        return BagsDone(task.settings.key(), [_object(judge, trace, bag) for bag in task.bags])
+
+
+def _object(judge: Judge, trace: dict[str, Any], bag: str) -> dict[str, Any]:
+    judged = judge.of_bag(bag)
+    return verdict_object(judged.verdict, trace, serial_number=judged.serial_number,
+                          start_time=judged.start_time, profile=judged.profile) | {
+        "start_time": judged.start_time}
+
+
+def judged_fleet(
+    bags: Sequence[Path], settings: JudgeSettings, *, jobs: int | None = None,
+    dask: str | None = None, folder: Path | None = None,
+    progress: Callable[[int], object] = lambda _done: None,
+) -> Objects:
+    """Return the object of every bag, in their order; see `contract.verdict_object`.
+
+    Parameters
+    ----------
+    bags : any; what cannot be read is incomplete or invalid.
+    settings : how to judge.
+    jobs, dask : see `workers.done_by_workers`.
+    folder : of the verdicts that are known, default the user's cache.
+    progress : called with the number of bags that are done.
+
+    Raises
+    ------
+    UsageError
+        A worker has other sources.
+    """
+    software = settings.key()
+    with VerdictStore(software, folder) as store:
+        contents = [store.sha256(bag) for bag in bags]
+        first: dict[str, Path] = {}  # copies are judged once
+        for bag, content in zip(bags, contents, strict=True):
+            if content is None or store.get(content) is None:
+                first.setdefault(content or f"path {bag}", bag)
+        waiting = [str(path) for path in first.values()]
+        judged: dict[str, dict[str, Any]] = {}
+        done = len(bags) - len(waiting)
+        progress(done)
+        share = -(-len(waiting) // (2 * (jobs or os.cpu_count() or 1)))
+        size = min(max(LEAST_CHUNK, share), CHUNK)
+        tasks = [BagsTask(settings, software, tuple(waiting[k:k + size]))
+                 for k in range(0, len(waiting), size)]
+        for result in done_by_workers(judge_bags, tasks, jobs=jobs, dask=dask):
+            if result.software != software:
+                raise UsageError(
+                    f"a worker{f' of dask {dask}' if dask else ''} has other sources of this "
+                    "software, or another kit: install the same everywhere"
+                )
+            store.put((found["record_sha256"], found) for found in result.objects
+                      if found["record_sha256"] is not None)
+            judged |= {found["bag"]: found for found in result.objects}
+            done += len(result.objects)
+            progress(done)
+        return [_of_path(judged.get(str(bag)) or store.get(content), bag)
+                for bag, content in zip(bags, contents, strict=True)]
+
+
+def _of_path(found: dict[str, Any] | None, bag: Path) -> dict[str, Any]:
+    """Return an object under the path that its bag has here."""
+    if found is None:
+        raise UsageError(f"{bag}: was written while it was judged: repeat the command when it is "
+                         "complete")
+    before, path = found["bag"], str(bag)
+    if before == path:
+        return found
+    return found | {"bag": path, "reasons": [r.replace(before, path) for r in found["reasons"]]}

@@ -1,0 +1,114 @@
+"""Verdicts that were given: kept by the content of the bag and by all that judged it.
+
+One SQLite file. A bag's content is known by its SHA-256, which is taken again only where the
+names, sizes or times of its files have changed (as git does it). What cannot be written is not
+kept, and a damaged file counts as empty: the store saves time and decides nothing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sqlite3
+import time
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from ema_record.array_cache import cache_directory
+from ema_record.bag.content_hash import content_hash, files_state
+
+FILE = "verdicts.sqlite"
+FORM = 1
+"""Of the tables; others are left alone, under another name."""
+TICK = 2_000_000_000
+"""Coarsest clock of a file system (ns): what was written within it may be written again unseen."""
+WAIT = 10.0
+"""For another process that writes (s)."""
+_TABLES = """
+CREATE TABLE IF NOT EXISTS bags (path TEXT PRIMARY KEY, state TEXT, sha256 TEXT) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS verdicts (
+    judge TEXT, sha256 TEXT, object TEXT, PRIMARY KEY (judge, sha256)) WITHOUT ROWID;
+"""
+
+
+class VerdictStore:
+    """Verdicts of one judge.
+
+    Parameters
+    ----------
+    judge : hash of all that a verdict depends on beside the bag.
+    folder : where the store is, default the user's cache; None keeps nothing between runs.
+    """
+
+    def __init__(self, judge: str, folder: Path | None = None) -> None:
+        """Open the store, or begin one."""
+        folder = cache_directory() if folder is None else folder
+        self.judge = judge
+        self._base = self._open(folder / f"v{FORM}_{FILE}")
+        self._states = dict(self._rows("SELECT path, state || char(10) || sha256 FROM bags"))
+        self._verdicts: dict[str, str] = dict(self._rows(
+            "SELECT sha256, object FROM verdicts WHERE judge = ?", judge))
+
+    def __enter__(self) -> VerdictStore:
+        """Use it in a ``with`` block."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close it."""
+        self._base.close()
+
+    @staticmethod
+    def _open(path: Path) -> sqlite3.Connection:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            base = sqlite3.connect(path, timeout=WAIT)
+            base.executescript(_TABLES)
+        except (OSError, sqlite3.Error):
+            base = sqlite3.connect(":memory:")
+            base.executescript(_TABLES)
+        return base
+
+    def _rows(self, query: str, *values: str) -> list[tuple[str, str]]:
+        try:
+            return self._base.execute(query, values).fetchall()
+        except sqlite3.Error:
+            return []
+
+    def sha256(self, bag: Path) -> str | None:
+        """Return the content hash of a bag, None where it cannot be read."""
+        place = str(bag.absolute())
+        try:
+            state, latest = files_state(bag)
+            known = self._states.get(place, "").rpartition("\n")
+            if known[0] == state:
+                return known[2]
+            found = content_hash(bag)
+        except OSError:
+            return None
+        if time.time_ns() - latest > TICK:
+            self._states[place] = f"{state}\n{found}"
+            self._write("INSERT OR REPLACE INTO bags VALUES (?, ?, ?)", [(place, state, found)])
+        return found
+
+    def get(self, sha256: str | None) -> dict[str, Any] | None:
+        """Return what was said of a bag of this content, None where nothing was."""
+        text = self._verdicts.get(sha256 or "")
+        found = None if text is None else json.loads(text)
+        return found if isinstance(found, dict) else None
+
+    def put(self, said: Iterable[tuple[str, dict[str, Any]]]) -> None:
+        """Keep what was said of bags of these contents."""
+        rows = [(self.judge, sha256, json.dumps(found, sort_keys=True)) for sha256, found in said]
+        self._verdicts.update({sha256: text for _, sha256, text in rows})
+        self._write("INSERT OR REPLACE INTO verdicts VALUES (?, ?, ?)", rows)
+        with contextlib.suppress(sqlite3.Error):
+            self._base.commit()
+
+    def _write(self, query: str, rows: Sequence[tuple[str, ...]]) -> None:
+        with contextlib.suppress(sqlite3.Error):
+            self._base.executemany(query, rows)

@@ -1,0 +1,73 @@
+"""The JSON object of a verdict, a contract for machines: `SCHEMA` is its version.
+
+What `Verdict.to_dict` says, of which unit, test and record, and what judged it: software,
+networks, kit. Keys may be added under the same version; none goes or changes its meaning. The
+JSON Schema is `verdict.schema.json` beside this file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from importlib.resources import files
+from typing import Any
+
+from ema_prognostics.verdict.verdict import Verdict
+from ema_record.bag.content_hash import content_hash
+from ema_record.kit import ACTUATOR, CASCADE, PROFILES, is_default_kit, kit_folder
+from ema_record.record import Provenance, iso_time
+from ema_record.version import VERSION
+
+SCHEMA = "ema_phm.verdict/1"
+SCHEMA_FILE = "verdict.schema.json"
+
+
+def kit_sha256() -> str:
+    """Return the SHA-256 of what a verdict depends on in the present kit, file by file."""
+    folder = kit_folder()
+    digest = hashlib.sha256()
+    for path in (folder / ACTUATOR, folder / CASCADE, *sorted((folder / PROFILES).glob("*.yaml"))):
+        if path.is_file():
+            digest.update(f"{path.name}\0".encode() + path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def trace_of(model_sha256: str) -> dict[str, Any]:
+    """Return what judges: software, networks, kit."""
+    return {
+        "software_version": VERSION, "model_sha256": model_sha256,
+        "kit": {"name": "default" if is_default_kit() else kit_folder().name,
+                "sha256": kit_sha256()},
+    }
+
+
+def verdict_object(
+    verdict: Verdict, trace: dict[str, Any], *, serial_number: str = "", start_time: int = 0,
+    profile: str = "", record_sha256: str | None = None,
+) -> dict[str, Any]:
+    """Return the object.
+
+    Parameters
+    ----------
+    verdict : with the path of its bag.
+    trace : of `trace_of`.
+    serial_number, start_time, profile : of the record, empty or 0 where not known.
+    record_sha256 : of the bag, None: computed here.
+    """
+    known = serial_number not in ("", Provenance().serial_number)
+    return {
+        "schema": SCHEMA, **verdict.to_dict(), "serial_number": serial_number if known else None,
+        "time": iso_time(start_time), "profile": profile or None,
+        "record_sha256": record_sha256 or _hash_of(verdict.bag), **trace,
+    }
+
+
+def _hash_of(bag: str) -> str | None:
+    try:
+        return content_hash(bag)
+    except OSError:
+        return None
+
+
+def json_schema() -> str:
+    """Return the JSON Schema of the object, as text."""
+    return files("ema_prognostics.verdict").joinpath(SCHEMA_FILE).read_text(encoding="utf-8")

@@ -1,0 +1,137 @@
+"""Several actuators on one domain, and drivers of others: each in the namespace of its name."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from ros_processes import MONITOR, SIMULATOR
+
+from ema_record.bag.read import read_bag
+from ema_record.wire.topics import VERDICT, split_name
+
+pytestmark = pytest.mark.slow
+
+SHORT = "right_aileron:turn_short.fraction=0.1"
+
+
+def ema(*arguments, timeout=240.0):
+    return subprocess.run(
+        [sys.executable, "-m", "ema_cli", *map(str, arguments)],
+        capture_output=True, text=True, timeout=timeout, check=False,
+    )
+
+
+def fleet(tmp_path, *arguments):
+    """Test actuators by name; return the exit status and their results by name."""
+    run = ema("bit", "--profile", "step", "--json", "--out", tmp_path / "records", *arguments)
+    assert "Traceback" not in run.stderr
+    results = [json.loads(line) for line in run.stdout.splitlines()]
+    return run.returncode, {result["actuator"]: result for result in results}, run.stderr
+
+
+@pytest.mark.parametrize("side_by_side", [1, 2])
+def test_two_actuators_are_tested_and_nothing_crosses(tmp_path, side_by_side):
+    status, found, errors = fleet(
+        tmp_path, "--actuators", "left_aileron,right_aileron", "--effect", SHORT,
+        "--side-by-side", side_by_side)
+    assert status == 1, errors
+    assert list(found) == ["left_aileron", "right_aileron"]
+    left, right = found["left_aileron"]["verdict"], found["right_aileron"]["verdict"]
+    assert (left["verdict"], right["fault_class"]) == ("healthy", "turn_short")
+    for number, (name, result) in enumerate(found.items()):
+        bag = Path(result["record"])
+        assert result["verdict"]["actuator"] == name
+        assert result["verdict"]["bag"] == str(bag)
+        assert bag.name.startswith(f"{name}_SIM-0000-{number + 1}_")
+        record = read_bag(bag)
+        assert (len(record), record.provenance.name) == (9000, name)
+        assert f"name: /{name}{VERDICT}" in (bag / "metadata.yaml").read_text()
+
+
+def test_a_name_that_is_none_and_an_effect_of_nobody_are_wrong_use(tmp_path):
+    for arguments, hint in (
+        (("--actuators", "left aileron"), "not the name of a ROS namespace"),
+        (("--actuators", "a,a"), "give each name once"),
+        (("--actuators", "left", "--effect", SHORT), "unknown actuator 'right_aileron'"),
+        (("--no-simulator", "--effect", "friction.factor=2"), "leave out --no-simulator"),
+    ):
+        run = ema("bit", "--out", tmp_path / "records", *arguments)
+        assert (run.returncode, run.stderr.count("\n")) == (2, 1), run.stderr
+        assert hint in run.stderr
+
+
+@pytest.fixture
+def example(ros_domain, repository):
+    """Yield the example driver in the namespace of its actuator."""
+    process = subprocess.Popen(
+        [sys.executable, repository / "examples" / "driver.py", "--ros-args", "-r",
+         "__ns:=/left_aileron"],
+        stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": str(repository)},
+    )
+    yield process
+    process.kill()
+    _, errors = process.communicate()
+    assert "Traceback" not in errors, errors
+
+
+def test_the_example_driver_passes_its_contract_and_a_built_in_test(example, tmp_path):
+    run = ema("conformance", "--namespace", "left_aileron", "--wait", 30, "--json")
+    lines = [json.loads(line) for line in run.stdout.splitlines()]
+    wrong = [line for line in lines if line["outcome"] == "WRONG"]
+    assert (run.returncode, wrong) == (0, []), run.stderr
+    assert len(lines) > 20
+    run = ema("bit", "--no-simulator", "--actuators", "left_aileron", "--json",
+              "--out", tmp_path / "records")
+    assert run.returncode == 0, run.stderr
+    result = json.loads(run.stdout)
+    assert result["serial_number"] == "EXAMPLE-1"
+    assert result["checks"][0]["values"] == {
+        "samples_published": "62600", "samples_recorded": "62600"}
+    assert result["verdict"]["verdict"] == "healthy"
+    assert split_name("/left_aileron/ema/verdict").namespace == "/left_aileron"
+
+
+def test_conformance_without_a_driver_says_so(ros_domain):
+    run = ema("conformance", "--wait", 0.5)
+    assert (run.returncode, run.stdout) == (3, "")
+    assert "no node publishes /ema/samples after 0.5 s" in run.stderr
+
+
+def test_a_node_told_to_wait_is_configured_and_activated_from_outside(nodes, watcher, tmp_path):
+    nodes.start(SIMULATOR)
+    nodes.start(MONITOR, autostart="false", profile="step",
+                output_directory=str(tmp_path / "records"))
+
+    def call(kind, name, request):
+        client = watcher.node.create_client(kind, f"/ema_monitor/{name}")
+        watcher.wait(client.service_is_ready, 60.0, name)
+        future = client.call_async(request)
+        watcher.wait(future.done, 30.0, name)
+        return future.result()
+
+    def state():
+        return call(GetState, "get_state", GetState.Request()).current_state.label
+
+    def change(number):
+        return call(ChangeState, "change_state", ChangeState.Request(
+            transition=Transition(id=number))).success
+
+    assert state() == "unconfigured"
+    assert change(Transition.TRANSITION_CONFIGURE)
+    assert state() == "inactive"
+    assert watcher.node.missing() == "the monitor"
+    assert change(Transition.TRANSITION_ACTIVATE)
+    watcher.wait_for_simulator()
+    assert watcher.self_test()["passed"]
+    assert change(Transition.TRANSITION_DEACTIVATE)
+    watcher.wait(lambda: watcher.node.missing() == "the monitor", what="the end of the service")
+    assert change(Transition.TRANSITION_CLEANUP)
+    assert change(Transition.TRANSITION_CONFIGURE)
+    assert change(Transition.TRANSITION_ACTIVATE)
+    watcher.wait_for_monitor()
+    assert watcher.self_test()["passed"]

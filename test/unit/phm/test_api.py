@@ -1,0 +1,97 @@
+"""`import ema_phm as ema`: names and paths accepted, errors that name the choices."""
+
+import sys
+
+import pytest
+
+import ema_phm as ema
+
+
+@pytest.fixture(scope="module")
+def bag(repository):
+    return repository / "bags" / "sim_0001_step"
+
+
+@pytest.fixture(scope="module")
+def record(bag):
+    return ema.read(bag)
+
+
+def test_every_name_is_there():
+    assert set(ema.__all__) == set(ema._PLACES) == set(dir(ema))
+    assert all(getattr(ema, name) is not None for name in ema.__all__)
+    with pytest.raises(AttributeError, match="it has read"):
+        _ = ema.reed
+
+
+def test_read_write_and_diagnose(bag, record, tmp_path):
+    assert repr(record) == "<Record SIM-0001, step: 9000 samples in 0.45 s, complete>"
+    again = ema.read(ema.write(record, tmp_path / "bag"))
+    assert (again.samples == record.samples).all()
+    verdict = ema.diagnose(record)
+    assert verdict == ema.diagnose(str(bag))
+    assert repr(verdict) == "<Verdict FAULT: turn short, phase b 9.69 % (8.85 to 10.6)>"
+    assert ema.to_json(bag)["faults"] == verdict.to_dict()["faults"]
+    assert ema.diagnose("nowhere").outcome == "invalid"
+
+
+def test_tables(record, monkeypatch):
+    frame = record.to_pandas()
+    assert frame.index.name == "time[s]"
+    assert (frame["motor_speed[rad/s]"].to_numpy() == record.channel("motor_speed")).all()
+    assert frame.attrs["serial_number"] == "SIM-0001"
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(ema.UsageError, match="xarray, which is not installed: pip install") as no:
+        record.to_xarray()
+    assert "\n" not in str(no.value)
+
+
+def test_trend_and_plots(bag, record):
+    trend = ema.trend([bag, bag.with_name("sim_0001_extended")])
+    assert repr(trend) == "<UnitTrend SIM-0001: 2 flights, turn short, phase b present>"
+    assert trend.to_pandas().outcome.tolist() == ["fault", "fault"]
+    for figure in (ema.plot(trend), ema.plot(record, "spectrum"), ema.plot(bag)):
+        assert type(figure).__name__ == "Figure"
+        assert figure.axes
+
+
+@pytest.mark.parametrize("shown", ["record", "verdict", "trend"])
+def test_html_is_escaped(shown, record):
+    from dataclasses import replace
+
+    bad = replace(record.provenance, serial_number="<b>", source="<i>")
+    one = replace(record, provenance=bad)
+    made = {"record": lambda: one, "verdict": lambda: ema.diagnose(one),
+            "trend": lambda: ema.trend([one])}[shown]()
+    assert len(repr(made)) < 200
+    assert "\n" not in repr(made)
+    assert made._repr_html_().startswith("<table>")
+    assert "<b>" not in made._repr_html_()
+    assert "<i>" not in made._repr_html_()
+
+
+@pytest.mark.parametrize(("slip", "names"), [
+    (lambda r: r.channel("speed"), "did you mean 'motor_speed'"),
+    (lambda _: ema.simulate("extendd"), "did you mean 'extended'"),
+    (lambda _: ema.simulate("step", effects={"turn_shrt.fraction": 0.1}), "turn_short"),
+    (lambda _: ema.simulate("step", effects=["turn_short.fraction"]), "NAME.PARAMETER=VALUE"),
+    (lambda r: ema.plot(r, "sped"), "did you mean 'speed'"),
+    (lambda r: ema.diagnose(r, mode="robst"), "did you mean 'robust'"),
+    (lambda _: ema.diagnose(5), "expected a path"),
+    (lambda r: ema.trend([r], rule="4/3"), "K/N"),
+    (lambda _: ema.trend([]), "0 flights"),
+    (lambda r: ema.write(r.samples, "x"), "expected a record"),
+    (lambda r: ema.diagnose(r, baseline=r), "not healthy itself"),
+])
+def test_slips_name_the_choices(slip, names, record):
+    with pytest.raises(ema.EmaError, match=names) as error:
+        slip(record)
+    assert "\n" not in str(error.value)
+
+
+def test_simulate_by_name_is_that_of_the_command():
+    once = ema.simulate("step", effects={"backlash.increase": 1e-3}, seed=4)
+    again = ema.simulate(effects="backlash.increase=1e-3", profile="step", seed=4)
+    assert once.samples.tobytes() == again.samples.tobytes()
+    assert set(ema.profiles()) >= {"step", "extended"}
+    assert "turn_short" in ema.effects()

@@ -1,0 +1,56 @@
+"""What is used of the client library beyond its public interface: in one file, and still there."""
+
+import inspect
+import re
+
+import rclpy
+from rclpy.callback_groups import CallbackGroup
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from std_msgs.msg import String
+
+from ema_ros.messages import PolledGroup, take_all
+
+PRIVATE = re.compile(r"rclpy_implementation|take_message|\.handle\b|_rclpy|CallbackGroup\)")
+HERE = "ema_ros/messages.py"
+
+
+def test_no_other_file_uses_it(repository):
+    users = {str(path.relative_to(repository)) for path in repository.glob("ema_*/**/*.py")
+             if PRIVATE.search(path.read_text(encoding="utf-8"))}
+    assert users == {HERE}
+
+
+def test_it_is_as_we_know_it():
+    assert issubclass(rclpy_implementation.RCLError, RuntimeError)
+    names = {name for name, _ in inspect.getmembers(CallbackGroup, inspect.isfunction)}
+    assert {"can_execute", "beginning_execution", "ending_execution"} <= names
+    assert "can_execute" in inspect.getsource(Executor)
+
+
+def test_a_polled_subscription_wakes_nobody_and_gives_all_with_its_stamps(ros_domain):
+    context = rclpy.Context()
+    rclpy.init(context=context, args=[])
+    node = rclpy.create_node("pinned", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    woken = []
+    polled = node.create_subscription(
+        String, "text", woken.append, 10, raw=True, callback_group=PolledGroup())
+    publisher = node.create_publisher(String, "text", 10)
+    found = []
+    try:
+        for number in range(200):
+            if publisher.get_subscription_count() and number % 20 == 0:
+                publisher.publish(String(data=str(number)))
+            executor.spin_once(timeout_sec=0.01)
+            found += take_all(polled)
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown(context=context)
+    assert woken == []
+    assert len(found) >= 5
+    assert all(0 < taken.sent <= taken.received for taken in found)
+    numbers = [taken.sequence for taken in found]
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
