@@ -22,8 +22,8 @@ Progress = Callable[[str, float], None]
 def identify(
     measured: Sequence[Record | RigRecord], model: Model | str | Path | None = None, *,
     validate: Sequence[Record | RigRecord] = (), without: Sequence[str] = (),
-    baseline: Sequence[Record | RigRecord] = (), progress: Progress | None = None, workers: int = 1,
-    seed: int = 0, by_fleet: bool = False,
+    baseline: Sequence[Record | RigRecord] = (), progress: Progress | None = None,
+    workers: int = 1, seed: int = 0, by_fleet: bool = False,
 ) -> Identification:
     """Find the disagreement between a model and records, name what is missing, add it.
 
