@@ -37,6 +37,11 @@ class Ledger:
                     continue
                 self._done[key] = result
 
+    @property
+    def keys(self) -> set[str]:
+        """Return what is done."""
+        return set(self._done)
+
     def run(self, key: str, make: Callable[[], Any]) -> Any:
         """Return the result of `key`, made now unless it is there."""
         if key not in self._done:

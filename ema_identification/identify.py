@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -21,7 +22,8 @@ Progress = Callable[[str, float], None]
 def identify(
     measured: Sequence[Record | RigRecord], model: Model | str | Path | None = None, *,
     validate: Sequence[Record | RigRecord] = (), without: Sequence[str] = (),
-    progress: Progress | None = None, workers: int = 1, seed: int = 0,
+    baseline: Sequence[Record | RigRecord] = (), progress: Progress | None = None,
+    workers: int = 1, seed: int = 0, by_fleet: bool = False,
 ) -> Identification:
     """Find the disagreement between a model and records, name what is missing, add it.
 
@@ -31,9 +33,13 @@ def identify(
     model : the model or its file; None for the kit's actuator (for a rig: what it has).
     validate : records of the same unit that take no part in the fit.
     without : effects of the catalogue that are not to be considered.
+    baseline : records of the same unit and test from when it was accepted (of an actuator): what
+        has changed since is said too (`Identification.since`).
     progress : called with what is being done and how much of it is (0 to 1).
     workers : how many simulations run at a time; their number does not change the answer.
     seed : of all simulations; the same seed gives the same answer.
+    by_fleet : decide by one likelihood in which all that healthy units differ in is marginalised
+        (`ema_identification.actuator.decision`); on trial beside the present decision.
 
     Raises
     ------
@@ -45,47 +51,61 @@ def identify(
     """
     if not measured:
         raise UsageError("0 records: give at least one measured record")
-    kinds = {isinstance(r, Record) for r in (*measured, *validate)}
+    kinds = {isinstance(r, Record) for r in (*measured, *validate, *baseline)}
     if len(kinds) > 1:
         raise UsageError("records of the actuator and of a rig together: identify one at a time")
     if kinds == {False}:
         from ema_identification.rig.workflow import identify_rig
 
+        if baseline:
+            raise UsageError("a baseline is for records of an actuator; of a rig, identify both "
+                             "records and compare the models")
         if model is not None and not isinstance(model, str | Path):
             raise UsageError("a rig needs the path of its model file, not an actuator")
         return identify_rig(
             cast("Sequence[RigRecord]", measured), model,
             validate=cast("Sequence[RigRecord]", validate), without=without, progress=progress)
-    _check_one_unit(cast("Sequence[Record]", (*measured, *validate)))
-    _check_kit(cast("Sequence[Record]", (*measured, *validate)))
+    records = cast("Sequence[Record]", measured)
+    held = cast("Sequence[Record]", validate)
+    accepted = cast("Sequence[Record]", baseline)
+    _check_one_unit((*records, *held, *accepted))
+    _check_kit((*records, *held, *accepted))
+    from ema_identification.actuator.decision.workflow import changes_since, identify_by_fleet
     from ema_identification.actuator.measure.runs import silent
     from ema_identification.actuator.workflow import identify_actuator
     from ema_sim.model_file import load_model_file
 
     if model is None or isinstance(model, str | Path):
         model = load_model_file(model)
-    return identify_actuator(
-        cast("Sequence[Record]", measured), model,
-        validate=cast("Sequence[Record]", validate), without=without,
-        progress=progress or silent, workers=workers, seed=seed)
+    shown = progress or silent
+    if by_fleet:
+        return identify_by_fleet(records, model, validate=held, baseline=accepted,
+                                 without=without, progress=shown, workers=workers, seed=seed)
+    found = identify_actuator(records, model, validate=held, without=without, progress=shown,
+                              workers=workers, seed=seed)
+    return found if not accepted else replace(found, since=changes_since(
+        records[0], accepted, model, without=without, progress=shown, workers=workers, seed=seed))
 
 
 def build_library(
-    record: Record, folder: Path, *, workers: int = 1, progress: Progress | None = None,
+    records: Sequence[Record], folder: Path, *, workers: int = 1,
+    progress: Progress | None = None,
 ) -> None:
-    """Make the library of the present kit's actuator for records such as this one.
+    """Make the library of the present kit's actuator for records such as these.
 
-    Its parts are kept in `folder` as each is done; what is there already is not made again.
+    Its parts are kept in `folder` as each is done; what is there already is not made again. What
+    the records themselves tell of the type, its discrepancy, is kept beside it.
 
     Parameters
     ----------
-    record : of a healthy unit; its test, rate and channels count.
+    records : of healthy units, at least one; the test, rate and channels of the first count.
     folder : `library/` of the kit.
     workers : processes that simulate, -1 for all cores.
     progress : called with what is being done and how much of it is (0 to 1).
     """
     from threadpoolctl import threadpool_limits
 
+    from ema_identification.actuator.decision.acceptance import keep_acceptance
     from ema_identification.actuator.measure.features import nominal_rate
     from ema_identification.actuator.measure.recorder import recorded_alike
     from ema_identification.actuator.measure.runs import silent
@@ -93,9 +113,10 @@ def build_library(
     from ema_sim.model_file import load_model_file
 
     with threadpool_limits(limits=1):  # as `identify_actuator` makes it
-        library(recorded_alike([record], load_model_file()), record.profile,
-                rate=nominal_rate(record), workers=workers, progress=progress or silent,
-                folder=folder)
+        model, first = load_model_file(), records[0]
+        library(recorded_alike([first], model), first.profile, rate=nominal_rate(first),
+                workers=workers, progress=progress or silent, folder=folder)
+        keep_acceptance(records, model, folder)
 
 
 def _check_kit(records: Sequence[Record]) -> None:

@@ -219,6 +219,8 @@ class Identification:
     panels: tuple[Panel, ...] = ()
     model_text: str = ""
     """The updated model file (YAML)."""
+    since: Identification | None = None
+    """What has changed since the unit was accepted, where records of then are given."""
 
     @property
     def exit_status(self) -> int:
@@ -250,4 +252,5 @@ class Identification:
             "unknown": None if self.unknown is None else
             {"port": self.unknown.port, "text": self.unknown.text},
             "reasons": list(self.reasons),
+            **({} if self.since is None else {"since_baseline": self.since.to_dict()}),
         }

@@ -72,6 +72,14 @@ def save(name: str, arrays: Mapping[str, np.ndarray], folder: Path | None = None
         write_arrays(path, arrays)
 
 
+def forget(prefix: str) -> None:
+    """Remove the arrays kept in the cache under ``<prefix>_<number>``: parts of a whole."""
+    for path in cache_directory().glob(f"{prefix}_*.npz"):
+        if path.stem[len(prefix) + 1:].isdigit():
+            with contextlib.suppress(OSError):
+                path.unlink()
+
+
 def _place(name: str, folder: Path | None) -> Path:
     return (cache_directory() if folder is None else folder) / f"{name}.npz"
 

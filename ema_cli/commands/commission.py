@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -47,10 +47,12 @@ def commission(
 
     check_new(out)
 
-    def make_library(record: Record, folder: Path, step: Callable[[str, float], None]) -> None:
+    def make_library(
+        given: Sequence[Record], folder: Path, step: Callable[[str, float], None]
+    ) -> None:
         from ema_identification.identify import build_library
 
-        build_library(record, folder, workers=jobs or -1, progress=step)
+        build_library(given, folder, workers=jobs or -1, progress=step)
 
     with_library = not quick if library is None else library
     with progress_of("commissioning") as advance:

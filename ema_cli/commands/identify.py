@@ -24,6 +24,9 @@ def identify(
     validate: Annotated[list[Path] | None, typer.Option(
         metavar="BAG", help="A record of the same unit that takes no part in the fit, of another "
         "command; repeatable.")] = None,
+    baseline: Annotated[list[Path] | None, typer.Option(
+        metavar="BAG", help="A record of the same unit and test from when it was accepted; "
+        "repeatable. What has changed since is said too.")] = None,
     model: Annotated[Path | None, typer.Option(
         metavar="FILE.yaml", help="The model: changes over the kit's actuator; of a rig the whole."
     )] = None,
@@ -38,6 +41,9 @@ def identify(
     )] = 2,
     seed: Annotated[int, typer.Option(
         min=0, max=2**31 - 1, help="Of all simulations; the same seed, the same answer.")] = 0,
+    by_fleet: Annotated[bool, typer.Option(
+        "--by-fleet", help="Decide by one likelihood in which all that healthy units differ in is "
+        "allowed for; on trial, see docs/identification.md.")] = False,
     check: Annotated[bool, typer.Option(
         "--check", help="Of a rig: only say what the records can show, and which motion would "
         "show the rest; nothing is fitted.")] = False,
@@ -70,6 +76,7 @@ def identify(
     check_new(out)
     records = [read_any(path, profile) for path in measured]
     held = [read_any(path) for path in validate or ()]
+    accepted = [read_any(path) for path in baseline or ()]
     with progress_of("identify") as advance:
         shown: list[str] = []
 
@@ -80,14 +87,16 @@ def identify(
                     note(f"simulating {what}; kept in the cache directory for the next time")
             advance(what, share)
 
-        found = run(records, model, validate=held, without=without or (), progress=step,
-                    workers=workers, seed=seed)
+        found = run(records, model, validate=held, baseline=accepted, without=without or (),
+                    progress=step, workers=workers, seed=seed, by_fleet=by_fleet)
     inputs: dict[str, str | list[str]] = {
         "measured": [str(p) for p in measured],
         "model": kit_name() if model is None else str(model),
     }
     if validate:
         inputs["validate"] = [str(p) for p in validate]
+    if baseline:
+        inputs["baseline"] = [str(p) for p in baseline]
     if without:
         inputs["without"] = list(without)
     if profile:
@@ -163,3 +172,6 @@ def _print(found: Identification) -> None:
         console.print(f"  {reason}")
     if found.next_test is not None:
         console.print(f"  next test: {found.next_test}")
+    if found.since is not None:
+        console.print(styled(("since the baseline", "bold")))
+        _print(found.since)

@@ -74,7 +74,7 @@ were left out: beyond, it is not the recorder that is unlike the model."""
 LIBRARY_SHARE, LIBRARY_PARTS = (0.80, 0.98), 3
 """Of the whole, for the library; it has so many parts."""
 Progress = Callable[[str, float], None]
-MakeLibrary = Callable[[Record, Path, Progress], None]
+MakeLibrary = Callable[[Sequence[Record], Path, Progress], None]
 """Makes the library of the present kit for such records in a folder, and goes on where it was."""
 
 
@@ -267,7 +267,7 @@ class _Work:
             done = min((part + share) / LIBRARY_PARTS, 1.0)
             self._progress(f"library: {what}", begin + (end - begin) * done)
 
-        self._library(self._acceptance.records[0], self._draft / LIBRARY, step)
+        self._library(self._acceptance.records, self._draft / LIBRARY, step)
         return True
 
     def _write_actuator(self, actuator: Actuator, tolerances: UnitTolerances | None = None

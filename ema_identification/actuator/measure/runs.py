@@ -7,7 +7,7 @@ the work of two processes; nothing has to be started, sent, or restarted when it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -19,6 +19,7 @@ from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.recorder import whole
 from ema_identification.actuator.measure.signals import TURN
 from ema_identification.actuator.measure.tolerances import RecordConditions, realise
+from ema_record import array_cache as cache
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.kit import kit_folder, using_kit
 from ema_record.record import Record
@@ -76,33 +77,43 @@ def _chunk(model: Model, cases: Sequence[UnitRun], fmap: FeatureMap) -> np.ndarr
 
 def run_cases(
     model: Model, cases: Sequence[UnitRun], fmap: FeatureMap, *, workers: int = 1,
-    progress: Progress = silent, what: str = "runs",
+    progress: Progress = silent, what: str = "runs", keep: str = "",
 ) -> np.ndarray:
     """Return the features of many cases, shape (n, d); the same for any number of workers."""
     chunks = [cases[i:i + CHUNK] for i in range(0, len(cases), CHUNK)]
     return np.concatenate(list(spread_out(
         _chunk, [(model, chunk, fmap) for chunk in chunks], workers=workers, progress=progress,
-        what=what)))
+        what=what, keep=keep)))
 
 
 def spread_out(
     function: Callable[..., np.ndarray], arguments: Sequence[tuple[object, ...]], *, workers: int,
-    progress: Progress = silent, what: str = "runs",
+    progress: Progress = silent, what: str = "runs", keep: str = "",
 ) -> list[np.ndarray]:
-    """Return ``function(*a)`` for each of `arguments`, in order, with the present kit."""
-    found: list[np.ndarray] = []
-    if workers == 1:
-        for k, argument in enumerate(arguments):
-            found.append(function(*argument))
-            progress(what, (k + 1) / len(arguments))
-        return found
-    from joblib import Parallel, delayed
+    """Return ``function(*a)`` for each of `arguments`, in order, with the present kit.
 
-    for k, result in enumerate(Parallel(n_jobs=workers, return_as="generator")(
-            delayed(_in_kit)(kit_folder(), function, *argument) for argument in arguments)):
-        found.append(result)
-        progress(what, (k + 1) / len(arguments))
-    return found
+    `keep` : name under which each part is kept in the cache as it is done; a call that was
+    stopped goes on there. Whoever has kept the whole removes the parts (`array_cache.forget`).
+    """
+    stored = [cache.load(f"{keep}_{k}") for k in range(len(arguments))] if keep else []
+    found = {k: one["rows"] for k, one in enumerate(stored) if one is not None}
+    missing = [k for k in range(len(arguments)) if k not in found]
+
+    def results() -> Iterator[np.ndarray]:
+        if workers == 1 or len(missing) < 2:
+            yield from (function(*arguments[k]) for k in missing)
+            return
+        from joblib import Parallel, delayed
+
+        yield from Parallel(n_jobs=workers, return_as="generator")(
+            delayed(_in_kit)(kit_folder(), function, *arguments[k]) for k in missing)
+
+    for k, result in zip(missing, results()):
+        found[k] = result
+        if keep:
+            cache.save(f"{keep}_{k}", {"rows": result})
+        progress(what, len(found) / len(arguments))
+    return [found[k] for k in range(len(arguments))]
 
 
 def _in_kit(kit: Path, function: Callable[..., np.ndarray], *arguments: object) -> np.ndarray:

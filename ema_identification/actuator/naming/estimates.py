@@ -294,10 +294,15 @@ def updated_actuator(model: Model, z: np.ndarray) -> Actuator:
 
 
 def model_text(model: Model, z: np.ndarray, effects: Effects) -> str:
+    """Return the model file of a unit with tolerances `z`, shape (18,), and effects."""
+    return model_file_text(updated_actuator(model, z), effects)
+
+
+def model_file_text(actuator: Actuator, effects: Effects) -> str:
     """Return the model file: every parameter that differs from nominal, and the effects."""
     nominal = load_actuator()
     data: dict[str, Any] = {}
-    for section, part in updated_actuator(model, z)._asdict().items():
+    for section, part in actuator._asdict().items():
         base = getattr(nominal, section)
         changed = {name: _number(value) for name, value in part._asdict().items()
                    if value != getattr(base, name)}

@@ -100,9 +100,9 @@ def candidates(model: Model) -> tuple[Variant, ...]:
 
 def build_effect_library(
     model: Model, fmap: FeatureMap, *, seed: int = 0, workers: int = 1,
-    progress: Progress = silent,
+    progress: Progress = silent, keep: str = "",
 ) -> tuple[Signature, ...]:
-    """Simulate the catalogue and return the signatures."""
+    """Simulate the catalogue and return the signatures; `keep` as of `spread_out`."""
     found = candidates(model)
     z = np.zeros(N_TOLERANCES)
     cases: list[UnitRun] = []
@@ -121,7 +121,7 @@ def build_effect_library(
                     for k, angle in enumerate(START_ANGLES)
                 ]
     runs = run_cases(model, cases, fmap, workers=workers, progress=progress,
-                     what="signatures of the catalogue")
+                     what="signatures of the catalogue", keep=keep)
     n = len(START_ANGLES)
     base = runs[:n * BASE_RUNS].reshape(n, BASE_RUNS, -1).mean(axis=1)
     added = (runs[n * BASE_RUNS:].reshape(-1, n, runs.shape[1]) - base).mean(axis=1)

@@ -21,7 +21,6 @@ from ema_prognostics.commission.calibrate import (
 from ema_prognostics.commission.commission import commission
 from ema_prognostics.commission.discrepancy import (
     fit_discrepancy,
-    moderated,
     with_discrepancy,
 )
 from ema_prognostics.commission.estimate import estimate
@@ -34,7 +33,7 @@ from ema_record.kit import ACTUATOR as ACTUATOR_FILE
 from ema_record.kit import kit_path
 from ema_record.profile import load_profile, step_profile
 from ema_record.record import Record
-from ema_record.spread import load_spread
+from ema_record.spread import load_spread, moderated
 from support.simulations import record_of
 
 ACTUATOR = load_actuator()

@@ -177,7 +177,7 @@ def test_a_library_is_made_for_the_records_test_rate_and_channels(
     seen: dict[str, Any] = {}
     monkeypatch.setattr(calibration, "library", lambda model, profile, **options: seen.update(
         model=model, profile=profile, **options))
-    identify.build_library(record, tmp_path / LIBRARY, workers=2)
+    identify.build_library([record], tmp_path / LIBRARY, workers=2)
     assert seen["folder"] == tmp_path / LIBRARY and seen["workers"] == 2
     assert seen["profile"] == record.profile and seen["rate"] == pytest.approx(record.rate)
     acquisition = seen["model"].actuator.acquisition
@@ -191,7 +191,7 @@ def test_progress_of_the_library_goes_up(tmp_path: Path) -> None:
     work._acceptance = type("Records", (), {"records": [record_of("step", seed=3)]})()
     work._draft, work._progress = tmp_path, lambda _what, part: shown.append(part)
 
-    def library(_record: Any, folder: Path, step: Any) -> None:
+    def library(_records: Any, folder: Path, step: Any) -> None:
         assert folder == tmp_path / LIBRARY
         for what in ("effect-free runs", "signatures", "fresh units"):
             for share in (0.5, 1.0):

@@ -1,0 +1,1 @@
+"""The decision in one likelihood: healthy fleet, compression, ranks, evidence of each law."""

@@ -1,0 +1,97 @@
+"""What acceptance records tell beside the model: the type's discrepancy, in the kit.
+
+A kit keeps the features of the records that it was made from, not numbers that hang on a library:
+the discrepancy is what the library's own fit leaves of them, and the healthy units against which
+records are ranked are given its spread, one draw each, so that they stay exchangeable.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ema_identification.actuator.decision.fit import TestedUnit
+from ema_identification.actuator.decision.fleet import conditions_of
+from ema_identification.actuator.decision.proposals import scores
+from ema_identification.actuator.decision.surrogate import Discrepancy, FleetLibrary
+from ema_identification.actuator.measure.features import FeatureMap, feature_map, nominal_rate
+from ema_identification.actuator.measure.recorder import recorded_alike, whole
+from ema_identification.actuator.measure.tolerances import align
+from ema_record import array_cache as cache
+from ema_record.kit import LIBRARY, kit_path
+from ema_record.record import Record
+from ema_record.spread import left_over
+from ema_sim.model_file import Model
+from ema_sim.simulate import simulate
+
+
+def _name(fmap: FeatureMap) -> str:
+    """Return the name under which the records of a test are kept: its command, rate, features."""
+    what = json.dumps([[list(p) for p in fmap.profile.points], fmap.profile.inverter_off,
+                       fmap.rate, [f.name for f in fmap.features]])
+    return "acceptance_" + hashlib.sha256(what.encode()).hexdigest()[:32]
+
+
+def keep_acceptance(records: Sequence[Record], model: Model, folder: Path) -> None:
+    """Keep what the decision needs of acceptance records, all of one test, in a kit's library."""
+    model = recorded_alike(records, model)
+    first = records[0]
+    rate = nominal_rate(first)
+    fmap = feature_map(first.profile, model.actuator, whole(simulate(
+        first.profile, actuator=model.actuator, effects=model.effects, seed=0, rate=rate),
+        model.actuator))
+    serials = [record.provenance.serial_number for record in records]
+    rows = [whole(record, model.actuator) for record in records
+            if record.profile.points == first.profile.points]
+    conditions = [align(record, model) for record in rows]
+    cache.save(_name(fmap), {
+        "features": np.array([fmap.extract(record) for record in rows]),
+        "conditions": np.array([[c.temperature, c.bus, c.noise, c.start_angle]
+                                for c in conditions]),
+        "unit": np.array([serials.index(r.provenance.serial_number) for r in rows])}, folder)
+
+
+def discrepancy_of(library: FleetLibrary, kept: dict[str, np.ndarray]) -> Discrepancy:
+    """Return what the fits of no law leave of acceptance records.
+
+    `kept` : features (n, d), conditions (n, 4), unit (n,), as `keep_acceptance` has them.
+    """
+    off, scale = [], []
+    for row, values in zip(kept["conditions"], kept["features"]):
+        unit = TestedUnit(library=library, values=values, conditions=conditions_of(row))
+        off.append(values - unit.without_law().mean)
+        scale.append(unit.whitener(0).deviation)
+    return Discrepancy(*left_over(np.array(off), kept["unit"], np.mean(scale, axis=0)))
+
+
+def with_acceptance(library: FleetLibrary, *, seed: int = 0) -> FleetLibrary:
+    """Return the library with the discrepancy of the present kit, if it keeps one for this test.
+
+    The units set aside are ranked anew, each with a draw of its spread.
+    """
+    kept = cache.load(_name(library.fmap), kit_path(LIBRARY))
+    return library if kept is None else with_discrepancy(
+        library, discrepancy_of(library, kept), seed=seed)
+
+
+def with_discrepancy(library: FleetLibrary, left: Discrepancy, *, seed: int = 0) -> FleetLibrary:
+    """Return the library with a discrepancy, its healthy units and their scores with it."""
+    conditions, features = library.aside
+    rng = np.random.default_rng([seed, 41])
+    features = features + left.mean + left.spread * rng.standard_normal(features.shape)
+    found = replace(library, left=left, aside=(conditions, features))
+    name = "left_" + cache.key_of(
+        hashlib.sha256(np.concatenate([library.weights.ravel(), *left]).tobytes()).hexdigest(),
+        str(seed), module=__name__)
+    ranked = cache.load(name)
+    if ranked is None:
+        units = [TestedUnit(library=found, values=values, conditions=conditions_of(row))
+                 for row, values in zip(conditions, features) if np.isfinite(values).all()]
+        ranked = {"healthy": np.array([scores(u, u.without_law(), 0) for u in units])}
+        cache.save(name, ranked)
+    return replace(found, healthy=ranked["healthy"])

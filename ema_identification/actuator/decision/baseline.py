@@ -1,0 +1,195 @@
+"""What has changed since a unit was accepted: its record against its own earlier ones.
+
+What the model leaves of the accepted records is taken off the later one, y - (y0 - f(z, c0)), so
+that what a number of the unit does to both records cancels: it matters as far as it acts otherwise
+on another day. What belongs to the day is free. The error of such a difference is that of repeats
+of both records and the part of the quadratic's error that two tests of one unit do not share,
+which healthy units, tested on two days, tell; they also give the ranks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+from scipy.optimize import brentq
+
+from ema_identification.actuator.decision.fit import LOUDEST, PRIOR, TestedUnit
+from ema_identification.actuator.decision.fleet import (
+    CHUNK,
+    SIZE,
+    LibrarySizes,
+    conditions_of,
+    draw_fleet_conditions,
+    draw_fleet_unit,
+    fleet_record,
+)
+from ema_identification.actuator.decision.gap import OF_DAY
+from ema_identification.actuator.decision.proposals import scores
+from ema_identification.actuator.decision.surrogate import SETTLED_RUNS, FleetLibrary
+from ema_identification.actuator.measure.features import FeatureMap
+from ema_identification.actuator.measure.runs import Progress, silent, spread_out
+from ema_identification.actuator.measure.tolerances import RecordConditions, align
+from ema_identification.actuator.surrogate.fit import EffectTerm
+from ema_record import array_cache as cache
+from ema_record.errors import InvalidRecordError, SimulationError
+from ema_record.spread import TypeSpread
+from ema_sim.model_file import Model
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangedUnit(TestedUnit):
+    """A record of a unit of which accepted ones are known, less what the model leaves of these.
+
+    Attributes
+    ----------
+    accepted : the accepted records, at least one.
+    at : their fits, shape (SIZE,) each.
+    before : ndarray, shape (d,). What the quadratic says of them there, the mean.
+    apart : share of the quadratic's error that two tests of one unit do not share.
+    """
+
+    accepted: tuple[TestedUnit, ...]
+    at: tuple[np.ndarray, ...]
+    before: np.ndarray
+    apart: float = 0.0
+
+    @property
+    def _plain(self) -> bool:
+        return False
+
+    def covariance(self, runs: int) -> np.ndarray:
+        """Return the covariance of what is off: of both records, see the module."""
+        law, k = self.library.repeat, len(self.accepted)
+        found = law.covariance(min(self.conditions.noise, LOUDEST))
+        for unit in self.accepted:
+            found = found + law.covariance(min(unit.conditions.noise, LOUDEST)) / k**2
+        share = min(self.apart, self.library.carried) if runs else self.apart
+        surrogate = self.library.surrogate.covariance(min(self.conditions.noise, LOUDEST))
+        return np.asarray((1.0 + (1.0 / runs if runs else 0.0)) * found + share**2 * surrogate)
+
+    @cached_property
+    def _shift(self) -> np.ndarray:
+        """Return how far runs of the accepted unit are from its quadratic, shape (d,)."""
+        runs = [u.run((), z, SETTLED_RUNS, salt=51) for u, z in zip(self.accepted, self.at)]
+        return np.asarray(self.before - np.mean(runs, axis=0))
+
+    def _ahead(self, z: np.ndarray) -> np.ndarray:
+        """Return how far the accepted records of other units are, shape (n, SIZE) -> (n, d)."""
+        found = [u.library.means(np.where(OF_DAY, at, z), u.conditions)
+                 for u, at in zip(self.accepted, self.at)]
+        return np.asarray(np.mean(found, axis=0) - self.before)
+
+    def means(self, z: np.ndarray) -> np.ndarray:
+        """Return what the quadratic predicts for units that left the accepted records."""
+        return super().means(z) - self._ahead(z)
+
+    def slope(self, z: np.ndarray) -> np.ndarray:
+        """Return the derivative of `means`, shape (d, SIZE)."""
+        before = np.mean([u.library.slope(np.where(OF_DAY, at, z), u.conditions)
+                          for u, at in zip(self.accepted, self.at)], axis=0)
+        return super().slope(z) - np.where(OF_DAY, 0.0, before)
+
+    def run_all(
+        self, models: Sequence[tuple[Sequence[EffectTerm], np.ndarray]], runs: int, salt: int = 0
+    ) -> list[np.ndarray]:
+        """Return the mean features of runs, less what runs of the accepted unit are off."""
+        found = super().run_all(models, runs, salt)
+        return [mean + self._shift - self._ahead(np.clip(z, -1.0, 1.0)[None])[0]
+                for mean, (_, z) in zip(found, models)]
+
+
+def changed_unit(
+    unit: TestedUnit, accepted: Sequence[TestedUnit], apart: float
+) -> ChangedUnit:
+    """Return a record beside accepted ones of the same test and unit.
+
+    The unit's own numbers are the mean of those that the accepted records give.
+    """
+    fits = [u.without_law() for u in accepted]
+    own, spread = np.mean([f.z for f in fits], axis=0), np.zeros(SIZE)
+    for u, fit in zip(accepted, fits):
+        columns = u.whitener(0).columns(fit.slopes, u.values - fit.mean)
+        spread += np.diag(np.linalg.inv(columns.T @ columns + PRIOR * np.eye(SIZE)))
+    at = tuple(np.where(OF_DAY, f.z, own) for f in fits)
+    before = np.mean([u.library.mean(z, u.conditions) for u, z in zip(accepted, at)], axis=0)
+    return ChangedUnit(
+        library=replace(unit.library, left=None), conditions=unit.conditions, seed=unit.seed,
+        values=unit.values - np.mean([u.values for u in accepted], axis=0) + before,
+        workers=unit.workers, simulator=unit.simulator, accepted=tuple(accepted), at=at,
+        before=before, apart=apart, centre=np.where(OF_DAY, 0.0, own),
+        weight=np.where(OF_DAY, PRIOR, len(accepted) ** 2 / spread))
+
+
+def _days(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first: int, last: int
+          ) -> np.ndarray:
+    """Return rows of features and conditions of units on another day; NaN where that failed."""
+    rows = []
+    for k in range(first, last):
+        z = draw_fleet_unit(np.random.default_rng([seed, 7, k]))  # as in the library
+        rng = np.random.default_rng([seed, 9, k])
+        z = np.where(OF_DAY, draw_fleet_unit(rng), z)
+        row = np.full(len(fmap.features) + 4, np.nan)
+        try:
+            record = fleet_record(model, spread, fmap, z, draw_fleet_conditions(rng, spread),
+                                  int(rng.integers(2**31)))
+            c = align(record, model)
+            row[:] = [*fmap.extract(record), c.temperature, c.bus, c.noise, c.start_angle]
+        except (SimulationError, InvalidRecordError):  # left out
+            pass
+        rows.append(row)
+    return np.array(rows)
+
+
+def with_baselines(
+    library: FleetLibrary, sizes: LibrarySizes, *, seed: int = 0, workers: int = 1,
+    progress: Progress = silent,
+) -> tuple[FleetLibrary, float]:
+    """Return the library with the scores of healthy units beside their own earlier records.
+
+    And the share of `ChangedUnit.apart`, at which every tenth of them leaves a cost of 1 a
+    feature on average.
+    """
+    name = cache.key_of(repr(library.model), repr(library.spread), repr(library.fmap.profile),
+                        str(library.fmap.rate), repr(tuple(sizes)), str(seed), module=__name__)
+    found = cache.load(f"changed_{name}")
+    if found is None:
+        part = f"part_changed_{name}"
+        first = sizes.total - len(library.aside[0])
+        rows = np.concatenate(spread_out(
+            partial(_days, library.model, library.spread, library.fmap, seed),
+            [(k, min(k + CHUNK, sizes.total)) for k in range(first, sizes.total, CHUNK)],
+            workers=workers, progress=progress, what="healthy runs of another day", keep=part))
+        found = _judged(library, rows, progress)
+        cache.save(f"changed_{name}", found)
+        cache.forget(part)
+    return replace(library, left=None, healthy=found["healthy"]), float(found["apart"])
+
+
+def _judged(library: FleetLibrary, rows: np.ndarray, progress: Progress
+            ) -> dict[str, np.ndarray]:
+    plain = replace(library, left=None)
+
+    def unit_of(values: np.ndarray, conditions: RecordConditions) -> TestedUnit:
+        return TestedUnit(library=plain, values=values, conditions=conditions)
+
+    pairs = [(unit_of(row[:-4], conditions_of(row[-4:])), unit_of(values, conditions_of(given)))
+             for row, given, values in zip(rows, *library.aside)
+             if np.isfinite(row).all() and np.isfinite(values).all()]
+    units = [changed_unit(later, [before], 0.0) for later, before in pairs]
+    some = units[::10]
+
+    def excess(apart: float) -> float:
+        tried = [replace(unit, apart=apart) for unit in some]
+        return float(np.mean([u.without_law().cost / u.size for u in tried])) - 1.0
+
+    apart = 0.0 if excess(0.0) <= 0.0 else 2.0 if excess(2.0) > 0.0 else float(
+        brentq(excess, 0.0, 2.0, xtol=0.02))
+    ranked = [replace(unit, apart=apart) for unit in units]
+    healthy = []
+    for k, unit in enumerate(ranked):
+        healthy.append(scores(unit, unit.without_law(), 0))
+        progress("healthy units since acceptance", (k + 1) / len(ranked))
+    return {"healthy": np.array(healthy), "apart": np.array(apart)}

@@ -1,0 +1,301 @@
+"""The decision, whole: nothing, one law, two, a set of names, or something unknown.
+
+1. *Nothing* unless the misfit or the largest useless gain is surely rarer than `LEVEL` among
+   healthy units (conformal rank among some that built nothing of the library, with the bound that
+   holds for these very ones, Vovk 2012), on its quadratic and again on runs.
+2. Laws are proposed from the library (wide, cheap), fitted with the simulator (`ROUNDS`), and
+   compared by one evidence: log E = -½ ν ln J - ½ k ln ν, J the cost, k coordinates, ν the
+   independent numbers of a record. This is the likelihood of a scale that is not known, with the
+   price of Schwarz (1978) on each coordinate.
+3. A model *explains* if its cost is usual among healthy units; each law in it must have a gain
+   of its own beyond the useless ones'. The answer is the smallest set of names with `COVERED` of
+   the evidence; more than `LARGEST_SET`, or no model that explains, is unknown.
+4. Held-out records only judge: no name where the gap does not fall, no silence where it is large.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.stats import beta
+
+from ema_identification.actuator.decision.fit import LawFit, TestedUnit
+from ema_identification.actuator.decision.gap import HeldOut, LawGap
+from ema_identification.actuator.decision.proposals import (
+    LawProposal,
+    gain_of,
+    linear_gains,
+    ripples,
+    scores,
+    selectable,
+    sized,
+)
+from ema_identification.actuator.decision.surrogate import SETTLED_RUNS
+from ema_identification.actuator.measure.runs import Progress, silent
+from ema_identification.result import Outcome
+
+LEVEL = 0.01
+"""Requirement: names on nothing, at most 1 %. Of every test."""
+SURE = 0.95
+"""Statistic: confidence that the units set aside prove the level."""
+COVERED = 0.95
+"""Requirement: evidence that a set of names holds."""
+LARGEST_SET = 3
+"""Requirement: more names are no answer."""
+SCREENED, PROPOSED, SECONDS, PAIRED, TESTED = 16, 6, 3, 3, 2
+"""Budget: laws fitted on the library; with the simulator; second laws fitted beside one; first
+laws that get a second; pairs whose laws are each fitted alone."""
+ROUNDS = ((2, 4, 4), (4, 3, 3))
+"""Budget: runs, steps, and how many go on."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FleetAnswer:
+    """What was decided.
+
+    Attributes
+    ----------
+    verdict : of the identification.
+    null : the model without a law, on runs where laws were tried.
+    fit : of the laws named; None for none.
+    equivalent : for each law other names that the data cannot tell from it; without `fit`, all
+        that explain it equally well.
+    p_value : of each law, that it adds nothing to the model with the others.
+    p_nothing : that a healthy unit is as far off.
+    closed : for each law the share of the excess misfit that it closes, beside the others.
+    fits : all that were compared, most evidence first.
+    gap : on held-out records.
+    reasons : for people.
+    """
+
+    verdict: Outcome
+    null: LawFit
+    fit: LawFit | None = None
+    equivalent: tuple[tuple[str, ...], ...] = ()
+    p_value: tuple[float, ...] = ()
+    p_nothing: float = 1.0
+    closed: tuple[float, ...] = ()
+    fits: tuple[LawFit, ...] = ()
+    gap: LawGap | None = None
+    reasons: tuple[str, ...] = field(default=())
+
+
+def rank(score: float, healthy: np.ndarray) -> float:
+    """Return the probability of a score at least as large among units that are exchangeable."""
+    return float(1.0 + (healthy >= score).sum()) / (1.0 + len(healthy))
+
+
+def p_nothing(score: tuple[float, float], healthy: np.ndarray) -> float:
+    """Return the share of healthy units that are as far off, with `SURE` at most as large.
+
+    The score is the rarer of the ranks of cost and gain, so that having looked at both is paid
+    for. Of `n` healthy units `k` are as rare: the bound of Clopper and Pearson (1934). Among all
+    libraries that might have been drawn, at least `SURE` keep what it promises.
+    """
+    pooled = np.vstack([score, healthy])
+    rarer = (pooled[None] >= pooled[:, None]).sum(axis=1).min(axis=1)
+    return share_of(int((rarer[1:] <= rarer[0]).sum()), len(healthy))
+
+
+def share_of(as_rare: int, units: int) -> float:
+    """Return the largest share that is compatible, with `SURE`, with so many of `units`."""
+    return float(beta.ppf(SURE, as_rare + 1, units - as_rare)) if as_rare < units else 1.0
+
+
+def log_evidence(fit: LawFit, freedom: float) -> float:
+    """Return log E, see the module; -inf for a model that could not be run."""
+    if not np.isfinite(fit.cost):
+        return -np.inf
+    return -0.5 * freedom * float(np.log(fit.cost)) - 0.5 * fit.free * float(np.log(freedom))
+
+
+class _Decision:
+    def __init__(self, unit: TestedUnit, null: LawFit, without: Sequence[str]) -> None:
+        self.unit, self.library = unit, unit.library
+        self.quadratic, self.before = null, null.mean
+        self.signatures = selectable(unit, without)
+        self.without = tuple(without)
+        first = unit.settled(null, self.before, 3, salt=3)
+        self.null = unit.settled(first, self.before, SETTLED_RUNS, salt=4)
+        self.white = unit.whitener(SETTLED_RUNS, self.before)
+
+    def explains(self, fit: LawFit) -> bool:
+        """Whether a healthy unit leaves as much."""
+        return rank(fit.cost / self.unit.size, self.library.healthy[:, 0]) > LEVEL
+
+    def p_own(self, fit: LawFit, less: float) -> float:
+        """Return how often the best useless law gains as much as from the cost `less`."""
+        return rank(gain_of(less, fit.cost, self.unit.size), self.library.healthy[:, 1])
+
+    def evidence(self, fit: LawFit) -> float:
+        return log_evidence(fit, self.library.freedom)
+
+    def fitted(self, starts: Sequence[LawFit]) -> list[LawFit]:
+        """Return the models fitted with the simulator, most evidence first."""
+        points = list(starts)
+        for runs, steps, keep in ROUNDS:
+            points = sorted((self.unit.descended(p, self.before, runs=runs, steps=steps)
+                             for p in points), key=lambda f: -self.evidence(f))
+            points = [p for p in points if np.isfinite(p.cost)][:keep]
+        return sorted((self.unit.settled(p, self.before, SETTLED_RUNS) for p in points),
+                      key=lambda f: -self.evidence(f))
+
+    def screened(self, proposals: Sequence[LawProposal], beside: LawFit | None) -> list[LawFit]:
+        """Return the models of proposals, fitted without a run, lowest cost first."""
+        terms, also = ((), self.quadratic.z) if beside is None else (beside.terms, beside.z)
+        return sorted((self.unit.on_library((*terms, p.term), [p.z, also]) for p in proposals),
+                      key=lambda f: f.cost)
+
+    def singles(self) -> list[LawFit]:
+        """Return the fits of single laws."""
+        near = linear_gains(self.unit, self.null, self.white, self.signatures)
+        far = sized(self.unit, self.signatures)
+        extra = ripples(self.unit, self.null, self.white, self.without)
+        chosen = _alternating((near, far, extra), SCREENED)
+        return self.fitted(self.screened(chosen, None)[:PROPOSED])
+
+    def pairs(self, singles: Sequence[LawFit]) -> list[LawFit]:
+        """Return the fits of two laws, where a second one gains more than useless ones do."""
+        found: list[LawFit] = []
+        for one in singles[:PAIRED]:
+            more = linear_gains(self.unit, one, self.white, self.signatures)
+            more += ripples(self.unit, one, self.white, self.without)
+            better = [p for p in sorted(more, key=lambda p: p.cost)
+                      if p.signature.variant.effect not in one.names
+                      and rank(gain_of(one.cost, p.cost, self.unit.size),
+                               self.library.healthy[:, 1]) <= LEVEL]
+            found += self.screened(_alternating((better,), SECONDS), one)
+        found.sort(key=lambda f: f.cost)
+        return self.fitted(found[:PROPOSED]) if found else []
+
+    def each_alone(self, pair: LawFit) -> list[LawFit]:
+        """Return the fits of each law of a pair alone, by law."""
+        found = []
+        ends = np.cumsum([t.variant.size for t in pair.terms])[:-1]
+        parts = np.split(np.arange(pair.free), ends)
+        for term, own in zip(pair.terms, parts):
+            columns = np.append(own, np.arange(pair.free, pair.slopes.shape[1]))
+            start = replace(pair, terms=(term,), slopes=pair.slopes[:, columns])
+            found += self.fitted([start]) or [replace(start, cost=np.inf)]
+        return found
+
+
+def _alternating(lists: Sequence[Sequence[LawProposal]], most: int) -> list[LawProposal]:
+    """Return the first of each list in turn, at most two variants of one effect."""
+    found: list[LawProposal] = []
+    names: dict[str, int] = {}
+    seen = set()
+    for row in range(max((len(x) for x in lists), default=0)):
+        for proposals in lists:
+            if row >= len(proposals) or len(found) >= most:
+                continue
+            p = proposals[row]
+            key = p.signature.variant.name
+            if key in seen or names.get(p.signature.variant.effect, 0) >= 2 or not np.any(p.u):
+                continue
+            seen.add(key)
+            names[p.signature.variant.effect] = names.get(p.signature.variant.effect, 0) + 1
+            found.append(p)
+    return found
+
+
+def decide(
+    unit: TestedUnit, held: HeldOut | None = None, *, without: Sequence[str] = (),
+    progress: Progress = silent,
+) -> FleetAnswer:
+    """Return the answer to a record.
+
+    Parameters
+    ----------
+    unit : the record.
+    held : held-out record of the same unit, if there is one.
+    without : effects that are not to be considered.
+    progress : called with what is being done and how much of it is.
+    """
+    library, null = unit.library, unit.without_law()
+    p = p_nothing(scores(unit, null, 0), library.healthy)
+    if p > LEVEL:
+        return _nothing(null, p, held)
+    progress("name", 0.1)
+    case = _Decision(unit, null, without)
+    again = linear_gains(unit, case.null, case.white, case.signatures)
+    lower = again[0].cost if again else case.null.cost
+    p = max(p, p_nothing((case.null.cost / unit.size,
+                          gain_of(case.null.cost, lower, unit.size)), library.healthy))
+    if p > LEVEL:
+        return _nothing(null, p, held)
+    singles = case.singles()
+    progress("name", 0.5)
+    pairs = case.pairs(singles)
+    progress("name", 0.9)
+    fits = sorted([*singles, *pairs], key=lambda f: -case.evidence(f))
+    answer = FleetAnswer(verdict="unknown effect", null=case.null, p_nothing=p,
+                         fits=tuple(fits))
+    answer = _named(case, answer, [f for f in fits if case.explains(f)])
+    return answer if held is None else _validated(case, answer, held)
+
+
+def _nothing(null: LawFit, p: float, held: HeldOut | None) -> FleetAnswer:
+    """Return silence, unless the held-out record is off by more than the model's own runs."""
+    said = f"of healthy units, up to {p:.2g} are as far off"
+    answer = FleetAnswer(verdict="no disagreement", null=null, p_nothing=p, reasons=(said,))
+    if held is None:
+        return answer
+    gap = held.gap([null])
+    if share_of(int((gap.healthy >= gap.values[0]).sum()), len(gap.healthy)) > LEVEL:
+        return replace(answer, gap=gap)
+    return replace(answer, gap=gap, verdict="unknown effect", reasons=(
+        said, f"the held-out record is off by {gap.values[0]:.3g}; healthy units by up to "
+        f"{gap.bound:.3g} (95 %)"))
+
+
+def _named(case: _Decision, answer: FleetAnswer, explaining: list[LawFit]) -> FleetAnswer:
+    """Return the answer with the names that the evidence leaves."""
+    tested: list[tuple[LawFit, tuple[float, ...], tuple[float, ...]]] = [
+        (fit, (case.p_own(fit, case.null.cost),), (case.null.cost,))
+        for fit in explaining if len(fit.terms) == 1]
+    best = max((case.evidence(f) for f, *_ in tested), default=-np.inf)
+    for pair in [f for f in explaining if len(f.terms) == 2 and case.evidence(f) > best][:TESTED]:
+        alone = tuple(f.cost for f in case.each_alone(pair)[::-1])  # of each, without it
+        tested.append((pair, tuple(case.p_own(pair, less) for less in alone), alone))
+    good = [row for row in tested if max(row[1]) <= LEVEL]
+    if not good:
+        why = "no law of the catalogue, nor two, leave what a healthy unit leaves"
+        return replace(answer, reasons=(why,))
+    weights: dict[frozenset[str], float] = {}
+    top = max(case.evidence(row[0]) for row in good)
+    for fit, *_ in good:
+        key = frozenset(fit.names)
+        weights[key] = max(weights.get(key, 0.0), float(np.exp(case.evidence(fit) - top)))
+    ordered = sorted(weights, key=lambda k: -weights[k])
+    share = np.cumsum([weights[k] for k in ordered]) / sum(weights.values())
+    kept = ordered[:int(np.searchsorted(share, COVERED)) + 1]
+    chosen, p_value, less = max(good, key=lambda row: case.evidence(row[0]))
+    equivalent = tuple(_instead(chosen, name, kept) for name in chosen.names)
+    if max(len(e) for e in equivalent) >= LARGEST_SET:
+        return replace(answer, equivalent=(tuple(sorted(set().union(*kept))),), reasons=(
+            f"{len(kept)} explanations are equally good",))
+    excess = max(case.null.cost - chosen.cost, 1e-9)
+    closed = tuple(float(np.clip((x - chosen.cost) / excess, 0.0, 1.0)) for x in less)
+    return replace(answer, verdict="explained", fit=chosen, equivalent=equivalent,
+                   p_value=p_value, closed=closed)
+
+
+def _instead(fit: LawFit, name: str, kept: Sequence[frozenset[str]]) -> tuple[str, ...]:
+    """Return names that stand in the place of one, all else equal."""
+    others = set(fit.names) - {name}
+    return tuple(sorted({next(iter(k - others)) for k in kept
+                         if len(k) == len(fit.names) and others <= k and name not in k}))
+
+
+def _validated(case: _Decision, answer: FleetAnswer, held: HeldOut) -> FleetAnswer:
+    """Return the answer as held-out records leave it: they only judge."""
+    models = [case.null] if answer.fit is None else [case.null, answer.fit]
+    gap = held.gap(models)
+    answer = replace(answer, gap=gap)
+    if answer.fit is None or gap.values[-1] < gap.values[0] or gap.values[0] <= gap.bound:
+        return answer
+    grew = f"the gap on the held-out record went from {gap.values[0]:.3g} to {gap.values[-1]:.3g}"
+    return replace(answer, verdict="contradicted", reasons=(grew, *answer.reasons))

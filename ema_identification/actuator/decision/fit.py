@@ -1,0 +1,349 @@
+"""One record against the healthy fleet: its likelihood, and fits of none, one or two laws.
+
+A model is judged by the cost
+
+    J = |C^-1/2 b((y - f) / s)|² + sum w_j (z_j - c_j)²,   |z_j| <= 1,
+
+y the features, f the prediction, s and C deviations and correlation of their noise as measured
+(`surrogate.NoiseLaw`), b a logarithm beyond five deviations, z all in which healthy units differ,
+of a unit of which nothing else is known w = 3, the inverse variance of an even number, and c = 0.
+First f is the quadratic of the library; then the mean of runs at the point reached.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from scipy.linalg import cholesky
+
+from ema_identification.actuator.decision.fleet import SIZE, fleet_features
+from ema_identification.actuator.decision.surrogate import (
+    FleetLibrary,
+    Whitener,
+    least_size,
+    mended,
+)
+from ema_identification.actuator.measure.tolerances import RecordConditions
+from ema_identification.actuator.surrogate.fit import (
+    EffectTerm,
+    bounds,
+    coordinates,
+    library_slopes,
+    moved,
+    with_terms,
+)
+from ema_identification.actuator.surrogate.likelihood import bounded_least_squares
+from ema_sim.effects import Effects
+
+PRIOR = 3.0
+"""1 / variance of a number that is uniform from -1 to 1."""
+LAW_ERROR = 0.02
+"""Relative error of what a simulated law adds (steps of the solver, end of the descent)."""
+QUADRATIC_STEPS, DAMPINGS = 20, 4
+"""Most steps of a descent without runs, and dampings tried a step."""
+LOUDEST = 4.0
+"""Noise factor up to which the law of the noise is believed."""
+STRONG, PART = 4.0, 0.2
+"""Effect (deviations, rms) from which its slope is simulated, and the step, of its size."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawFit:
+    """A model fitted to a record: no law, one, two.
+
+    Attributes
+    ----------
+    terms : the laws at their coordinates.
+    z : ndarray, shape (SIZE,).
+    mean : ndarray, shape (d,). Features as predicted.
+    slopes : ndarray, shape (d, coordinates + SIZE).
+    cost : J.
+    runs : that `mean` is the mean of; 0: the quadratic's.
+    """
+
+    terms: tuple[EffectTerm, ...]
+    z: np.ndarray
+    mean: np.ndarray
+    slopes: np.ndarray
+    cost: float
+    runs: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the laws."""
+        return tuple(t.variant.effect for t in self.terms)
+
+    @property
+    def free(self) -> int:
+        """Number of coordinates of the laws."""
+        return sum(t.variant.size for t in self.terms)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TestedUnit:
+    """A record, what is known of its like, and runs of models of it.
+
+    Attributes
+    ----------
+    library : of its test.
+    values : ndarray, shape (d,). Its features.
+    conditions : as measured.
+    seed : of all runs.
+    workers : threads that share the runs.
+    centre, weight : ndarrays, shape (SIZE,). Where the unit is expected, and how surely.
+    simulator : gives the features of a run; its arguments are those of `fleet_features`.
+    """
+
+    library: FleetLibrary
+    values: np.ndarray
+    conditions: RecordConditions
+    seed: int = 0
+    workers: int = 1
+    centre: np.ndarray = field(default_factory=partial(np.zeros, SIZE))
+    weight: np.ndarray = field(default_factory=partial(np.full, SIZE, PRIOR))
+    simulator: Callable[..., np.ndarray] = fleet_features
+    _whiteners: dict[tuple[int, int], Whitener] = field(
+        init=False, repr=False, compare=False, default_factory=dict)
+
+    @property
+    def size(self) -> int:
+        """Number of features."""
+        return len(self.values)
+
+    @property
+    def _plain(self) -> bool:
+        return self.library.left is None
+
+    def covariance(self, runs: int) -> np.ndarray:
+        """Return the covariance of what the right model leaves; `runs` 0: on the quadratic."""
+        library, noise = self.library, min(self.conditions.noise, LOUDEST)
+        found = library.surrogate.covariance(noise)
+        if runs:
+            found = (1.0 + 1.0 / runs) * library.repeat.covariance(noise) + (
+                library.carried**2 * found)
+        if library.left is not None:
+            found[np.diag_indices_from(found)] += library.left.spread**2
+        return found
+
+    def whitener(self, runs: int, before: np.ndarray | None = None) -> Whitener:
+        """Return the whitening; `before`: features without a law, to which its error belongs."""
+        key = runs, id(before)
+        if self._plain and not runs and before is None:  # one correlation for all records
+            law, noise = self.library.surrogate, self.conditions.noise
+            return Whitener(deviation=law.deviation(min(noise, LOUDEST)), root=self.library.root)
+        if key not in self._whiteners:
+            found = self.covariance(runs)
+            if before is not None:
+                found[np.diag_indices_from(found)] += (LAW_ERROR * (self.values - before)) ** 2
+            deviation = np.sqrt(np.diag(found))
+            self._whiteners[key] = Whitener(
+                deviation=deviation,
+                root=cholesky(found / np.outer(deviation, deviation), lower=True))
+        return self._whiteners[key]
+
+    def cost(self, white: Whitener, mean: np.ndarray, z: np.ndarray) -> float:
+        """Return J."""
+        rest = white.residual(self.values - mean)
+        return float(rest @ rest + self.weight @ (z - self.centre) ** 2)
+
+    def run(self, terms: Sequence[EffectTerm], z: np.ndarray, runs: int, salt: int = 0
+            ) -> np.ndarray:
+        """Return the mean features of runs of a model, shape (d,)."""
+        return self.run_all([(terms, z)], runs, salt)[0]
+
+    def run_all(
+        self, models: Sequence[tuple[Sequence[EffectTerm], np.ndarray]], runs: int, salt: int = 0
+    ) -> list[np.ndarray]:
+        """Return the mean features of runs of each model, with the same noise."""
+        library = self.library
+        if not models:
+            return []
+        seeds = np.random.default_rng([self.seed, 31, salt]).integers(2**31, size=runs)
+        jobs = [(with_terms(terms, library.model.effects), z, int(s))
+                for terms, z in models for s in seeds]
+
+        def one(job: tuple[Effects, np.ndarray, int]) -> np.ndarray:
+            effects, z, seed = job
+            return self.simulator(library.model, library.spread, library.fmap, z,
+                                  self.conditions, seed, effects)
+
+        if self.workers > 1:
+            with ThreadPoolExecutor(self.workers) as pool:
+                rows = np.array(list(pool.map(one, jobs)))
+        else:
+            rows = np.array([one(job) for job in jobs])
+        left = 0.0 if library.left is None else library.left.mean
+        return list(rows.reshape(len(models), runs, -1).mean(axis=1) + left)
+
+    def without_law(self) -> LawFit:
+        """Return the fit of no law on the quadratic: what recalibration can do."""
+        return self.on_library((), [self.centre])
+
+    def on_library(
+        self, terms: tuple[EffectTerm, ...], starts: Sequence[np.ndarray]
+    ) -> LawFit:
+        """Return a fit on the quadratic and the signatures, without a run.
+
+        From each start two descents, since the cost has other minima far from the record: one at
+        once, one that begins with plain least squares.
+        """
+        white = self.whitener(0)
+        plain = replace(white, straight=True)
+        found = []
+        for z in starts:
+            found.append(self._recalibrated(white, terms, z))
+            found.append(self._recalibrated(white, *self._recalibrated(plain, terms, z)[:2]))
+        terms, z, cost = min(found, key=lambda row: row[2])
+        return LawFit(terms=terms, z=z, mean=self._known(terms, z), cost=cost, runs=0,
+                      slopes=self._known_slopes(terms, z))
+
+    def means(self, z: np.ndarray) -> np.ndarray:
+        """Return what the quadratic predicts for units without a law, (n, SIZE) -> (n, d)."""
+        return self.library.means(z, self.conditions)
+
+    def slope(self, z: np.ndarray) -> np.ndarray:
+        """Return the derivative of `means`, shape (d, SIZE)."""
+        return self.library.slope(z, self.conditions)
+
+    def _known(self, terms: Sequence[EffectTerm], z: np.ndarray) -> np.ndarray:
+        mean = self.means(z[None])[0]
+        return np.asarray(sum((t.signature.at(t.u) for t in terms), mean))
+
+    def _known_slopes(self, terms: Sequence[EffectTerm], z: np.ndarray) -> np.ndarray:
+        own = self.slope(z)
+        return np.hstack([library_slopes(terms), own]) if terms else own
+
+    def _recalibrated(
+        self, white: Whitener, terms: tuple[EffectTerm, ...], z: np.ndarray
+    ) -> tuple[tuple[EffectTerm, ...], np.ndarray, float]:
+        """Return where damped steps without runs end, and the cost there."""
+        mean, damping, free = self._known(terms, z), 0.0, sum(t.variant.size for t in terms)
+        cost = self.cost(white, mean, z)
+        for _ in range(QUADRATIC_STEPS):
+            slopes = self._known_slopes(terms, z)
+            for _ in range(DAMPINGS):
+                step = self._step(white, mean, slopes, z, terms, damping)
+                there = np.clip(z + step[free:], -1.0, 1.0)
+                laws = moved(terms, coordinates(terms) + step[:free]) if terms else ()
+                found = self._known(laws, there)
+                lower = self.cost(white, found, there)
+                if lower < cost:
+                    break
+                damping = max(10.0 * damping, 0.01)
+            gained, damping = cost - lower, 0.1 * damping
+            if gained > 0.0:
+                terms, z, mean, cost = laws, there, found, lower
+            if gained < 1e-3 * cost:
+                break
+        return terms, z, cost
+
+    def settled(self, fit: LawFit, before: np.ndarray | None, runs: int, salt: int = 7) -> LawFit:
+        """Return a fit on fresh runs at its point, with a last linear step."""
+        mean = self.run(fit.terms, fit.z, runs, salt)
+        if not np.isfinite(mean).all():
+            return replace(fit, cost=np.inf)
+        return self.settled_at(fit, mean, self.whitener(runs, before), runs)
+
+    def settled_at(self, fit: LawFit, mean: np.ndarray, white: Whitener, runs: int) -> LawFit:
+        """Return a fit after a linear step from `mean`, that of runs at its point."""
+        step = self._step(white, mean, fit.slopes, fit.z, fit.terms, 0.0)
+        terms = moved(fit.terms, coordinates(fit.terms) + step[:fit.free]) if fit.terms else ()
+        there, z = mean + fit.slopes @ step, fit.z + step[fit.free:]
+        return LawFit(terms=terms, z=z, mean=there, slopes=fit.slopes, runs=runs,
+                      cost=self.cost(white, there, z))
+
+    def descended(
+        self, fit: LawFit, before: np.ndarray, *, runs: int, steps: int, salt: int = 0
+    ) -> LawFit:
+        """Return a fit of lower cost, by damped Gauss-Newton steps on runs.
+
+        Slopes to the laws are simulated where these are strong, and mended by what a step did.
+        """
+        white = self.whitener(runs, before)
+        mean = self.run(fit.terms, fit.z, runs, salt)
+        if not np.isfinite(mean).all():
+            return replace(fit, cost=np.inf)
+        own = self._law_slopes(fit, mean, runs, salt, white)
+        slopes = np.hstack([own, fit.slopes[:, fit.free:]])
+        point = replace(fit, mean=mean, slopes=slopes, runs=runs,
+                        cost=self.cost(white, mean, fit.z))
+        damping = 1e-3
+        for _ in range(steps):
+            step = self._step(white, point.mean, point.slopes, point.z, point.terms, damping)
+            terms = moved(point.terms, coordinates(point.terms) + step[:fit.free])
+            z = np.clip(point.z + step[fit.free:], -1.0, 1.0)
+            mean = self.run(terms, z, runs, salt)
+            if not np.isfinite(mean).all():
+                damping = max(10.0 * damping, 0.1)
+                continue
+            done = np.append(coordinates(terms) - coordinates(point.terms), z - point.z)
+            slopes = mended(point.slopes, done, mean - point.mean, _scale(point.terms))
+            cost = self.cost(white, mean, z)
+            if cost < point.cost:
+                small = point.cost - cost < 0.5 * cost / self.size
+                point = replace(point, terms=terms, z=z, mean=mean, slopes=slopes, cost=cost)
+                damping *= 0.3
+                if small:
+                    break
+            else:
+                point = replace(point, slopes=slopes)
+                damping = max(10.0 * damping, 0.1)
+        return point
+
+    def _law_slopes(
+        self, fit: LawFit, mean: np.ndarray, runs: int, salt: int, white: Whitener
+    ) -> np.ndarray:
+        found = library_slopes(fit.terms)
+        u = coordinates(fit.terms)
+        low, high = bounds(fit.terms)
+        asked, k = [], 0
+        for term in fit.terms:
+            added = term.signature.at(term.u) / white.deviation
+            strong = float(np.sqrt(np.mean(added**2))) > 0.3 * STRONG
+            size = float(np.linalg.norm(term.u))
+            for levels in term.signature.levels:
+                known = len(levels) > 1
+                if strong or not known:
+                    there = u.copy()
+                    step = PART * size if known else 0.3
+                    there[k] += step if u[k] + step <= high[k] else -step
+                    if low[k] <= there[k] and there[k] != u[k]:
+                        asked.append((k, there))
+                k += 1
+        means = self.run_all([(moved(fit.terms, u1), fit.z) for _, u1 in asked], runs, salt)
+        for (k, there), f in zip(asked, means):
+            if np.isfinite(f).all():
+                found[:, k] = (f - mean) / (there[k] - u[k])
+        return found
+
+    def _step(
+        self, white: Whitener, mean: np.ndarray, slopes: np.ndarray, z: np.ndarray,
+        terms: tuple[EffectTerm, ...], damping: float,
+    ) -> np.ndarray:
+        rest = self.values - mean
+        columns, target = white.columns(slopes, rest), white.residual(rest)
+        free = slopes.shape[1] - SIZE
+        weight = np.append(np.zeros(free), self.weight)
+        u = coordinates(terms) if terms else np.zeros(0)
+        low, high = bounds(terms) if terms else (np.zeros(0), np.zeros(0))
+        reach = np.concatenate([
+            np.full(t.variant.size, max(float(np.linalg.norm(t.u)), 2.0 * least_size(t.signature)))
+            for t in terms]) if terms else np.zeros(0)
+        lower = np.append(np.maximum(low - u, -reach), -1.0 - z)
+        upper = np.append(np.minimum(high - u, reach), 1.0 - z)
+        curve = np.sqrt(damping * ((columns**2).sum(axis=0) + weight))
+        return bounded_least_squares(
+            np.vstack([columns, np.diag(curve)]), np.append(target, np.zeros(len(curve))),
+            np.minimum(lower, -1e-9), np.maximum(upper, 1e-9), weight,
+            np.append(u, z - self.centre))
+
+
+def _scale(terms: Sequence[EffectTerm]) -> np.ndarray:
+    """Return the size of each coordinate: of a law its own, of all else a half width."""
+    return np.append(np.concatenate([
+        np.full(t.variant.size, max(float(np.linalg.norm(t.u)), 1e-12)) for t in terms]),
+        np.ones(SIZE))

@@ -1,0 +1,235 @@
+"""All in which healthy units and days differ, by the kit's `tolerances` and `conditions`; runs.
+
+Beside what recalibration fits, that is everything a record cannot be expected to measure: grease,
+static friction, gains, relay band, latencies. One vector in half widths, uniform from -1 to 1,
+describes a unit on one day; conditions that the record measures stand beside it. These are read
+off the simulated records as they are off measured ones, so that both are judged alike.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from ema_identification.actuator.measure.features import FeatureMap
+from ema_identification.actuator.measure.recorder import whole
+from ema_identification.actuator.measure.runs import Progress, silent, spread_out
+from ema_identification.actuator.measure.signals import TURN
+from ema_identification.actuator.measure.tolerances import (
+    TOLERANCES,
+    RecordConditions,
+    align,
+    realise,
+)
+from ema_record.actuator import Actuator
+from ema_record.errors import InvalidRecordError, SimulationError
+from ema_record.record import Record
+from ema_record.spread import TypeSpread
+from ema_sim.effects import Effects
+from ema_sim.model_file import Model
+from ema_sim.simulate import simulate
+
+UNLISTED = (
+    "motor.static_ratio", "surface.static_ratio", "motor.viscous_friction",
+    "surface.viscous_friction", "motor.flat_top", "shaft.damping", "control.position_gain",
+    "control.proportional_gain", "control.integral_gain", "inverter.hysteresis",
+    "acquisition.command_latency", "acquisition.reference_latency", "shaft.backlash",
+)
+"""Beside `TOLERANCES`; lost motion is spread as the stiffness of the same shaft."""
+NAMES = (*(t.name for t in TOLERANCES), *UNLISTED)
+SIZE = len(NAMES)
+_LISTED = len(TOLERANCES)
+
+
+def _factors(spread: TypeSpread) -> np.ndarray:
+    """Return the kit's half widths of `TOLERANCES`, in theirs, shape (18,)."""
+    t, c = spread.tolerances, spread.conditions
+    kit = [t.resistance, t.inductance, t.motor_friction, t.surface_friction, t.back_emf,
+           *[t.back_emf_phase] * 3, t.inertia, t.inertia, t.stiffness, *[c.current_gain] * 3,
+           *[c.current_offset] * 3, c.load]
+    return np.array([w / known.half_width for w, known in zip(kit, TOLERANCES)])
+
+
+def draw_fleet_unit(rng: np.random.Generator) -> np.ndarray:
+    """Return a healthy unit on some day, shape (SIZE,), in half widths."""
+    return rng.uniform(-1.0, 1.0, SIZE)
+
+
+def draw_fleet_conditions(rng: np.random.Generator, spread: TypeSpread) -> RecordConditions:
+    """Return conditions of a test within the kit's."""
+    c = spread.conditions
+    low, high = math.log(max(c.noise_least, 1e-2)), math.log(max(c.noise_most, 1e-2))
+    return RecordConditions(
+        temperature=float(rng.uniform(c.temperature_least, c.temperature_most)),
+        bus=float(rng.uniform(-c.bus, c.bus)), noise=math.exp(rng.uniform(low, high)),
+        start_angle=float(rng.uniform(0.0, TURN)), measured=frozenset({"temperature", "bus"}))
+
+
+def fleet_unit(
+    model: Model, spread: TypeSpread, z: np.ndarray, conditions: RecordConditions,
+    effects: Effects | None = None,
+) -> tuple[Actuator, Effects]:
+    """Return the actuator and effects of a unit.
+
+    Parameters
+    ----------
+    model, spread : the type.
+    z : ndarray, shape (SIZE,), in half widths.
+    conditions : of the test.
+    effects : in place of those of the model.
+    """
+    t = spread.tolerances
+    a, e = realise(model, z[:_LISTED] * _factors(spread), conditions, effects)
+    x = dict(zip(UNLISTED, map(float, z[_LISTED:])))
+    m, s, c, q = a.motor, a.surface, a.control, a.acquisition
+
+    def near(name: str, half: float) -> float:
+        return 1.0 + half * x[name]
+
+    m = m._replace(
+        static_friction=max(m.static_friction * near("motor.static_ratio", t.static_ratio),
+                            m.dynamic_friction),
+        viscous_friction=m.viscous_friction * t.viscous_factor**x["motor.viscous_friction"],
+        flat_top=float(np.clip(m.flat_top + t.flat_top * x["motor.flat_top"], 0.0, math.pi)))
+    s = s._replace(
+        static_friction=max(s.static_friction * near("surface.static_ratio", t.static_ratio),
+                            s.dynamic_friction),
+        viscous_friction=s.viscous_friction * t.viscous_factor**x["surface.viscous_friction"])
+    c = c._replace(
+        position_gain=c.position_gain * near("control.position_gain", t.control_gain),
+        proportional_gain=c.proportional_gain * near("control.proportional_gain", t.control_gain),
+        integral_gain=c.integral_gain * near("control.integral_gain", t.control_gain))
+    shaft = a.shaft._replace(
+        damping=a.shaft.damping * near("shaft.damping", t.damping),
+        backlash=a.shaft.backlash * near("shaft.backlash", t.stiffness))
+    q = q._replace(
+        command_latency=q.command_latency
+        + 0.5 * t.latency * (1.0 + x["acquisition.command_latency"]),
+        reference_latency=q.reference_latency
+        + 0.5 * t.latency * (1.0 + x["acquisition.reference_latency"]))
+    inverter = a.inverter._replace(
+        hysteresis=a.inverter.hysteresis * near("inverter.hysteresis", t.hysteresis))
+    return a._replace(motor=m, surface=s, control=c, shaft=shaft, acquisition=q,
+                      inverter=inverter), e
+
+
+def fleet_record(
+    model: Model, spread: TypeSpread, fmap: FeatureMap, z: np.ndarray,
+    conditions: RecordConditions, seed: int, effects: Effects | None = None,
+) -> Record:
+    """Return a test of a unit, all channels; `fleet_unit` says what the parameters are."""
+    actuator, effects = fleet_unit(model, spread, z, conditions, effects)
+    # The conditions hold what the sensor of the rotor angle reads.
+    angle = conditions.start_angle - effects.hall_misalignment.angle
+    return whole(simulate(fmap.profile, actuator=actuator, effects=effects, seed=seed,
+                          noise=conditions.noise, rate=fmap.rate, start_angle=angle % TURN),
+                 model.actuator)
+
+
+def fleet_features(
+    model: Model, spread: TypeSpread, fmap: FeatureMap, z: np.ndarray,
+    conditions: RecordConditions, seed: int, effects: Effects | None = None,
+) -> np.ndarray:
+    """Return the features of `fleet_record`, shape (d,); NaN outside the simulator's domain."""
+    try:
+        return fmap.extract(fleet_record(model, spread, fmap, z, conditions, seed, effects))
+    except (SimulationError, InvalidRecordError):
+        return np.full(len(fmap.features), np.nan)
+
+
+class LibrarySizes(NamedTuple):
+    """How many healthy units a library is made of."""
+
+    units: int = 3000
+    repeated: int = 450
+    scaled: int = 40
+    """Units that set the scale of the likelihood, on the quadratic and on runs."""
+    set_aside: int = 480
+    """Units that are only ranked; the second of so many still proves a level of 0.01."""
+
+    @property
+    def ranked(self) -> int:
+        """Return the place of the first unit that is only ranked."""
+        return self.units + self.scaled
+
+    @property
+    def total(self) -> int:
+        """Return the number of units."""
+        return self.ranked + self.set_aside
+
+
+FULL = LibrarySizes()
+CHUNK = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetRuns:
+    """Runs of healthy units.
+
+    Attributes
+    ----------
+    z : ndarray, shape (n, SIZE).
+    conditions : ndarray, shape (n, 4). Temperature, bus, noise, start angle, as the records tell.
+    features : ndarray, shape (n, d).
+    again : ndarray, shape (m, d). Second runs of the first m units.
+    """
+
+    z: np.ndarray
+    conditions: np.ndarray
+    features: np.ndarray
+    again: np.ndarray
+
+
+def conditions_of(row: np.ndarray) -> RecordConditions:
+    """Return the conditions of a row of `FleetRuns.conditions`."""
+    temperature, bus, noise, angle = map(float, row)
+    return RecordConditions(temperature=temperature, bus=bus, noise=noise, start_angle=angle,
+                            measured=frozenset({"temperature", "bus"}))
+
+
+def _chunk(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first: int, last: int,
+           repeated: int) -> np.ndarray:
+    from threadpoolctl import threadpool_limits
+
+    rows = []
+    with threadpool_limits(limits=1):
+        for k in range(first, last):
+            rng = np.random.default_rng([seed, 7, k])  # the same unit in every test
+            z, given = draw_fleet_unit(rng), draw_fleet_conditions(rng, spread)
+            seeds = rng.integers(2**31, size=2)
+            row = np.full(SIZE + 4 + 2 * len(fmap.features), np.nan)
+            row[:SIZE] = z
+            try:
+                record = fleet_record(model, spread, fmap, z, given, int(seeds[0]))
+                c = align(record, model)
+                row[SIZE:SIZE + 4] = c.temperature, c.bus, c.noise, c.start_angle
+                row[SIZE + 4:SIZE + 4 + len(fmap.features)] = fmap.extract(record)
+            except (SimulationError, InvalidRecordError):  # left out
+                pass
+            if k < repeated:
+                row[-len(fmap.features):] = fleet_features(
+                    model, spread, fmap, z, given, int(seeds[1]))
+            rows.append(row)
+    return np.array(rows)
+
+
+def fleet_runs(
+    model: Model, spread: TypeSpread, fmap: FeatureMap, sizes: LibrarySizes, *, seed: int = 0,
+    workers: int = 1, progress: Progress = silent, keep: str = "",
+) -> FleetRuns:
+    """Simulate the healthy units; the first build, then some set the scale, the last are ranked.
+
+    `keep` : name under which parts are kept, so that a run that was stopped goes on.
+    """
+    n, d = sizes.total, len(fmap.features)
+    rows = np.concatenate(spread_out(
+        partial(_chunk, model, spread, fmap, seed),
+        [(k, min(k + CHUNK, n), sizes.repeated) for k in range(0, n, CHUNK)],
+        workers=workers, progress=progress, what="healthy runs", keep=keep))
+    return FleetRuns(z=rows[:, :SIZE], conditions=rows[:, SIZE:SIZE + 4],
+                     features=rows[:, SIZE + 4:SIZE + 4 + d],
+                     again=rows[:sizes.repeated, SIZE + 4 + d:])

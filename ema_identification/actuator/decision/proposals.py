@@ -1,0 +1,233 @@
+"""Which laws are worth fitting: the whole catalogue, read off the library without a run.
+
+About the recalibrated unit a law's gain is linear, in closed form (`linear_gains`): by it the test
+for nothing and the search for a second law go. A large law is not a small one scaled up: its
+signatures are compared size by size about the middle of the fleet too (`sized`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ema_identification.actuator.decision.fit import LawFit, TestedUnit
+from ema_identification.actuator.decision.surrogate import Whitener
+from ema_identification.actuator.surrogate.catalogue import Variant, ripple
+from ema_identification.actuator.surrogate.fit import EffectTerm
+from ema_identification.actuator.surrogate.library import Signature
+
+ANGLES, CHORDS = 8, 3
+"""Directions of a vector at each of its levels; steps towards the unit."""
+
+
+class LawProposal(NamedTuple):
+    """A law at a size, and what it would leave."""
+
+    signature: Signature
+    u: np.ndarray
+    z: np.ndarray
+    cost: float
+
+    @property
+    def term(self) -> EffectTerm:
+        """The law, to be fitted."""
+        return EffectTerm(variant=self.signature.variant, signature=self.signature, u=self.u)
+
+
+def selectable(unit: TestedUnit, without: Sequence[str]) -> list[Signature]:
+    """Return the signatures that may be named: not hidden, not of a measured condition."""
+    return [s for s in unit.library.signatures if s.variant.effect not in without
+            and s.variant.condition not in unit.conditions.measured]
+
+
+def _directions(signature: Signature) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return (coordinates, features added) of single sizes; of vectors each part's least."""
+    found = []
+    for k, (levels, values) in enumerate(zip(signature.levels, signature.values)):
+        for x, row in zip(levels, values):
+            if x != 0.0:
+                u = np.zeros(signature.variant.size)
+                u[k] = x
+                found.append((u, row))
+    return found
+
+
+def linear_gains(
+    unit: TestedUnit, fit: LawFit, white: Whitener, signatures: Sequence[Signature]
+) -> list[LawProposal]:
+    """Return each law at the size of its largest linear gain, best first.
+
+    What a law gains while everything else that is fitted gives way: g²/h, g the pull along it, h
+    its square less what the other columns can do; numbers at a bound do not give way. `cost` is
+    J less the gain.
+    """
+    rest = unit.values - fit.mean
+    target = white.residual(rest)
+    inside = np.append(np.ones(fit.free, dtype=bool), np.abs(fit.z) < 1.0 - 1e-6)
+    others = white.columns(fit.slopes[:, inside], rest)
+    weight = np.append(np.zeros(fit.free), unit.weight)[inside]
+    normal = others.T @ others + np.diag(weight + 1e-9)
+    rows = [(s, u, row) for s in signatures for u, row in _directions(s)]
+    if not rows:
+        return []
+    columns = white.columns(np.array([row for _, _, row in rows]).T, rest)
+    across = others.T @ columns
+    at = np.append(np.zeros(fit.free), fit.z - unit.centre)[inside]
+    owed = np.linalg.solve(normal, others.T @ target - weight * at)  # a last step of the others
+    pull = columns.T @ target - across.T @ owed
+    square = (columns**2).sum(axis=0) - (across * np.linalg.solve(normal, across)).sum(axis=0)
+    found: dict[str, LawProposal] = {}
+    start = 0
+    for signature in signatures:
+        n = len(_directions(signature))
+        part = slice(start, start + n)
+        start += n
+        u, gain = _largest_gain(signature, [rows[i][1] for i in range(start - n, start)],
+                                pull[part], np.maximum(square[part], 1e-12),
+                                columns[:, part], across[:, part], normal)
+        found[signature.variant.name] = LawProposal(signature, u, fit.z, fit.cost - gain)
+    return sorted(found.values(), key=lambda p: p.cost)
+
+
+def _largest_gain(
+    signature: Signature, places: Sequence[np.ndarray], pull: np.ndarray, square: np.ndarray,
+    columns: np.ndarray, across: np.ndarray, normal: np.ndarray,
+) -> tuple[np.ndarray, float]:
+    size = signature.variant.size
+    known = [k for k, levels in enumerate(signature.levels) if len(levels) > 1]
+    if len(known) == 1:  # along the curve: a part of each size, at most twice it
+        part = np.clip(pull / square, 0.0, 2.0)
+        gains = 2.0 * part * pull - part**2 * square
+        best = int(np.argmax(gains))
+        return part[best] * places[best], float(gains[best])
+    least = []
+    for k in known:  # a vector: the parts together, each by its least size
+        own = [i for i, u in enumerate(places) if u[k] > 0.0]
+        least.append(min(own, key=lambda i: places[i][k]))
+    own_columns = columns[:, least]
+    whole = own_columns.T @ own_columns - across[:, least].T @ np.linalg.solve(
+        normal, across[:, least])
+    part = np.linalg.solve(whole + 1e-9 * np.trace(whole) * np.eye(len(known)), pull[least])
+    u = np.zeros(size)
+    for value, i in zip(part, least):
+        u += value * places[i]
+    u = np.clip(u, signature.variant.low, signature.variant.high)
+    return u, float(max(part @ pull[least], 0.0))
+
+
+def sized(unit: TestedUnit, signatures: Sequence[Signature]) -> list[LawProposal]:
+    """Return each law at the library's size that comes nearest, all else fitted to it roughly.
+
+    The unit is found by steps of plain least squares with the slopes where it is expected.
+    """
+    white, middle = unit.whitener(0), unit.centre
+    plain = replace(white, straight=True)
+    columns = plain.columns(unit.slope(middle), np.zeros(unit.size))
+    inverse = np.linalg.inv(columns.T @ columns + np.diag(unit.weight))
+    points = [(s, u) for s in signatures for u in _points(s)]
+    if not points:
+        return []
+    wanted = unit.values[:, None] - np.array([s.at(u) for s, u in points]).T
+    centre, weight = middle[:, None], unit.weight[:, None]
+    z = np.tile(centre, (1, len(points)))
+    for _ in range(CHORDS):
+        rest = plain.residual(wanted - unit.means(z.T).T)
+        z = np.clip(z + inverse @ (columns.T @ rest - weight * (z - centre)), -1.0, 1.0)
+    left = white.residual(wanted - unit.means(z.T).T)
+    cost = (left**2).sum(axis=0) + (weight * (z - centre) ** 2).sum(axis=0)
+    best: dict[str, LawProposal] = {}
+    for i in np.argsort(cost):
+        signature, u = points[i]
+        best.setdefault(signature.variant.name,
+                        LawProposal(signature, u, z[:, i], float(cost[i])))
+    return sorted(best.values(), key=lambda p: p.cost)
+
+
+def _points(signature: Signature) -> list[np.ndarray]:
+    levels, size = signature.levels, signature.variant.size
+    if size == 2 and all(len(x) > 1 for x in levels) and math.isclose(
+            levels[0].max(), levels[1].max()):
+        return [float(r) * np.array([math.cos(a), math.sin(a)])
+                for r in levels[0] if r > 0.0 for a in 2.0 * math.pi * np.arange(ANGLES) / ANGLES]
+    found = []
+    for k, row in enumerate(levels):
+        dense = np.unique(np.concatenate([row, 0.5 * (row[1:] + row[:-1])]))
+        for x in dense[dense != 0.0]:
+            u = np.zeros(size)
+            u[k] = x
+            found.append(u)
+    return found
+
+
+def scores(unit: TestedUnit, fit: LawFit, runs: int) -> tuple[float, float]:
+    """Return cost a feature, and the largest gain of a law in units of what it leaves."""
+    found = linear_gains(unit, fit, unit.whitener(runs), selectable(unit, ()))
+    lower = found[0].cost if found else fit.cost
+    return fit.cost / unit.size, gain_of(fit.cost, lower, unit.size)
+
+
+def gain_of(cost: float, lower: float, size: int) -> float:
+    """Return a fall of the cost in units of what is left a feature."""
+    return (cost - lower) / max(lower / size, 1e-9)
+
+
+ORDERS = range(3, 25)
+"""Periods a turn at which ripple is looked for; lower ones belong to windings."""
+RIPPLE_RUNS = 4
+
+
+def ripples(
+    unit: TestedUnit, fit: LawFit, white: Whitener, without: Sequence[str]
+) -> list[LawProposal]:
+    """Return ripple at the order whose torque lines are off most, signatures simulated."""
+    power: dict[int, float] = {}
+    rest = (unit.values - fit.mean) / white.deviation
+    for feature, x in zip(unit.library.fmap.features, rest):
+        if ".torque_line_" in feature.name:
+            order = int(feature.name.split("_")[2])
+            power[order] = power.get(order, 0.0) + min(float(x) ** 2, 100.0)
+    power = {k: v for k, v in power.items() if k in ORDERS}
+    if not power:
+        return []
+    order = max(power, key=lambda k: power[k])
+    found = []
+    for effect, level in (("cogging_torque", COGGING * _torque(unit)),
+                          ("gear_mesh_ripple", COGGING * _twist(unit))):
+        if effect in without:
+            continue
+        variant = ripple(effect, order * unit.library.model.actuator.motor.pole_pairs, level)
+        known = EffectTerm(variant=variant, signature=_flat(variant, level, unit.size),
+                           u=np.zeros(2))
+        steps = [replace(known, u=level * x) for x in np.eye(2)]
+        base, *there = unit.run_all([(fit.terms, fit.z), *(
+            ((*fit.terms, t), fit.z) for t in steps)], RIPPLE_RUNS, 17)
+        if np.isfinite([base, *there]).all():
+            signature = Signature(
+                variant=variant, levels=(np.array([-level, 0.0, level]),) * 2,
+                values=tuple(np.array([base - f, np.zeros(unit.size), f - base])
+                             for f in there))
+            found += linear_gains(unit, fit, white, [signature])
+    return found
+
+
+COGGING = 0.05
+"""Size at which a ripple is simulated, of dry friction or of its twist of the shaft."""
+
+
+def _torque(unit: TestedUnit) -> float:
+    return unit.library.model.actuator.motor.dynamic_friction
+
+
+def _twist(unit: TestedUnit) -> float:
+    a = unit.library.model.actuator
+    return 0.5 * a.surface.dynamic_friction / a.shaft.stiffness
+
+
+def _flat(variant: Variant, level: float, size: int) -> Signature:
+    none = np.zeros((3, size))
+    return Signature(variant=variant, levels=(np.array([-level, 0.0, level]),) * 2,
+                     values=(none, none))

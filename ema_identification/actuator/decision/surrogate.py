@@ -1,0 +1,238 @@
+"""What records of one test look like over the healthy fleet: mean, spread, repeats, laws.
+
+The mean is a quadratic in everything in which healthy units and days differ; what it leaves of
+units that it was not fitted to is the noise of its predictions, measured (leave one out). Pairs
+of runs of one unit give the part of that noise which no model can take away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from sklearn.covariance import ledoit_wolf_shrinkage
+
+from ema_identification.actuator.decision.fleet import SIZE
+from ema_identification.actuator.measure.features import FeatureMap
+from ema_identification.actuator.measure.tolerances import RecordConditions
+from ema_identification.actuator.surrogate.library import Signature
+from ema_record.spread import TypeSpread
+from ema_sim.model_file import Model
+
+BEND = 5.0
+"""Standard deviations from which residuals count by their logarithm: the noise there is not
+known."""
+RIDGES = (0.3, 3.0, 30.0, 300.0)
+"""Penalties tried for each feature; leave one out chooses."""
+SETTLED_RUNS = 8
+"""Of a model in the end, healthy or not."""
+_UPPER = np.triu_indices(SIZE + 3)
+
+
+def design(v: np.ndarray) -> np.ndarray:
+    """Return constant, linear and all second-order terms of `v`, shape (n, m) -> (n, c)."""
+    return np.hstack([np.ones((len(v), 1)), v, v[:, _UPPER[0]] * v[:, _UPPER[1]]
+                      - np.where(_UPPER[0] == _UPPER[1], 1.0 / 3.0, 0.0)])
+
+
+def arguments(z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
+    """Return the row that `design` takes: a unit and the measured conditions of its day."""
+    return np.append(z, conditions.regressors())
+
+
+def bent(x: np.ndarray) -> np.ndarray:
+    """Return standardised residuals on the scale on which they are compared."""
+    return np.asarray(BEND * np.arcsinh(x / BEND))
+
+
+def flattening(x: np.ndarray) -> np.ndarray:
+    """Return the derivative of `bent`."""
+    return np.asarray(1.0 / np.sqrt(1.0 + (x / BEND) ** 2))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Whitener:
+    """Residuals to independent numbers of variance 1; `straight`: without `bent`."""
+
+    deviation: np.ndarray
+    root: np.ndarray
+    straight: bool = False
+
+    def residual(self, rest: np.ndarray) -> np.ndarray:
+        """Return measured minus predicted features, shape (d,) or (d, m), whitened."""
+        scale = self.deviation.reshape((-1,) + (1,) * (rest.ndim - 1))
+        return self._white(rest / scale if self.straight else bent(rest / scale))
+
+    def columns(self, slopes: np.ndarray, rest: np.ndarray) -> np.ndarray:
+        """Return slopes, shape (d, m), as `residual` sees them about `rest`."""
+        flat = 1.0 if self.straight else flattening(rest / self.deviation)
+        return self._white((flat / self.deviation)[:, None] * slopes)
+
+    def _white(self, x: np.ndarray) -> np.ndarray:
+        return np.asarray(solve_triangular(self.root, x, lower=True, check_finite=False))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseLaw:
+    """Covariance of a residual: deviations that grow with the sensors' noise, a correlation.
+
+    Attributes
+    ----------
+    quiet, noisy : ndarrays, shape (d,). Variance = quiet + noisy × (noise factor)².
+    correlation : ndarray, shape (d, d). Shrunk as Ledoit and Wolf (2004) estimate.
+    """
+
+    quiet: np.ndarray
+    noisy: np.ndarray
+    correlation: np.ndarray
+
+    def covariance(self, noise: float) -> np.ndarray:
+        """Return the covariance at a noise factor, shape (d, d)."""
+        deviation = self.deviation(noise)
+        return np.asarray(self.correlation * np.outer(deviation, deviation))
+
+    def deviation(self, noise: float) -> np.ndarray:
+        """Return the standard deviations at a noise factor, shape (d,)."""
+        return np.sqrt(self.quiet + self.noisy * noise**2)
+
+    def scaled(self, factor: float) -> NoiseLaw:
+        """Return the law with all variances times `factor`."""
+        return NoiseLaw(quiet=factor * self.quiet, noisy=factor * self.noisy,
+                        correlation=self.correlation)
+
+
+def noise_law(rest: np.ndarray, noise: np.ndarray, floor: np.ndarray) -> NoiseLaw:
+    """Return the law of residuals of many records.
+
+    Parameters
+    ----------
+    rest : ndarray, shape (n, d).
+    noise : ndarray, shape (n,). Noise factor of each record.
+    floor : ndarray, shape (d,). Least variance of each feature.
+    """
+    power = noise**2 - (noise**2).mean()
+    slope = np.maximum(power @ (rest**2 - (rest**2).mean(axis=0)) / (power @ power), 0.0)
+    quiet = (rest**2).mean(axis=0) - slope * (noise**2).mean()
+    slope = np.where(quiet < 0.0, (rest**2).mean(axis=0) / (noise**2).mean(), slope)
+    quiet = np.maximum(quiet, floor)
+    x = bent(rest / np.sqrt(quiet + slope * noise[:, None] ** 2))
+    x /= np.maximum(np.sqrt((x**2).mean(axis=0)), 1e-9)  # a feature may be constant
+    share = float(ledoit_wolf_shrinkage(x, assume_centered=True))
+    correlation = (1.0 - share) * (x.T @ x) / len(x)
+    np.fill_diagonal(correlation, 1.0)
+    return NoiseLaw(quiet=quiet, noisy=slope, correlation=correlation)
+
+
+def mended(
+    slopes: np.ndarray, step: np.ndarray, change: np.ndarray, scale: np.ndarray
+) -> np.ndarray:
+    """Return slopes, shape (d, m), that say what a step did (Broyden), coordinates by `scale`."""
+    weight = step / scale**2
+    power = float(step @ weight)
+    if power < 1e-4:
+        return slopes
+    return slopes + np.outer(change - slopes @ step, weight) / power
+
+
+def least_size(signature: Signature) -> float:
+    """Return the least size at which a law was simulated."""
+    found = [float(np.abs(x[x != 0.0]).min()) for x in signature.levels if len(x) > 1]
+    return min(found, default=1.0)
+
+
+class Discrepancy(NamedTuple):
+    """What healthy machines leave over the model, feature by feature: mean, spread, shape (d,)."""
+
+    mean: np.ndarray
+    spread: np.ndarray
+    """Standard deviation between units, and the error of the mean."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FleetLibrary:
+    """What is known of the records of one type and one test.
+
+    Attributes
+    ----------
+    weights : ndarray, shape (c, d). Of `design`.
+    surrogate : noise of a prediction of the quadratic.
+    repeat : noise of a single run.
+    signatures : what each variant of the catalogue adds on the middle of the fleet; may be empty.
+    carried : share of the quadratic's error that is left after runs at the unit's own parameters.
+    healthy : ndarray, shape (n, 2). Of units that built nothing of this: cost a feature that the
+        quadratic leaves, and the largest gain of a useless law.
+    aside : conditions, shape (n, 4), and features, shape (n, d), of the same units.
+    left : discrepancy of the type, where acceptance records tell it.
+    """
+
+    model: Model
+    spread: TypeSpread
+    fmap: FeatureMap
+    weights: np.ndarray
+    surrogate: NoiseLaw
+    repeat: NoiseLaw
+    signatures: tuple[Signature, ...] = ()
+    carried: float = 1.0
+    healthy: np.ndarray
+    aside: tuple[np.ndarray, np.ndarray]
+    left: Discrepancy | None = None
+
+    def mean(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
+        """Return the mean features of a unit, shape (d,)."""
+        return self.means(z[None], conditions)[0]
+
+    def means(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
+        """Return the mean features of several units, shape (n, SIZE) -> (n, d)."""
+        rows = np.hstack([z, np.tile(conditions.regressors(), (len(z), 1))])
+        left = 0.0 if self.left is None else self.left.mean
+        return np.asarray(design(rows) @ self.weights + left)
+
+    def slope(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
+        """Return their derivative to `z`, shape (d, SIZE): exact, of a quadratic."""
+        v = arguments(z, conditions)
+        step = 0.5 * np.eye(SIZE, len(v))
+        return np.asarray((design(v + step) - design(v - step)) @ self.weights).T
+
+    @cached_property
+    def root(self) -> np.ndarray:
+        """Return the lower root of the correlation of the quadratic's errors, shape (d, d)."""
+        return np.asarray(cholesky(self.surrogate.correlation, lower=True))
+
+    @cached_property
+    def freedom(self) -> float:
+        """Independent numbers in a record, as the scatter of the healthy costs tells."""
+        return float(2.0 / np.var(np.log(self.healthy[:, 0])))
+
+
+def fit_mean(v: np.ndarray, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the weights of the quadratic and its residuals, each unit left out once.
+
+    Parameters
+    ----------
+    v : ndarray, shape (n, m), rows of `arguments`.
+    features : ndarray, shape (n, d).
+    """
+    columns = design(v)
+    scale = columns.std(axis=0)
+    scale[0] = 1.0
+    middle = features.mean(axis=0)
+    u, s, vt = np.linalg.svd(columns / scale, full_matrices=False)
+    projected = u.T @ (features - middle)
+    best = np.full(features.shape[1], np.inf)
+    weights = np.zeros((columns.shape[1], features.shape[1]))
+    rest = np.zeros_like(features)
+    for ridge in RIDGES:
+        shrunk = s**2 / (s**2 + ridge)
+        leverage = (u**2 * shrunk).sum(axis=1)
+        left = (features - middle - u @ (shrunk[:, None] * projected)) / (1.0 - leverage)[:, None]
+        error = (left**2).mean(axis=0)
+        better = error < best
+        best = np.where(better, error, best)
+        rest[:, better] = left[:, better]
+        weights[:, better] = (vt.T @ ((shrunk / s)[:, None] * projected))[:, better]
+    weights /= scale[:, None]
+    weights[0] += middle
+    return weights, rest

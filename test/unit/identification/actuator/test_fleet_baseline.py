@@ -1,0 +1,146 @@
+"""What acceptance records tell: a type's discrepancy, a unit's own change; on linear units."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fleet_unit import CONDITIONS, STRANGE, effects_of, features_of, judged, run, unit
+
+from ema_identification.actuator.decision import acceptance, baseline, fit, gap
+from ema_identification.actuator.decision.baseline import changed_unit
+from ema_identification.actuator.decision.decide import (
+    LEVEL,
+    decide,
+    p_nothing,
+    share_of,
+)
+from ema_identification.actuator.decision.fleet import SIZE
+from ema_identification.actuator.decision.gap import OF_DAY
+from ema_identification.actuator.decision.proposals import scores
+from ema_record.kit import LIBRARY
+
+pytestmark = pytest.mark.slow
+
+ROW = [CONDITIONS.temperature, CONDITIONS.bus, CONDITIONS.noise, CONDITIONS.start_angle]
+PAIRS = 300
+
+
+def p_of(one):
+    """Return the share of healthy units that are as far off."""
+    return p_nothing(scores(one, one.without_law(), 0), one.library.healthy)
+
+
+def two_days(seed):
+    """Return what one healthy unit is on two days."""
+    rng = np.random.default_rng([seed, 5])
+    z = rng.uniform(-1.0, 1.0, SIZE)
+    return z, np.where(OF_DAY, rng.uniform(-1.0, 1.0, SIZE), z)
+
+
+def drawn(seed, z, *, strange=0.0, **sizes):
+    """Return the features of a test."""
+    noise = np.random.default_rng([seed, 6]).normal(size=len(STRANGE))
+    return features_of(z, effects_of(**sizes)) + noise + strange * STRANGE
+
+
+@pytest.fixture(scope="module")
+def ranked():
+    """Return a library whose healthy units were tested on two days."""
+    days = [two_days(k) for k in range(PAIRS)]
+    aside = (np.tile(ROW, (PAIRS, 1)), np.array([drawn(k, z) for k, (z, _) in enumerate(days)]))
+    later = np.array([[*drawn(1000 + k, z), *ROW] for k, (_, z) in enumerate(days)])
+    plain = replace(judged(), aside=aside)
+    found = baseline._judged(plain, later, lambda _what, _part: None)
+    return replace(plain, healthy=found["healthy"]), float(found["apart"])
+
+
+def pair(ranked, seed, *, strange=0.0, **sizes):
+    """Return a unit with effects beside its own accepted record, both `strange`."""
+    library, apart = ranked
+    z, later = two_days(seed)
+    first, second = (fit.TestedUnit(library=library, values=values, conditions=CONDITIONS,
+                                seed=seed, simulator=run)
+                     for values in (drawn(2000 + seed, z, strange=strange),
+                                    drawn(3000 + seed, later, strange=strange, **sizes)))
+    return changed_unit(second, [first], apart)
+
+
+def test_what_both_records_have_is_no_change(ranked):
+    """The absolute question calls it unknown; the difference does not hold it."""
+    assert decide(unit(seed=3, strange=2.0)).verdict == "unknown effect"
+    found = [decide(pair(ranked, 5000 + k, strange=2.0)).verdict for k in range(12)]
+    assert found.count("no disagreement") >= 11
+
+
+def test_a_change_is_named_beside_what_both_have(ranked):
+    found = decide(pair(ranked, 6001, strange=2.0, backlash=2.0))
+    assert found.verdict == "explained"
+    assert found.fit.names == ("backlash",)
+
+
+def test_a_change_within_the_band_shows_beside_the_accepted_record_only(ranked):
+    """A tolerance that moves through its band: one record alone takes it for another unit."""
+    z, later = (np.where(np.arange(SIZE) == 2, end, day)
+                for end, day in zip((-0.9, 0.9), two_days(6002)))
+    library, apart = ranked
+    first, second = (fit.TestedUnit(library=library, values=values, conditions=CONDITIONS,
+                                    simulator=run)
+                     for values in (drawn(1, z), drawn(2, later)))
+    assert p_of(second) > LEVEL
+    # Beyond all in cost; the healthy unit of the largest gain is as rare, and so many units prove
+    # no more than this (480 do).
+    assert p_of(changed_unit(second, [first], apart)) <= share_of(1, PAIRS) < 0.016
+
+
+def test_discrepancy_of_a_type_is_taken_off(tmp_path, monkeypatch):
+    """Of twelve units that all leave the same, an acceptance record each."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    library = replace(judged(), aside=(
+        np.tile(ROW, (PAIRS, 1)),
+        np.array([drawn(k, two_days(k)[0]) for k in range(PAIRS)])))
+    kept = {"features": np.array([drawn(8000 + k, two_days(8000 + k)[0], strange=2.0)
+                                  for k in range(12)]),
+            "conditions": np.tile(ROW, (12, 1)), "unit": np.arange(12)}
+    left = acceptance.discrepancy_of(library, kept)
+    assert abs(np.corrcoef(left.mean, STRANGE)[0, 1]) > 0.7
+    found = acceptance.with_discrepancy(library, left)
+    values = [drawn(k, two_days(k)[0], strange=2.0) for k in range(9000, 9010)]
+    new = [fit.TestedUnit(library=found, values=v, conditions=CONDITIONS, simulator=run)
+           for v in values]
+    verdicts = [decide(u).verdict for u in new]
+    assert verdicts.count("no disagreement") >= 9
+    assert sorted(p.name[:5] for p in (tmp_path / "ema_phm").iterdir()) == ["left_"]
+
+
+def test_a_kit_without_acceptance_records_has_no_discrepancy(tmp_path, monkeypatch):
+    monkeypatch.setattr(acceptance, "kit_path", lambda name: tmp_path / name)
+    monkeypatch.setattr(acceptance, "_name", lambda _map: "acceptance_of_this_test")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    library = judged()
+    assert LIBRARY and acceptance.with_acceptance(library) is library
+
+
+def test_gap_on_a_held_out_record_is_ranked_among_healthy_units(tmp_path, monkeypatch):
+    """Their gaps are kept; a unit whose held-out record has an effect is beyond them."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    days = [two_days(k) for k in range(30)]
+    libraries = [replace(judged(), aside=(
+        np.tile(ROW, (30, 1)), np.array([drawn(1000 * d + k, z[d]) for k, z in enumerate(days)])))
+        for d in (0, 1)]
+    z, later = two_days(9100)
+    fitted = fit.TestedUnit(library=libraries[0], values=drawn(1, z), conditions=CONDITIONS)
+
+    def gap_of(values):
+        held = fit.TestedUnit(library=libraries[1], values=values, conditions=CONDITIONS)
+        healthy = gap.gaps_of_healthy(held, fitted)
+        assert healthy.shape == (30,)
+        return gap.HeldOut(unit=held, fitted=fitted, healthy=healthy).gap([fitted.without_law()])
+
+    quiet = gap_of(drawn(2, later))
+    assert len(list((tmp_path / "ema_phm").iterdir())) == 1
+    loud = gap_of(drawn(2, later, backlash=3.0))
+    assert loud.healthy.tolist() == quiet.healthy.tolist()
+    assert quiet.values[0] <= quiet.healthy.max() * 1.2
+    assert loud.values[0] > loud.healthy.max()
+    own = gap.fitted_gap(fitted, [fitted.without_law()])
+    assert 0.5 * own.floor < own.values[0] < 2.0 * own.floor

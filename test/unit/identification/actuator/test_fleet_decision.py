@@ -1,0 +1,141 @@
+"""The decision in one likelihood on units that are linear: its level, power, sets, intervals."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from fleet_unit import FEATURES, HEALTHY, UNITS, plain_library, unit
+
+from ema_identification.actuator.decision.decide import (
+    LEVEL,
+    decide,
+    log_evidence,
+    p_nothing,
+    rank,
+    share_of,
+)
+from ema_identification.actuator.decision.fit import LawFit
+from ema_identification.actuator.decision.fleet import SIZE
+from ema_identification.actuator.decision.gap import LawGap
+from ema_identification.actuator.decision.proposals import scores
+from ema_identification.actuator.decision.workflow import parameters_of
+from ema_identification.actuator.surrogate.fit import EffectTerm
+
+VISCOUS = UNITS["viscous_friction", "coefficient"]
+(SIGNATURE,) = (s for s in plain_library().signatures if s.variant.name == "viscous_friction")
+
+
+def p_of(u):
+    return p_nothing(scores(u, u.without_law(), 0), u.library.healthy)
+
+
+def test_rank_of_exchangeable_scores_is_uniform():
+    rng = np.random.default_rng(1)
+    found = np.array([rank(s[0], s[1:]) for s in rng.normal(size=(4000, 100))])
+    for level in (0.01, 0.05, 0.5):
+        share = (found <= level).mean()  # exactly floor(101 level) / 101 of them
+        assert share == pytest.approx(np.floor(101 * level) / 101, abs=4 * np.sqrt(level / 4000))
+
+
+def test_nineteen_of_twenty_libraries_keep_the_level():
+    """Not only the mean of all libraries that might have been drawn."""
+    healthy = np.sort(np.random.default_rng(2).uniform(size=(4000, 480)))
+    allowed = max(k for k in range(5) if share_of(k, 480) <= LEVEL)
+    shares = 1.0 - healthy[:, -1 - allowed]  # of healthy units beyond the last that is tolerated
+    kept = (shares <= LEVEL).mean()
+    assert 0.94 < kept < 0.97
+    assert shares.mean() > 0.2 * LEVEL
+
+
+def test_looking_at_cost_and_gain_is_paid_for():
+    rng = np.random.default_rng(2)
+    pairs = rng.normal(size=(2000, 100, 2)) @ np.array([[1.0, 0.6], [0.0, 0.8]])
+    found = np.array([p_nothing(tuple(s[0]), s[1:]) for s in pairs])
+    for level in (0.05, 0.1, 0.5):
+        assert level - 0.15 <= (found <= level).mean() <= level
+
+
+def test_level_of_nothing_on_healthy_units():
+    found = np.array([p_of(unit(seed=k)) for k in range(120)])
+    assert (found <= 0.05).sum() <= 14  # at most 6 expected; the healthy ones scatter too
+    assert (found <= LEVEL).sum() <= 4
+    assert 0.35 < found.mean() < 0.7
+
+
+def test_likelihood_is_to_scale_on_healthy_units():
+    units = [unit(seed=300 + k) for k in range(60)]
+    fits = [u.without_law() for u in units]
+    assert np.mean([f.cost for f in fits]) / FEATURES == pytest.approx(1.0, abs=0.08)
+    runs = [u.settled(f, None, 8) for u, f in zip(units, fits)]
+    assert np.mean([f.cost for f in runs]) / FEATURES == pytest.approx(1.0, abs=0.08)
+
+
+def test_larger_effects_are_never_less_surprising():
+    found = [p_of(unit(seed=5, backlash=x)) for x in (0.0, 0.2, 0.4, 0.8, 1.6)]
+    assert found == sorted(found, reverse=True)
+    assert found[-1] == pytest.approx(1.0 - 0.05 ** (1.0 / HEALTHY))
+
+
+@pytest.mark.parametrize(("hidden", "verdict"), [
+    ({}, "no disagreement"),
+    ({"viscous_friction": 1.0}, "explained"),
+    ({"backlash": 3.0}, "explained"),
+    ({"viscous_friction": 1.0, "backlash": 2.0}, "explained"),
+    ({"strange": 2.0}, "unknown effect"),
+])
+def test_what_is_hidden_is_decided(hidden, verdict):
+    found = decide(unit(seed=3, **hidden))
+    assert found.verdict == verdict
+    names = set() if found.fit is None else set(found.fit.names)
+    assert names == (set(hidden) if verdict == "explained" else set())
+    assert all(not e for e in found.equivalent)
+    assert all(p <= LEVEL for p in found.p_value)
+
+
+def test_a_name_near_the_threshold_is_the_right_one_or_none():
+    """Lindley's case: near the threshold silence is no error, another name is."""
+    found = [decide(unit(seed=k, backlash=0.35)) for k in range(40, 50)]
+    names = [{*f.fit.names, *sum(f.equivalent, ())} for f in found if f.fit is not None]
+    assert all("backlash" in n for n in names)
+    assert {f.verdict for f in found} <= {"no disagreement", "explained", "unknown effect"}
+
+
+def test_evidence_charges_each_coordinate():
+    one = LawFit(terms=(), z=np.zeros(1), mean=np.zeros(1), slopes=np.zeros((1, 1)), cost=100.0,
+                 runs=1)
+    two = SimpleNamespace(cost=100.0, free=1)
+    assert log_evidence(one, 50.0) - log_evidence(two, 50.0) == pytest.approx(0.5 * np.log(50.0))
+    assert log_evidence(SimpleNamespace(cost=np.inf, free=1), 50.0) == -np.inf
+
+
+def test_intervals_hold_nine_in_ten():
+    inside = 0
+    for k in range(60):
+        u = unit(seed=500 + k, viscous_friction=1.0)
+        term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([VISCOUS]))
+        fit = u.settled(u.on_library((term,), [np.zeros(SIZE)]), None, 8)
+        (p,) = parameters_of(u, fit, 0)
+        inside += p.low <= VISCOUS <= p.high
+    assert 47 <= inside <= 60  # 54 expected
+
+
+class Held:
+    """A held-out record with gaps that are given."""
+
+    def __init__(self, *values):
+        self.values = values
+
+    def gap(self, models):
+        return LawGap(values=self.values[:len(models)], healthy=np.linspace(0.5, 1.5, 480))
+
+
+def test_held_out_records_only_judge():
+    good, bad = Held(5.0, 1.0), Held(5.0, 6.0)
+    assert decide(unit(seed=3, backlash=2.0), good).verdict == "explained"
+    contradicted = decide(unit(seed=3, backlash=2.0), bad)
+    assert contradicted.verdict == "contradicted"
+    assert "5 to 6" in contradicted.reasons[0]
+    assert decide(unit(seed=3), Held(1.2)).verdict == "no disagreement"
+    silent = decide(unit(seed=3), Held(5.0))
+    assert silent.verdict == "unknown effect"
+    assert "5" in silent.reasons[1]

@@ -1,0 +1,145 @@
+"""What the library of a fleet is made of: units, quadratic mean, laws of the noise."""
+
+import numpy as np
+import pytest
+
+from ema_identification.actuator.decision.fleet import (
+    NAMES,
+    SIZE,
+    LibrarySizes,
+    draw_fleet_conditions,
+    draw_fleet_unit,
+    fleet_runs,
+    fleet_unit,
+)
+from ema_identification.actuator.decision.library import as_arrays, from_arrays
+from ema_identification.actuator.decision.surrogate import (
+    FleetLibrary,
+    NoiseLaw,
+    bent,
+    design,
+    fit_mean,
+    flattening,
+    noise_law,
+)
+from ema_identification.actuator.measure.features import feature_map
+from ema_identification.actuator.measure.runs import spread_out
+from ema_identification.actuator.measure.tolerances import RecordConditions
+from ema_record import array_cache
+from ema_record.profile import load_profile
+from ema_record.spread import load_spread
+from ema_sim.model_file import load_model_file
+from ema_sim.simulate import simulate
+
+MODEL, SPREAD = load_model_file(), load_spread()
+
+
+def at(**moved):
+    z = np.zeros(SIZE)
+    for name, value in moved.items():
+        z[NAMES.index(name.replace("__", "."))] = value
+    return fleet_unit(MODEL, SPREAD, z, RecordConditions())[0]
+
+
+def test_runs_that_were_stopped_go_on_where_they_were(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    done = []
+
+    def part(k):
+        if k == 3 and len(done) == 3:
+            raise KeyboardInterrupt
+        done.append(k)
+        return np.full((2, 2), float(k))
+
+    jobs = [(k,) for k in range(5)]
+    with pytest.raises(KeyboardInterrupt):
+        spread_out(part, jobs, workers=1, keep="part_of_a_test")
+    done.append("again")
+    found = spread_out(part, jobs, workers=1, keep="part_of_a_test")
+    assert done == [0, 1, 2, "again", 3, 4]
+    assert np.concatenate(found)[::2, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    array_cache.save("part_of_a_test_too", {"rows": np.zeros(1)})
+    array_cache.forget("part_of_a_test")
+    assert [p.stem for p in (tmp_path / "ema_phm").iterdir()] == ["part_of_a_test_too"]
+
+
+def test_a_library_comes_back_as_it_was_kept():
+    law = NoiseLaw(quiet=np.array([1.0, 2.0]), noisy=np.array([0.5, 0.0]),
+                   correlation=np.array([[1.0, 0.25], [0.25, 1.0]]))
+    library = FleetLibrary(
+        model=MODEL, spread=SPREAD, fmap=None, weights=np.ones((3, 2)), surrogate=law,
+        repeat=law.scaled(2.0), healthy=np.ones((4, 2)), carried=0.3,
+        aside=(np.zeros((4, 4)), np.ones((4, 2))))
+    again = from_arrays(as_arrays(library), MODEL, SPREAD, None, ())
+    assert (again.carried, again.repeat.quiet.tolist()) == (0.3, [2.0, 4.0])
+    assert again.surrogate.covariance(1.5) == pytest.approx(law.covariance(1.5))
+
+
+def test_conditions_of_healthy_units_are_those_that_their_records_tell():
+    """As of a measured record: the noise is an estimate, not the number that was drawn."""
+    profile = load_profile("step")
+    fmap = feature_map(profile, MODEL.actuator, simulate(profile, seed=1))
+    runs = fleet_runs(MODEL, SPREAD, fmap, LibrarySizes(1, 1, 0, 1))
+    drawn = np.random.default_rng([0, 7, 0])
+    z, given = draw_fleet_unit(drawn), draw_fleet_conditions(drawn, SPREAD)
+    assert runs.z[0].tolist() == z.tolist()
+    assert runs.conditions[0, 2] == pytest.approx(given.noise, rel=0.05)
+    assert runs.conditions[0, 2] != given.noise
+    assert np.isfinite(runs.again).all() and (runs.again != runs.features[:1]).any()
+
+
+def test_bands_are_those_of_the_kit():
+    a, t = MODEL.actuator, SPREAD.tolerances
+    for sign in (-1.0, 1.0):
+        m = at(motor__viscous_friction=sign).motor
+        assert m.viscous_friction == pytest.approx(
+            a.motor.viscous_friction * t.viscous_factor**sign)
+        assert at(shaft__stiffness=sign).shaft.stiffness == pytest.approx(
+            a.shaft.stiffness * (1.0 + sign * t.stiffness))
+        assert at(inverter__hysteresis=sign).inverter.hysteresis == pytest.approx(
+            a.inverter.hysteresis * (1.0 + sign * t.hysteresis))
+        assert at(acquisition__command_latency=sign).acquisition.command_latency == pytest.approx(
+            a.acquisition.command_latency + 0.5 * (1.0 + sign) * t.latency)
+        assert at(control__integral_gain=sign).control.integral_gain == pytest.approx(
+            a.control.integral_gain * (1.0 + sign * t.control_gain))
+    assert at(motor__static_ratio=-1.0).motor.static_friction >= a.motor.dynamic_friction
+
+
+def test_conditions_are_within_the_kits():
+    c = SPREAD.conditions
+    drawn = [draw_fleet_conditions(np.random.default_rng(k), SPREAD) for k in range(100)]
+    assert all(c.noise_least <= d.noise <= c.noise_most for d in drawn)
+    assert all(abs(d.bus) <= c.bus for d in drawn)
+
+
+def test_residuals_of_units_left_out_are_those_of_refits():
+    rng = np.random.default_rng(2)
+    v = rng.uniform(-1.0, 1.0, (700, SIZE + 3))
+    features = np.column_stack([v[:, 0] + v[:, 1] * v[:, 2] + 0.1 * rng.normal(size=700),
+                                rng.normal(size=700)])
+    weights, rest = fit_mean(v, features)
+    own, _ = fit_mean(v[1:], features[1:])
+    missed = features[0] - design(v[:1])[0] @ own
+    # The refit may centre otherwise by 1/700 and take another ridge; the residual is its own.
+    assert rest[0] == pytest.approx(missed, abs=0.15)
+    assert design(v)[:, :1].std() == 0.0
+    assert (design(v) @ weights - features)[:, 0].std() < 0.2
+
+
+def test_law_of_the_noise_is_found():
+    rng = np.random.default_rng(3)
+    noise = np.exp(rng.uniform(np.log(0.25), np.log(2.0), 4000))
+    rest = np.column_stack([rng.normal(size=4000), noise * rng.normal(size=4000),
+                            np.zeros(4000)])
+    law = noise_law(rest, noise, np.full(3, 1e-6))
+    assert law.quiet[0] + law.noisy[0] == pytest.approx(1.0, rel=0.15)
+    assert law.noisy[1] == pytest.approx(1.0, rel=0.15)
+    assert law.quiet[1] < 0.15
+    assert np.isfinite(law.covariance(1.0)).all()
+
+
+def test_large_residuals_count_by_their_logarithm():
+    x = np.linspace(-400.0, 400.0, 4001)
+    assert bent(np.array([0.1]))[0] == pytest.approx(0.1, rel=1e-3)
+    assert bent(np.array([500.0]))[0] == pytest.approx(5.0 * np.log(200.0), rel=1e-3)
+    assert np.gradient(bent(x), x) == pytest.approx(flattening(x), abs=1e-2)
