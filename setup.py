@@ -29,7 +29,7 @@ setup(
     packages=find_packages(include=["ema_*"]),
     package_data={
         "": ["py.typed"], "ema_identification.report": ["templates/*"],
-        "ema_cli.views": ["templates/*"], "ema_prognostics": ["language/*"],
+        "ema_cli.pages": ["templates/*"], "ema_prognostics": ["language/*"],
         "ema_prognostics.verdict": ["*.json"],
     },
     data_files=[

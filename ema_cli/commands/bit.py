@@ -247,8 +247,8 @@ def ended_by_signals() -> Iterator[None]:
 
 def file_report(result: dict[str, Any]) -> None:
     """Write the report of the test beside its record; tell in `result` where, or why not."""
-    from ema_cli.views.report_data import report_data
-    from ema_cli.views.report_files import write_report_file
+    from ema_cli.pages.report_data import report_data
+    from ema_cli.pages.report_files import write_report_file
     from ema_prognostics.cascade.model_file import stated_sha256
     from ema_prognostics.verdict.examination import heading_of
     from ema_record.bag.read import read_bag

@@ -59,7 +59,7 @@ def fleet(
 
     Example: `ema fleet bags --html fleet.html`
     """
-    from ema_cli.views.fleet_files import check_files, write_files
+    from ema_cli.pages.fleet_files import check_files, write_files
     from ema_cli.views.fleet_table import print_fleet
     from ema_prognostics.fleet.fleet import read_fleet
     from ema_prognostics.fleet.tables import csv_text

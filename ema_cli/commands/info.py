@@ -42,7 +42,7 @@ def _text(value: object) -> str:
 
 def facts_of(bag: Path) -> dict[str, Any]:
     """Return what a bag holds, in plain types; RecordError where it cannot be read."""
-    from ema_cli.views.report_data import record_files
+    from ema_cli.pages.report_data import record_files
     from ema_prognostics.verdict.examination import heading_of
     from ema_record.bag.read import read_bag
     from ema_record.channels import ALL, CHANNELS

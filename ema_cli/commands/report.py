@@ -47,7 +47,7 @@ def report(
 
     Example: `ema report bags/sim_0001_extended --out SIM-0001.html`
     """
-    from ema_cli.views.report_files import form_of, write_report_file
+    from ema_cli.pages.report_files import form_of, write_report_file
     from ema_prognostics.verdict.examination import examine
     from ema_prognostics.verdict.judge import Judge
 
@@ -87,7 +87,7 @@ def newest(tests: Sequence[Examination]) -> Examination:
 
 def content(tests: Sequence[Examination], fields: dict[str, str]) -> dict[str, Any]:
     """Return the content of the report; UsageError where the tests are of several units."""
-    from ema_cli.views.report_data import report_data
+    from ema_cli.pages.report_data import report_data
 
     last = newest(tests)
     units = sorted({t.serial_number for t in tests if t.serial_number})

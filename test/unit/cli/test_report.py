@@ -159,7 +159,7 @@ def test_it_prints_on_one_page_and_fits_narrow_and_wide_windows(written, chromiu
 
 def written_with_trend(page, folder):
     """Return the fullest page there can be: two charts of a trend, long fields."""
-    from ema_cli.views.report_files import as_page
+    from ema_cli.pages.report_files import as_page
     from ema_record.bag.read import read_bag
 
     data = json.loads(page.with_suffix(".json").read_text())

@@ -222,7 +222,7 @@ def test_the_command_for_machines(found, command, capsys):
 
 
 def test_the_page_links_a_report_and_shows_no_markup_of_a_bag(found, tmp_path):
-    from ema_cli.views.fleet_files import page
+    from ema_cli.pages.fleet_files import page
 
     bag = tmp_path / "deep" / "<b>bag"
     bag.parent.mkdir()
@@ -241,7 +241,7 @@ def test_times_are_iso(found):
 
 
 def test_an_output_that_cannot_be_made(tmp_path):
-    from ema_cli.views.fleet_files import check_files
+    from ema_cli.pages.fleet_files import check_files
 
     with pytest.raises(OutputError):
         check_files(tmp_path / "no" / "f.html", None, None)

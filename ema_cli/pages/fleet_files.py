@@ -92,7 +92,7 @@ def page(fleet: Fleet, place: Path) -> str:
 
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True,
                               lstrip_blocks=True)
-    template = files("ema_cli.views").joinpath("templates/fleet.html").read_text(encoding="utf-8")
+    template = files("ema_cli.pages").joinpath("templates/fleet.html").read_text(encoding="utf-8")
     return environment.from_string(template).render(
         generator=f"{OURS} {VERSION}", summary=summary(fleet),
         units=[_tile(unit, place) for unit in fleet.units],

@@ -13,8 +13,8 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from ema_cli.views import charts
-from ema_cli.views.report_data import ATA
+from ema_cli.pages import charts
+from ema_cli.pages.report_data import ATA
 from ema_cli.views.verdict import fault_size, short, times_text, title, verdict_lines
 from ema_prognostics.cascade.classes import levels_of
 from ema_prognostics.words import ENVIRONMENT, class_name, feature_words, scaled, words
@@ -120,7 +120,7 @@ def as_xml(data: Mapping[str, Any], _record: Record) -> str:
 
 def as_page(data: Mapping[str, Any], record: Record) -> str:
     """Return the report as a page that needs nothing else and prints on one sheet of A4."""
-    source = files("ema_cli.views").joinpath("templates", "test_report.html")
+    source = files("ema_cli.pages").joinpath("templates", "test_report.html")
     page = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True).from_string(
         source.read_text(encoding="utf-8"))
     return page.render(**page_context(data, record))
