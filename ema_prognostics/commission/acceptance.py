@@ -26,6 +26,7 @@ from ema_record.channels import (
 )
 from ema_record.errors import RecordError, UsageError
 from ema_record.record import Record
+from ema_record.spread import Conditions
 from ema_sim.rebuild import present
 
 MIN_RECORDS, MIN_UNITS = 4, 2
@@ -123,12 +124,17 @@ def _kind(record: Record, path: str, actuator: Actuator) -> ProfileKind:
     return kind
 
 
-def measured_recorder(actuator: Actuator, records: Sequence[Record]) -> Actuator:
+def measured_recorder(
+    actuator: Actuator, records: Sequence[Record], conditions: Conditions
+) -> Actuator:
     """Return the actuator with rate, channels, noise and converters as the records show them.
 
-    Noise is the median over the records of what is there while the inverter is off, given for
-    `NOISE_RATE`; a channel whose values repeat its steps is rounded.
+    Noise is such that the median over the records of what is there while the inverter is off,
+    given for `NOISE_RATE`, lies in the middle of what `conditions` allow, in its logarithm; a
+    channel whose values repeat its steps is rounded.
     """
+    middle = float(np.sqrt(max(conditions.noise_least, 0.01 * conditions.noise_most)
+                           * conditions.noise_most))
     there = np.min([present(record) for record in records], axis=0)
     rate = float(np.median([record.rate for record in records]))
     scale = np.sqrt(NOISE_RATE / rate)
@@ -141,7 +147,7 @@ def measured_recorder(actuator: Actuator, records: Sequence[Record]) -> Actuator
         found = [_noise(record, place) for record in records]
         known = [value for value in found if value is not None]
         if known:
-            noise[name] = float(np.median(known)) * float(scale)
+            noise[name] = float(np.median(known)) * float(scale) / max(middle, 1e-9)
     rounded = all(_rounded(record.samples[:, MOTOR_SPEED]) for record in records)
     currents = range(PHASE_CURRENTS.start, PHASE_CURRENTS.stop)
     return actuator._replace(

@@ -193,7 +193,8 @@ class _Work:
     def run(self, described: Actuator) -> dict[str, Any]:
         """Return what `validation.json` holds; the files of the kit are written."""
         kind = self._acceptance.kind
-        recorder = measured_recorder(described, self._acceptance.records)
+        recorder = measured_recorder(
+            described, self._acceptance.records, load_spread().conditions)
         self._write_actuator(recorder)
         described_fleet = self._fleet(recorder, "spread of the type", SPREAD_UNITS,
                                       self._seed + 2, healthy=True, begin=0.0, end=0.02)

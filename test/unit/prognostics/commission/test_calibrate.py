@@ -189,14 +189,18 @@ def test_acceptance_records_that_cannot_serve_are_named(tmp_path: Path) -> None:
 
 def test_the_recorder_is_measured_and_not_assumed() -> None:
     assert load_profile("step").inverter_off == pytest.approx(0.02)
-    found = measured_recorder(ACTUATOR, [record_of("step", seed=3)])
+    always = load_spread().conditions._replace(noise_least=1.0, noise_most=1.0)
+    found = measured_recorder(ACTUATOR, [record_of("step", seed=3)], always)
     assert found.noise.current == pytest.approx(ACTUATOR.noise.current, rel=0.15)
     assert found.noise.speed == pytest.approx(ACTUATOR.noise.speed, rel=0.15)
     assert found.acquisition.converters == 1
     fine = record_of("step", seed=3)
     rng = np.random.default_rng(0)
     fine = replace(fine, samples=fine.samples + 1e-6 * rng.standard_normal(fine.samples.shape))
-    assert measured_recorder(ACTUATOR, [fine]).acquisition.converters == 0
+    assert measured_recorder(ACTUATOR, [fine], always).acquisition.converters == 0
+    varying = always._replace(noise_least=0.25)  # its middle is half of the most
+    assert measured_recorder(ACTUATOR, [fine], varying).noise.current == pytest.approx(
+        2.0 * found.noise.current, rel=0.01)
 
 
 def test_a_model_that_does_not_give_the_records_is_refused() -> None:

@@ -215,3 +215,15 @@ def test_round_numbers():
     assert round_number(99.9, (1.0, 2.0, 5.0)) == 50.0
     assert (up(0.0531, 0.01), down(0.0531, 0.01), before(0.05, 0.01)) == (0.06, 0.05, 0.04)
     assert up(0.03 + 1e-12, 0.01) == 0.03
+
+
+def test_a_test_holds_what_a_corrected_actuator_needs_of_it() -> None:
+    """More lost motion and friction, less stiffness: windows end with the test, not after it."""
+    a = load_actuator()
+    worn = a._replace(
+        shaft=a.shaft._replace(backlash=2.0 * a.shaft.backlash, stiffness=0.5 * a.shaft.stiffness),
+        surface=a.surface._replace(dynamic_friction=1.5 * a.surface.dynamic_friction))
+    profile = default_profiles(a)["extended"]
+    own, other = plan_of(profile, a), plan_of(profile, worn)
+    assert other.reversal_length > own.reversal_length
+    assert other.last_time + profile.command_time <= profile.duration
