@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import io
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from mcap_ros2.decoder import DecoderFactory
 from ema_record.bag.any_topic import AnyTopic, is_bag, list_topics, messages_of
 from ema_record.errors import InvalidRecordError, UsageError, unknown_name
 from ema_record.limits import MAX_SMALL_MESSAGE_BYTES
-from ema_record.wire.topics import SAMPLES
+from ema_record.wire.topics import SAMPLES, split_name
 from ema_record.wire.types import (
     MESSAGE_ENCODING,
     NANOSECONDS,
@@ -123,13 +123,18 @@ def listed(topics: dict[str, AnyTopic]) -> str:
     return ", ".join(shown[:8]) + (f" and {len(shown) - 8} more" if len(shown) > 8 else "")
 
 
+def is_of_an_actuator(topics: Iterable[str]) -> bool:
+    """Whether a bag with these topics holds the samples of an actuator, in a namespace or not."""
+    return any(split_name(name).topic == SAMPLES for name in topics)
+
+
 def how_to_import(path: Path) -> UsageError | None:
     """Return what to do with a file or bag that is no bag of ours, None where it is one."""
     if not is_bag(path):
         return UsageError(f"{path}: a file of another tool: 'ema import {path} --out axis' makes "
                           "a bag of it; then 'ema identify axis'") if path.is_file() else None
     topics = list_topics(path)
-    if SAMPLES in topics:
+    if is_of_an_actuator(topics):
         return None
     joints = [topic.name for topic in topics.values() if topic.type in JOINTS]
     how = f"--topic {joints[0]} --joint NAME" if joints else "--topic TOPIC"

@@ -63,17 +63,19 @@ def first_is_rig(paths: Sequence[Path]) -> bool:
     from ema_prognostics.trend.flights import bags_of, is_sequence
     from ema_record.bag.any_topic import list_topics
     from ema_rig.bag import is_rig_bag
-    from ema_rig.ros_bag import JOINTS
+    from ema_rig.ros_bag import JOINTS, is_of_an_actuator
 
     for path in paths:
         for bag in bags_of(path)[0] if is_sequence(path) else [path]:
             try:
                 if is_rig_bag(bag):
                     return True
-                topics = list_topics(bag).values()
+                topics = list_topics(bag)
             except EmaError:
                 continue
-            if any(topic.type in JOINTS for topic in topics):
+            if is_of_an_actuator(topics):
+                return False
+            if any(topic.type in JOINTS for topic in topics.values()):
                 raise UsageError(
                     f"{bag}: joint states of ROS 2, which say nothing of the axis: write the map "
                     "once by 'ema import BAG --joint NAME --guess', then give it by --map")
