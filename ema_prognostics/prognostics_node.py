@@ -151,7 +151,8 @@ class PrognosticsNode(EmaNode):
     def _publish(self, judged: Judged) -> None:
         verdict = verdict_object(
             judged.verdict, self._trace, serial_number=judged.serial_number,
-            start_time=judged.start_time, profile=judged.profile)
+            start_time=judged.start_time, profile=judged.profile,
+            record_sha256="")  # the verdict becomes part of the record, so it cannot hold its hash
         namespace = namespace_of(self)
         status = verdict_status(status_name(self, "verdict"), verdict, judged)
         self._statuses = [status, *fault_statuses(

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ema_prognostics.fleet.verdict_store import VerdictStore
-from ema_prognostics.verdict.contract import kit_sha256, trace_of, verdict_object
+from ema_prognostics.verdict.contract import hash_of, kit_sha256, trace_of, verdict_object
 from ema_prognostics.verdict.judge import Judge
 from ema_record.array_cache import key_of
 from ema_record.errors import UsageError
@@ -86,7 +86,8 @@ def judge_bags(task: BagsTask) -> BagsDone:
 def _object(judge: Judge, trace: dict[str, Any], bag: str) -> dict[str, Any]:
     judged = judge.of_bag(bag)
     return verdict_object(judged.verdict, trace, serial_number=judged.serial_number,
-                          start_time=judged.start_time, profile=judged.profile) | {
+                          start_time=judged.start_time, profile=judged.profile,
+                          record_sha256=hash_of(bag) or "") | {
         "start_time": judged.start_time}
 
 

@@ -51,17 +51,19 @@ def verdict_object(
     verdict : with the path of its bag.
     trace : of `trace_of`.
     serial_number, start_time, profile : of the record, empty or 0 where not known.
-    record_sha256 : of the bag, None: computed here.
+    record_sha256 : of the bag; None: computed here where the bag could be read; empty: none.
     """
     known = serial_number not in ("", Provenance().serial_number)
     return {
         "schema": SCHEMA, **verdict.to_dict(), "serial_number": serial_number if known else None,
         "time": iso_time(start_time), "profile": profile or None,
-        "record_sha256": record_sha256 or _hash_of(verdict.bag), **trace,
+        "record_sha256": (hash_of(verdict.bag) if profile else None)
+        if record_sha256 is None else record_sha256 or None, **trace,
     }
 
 
-def _hash_of(bag: str) -> str | None:
+def hash_of(bag: str) -> str | None:
+    """Return the hash of a bag's content, None where it cannot be read."""
     try:
         return content_hash(bag)
     except OSError:
