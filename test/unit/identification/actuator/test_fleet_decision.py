@@ -55,6 +55,7 @@ def test_looking_at_cost_and_gain_is_paid_for():
         assert level - 0.15 <= (found <= level).mean() <= level
 
 
+@pytest.mark.slow
 def test_level_of_nothing_on_healthy_units():
     found = np.array([p_of(unit(seed=k)) for k in range(120)])
     assert (found <= 0.05).sum() <= 14  # at most 6 expected; the healthy ones scatter too
