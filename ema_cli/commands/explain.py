@@ -108,12 +108,12 @@ def _fault(name: str) -> Iterator[TextLine]:
     for other in say.below(f"alternative.{name}"):
         key = f"alternative.{name}.{other}"
         yield TextLine(say("label.sure"), say("sure.alternative", other=say(f"{key}.name"),
-                                          measure=say(f"{key}.measure", phase="a|b|c")))
+                                              measure=say(f"{key}.measure", phase="a|b|c")))
     if say(f"compare.{name}"):
         yield TextLine(say("label.sure"), say(f"compare.{name}"))
     for k, level in enumerate(("small", "medium", "large")):
         yield TextLine(say("label.do") if k == 0 else "",
-                   f"{say(f'level.{level}').upper()}: {say(f'do.{name}.{level}')}")
+                       f"{say(f'level.{level}').upper()}: {say(f'do.{name}.{level}')}")
     yield TextLine("", say("do.authority"))
     speaking = dict.fromkeys(
         feature_words(n) for n in feature_names() if any(key in n for key in RELEVANT[name]))
@@ -153,7 +153,7 @@ def _reason(names: list[str]) -> Iterator[TextLine]:
         low, high = map(short, healthy_range(cascade.inputs, names[0]))
         unit = unit_of(names[0]).name
         yield TextLine("", f"{say('head.test', profile=test)}: {say('numbers.healthy')} "
-                   f"{say('to', low=low, high=high)} {unit}".rstrip())
+                       f"{say('to', low=low, high=high)} {unit}".rstrip())
     spoken: list[str] = [say(f"fault.{c}.title") for c, keys in RELEVANT.items()
                          if any(key in names[0] for key in keys)]
     if spoken:

@@ -62,7 +62,7 @@ def print_verdict(
     unusual = [c for c in heading.get("checks", ()) if c["level"] > 0]
     for k, check in enumerate(() if verbose else unusual):
         lines.append(TextLine(say("label.checks") if k == 0 else "",
-                          f"{check['name']}: {check['message']}"))
+                              f"{check['name']}: {check['message']}"))
     if verbose:
         lines += numbers(verdict, heading)
     lines += last_lines(verdict, heading)
@@ -221,7 +221,7 @@ def _why(verdict: Facts) -> Iterable[TextLine]:
     wide = max(map(len, amounts))
     for amount, evidence in zip(amounts, found):
         yield TextLine("", feature_words(evidence["feature"]), "",
-                   f"{amount.rjust(wide)} {bar(abs(evidence['times']), measure)}")
+                       f"{amount.rjust(wide)} {bar(abs(evidence['times']), measure)}")
 
 
 def times_text(times: float) -> str:
@@ -270,7 +270,7 @@ def last_lines(verdict: Facts, heading: Facts) -> Iterable[TextLine]:
         yield TextLine(say("label.record"), bag.replace(" ", NO_BREAK), "dim")
     if heading:
         yield TextLine("", say("head.versions", version=heading["software_version"],
-                           model=heading["model"][:12], kit=heading["kit"]), "dim")
+                               model=heading["model"][:12], kit=heading["kit"]), "dim")
 
 
 def next_commands(verdict: Facts, heading: Facts) -> list[str]:

@@ -59,7 +59,7 @@ def pair(ranked, seed, *, strange=0.0, **sizes):
     library, apart = ranked
     z, later = two_days(seed)
     first, second = (fit.TestedUnit(library=library, values=values, conditions=CONDITIONS,
-                                seed=seed, simulator=run)
+                                    seed=seed, simulator=run)
                      for values in (drawn(2000 + seed, z, strange=strange),
                                     drawn(3000 + seed, later, strange=strange, **sizes)))
     return changed_unit(second, [first], apart)
