@@ -29,7 +29,7 @@ from ema_prognostics.training.conditions import actuator_of, draw_conditions, dr
 from ema_prognostics.training.faults import HEALTHY, InjectedFault
 from ema_record.actuator import Actuator, load_actuator
 from ema_record.errors import RecordError
-from ema_record.kit import using_kit
+from ema_record.kit import CASCADE, using_kit
 from ema_record.profile import load_profile
 from ema_record.spread import load_spread
 from ema_sim.effects import Effects
@@ -153,6 +153,9 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=24)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     o = parser.parse_args()
+    for kit in o.kit:
+        if not (kit / CASCADE).is_file():
+            parser.error(f"{kit}: no kit with trained networks: 'ema commission' makes one")
     table = make_table(f"strangers, {o.units + o.pairs} healthy tests, {o.pairs} pairs",
                        "kit", "stranger", "d, healthy", "d, known", "told, healthy",
                        "told, known")

@@ -42,13 +42,13 @@ def _text(value: object) -> str:
 
 def facts_of(bag: Path) -> dict[str, Any]:
     """Return what a bag holds, in plain types; RecordError where it cannot be read."""
-    from ema_cli.pages.report_data import record_files
     from ema_prognostics.verdict.examination import heading_of
+    from ema_record.bag.content_hash import bag_files
     from ema_record.bag.read import read_bag
     from ema_record.channels import ALL, CHANNELS
     from ema_rig.bag import is_rig_bag, read_rig_bag
 
-    files = [f"{path.name} ({path.stat().st_size} bytes)" for path in record_files(bag)]
+    files = [f"{path.name} ({path.stat().st_size} bytes)" for path in bag_files(bag)]
     if is_rig_bag(bag):
         rig = read_rig_bag(bag)
         return {"bag": str(bag), "rig": rig.axis.name, "samples": len(rig.samples),

@@ -64,7 +64,7 @@ def report(
             advance(done)
     last = newest(tests)
     if last.record is None:
-        raise UsageError(f"{last.verdict.bag}: cannot be reported: {last.verdict.reasons[0]}")
+        raise UsageError(f"no report: {last.verdict.reasons[0]}")
     data = content(tests, {"ata": ata, "aircraft": aircraft, "work_order": work_order,
                            "operator": operator})
     for file in files:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ema_record.actuator_type import actuator_hash
+from ema_record.bag.content_hash import bag_files, file_sha256
 from ema_record.checks.live import CheckResult, Level
 from ema_record.kit import ACTUATOR, CASCADE, kit_folder
 from ema_record.record import Record
@@ -63,7 +64,7 @@ def report_data(
         "trace": {
             "software": f"ema_phm {VERSION}", "software_sha256": software_sha256(),
             "model_sha256": heading["model"], "kit": heading["kit"],
-            "files": [*_hashes("kit", kit_files()), *_hashes("record", record_files(
+            "files": [*_hashes("kit", kit_files()), *_hashes("record", bag_files(
                 Path(str(verdict["bag"]))))],
         },
     }
@@ -87,25 +88,9 @@ def kit_files() -> list[Path]:
     return [path for name in (ACTUATOR, CASCADE) if (path := kit_folder() / name).is_file()]
 
 
-def record_files(bag: Path) -> list[Path]:
-    """Return the files of a bag, in order of their names."""
-    if bag.is_dir():
-        return sorted(path for path in bag.iterdir() if path.is_file())
-    return [bag]
-
-
 def _hashes(role: str, files: Iterable[Path]) -> list[dict[str, Any]]:
     return [{"role": role, "file": path.name, "bytes": path.stat().st_size,
              "sha256": file_sha256(path)} for path in files]
-
-
-def file_sha256(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes, as `sha256sum` prints it."""
-    with path.open("rb") as file:
-        digest = hashlib.sha256()
-        while block := file.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
 
 
 def software_sha256() -> str:

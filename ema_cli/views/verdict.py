@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 from ema_cli.console import neutral, styled, unicode_output
 from ema_cli.lines import INDENT, NO_BREAK, TextLine, print_lines, wrapped
 from ema_prognostics.words import (
-    class_name,
     feature_words,
     look_alike,
     name_of,
@@ -265,8 +264,8 @@ def last_lines(verdict: Facts, heading: Facts) -> Iterable[TextLine]:
     say = words()
     bag = str(verdict.get("bag") or "")
     if bag:
-        yield TextLine(say("label.next"), "   ".join(
-            c.replace(" ", NO_BREAK) for c in next_commands(verdict, heading)))
+        for k, command in enumerate(next_commands(verdict, heading)):
+            yield TextLine(say("label.next") if k == 0 else "", command.replace(" ", NO_BREAK))
         yield TextLine(say("label.record"), bag.replace(" ", NO_BREAK), "dim")
     if heading:
         yield TextLine("", say("head.versions", version=heading["software_version"],
@@ -290,11 +289,3 @@ def next_commands(verdict: Facts, heading: Facts) -> list[str]:
         return [f"ema recover {bag}", f"ema lint {bag}"]
     rule = words().has(f"check.{cause}")
     return [f"ema lint {bag}", f"ema explain {cause if rule else outcome}"]
-
-
-def fault_line(fault: Facts) -> str:
-    """Return one fault on a line: class, phase, size with its interval, level."""
-    name = class_name(fault["fault_class"], fault["phase"])
-    level = words()(f"level.{fault['level']}") if fault["level"] else ""
-    size = fault_size(fault)
-    return f"{name}{': ' if size else ''}{size}" + (f", {level}" if level else "")

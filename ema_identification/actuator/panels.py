@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.runs import UnitRun, simulate_case
 from ema_identification.actuator.measure.signals import TURN, DriveSignals, drive_signals, turns_of
 from ema_identification.actuator.naming.answer import Answer
@@ -57,22 +58,22 @@ def _role_curves(
     )
 
 
-def _by_place(evidence: Evidence, residual: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return time (s) and rms residual of each part of the first record."""
-    block = evidence.blocks[0]
-    plan = block.library.fmap.plan
+def by_place(fmap: FeatureMap, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return time (s) and rms residual of each part of a record."""
+    plan = fmap.plan
     times = {s.name: 0.5 * (s.begin + s.end) for s in plan.segments}
     times |= {t.name: t.time for t in plan.transitions} | {"record": 0.0}
-    places = np.array([f.place for f in block.library.fmap.features])
+    places = np.array([f.place for f in fmap.features])
     names = sorted(set(places), key=lambda n: times[n])
     return (np.array([times[n] for n in names]),
-            np.array([np.sqrt(np.mean(residual[0][places == n]**2)) for n in names]))
+            np.array([np.sqrt(np.mean(residual[places == n]**2)) for n in names]))
 
 
 def _where(evidence: Evidence, null: Recalibration, answer: Answer) -> Panel:
-    rows = [("before", *_by_place(evidence, null.whitened(evidence)))]
+    fmap = evidence.blocks[0].library.fmap
+    rows = [("before", *by_place(fmap, null.whitened(evidence)[0]))]
     if answer.fit is not None:
-        rows.append(("after", *_by_place(evidence, answer.fit.whitened(evidence))))
+        rows.append(("after", *by_place(fmap, answer.fit.whitened(evidence)[0])))
     x = rows[0][1]
     floor = Curve(label="nothing missing", x=x, y=np.ones_like(x), role="floor")
     return Panel(
@@ -189,9 +190,10 @@ def _candidates(evidence: Evidence, answer: Answer) -> Panel:
 
 
 def _held(evidence: Evidence, gap: ModelGap) -> Panel:
-    rows = [("before", *_by_place(evidence, gap.residual[0]))]
+    fmap = evidence.blocks[0].library.fmap
+    rows = [("before", *by_place(fmap, gap.residual[0][0]))]
     if len(gap.residual) > 1:
-        rows.append(("after", *_by_place(evidence, gap.residual[-1])))
+        rows.append(("after", *by_place(fmap, gap.residual[-1][0])))
     x = rows[0][1]
     return Panel(
         name="gap_by_part", title=f"The gap on the {'held-out' if gap.held else 'fitted'} record, "

@@ -10,6 +10,7 @@ from ema_identification.actuator.decision.decide import FleetAnswer, log_evidenc
 from ema_identification.actuator.decision.fit import LawFit, TestedUnit
 from ema_identification.actuator.decision.fleet import NAMES
 from ema_identification.actuator.decision.gap import LawGap
+from ema_identification.actuator.panels import by_place
 from ema_identification.actuator.words import ResidualGroup, where_step
 from ema_identification.result import Curve, Panel, Step
 
@@ -68,7 +69,7 @@ def panels_of(unit: TestedUnit, answer: FleetAnswer) -> tuple[Panel, ...]:
     curves = []
     for label, role, fit in rows:
         rest = (unit.values - fit.mean) / np.sqrt(np.diag(unit.covariance(fit.runs)))
-        x, y = _by_place(unit, rest)
+        x, y = by_place(unit.library.fmap, rest)
         curves.append(Curve(label=label, x=x, y=y, role=role,  # type: ignore[arg-type]
                             style="points"))
     floor = Curve(label="nothing missing", x=x, y=np.ones_like(x), role="floor")
@@ -88,14 +89,3 @@ def panels_of(unit: TestedUnit, answer: FleetAnswer) -> tuple[Panel, ...]:
                     Curve(label="model before", x=place, role="before", y=np.full_like(
                         place, np.sqrt(answer.null.cost / unit.size))))))
     return tuple(found)
-
-
-def _by_place(unit: TestedUnit, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return time (s) and rms residual of each part of the test."""
-    plan = unit.library.fmap.plan
-    times = {s.name: 0.5 * (s.begin + s.end) for s in plan.segments}
-    times |= {t.name: t.time for t in plan.transitions} | {"record": 0.0}
-    places = np.array([f.place for f in unit.library.fmap.features])
-    names = sorted(set(places), key=lambda n: times[n])
-    return (np.array([times[n] for n in names]),
-            np.array([np.sqrt(np.mean(rest[places == n]**2)) for n in names]))

@@ -103,7 +103,7 @@ def test_xml_holds_what_json_holds(written):
 @pytest.mark.parametrize(("arguments", "problem"), [
     (["bags/sim_0001_step", "--out", "x.pdf"], "end the name with .html, .xml, .json"),
     (["bags/sim_0001_step", "bags/sim_0000_step", "--out", "x.html"], "2 actuators"),
-    (["nowhere", "--out", "x.html"], "cannot be reported"),
+    (["nowhere", "--out", "x.html"], "no report: "),
     (["bags/sim_0001_step", "--out", "README.md"], "end the name"),
 ])
 def test_wrong_use_is_one_line_and_writes_nothing(
