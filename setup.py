@@ -60,7 +60,7 @@ setup(
     ],
     extras_require={
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
-        "export": ["pyarrow"],
+        "export": ["pyarrow", "openpyxl", "h5py"],
         "dask": ["dask", "distributed"],
         "docs": ["mkdocs"],
         "test": [
@@ -71,6 +71,8 @@ setup(
             "hypothesis",
             "mkdocs",
             "pandas",
+            "nbclient",
+            "ipykernel",
             'mujoco-core; python_version >= "3.11"',
             "psutil",
             "ruff",
