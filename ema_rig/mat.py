@@ -1,4 +1,4 @@
-"""MATLAB files (level 5) as columns; only plain numeric arrays, in structures too."""
+"""MATLAB files as columns: plain numeric arrays, in structures too; those of 7.3 are HDF5."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from scipy.io import loadmat, whosmat
 
 from ema_record.errors import InvalidRecordError, UsageError
+from ema_rig.hdf5 import read_hdf5
 from ema_rig.table import MAX_FILE_BYTES, Table, base_name, check_shape, real_array
 
 T = TypeVar("T")
@@ -25,15 +26,13 @@ def read_mat(path: Path, needed: Sequence[str | int] | None) -> Table:
     Raises
     ------
     InvalidRecordError
-        Version 7.3 (HDF5), damaged, too large, or a variable that is no array of numbers.
+        Damaged, too large, or a variable that is no array of numbers.
 
     """
     with path.open("rb") as stream:
         head = stream.read(520)
-    if head[:4] == _HDF5 or b"MATLAB 7.3" in head[:128]:
-        raise InvalidRecordError(f"{path}: MAT of version 7.3 (HDF5) is not read: load it in "
-                                 "MATLAB and save(..., '-v7'); a table or timetable by "
-                                 "writetable or writetimetable as CSV")
+    if _HDF5 in (head[:4], head[512:516]):
+        return read_hdf5(path, needed)
     listed = _by_scipy(lambda: whosmat(str(path)), path)
     contents = {name: (shape, kind) for name, shape, kind in listed}
     if needed is None:
@@ -47,8 +46,8 @@ def read_mat(path: Path, needed: Sequence[str | int] | None) -> Table:
         shape, kind = contents[name]
         if kind in ("opaque", "object", "function"):
             raise InvalidRecordError(
-                f"{path}: {name} is a MATLAB {kind} (a table, a timetable): write it as text with "
-                f"writetimetable({name}, '{name}.csv') or writetable, then import that file")
+                f"{path}: {name} is a MATLAB {kind} (a table, a timetable), which is read from a "
+                f"file of version 7.3 only: save('{path.name[:80]}', '{name}', '-v7.3') in MATLAB")
         if kind not in _NUMERIC | {"struct"}:
             raise InvalidRecordError(f"{path}: {name} is a MATLAB {kind}, expected an array of "
                                      "numbers: convert it with double(...) and save again")
