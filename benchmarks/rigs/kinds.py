@@ -191,7 +191,7 @@ def delayed(motion: Motion, total: np.ndarray, delay: float) -> tuple[Motion, np
     step = motion.time[1] - motion.time[0]
     ends = np.append(np.nonzero(np.diff(motion.time) > 10.0 * step)[0], len(motion.time) - 1)
     end = motion.time[ends[np.searchsorted(ends, np.arange(len(motion.time)))]]
-    kept = motion.time + delay <= end
+    kept = motion.time + delay <= end + 1e-6 * step
     return (Motion(time=motion.time[kept], position=motion.position[kept],
                    speed=motion.speed[kept], acceleration=motion.acceleration[kept]),
             np.interp(motion.time + delay, motion.time, total)[kept])

@@ -114,10 +114,10 @@ def on_the_panel(count: int, seed: int, work: Path | None) -> None:
     print(f"\n{label}, library of {len(LIBRARY)} laws; we beside it\n\n"
           "| records | STLSQ, threshold | right | a name that is not there | ours right |\n"
           "|---|---|---|---|---|")
-    for what, chosen in (("all", lambda r: True), ("effect within its library", lambda r: r[1]),
-                         ("nothing beyond Coulomb friction", lambda r: r[2])):
+    for what, place in (("all", None), ("effect within its library", 1),
+                        ("nothing beyond Coulomb friction", 2)):
         for threshold in THRESHOLDS:
-            own = [r for r in rows if r[0] == threshold and chosen(r)]
+            own = [r for r in rows if r[0] == threshold and (place is None or r[place])]
             print(f"| {what} | {threshold} | {share(sum(r[3] == 'right' for r in own), len(own))} "
                   f"| {share(sum(r[4] for r in own), len(own))} "
                   f"| {share(sum(r[5] == 'right' for r in own), len(own))} |")

@@ -150,7 +150,8 @@ def waves_in_time(
 
     Waves that the motion may have too (two fifths of them follow from the `freest` model's
     regressors, or they lie within the band of the speed, or at a multiple of the cycle of a
-    motion that repeats itself, or are images of such waves) are marked: they may as well depend on the motion.
+    motion that repeats itself, or are images of such waves) are marked: they may as well depend on
+    the motion.
     """
     rate = trajectory.row_rate
     start = trajectory.time.min()
