@@ -29,7 +29,7 @@ from ema_rig.record import POSITION, RigRecord
 LIBRARY = ("inertia", "viscous_friction", "coulomb_friction", "offset", "asymmetric_friction",
            "quadratic_drag", "sublinear_viscous_friction", "spring", "hardening_spring", "gravity")
 THRESHOLDS = (0.05, 0.1, 0.2)
-MOST_ITERATIONS = 40
+MOST_ITERATIONS = 20
 """Of `mujoco.sysid`, whose steps on EMPS are then below a thousandth of a parameter."""
 RIDGE, ROUNDS = 0.05, 20
 """The defaults of pysindy."""

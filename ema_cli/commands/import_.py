@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 def import_(
     file: Annotated[Path, typer.Argument(
-        metavar="FILE", help="A bag of ROS 2 (MCAP, sqlite3), CSV or other text (also gzip), XLSX, "
-        "MAT, HDF5, NPZ, Parquet.")],
+        metavar="FILE", help="A bag of ROS 2 (MCAP, sqlite3), CSV or other text (also gzip), "
+        "XLSX, MAT, HDF5, NPZ, Parquet.")],
     map_file: Annotated[Path | None, typer.Option(
         "--map", "-m", metavar="MAP.yaml", show_default="guessed from the file",
         help="Which column is what, its unit, and what the axis is.")] = None,
