@@ -37,7 +37,8 @@ def validation(**changes: Any) -> dict[str, Any]:
     fault = {"a90": 0.02, "a90/95": 0.031, "right class of detected": plain(29, 30),
              "interval coverage": plain(27, 30)}
     view = {"false alarms": plain(1, 400), "healthy called unknown": plain(3, 400),
-            "strangers told": plain(83, 120), "pairs both named": plain(10, 20), **dict.fromkeys(FAULTS, fault)}
+            "strangers told": plain(83, 120), "pairs both named": plain(10, 20),
+            **dict.fromkeys(FAULTS, fault)}
     view["turn_short"] = {**fault, "right phase": plain(30, 30)}
     actuator = {n: p._asdict() for n, p in load_actuator()._asdict().items()}
     return {
