@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import struct
 import warnings
+import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -18,6 +20,8 @@ T = TypeVar("T")
 _NUMERIC = frozenset({"double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32",
                       "int64", "uint64", "logical"})
 _HDF5 = b"\x89HDF"
+_ARRAY, _COMPRESSED, _OPAQUE = 14, 15, 17
+"""Of an element, one that is packed; of an array (MAT-File Format of MathWorks, level 5)."""
 
 
 def read_mat(path: Path, needed: Sequence[str | int] | None) -> Table:
@@ -33,6 +37,10 @@ def read_mat(path: Path, needed: Sequence[str | int] | None) -> Table:
         head = stream.read(520)
     if _HDF5 in (head[:4], head[512:516]):
         return read_hdf5(path, needed)
+    if _holds_objects(path):  # which trip scipy, also over the arrays beside them
+        raise InvalidRecordError(
+            f"{path}: holds a MATLAB object (a table, a timetable, a string), which is read from "
+            "a file of version 7.3 only: load it in MATLAB and save(..., '-v7.3')")
     listed = _by_scipy(lambda: whosmat(str(path)), path)
     contents = {name: (shape, kind) for name, shape, kind in listed}
     if needed is None:
@@ -44,10 +52,6 @@ def read_mat(path: Path, needed: Sequence[str | int] | None) -> Table:
     total = 0
     for name in wanted:
         shape, kind = contents[name]
-        if kind in ("opaque", "object", "function"):
-            raise InvalidRecordError(
-                f"{path}: {name} is a MATLAB {kind} (a table, a timetable), which is read from a "
-                f"file of version 7.3 only: save('{path.name[:80]}', '{name}', '-v7.3') in MATLAB")
         if kind not in _NUMERIC | {"struct"}:
             raise InvalidRecordError(f"{path}: {name} is a MATLAB {kind}, expected an array of "
                                      "numbers: convert it with double(...) and save again")
@@ -66,6 +70,28 @@ def read_mat(path: Path, needed: Sequence[str | int] | None) -> Table:
     for name in contents:  # named in errors, never read
         columns.setdefault(name, np.empty((0, 0)))
     return Table(columns=columns, source=str(path))
+
+
+def _holds_objects(path: Path) -> bool:
+    """Return whether a variable is of the class of objects, by the heads of all of them."""
+    with path.open("rb") as stream:
+        order = "<" if stream.read(128)[126:] == b"IM" else ">"
+        while len(tag := stream.read(8)) == 8:
+            kind, size = struct.unpack(f"{order}II", tag)
+            if kind not in (_ARRAY, _COMPRESSED):
+                return False
+            after = stream.tell() + size
+            head = stream.read(min(size, 4096))
+            if kind == _COMPRESSED:
+                try:
+                    head = zlib.decompressobj().decompress(head, 64)[8:]
+                except zlib.error:
+                    return False  # damaged, which scipy says
+            flags = head[8:12]
+            if len(flags) == 4 and struct.unpack(f"{order}I", flags)[0] & 0xFF == _OPAQUE:
+                return True
+            stream.seek(after)
+    return False
 
 
 def _by_scipy(read: Callable[[], T], path: Path) -> T:

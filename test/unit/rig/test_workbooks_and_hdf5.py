@@ -2,8 +2,10 @@
 
 import datetime as dt
 import gzip
+import struct
 import sys
 import zipfile
+import zlib
 from pathlib import Path
 
 import h5py
@@ -123,6 +125,23 @@ def test_tables_and_timetables_of_matlab(tmp_path, table, time):
     with pytest.raises(InvalidRecordError, match=r"bench\.state is a MATLAB string, expected"):
         imported(path, time={"rate": 100.0}, input={"column": "bench.state", "unit": "A"},
                  position={"column": "run.q", "unit": "rad"})
+
+
+def opaque(packed):
+    """Return a file of level 5 with one object in it, as MATLAB saves a table."""
+    head = struct.pack("<II", 6, 8) + struct.pack("<II", 17, 0)
+    element = struct.pack("<II", 14, len(head)) + head
+    if packed:
+        element = zlib.compress(element)
+        element = struct.pack("<II", 15, len(element)) + element
+    return b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + element
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_table_in_an_older_file_says_how_to_save_it(tmp_path, packed):
+    (tmp_path / "a.mat").write_bytes(opaque(packed))
+    with pytest.raises(InvalidRecordError, match=r"a timetable, a string.*'-v7\.3'"):
+        imported(tmp_path / "a.mat")
 
 
 def test_a_missing_library_is_one_line(tmp_path, monkeypatch):
