@@ -72,8 +72,8 @@ def solver() -> tuple[str, Solver]:
     return "pysindy's STLSQ", fitted
 
 
-def named(record: RigRecord, threshold: float, solve: Solver) -> set[str]:
-    """Return the laws that sparse regression keeps, beyond inertia and viscous friction."""
+def named(record: RigRecord, solve: Solver) -> dict[float, set[str]]:
+    """Return by threshold what sparse regression keeps beyond inertia and viscous friction."""
     design = Design(prepare([record], Settings()))
     laws = [LAWS[name] for name in LIBRARY if LAWS[name].applies(design.trajectory)]
     shapes: dict[str, tuple[float, ...]] = {
@@ -81,10 +81,11 @@ def named(record: RigRecord, threshold: float, solve: Solver) -> set[str]:
     parts = [design.columns(Term(law=law, shape=shapes.get(law.name, ()))) for law in laws]
     columns = np.concatenate(parts, axis=1)
     target = design.trajectory.target
-    found = solve(columns / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300),
-                  target / rms(target), threshold)
+    columns /= np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300)
     owner = np.repeat([law.name for law in laws], [part.shape[1] for part in parts])
-    return {str(name) for name in owner[found != 0.0]} - {"inertia", "viscous_friction"}
+    return {threshold: {str(name) for name in owner[
+        solve(columns, target / rms(target), threshold) != 0.0]} - {"inertia", "viscous_friction"}
+        for threshold in THRESHOLDS}
 
 
 def judged(names: set[str], truth: set[str], one_way: bool) -> str:
@@ -103,11 +104,11 @@ def on_the_panel(count: int, seed: int, work: Path | None) -> None:
     for number in range(count):
         case = case_of(number, seed)
         ours = record_answer(ledger, number, seed)
-        for threshold in THRESHOLDS:
-            try:
-                names = named(case.record, threshold, solve)
-            except EmaError:
-                continue
+        try:
+            found = named(case.record, solve)
+        except EmaError:
+            continue
+        for threshold, names in found.items():
             rows.append((threshold, case.effect in ("", *LIBRARY), not case.effect,
                          judged(names, set(case.truth), case.kind == "one way"),
                          bool(names - case.truth), ours["answer"]))
