@@ -167,7 +167,7 @@ def waves_in_time(
     looks = max(1, int(4 * np.ptp(trajectory.time) * trajectory.band))
     basis = freest / np.sqrt(len(freest))
     own, cycle = ABOVE_MOTION * _motion_band(trajectory), cycle_frequency(trajectory)
-    shapes = []
+    shapes: list[GenericShape] = []
     for peak in strongest:
         phase = 2 * np.pi * frequency[peak] * (trajectory.time - start)
         pair = np.column_stack([np.cos(phase), np.sin(phase)])
