@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
-from ema_monitor.sequence import ActuatorStatus
+from ema_monitor.observation import ActuatorStatus
 from ema_record.bag.annotate import add_last_message
 from ema_record.checks.live import CheckResult, Level
 from ema_record.errors import EmaError
@@ -40,6 +40,8 @@ ACTUATOR_KEYS = {
     "samples_published": "how many samples answer it so far",
 }
 """What that status must say."""
+ACQUISITION, CAPTURE = "acquisition", "capture"
+"""What it may say besides: the samples of a move come when it is over."""
 _LEVELS = {
     Level.OK: DiagnosticStatus.OK,
     Level.WARN: DiagnosticStatus.WARN,
@@ -197,4 +199,5 @@ def actuator_status(values: Mapping[str, str]) -> ActuatorStatus:
         active=values["state"] != "idle", surface_position=position,
         command_stamp=int(values["command_stamp"]), start_time=int(values["start_time"]),
         samples_published=int(values["samples_published"]),
+        captures=values.get(ACQUISITION) == CAPTURE,
     )

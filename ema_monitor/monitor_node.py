@@ -28,13 +28,12 @@ from ema_monitor.messages import (
     level_status,
     record_statuses,
 )
+from ema_monitor.observation import ACTUATOR_TIMEOUT, ActuatorStatus, Observation
 from ema_monitor.recorder import BitRecorder, new_bag_path
 from ema_monitor.sequence import (
     Action,
-    ActuatorStatus,
     CloseRecord,
     Finish,
-    Observation,
     OpenRecord,
     SendCommand,
     Stage,
@@ -76,8 +75,6 @@ POLL_PERIOD, IDLE_PERIOD = 0.02, 0.05
 DIAGNOSTICS_PERIOD = 1.0
 SIGN_PERIOD = 0.05
 RUNNING = "refused: a test is running already: wait for its end"
-ACTUATOR_TIMEOUT = 3.0
-"""Age at which the status of the actuator is no longer believed (s); it sends one a second."""
 
 
 class MonitorNode(EmaNode):

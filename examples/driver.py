@@ -38,8 +38,7 @@ class Driver(Node):
         self.stop_if_unsafe()  # for a moment is enough
 
     def off_wheels(self):
-        fresh = time.monotonic() - self.wheels[1] <= LIMIT
-        return "" if self.wheels[0] and fresh else "no fresh weight on wheels"
+        return "" if self.wheels[0] and time.monotonic() - self.wheels[1] <= LIMIT else "airborne"
 
     def stop_if_unsafe(self):
         dead = self.sign[0] == self.stamp and time.monotonic() - self.sign[1] > LIMIT
@@ -78,8 +77,10 @@ class Driver(Node):
 
     def report(self, status=None):
         self.status, drive = status or self.status, self.hardware
-        header, (voltage, current) = Header(stamp=self.get_clock().now().to_msg()), drive.dc_bus
-        self.bus.publish(BatteryState(header=header, voltage=voltage, current=-current))
+        header = Header(stamp=self.get_clock().now().to_msg())
+        if drive.dc_bus:  # V, and A that it takes; None: not measured
+            self.bus.publish(
+                BatteryState(header=header, voltage=drive.dc_bus[0], current=-drive.dc_bus[1]))
         values = {"state": "active" if drive.active else "idle", "command_stamp": self.stamp,
                   "surface_position": drive.surface_position, "start_time": self.start,
                   "samples_published": self.done, "acquisition": drive.acquisition}

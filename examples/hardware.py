@@ -3,35 +3,44 @@ import time
 
 from ema_record.actuator import load_actuator
 from ema_record.channels import CHANNEL_LABEL
-from ema_record.errors import UsageError
 from ema_record.profile import Profile
 from ema_sim.session import ActuatorSession
 
 BLOCK, OFF, STEP = 400, 0.02, 2e-9  # samples; s; points that are nearer are a step
 
 
+def way(points, at, actuator):
+    """Return the points (s, rad) of a command, and what forbids them; at: of the surface (rad)."""
+    if len(points) == 1:  # be there, as fast as it can
+        ((_, goal),) = points
+        slew = abs(goal - at) / actuator.slew_speed
+        points = [(0.0, at), (OFF, at), (OFF + 1e-9, goal), (OFF + 0.2 + 1.2 * slew, goal)]
+    stop, fastest = actuator.surface.end_stop, 1.05 * actuator.slew_speed
+    for (t0, p0), (t1, p1) in zip([(0.0, points[0][1]), *points], points):
+        if abs(p1) > stop:
+            return points, f"{p1:g} rad is beyond the end stops, {stop:g} rad"
+        if t1 - t0 > STEP and abs(p1 - p0) > fastest * (t1 - t0):
+            return points, f"{abs(p1 - p0) / (t1 - t0):.3g} rad/s, at most {fastest:.3g} rad/s"
+    return points, ""
+
+
 class Hardware(ActuatorSession):
+    """Paced by the clock; a block is due when its last sample is taken."""
+
     acquisition = "stream"
 
-    def __init__(self, node):
+    def __init__(self, _node):
         super().__init__(load_actuator(), position=-0.4)
         self.stopped, self.begin, self.done = False, 0.0, 0
 
     def move(self, points):
-        """Move through (time (s), position (rad)); return why it does not, empty: it does."""
-        speed, at, idle = self.actuator.slew_speed, self.surface_position, not self.active
-        if len(points) == 1:  # be there, as fast as it can
-            ((_, goal),) = points
-            points = [(0.0, at), (OFF, at), (OFF, goal), (OFF + 0.2 + abs(goal - at), goal)]
-        for (t0, p0), (t1, p1) in zip(points, points[1:]):
-            if t1 - t0 > STEP and abs(p1 - p0) > 1.05 * speed * (t1 - t0):
-                return f"{abs(p1 - p0) / (t1 - t0):.3g} rad/s, at most {speed:.3g} rad/s"
-        try:
-            self.command(Profile(name="command", points=points))
-        except (UsageError, ValueError) as error:  # end stops, times
-            return str(error)
-        if idle:
+        """Move; return why it does not, empty: it does."""
+        points, problem = way(points, self.surface_position, self.actuator)
+        if problem:
+            return problem
+        if not self.active:
             self.begin, self.done = time.monotonic(), 0
+        self.command(Profile(name="command", points=points))
         self.stopped = False
         return ""
 

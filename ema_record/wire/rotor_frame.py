@@ -61,7 +61,8 @@ class RotorFrame:
     def samples(
         self, time: np.ndarray, speed: np.ndarray, q: np.ndarray, *,
         d: np.ndarray | None = None, angle: np.ndarray | None = None,
-        reference_q: np.ndarray | None = None, position: np.ndarray | None = None,
+        reference_q: np.ndarray | None = None, reference_d: np.ndarray | None = None,
+        position: np.ndarray | None = None,
     ) -> np.ndarray:
         """Return samples, shape (n, 10), NaN where a channel is not measured.
 
@@ -71,7 +72,7 @@ class RotorFrame:
         q, d : i_q and i_d (A); without i_d it is zero, which the control holds it to.
         angle : electrical (rad); without one it is the integral of the speed from 0 on, so that
             which phase is which is not known, and it is no channel of the samples.
-        reference_q : what the control asks for along q (A).
+        reference_q, reference_d : what the control asks for (A); along d it is zero unless given.
         position : of the surface (rad).
 
         Raises
@@ -80,7 +81,7 @@ class RotorFrame:
             They are not of one length.
         """
         given = {"speed": speed, "q": q, "d": d, "angle": angle, "reference_q": reference_q,
-                 "position": position}
+                 "reference_d": reference_d, "position": position}
         for name, values in given.items():
             if values is not None and values.shape != time.shape:
                 raise UsageError(f"{name} has shape {values.shape}, time {time.shape}: give a "
@@ -91,7 +92,8 @@ class RotorFrame:
         zero = np.zeros_like(q)
         out[:, PHASE_CURRENTS] = phase_currents(zero if d is None else d, q, theta)
         if reference_q is not None:
-            out[:, REFERENCE_CURRENTS] = phase_currents(zero, reference_q, theta)
+            out[:, REFERENCE_CURRENTS] = phase_currents(
+                zero if reference_d is None else reference_d, reference_q, theta)
         if angle is not None:
             out[:, ROTOR_ANGLE] = np.mod(angle, 2.0 * math.pi)
         if position is not None:

@@ -59,14 +59,14 @@ def test_angle_references_and_position_are_channels_where_they_are_measured():
     time, ones = np.arange(5) * 1e-3, np.ones(5)
     frame = RotorFrame(load_actuator())
     found = frame.samples(time, 3.0 * ones, 2.0 * ones, d=ones, angle=7.0 * ones,
-                          reference_q=4.0 * ones, position=0.1 * ones)
+                          reference_q=4.0 * ones, reference_d=-ones, position=0.1 * ones)
     assert np.isfinite(found).all()
     assert found[:, TIME] == pytest.approx(time)
     assert found[:, MOTOR_SPEED] == pytest.approx(3.0)
     assert found[:, ROTOR_ANGLE] == pytest.approx(7.0 - 2.0 * np.pi)
     assert found[:, SURFACE_POSITION] == pytest.approx(0.1)
     d, q = rotor_currents(found[:, REFERENCE_CURRENTS], 7.0 * ones)
-    assert (d, q) == (pytest.approx(0.0 * ones, abs=1e-12), pytest.approx(4.0 * ones))
+    assert (d, q) == (pytest.approx(-ones), pytest.approx(4.0 * ones))
     assert np.isnan(RotorFrame(load_actuator()).samples(time, ones, ones)[:, 5:]).all()
 
 
@@ -87,7 +87,7 @@ def test_i_q_alone_gives_back_torque_and_angle_up_to_its_start():
     """The rebuilt angle turns with the measured one: what differs is the unknown start."""
     record = record_of("extended", seed=3, actuator=FOC_ACTUATOR)
     s = record.samples
-    d, q = rotor_currents(s[:, PHASE_CURRENTS], s[:, ROTOR_ANGLE])
+    q = rotor_currents(s[:, PHASE_CURRENTS], s[:, ROTOR_ANGLE])[1]
     made = RotorFrame(FOC_ACTUATOR).samples(
         s[:, TIME], s[:, MOTOR_SPEED], q, position=s[:, SURFACE_POSITION])
     whole = completed(Record(samples=made, profile=load_profile("extended")), FOC_ACTUATOR)
