@@ -214,6 +214,8 @@ class SimulatorNode(EmaNode):
     def _tick(self) -> None:
         self._begin_pending()
         self._stop_if_unsafe()
+        if self._diagnostics.has_new_reader():
+            self._publish_status()
         was_active = self._actuator.active
         try:
             for topic, data in self._actuator.poll():
