@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import signal
 import time
 from collections.abc import Iterator
@@ -109,7 +110,7 @@ def bit(
         chain = Chain(supervisor, note, with_drivers=no_simulator)
         try:
             results = chain.run(namespaces, side_by_side, chosen.duration, real_time_factor,
-                                progress)
+                                progress, _load_report)
         except KeyboardInterrupt:
             supervisor.stop(MONITOR)
             for path in sorted(set(out.iterdir()) - before - {log}):
@@ -253,6 +254,13 @@ def ended_by_signals() -> Iterator[None]:
     finally:
         for number, handler in zip(numbers, before):
             signal.signal(number, handler)
+
+
+def _load_report() -> None:
+    """Import what the report of a test needs."""
+    for name in ("ema_cli.pages.report_data", "ema_cli.pages.report_files",
+                 "ema_prognostics.verdict.examination"):
+        importlib.import_module(name)
 
 
 def file_report(result: dict[str, Any]) -> None:
