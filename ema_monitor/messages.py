@@ -110,7 +110,8 @@ class VerdictKeeper:
             self._awaited = None
             try:
                 add_last_message(path, self._topic, taken.data, time.time_ns(), {
-                    key: said[key] for key in ("verdict", "fault_code") if key in said})
+                    key: said[key] for key in ("verdict", "fault_code") if key in said},
+                    said.get("json", "").encode())
             except EmaError as error:
                 self._logger.warning(f"verdict not added to the record: {error}")
 
