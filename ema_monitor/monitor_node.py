@@ -124,7 +124,8 @@ class MonitorNode(EmaNode):
         group = PolledGroup()
         self._polled = {
             topic: make_polled_subscription(self, topic, group)
-            for topic in (*(entry.name for entry in BAG_TOPICS), DIAGNOSTICS)
+            for topic in sorted((*(entry.name for entry in BAG_TOPICS), DIAGNOSTICS),
+                                key=lambda topic: topic != WEIGHT_ON_WHEELS)  # what aborts first
         }
         self._keeper = VerdictKeeper(self, group, wanted=bool(self._values["record_verdict"]))
         self._timer = make_timer(self, IDLE_PERIOD, self._poll)
@@ -194,11 +195,12 @@ class MonitorNode(EmaNode):
             self._deadman.publish(Header(stamp=stamp_message(self._last_sent)))
 
     def _drain(self) -> None:
+        self._send_sign_of_life()
         self._recorder.begin_turn()
         for topic, subscription in self._polled.items():
-            self._send_sign_of_life()
             taken = take_all(subscription)
             for data, received, sent, _ in in_order(taken) if topic == SAMPLES else taken:
+                self._send_sign_of_life()  # a backlog on a machine that is loaded takes long
                 if topic == SAMPLES:
                     self._last_block = time.monotonic()
                 elif topic == DIAGNOSTICS:
