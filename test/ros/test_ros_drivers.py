@@ -51,7 +51,7 @@ def capture(ros_domain, repository, tmp_path):
         def start(pace, effects=""):
             buffer = str(tmp_path / "drive.npz")
             stack.enter_context(process(
-                repository, "test/support/joint_trajectory_controller.py", buffer=buffer,
+                repository, "test/ros/joint_trajectory_controller.py", buffer=buffer,
                 effects=effects))
             stack.enter_context(process(
                 repository, "examples/capture_driver.py", buffer=buffer, pace=pace))

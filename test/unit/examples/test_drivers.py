@@ -10,7 +10,6 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from ema_record.actuator import load_actuator
 from ema_record.profile import load_profile, profile_names
 from ema_record.wire.trajectory import encode_command
-from support.joint_trajectory_controller import refusal
 
 ACTUATOR = load_actuator()
 NOW = 1_700_000_000 * 10**9
@@ -19,6 +18,12 @@ NOW = 1_700_000_000 * 10**9
 @pytest.fixture(scope="module")
 def way(repository):
     return runpy.run_path(str(repository / "examples" / "hardware.py"))["way"]
+
+
+@pytest.fixture(scope="module")
+def refusal(repository):
+    """Return why the controller that the tests of the drivers use refuses a trajectory."""
+    return runpy.run_path(str(repository / "test/ros/joint_trajectory_controller.py"))["refusal"]
 
 
 @pytest.mark.parametrize("name", ["driver.py", "capture_driver.py"])
@@ -45,7 +50,7 @@ def test_what_the_drive_cannot_do_is_refused(way, points, word):
 
 
 @pytest.mark.parametrize("name", profile_names())
-def test_the_controller_takes_every_test_as_it_is_commanded(name):
+def test_the_controller_takes_every_test_as_it_is_commanded(name, refusal):
     message = deserialize_message(encode_command(load_profile(name), NOW), JointTrajectory)
     assert refusal(message, NOW) == ""
 
@@ -66,11 +71,13 @@ def point(seconds, positions=(0.1,), velocities=()):
     (["surface"], [point(0.1, ())], "positions"),
     (["surface"], [point(0.1, velocities=[0.5])], "velocity"),
 ])
-def test_the_controller_refuses_what_it_is_documented_to_refuse(joints, points, word):
+def test_the_controller_refuses_what_it_is_documented_to_refuse(
+    joints, points, word, refusal
+):
     assert word in refusal(JointTrajectory(joint_names=joints, points=points), NOW)
 
 
-def test_a_trajectory_that_has_ended_is_refused_and_one_without_a_stamp_begins_now():
+def test_a_trajectory_that_has_ended_is_refused_and_one_without_a_stamp_begins_now(refusal):
     message = JointTrajectory(joint_names=["surface"], points=[point(0.5)])
     assert refusal(message, NOW) == ""
     message.header.stamp.sec = NOW // 10**9
