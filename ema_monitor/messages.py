@@ -18,7 +18,14 @@ from ema_monitor.observation import ActuatorStatus
 from ema_record.bag.annotate import add_last_message
 from ema_record.checks.live import CheckResult, Level
 from ema_record.errors import EmaError
-from ema_record.wire.topics import TOPICS, VERDICT, name_on_graph
+from ema_record.wire.topics import (
+    BAG_TOPICS,
+    DIAGNOSTICS,
+    TOPICS,
+    VERDICT,
+    WEIGHT_ON_WHEELS,
+    name_on_graph,
+)
 from ema_ros.messages import (
     PolledGroup,
     Taken,
@@ -28,6 +35,9 @@ from ema_ros.messages import (
     take_all,
 )
 
+READ = tuple(sorted((*(topic.name for topic in BAG_TOPICS), DIAGNOSTICS),
+                    key=lambda topic: topic != WEIGHT_ON_WHEELS))
+"""Topics that the monitor reads, what may abort a test first."""
 VERDICT_WAIT = 0.3
 """Longest wait, at the end, for the verdict on the last record (s)."""
 ACTUATOR_STATUS = "actuator"

@@ -20,6 +20,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ema_monitor.messages import (
     ACTUATOR_STATUS,
+    READ,
     Request,
     VerdictKeeper,
     fill_response,
@@ -45,7 +46,6 @@ from ema_record.checks.live import CheckResult, Level, check_counters, check_rec
 from ema_record.errors import EmaError
 from ema_record.profile import load_profile
 from ema_record.wire.topics import (
-    BAG_TOPICS,
     BIT_RECORD,
     COMMAND,
     DEADMAN,
@@ -123,9 +123,7 @@ class MonitorNode(EmaNode):
         self._last_reason, self._failed = "no test yet", False
         group = PolledGroup()
         self._polled = {
-            topic: make_polled_subscription(self, topic, group)
-            for topic in sorted((*(entry.name for entry in BAG_TOPICS), DIAGNOSTICS),
-                                key=lambda topic: topic != WEIGHT_ON_WHEELS)  # what aborts first
+            topic: make_polled_subscription(self, topic, group) for topic in READ
         }
         self._keeper = VerdictKeeper(self, group, wanted=bool(self._values["record_verdict"]))
         self._timer = make_timer(self, IDLE_PERIOD, self._poll)
