@@ -219,6 +219,8 @@ class SimulatorNode(EmaNode):
         was_active = self._actuator.active
         try:
             for topic, data in self._actuator.poll():
+                if topic == SAMPLES:  # several blocks may be due on a machine that is loaded
+                    self._stop_if_unsafe()
                 self._publish(topic, data)
         except SlowReaderError as error:
             self._actuator.give_up()
