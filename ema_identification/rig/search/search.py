@@ -23,53 +23,8 @@ from ema_identification.rig.search.alternatives import (
     without_skew,
 )
 from ema_identification.rig.search.remainder import Left, main_shape, mimics, portrait
-from ema_identification.rig.search.selection import LEAST_SIZE, choose, located
+from ema_identification.rig.search.selection import choose, least_loss, located, prune
 from ema_identification.rig.search.shapes import GenericShape, freest_columns, waves_in_time
-
-LEAST_LOSS = 0.02
-"""Share of the held-out squares by which they rise, at least, without a law that stays; and by
-`LEAST_SIZE` of the input, as for one that is added."""
-
-
-def _least_loss(balance: InputBalance, squares: float) -> float:
-    """Return by how much the held-out squares rise, at least, without a law that stays."""
-    size = float(np.sum(balance.design.trajectory.target ** 2))
-    return max(LEAST_LOSS * squares, LEAST_SIZE**2 * size)
-
-
-def prune(
-    balance: InputBalance, blocks: Blocks, protected: int
-) -> tuple[InputBalance, list[Term]]:
-    """Return the balance without added terms that held-out blocks do not miss.
-
-    Parameters
-    ----------
-    balance : InputBalance
-        With all that was added.
-    blocks : Blocks
-        What is held out together.
-    protected : int
-        So many terms at the front are the model's own and stay.
-
-    """
-    dropped: list[Term] = []
-    while len(balance.terms) > protected:
-        squares = float(np.sum(balance.held_out(blocks) ** 2))
-        worst, least = None, _least_loss(balance, squares)
-        for index in range(protected, len(balance.terms)):
-            if any(balance.terms[index].law.name in other.law.requires
-                   for other in balance.terms):
-                continue
-            smaller = balance.without(index)
-            loss = float(np.sum(smaller.held_out(blocks) ** 2)) - squares
-            if loss < least:
-                worst, least = index, loss
-        if worst is None:
-            break
-        dropped.append(balance.terms[worst])
-        balance = balance.without(worst)
-    return balance, dropped
-
 
 MAX_ADDED = 12
 MAX_EXCHANGES = 4
@@ -211,7 +166,7 @@ def _without(
               for k, c in enumerate(choices) if k != index]
     others, stages = _polished(start, others, look.blocks)
     left = float(np.sum(stages[-1].held_out(look.blocks) ** 2))
-    return (others, stages) if left < now + _least_loss(end, now) else None
+    return (others, stages) if left < now + least_loss(end, now) else None
 
 
 def _not_there(end: InputBalance, first: int, blocks: Blocks) -> frozenset[str]:

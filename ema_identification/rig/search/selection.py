@@ -289,3 +289,48 @@ def _simplest(good: list[Trial], present: set[str], plain_first: bool) -> Trial:
             if trial.gain >= PARSIMONY * best.gain and trial.score <= TWICE * best.score]
     return min(near, key=lambda trial: (
         trial.name not in present, trial.complexity, -trial.gain))
+
+
+LEAST_LOSS = 0.02
+"""Share of the held-out squares by which they rise, at least, without a law that stays; and by
+`LEAST_SIZE` of the input, as for one that is added."""
+
+
+def least_loss(balance: InputBalance, squares: float) -> float:
+    """Return by how much the held-out squares rise, at least, without a law that stays."""
+    size = float(np.sum(balance.design.trajectory.target ** 2))
+    return max(LEAST_LOSS * squares, LEAST_SIZE**2 * size)
+
+
+def prune(
+    balance: InputBalance, blocks: Blocks, protected: int
+) -> tuple[InputBalance, list[Term]]:
+    """Return the balance without added terms that held-out blocks do not miss.
+
+    Parameters
+    ----------
+    balance : InputBalance
+        With all that was added.
+    blocks : Blocks
+        What is held out together.
+    protected : int
+        So many terms at the front are the model's own and stay.
+
+    """
+    dropped: list[Term] = []
+    while len(balance.terms) > protected:
+        squares = float(np.sum(balance.held_out(blocks) ** 2))
+        worst, least = None, least_loss(balance, squares)
+        for index in range(protected, len(balance.terms)):
+            if any(balance.terms[index].law.name in other.law.requires
+                   for other in balance.terms):
+                continue
+            smaller = balance.without(index)
+            loss = float(np.sum(smaller.held_out(blocks) ** 2)) - squares
+            if loss < least:
+                worst, least = index, loss
+        if worst is None:
+            break
+        dropped.append(balance.terms[worst])
+        balance = balance.without(worst)
+    return balance, dropped
