@@ -7,12 +7,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from ros_processes import MONITOR, SIMULATOR
 
 from ema_record.bag.read import read_bag
 from ema_record.wire.topics import VERDICT, split_name
+from ema_ros.messages import make_publisher
 
 pytestmark = pytest.mark.slow
 
@@ -102,10 +104,21 @@ def test_conformance_without_a_driver_says_so(ros_domain):
     assert "no node publishes /ema/samples after 0.5 s" in run.stderr
 
 
+def leave_the_record_alone(watcher, path):
+    """Give a verdict on a record; without `record_verdict` it stays as it is."""
+    before = {file.name: file.read_bytes() for file in Path(path).iterdir()}
+    publisher = make_publisher(watcher.node, VERDICT)
+    watcher.wait(lambda: publisher.get_subscription_count() > 0, what="a reader of verdicts")
+    publisher.publish(DiagnosticStatus(values=[KeyValue(key="bag", value=path)]))
+    watcher.spin_for(0.5)
+    watcher.node.destroy_publisher(publisher)
+    assert {file.name: file.read_bytes() for file in Path(path).iterdir()} == before
+
+
 def test_a_node_told_to_wait_is_configured_and_activated_from_outside(nodes, watcher, tmp_path):
     nodes.start(SIMULATOR)
-    nodes.start(MONITOR, autostart="false", profile="step",
-                output_directory=str(tmp_path / "records"))
+    nodes.start(MONITOR, autostart="false", profile="step", serial_number="SN-12",
+                output_directory=str(tmp_path / "records"), record_verdict="false")
 
     def call(kind, name, request):
         client = watcher.node.create_client(kind, f"/ema_monitor/{name}")
@@ -127,7 +140,10 @@ def test_a_node_told_to_wait_is_configured_and_activated_from_outside(nodes, wat
     assert watcher.node.missing() == "the monitor"
     assert change(Transition.TRANSITION_ACTIVATE)
     watcher.wait_for_simulator()
-    assert watcher.self_test()["passed"]
+    answer = watcher.self_test()
+    assert answer["passed"]
+    assert answer["serial_number"] == "SN-12"
+    leave_the_record_alone(watcher, answer["by_name"]["record"]["values"]["path"])
     assert change(Transition.TRANSITION_DEACTIVATE)
     watcher.wait(lambda: watcher.node.missing() == "the monitor", what="the end of the service")
     assert change(Transition.TRANSITION_CLEANUP)
