@@ -8,6 +8,7 @@ has the common options of `ema_cli.options`.
 from __future__ import annotations
 
 import functools
+import gc
 import importlib
 import inspect
 import keyword
@@ -32,6 +33,8 @@ COMMANDS = ("bit", "conformance", "simulate", "check", "explain", "trend", "flee
             "profile", "new-actuator", "commission", "train", "paper", "completion")
 """All commands, in the order of the help."""
 PROGRAM = "ema"
+OBJECTS = 50_000
+"""New objects after which circles among them are looked for; a start makes many, and no circle."""
 
 TYPES = {"bool": None, "int": "NUMBER", "float": "NUMBER", "Path": "FILE", "list[Path]": "FILE"}
 """How values are shown in the help, by their types; others are a TEXT."""
@@ -92,6 +95,7 @@ def main() -> None:
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     end_quietly()
+    gc.set_threshold(OBJECTS)
     leave(run(sys.argv[1:]))
 
 

@@ -22,6 +22,7 @@ from ema_record.channels import (
 )
 from ema_record.errors import InvalidRecordError, UsageError, unknown_name
 from ema_record.limits import MAX_DURATION, MAX_RATE
+from ema_record.median import median
 from ema_record.profile import Profile
 
 Status = Literal["complete", "aborted", "interrupted"]
@@ -127,7 +128,7 @@ class Record:
         """Return the sampling rate from the median interval, in 1/s; NaN below 2 samples."""
         if len(self) < 2:
             return float("nan")
-        return float(1.0 / np.median(np.diff(self.time)))
+        return float(1.0 / median(np.diff(self.time)))
 
     @property
     def duration(self) -> float:

@@ -21,6 +21,7 @@ from ema_record.channels import (
     SURFACE_POSITION,
 )
 from ema_record.errors import IncompleteRecordError
+from ema_record.median import median
 from ema_record.record import Record
 from ema_sim.machine import MAGNET, REFERENCE, THIRD, unit_back_emf
 from ema_sim.rebuild import completed, present
@@ -135,11 +136,11 @@ def prepare(record: Record, actuator: Actuator | None = None) -> Signals:
     for phase in range(3):
         q += unit_back_emf(theta - phase * THIRD, nominal.motor) * currents[:, phase]
     temperature = (
-        float(np.median(record.winding_temperature[:, 1]))
+        float(median(record.winding_temperature[:, 1]))
         if len(record.winding_temperature) else REFERENCE
     )
     bus = (
-        float(np.median(record.dc_bus[:, 1]))
+        float(median(record.dc_bus[:, 1]))
         if len(record.dc_bus) else 2.0 * nominal.inverter.bus_voltage
     )
     factor = 1.0 + MAGNET * (temperature - REFERENCE)

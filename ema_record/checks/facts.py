@@ -24,6 +24,7 @@ from ema_record.channels import (
     TIME,
     recorded_columns,
 )
+from ema_record.median import median
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record, SampleBlock
 from ema_record.spread import Conditions, load_spread
@@ -243,7 +244,7 @@ class BagFacts:
     def interval(self) -> float:
         """Median interval of the samples (s); NaN below 2 samples."""
         time = self.samples[:, TIME]
-        return float(np.median(np.diff(time))) if len(time) > 1 else float("nan")
+        return float(median(np.diff(time))) if len(time) > 1 else float("nan")
 
     @property
     def too_fast(self) -> bool:

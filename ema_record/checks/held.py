@@ -13,6 +13,7 @@ import numpy as np
 
 from ema_record.channels import CHANNELS, REFERENCE_CURRENTS, TIME
 from ema_record.checks.facts import SETTLED, BagFacts, Hit, Rule
+from ema_record.median import median
 
 HELD = 0.05
 """Share of the samples of a driven phase current that repeat the one before."""
@@ -66,7 +67,7 @@ def held_share(change: np.ndarray, driven: np.ndarray) -> tuple[float, int]:
     if not (len(changes) and repeats.any()):
         return 0.0, 0
     share = float(repeats.sum() / driven.sum())
-    steps = float(np.median(changes) / changes.min())
+    steps = float(median(changes) / changes.min())
     after = ~same[:-1] & driven[1:]  # samples after a change
     follows = float((after & ~same[1:]).sum() / max(1, int(after.sum())))
     beaten = follows < BEAT * (1.0 - share)
