@@ -12,6 +12,8 @@ from functools import cache
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ema_record.wire.definitions import DEFINITIONS
 
 _NUMBERS = {
@@ -43,11 +45,15 @@ def _fields(message_type: str) -> tuple[_Field, ...]:
 
 
 def decode(data: bytes | memoryview, message_type: str) -> Any:
-    """Return a message of a type of `DEFINITIONS`; its fields are attributes, arrays are lists.
+    """Return a message of a type of `DEFINITIONS`.
 
     Parameters
     ----------
     data : CDR with its encapsulation, of either endianness; more may follow.
+
+    Returns
+    -------
+    Its fields are attributes; several numbers are an array, other elements a list.
 
     Raises
     ------
@@ -77,11 +83,11 @@ class _Reader:
             return self._numbers(_NUMBERS[kind], 1)[0]
         return self._text() if kind == "string" else self.message(kind)
 
-    def _many(self, kind: str, count: int) -> list[Any]:
+    def _many(self, kind: str, count: int) -> Any:
         if count == _SEQUENCE:
             count = self._numbers("I", 1)[0]
         if kind in _NUMBERS:
-            return list(self._numbers(_NUMBERS[kind], count))
+            return np.array(self._numbers(_NUMBERS[kind], count), dtype=_NUMBERS[kind])
         if count > len(self._body) - self._at:  # each takes a byte at least
             raise ValueError(f"{count} elements in {len(self._body) - self._at} bytes")
         return [self._one(kind) for _ in range(count)]
