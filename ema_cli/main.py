@@ -30,9 +30,13 @@ from ema_record.errors import UsageError, unknown_name
 
 COMMANDS = ("bit", "conformance", "simulate", "check", "explain", "trend", "fleet", "report",
             "replay", "import", "export", "info", "lint", "recover", "identify", "effects",
-            "profile", "new-actuator", "commission", "train", "paper", "completion")
+            "profile", "new-actuator", "commission", "train", "paper", "completion", "man")
 """All commands, in the order of the help."""
 PROGRAM = "ema"
+PURPOSE = "built-in test and diagnosis of electromechanical actuators"
+EXIT_STATUS = (
+    "0 healthy or done, 1 a fault, 2 wrong use or unreadable input, 3 unknown or incomplete, "
+    "4 no verdict of ema bit, 70 an error in this software, 130 interrupted, 143 terminated")
 OBJECTS = 50_000
 """New objects after which circles among them are looked for; a start makes many, and no circle."""
 
@@ -176,8 +180,7 @@ def _print_help() -> None:
             console.print(styled(indent + line), soft_wrap=True)
 
     console.print(
-        styled((PROGRAM, "bold"), ": built-in test and diagnosis of electromechanical actuators"),
-        soft_wrap=True)
+        styled((PROGRAM, "bold"), f": {PURPOSE}"), soft_wrap=True)
     console.print()
     text(f"Usage: {PROGRAM} COMMAND [OPTIONS]; {PROGRAM} COMMAND --help explains one command; "
          f"{PROGRAM} --version")
@@ -193,6 +196,4 @@ def _print_help() -> None:
     text("Each takes --kit DIR (or $EMA_KIT): the kit of another type of actuator than the "
          "default one; --lang, --color, -v and -q")
     console.print()
-    text("Exit status: 0 healthy or done, 1 a fault, 2 wrong use or unreadable input, "
-         "3 unknown or incomplete, 4 no verdict of ema bit, 70 an error in this software, "
-         "130 interrupted, 143 terminated")
+    text(f"Exit status: {EXIT_STATUS}")

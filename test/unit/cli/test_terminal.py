@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 from rich.console import Console
@@ -47,6 +48,7 @@ def test_a_command_is_never_broken_and_an_empty_line_is_empty():
     ("ema simulate --effect backlash.", ["backlash.increase="]),
     ("ema check --ver", ["--verbose"]), ("ema bit -p ste", ["step", "steps"]),
     ("ema effects turn_", ["turn_short"]), ("ema check --lang ", ["de", "en"]),
+    ("ema man fl", ["fleet"]),
     ("ema trend x --limit f", ["friction="]), ("ema check bags/", []), ("ema nothing x", []),
     ("ema simulate --out ", []), ("", ["check"]),
 ])
@@ -108,6 +110,29 @@ def test_version_quiet_and_colour(capsys, repository):
         console.note("not said")
     assert capsys.readouterr().err == ""
     assert not {"NO_COLOR", "FORCE_COLOR"} & set(os.environ)
+
+
+@pytest.mark.parametrize(("elapsed", "part", "says"), [
+    (30.0, 0.25, "2 min left"), (10.0, 0.5, "10 s left"), (600.0, 0.05, "3 h left"),
+    (50.0, 0.5, "50 s left"), (2.0, 0.5, ""), (30.0, 0.0, ""), (30.0, 1.0, ""),
+])
+def test_time_left_at_the_pace_so_far(elapsed, part, says):
+    assert console.time_left(elapsed, part) == says
+
+
+def test_long_work_shows_its_share_and_the_time_left(monkeypatch):
+    shown = io.StringIO()
+    monkeypatch.setattr(shown, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stderr", shown)
+    monkeypatch.setattr(console, "SOON", 0.0)
+    monkeypatch.setattr(console, "stderr", lambda: Console(
+        file=shown, force_terminal=True, width=100, markup=False, highlight=False))
+    with console.progress_of("training") as update:
+        update("healthy fleet, 10 of 40 units", 0.25)
+        time.sleep(0.2)  # the bar is drawn ten times a second
+    seen = shown.getvalue()
+    assert "healthy fleet, 10 of 40 units" in seen
+    assert " 25 %" in seen and " s left" in seen
 
 
 def test_sigterm_ends_quietly_with_its_own_status():
