@@ -17,6 +17,7 @@ import sys
 import typing
 from collections.abc import Callable, Sequence
 from io import TextIOWrapper
+from shutil import get_terminal_size
 from typing import Annotated, Any
 
 import typer
@@ -33,6 +34,8 @@ COMMANDS = ("bit", "conformance", "simulate", "check", "explain", "trend", "flee
             "profile", "new-actuator", "commission", "train", "paper", "completion", "man")
 """All commands, in the order of the help."""
 PROGRAM = "ema"
+FRAMED = 80
+"""Least width of a help in frames (characters); narrower they would cut names of options."""
 PURPOSE = "built-in test and diagnosis of electromechanical actuators"
 EXIT_STATUS = (
     "0 healthy or done, 1 a fault, 2 wrong use or unreadable input, 3 unknown or incomplete, "
@@ -57,6 +60,12 @@ class Command(TyperCommand):
                     param.bare_type(), "TEXT")
                 typing.cast("Any", param).display_type_rich = functools.partial(_shown, shown)
         return params
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Return the usage without the brackets that typer puts around our names of values."""
+        pieces = super().collect_usage_pieces(ctx)
+        plain = [re.sub(r"^\{(.+?)(\.\.\.)?\}(\.\.\.)?$", r"\1\3", piece) for piece in pieces]
+        return [re.sub(r"^\[\[(.+)\]\](\.\.\.)?$", r"[\1]\2", piece) for piece in plain]
 
 
 def _shown(text: str | None, ctx: Any) -> str | None:  # noqa: ARG001  (typer's signature)
@@ -162,7 +171,8 @@ def build_app(name: str) -> typer.Typer:
     function = load_command(name)
     text, _, example = inspect.cleandoc(function.__doc__ or "").rpartition("\n\n")
     single = typer.Typer(
-        add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False,
+        add_completion=False, pretty_exceptions_enable=False,
+        rich_markup_mode="markdown" if get_terminal_size().columns >= FRAMED else None,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     single.command(name, cls=Command, help=text, epilog=example)(with_common(function))
@@ -179,8 +189,7 @@ def _print_help() -> None:
         for line in wrapped(words, console.width - len(indent)):
             console.print(styled(indent + line), soft_wrap=True)
 
-    console.print(
-        styled((PROGRAM, "bold"), f": {PURPOSE}"), soft_wrap=True)
+    text(f"{PROGRAM}: {PURPOSE}")
     console.print()
     text(f"Usage: {PROGRAM} COMMAND [OPTIONS]; {PROGRAM} COMMAND --help explains one command; "
          f"{PROGRAM} --version")

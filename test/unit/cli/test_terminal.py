@@ -97,6 +97,34 @@ def test_help_shows_no_types_of_python(capsys, monkeypatch):
         assert not any(word in text for word in ("<bool>", "<str>", "<path>", "list[", "<int>"))
 
 
+PRINTED = [["--help"], *([name, "--help"] for name in COMMANDS),
+           ["effects"], ["effects", "turn_short"], ["effects", "rotor_eccentricity"], ["profile"],
+           ["profile", "extended"], ["explain"], ["explain", "turn_short"], ["info", "BAG"],
+           ["lint", "BAG"], ["check", "BAG", "-v"]]
+
+
+@pytest.mark.parametrize("width", [60, 200])
+def test_what_is_printed_fits_and_is_not_cut(width, capsys, monkeypatch, repository):
+    monkeypatch.chdir(repository / "bags")
+    monkeypatch.setenv("COLUMNS", str(width))
+    wide, cut = [], []
+    for arguments in PRINTED:
+        run([a.replace("BAG", "sim_0000_step") for a in arguments])
+        lines = capsys.readouterr().out.splitlines()
+        # What is there to be copied is one line on every terminal.
+        wide += [line for line in lines if len(line) > width and " ema " not in line]
+        cut += [(arguments, line) for line in lines if "\u2026" in line]
+    assert (wide, cut) == ([], [])
+
+
+def test_a_usage_has_the_names_as_they_are_given(capsys):
+    for name, usage in (("check", "[OPTIONS] BAG..."), ("recover", "[OPTIONS] BAG"),
+                        ("effects", "[OPTIONS] [NAME]"),
+                        ("explain", "[OPTIONS] [FAULT|REASON|CHECK|TERM]...")):
+        assert run([name, "--help"]) == 0
+        assert f"Usage: ema {name} {usage} " in " ".join(capsys.readouterr().out.split())
+
+
 def test_version_quiet_and_colour(capsys, repository):
     assert run(["-V"]) == 0
     assert capsys.readouterr().out.startswith("ema ")
