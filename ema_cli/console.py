@@ -13,7 +13,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ema_record.errors import InvalidRecordError
 
@@ -158,7 +158,7 @@ def _bar(description: str, total: float | None) -> Iterator[Callable[..., None]]
     with Progress(*columns, console=stderr(), transient=True) as bar:
         task = bar.add_task(neutral(description), total=total, left="")
 
-        def update(*, completed: float = 0.0, **now: str) -> None:
+        def update(*, completed: float = 0.0, **now: Any) -> None:
             left = "" if not total else time_left(bar.tasks[0].elapsed or 0.0, completed / total)
             bar.update(task, completed=completed, left=left, **now)
 

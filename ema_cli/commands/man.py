@@ -86,7 +86,7 @@ def _of_command(name: str) -> list[str]:
 
     summary, *paragraphs = _parts(name)
     example = paragraphs.pop()
-    params = get_command(build_app(name)).params
+    params: list[Any] = list(get_command(build_app(name)).params)
     arguments = [p for p in params if p.param_type_name == "argument"]
     options = [p for p in params if p.param_type_name != "argument" and not p.hidden]
     lines = [

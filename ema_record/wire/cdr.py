@@ -30,7 +30,7 @@ class _Field(NamedTuple):
     name: str
     kind: str
     """Type of number, ``string``, or a type of `DEFINITIONS`."""
-    count: int | None
+    many: int | None
     """None: one; `_SEQUENCE`: as many as the message says."""
 
 
