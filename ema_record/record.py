@@ -18,11 +18,11 @@ from ema_record.channels import (
     Channel,
     channels_to_pandas,
     channels_to_xarray,
+    median,
     recorded_columns,
 )
 from ema_record.errors import InvalidRecordError, UsageError, unknown_name
 from ema_record.limits import MAX_DURATION, MAX_RATE
-from ema_record.median import median
 from ema_record.profile import Profile
 
 Status = Literal["complete", "aborted", "interrupted"]

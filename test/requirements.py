@@ -95,8 +95,7 @@ def _parsed(path: Path) -> ast.Module:
 
 
 def _parameters(path: Path, package: str) -> set[str]:
-    """Return the parameters that a module declares; one with a name of a variable is an effect's.
-    """
+    """Return the parameters that a module declares; those without a fixed name are effects'."""
     names = set()
     for node in ast.walk(_parsed(path)):
         if isinstance(node, ast.Call) and ast.unparse(node.func) == "ParameterSpec":

@@ -17,8 +17,8 @@ from ema_prognostics.features.signals import Signals, prepare
 from ema_prognostics.features.start import start_features
 from ema_prognostics.features.winding import rise, winding
 from ema_record.actuator import FOC, RELAY, Actuator
+from ema_record.channels import median
 from ema_record.errors import IncompleteRecordError
-from ema_record.median import median
 from ema_record.profiles.plan import TestPlan, test_plan
 from ema_record.record import Record
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_prognostics.features.signals import Signals
-from ema_record.median import median
+from ema_record.channels import median
 
 BIN, NEAR, LEAST_SPAN = 0.016, 0.04, 0.2
 """Motor travel a bin, least travel, and least reach of the search, of `Actuator.wind_up`."""

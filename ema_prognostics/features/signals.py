@@ -19,9 +19,9 @@ from ema_record.channels import (
     REFERENCE_CURRENTS,
     ROTOR_ANGLE,
     SURFACE_POSITION,
+    median,
 )
 from ema_record.errors import IncompleteRecordError
-from ema_record.median import median
 from ema_record.record import Record
 from ema_sim.machine import MAGNET, REFERENCE, THIRD, unit_back_emf
 from ema_sim.rebuild import completed, present

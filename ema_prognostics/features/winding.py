@@ -21,8 +21,7 @@ from __future__ import annotations
 import numpy as np
 
 from ema_prognostics.features.signals import Signals
-from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
-from ema_record.median import median
+from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS, median
 from ema_sim.machine import COPPER, FIRST_EDGE, REFERENCE, SECTOR, THIRD, unit_back_emf
 
 MARGIN = 0.6

@@ -22,9 +22,9 @@ from ema_record.channels import (
     ROTOR_ANGLE,
     SURFACE_POSITION,
     TIME,
+    median,
     recorded_columns,
 )
-from ema_record.median import median
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record, SampleBlock
 from ema_record.spread import Conditions, load_spread

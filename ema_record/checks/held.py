@@ -11,9 +11,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ema_record.channels import CHANNELS, REFERENCE_CURRENTS, TIME
+from ema_record.channels import CHANNELS, REFERENCE_CURRENTS, TIME, median
 from ema_record.checks.facts import SETTLED, BagFacts, Hit, Rule
-from ema_record.median import median
 
 HELD = 0.05
 """Share of the samples of a driven phase current that repeat the one before."""

@@ -15,9 +15,9 @@ from ema_record.channels import (
     ROTOR_ANGLE,
     SURFACE_POSITION,
     TIME,
+    median,
 )
 from ema_record.checks.facts import BagFacts, Hit, Rule
-from ema_record.median import median
 
 RPM = 30.0 / np.pi
 DEGREES = 180.0 / np.pi

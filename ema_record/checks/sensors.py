@@ -24,9 +24,9 @@ from ema_record.channels import (
     ROTOR_ANGLE,
     SURFACE_POSITION,
     TIME,
+    median,
 )
 from ema_record.checks.facts import REST_OFFSET, SETTLED, SLOW, SUM_OFFSET, BagFacts, Hit, Rule
-from ema_record.median import median
 
 GAIN_SPREAD = (0.04, 4.0)
 """Between the relative gains of the current sensors: at least, and times a good one's error."""

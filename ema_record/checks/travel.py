@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_record.channels import ROTOR_ANGLE, SURFACE_POSITION
+from ema_record.channels import ROTOR_ANGLE, SURFACE_POSITION, median
 from ema_record.checks.facts import BagFacts, Hit, Rule
-from ema_record.median import median
 
 SCALE = 0.05
 """Relative distance of a channel from what it is compared with."""

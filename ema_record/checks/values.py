@@ -15,9 +15,9 @@ from ema_record.channels import (
     ROTOR_ANGLE,
     SURFACE_POSITION,
     TIME,
+    median,
 )
 from ema_record.checks.facts import SETTLED, BagFacts, Hit, Rule
-from ema_record.median import median
 from ema_record.wire.topics import DC_BUS, WINDING_TEMPERATURE
 
 STUCK_TIME = 0.02

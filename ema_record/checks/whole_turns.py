@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_record.channels import CHANNELS, MOTOR_SPEED, ROTOR_ANGLE, TIME
+from ema_record.channels import CHANNELS, MOTOR_SPEED, ROTOR_ANGLE, TIME, median
 from ema_record.checks.facts import REST_OFFSET, SLOW, BagFacts, Hit, Rule
-from ema_record.median import median
 
 TURN = 2.0 * np.pi
 MEDIAN = 9

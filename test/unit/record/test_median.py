@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from ema_record.median import median
+from ema_record.channels import median
 
 
 @given(arrays(np.float64, array_shapes(min_dims=1, max_dims=3), elements=st.floats(width=64)),
