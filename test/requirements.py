@@ -1,8 +1,9 @@
 """Every requirement was shown by tests that ran and passed, and every interface has one.
 
-``python test/requirements.py RESULTS.xml...`` compares the table of docs/requirements.md with
-pytest's JUnit files, and with the topics, services, parameters and commands of this tree: one line
-and status 1 for each test of it that did not run or failed, and each interface that no row names.
+``python test/requirements.py RESULTS.xml...`` compares the table of docs/requirements.md and the
+fault tree of docs/safety.md with pytest's JUnit files, and the table with the topics, services,
+parameters and commands of this tree: one line and status 1 for each test of them that did not run
+or failed, and each interface that no row names.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
-TABLE = ROOT / "docs" / "requirements.md"
+TABLE, FAULT_TREE = ROOT / "docs" / "requirements.md", ROOT / "docs" / "safety.md"
 ROW = re.compile(r"^\| (R(\d+)\.(\d+)) \| (.+?) \| (\w*) \| ([\w, ]*) \| (.*) \|$")
 NEED = re.compile(r"^\| (N\d+) \| .+ \|$", re.MULTILINE)
+LEAF, SHOWN = re.compile(r"\+- ([A-Z])(\d+) (.+)"), re.compile(r"^\| ([A-Z]\d.*?) \| (.*) \|$")
 NODE = re.compile(r"`([^`]+\.py::[^`]+)`")
 METHODS = frozenset({"test", "demonstration", "analysis", "inspection"})
 EVERY_NODE = "ema_ros"
@@ -52,6 +54,18 @@ def rows(text: str) -> list[Requirement]:
             found.append(Requirement(number, int(chapter), int(place), words, need,
                                      re.split(", *", methods), NODE.findall(tests)))
     return found
+
+
+def leaves(text: str) -> list[Requirement]:
+    """Return the leaves of the fault tree in Markdown, each with the tests that show it."""
+    shown: dict[str, list[str]] = {}
+    for match in filter(None, map(SHOWN.match, text.splitlines())):
+        shown |= dict.fromkeys(match.group(1).split(", "), NODE.findall(match.group(2)))
+    return [
+        Requirement(f"{branch}{place}", ord(branch) - ord("A") + 1, int(place), words, "", [],
+                    shown.get(f"{branch}{place}", []))
+        for branch, place, words in LEAF.findall(text)
+    ]
 
 
 def without_origin(table: list[Requirement], text: str) -> list[str]:
@@ -112,6 +126,8 @@ def not_required(table: list[Requirement], found: dict[str, set[str]]) -> list[s
             for kind, names in found.items() for name in sorted(names - named)]
 
 
+
+
 def outcomes(paths: Iterable[Path]) -> dict[str, str]:
     """Return `passed`, `failed` or `skipped` of each test in JUnit files, by its node id.
 
@@ -155,10 +171,12 @@ def main(paths: list[str]) -> int:
         return 2
     text = TABLE.read_text(encoding="utf-8")
     table, found = rows(text), interfaces(ROOT)
-    unshown, unnamed = not_shown(table, outcomes(map(Path, paths))), not_required(table, found)
+    shown = [*table, *leaves(FAULT_TREE.read_text(encoding="utf-8"))]
+    unshown, unnamed = not_shown(shown, outcomes(map(Path, paths))), not_required(table, found)
     wrong = [*without_origin(table, text), *unnamed, *unshown]
     counts = ", ".join(f"{len(names)} {kind}" for kind, names in found.items())
-    print("\n".join([*wrong, f"{len(table)} requirements, {len(unshown)} tests of them not shown; "
+    print("\n".join([*wrong, f"{len(shown)} requirements and leaves of the fault tree, "
+                     f"{len(unshown)} tests of them not shown; "
                      f"{counts}, {len(unnamed)} of them in no requirement"]))
     return 1 if wrong else 0
 
