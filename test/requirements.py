@@ -126,8 +126,6 @@ def not_required(table: list[Requirement], found: dict[str, set[str]]) -> list[s
             for kind, names in found.items() for name in sorted(names - named)]
 
 
-
-
 def outcomes(paths: Iterable[Path]) -> dict[str, str]:
     """Return `passed`, `failed` or `skipped` of each test in JUnit files, by its node id.
 
