@@ -14,11 +14,9 @@ from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.profile import load_profile
 from ema_record.record import Provenance, Record, check_samples
 from ema_record.version import VERSION
+from ema_rig.array_files import read_mat, read_npz, read_parquet
 from ema_rig.hdf5 import read_hdf5
 from ema_rig.map import Column, InputColumn, RigMap, TextFormat
-from ema_rig.mat import read_mat
-from ema_rig.npz import read_npz
-from ema_rig.parquet import read_parquet
 from ema_rig.record import INPUT_UNITS, Axis, InputQuantity, RigRecord
 from ema_rig.ros_bag import read_ros_bag
 from ema_rig.runs import chosen_runs, one_after_another, restarts, run_labels

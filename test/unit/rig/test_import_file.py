@@ -256,7 +256,7 @@ def test_a_bomb_is_not_unpacked(tmp_path, monkeypatch):
     (tmp_path / "a.csv.gz").write_bytes(gzip.compress(b"1,2,3\n" * 100_000))
     with pytest.raises(InvalidRecordError, match="more than 10000 bytes"):
         read_table(tmp_path / "a.csv.gz", TextFormat(), [])
-    monkeypatch.setattr("ema_rig.npz.MAX_FILE_BYTES", 1000)
+    monkeypatch.setattr("ema_rig.array_files.MAX_FILE_BYTES", 1000)
     np.savez_compressed(tmp_path / "a.npz", t=np.zeros(10_000))
     with pytest.raises(InvalidRecordError, match="once unpacked, at most 1000"):
         read_table(tmp_path / "a.npz", TextFormat(), ["t"])
