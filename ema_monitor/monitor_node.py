@@ -71,7 +71,7 @@ from ema_ros.messages import (
 )
 from ema_ros.process import SHUT_DOWN, StopSignal, run_node
 
-POLL_PERIOD, IDLE_PERIOD = 0.02, 0.05
+POLL_PERIOD, IDLE_PERIOD = 0.025, 0.05
 DIAGNOSTICS_PERIOD = 1.0
 SIGN_PERIOD = 0.05
 RUNNING = "refused: a test is running already: wait for its end"
