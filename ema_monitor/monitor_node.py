@@ -193,13 +193,13 @@ class MonitorNode(EmaNode):
             self._deadman.publish(Header(stamp=stamp_message(self._last_sent)))
 
     def _drain(self) -> None:
-        self._send_sign_of_life()
         self._recorder.begin_turn()
         for topic, subscription in self._polled.items():
+            self._send_sign_of_life()
             taken = take_all(subscription)
             for data, received, sent, _ in in_order(taken) if topic == SAMPLES else taken:
-                self._send_sign_of_life()  # a backlog on a machine that is loaded takes long
                 if topic == SAMPLES:
+                    self._send_sign_of_life()  # a backlog on a machine that is loaded takes long
                     self._last_block = time.monotonic()
                 elif topic == DIAGNOSTICS:
                     self._take_diagnostics(data)
