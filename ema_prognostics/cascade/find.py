@@ -14,18 +14,18 @@ from ema_prognostics.cascade.classes import (
     SEVERITY_OF,
     SHORTS,
     kind_found,
+    probability_known,
 )
 from ema_prognostics.cascade.guard import build_guard
 from ema_prognostics.cascade.inputs import Inputs
 from ema_prognostics.cascade.model_body import MemberPart, SeverityPart, ViewPart
+from ema_prognostics.cascade.strangers import Strange, StrangerFilters
 from ema_prognostics.features.vector import rotate
 from ema_prognostics.networks.network import logit
 
 MAX_FAULTS = 2
 LEAST_SEVERITY = 1e-9
 """Of a fault that is announced."""
-MOST_ODDS = 9.0
-"""Logarithm of the largest odds that are told."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,8 +49,9 @@ class Detection:
     margin : ndarray, shape (5,), logit of each family less its threshold.
     guard : ndarray, shape (m + groups + 1,), of each feature checked, of each group of them,
         of all together; above 1: unusual. Empty: no guard.
-    stranger : odds that something is there that is no fault of a family, but known to befall
-        actuators, over the odds at which it is said; above 1: unusual.
+    stranger : how much something is there that is no fault of a family, but known to befall
+        actuators, over the usual limit; above 1: unusual.
+    stranger_kind : what it is most like.
     known : probability that the record is of a kind that the networks know.
     doubtful : nothing is announced, but healthy is too improbable to be said, or a fault is
         seen that is smaller than those announced.
@@ -62,6 +63,7 @@ class Detection:
     margin: np.ndarray
     guard: np.ndarray
     stranger: float
+    stranger_kind: str
     known: float
     doubtful: bool
 
@@ -160,7 +162,7 @@ class Cascade:
         }
         self.guard = build_guard(view, view.guard) if view.guard is not None else None
         self._strangers = (
-            None if view.strangers is None else Classifier(view.strangers, self.inputs))
+            None if view.strangers is None else StrangerFilters(view.strangers))
 
     def find(self, x: np.ndarray, *, exact: bool = True) -> list[Detection]:
         """Return what the cascade says of each row of features `x`, shape (n, d).
@@ -182,16 +184,15 @@ class Cascade:
         }
         size = np.column_stack([severity[o][:, 0, 0] for o in OUTPUTS])
         outputs_of = [announced(*row) for row in zip(p, self._announceable(margin, p, size))]
+        present = np.array([[o in outputs for o in OUTPUTS] for outputs in outputs_of])
         guard, known = np.empty((len(x), 0)), np.ones(len(x))
         if self.guard is not None:
-            present = np.array([[o in outputs for o in OUTPUTS] for outputs in outputs_of])
             kind = kind_found(np.where(present, np.maximum(size, LEAST_SEVERITY), 0.0))
             guard, known = self.guard.scores(u, kind, exact=exact)
-        odds = np.zeros(len(x))
-        if self._strangers is not None and self.view.strangers is not None and exact:
-            strange = self._strangers(u)
-            odds = np.exp(np.minimum(logit(strange) - self.view.strangers.threshold, MOST_ODDS))
-            known = known * (1.0 - strange)
+        strange = Strange(np.zeros(len(x)), ("",) * len(x), np.ones(len(x)))
+        if self._strangers is not None and exact:
+            strange = self._strangers(turned, np.asarray(present.any(axis=1)))
+            known = np.minimum(known, probability_known(strange.rate))
         found = []
         for row, outputs in enumerate(outputs_of):
             company = int(len(outputs) > 1)
@@ -199,7 +200,8 @@ class Cascade:
                       for v, low, high in (severity[o][row, company] for o in outputs)]
             one = Detection(
                 outputs=outputs, severity=tuple(values), probability=p[row], margin=margin[row],
-                guard=guard[row], stranger=float(odds[row]), known=float(known[row]),
+                guard=guard[row], stranger=float(strange.score[row]),
+                stranger_kind=strange.kind[row], known=float(known[row]),
                 doubtful=False,
             )
             seen = bool((margin[row] > 0.0).any()) or one.healthy < self.view.doubt

@@ -231,12 +231,13 @@ class _Work:
                 self._seed + 2 * VALIDATION_SEED, healthy=True, begin=0.78, end=0.80)
             again = with_discrepancy(again, discrepancy, self._seed + 2)
             held_out = {kind: evaluated(views, held._replace(healthy=again))}
-        accepted, factor = judge_left_out(
+        accepted, factors = judge_left_out(
             Cascade(views["fleet"]), names, rows, units, model, spread)
-        if factor > 1.0:
-            views["fleet"] = widened(views["fleet"], factor)
+        if max(factors) > 1.0:
+            views["fleet"] = widened(views["fleet"], *factors)
         found = self._validation(calibration, held_out, accepted, discrepancy)
-        found["guard_widened"], found["stricter"] = factor, strict
+        found["guard_widened"], found["strangers_widened"] = factors
+        found["stricter"] = strict
         found["bound"] = {"fleet": linear_bound(fleets.faults, healthy, own=False),
                           "baseline": linear_bound(fleets.faults, healthy, own=True)}
         check_good(found)

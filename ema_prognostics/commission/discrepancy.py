@@ -10,7 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ema_prognostics.cascade.model_body import DiscrepancyPart, LimitPart, ViewPart, rounded
+from ema_prognostics.cascade.model_body import DiscrepancyPart, LimitPart, ViewPart
+from ema_prognostics.cascade.parts import rounded
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_record.spread import left_over
 
@@ -72,8 +73,15 @@ def with_discrepancy(
     return replace(fleet, baseline=fleet.baseline + added, record=fleet.record + added)
 
 
-def widened(view: ViewPart, factor: float) -> ViewPart:
-    """Return a view whose guard turns away only what is `factor` times as far off."""
+def widened(view: ViewPart, factor: float, strangers: float) -> ViewPart:
+    """Return a view that turns away only what is further off.
+
+    Parameters
+    ----------
+    view : with a guard.
+    factor : by which the guard's limits grow.
+    strangers : the same of the filters for strangers.
+    """
     assert view.guard is not None
 
     def wide(part: LimitPart) -> LimitPart:
@@ -85,4 +93,9 @@ def widened(view: ViewPart, factor: float) -> ViewPart:
         })
 
     limits = {name: wide(part) for name, part in view.guard.limits.items()}
-    return view.model_copy(update={"guard": view.guard.model_copy(update={"limits": limits})})
+    filters = None if view.strangers is None else view.strangers.model_copy(update={"filters": {
+        kind: one.model_copy(update={"limits": {
+            found: strangers * limit for found, limit in one.limits.items()}})
+        for kind, one in view.strangers.filters.items()}})
+    return view.model_copy(update={
+        "guard": view.guard.model_copy(update={"limits": limits}), "strangers": filters})

@@ -101,10 +101,11 @@ def check_good(found: dict[str, Any]) -> None:
 def judge_left_out(
     fleet: Cascade, names: list[str], rows: np.ndarray, units: np.ndarray, model: np.ndarray,
     spread: np.ndarray,
-) -> tuple[list[str], float]:
-    """Return the outcome of each acceptance record, and by what the guard's limits grow for them.
+) -> tuple[list[str], tuple[float, float]]:
+    """Return the outcome of each acceptance record, and by what limits grow for them.
 
-    The discrepancy is that of the other units; the outcomes are those of the wider guard.
+    They are those of the guard and those of the filters for strangers. The discrepancy is that
+    of the other units; the outcomes are those by the wider limits.
 
     Parameters
     ----------
@@ -119,10 +120,11 @@ def judge_left_out(
         detection = fleet.find(x)[0]
         outcomes.append(outcome_of(detection))
         judged = not detection.outputs and not detection.doubtful and detection.guard.size
-        scores.append(float(detection.guard.max()) if judged else np.inf)
-    factor = widening(np.array(scores))
-    return ["healthy" if o == "unknown" and score <= factor else o
-            for o, score in zip(outcomes, scores)], factor
+        scores.append([float(detection.guard.max()), detection.stranger] if judged
+                      else [np.inf, np.inf])
+    guard, strangers = (widening(np.array(column)) for column in zip(*scores))
+    return ["healthy" if o == "unknown" and g <= guard and s <= strangers else o
+            for o, (g, s) in zip(outcomes, scores)], (guard, strangers)
 
 
 def widening(scores: np.ndarray) -> float:
@@ -134,8 +136,8 @@ def widening(scores: np.ndarray) -> float:
 
     Parameters
     ----------
-    scores : ndarray, shape (n,). The largest of the guard for each record that was left out;
-        infinite: more than the guard says unknown.
+    scores : ndarray, shape (n,). The largest for each record that was left out; infinite: it is
+        unknown for another reason.
     """
     from scipy.stats import t
 

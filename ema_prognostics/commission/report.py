@@ -63,8 +63,9 @@ type, with what was assumed below; 95 % bounds in brackets.</p>
 <td>{{ percent(held[view]["strangers told"], 0) }}</td>{% endfor %}<td></td></tr>{% endif %}
 </table></div>
 <p class="note">Each acceptance record was judged by a kit whose discrepancy is that of the other
-units{% if v.guard_widened > 1 %}; the guard's limits were then widened
-{{ "%.2f"|format(v.guard_widened) }} times, so that 97 % of new records pass{% endif %}.</p>
+units{% if v.guard_widened > 1 or v.strangers_widened > 1 %}; the limits of the guard were then
+widened {{ "%.2f"|format(v.guard_widened) }} times, those of what is no fault of a class
+{{ "%.2f"|format(v.strangers_widened) }} times, so that 97 % of new records pass{% endif %}.</p>
 <h2>The smallest fault that is found in nine of ten tests</h2>
 <div class="wide"><table><tr><th rowspan="2" class="name">Fault</th>{% for _, title in views %}
 <th colspan="3" class="line">{{ title }}</th>{% endfor %}</tr>

@@ -8,17 +8,29 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from ema_prognostics.cascade.classes import FAULTS, OUTPUTS, scale_of
 
 SEVERITY: dict[str, tuple[float, float]] = {
-    "turn_short": (1e-3, 0.4), "rotor_eccentricity": (5e-4, 0.2), "friction": (0.01, 2.0),
+    "turn_short": (1e-3, 0.4), "rotor_eccentricity": (5e-4, 0.2), "friction": (0.01, 4.0),
     "backlash": (0.2, 40.0),
 }
-"""Least and largest severity, drawn evenly in its logarithm, in `classes.scale_of`."""
+"""Least and largest severity, drawn evenly in its logarithm, in `classes.scale_of`: friction up to
+more than most machines can turn, which then give no record."""
 MODES = ("paper", "common", "shifted")
+
+
+class Stranger(NamedTuple):
+    """What an example of no class is of."""
+
+    kind: str
+    sign: float = 1.0
+    """-1 where the quantity is off to the other side."""
+    phase: int = 0
+    """0 to 2, of a kind that is of one phase."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,6 +39,8 @@ class InjectedFault:
 
     severity: Mapping[str, float] = field(default_factory=dict)
     settings: tuple[str, ...] = ()
+    stranger: Stranger | None = None
+    """None: it is of a class, or nothing is wrong."""
 
 
 HEALTHY = InjectedFault()

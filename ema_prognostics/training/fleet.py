@@ -21,7 +21,13 @@ from ema_prognostics.training.conditions import (
     draw_unit,
     effects_of,
 )
-from ema_prognostics.training.faults import HEALTHY, InjectedFault, draw_fault, draw_pair
+from ema_prognostics.training.faults import (
+    HEALTHY,
+    InjectedFault,
+    Stranger,
+    draw_fault,
+    draw_pair,
+)
 from ema_record import array_cache
 from ema_record.actuator import load_actuator
 from ema_record.errors import RecordError, UsageError
@@ -58,6 +64,7 @@ class FleetFeatures:
     unit : ndarray, shape (n,). Number of the unit.
     friction : ndarray, shape (n, 2). Log of the unit's own friction, motor and surface, over
         nominal.
+    strangers : what each record has that is of no class, (n,) or empty.
     """
 
     names: tuple[str, ...]
@@ -66,6 +73,7 @@ class FleetFeatures:
     severity: np.ndarray
     unit: np.ndarray
     friction: np.ndarray
+    strangers: tuple[Stranger | None, ...] = ()
 
     def __len__(self) -> int:
         """Return the number of pairs of records."""
@@ -245,6 +253,7 @@ def _collected(
 ) -> FleetFeatures:
     """Return the features of one kind of test, units without an acceptance record left out."""
     base, record, severity, number, friction = [], [], [], [], []
+    strangers: list[Stranger | None] = []
     names: list[str] = []
     unit = 0
     for part, arrays in zip(parts, results):
@@ -260,6 +269,7 @@ def _collected(
                     record.append(features[k])
                     severity.append([fault.severity.get(o, 0.0) for o in OUTPUTS])
                     number.append(unit)
+                    strangers.append(fault.stranger)
                     friction.append(
                         np.log1p([plan.unit.motor_friction, plan.unit.surface_friction]))
             unit += 1
@@ -272,4 +282,5 @@ def _collected(
     return FleetFeatures(
         names=tuple(names), baseline=np.array(base), record=np.array(record),
         severity=np.array(severity), unit=np.array(number), friction=np.array(friction),
+        strangers=tuple(strangers),
     )

@@ -1,104 +1,79 @@
 """What is no fault of the cascade's classes, for training: drawn as plain data.
 
 Effects of the catalogue that a maintainer may meet, each between a size that nobody sees and one
-that nobody misses. What is in no list at all is the guard's.
+that nobody misses. What is in no list at all is the guard's. The shape of the back-EMF and the
+compliance of the shaft are in none: units differ in them and are sound.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
-from ema_prognostics.training.faults import InjectedFault
+from ema_prognostics.training.faults import InjectedFault, Stranger
 from ema_record.actuator import Actuator, load_actuator
 
-Settings = list[str]
+
+class Kind(NamedTuple):
+    """A kind of stranger."""
+
+    setting: str
+    """Effect and parameter of its size; ``{}`` stands for the phase."""
+    least: float
+    most: float
+    """Sizes, drawn evenly in the logarithm."""
+    both: bool = False
+    """Whether the size may be negative."""
+    more: str = ""
+    """Other parameters: `phase`, `angle` at any angle, `periods` a turn."""
 
 
-def _size(rng: np.random.Generator, least: float, most: float) -> float:
-    """Return a size, even in its logarithm."""
-    return math.exp(rng.uniform(math.log(least), math.log(most)))
-
-
-def _sign(rng: np.random.Generator) -> float:
-    return (-1.0, 1.0)[int(rng.integers(2))]
-
-
-def _phase(rng: np.random.Generator) -> str:
-    return "abc"[int(rng.integers(3))]
-
-
-def _angle(rng: np.random.Generator) -> float:
-    return float(rng.uniform(-math.pi, math.pi))
-
-
-def _weak_magnets(_: Actuator, rng: np.random.Generator) -> Settings:
-    return [f"torque_constant_drop.drop={_size(rng, 0.03, 0.4)!r}"]
-
-
-def _resistance(_: Actuator, rng: np.random.Generator) -> Settings:
-    return [f"phase_resistance_imbalance.increase={_size(rng, 0.05, 2.0)!r}",
-            f"phase_resistance_imbalance.phase={_phase(rng)}"]
-
-
-def _commutation(_: Actuator, rng: np.random.Generator) -> Settings:
-    return [f"hall_misalignment.angle={_sign(rng) * _size(rng, 0.02, 0.4)!r}"]
-
-
-def _cogging(a: Actuator, rng: np.random.Generator) -> Settings:
-    """Return a torque of teeth: its periods a turn are a multiple of the poles'."""
-    periods = 2 * a.motor.pole_pairs * int(rng.choice([1, 2, 3, 6]))
-    return [f"cogging_torque.amplitude={_size(rng, 0.03, 1.0) * a.motor.dynamic_friction!r}",
-            f"cogging_torque.periods={periods}", f"cogging_torque.phase={_angle(rng)!r}"]
-
-
-def _mesh(a: Actuator, rng: np.random.Generator) -> Settings:
+def kinds_of(a: Actuator) -> dict[str, Kind]:
+    """Return the kinds of strangers of an actuator."""
+    friction, limit = a.motor.dynamic_friction, a.inverter.current_limit
     wind_up = a.wind_up / a.gear.ratio
-    return [f"gear_mesh_ripple.amplitude={min(_size(rng, 0.02, 1.0) * wind_up, 1e-3)!r}",
-            f"gear_mesh_ripple.periods={int(rng.integers(5, 60))}",
-            f"gear_mesh_ripple.phase={_angle(rng)!r}"]
-
-
-def _sag(a: Actuator, rng: np.random.Generator) -> Settings:
-    """Return a source whose voltage falls by a part at the largest current."""
-    most = 2.0 * a.inverter.bus_voltage / a.inverter.current_limit
-    return [f"bus_voltage_sag.resistance={min(_size(rng, 0.005, 0.2) * most, 2.0)!r}"]
-
-
-def _shape(_: Actuator, rng: np.random.Generator) -> Settings:
-    return [f"back_emf_shape.fifth_harmonic={_sign(rng) * _size(rng, 0.02, 0.3)!r}"]
-
-
-def _compliance(_: Actuator, rng: np.random.Generator) -> Settings:
-    return [f"shaft_compliance.increase={_size(rng, 0.3, 5.0)!r}"]
-
-
-def _run_out(_: Actuator, rng: np.random.Generator) -> Settings:
-    return [f"speed_sensor_runout.amplitude={_size(rng, 0.005, 0.1)!r}",
-            f"speed_sensor_runout.angle={_angle(rng)!r}"]
-
-
-def _gain(_: Actuator, rng: np.random.Generator) -> Settings:
-    return [f"current_sensor_gain.phase_{_phase(rng)}={_sign(rng) * _size(rng, 0.05, 0.4)!r}"]
-
-
-def _offset(a: Actuator, rng: np.random.Generator) -> Settings:
-    size = _sign(rng) * min(_size(rng, 0.03, 0.4) * a.inverter.current_limit, 5.0)
-    return [f"current_sensor_offset.phase_{_phase(rng)}={size!r}"]
-
-
-KINDS: dict[str, Callable[[Actuator, np.random.Generator], Settings]] = {
-    "weak_magnets": _weak_magnets, "phase_resistance": _resistance,
-    "commutation": _commutation, "cogging": _cogging, "mesh": _mesh, "sag": _sag,
-    "back_emf": _shape, "compliance": _compliance, "speed_sensor": _run_out,
-    "current_gain": _gain, "current_offset": _offset,
-}
-"""Strangers that the networks are taught."""
+    sag = 2.0 * a.inverter.bus_voltage / limit
+    return {
+        "weak_magnets": Kind("torque_constant_drop.drop", 0.03, 0.4),
+        "phase_resistance": Kind("phase_resistance_imbalance.increase", 0.05, 2.0, more="phase"),
+        "commutation": Kind("hall_misalignment.angle", 0.02, 0.4, both=True),
+        "cogging": Kind("cogging_torque.amplitude", 0.03 * friction, friction, more="periods"),
+        "mesh": Kind("gear_mesh_ripple.amplitude", min(0.02 * wind_up, 2e-5),
+                     min(wind_up, 1e-3), more="periods"),
+        "sag": Kind("bus_voltage_sag.resistance", min(0.005 * sag, 0.05), min(0.2 * sag, 2.0)),
+        "speed_sensor": Kind("speed_sensor_runout.amplitude", 0.005, 0.1, more="angle"),
+        "current_gain": Kind("current_sensor_gain.phase_{}", 0.05, 0.4, both=True),
+        "current_offset": Kind("current_sensor_offset.phase_{}", min(0.03 * limit, 0.4),
+                               min(0.4 * limit, 5.0), both=True),
+    }
 
 
 def draw_stranger(rng: np.random.Generator) -> InjectedFault:
-    """Return a stranger; its kind is the first of its settings."""
-    kind = list(KINDS)[int(rng.integers(len(KINDS)))]
-    return InjectedFault(settings=tuple(KINDS[kind](load_actuator(), rng)))
+    """Return a stranger."""
+    a = load_actuator()
+    kinds = kinds_of(a)
+    name = list(kinds)[int(rng.integers(len(kinds)))]
+    kind = kinds[name]
+    size = math.exp(rng.uniform(math.log(kind.least), math.log(kind.most)))
+    sign = (-1.0, 1.0)[int(rng.integers(2))] if kind.both else 1.0
+    phase, angle = int(rng.integers(3)), float(rng.uniform(-math.pi, math.pi))
+    effect = kind.setting.partition(".")[0]
+    settings = [f"{kind.setting.format('abc'[phase])}={sign * size!r}"]
+    if kind.more == "phase":
+        settings.append(f"{effect}.phase={'abc'[phase]}")
+    elif kind.more == "angle":
+        settings.append(f"{effect}.angle={angle!r}")
+    elif kind.more == "periods":
+        settings += [f"{effect}.periods={_periods(name, a, rng)}", f"{effect}.phase={angle!r}"]
+    of_phase = kind.more == "phase" or "{}" in kind.setting
+    return InjectedFault(settings=tuple(settings),
+                         stranger=Stranger(name, sign, phase if of_phase else 0))
+
+
+def _periods(name: str, a: Actuator, rng: np.random.Generator) -> int:
+    """Return periods a turn: of teeth a multiple of the poles, of a mesh any number."""
+    if name == "cogging":
+        return 2 * a.motor.pole_pairs * int(rng.choice([1, 2, 3, 6]))
+    return int(rng.integers(5, 60))

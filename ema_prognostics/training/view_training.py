@@ -17,12 +17,11 @@ from ema_prognostics.cascade.model_body import (
     FamilyPart,
     LinePart,
     MemberPart,
-    NetworkPart,
     SeverityPart,
     View,
     ViewPart,
-    rounded,
 )
+from ema_prognostics.cascade.parts import NetworkPart, rounded
 from ema_prognostics.features.vector import (
     ABSOLUTE,
     difference_names,
@@ -36,6 +35,7 @@ from ema_prognostics.training.calibration import tail_quantile
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_prognostics.training.guard_training import GuardRecords, train_guard
 from ema_prognostics.training.severity_training import train_severity
+from ema_prognostics.training.stranger_training import train_strangers
 
 FRICTIONS = ("motor_friction", "surface_friction")
 """Families that are found by how large a quantity is, in the order of `FleetFeatures.friction`."""
@@ -49,8 +49,6 @@ FALSE_ALARMS: dict[View, dict[str, float]] = {
 STEP_FALSE_ALARMS = {"asymmetry": 0.002, "eccentricity": 0.0003, "motor_friction": 0.0007,
                      "surface_friction": 0.0007, "backlash": 0.0002}
 """The same of a single step, in either view."""
-STRANGERS = 0.003
-"""Rate of records without and with faults of which a stranger may be said."""
 DOUBT = 0.004
 """Rate of healthy records that may be called unknown because healthy is improbable."""
 LEAST_SPREAD, LEAST_SIZE_SPREAD = 1e-3, 0.25
@@ -122,7 +120,7 @@ def train_view(
     kind : of the test.
     view : with or without baseline.
     seed : of the networks' weights.
-    strangers : other units, with what is no fault of a family; None: only the guard tells it.
+    strangers : other units, each with one; None: only the guard tells them.
     hidden, iterations : size of a member of the networks; most steps of the optimiser.
     progress : called with what begins.
     """
@@ -173,8 +171,10 @@ def train_view(
         inputs.input_names, kind, seed=seed, iterations=iterations,
     )
     progress("strangers")
-    strange = None if strangers is None else work.strangers(
-        [*guard.drivers, *guard.checked], view_inputs(strangers, view)[1], sound, x[~fit])
+    strange = None if strangers is None else train_strangers(
+        lambda rows: [inputs(rotate(rows, names, k)) for k in range(3)], xs,
+        view_inputs(strangers, view)[1], [s for s in strangers.strangers if s is not None],
+        sound, x[~fit & (y > 0.0).any(axis=1)])
     part = ViewPart(
         names=names, lines=LinePart.of(lines),
         absolute_lines=None if absolute is None else LinePart.of(absolute),
@@ -274,30 +274,6 @@ class _Work:
         network = fit_regressor(x, total[:, None], iterations=self._iterations, members=MEMBERS,
                                 weight=self._records.weight, **self._settings)
         return as_classifier(network, network(x)[:, 0], there, self._records.weight)
-
-    def strangers(self, names: list[str], strange: np.ndarray, *known: np.ndarray) -> FamilyPart:
-        """Return the network that says whether something else is there.
-
-        Parameters
-        ----------
-        names : of its inputs.
-        strange : ndarray, shape (n, d). Features of records with something else.
-        known : ndarray, each shape (k, d). Of records without; each sets a threshold, the
-            largest counts.
-        """
-        columns = self._inputs.columns(names)
-
-        def see(x: np.ndarray) -> np.ndarray:
-            return np.asarray(self._inputs(x)[:, columns])
-
-        x = np.vstack([see(self._x), see(strange)])
-        network = NetworkPart.of(fit_classifier(
-            x, np.arange(len(x)) >= len(self._x), iterations=self._iterations,
-            weight=np.concatenate([self._records.weight, np.ones(len(strange))]),
-            **self._settings))
-        threshold = max(
-            tail_quantile(logit(network.build()(see(rows))[:, 0]), STRANGERS) for rows in known)
-        return FamilyPart(inputs=names, network=network, threshold=float(f"{threshold:.6g}"))
 
     def member(self, group: str, family: str) -> MemberPart:
         """Return the network that says which, trained where the family is there."""

@@ -15,8 +15,8 @@ from ema_prognostics.words import ENGLISH, feature_words, next_step
 from ema_record.errors import EmaError, IncompleteRecordError
 
 GROUP, ALL, STRANGER = "group.", "all", "stranger"
-"""Beginning of the names of groups of features, the name of all together, and of all as a
-network sees them that knows what else befalls actuators."""
+"""Beginning of the names of groups of features, the name of all together, and beginning of the
+names of what else befalls actuators."""
 FOUND: dict[Measure, str] = {
     "healthy": "{:+.1f} healthy deviations", "bound": "{:.1f} times the usual bound"}
 
@@ -33,7 +33,8 @@ def guard_evidence(cascade: Cascade, detection: Detection) -> list[Symptom]:
     if guard is None:
         return []
     if not detection.unusual(stranger=False):
-        return [Symptom(feature=STRANGER, measure="bound", times=detection.stranger)]
+        return [Symptom(feature=f"{STRANGER}.{detection.stranger_kind}", measure="bound",
+                        times=detection.stranger)]
     names = [
         *(cascade.inputs.input_names[k] for k in guard.checked),
         *(f"{GROUP}{name}" for name in guard.groups), ALL,

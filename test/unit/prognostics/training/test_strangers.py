@@ -11,7 +11,8 @@ import pytest
 from ema_prognostics.cascade.find import Cascade
 from ema_prognostics.training.evaluation import outcome_of
 from ema_prognostics.training.fleet import FleetFeatures, simulate_fleet
-from ema_prognostics.training.strangers import KINDS, draw_stranger
+from ema_prognostics.training.faults import Stranger
+from ema_prognostics.training.strangers import draw_stranger, kinds_of
 from ema_prognostics.training.view_training import train_view
 from ema_prognostics.verdict.report import verdict_of_guard
 from ema_record.actuator import load_actuator
@@ -24,24 +25,42 @@ MACHINES = Path(__file__).parents[4] / "benchmarks" / "any_actuator" / "machines
 @pytest.mark.parametrize("machine", ["", "valve_12v", "spoiler_270v"])
 def test_every_stranger_is_an_effect_that_no_class_owns(machine: str) -> None:
     with using_kit(MACHINES / machine if machine else None):
-        actuator = load_actuator()
-        for name, draw in KINDS.items():
-            rng = np.random.default_rng(3)
-            for _ in range(20):
-                effects = parse_effects(draw(actuator, rng))
-                active = [e for e in EFFECTS.values()
-                          if not e.is_neutral(getattr(effects, e.name))]
-                assert len(active) == 1, name
-                assert active[0].fault_class is None
+        rng = np.random.default_rng(3)
+        for _ in range(200):
+            found = draw_stranger(rng)
+            effects = parse_effects(found.settings)
+            active = [e for e in EFFECTS.values() if not e.is_neutral(getattr(effects, e.name))]
+            assert len(active) == 1, found
+            assert active[0].fault_class is None
+            assert found.severity == {}
 
 
 def test_kinds_are_drawn_alike() -> None:
     rng = np.random.default_rng(5)
-    drawn = [draw_stranger(rng).settings[0].partition(".")[0] for _ in range(1100)]
-    counts = [drawn.count(name) for name in set(drawn)]
-    assert len(counts) == len(KINDS)
-    assert min(counts) > 60  # expected 100, six standard deviations are 57
-    assert draw_stranger(rng).severity == {}
+    drawn = [found.stranger.kind for found in (draw_stranger(rng) for _ in range(900))
+             if found.stranger is not None]
+    kinds = kinds_of(load_actuator())
+    assert set(drawn) == set(kinds)
+    assert min(drawn.count(name) for name in kinds) > 43  # 100 expected, less six deviations
+
+
+def test_sign_and_phase_are_those_of_the_settings() -> None:
+    rng = np.random.default_rng(6)
+    seen = set()
+    for _ in range(400):
+        found = draw_stranger(rng)
+        assert found.stranger is not None
+        kind, sign, phase = found.stranger
+        name, _, value = found.settings[0].partition("=")
+        assert np.sign(float(value)) == sign
+        if kind in {"current_gain", "current_offset"}:
+            assert name.endswith("_abc"[phase + 1])
+        elif kind == "phase_resistance":
+            assert found.settings[1].endswith("=" + "abc"[phase])
+        else:
+            assert phase == 0
+        seen.add((kind, sign, phase))
+    assert len(seen) == 1 + 3 + 2 + 1 + 1 + 1 + 1 + 6 + 6
 
 
 def shifted(fleet: FleetFeatures, name: str, by: float) -> FleetFeatures:
@@ -49,7 +68,8 @@ def shifted(fleet: FleetFeatures, name: str, by: float) -> FleetFeatures:
     record = fleet.record.copy()
     k = fleet.names.index(name)
     record[:, k] += by * np.std(fleet.baseline[:, k])
-    return replace(fleet, record=record)
+    return replace(fleet, record=record,
+                   strangers=(Stranger("weak_magnets"),) * len(fleet))
 
 
 @pytest.fixture(scope="module")
@@ -78,9 +98,10 @@ def test_a_stranger_is_told_and_the_verdict_says_why(
     assert all(d.stranger == 0.0 for d in without.find(strange.record))
     assert all(d.stranger == 0.0 for d in cascade.find(strange.record, exact=False))
     told = next(d for d in odd if d.stranger > 1.0)
-    told = replace(told, guard=np.zeros_like(told.guard))  # what the network alone says
+    told = replace(told, guard=np.zeros_like(told.guard))  # what the filters alone say
     assert outcome_of(told) == "unknown"
     assert told.known < 0.5
+    assert told.stranger_kind == "weak_magnets"
     verdict = verdict_of_guard(cascade, told)
     assert verdict is not None
     assert verdict.outcome == "unknown"

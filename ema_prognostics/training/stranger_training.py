@@ -1,0 +1,73 @@
+"""Training of the filters for strangers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ema_prognostics.cascade.parts import rounded
+from ema_prognostics.cascade.strangers import RATE, FilterPart, StrangerFilters, StrangersPart
+from ema_prognostics.training.calibration import tail_quantile
+from ema_prognostics.training.faults import Stranger
+
+LEAST_VARIANCE = 0.5
+"""Of a squashed input, which is near 1 over healthy records by its scale: what never varies in a
+simulation does in a machine."""
+FEWEST = 5
+"""Examples of a kind that give its direction."""
+Turned = Callable[[np.ndarray], list[np.ndarray]]
+
+
+def train_strangers(
+    turned: Turned, known: np.ndarray, strange: np.ndarray, what: Sequence[Stranger],
+    sound: np.ndarray, faulty: np.ndarray,
+) -> StrangersPart | None:
+    """Return the filters; None where there are too few examples.
+
+    Parameters
+    ----------
+    turned : gives the squashed inputs of features, as seen from each phase.
+    known : ndarray, shape (n, d). Features with and without faults; their scatter.
+    strange : ndarray, shape (s, d). Features of strangers.
+    what : (s,). What each is.
+    sound : ndarray, shape (k, d). Other healthy records; they set the limits.
+    faulty : ndarray, shape (f, d). Others with a fault; theirs.
+    """
+    from sklearn.covariance import ledoit_wolf
+
+    covariance, _ = ledoit_wolf(turned(known)[0], assume_centered=True)
+    covariance += np.diag(np.maximum(LEAST_VARIANCE - np.diag(covariance), 0.0))
+    views = turned(strange)
+    found = {}
+    for kind in sorted({one.kind for one in what}):
+        rows = [k for k, one in enumerate(what) if one.kind == kind]
+        if len(rows) < FEWEST:
+            continue
+        # Each as if of phase a, and of positive sign.
+        examples = np.array([what[k].sign * views[what[k].phase][k] for k in rows])
+        direction = np.linalg.solve(covariance, examples.mean(axis=0))
+        direction /= np.sqrt(direction @ covariance @ direction)
+        of_phase = any(what[k].phase for k in rows)
+        found[kind] = FilterPart(weights=rounded(direction), turns=3 if of_phase else 1,
+                                 limits={"healthy": 1.0, "fault": 1.0})
+    if not found:
+        return None
+    part = StrangersPart(filters=found)
+    limits = np.column_stack([_limits(StrangerFilters(part).outputs(turned(rows)))
+                              for rows in (sound, faulty)])
+    return StrangersPart(filters={
+        kind: one.model_copy(update={"limits": {"healthy": healthy, "fault": fault}})
+        for (kind, one), (healthy, fault) in zip(found.items(), limits.tolist())})
+
+
+def _limits(size: np.ndarray) -> np.ndarray:
+    """Return limits, shape (kinds,), that `RATE` of the records exceed with any of the filters.
+
+    Parameters
+    ----------
+    size : ndarray, shape (n, kinds). Of the filters' outputs.
+    """
+    each = np.array([max(tail_quantile(column, RATE), 1e-3) for column in size.T])
+    worst = tail_quantile((size / each).max(axis=1), RATE)
+    return np.array(rounded(each * worst))
