@@ -45,7 +45,8 @@ def validation(**changes: Any) -> dict[str, Any]:
         "profile": "extended", "records": [{}] * 8, "units": ["a", "b"], "quick": False,
         "settings": {"units": 700, "healthy": 900, "validation": 150, "validation_healthy": 400},
         "software_version": "1.2.3", "held_out": {"extended": {"fleet": view, "baseline": view}},
-        "bound": {"fleet": {"friction": 0.2}, "baseline": {}}, "guard_widened": 1.25, "strangers_widened": 1.1,
+        "bound": {"fleet": {"friction": 0.2}, "baseline": {}}, "guard_widened": 1.25,
+        "strangers_widened": 1.1,
         "healthy_left_out_unknown": {"hits": 1, "total": 8},
         "parameters": {"motor.inertia": 1.1, "gear.ratio": 1.0, "shaft.damping": 4.66,
                        "acquisition.command_latency": 0.9},
@@ -102,7 +103,8 @@ def test_the_page_says_what_a_buyer_asks(tmp_path: Path) -> None:
 
 
 def test_the_page_says_what_is_lacking() -> None:
-    found = validation(quick=True, library=False, guard_widened=1.0, strangers_widened=1.0, spread=None)
+    found = validation(quick=True, library=False, guard_widened=1.0, strangers_widened=1.0,
+                       spread=None)
     for name in ("rotor_angle", "surface_position"):
         found["actuator"]["acquisition"][name] = 0
     for view in found["held_out"]["extended"].values():

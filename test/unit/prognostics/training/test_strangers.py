@@ -10,8 +10,8 @@ import pytest
 
 from ema_prognostics.cascade.find import Cascade
 from ema_prognostics.training.evaluation import outcome_of
-from ema_prognostics.training.fleet import FleetFeatures, simulate_fleet
 from ema_prognostics.training.faults import Stranger
+from ema_prognostics.training.fleet import FleetFeatures, simulate_fleet
 from ema_prognostics.training.strangers import draw_stranger, kinds_of
 from ema_prognostics.training.view_training import train_view
 from ema_prognostics.verdict.report import verdict_of_guard
