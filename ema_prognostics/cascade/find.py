@@ -185,13 +185,13 @@ class Cascade:
         size = np.column_stack([severity[o][:, 0, 0] for o in OUTPUTS])
         outputs_of = [announced(*row) for row in zip(p, self._announceable(margin, p, size))]
         present = np.array([[o in outputs for o in OUTPUTS] for outputs in outputs_of])
+        kind = kind_found(np.where(present, np.maximum(size, LEAST_SEVERITY), 0.0))
         guard, known = np.empty((len(x), 0)), np.ones(len(x))
         if self.guard is not None:
-            kind = kind_found(np.where(present, np.maximum(size, LEAST_SEVERITY), 0.0))
             guard, known = self.guard.scores(u, kind, exact=exact)
         strange = Strange(np.zeros(len(x)), ("",) * len(x), np.ones(len(x)))
         if self._strangers is not None and exact:
-            strange = self._strangers(turned, np.asarray(present.any(axis=1)))
+            strange = self._strangers(turned, kind)
             known = np.minimum(known, probability_known(strange.rate))
         found = []
         for row, outputs in enumerate(outputs_of):

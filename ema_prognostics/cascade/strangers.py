@@ -8,16 +8,16 @@ have to learn the covariance from them too.
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
+from ema_prognostics.cascade.classes import KINDS_FOUND
 from ema_prognostics.cascade.parts import Part, Positive, Vector
 
 RATE = 0.01
-"""Part of the records without a fault, and of those with, of which a stranger may be said: a third
-of the records that may be unknown."""
+"""Part of the known records of which a stranger may be said: a third of those that may be unknown."""
 
 
 class FilterPart(Part):
@@ -27,8 +27,9 @@ class FilterPart(Part):
     """Of the squashed inputs; the filter's variance over known records is 1."""
     turns: Literal[1, 3]
     """3: it may be of any phase, so the record is looked at from each."""
-    limits: dict[Literal["healthy", "fault"], Positive]
-    """Largest usual size of the filter's output where no fault is found, and where one is."""
+    limits: Annotated[list[Positive], Field(min_length=len(KINDS_FOUND),
+                                           max_length=len(KINDS_FOUND))]
+    """Largest usual size of the filter's output, by what is found, as `classes.KINDS_FOUND`."""
 
 
 class StrangersPart(Part):
@@ -56,8 +57,7 @@ class StrangerFilters:
         self._kinds = tuple(part.filters)
         self._weights = np.array([one.weights for one in part.filters.values()]).T
         self._turned = np.array([one.turns == 3 for one in part.filters.values()])
-        self._limits = np.array([[one.limits["healthy"], one.limits["fault"]]
-                                 for one in part.filters.values()])
+        self._limits = np.array([one.limits for one in part.filters.values()])
 
     def outputs(self, turned: list[np.ndarray]) -> np.ndarray:
         """Return the size of each filter's output, shape (n, kinds), from any phase.
@@ -69,15 +69,15 @@ class StrangerFilters:
         size = np.abs([u @ self._weights for u in turned])
         return np.where(self._turned, size.max(axis=0), size[0])
 
-    def __call__(self, turned: list[np.ndarray], found: np.ndarray) -> Strange:
+    def __call__(self, turned: list[np.ndarray], kind: np.ndarray) -> Strange:
         """Return what is said of records.
 
         Parameters
         ----------
         turned : as in `outputs`.
-        found : ndarray of bool, shape (n,). Whether a fault is found in each.
+        kind : ndarray of int, shape (n,). What is found in each, of `KINDS_FOUND`.
         """
-        ratio = self.outputs(turned) / self._limits[:, found.astype(int)].T
+        ratio = self.outputs(turned) / self._limits[:, kind].T
         best = ratio.argmax(axis=1)
         score = ratio[np.arange(len(ratio)), best]
         return Strange(score, tuple(self._kinds[k] for k in best), RATE ** (score**2))

@@ -94,8 +94,7 @@ def widened(view: ViewPart, factor: float, strangers: float) -> ViewPart:
 
     limits = {name: wide(part) for name, part in view.guard.limits.items()}
     filters = None if view.strangers is None else view.strangers.model_copy(update={"filters": {
-        kind: one.model_copy(update={"limits": {
-            found: strangers * limit for found, limit in one.limits.items()}})
+        kind: one.model_copy(update={"limits": rounded(strangers * np.array(one.limits))})
         for kind, one in view.strangers.filters.items()}})
     return view.model_copy(update={
         "guard": view.guard.model_copy(update={"limits": limits}), "strangers": filters})

@@ -6,10 +6,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from ema_prognostics.cascade.classes import KINDS_FOUND
 from ema_prognostics.cascade.parts import rounded
 from ema_prognostics.cascade.strangers import RATE, FilterPart, StrangerFilters, StrangersPart
 from ema_prognostics.training.calibration import tail_quantile
 from ema_prognostics.training.faults import Stranger
+from ema_prognostics.training.guard_training import WITHIN
 
 LEAST_VARIANCE = 0.5
 """Of a squashed input, which is near 1 over healthy records by its scale: what never varies in a
@@ -21,7 +23,7 @@ Turned = Callable[[np.ndarray], list[np.ndarray]]
 
 def train_strangers(
     turned: Turned, known: np.ndarray, strange: np.ndarray, what: Sequence[Stranger],
-    sound: np.ndarray, faulty: np.ndarray,
+    sound: np.ndarray, other: np.ndarray, kind: np.ndarray,
 ) -> StrangersPart | None:
     """Return the filters; None where there are too few examples.
 
@@ -32,7 +34,8 @@ def train_strangers(
     strange : ndarray, shape (s, d). Features of strangers.
     what : (s,). What each is.
     sound : ndarray, shape (k, d). Other healthy records; they set the limits.
-    faulty : ndarray, shape (f, d). Others with a fault; theirs.
+    other : ndarray, shape (f, d). Others with and without faults; they set those of faults.
+    kind : ndarray of int, shape (f,). Of the others: which of `KINDS_FOUND`.
     """
     from sklearn.covariance import ledoit_wolf
 
@@ -40,8 +43,8 @@ def train_strangers(
     covariance += np.diag(np.maximum(LEAST_VARIANCE - np.diag(covariance), 0.0))
     views = turned(strange)
     found = {}
-    for kind in sorted({one.kind for one in what}):
-        rows = [k for k, one in enumerate(what) if one.kind == kind]
+    for name in sorted({one.kind for one in what}):
+        rows = [k for k, one in enumerate(what) if one.kind == name]
         if len(rows) < FEWEST:
             continue
         # Each as if of phase a, and of positive sign.
@@ -49,16 +52,18 @@ def train_strangers(
         direction = np.linalg.solve(covariance, examples.mean(axis=0))
         direction /= np.sqrt(direction @ covariance @ direction)
         of_phase = any(what[k].phase for k in rows)
-        found[kind] = FilterPart(weights=rounded(direction), turns=3 if of_phase else 1,
-                                 limits={"healthy": 1.0, "fault": 1.0})
+        found[name] = FilterPart(weights=rounded(direction), turns=3 if of_phase else 1,
+                                 limits=[1.0] * len(KINDS_FOUND))
     if not found:
         return None
     part = StrangersPart(filters=found)
-    limits = np.column_stack([_limits(StrangerFilters(part).outputs(turned(rows)))
-                              for rows in (sound, faulty)])
+    filters = StrangerFilters(part)
+    limits, others = [_limits(filters.outputs(turned(sound)))], filters.outputs(turned(other))
+    for name in KINDS_FOUND[1:]:  # healthy records are of more units: no limit is below
+        limits.append(np.maximum(limits[0], _limits(others[np.isin(kind, WITHIN[name])])))
     return StrangersPart(filters={
-        kind: one.model_copy(update={"limits": {"healthy": healthy, "fault": fault}})
-        for (kind, one), (healthy, fault) in zip(found.items(), limits.tolist())})
+        name: one.model_copy(update={"limits": rounded(np.array(limits)[:, k])})
+        for k, (name, one) in enumerate(found.items())})
 
 
 def _limits(size: np.ndarray) -> np.ndarray:

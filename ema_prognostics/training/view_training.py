@@ -174,7 +174,7 @@ def train_view(
     strange = None if strangers is None else train_strangers(
         lambda rows: [inputs(rotate(rows, names, k)) for k in range(3)], xs,
         view_inputs(strangers, view)[1], [s for s in strangers.strangers if s is not None],
-        sound, x[~fit & (y > 0.0).any(axis=1)])
+        sound, x[~fit], kind_found(y[~fit]))
     part = ViewPart(
         names=names, lines=LinePart.of(lines),
         absolute_lines=None if absolute is None else LinePart.of(absolute),
