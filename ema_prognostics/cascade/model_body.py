@@ -31,7 +31,6 @@ from ema_prognostics.cascade.parts import (
     Vector,
     rounded,
 )
-from ema_prognostics.cascade.strangers import StrangersPart
 from ema_record.errors import ModelError, first_problem
 
 View = Literal["fleet", "baseline"]
@@ -204,6 +203,24 @@ class GuardPart(Part):
         return self
 
 
+class FilterPart(Part):
+    """A filter for one kind of stranger, see `strangers`."""
+
+    weights: Vector
+    """Of the guard's residuals; the filter's variance over known records is 1."""
+    turns: Literal[1, 3]
+    """3: it may be of any phase, so the record is looked at from each."""
+    limits: Annotated[list[Positive], Field(min_length=len(KINDS_FOUND),
+                                           max_length=len(KINDS_FOUND))]
+    """Largest usual size of the filter's output, by what is found, as `classes.KINDS_FOUND`."""
+
+
+class StrangersPart(Part):
+    """The filters for strangers, by kind."""
+
+    filters: dict[str, FilterPart] = Field(min_length=1, max_length=40)
+
+
 class ViewPart(Part):
     """The cascade of one kind of test, with or without a baseline."""
 
@@ -232,9 +249,10 @@ class ViewPart(Part):
         for part in (self.lines, self.absolute_lines):
             if part is not None and len(part.weight) != len(speeds):
                 raise ValueError("the filters of the lines do not fit the features")
+        checked = 0 if self.guard is None else len(self.guard.checked)
         if self.strangers is not None and any(
-                len(one.weights) != d for one in self.strangers.filters.values()):
-            raise ValueError("a filter of the strangers does not fit the inputs")
+                len(one.weights) != checked for one in self.strangers.filters.values()):
+            raise ValueError("a filter of the strangers does not fit the guard")
         if self.guard is not None and not {*self.guard.drivers, *self.guard.checked} <= {
                 *input_names(self.names)}:
             raise ValueError("the guard names inputs that the view does not have")

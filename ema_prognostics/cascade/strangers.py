@@ -1,41 +1,23 @@
 """Strangers: what befalls actuators and is no fault of the classes, told by matched filters.
 
-The scatter of known records makes a small shift of many inputs hard to see, unless they are
-weighted by their inverse covariance (R. A. Fisher, Ann. Eugenics 7 (1936) 179). One such filter
-for each kind of stranger needs only its mean direction, which few examples give; a network would
-have to learn the covariance from them too.
+They see what is left of a record when the guard has taken off what a fault of any size explains.
+A small shift of many of these residuals is hard to see in the scatter of known records, unless
+they are weighted by its inverse covariance (R. A. Fisher, Ann. Eugenics 7 (1936) 179). One such
+filter for each kind needs only its mean direction, which few examples give; a network would have
+to learn the covariance from them too.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from pydantic import Field
 
-from ema_prognostics.cascade.classes import KINDS_FOUND
-from ema_prognostics.cascade.parts import Part, Positive, Vector
+from ema_prognostics.cascade.guard import GROUP_SQUEEZE, squeeze
+from ema_prognostics.cascade.model_body import StrangersPart
 
 RATE = 0.01
-"""Part of the known records of which a stranger may be said: a third of those that may be unknown."""
-
-
-class FilterPart(Part):
-    """One kind of stranger."""
-
-    weights: Vector
-    """Of the squashed inputs; the filter's variance over known records is 1."""
-    turns: Literal[1, 3]
-    """3: it may be of any phase, so the record is looked at from each."""
-    limits: Annotated[list[Positive], Field(min_length=len(KINDS_FOUND),
-                                           max_length=len(KINDS_FOUND))]
-    """Largest usual size of the filter's output, by what is found, as `classes.KINDS_FOUND`."""
-
-
-class StrangersPart(Part):
-    """The filters, by kind."""
-
-    filters: dict[str, FilterPart] = Field(min_length=1, max_length=40)
+"""Part of the known records of which a stranger may be said: a third of what may be unknown."""
 
 
 class Strange(NamedTuple):
@@ -64,9 +46,9 @@ class StrangerFilters:
 
         Parameters
         ----------
-        turned : of ndarray, shape (n, inputs). Squashed inputs as seen from each phase.
+        turned : of ndarray, shape (n, m). The guard's residuals as seen from each phase.
         """
-        size = np.abs([u @ self._weights for u in turned])
+        size = np.abs([squeeze(z, GROUP_SQUEEZE) @ self._weights for z in turned])
         return np.where(self._turned, size.max(axis=0), size[0])
 
     def __call__(self, turned: list[np.ndarray], kind: np.ndarray) -> Strange:

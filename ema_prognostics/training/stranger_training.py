@@ -7,15 +7,17 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ema_prognostics.cascade.classes import KINDS_FOUND
+from ema_prognostics.cascade.guard import GROUP_SQUEEZE, squeeze
+from ema_prognostics.cascade.model_body import FilterPart, StrangersPart
 from ema_prognostics.cascade.parts import rounded
-from ema_prognostics.cascade.strangers import RATE, FilterPart, StrangerFilters, StrangersPart
+from ema_prognostics.cascade.strangers import RATE, StrangerFilters
 from ema_prognostics.training.calibration import tail_quantile
 from ema_prognostics.training.faults import Stranger
 from ema_prognostics.training.guard_training import WITHIN
 
 LEAST_VARIANCE = 0.5
-"""Of a squashed input, which is near 1 over healthy records by its scale: what never varies in a
-simulation does in a machine."""
+"""Of a residual, which is near 1 over known records by its scale: what never varies in a simulation
+does in a machine."""
 FEWEST = 5
 """Examples of a kind that give its direction."""
 Turned = Callable[[np.ndarray], list[np.ndarray]]
@@ -29,7 +31,7 @@ def train_strangers(
 
     Parameters
     ----------
-    turned : gives the squashed inputs of features, as seen from each phase.
+    turned : gives the guard's residuals of features, as seen from each phase.
     known : ndarray, shape (n, d). Features with and without faults; their scatter.
     strange : ndarray, shape (s, d). Features of strangers.
     what : (s,). What each is.
@@ -39,7 +41,7 @@ def train_strangers(
     """
     from sklearn.covariance import ledoit_wolf
 
-    covariance, _ = ledoit_wolf(turned(known)[0], assume_centered=True)
+    covariance, _ = ledoit_wolf(squeeze(turned(known)[0], GROUP_SQUEEZE), assume_centered=True)
     covariance += np.diag(np.maximum(LEAST_VARIANCE - np.diag(covariance), 0.0))
     views = turned(strange)
     found = {}
@@ -48,7 +50,8 @@ def train_strangers(
         if len(rows) < FEWEST:
             continue
         # Each as if of phase a, and of positive sign.
-        examples = np.array([what[k].sign * views[what[k].phase][k] for k in rows])
+        examples = squeeze(np.array([what[k].sign * views[what[k].phase][k] for k in rows]),
+                           GROUP_SQUEEZE)
         direction = np.linalg.solve(covariance, examples.mean(axis=0))
         direction /= np.sqrt(direction @ covariance @ direction)
         of_phase = any(what[k].phase for k in rows)

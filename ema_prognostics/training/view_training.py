@@ -10,7 +10,7 @@ import numpy as np
 
 from ema_prognostics.cascade.classes import FAMILIES, FAMILY_OF, OUTPUTS, SEVERITY_OF, kind_found
 from ema_prognostics.cascade.find import Cascade
-from ema_prognostics.cascade.guard import LOG_SIZES
+from ema_prognostics.cascade.guard import LOG_SIZES, build_guard
 from ema_prognostics.cascade.inputs import ITSELF, Inputs, derive, group_inputs, input_names
 from ema_prognostics.cascade.lines import LineFilter, fit_line_filter
 from ema_prognostics.cascade.model_body import (
@@ -171,16 +171,18 @@ def train_view(
         inputs.input_names, kind, seed=seed, iterations=iterations,
     )
     progress("strangers")
-    strange = None if strangers is None else train_strangers(
-        lambda rows: [inputs(rotate(rows, names, k)) for k in range(3)], xs,
-        view_inputs(strangers, view)[1], [s for s in strangers.strangers if s is not None],
-        sound, x[~fit], kind_found(y[~fit]))
     part = ViewPart(
         names=names, lines=LinePart.of(lines),
         absolute_lines=None if absolute is None else LinePart.of(absolute),
         center=center, spread=spread, families=families, members=members, severity=severity,
-        doubt=0.0, guard=guard, strangers=strange,
+        doubt=0.0, guard=guard,
     )
+    judge = build_guard(part, guard)
+    strange = None if strangers is None else train_strangers(
+        lambda rows: [judge.residuals(inputs(rotate(rows, names, k))) for k in range(3)], xs,
+        view_inputs(strangers, view)[1], [s for s in strangers.strangers if s is not None],
+        sound, x[~fit], kind_found(y[~fit]))
+    part = part.model_copy(update={"strangers": strange})
     sure = [f.healthy for f in Cascade(part).find(sound)]
     doubt = -tail_quantile(-np.array(sure), DOUBT)
     return part.model_copy(update={"doubt": float(np.clip(float(f"{doubt:.6g}"), 0.0, 1.0))})
