@@ -16,8 +16,8 @@ import numpy as np
 from ema_prognostics.cascade.guard import GROUP_SQUEEZE, squeeze
 from ema_prognostics.cascade.model_body import StrangersPart
 
-RATE = 0.01
-"""Part of the known records of which a stranger may be said: a third of what may be unknown."""
+RATE = 0.003
+"""Part of the known records of which a stranger may be said: a tenth of what may be unknown."""
 
 
 class Strange(NamedTuple):

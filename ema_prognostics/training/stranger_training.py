@@ -13,11 +13,11 @@ from ema_prognostics.cascade.parts import rounded
 from ema_prognostics.cascade.strangers import RATE, StrangerFilters
 from ema_prognostics.training.calibration import tail_quantile
 from ema_prognostics.training.faults import Stranger
-from ema_prognostics.training.guard_training import WITHIN
+from ema_prognostics.training.guard_training import MARGINS, WITHIN
 
 LEAST_VARIANCE = 0.5
-"""Of a residual, which is near 1 over known records by its scale: what never varies in a simulation
-does in a machine."""
+"""Of a residual, which is near 1 over known records by its scale: what never varies in a
+simulation does in a machine."""
 FEWEST = 5
 """Examples of a kind that give its direction."""
 Turned = Callable[[np.ndarray], list[np.ndarray]]
@@ -63,7 +63,8 @@ def train_strangers(
     filters = StrangerFilters(part)
     limits, others = [_limits(filters.outputs(turned(sound)))], filters.outputs(turned(other))
     for name in KINDS_FOUND[1:]:  # healthy records are of more units: no limit is below
-        limits.append(np.maximum(limits[0], _limits(others[np.isin(kind, WITHIN[name])])))
+        mine = _limits(others[np.isin(kind, WITHIN[name])])
+        limits.append(MARGINS[name] * np.maximum(limits[0], mine))
     return StrangersPart(filters={
         name: one.model_copy(update={"limits": rounded(np.array(limits)[:, k])})
         for k, (name, one) in enumerate(found.items())})
