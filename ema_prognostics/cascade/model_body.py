@@ -47,7 +47,7 @@ def rounded(values: np.ndarray) -> Any:
 class Part(BaseModel):
     """A part of the body."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
 
 class NetworkPart(Part):
@@ -343,8 +343,10 @@ class Body(Part):
 
     @classmethod
     def parse(cls, data: object, where: str) -> Body:
-        """Return the body of `data`; ModelError in one line."""
+        """Return the body of `data`, plain values or JSON text; ModelError in one line."""
         try:
+            if isinstance(data, str):
+                return cls.model_validate_json(data)
             return cls.model_validate(data)
         except ValidationError as error:
             raise ModelError(first_problem(error, where, "body", "train again")) from None
