@@ -106,7 +106,7 @@ def test_equal_stamps_are_refused_dropped_or_averaged(tmp_path):
     assert len(dropped) == len(mean) == N - 1
     assert dropped.input[9] == pytest.approx(CURRENT[9], abs=1e-8)
     assert mean.input[9] == pytest.approx((CURRENT[9] + 5) / 2, abs=1e-8)
-    assert "1 rows of a time stamp that was there averaged" in mean.axis.notes
+    assert "1 row of a time stamp that was there averaged" in mean.axis.notes
 
 
 def test_a_counter_that_starts_again_goes_on(tmp_path):
