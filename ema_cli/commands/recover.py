@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ema_cli.console import check_new, error_line, given_bags, note, print_json, say
-from ema_record.errors import EmaError
+from ema_record.errors import EmaError, counted
 
 if TYPE_CHECKING:
     from ema_record.bag.recover import Recovery
@@ -65,10 +65,10 @@ def _explain(report: Recovery) -> None:
     )
     say(f"missing: {report.missing_samples} samples ({report.missing_ms:.1f} ms)")
     for gap in report.gaps:
-        say(f"gap: {gap.samples} samples at {gap.time:.5f} s")
+        say(f"gap: {counted(gap.samples, 'sample')} at {gap.time:.5f} s")
     if report.unread_bytes:
         say(f"unreadable: {report.unread_bytes} bytes")
     for damage in report.damages:
         say(f"cause: {damage}")
     for topic, count in report.left_out.items():
-        say(f"left out: {count} messages of {topic}")
+        say(f"left out: {counted(count, 'message')} of {topic}")

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ema_cli.console import error_line, given_bags, print_json, progress, say
-from ema_record.errors import RecordError, UsageError, bounded
+from ema_record.errors import RecordError, UsageError, bounded, counted
 
 RATES = (0.01, 100.0)
 
@@ -55,8 +55,9 @@ def replay(
         if as_json:
             print_json({"bag": str(bag), "rate": rate, "messages": counts})
         elif len(found) > 1:
-            say(f"{bag}: {sum(counts.values())} messages on {len(counts)} topics")
+            say(f"{bag}: {counted(sum(counts.values()), 'message')} on "
+                f"{counted(len(counts), 'topic')}")
         else:
             for topic, count in counts.items():
-                say(f"{topic}: {count} messages")
+                say(f"{topic}: {counted(count, 'message')}")
     return worst_status(statuses)

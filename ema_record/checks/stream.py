@@ -27,7 +27,7 @@ def _overlaps(blocks: Sequence[SampleBlock], number: int) -> bool:
 def _orders(facts: BagFacts) -> Iterator[tuple[str, Hit]]:
     """Return blocks that do not follow the one before: kind and place."""
     blocks = facts.blocks
-    if facts.in_order:
+    if not blocks or facts.in_order:
         return
     seen: dict[bytes, int] = {}
     latest = -np.inf
