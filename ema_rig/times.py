@@ -135,9 +135,9 @@ def single_stamps(
     if how is None:
         row = int(np.argmax(again))
         raise InvalidRecordError(
-            f"{source}: {counted(again.sum(), 'time stamp')} as the one before, first at sample "
-            f"{row} ({samples[row, 0]:.9g} s): set 'duplicates: drop' or 'duplicates: mean' in "
-            "the map")
+            f"{source}: {counted(again.sum(), 'time stamp')} equal to the one before, first at "
+            f"sample {row} ({samples[row, 0]:.9g} s): set 'duplicates: drop' or 'duplicates: "
+            "mean' in the map")
     first = np.nonzero(~again)[0]
     kept = samples[first]
     if how == "mean":

@@ -26,8 +26,7 @@ from ema_record.errors import ModelError, first_problem
 
 DIGITS = 7
 """Significant digits of a number in the file."""
-MAX_FEATURES = 400
-MAX_HIDDEN = 400
+MAX_FEATURES = MAX_HIDDEN = 400
 View = Literal["fleet", "baseline"]
 
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e12, le=1e12)]
@@ -186,8 +185,7 @@ class LinePart(Part):
             template=np.array(self.template_re) + 1j * np.array(self.template_im),
             winding=np.array(self.winding_re) + 1j * np.array(self.winding_im),
             precision=np.array(self.precision), floor=np.array(self.floor),
-            by_noise=np.array(self.by_noise),
-        )
+            by_noise=np.array(self.by_noise))
 
     @model_validator(mode="after")
     def _shapes(self) -> LinePart:

@@ -100,7 +100,7 @@ def test_dates_and_clocks(tmp_path, unit, form):
 
 def test_equal_stamps_are_refused_dropped_or_averaged(tmp_path):
     path = write(tmp_path / "a.csv", table(cells={10: "0.0900,5,0.5,x"}))
-    with pytest.raises(InvalidRecordError, match=r"1 time stamps .* sample 10 .* drop' or"):
+    with pytest.raises(InvalidRecordError, match=r"1 time stamp equal .* sample 10 .* drop' or"):
         imported(path)
     dropped, mean = (imported(path, duplicates=how) for how in ("drop", "mean"))
     assert len(dropped) == len(mean) == N - 1
