@@ -144,11 +144,6 @@ def severity_words(
     return text
 
 
-def counted(flights: int) -> str:
-    """Return a number of flights in words."""
-    return f"{flights} flight{'' if flights == 1 else 's'}"
-
-
 def look_alike(named: Iterable[str], other: str, language: str | None = None) -> str:
     """Return an alternative in words, beside the classes that are named."""
     say = words(language)

@@ -110,6 +110,11 @@ def library(name: str, purpose: str, instead: str) -> ModuleType:
                          f"pip install {name}, or {instead}") from None
 
 
+def counted(number: int, thing: str) -> str:
+    """Return a number of things, e.g. ``1 row`` or ``2 rows``."""
+    return f"{number} {thing}{'' if number == 1 else 's'}"
+
+
 def first_problem(
     error: ValidationError, where: str, whole: str, remedy: str, *, branch: str = ""
 ) -> str:

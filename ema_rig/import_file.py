@@ -10,7 +10,7 @@ import numpy as np
 
 from ema_record.bag.any_topic import is_bag
 from ema_record.channels import CHANNELS, N_CHANNELS, Channel
-from ema_record.errors import InvalidRecordError, UsageError
+from ema_record.errors import InvalidRecordError, UsageError, counted
 from ema_record.profile import load_profile
 from ema_record.record import Provenance, Record, check_samples
 from ema_record.version import VERSION
@@ -280,7 +280,7 @@ def _without_missing(
             "rates, choose other columns, or a part with 'start' and 'end'"
         )
     if bad.any():
-        notes.append(f"{bad.sum()} rows without a value left out")
+        notes.append(f"{counted(bad.sum(), 'row')} without a value left out")
     return samples[~bad], labels[~bad]
 
 
@@ -292,8 +292,8 @@ def _describe_time(time: np.ndarray, notes: list[str]) -> None:
     median = float(np.median(steps))
     gaps = steps[steps > GAP * median]
     if len(gaps):
-        notes.append(f"{len(gaps)} gap(s) in time of more than {GAP:g} intervals, the longest "
-                     f"{gaps.max():.3g} s")
+        notes.append(f"{counted(len(gaps), 'gap')} in time of more than {GAP:g} intervals, the "
+                     f"longest {gaps.max():.3g} s")
     spread = float(np.quantile(np.abs(steps - median), 0.99) / median)
     if spread > 0.01:
         notes.append(f"irregular sampling: 1 % of the intervals differ from the median "

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from ema_record.errors import InvalidRecordError, UsageError
+from ema_record.errors import InvalidRecordError, UsageError, counted
 from ema_rig.table import Table, TextColumn
 from ema_rig.units import unit_factor
 
@@ -135,8 +135,9 @@ def single_stamps(
     if how is None:
         row = int(np.argmax(again))
         raise InvalidRecordError(
-            f"{source}: {again.sum()} time stamps equal the one before, first at sample {row} "
-            f"({samples[row, 0]:.9g} s): set 'duplicates: drop' or 'duplicates: mean' in the map")
+            f"{source}: {counted(again.sum(), 'time stamp')} equal to the one before, first at "
+            f"sample {row} ({samples[row, 0]:.9g} s): set 'duplicates: drop' or 'duplicates: "
+            "mean' in the map")
     first = np.nonzero(~again)[0]
     kept = samples[first]
     if how == "mean":
@@ -147,7 +148,8 @@ def single_stamps(
             kept = np.where(count > 0, total / count, np.nan)
         kept[:, 0] = samples[first, 0]
     done = "averaged" if how == "mean" else "left out"
-    return kept, labels[first], [f"{again.sum()} rows of a time stamp that was there {done}"]
+    return kept, labels[first], [
+        f"{counted(again.sum(), 'row')} of a time stamp that was there {done}"]
 
 
 def one_clock(

@@ -7,35 +7,54 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ema_cli.console import note, print_json, say
+from ema_cli.console import check_new, error_line, given_bags, note, print_json, say
+from ema_record.errors import EmaError, counted
 
 if TYPE_CHECKING:
     from ema_record.bag.recover import Recovery
 
 
 def recover(
-    bag: Annotated[Path, typer.Argument(metavar="BAG", help="Bag directory or .mcap file.")],
+    bags: Annotated[list[Path], typer.Argument(
+        metavar="BAG...", help="Bag directories or .mcap files; or a directory of them.")],
     out: Annotated[Path | None, typer.Option(
         "--out", "-o", metavar="DIR", show_default="BAG_recovered beside it",
-        help="Bag to make.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+        help="Bag to make; of several: the new directory for them.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a bag.")] = False,
 ) -> int:
     """Rebuild a readable bag from a recording that was cut or damaged.
 
     The original is not changed. The new bag is marked as interrupted: 'ema check' calls it
     incomplete, never healthy. Exit status 0 where a bag was made, 2 or 3 where nothing can
-    be recovered.
+    be recovered; of several bags the worst, 2 before 3.
 
     Example: `ema recover SN-1_20260101T120000Z_extended --out recovered`
     """
+    from ema_prognostics.verdict.verdict import worst_status
     from ema_record.bag.recover import recover_bag
 
-    report = recover_bag(bag, out)
-    if as_json:
-        print_json(report.to_dict())
-    else:
-        _explain(report)
-    return 0
+    found = given_bags(bags)
+    several = len(found) > 1
+    if several:
+        check_new(out)
+    statuses = []
+    for bag in found:
+        target = out / bag.resolve().name.partition(".mcap")[0] if several and out else out
+        try:
+            report = recover_bag(bag, target)
+        except EmaError as error:
+            error_line(str(error))
+            statuses.append(error.exit_status)
+            continue
+        statuses.append(0)
+        if as_json:
+            print_json(report.to_dict())
+        elif several:
+            say(f"{bag}: {report.samples} of {report.expected_samples} samples, {report.status}: "
+                f"{report.bag}")
+        else:
+            _explain(report)
+    return worst_status(statuses)
 
 
 def _explain(report: Recovery) -> None:
@@ -46,10 +65,10 @@ def _explain(report: Recovery) -> None:
     )
     say(f"missing: {report.missing_samples} samples ({report.missing_ms:.1f} ms)")
     for gap in report.gaps:
-        say(f"gap: {gap.samples} samples at {gap.time:.5f} s")
+        say(f"gap: {counted(gap.samples, 'sample')} at {gap.time:.5f} s")
     if report.unread_bytes:
         say(f"unreadable: {report.unread_bytes} bytes")
     for damage in report.damages:
         say(f"cause: {damage}")
     for topic, count in report.left_out.items():
-        say(f"left out: {count} messages of {topic}")
+        say(f"left out: {counted(count, 'message')} of {topic}")

@@ -1,4 +1,4 @@
-"""`ema replay`: a bag back onto the topics, in its own time."""
+"""`ema replay`: bags back onto the topics, in their own time."""
 
 from __future__ import annotations
 
@@ -7,43 +7,57 @@ from typing import Annotated
 
 import typer
 
-from ema_cli.console import print_json, progress, say
-from ema_record.errors import bounded
+from ema_cli.console import error_line, given_bags, print_json, progress, say
+from ema_record.errors import RecordError, UsageError, bounded, counted
 
 RATES = (0.01, 100.0)
 
 
 def replay(
-    bag: Annotated[Path, typer.Argument(metavar="BAG", help="Directory or .mcap file.")],
+    bags: Annotated[list[Path], typer.Argument(
+        metavar="BAG...", help="Bag directories or .mcap files; or a directory of them.")],
     rate: Annotated[float, typer.Option(
         "--rate", "-r", help="Speed, 1 for the original timing.")] = 1.0,
     wait: Annotated[float, typer.Option(
         "--wait", help="Longest wait for a subscriber to the samples (s).")] = 10.0,
     domain: Annotated[int | None, typer.Option(
         "--domain", min=0, max=232, help="ROS domain, default ROS_DOMAIN_ID.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the counts as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a bag.")] = False,
 ) -> int:
-    """Put a bag back onto the topics.
+    """Put bags back onto the topics, one after the other.
 
     Everything that was recorded is published as it was, byte by byte, once a subscriber
-    listens to /ema/samples; it ends when all of it is acknowledged.
+    listens to /ema/samples; it ends when all of it is acknowledged. Exit status: 0 all were
+    published, 2 or 3 a bag cannot be read; of several bags the worst, 2 before 3.
 
     Example: `ema replay bags/sim_0001_extended`
     """
+    from ema_prognostics.verdict.verdict import worst_status
     from ema_ros.domain import use_fast_discovery
     from ema_ros.replay_bag import load_messages
 
     bounded("--rate", rate, *RATES)
     bounded("--wait", wait, 0.0, 3600.0, "s")
-    messages = load_messages(bag)
-    use_fast_discovery(domain)
-    from ema_ros.replay_node import play
+    found, statuses = given_bags(bags), []
+    for bag in found:
+        try:
+            messages = load_messages(bag)
+        except (RecordError, UsageError) as error:
+            error_line(str(error))
+            statuses.append(error.exit_status)
+            continue
+        use_fast_discovery(domain)
+        from ema_ros.replay_node import play
 
-    with progress(f"replaying {bag}", messages[-1].time / rate) as show:
-        counts = play(messages, rate=rate, wait=wait, show=show)
-    if as_json:
-        print_json({"bag": str(bag), "rate": rate, "messages": counts})
-    else:
-        for topic, count in counts.items():
-            say(f"{topic}: {count} messages")
-    return 0
+        with progress(f"replaying {bag}", messages[-1].time / rate) as show:
+            counts = play(messages, rate=rate, wait=wait, show=show)
+        statuses.append(0)
+        if as_json:
+            print_json({"bag": str(bag), "rate": rate, "messages": counts})
+        elif len(found) > 1:
+            say(f"{bag}: {counted(sum(counts.values()), 'message')} on "
+                f"{counted(len(counts), 'topic')}")
+        else:
+            for topic, count in counts.items():
+                say(f"{topic}: {counted(count, 'message')}")
+    return worst_status(statuses)

@@ -26,8 +26,8 @@ from ema_cli.views.flights import (
 from ema_cli.views.machine import Machine, check_format
 from ema_cli.views.rig_trend import RigTrend, draw_values, first_is_rig, rig_trend
 from ema_cli.views.rig_trend import trend_lines as rig_lines
-from ema_prognostics.words import class_name, counted, scaled
-from ema_record.errors import UsageError, bounded, unknown_name
+from ema_prognostics.words import class_name, scaled
+from ema_record.errors import UsageError, bounded, counted, unknown_name
 
 if TYPE_CHECKING:
     from ema_prognostics.trend.flights import Flight
@@ -168,8 +168,8 @@ def trend_lines(
 ) -> list[str]:
     """Return the trend of an actuator in words, a fact a line."""
     answered = len(found.flights) - len(found.unanswered)
-    lines = [f"Actuator {unit_name(found)}: {counted(len(found.flights))}, {answered} of them "
-             "gave an answer"]
+    flights = counted(len(found.flights), "flight")
+    lines = [f"Actuator {unit_name(found)}: {flights}, {answered} of them gave an answer"]
     if found.unanswered:
         lines.append(
             f"  no answer, counted neither as healthy nor as faulty: "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ema_cli.console import print_table, say, styled
-from ema_prognostics.words import counted
+from ema_record.errors import counted
 from ema_record.record import iso_time
 
 if TYPE_CHECKING:
@@ -46,4 +46,4 @@ def summary(fleet: Fleet) -> str:
     states = [unit.state for unit in fleet.units]
     flights = sum(len(unit.objects) for unit in fleet.units)
     counts = ", ".join(f"{states.count(s)} {s}" for s in STYLES if s in states)
-    return f"{len(states)} unit{'' if len(states) == 1 else 's'}, {counted(flights)}: {counts}"
+    return f"{counted(len(states), 'unit')}, {counted(flights, 'flight')}: {counts}"

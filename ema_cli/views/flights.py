@@ -17,8 +17,8 @@ from ema_cli.console import (
 )
 from ema_cli.lines import print_rows, print_text
 from ema_cli.views.verdict import STYLES
-from ema_prognostics.words import class_name, counted, severity_words
-from ema_record.errors import UsageError
+from ema_prognostics.words import class_name, severity_words
+from ema_record.errors import UsageError, counted
 
 if TYPE_CHECKING:
     from ema_cli.views.machine import Machine
@@ -82,7 +82,7 @@ def print_flights(trend: UnitTrend) -> None:
     """Print one row a flight."""
     console = stdout()
     console.print(styled((f"Actuator {unit_name(trend)}", "bold"),
-                         f", {counted(len(trend.flights))}"))
+                         f", {counted(len(trend.flights), 'flight')}"))
     shown = [k for k, least in enumerate(LEAST_WIDTHS) if console.width >= least]
     rows = []
     for flight in trend.flights:
@@ -151,8 +151,8 @@ def fault_lines(trend: UnitTrend) -> list[str]:
         lines.append("no fault announced")
     if trend.unanswered:
         lines.append(
-            f"{len(trend.unanswered)} of {counted(len(trend.flights))} gave no answer and count "
-            f"neither as healthy nor as faulty: {number_list(trend.unanswered)}"
+            f"{len(trend.unanswered)} of {counted(len(trend.flights), 'flight')} gave no answer "
+            f"and count neither as healthy nor as faulty: {number_list(trend.unanswered)}"
         )
     return lines
 

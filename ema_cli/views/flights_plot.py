@@ -27,7 +27,8 @@ from ema_prognostics.trend.flights import Flight, date_of
 from ema_prognostics.trend.forecast import Outlook, course
 from ema_prognostics.trend.growth import Growth
 from ema_prognostics.trend.unit_trend import LIMIT, FaultTrend, UnitTrend
-from ema_prognostics.words import class_name, counted, scaled, words
+from ema_prognostics.words import class_name, scaled, words
+from ema_record.errors import counted
 
 SKY = "#56B4E9"
 OUTCOMES = (
@@ -67,7 +68,7 @@ def trend_figure(trend: UnitTrend) -> Figure:
                 panel, [f for f in trend.faults if f.history.fault_class == name], end)
         _verdict_strip(axes[-1], trend)
         name = trend.serial_number or "unknown"
-        axes[0].set_title(f"Actuator {literal(name)}: {counted(len(trend.flights))}")
+        axes[0].set_title(f"Actuator {literal(name)}: {counted(len(trend.flights), 'flight')}")
         axes[-1].set_xlim(0.0, end + 1.0)
         _dates(axes[-1], trend.flights)
     return figure

@@ -32,6 +32,7 @@ from ema_record.errors import (
     InvalidRecordError,
     RecordError,
     UsageError,
+    counted,
 )
 from ema_rig.record import DISTURBANCE, OUTPUT_POSITION, POSITION, SPEED, RigRecord
 
@@ -233,8 +234,8 @@ def even_pieces(record: RigRecord, notes: list[str]) -> list[dict[str, np.ndarra
         piece["rate"] = np.array(1.0 / step)
         pieces.append(piece)
     if len(cuts):
-        notes.append(f"{record.source}: {len(cuts)} gap(s) of more than {GAP:g} intervals: "
-                     f"{len(pieces)} stretches, {lost} samples left out")
+        notes.append(f"{record.source}: {counted(len(cuts), 'gap')} of more than {GAP:g} "
+                     f"intervals: {len(pieces)} stretches, {lost} samples left out")
     return pieces
 
 

@@ -120,8 +120,7 @@ class LinePart(Part):
             template=np.array(self.template_re) + 1j * np.array(self.template_im),
             winding=np.array(self.winding_re) + 1j * np.array(self.winding_im),
             precision=np.array(self.precision), floor=np.array(self.floor),
-            by_noise=np.array(self.by_noise),
-        )
+            by_noise=np.array(self.by_noise))
 
     @model_validator(mode="after")
     def _shapes(self) -> LinePart:
@@ -301,8 +300,10 @@ class Body(Part):
 
     @classmethod
     def parse(cls, data: object, where: str) -> Body:
-        """Return the body of `data`; ModelError in one line."""
+        """Return the body of `data`, plain values or JSON text; ModelError in one line."""
         try:
+            if isinstance(data, str):
+                return cls.model_validate_json(data)
             return cls.model_validate(data)
         except ValidationError as error:
             raise ModelError(first_problem(error, where, "body", "train again")) from None

@@ -30,6 +30,9 @@ from ema_record.kit import CASCADE, kit_name, kit_path
 FORMAT = "ema_phm model"
 VERSION = 3
 MAX_BYTES = 16 << 20
+BODY = '"body":'
+NO_NUMBERS = ("NaN", "Infinity")
+"""What stands in no JSON, and some readers take for numbers."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,6 +139,8 @@ def load_model(path: str | Path | None = None) -> TrainedModel:
 
 def parse_model(text: str, where: str) -> TrainedModel:
     """Return the model that `text` holds; `where` names it in errors."""
+    if (model := _as_written(text, where)) is not None:
+        return model
     try:
         data = from_json(text, allow_inf_nan=False)
     except ValueError as error:
@@ -150,9 +155,7 @@ def parse_model(text: str, where: str) -> TrainedModel:
             "train again with 'ema train'"
         )
     body, named = data.get("body"), data.get("sha256")
-    found = _hash(_written_body(text))  # as `model_text` writes it, without writing it again
-    if found != named:
-        found = _hash(_canonical(body))
+    found = _hash(_canonical(body))
     if found != named:
         raise ModelError(
             f"{where}: the hash is {found[:12]}..., the file says "
@@ -161,13 +164,27 @@ def parse_model(text: str, where: str) -> TrainedModel:
     return model_of(Body.parse(body, where), where, found)
 
 
+def _as_written(text: str, where: str) -> TrainedModel | None:
+    """Return the model of a file that stands as `model_text` writes it, None if it does not.
+
+    The body is then hashed as it stands and read once, straight into its fields.
+    """
+    head, key, rest = text.rstrip().partition(BODY)
+    body = rest.removesuffix("}")
+    if body == rest or any(word in body for word in NO_NUMBERS):
+        return None
+    try:
+        header = from_json(f"{head}{key}null}}", allow_inf_nan=False)
+    except ValueError:
+        return None
+    found = _hash(body)
+    if header != {"format": FORMAT, "version": VERSION, "sha256": found, "body": None}:
+        return None
+    return model_of(Body.parse(body, where), where, found)
+
+
 def stated_sha256(path: Path) -> str:
     """Return the hash that a model file states, unchecked; empty where it states none."""
     with path.open("rb") as file:
         found = re.search(rb'"sha256":"([0-9a-f]{64})"', file.read(400))
     return "" if found is None else found[1].decode()
-
-
-def _written_body(text: str) -> str:
-    """Return what stands after the key of the body, the last one, as it stands there."""
-    return text.partition('"body":')[2].rstrip()[:-1]

@@ -11,8 +11,7 @@ from ema_prognostics.networks.network import Network
 
 DIGITS = 7
 """Significant digits of a number in the file."""
-MAX_FEATURES = 400
-MAX_HIDDEN = 400
+MAX_FEATURES = MAX_HIDDEN = 400
 
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e12, le=1e12)]
 Positive = Annotated[float, Field(allow_inf_nan=False, gt=0.0, le=1e12)]
@@ -31,7 +30,7 @@ def rounded(values: np.ndarray) -> Any:
 class Part(BaseModel):
     """A part of the body."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
 
 class NetworkPart(Part):

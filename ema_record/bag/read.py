@@ -79,7 +79,7 @@ def read_bag(
     blocks = bag.blocks()
     if not blocks:
         raise bag.without_samples()
-    samples = np.concatenate([block.samples for block in blocks])
+    samples = np.asfortranarray(np.concatenate([block.samples for block in blocks]))
     if validate_values:
         check_samples(samples, bag.source)
     profile, provenance = bag.test.profile, bag.test.provenance

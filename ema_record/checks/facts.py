@@ -224,13 +224,18 @@ class BagFacts:
         return finite
 
     @cached_property
+    def in_order(self) -> bool:
+        """Whether every sample has a time, later than that of the one before it."""
+        return bool((np.diff(self._recorded[:, TIME], prepend=-np.inf) > 0.0).all())
+
+    @cached_property
     def samples(self) -> np.ndarray:
         """Finite samples in order of time, each time once, shape (n, 10), column by column."""
         if not self.blocks:
             return np.empty((0, N_CHANNELS))
         samples = self._recorded
         finite = self._finite(samples).all(axis=1)
-        if not (finite.all() and (np.diff(samples[:, TIME]) > 0.0).all()):
+        if not (finite.all() and self.in_order):
             samples = samples[finite]
             _, first = np.unique(samples[:, TIME], return_index=True)
             samples = samples[first]

@@ -27,6 +27,8 @@ def _overlaps(blocks: Sequence[SampleBlock], number: int) -> bool:
 def _orders(facts: BagFacts) -> Iterator[tuple[str, Hit]]:
     """Return blocks that do not follow the one before: kind and place."""
     blocks = facts.blocks
+    if not blocks or facts.in_order:
+        return
     seen: dict[bytes, int] = {}
     latest = -np.inf
     for number, block in enumerate(blocks):
@@ -66,9 +68,9 @@ def _jumps(facts: BagFacts) -> Iterator[tuple[str, Hit]]:
         yield "gap", Hit(
             f"the first {missing:.0f} samples are missing", 0.0, float(s[0, TIME]), "s"
         )
-    steps = np.diff(s[:, TIME]) - interval * np.diff(
-        np.searchsorted(facts.unusable, s[:, TIME], side="left")
-    )
+    steps = np.diff(s[:, TIME])
+    if len(facts.unusable):
+        steps -= interval * np.diff(np.searchsorted(facts.unusable, s[:, TIME], side="left"))
     reception = {float(b.samples[0, TIME]): k for k, b in enumerate(facts.blocks)}
     for row in np.flatnonzero(steps > LARGEST_STEP * interval).tolist():
         jump = float(steps[row]) - interval
@@ -147,10 +149,11 @@ def repeated(facts: BagFacts) -> Iterator[Hit]:
     mark = np.zeros(len(s))
     for column in facts.columns[1:]:
         mark += weights[column - 1] * s[:, column]
-    _, number = np.unique(mark, return_inverse=True)
-    order = np.argsort(number, kind="stable")
+    if np.diff(np.sort(mark)).all():
+        return
+    order = np.argsort(mark, kind="stable")
     before = np.zeros(len(s), dtype=np.int64)
-    same = number[order][1:] == number[order][:-1]
+    same = mark[order][1:] == mark[order][:-1]
     before[order[1:][same]] = (order[1:] - order[:-1])[same]
     moving = np.abs(s[:, MOTOR_SPEED]) > facts.standing
     again = (before > 1) & moving

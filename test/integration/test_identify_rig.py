@@ -221,4 +221,4 @@ def test_a_bag_of_the_measured_motor_goes_through_import(repository, shared_data
         str(tmp_path / "bag")]) == 0
     record = read_rig_bag(tmp_path / "bag")
     assert len(record) == 31666
-    assert "gap(s)" in record.axis.notes[0]
+    assert " gap" in record.axis.notes[0]

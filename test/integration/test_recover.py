@@ -212,6 +212,27 @@ def test_command(good, tmp_path, capsys):
     assert "never overwritten" in capsys.readouterr().err
 
 
+def test_several_bags_have_a_line_each_and_the_worst_status(good, tmp_path, capsys):
+    (tmp_path / "two").mkdir()
+    bags = [cut(good, tmp_path / "two" / name, size)
+            for name, size in (("first", 250_000), ("last", 200_000), ("short", 4000))]
+    out = tmp_path / "new"
+    assert run(["recover", str(tmp_path / "two"), "--out", str(out)]) == 3
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1 and str(bags[2]) in printed.err
+    for bag, line in zip(bags, printed.out.splitlines(), strict=False):
+        samples = len(read_bag(out / bag.name))
+        assert line.startswith(f"{bag}: {samples} of ") and line.endswith(str(out / bag.name))
+    assert sorted(p.name for p in out.iterdir()) == ["first", "last"]
+    assert run(["recover", *map(str, bags[:2]), "--out", str(out)]) == 2
+    assert "never overwritten" in capsys.readouterr().err
+    assert run(["recover", *map(str, bags), str(tmp_path / "no"), "--json"]) == 2
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 2
+    assert [json.loads(line)["source"] for line in printed.out.splitlines()] == [
+        str(bag) for bag in bags[:2]]
+
+
 def test_a_bag_without_a_sample_left_is_status_3_in_one_line(good, tmp_path, capsys):
     """The start record stands before the first chunk, which the cut takes away."""
     bag = cut(good, tmp_path / "cut", 4000)

@@ -118,7 +118,7 @@ def test_what_is_printed_fits_and_is_not_cut(width, capsys, monkeypatch, reposit
 
 
 def test_a_usage_has_the_names_as_they_are_given(capsys):
-    for name, usage in (("check", "[OPTIONS] BAG..."), ("recover", "[OPTIONS] BAG"),
+    for name, usage in (("check", "[OPTIONS] BAG..."), ("recover", "[OPTIONS] BAG..."),
                         ("effects", "[OPTIONS] [NAME]"),
                         ("explain", "[OPTIONS] [FAULT|REASON|CHECK|TERM]...")):
         assert run([name, "--help"]) == 0

@@ -111,8 +111,8 @@ def test_empty_cells_gaps_and_jitter_are_said(tmp_path):
     (tmp_path / "a.csv").write_text("\n".join(lines), encoding="utf-8")
     record = import_file(tmp_path / "a.csv", map_from(MAP, "map"))
     notes = " ".join(record.axis.notes)
-    assert "1 rows without a value left out" in notes
-    assert "1 gap(s) in time" in notes
+    assert "1 row without a value left out" in notes
+    assert "1 gap in time" in notes
     assert len(record) == N - 31
 
 

@@ -100,13 +100,13 @@ def test_dates_and_clocks(tmp_path, unit, form):
 
 def test_equal_stamps_are_refused_dropped_or_averaged(tmp_path):
     path = write(tmp_path / "a.csv", table(cells={10: "0.0900,5,0.5,x"}))
-    with pytest.raises(InvalidRecordError, match=r"1 time stamps .* sample 10 .* drop' or"):
+    with pytest.raises(InvalidRecordError, match=r"1 time stamp equal .* sample 10 .* drop' or"):
         imported(path)
     dropped, mean = (imported(path, duplicates=how) for how in ("drop", "mean"))
     assert len(dropped) == len(mean) == N - 1
     assert dropped.input[9] == pytest.approx(CURRENT[9], abs=1e-8)
     assert mean.input[9] == pytest.approx((CURRENT[9] + 5) / 2, abs=1e-8)
-    assert "1 rows of a time stamp that was there averaged" in mean.axis.notes
+    assert "1 row of a time stamp that was there averaged" in mean.axis.notes
 
 
 def test_a_counter_that_starts_again_goes_on(tmp_path):

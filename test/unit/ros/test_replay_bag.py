@@ -1,8 +1,11 @@
 """What is replayed of a bag, in which order and when."""
 
+import json
+
 import numpy as np
 import pytest
 
+from ema_cli.main import run
 from ema_record.bag.read import write_bag
 from ema_record.errors import IncompleteRecordError, InvalidRecordError
 from ema_record.profile import load_profile
@@ -28,6 +31,23 @@ def test_all_samples_in_order_after_the_command_and_no_wheels(tmp_path):
     assert np.array_equal(np.concatenate(blocks), record.samples)
     command = next(m.data for m in messages if m.topic == COMMAND)
     assert decode_command(command).points == record.profile.points
+
+
+def test_several_bags_are_a_line_each_and_the_worst_status(tmp_path, monkeypatch, capsys):
+    played = []
+    monkeypatch.setattr("ema_ros.domain.use_fast_discovery", lambda domain: None)
+    monkeypatch.setattr("ema_ros.replay_node.play", lambda messages, **_: (
+        played.append(len(messages)) or {SAMPLES: len(messages) - 1, COMMAND: 1}))
+    record = simulate(load_profile("step"), seed=2)
+    bags = [write_bag(record, tmp_path / name) for name in "abc"]
+    (bags[1] / "metadata.yaml").unlink()
+    assert run(["replay", *map(str, bags)]) == 3
+    printed = capsys.readouterr()
+    assert printed.out.splitlines() == [
+        f"{bag}: {played[0]} messages on 2 topics" for bag in (bags[0], bags[2])]
+    assert printed.err.count("\n") == 1 and str(bags[1]) in printed.err
+    assert run(["replay", str(bags[0]), str(tmp_path / "no"), "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["messages"][COMMAND] == 1
 
 
 def test_a_cut_bag_is_refused(tmp_path):

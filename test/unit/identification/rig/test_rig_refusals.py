@@ -92,6 +92,6 @@ def test_gaps_split_the_record_and_are_said(bench):
     holed = RigRecord(samples=samples, channels=record.channels, axis=record.axis, source="s")
     trajectory = prepare([holed], Settings())
     assert len(trajectory.segments) == 2
-    assert "1 gap(s)" in trajectory.notes[0]
+    assert "1 gap of" in trajectory.notes[0]
     edge = 1.0 / trajectory.band
     assert not ((trajectory.time > 6.0 - 0.3 * edge) & (trajectory.time < 6.8)).any()

@@ -82,6 +82,34 @@ def test_a_cascade_of_another_actuator_is_refused(shipped, tmp_path):
         assert load_model().body.actuator == trained_for
 
 
+def test_a_file_written_in_another_manner_holds_the_same_model(shipped, text):
+    other = parse_model(json.dumps(dict(reversed(json.loads(text).items())), indent=1), "m")
+    assert (other.sha256, other.body) == (shipped.sha256, shipped.body)
+
+
+@pytest.mark.parametrize("change", [
+    lambda text: text.rstrip()[:-1] + "]", lambda text: text.rstrip() + "}",
+    lambda text: with_hash(text.replace('"training":{', '"training":{"a":NaN,')),
+], ids=["another bracket", "a bracket more", "no number"])
+def test_what_is_no_json_is_no_model_whatever_its_hash(text, change):
+    with pytest.raises(ModelError, match="not JSON"):
+        parse_model(change(text), "model.json")
+
+
+def with_hash(text):
+    """Return the text of a model file with the hash of its body as it stands."""
+    body = text.partition('"body":')[2].rstrip()[:-1]
+    found = hashlib.sha256(body.encode()).hexdigest()
+    return re.sub('"sha256":"[0-9a-f]{64}"', f'"sha256":"{found}"', text, count=1)
+
+
+def test_a_body_that_is_no_json_is_one_line(text):
+    changed = with_hash(text.rstrip()[:-2] + "]}")
+    with pytest.raises(ModelError) as error:
+        parse_model(changed, "model.json")
+    assert str(error.value).startswith("model.json: ") and "\n" not in str(error.value)
+
+
 def test_an_existing_file_is_not_touched(shipped, tmp_path):
     path = tmp_path / "model.json"
     path.write_text("mine")
