@@ -40,11 +40,7 @@ RECORDERS = {
 }
 
 
-@pytest.mark.parametrize("what", [
-    pytest.param(name, marks=pytest.mark.xfail(
-        name == "no noise", reason="rounded, but without any noise: at the bound of the "
-        "controller's delay, which is read off the noise"))
-    for name in RECORDERS])
+@pytest.mark.parametrize("what", RECORDERS)
 def test_healthy_whatever_the_recorder(what: str) -> None:
     actuator, noise = RECORDERS[what]
     record = simulate(load_profile("extended"), actuator=actuator, noise=noise, seed=21)
