@@ -50,6 +50,7 @@ DAMAGES: dict[str, tuple[str, float | None]] = {
 }
 """Effect: field of `Damage` and its size; None: as the benchmark of the kit draws it."""
 STRANGE = tuple(name for name, hidden in HIDEABLE.items() if hidden.without is not None)
+STRANGE_DAMAGES = tuple(name for name in DAMAGES if name in STRANGE)
 LISTED_SIZE = len(UNLISTED)
 DECISIONS = ("present", "likelihood")
 RANGE = 1.3
@@ -98,22 +99,27 @@ def own_unit(
                       tuple(records))
 
 
-def second_unit(seed: int, k: int, tests: tuple[str, ...], *, hidden: int = 0) -> HiddenUnit:
-    """Return a unit of the second simulator."""
+def second_unit(
+    seed: int, k: int, tests: tuple[str, ...], *, hidden: int = 0, strange: bool = False,
+) -> HiddenUnit:
+    """Return a unit of the second simulator, all of the kit's `tolerances` off."""
     a, spread = load_actuator(), load_spread()
     rng = np.random.default_rng([seed, 78, k])
     names: tuple[str, ...] = ()
     damage = Damage()
     if hidden:
-        order = np.random.default_rng([seed, 75]).permutation(len(DAMAGES))
-        names = (list(DAMAGES)[order[k % len(DAMAGES)]],)
+        pool = STRANGE_DAMAGES if strange else tuple(DAMAGES)
+        order = np.random.default_rng([seed, 75]).permutation(len(pool))
+        names = (pool[order[k % len(pool)]],)
         field, size = DAMAGES[names[0]]
         fields: dict[str, Any] = {field: size, "phase": int(rng.integers(3)),
                                   "angle": float(rng.uniform(-3.0, 3.0))}
         damage = _stranger(a, field, rng) if size is None else Damage(**fields)
-    return HiddenUnit(names, (), tuple(
-        record_of(draw_test(a, spread.tolerances, spread.conditions, (seed + hidden, k), n,
-                            damage, own=False), load_profile(test))
+    without = (HIDEABLE[names[0]].without or ()) if strange else ()
+    return HiddenUnit(names, without, tuple(
+        record_of(draw_test(
+            a, spread.tolerances, spread.conditions, (seed + hidden + strange, k), n, damage,
+            own=False), load_profile(test))
         for n, test in enumerate(tests)))
 
 
@@ -125,6 +131,7 @@ STRATA: dict[str, Callable[..., HiddenUnit]] = {
     "own, bands x 1.3, nothing": partial(own_unit, bands=RANGE),
     "second, nothing": second_unit,
     "second, one effect": partial(second_unit, hidden=1),
+    "second, outside the catalogue": partial(second_unit, hidden=1, strange=True),
     "own, two effects": partial(own_unit, listed=True, hidden=2),
     "own, outside the catalogue": partial(own_unit, listed=True, hidden=1, strange=True),
 }
