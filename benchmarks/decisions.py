@@ -25,12 +25,12 @@ from benchmarks.any_actuator.units import draw_test
 from benchmarks.blind_panel.truth.hidden import HIDEABLE, draw_effect, draw_pair
 from benchmarks.ledger import Ledger
 from ema_identification.actuator.decision.fleet import (
+    OF_DAY,
     UNLISTED,
     draw_fleet_conditions,
     draw_fleet_unit,
     fleet_unit,
 )
-from ema_identification.actuator.decision.gap import OF_DAY
 from ema_identification.identify import identify
 from ema_record.actuator import load_actuator
 from ema_record.profile import load_profile

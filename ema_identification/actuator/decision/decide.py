@@ -10,7 +10,8 @@
 3. A model *explains* if its cost is usual among healthy units; each law in it must have a gain
    of its own beyond the useless ones'. The answer is the smallest set of names with `COVERED` of
    the evidence; more than `LARGEST_SET`, or no model that explains, is unknown.
-4. Held-out records only judge: no name where the gap does not fall, no silence where it is large.
+4. Held-out records only judge: what makes their gap grow is contradicted (`after_validation`),
+   and there is no silence where it is large.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from ema_identification.actuator.decision.proposals import (
 )
 from ema_identification.actuator.decision.surrogate import SETTLED_RUNS
 from ema_identification.actuator.measure.runs import Progress, silent
-from ema_identification.result import Outcome
+from ema_identification.result import Outcome, after_validation
 
 LEVEL = 0.01
 """Requirement: names on nothing, at most 1 %. Of every test."""
@@ -65,6 +66,7 @@ class FleetAnswer:
     p_value : of each law, that it adds nothing to the model with the others.
     p_nothing : that a healthy unit is as far off.
     closed : for each law the share of the excess misfit that it closes, beside the others.
+    alone : of two laws, the fit of each without the other.
     fits : all that were compared, most evidence first.
     gap : on held-out records.
     reasons : for people.
@@ -77,6 +79,7 @@ class FleetAnswer:
     p_value: tuple[float, ...] = ()
     p_nothing: float = 1.0
     closed: tuple[float, ...] = ()
+    alone: tuple[LawFit, ...] = ()
     fits: tuple[LawFit, ...] = ()
     gap: LawGap | None = None
     reasons: tuple[str, ...] = field(default=())
@@ -234,7 +237,7 @@ def decide(
     answer = FleetAnswer(verdict="unknown effect", null=case.null, p_nothing=p,
                          fits=tuple(fits))
     answer = _named(case, answer, [f for f in fits if case.explains(f)])
-    return answer if held is None else _validated(case, answer, held)
+    return answer if held is None else _validated(answer, held)
 
 
 def _nothing(null: LawFit, p: float, held: HeldOut | None) -> FleetAnswer:
@@ -253,13 +256,13 @@ def _nothing(null: LawFit, p: float, held: HeldOut | None) -> FleetAnswer:
 
 def _named(case: _Decision, answer: FleetAnswer, explaining: list[LawFit]) -> FleetAnswer:
     """Return the answer with the names that the evidence leaves."""
-    tested: list[tuple[LawFit, tuple[float, ...], tuple[float, ...]]] = [
-        (fit, (case.p_own(fit, case.null.cost),), (case.null.cost,))
+    tested: list[tuple[LawFit, tuple[float, ...], tuple[LawFit, ...]]] = [
+        (fit, (case.p_own(fit, case.null.cost),), (case.null,))
         for fit in explaining if len(fit.terms) == 1]
     best = max((case.evidence(f) for f, *_ in tested), default=-np.inf)
     for pair in [f for f in explaining if len(f.terms) == 2 and case.evidence(f) > best][:TESTED]:
-        alone = tuple(f.cost for f in case.each_alone(pair)[::-1])  # of each, without it
-        tested.append((pair, tuple(case.p_own(pair, less) for less in alone), alone))
+        less = tuple(case.each_alone(pair)[::-1])  # of each law, without it
+        tested.append((pair, tuple(case.p_own(pair, f.cost) for f in less), less))
     good = [row for row in tested if max(row[1]) <= LEVEL]
     if not good:
         why = "no law of the catalogue, nor two, leave what a healthy unit leaves"
@@ -278,9 +281,10 @@ def _named(case: _Decision, answer: FleetAnswer, explaining: list[LawFit]) -> Fl
         return replace(answer, equivalent=(tuple(sorted(set().union(*kept))),), reasons=(
             f"{len(kept)} explanations are equally good",))
     excess = max(case.null.cost - chosen.cost, 1e-9)
-    closed = tuple(float(np.clip((x - chosen.cost) / excess, 0.0, 1.0)) for x in less)
+    closed = tuple(float(np.clip((f.cost - chosen.cost) / excess, 0.0, 1.0)) for f in less)
     return replace(answer, verdict="explained", fit=chosen, equivalent=equivalent,
-                   p_value=p_value, closed=closed)
+                   p_value=p_value, closed=closed,
+                   alone=less[::-1] if len(less) > 1 else ())
 
 
 def _instead(fit: LawFit, name: str, kept: Sequence[frozenset[str]]) -> tuple[str, ...]:
@@ -290,12 +294,23 @@ def _instead(fit: LawFit, name: str, kept: Sequence[frozenset[str]]) -> tuple[st
                          if len(k) == len(fit.names) and others <= k and name not in k}))
 
 
-def _validated(case: _Decision, answer: FleetAnswer, held: HeldOut) -> FleetAnswer:
+def stages_of(answer: FleetAnswer) -> list[LawFit]:
+    """Return the model without a law and after each one, the one that closes more first."""
+    if answer.fit is None:
+        return [answer.null]
+    first = [answer.alone[order_of(answer)[0]]] if answer.alone else []
+    return [answer.null, *(f for f in first if np.isfinite(f.cost)), answer.fit]
+
+
+def order_of(answer: FleetAnswer) -> list[int]:
+    """Return the places of the laws named, the one that alone leaves least first."""
+    costs = [f.cost for f in answer.alone]
+    return [int(k) for k in np.argsort(costs)] if costs else [0]
+
+
+def _validated(answer: FleetAnswer, held: HeldOut) -> FleetAnswer:
     """Return the answer as held-out records leave it: they only judge."""
-    models = [case.null] if answer.fit is None else [case.null, answer.fit]
-    gap = held.gap(models)
-    answer = replace(answer, gap=gap)
-    if answer.fit is None or gap.values[-1] < gap.values[0] or gap.values[0] <= gap.bound:
-        return answer
-    grew = f"the gap on the held-out record went from {gap.values[0]:.3g} to {gap.values[-1]:.3g}"
-    return replace(answer, verdict="contradicted", reasons=(grew, *answer.reasons))
+    gap = held.gap(stages_of(answer))
+    verdict, said = after_validation(
+        answer.verdict, gap.values[0], gap.values[-1], gap.bound, "healthy units")
+    return replace(answer, gap=gap, verdict=verdict, reasons=(*said, *answer.reasons))

@@ -20,15 +20,20 @@ from functools import partial
 import numpy as np
 from scipy.linalg import cholesky
 
-from ema_identification.actuator.decision.fleet import SIZE, fleet_features
+from ema_identification.actuator.decision.bounded import bounded_least_squares
+from ema_identification.actuator.decision.fleet import (
+    OF_DAY,
+    SIZE,
+    conditions_of,
+    fleet_features,
+)
 from ema_identification.actuator.decision.surrogate import (
     FleetLibrary,
     Whitener,
     least_size,
     mended,
 )
-from ema_identification.actuator.measure.tolerances import RecordConditions
-from ema_identification.actuator.surrogate.fit import (
+from ema_identification.actuator.laws.terms import (
     EffectTerm,
     bounds,
     coordinates,
@@ -36,7 +41,8 @@ from ema_identification.actuator.surrogate.fit import (
     moved,
     with_terms,
 )
-from ema_identification.actuator.surrogate.likelihood import bounded_least_squares
+from ema_identification.actuator.measure.tolerances import RecordConditions
+from ema_record.record import Record
 from ema_sim.effects import Effects
 
 PRIOR = 3.0
@@ -58,9 +64,9 @@ class LawFit:
     Attributes
     ----------
     terms : the laws at their coordinates.
-    z : ndarray, shape (SIZE,).
+    z : ndarray, shape (width,). Of a single record width = SIZE.
     mean : ndarray, shape (d,). Features as predicted.
-    slopes : ndarray, shape (d, coordinates + SIZE).
+    slopes : ndarray, shape (d, coordinates + width).
     cost : J.
     runs : that `mean` is the mean of; 0: the quadratic's.
     """
@@ -94,8 +100,9 @@ class TestedUnit:
     conditions : as measured.
     seed : of all runs.
     workers : threads that share the runs.
-    centre, weight : ndarrays, shape (SIZE,). Where the unit is expected, and how surely.
+    centre, weight : ndarrays, shape (width,). Where the unit is expected, and how surely.
     simulator : gives the features of a run; its arguments are those of `fleet_features`.
+    record : itself, for pictures.
     """
 
     library: FleetLibrary
@@ -106,6 +113,7 @@ class TestedUnit:
     centre: np.ndarray = field(default_factory=partial(np.zeros, SIZE))
     weight: np.ndarray = field(default_factory=partial(np.full, SIZE, PRIOR))
     simulator: Callable[..., np.ndarray] = fleet_features
+    record: Record | None = None
     _whiteners: dict[tuple[int, int], Whitener] = field(
         init=False, repr=False, compare=False, default_factory=dict)
 
@@ -113,6 +121,26 @@ class TestedUnit:
     def size(self) -> int:
         """Number of features."""
         return len(self.values)
+
+    @property
+    def parts(self) -> tuple[TestedUnit, ...]:
+        """Return the single records, one unless they are judged together."""
+        return (self,)
+
+    @property
+    def day(self) -> np.ndarray:
+        """Return which numbers belong to the day of a test, shape (width,), bool."""
+        return OF_DAY
+
+    def split(self, values: np.ndarray) -> list[np.ndarray]:
+        """Return features, shape (d,), record by record."""
+        return np.split(values, np.cumsum([p.size for p in self.parts])[:-1])
+
+    def set_aside(self) -> list[TestedUnit | None]:
+        """Return the healthy units that built nothing, in their order; None where a run failed."""
+        return [TestedUnit(library=self.library, values=values, conditions=conditions_of(row))
+                if np.isfinite(values).all() else None
+                for row, values in zip(*self.library.aside)]
 
     @property
     def _plain(self) -> bool:
@@ -171,6 +199,8 @@ class TestedUnit:
             return self.simulator(library.model, library.spread, library.fmap, z,
                                   self.conditions, seed, effects)
 
+        # Compiled code, FFTs and random numbers leave the interpreter's lock: two threads do
+        # nearly the work of two processes, and nothing has to be started or sent.
         if self.workers > 1:
             with ThreadPoolExecutor(self.workers) as pool:
                 rows = np.array(list(pool.map(one, jobs)))
@@ -228,7 +258,7 @@ class TestedUnit:
             for _ in range(DAMPINGS):
                 step = self._step(white, mean, slopes, z, terms, damping)
                 there = np.clip(z + step[free:], -1.0, 1.0)
-                laws = moved(terms, coordinates(terms) + step[:free]) if terms else ()
+                laws = moved(terms, coordinates(terms) + step[:free])
                 found = self._known(laws, there)
                 lower = self.cost(white, found, there)
                 if lower < cost:
@@ -251,7 +281,7 @@ class TestedUnit:
     def settled_at(self, fit: LawFit, mean: np.ndarray, white: Whitener, runs: int) -> LawFit:
         """Return a fit after a linear step from `mean`, that of runs at its point."""
         step = self._step(white, mean, fit.slopes, fit.z, fit.terms, 0.0)
-        terms = moved(fit.terms, coordinates(fit.terms) + step[:fit.free]) if fit.terms else ()
+        terms = moved(fit.terms, coordinates(fit.terms) + step[:fit.free])
         there, z = mean + fit.slopes @ step, fit.z + step[fit.free:]
         return LawFit(terms=terms, z=z, mean=there, slopes=fit.slopes, runs=runs,
                       cost=self.cost(white, there, z))
@@ -281,7 +311,8 @@ class TestedUnit:
                 damping = max(10.0 * damping, 0.1)
                 continue
             done = np.append(coordinates(terms) - coordinates(point.terms), z - point.z)
-            slopes = mended(point.slopes, done, mean - point.mean, _scale(point.terms))
+            slopes = mended(point.slopes, done, mean - point.mean,
+                            np.append(_sizes(point.terms), np.ones(len(z))))
             cost = self.cost(white, mean, z)
             if cost < point.cost:
                 small = point.cost - cost < 0.5 * cost / self.size
@@ -326,13 +357,11 @@ class TestedUnit:
     ) -> np.ndarray:
         rest = self.values - mean
         columns, target = white.columns(slopes, rest), white.residual(rest)
-        free = slopes.shape[1] - SIZE
-        weight = np.append(np.zeros(free), self.weight)
-        u = coordinates(terms) if terms else np.zeros(0)
-        low, high = bounds(terms) if terms else (np.zeros(0), np.zeros(0))
-        reach = np.concatenate([
+        u, (low, high) = coordinates(terms), bounds(terms)
+        weight = np.append(np.zeros(len(u)), self.weight)
+        reach = np.concatenate([np.zeros(0), *(
             np.full(t.variant.size, max(float(np.linalg.norm(t.u)), 2.0 * least_size(t.signature)))
-            for t in terms]) if terms else np.zeros(0)
+            for t in terms)])
         lower = np.append(np.maximum(low - u, -reach), -1.0 - z)
         upper = np.append(np.minimum(high - u, reach), 1.0 - z)
         curve = np.sqrt(damping * ((columns**2).sum(axis=0) + weight))
@@ -342,8 +371,7 @@ class TestedUnit:
             np.append(u, z - self.centre))
 
 
-def _scale(terms: Sequence[EffectTerm]) -> np.ndarray:
-    """Return the size of each coordinate: of a law its own, of all else a half width."""
-    return np.append(np.concatenate([
-        np.full(t.variant.size, max(float(np.linalg.norm(t.u)), 1e-12)) for t in terms]),
-        np.ones(SIZE))
+def _sizes(terms: Sequence[EffectTerm]) -> np.ndarray:
+    """Return the size of the law of each coordinate."""
+    return np.concatenate([np.zeros(0), *(
+        np.full(t.variant.size, max(float(np.linalg.norm(t.u)), 1e-12)) for t in terms)])

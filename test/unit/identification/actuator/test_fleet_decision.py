@@ -1,5 +1,6 @@
 """The decision in one likelihood on units that are linear: its level, power, sets, intervals."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,9 +18,9 @@ from ema_identification.actuator.decision.decide import (
 from ema_identification.actuator.decision.fit import LawFit
 from ema_identification.actuator.decision.fleet import SIZE
 from ema_identification.actuator.decision.gap import LawGap
+from ema_identification.actuator.decision.intervals import parameters_of
 from ema_identification.actuator.decision.proposals import scores
-from ema_identification.actuator.decision.workflow import parameters_of
-from ema_identification.actuator.surrogate.fit import EffectTerm
+from ema_identification.actuator.laws.terms import EffectTerm
 
 VISCOUS = UNITS["viscous_friction", "coefficient"]
 (SIGNATURE,) = (s for s in plain_library().signatures if s.variant.name == "viscous_friction")
@@ -99,6 +100,14 @@ def test_a_name_near_the_threshold_is_the_right_one_or_none():
     names = [{*f.fit.names, *sum(f.equivalent, ())} for f in found if f.fit is not None]
     assert all("backlash" in n for n in names)
     assert {f.verdict for f in found} <= {"no disagreement", "explained", "unknown effect"}
+
+
+def test_runs_are_the_same_in_any_number_of_threads():
+    alone, shared = unit(seed=3), replace(unit(seed=3), workers=5)
+    models = [((), np.full(SIZE, 0.1 * k)) for k in range(4)]
+    here = alone.run_all(models, 3)
+    assert not np.array_equal(here[0], here[1])  # so that an order would be noticed
+    assert np.array_equal(here, shared.run_all(models, 3))
 
 
 def test_evidence_charges_each_coordinate():

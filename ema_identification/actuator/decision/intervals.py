@@ -1,0 +1,45 @@
+"""Intervals of what was named, by draws of its coordinates from their covariance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ema_identification.actuator.decision.fit import LawFit, TestedUnit
+from ema_identification.result import Parameter
+from ema_sim.effects import EFFECTS
+from ema_sim.effects.base import Quantity
+
+QUANTILE = 1.645
+"""Of the normal distribution, for an interval of 90 %."""
+DRAWS = 400
+
+
+def covariance_of(unit: TestedUnit, fit: LawFit) -> np.ndarray:
+    """Return the covariance of the coordinates of all laws and of all that healthy units have."""
+    white = unit.whitener(fit.runs)
+    columns = white.columns(fit.slopes, unit.values - fit.mean)
+    weight = np.append(np.full(fit.free, 1e-12), unit.weight)
+    return np.asarray(np.linalg.inv(columns.T @ columns + np.diag(weight)))
+
+
+def parameters_of(unit: TestedUnit, fit: LawFit, index: int) -> tuple[Parameter, ...]:
+    """Return the parameters of a law with intervals of 90 %, by draws of its coordinates."""
+    begin = sum(t.variant.size for t in fit.terms[:index])
+    term = fit.terms[index]
+    part = slice(begin, begin + term.variant.size)
+    draws = np.random.default_rng(0).multivariate_normal(
+        term.u, covariance_of(unit, fit)[part, part], size=DRAWS)
+    draws = np.clip(draws, term.variant.low, term.variant.high)
+    kinds = {f.name: f.kind for f in EFFECTS[term.variant.effect].fields}
+    found = []
+    for name, value in term.variant.settings(term.u).items():
+        kind, middle = kinds[name], float(value)
+        if not isinstance(kind, Quantity):
+            continue
+        values = np.array([float(term.variant.settings(u)[name]) for u in draws])
+        if kind.unit == "rad" and name in ("phase", "angle"):
+            values = middle + np.angle(np.exp(1j * (values - middle)))
+        low, high = (float(x) for x in np.quantile(values, (0.05, 0.95)))
+        found.append(Parameter(name=f"{term.variant.effect}.{name}", value=middle,
+                               low=min(low, middle), high=max(high, middle), unit=kind.unit))
+    return tuple(found)

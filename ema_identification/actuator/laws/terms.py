@@ -1,0 +1,65 @@
+"""Laws in a fit: a variant of the catalogue at its coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ema_identification.actuator.laws.catalogue import Variant
+from ema_identification.actuator.laws.signatures import Signature
+from ema_sim.effects import EFFECTS, Effects
+from ema_sim.effects.base import Choice
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectTerm:
+    """One effect in a joint fit."""
+
+    variant: Variant
+    signature: Signature
+    """Of all records, stacked; gives first slopes."""
+    u: np.ndarray
+
+
+def with_terms(terms: Sequence[EffectTerm], base: Effects) -> Effects:
+    """Return `base` with the effects of `terms`."""
+    for term in terms:
+        base = term.variant.effects(term.u, base)
+    return base
+
+
+def coordinates(terms: Sequence[EffectTerm]) -> np.ndarray:
+    """Return the coordinates of all terms, one after another."""
+    return np.concatenate([np.zeros(0), *(t.u for t in terms)])
+
+
+def bounds(terms: Sequence[EffectTerm]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the bounds of the coordinates."""
+    return (np.concatenate([np.zeros(0), *(t.variant.low for t in terms)]),
+            np.concatenate([np.zeros(0), *(t.variant.high for t in terms)]))
+
+
+def moved(terms: Sequence[EffectTerm], u: np.ndarray) -> tuple[EffectTerm, ...]:
+    """Return the terms at other coordinates, within their bounds."""
+    found, k = [], 0
+    for term in terms:
+        n = term.variant.size
+        part = np.clip(u[k:k + n], term.variant.low, term.variant.high)
+        found.append(EffectTerm(variant=term.variant, signature=term.signature, u=part))
+        k += n
+    return tuple(found)
+
+
+def library_slopes(terms: Sequence[EffectTerm]) -> np.ndarray:
+    """Return the slopes to the coordinates as the library knows them."""
+    return np.hstack([t.signature.slope(t.u) for t in terms])
+
+
+def choices_of(term: EffectTerm) -> dict[str, str]:
+    """Return the choices of an effect by name: its phase, its mode."""
+    kinds = {f.name: f.kind for f in EFFECTS[term.variant.effect].fields}
+    return {f"{term.variant.effect}.{name}": kind.options[int(value)]
+            for name, value in term.variant.settings(term.u).items()
+            if isinstance(kind := kinds[name], Choice)}
