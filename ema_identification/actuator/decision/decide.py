@@ -160,9 +160,12 @@ class _Decision:
         return self.fitted(self.screened(chosen, None)[:PROPOSED])
 
     def pairs(self, singles: Sequence[LawFit]) -> list[LawFit]:
-        """Return the fits of two laws, where a second one gains more than useless ones do."""
+        """Return the fits of two laws, where a second one gains more than useless ones do.
+
+        Where a single law explains, beside that one only.
+        """
         found: list[LawFit] = []
-        for one in singles[:PAIRED]:
+        for one in singles[:1 if singles and self.explains(singles[0]) else PAIRED]:
             more = linear_gains(self.unit, one, self.white, self.signatures)
             more += ripples(self.unit, one, self.white, self.without)
             better = [p for p in sorted(more, key=lambda p: p.cost)
