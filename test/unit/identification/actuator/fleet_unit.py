@@ -12,6 +12,7 @@ from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.surrogate import FleetLibrary, NoiseLaw, design
 from ema_identification.actuator.laws.catalogue import variants
 from ema_identification.actuator.laws.signatures import unpack
+from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_sim.model_file import load_model_file
 
@@ -69,11 +70,11 @@ def plain_library():
     return FleetLibrary(
         model=MODEL, spread=None, weights=weights, surrogate=law, repeat=law, carried=0.0,
         signatures=unpack(VARIANTS, np.array(rows)), healthy=np.ones((1, 2)),
-        aside=(np.zeros((0, 4)), np.zeros((0, FEATURES))), fmap=SimpleNamespace(
+        aside=(np.zeros((0, 4)), np.zeros((0, FEATURES))), fmap=FeatureMap(
             plan=SimpleNamespace(segments=(), transitions=()), rate=20_000.0,
-            profile=SimpleNamespace(points=(), name="linear"),
-            features=[SimpleNamespace(name=f"f{k}", place="record", signal="s", against="a")
-                      for k in range(FEATURES)]))
+            actuator=MODEL.actuator, profile=SimpleNamespace(points=(), name="linear"),
+            features=tuple(SimpleNamespace(name=f"f{k}", place="record", signal="s", against="a")
+                           for k in range(FEATURES))))
 
 
 @cache
