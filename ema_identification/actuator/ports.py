@@ -11,7 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_identification.actuator.decision.fit import LawFit, TestedUnit
+from ema_identification.actuator.decision.fit import TestedUnit
+from ema_identification.actuator.laws.terms import LawFit
 from ema_identification.actuator.measure.control_law import ControlLaw
 from ema_identification.actuator.measure.ripple import largest_line
 from ema_identification.actuator.words import ResidualGroup, groups_of

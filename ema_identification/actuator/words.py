@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.decision.decide import FleetAnswer, log_evidence, order_of
-from ema_identification.actuator.decision.fit import LawFit, TestedUnit
+from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.fleet import deviations
 from ema_identification.actuator.decision.gap import LawGap
 from ema_identification.actuator.decision.intervals import (
@@ -17,7 +17,7 @@ from ema_identification.actuator.decision.intervals import (
     covariance_of,
     parameters_of,
 )
-from ema_identification.actuator.laws.terms import choices_of
+from ema_identification.actuator.laws.terms import LawFit, choices_of
 from ema_identification.actuator.measure.control_law import ControlLaw
 from ema_identification.result import (
     Candidate,

@@ -12,13 +12,13 @@ from ema_identification.actuator.checks import check_records
 from ema_identification.actuator.decision.acceptance import with_acceptance
 from ema_identification.actuator.decision.baseline import changed_unit, with_baselines
 from ema_identification.actuator.decision.decide import FleetAnswer, decide, stages_of
-from ema_identification.actuator.decision.fit import LawFit, TestedUnit
+from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.fleet import FULL, SIZE, LibrarySizes, fleet_unit
 from ema_identification.actuator.decision.gap import HeldOut, fitted_gap
 from ema_identification.actuator.decision.joint import joint_unit
 from ema_identification.actuator.decision.library import fleet_library
 from ema_identification.actuator.decision.next_test import separating_test
-from ema_identification.actuator.laws.terms import with_terms
+from ema_identification.actuator.laws.terms import LawFit, with_terms
 from ema_identification.actuator.measure.control_law import control_law
 from ema_identification.actuator.measure.features import nominal_rate
 from ema_identification.actuator.measure.recorder import recorded_alike, whole
@@ -155,19 +155,19 @@ def _said(
 
 def _rivals(answer: FleetAnswer) -> list[LawFit]:
     """Return the fits that the data cannot tell apart, the one named first."""
-    names = set().union(*answer.equivalent)
+    left = set().union(*answer.equivalent)
+    own: set[str] = set() if answer.fit is None else set(answer.fit.names)
     found = [] if answer.fit is None else [answer.fit]
     for fit in answer.fits:
-        if fit.names[-1] in names and len(fit.terms) == (
-                1 if answer.fit is None else len(answer.fit.terms)):
+        instead = set(fit.names) - own
+        if len(fit.terms) == max(len(own), 1) and len(instead) == 1 and instead <= left:
             found.append(fit)
-            names.discard(fit.names[-1])
+            left -= instead
     return found
 
 
 def _model_text(unit: TestedUnit, fit: LawFit, model: Model) -> str:
     """Return the model file: the hardware as recalibrated, and the effects."""
-    library = unit.library
     actuator, _ = fleet_unit(  # conditions and sensor errors stay out
-        library.model, library.spread, fit.z[:SIZE], RecordConditions(), model.effects)
+        model, unit.library.spread, fit.z[:SIZE], RecordConditions(), model.effects)
     return model_file_text(actuator, with_terms(fit.terms, model.effects))

@@ -102,7 +102,7 @@ def test_records_of_time_speed_and_two_currents_alone():
     found = identify([lacking(record(OFFSET), *absent)])
     assert "current_sensor_offset" in {
         name for f in found.findings for name in (f.effect, *f.equivalent)}
-    assert "acquisition" not in found.model_text
+    assert "surface_position" not in found.model_text  # what a recorder lacks is not the unit's
 
 
 def test_a_record_without_a_current_that_is_needed_is_refused():

@@ -118,7 +118,8 @@ def changed_unit(
     return ChangedUnit(
         library=replace(unit.library, left=None), conditions=unit.conditions, seed=unit.seed,
         values=unit.values - np.mean([u.values for u in accepted], axis=0) + before,
-        workers=unit.workers, simulator=unit.simulator, accepted=tuple(accepted), at=at,
+        workers=unit.workers, simulator=unit.simulator, record=unit.record,
+        accepted=tuple(accepted), at=at,
         before=before, apart=apart, centre=np.where(OF_DAY, 0.0, own),
         weight=np.where(OF_DAY, PRIOR, len(accepted) ** 2 / spread))
 

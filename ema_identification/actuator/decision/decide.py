@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import beta
 
-from ema_identification.actuator.decision.fit import LawFit, TestedUnit
+from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.gap import HeldOut, LawGap
 from ema_identification.actuator.decision.proposals import (
     LawProposal,
@@ -34,6 +34,7 @@ from ema_identification.actuator.decision.proposals import (
     sized,
 )
 from ema_identification.actuator.decision.surrogate import SETTLED_RUNS
+from ema_identification.actuator.laws.terms import LawFit
 from ema_identification.actuator.measure.runs import Progress, silent
 from ema_identification.result import Outcome, after_validation
 

@@ -35,6 +35,7 @@ from ema_identification.actuator.decision.surrogate import (
 )
 from ema_identification.actuator.laws.terms import (
     EffectTerm,
+    LawFit,
     bounds,
     coordinates,
     library_slopes,
@@ -55,38 +56,6 @@ LOUDEST = 4.0
 """Noise factor up to which the law of the noise is believed."""
 STRONG, PART = 4.0, 0.2
 """Effect (deviations, rms) from which its slope is simulated, and the step, of its size."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LawFit:
-    """A model fitted to a record: no law, one, two.
-
-    Attributes
-    ----------
-    terms : the laws at their coordinates.
-    z : ndarray, shape (width,). Of a single record width = SIZE.
-    mean : ndarray, shape (d,). Features as predicted.
-    slopes : ndarray, shape (d, coordinates + width).
-    cost : J.
-    runs : that `mean` is the mean of; 0: the quadratic's.
-    """
-
-    terms: tuple[EffectTerm, ...]
-    z: np.ndarray
-    mean: np.ndarray
-    slopes: np.ndarray
-    cost: float
-    runs: int
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Return the names of the laws."""
-        return tuple(t.variant.effect for t in self.terms)
-
-    @property
-    def free(self) -> int:
-        """Number of coordinates of the laws."""
-        return sum(t.variant.size for t in self.terms)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,9 +12,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ema_identification.actuator.decision.fit import PRIOR, LawFit, TestedUnit
+from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
 from ema_identification.actuator.decision.fleet import OF_DAY, SIZE
 from ema_identification.actuator.decision.joint import kept_of
+from ema_identification.actuator.laws.terms import LawFit
 
 RUNS = 8
 """Of a prediction with a law."""

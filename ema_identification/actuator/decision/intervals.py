@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ema_identification.actuator.decision.fit import LawFit, TestedUnit
+from ema_identification.actuator.decision.fit import TestedUnit
+from ema_identification.actuator.laws.terms import LawFit
 from ema_identification.result import Parameter
 from ema_sim.effects import EFFECTS
 from ema_sim.effects.base import Quantity

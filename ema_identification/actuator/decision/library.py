@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import brentq
 
-from ema_identification.actuator.decision.fit import LawFit, TestedUnit
+from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.fleet import (
     FULL,
     FleetRuns,
@@ -38,6 +38,7 @@ from ema_identification.actuator.laws.signatures import (
     pack,
     unpack,
 )
+from ema_identification.actuator.laws.terms import LawFit
 from ema_identification.actuator.measure.features import FeatureMap, feature_map
 from ema_identification.actuator.measure.recorder import whole
 from ema_identification.actuator.measure.runs import Progress, silent

@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_identification.actuator.decision.fit import LawFit, TestedUnit
+from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.fleet import SIZE
-from ema_identification.actuator.laws.terms import with_terms
+from ema_identification.actuator.laws.terms import LawFit, with_terms
 from ema_identification.actuator.measure.features import feature_map
 from ema_identification.actuator.measure.recorder import whole
 from ema_record.profile import Profile, load_profile, profile_names
@@ -107,7 +107,9 @@ def separating_test(unit: TestedUnit, fits: Sequence[LawFit], *, seed: int = 0) 
             continue
         separation = _separation(profile, unit, fits, seed)
         if best is None or separation > best.separation:
-            names = " and ".join(dict.fromkeys(f.names[-1] for f in fits))
+            common = set.intersection(*(set(f.names) for f in fits))
+            names = " and ".join(dict.fromkeys(
+                n for f in fits for n in f.names if n not in common))
             best = Proposed(profile, separation, (
                 f"run the profile {name!r} ({profile.description}): it would set {names} "
                 f"{separation:.0f} standard deviations apart"))

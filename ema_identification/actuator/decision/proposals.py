@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_identification.actuator.decision.fit import LawFit, TestedUnit
+from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.surrogate import Whitener
 from ema_identification.actuator.laws.catalogue import Variant, ripple
 from ema_identification.actuator.laws.signatures import Signature
-from ema_identification.actuator.laws.terms import EffectTerm
+from ema_identification.actuator.laws.terms import EffectTerm, LawFit
 
 ANGLES, CHORDS = 8, 3
 """Directions of a vector at each of its levels; steps towards the unit."""

@@ -1,4 +1,4 @@
-"""Laws in a fit: a variant of the catalogue at its coordinates."""
+"""Laws in a fit: a variant of the catalogue at its coordinates, and what was fitted."""
 
 from __future__ import annotations
 
@@ -21,6 +21,38 @@ class EffectTerm:
     signature: Signature
     """Of all records, stacked; gives first slopes."""
     u: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawFit:
+    """A model fitted to a record: no law, one, two.
+
+    Attributes
+    ----------
+    terms : the laws at their coordinates.
+    z : ndarray, shape (width,). Of a single record width = SIZE.
+    mean : ndarray, shape (d,). Features as predicted.
+    slopes : ndarray, shape (d, coordinates + width).
+    cost : J.
+    runs : that `mean` is the mean of; 0: the quadratic's.
+    """
+
+    terms: tuple[EffectTerm, ...]
+    z: np.ndarray
+    mean: np.ndarray
+    slopes: np.ndarray
+    cost: float
+    runs: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the laws."""
+        return tuple(t.variant.effect for t in self.terms)
+
+    @property
+    def free(self) -> int:
+        """Number of coordinates of the laws."""
+        return sum(t.variant.size for t in self.terms)
 
 
 def with_terms(terms: Sequence[EffectTerm], base: Effects) -> Effects:

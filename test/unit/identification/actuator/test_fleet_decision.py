@@ -15,12 +15,11 @@ from ema_identification.actuator.decision.decide import (
     rank,
     share_of,
 )
-from ema_identification.actuator.decision.fit import LawFit
 from ema_identification.actuator.decision.fleet import SIZE
 from ema_identification.actuator.decision.gap import LawGap
 from ema_identification.actuator.decision.intervals import parameters_of
 from ema_identification.actuator.decision.proposals import scores
-from ema_identification.actuator.laws.terms import EffectTerm
+from ema_identification.actuator.laws.terms import EffectTerm, LawFit
 
 VISCOUS = UNITS["viscous_friction", "coefficient"]
 (SIGNATURE,) = (s for s in plain_library().signatures if s.variant.name == "viscous_friction")
