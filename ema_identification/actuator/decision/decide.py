@@ -33,6 +33,7 @@ from ema_identification.actuator.decision.proposals import (
     selectable,
     sized,
 )
+from ema_identification.actuator.decision.slopes import with_simulated_slopes
 from ema_identification.actuator.decision.surrogate import SETTLED_RUNS
 from ema_identification.actuator.laws.terms import LawFit
 from ema_identification.actuator.measure.runs import Progress, silent
@@ -51,6 +52,9 @@ SCREENED, PROPOSED, SECONDS, PAIRED, TESTED = 16, 6, 3, 3, 2
 laws that get a second; pairs whose laws are each fitted alone."""
 ROUNDS = ((2, 4, 4), (4, 3, 3))
 """Budget: runs, steps, and how many go on."""
+FURTHER, FALL = 3, 0.1
+"""Budget: most further rounds of the best models where none explains, while each lowers the cost
+by this share: one that is still on its way is not judged."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +91,7 @@ class FleetAnswer:
 
 
 def rank(score: float, healthy: np.ndarray) -> float:
-    """Return the probability of a score at least as large among units that are exchangeable."""
+    """Return the probability of a score as large among units that are exchangeable."""
     return float(1.0 + (healthy >= score).sum()) / (1.0 + len(healthy))
 
 
@@ -145,6 +149,33 @@ class _Decision:
             points = [p for p in points if np.isfinite(p.cost)][:keep]
         return sorted((self.unit.settled(p, self.before, SETTLED_RUNS) for p in points),
                       key=lambda f: -self.evidence(f))
+
+    def finished(self, fits: Sequence[LawFit]) -> list[LawFit]:
+        """Return the models, most evidence first; where none explains the best go on.
+
+        The best single one and the best pair, with slopes to all numbers simulated there: by plain
+        least squares, since the bent scale is flat far away, then on the bent one.
+        """
+        found = sorted(fits, key=lambda f: -self.evidence(f))
+        if any(self.explains(f) for f in found):
+            return found
+        for k in {len(f.terms): k for k, f in reversed(list(enumerate(found)))}.values():
+            found[k] = self._further(found[k])
+        return sorted(found, key=lambda f: -self.evidence(f))
+
+    def _further(self, fit: LawFit) -> LawFit:
+        runs, steps, _ = ROUNDS[-1]
+        for _ in range(FURTHER):
+            there = with_simulated_slopes(self.unit, fit, ROUNDS[0][0])
+            for straight in (True, False):
+                there = self.unit.descended(there, self.before, runs=runs, steps=steps + 1,
+                                            straight=straight)
+            there = self.unit.settled(there, self.before, SETTLED_RUNS)
+            fell = there.cost < (1.0 - FALL) * fit.cost
+            fit = min(fit, there, key=lambda f: f.cost)
+            if not fell or self.explains(fit):
+                break
+        return fit
 
     def screened(self, proposals: Sequence[LawProposal], beside: LawFit | None) -> list[LawFit]:
         """Return the models of proposals, fitted without a run, lowest cost first."""
@@ -237,7 +268,7 @@ def decide(
     progress("name", 0.5)
     pairs = case.pairs(singles)
     progress("name", 0.9)
-    fits = sorted([*singles, *pairs], key=lambda f: -case.evidence(f))
+    fits = case.finished([*singles, *pairs])
     answer = FleetAnswer(verdict="unknown effect", null=case.null, p_nothing=p,
                          fits=tuple(fits))
     answer = _named(case, answer, [f for f in fits if case.explains(f)])

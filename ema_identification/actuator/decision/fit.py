@@ -27,6 +27,7 @@ from ema_identification.actuator.decision.fleet import (
     conditions_of,
     fleet_features,
 )
+from ema_identification.actuator.decision.slopes import law_slopes
 from ema_identification.actuator.decision.surrogate import (
     FleetLibrary,
     Whitener,
@@ -54,8 +55,6 @@ QUADRATIC_STEPS, DAMPINGS = 20, 4
 """Most steps of a descent without runs, and dampings tried a step."""
 LOUDEST = 4.0
 """Noise factor up to which the law of the noise is believed."""
-STRONG, PART = 4.0, 0.2
-"""Effect (deviations, rms) from which its slope is simulated, and the step, of its size."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -256,17 +255,19 @@ class TestedUnit:
                       cost=self.cost(white, there, z))
 
     def descended(
-        self, fit: LawFit, before: np.ndarray, *, runs: int, steps: int, salt: int = 0
+        self, fit: LawFit, before: np.ndarray, *, runs: int, steps: int, salt: int = 0,
+        straight: bool = False,
     ) -> LawFit:
         """Return a fit of lower cost, by damped Gauss-Newton steps on runs.
 
         Slopes to the laws are simulated where these are strong, and mended by what a step did.
+        `straight` : by plain least squares, from far away.
         """
-        white = self.whitener(runs, before)
+        white = replace(self.whitener(runs, before), straight=straight)
         mean = self.run(fit.terms, fit.z, runs, salt)
         if not np.isfinite(mean).all():
             return replace(fit, cost=np.inf)
-        own = self._law_slopes(fit, mean, runs, salt, white)
+        own = law_slopes(self, fit, mean, white.deviation, runs, salt)
         slopes = np.hstack([own, fit.slopes[:, fit.free:]])
         point = replace(fit, mean=mean, slopes=slopes, runs=runs,
                         cost=self.cost(white, mean, fit.z))
@@ -293,32 +294,6 @@ class TestedUnit:
                 point = replace(point, slopes=slopes)
                 damping = max(10.0 * damping, 0.1)
         return point
-
-    def _law_slopes(
-        self, fit: LawFit, mean: np.ndarray, runs: int, salt: int, white: Whitener
-    ) -> np.ndarray:
-        found = library_slopes(fit.terms)
-        u = coordinates(fit.terms)
-        low, high = bounds(fit.terms)
-        asked, k = [], 0
-        for term in fit.terms:
-            added = term.signature.at(term.u) / white.deviation
-            strong = float(np.sqrt(np.mean(added**2))) > 0.3 * STRONG
-            size = float(np.linalg.norm(term.u))
-            for levels in term.signature.levels:
-                known = len(levels) > 1
-                if strong or not known:
-                    there = u.copy()
-                    step = PART * size if known else 0.3
-                    there[k] += step if u[k] + step <= high[k] else -step
-                    if low[k] <= there[k] and there[k] != u[k]:
-                        asked.append((k, there))
-                k += 1
-        means = self.run_all([(moved(fit.terms, u1), fit.z) for _, u1 in asked], runs, salt)
-        for (k, there), f in zip(asked, means):
-            if np.isfinite(f).all():
-                found[:, k] = (f - mean) / (there[k] - u[k])
-        return found
 
     def _step(
         self, white: Whitener, mean: np.ndarray, slopes: np.ndarray, z: np.ndarray,

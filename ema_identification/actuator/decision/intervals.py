@@ -15,12 +15,23 @@ QUANTILE = 1.645
 DRAWS = 400
 
 
+SLOPE_ERROR = 0.2
+"""Relative error of a slope, which feigns information: two columns that differ by less are one."""
+
+
 def covariance_of(unit: TestedUnit, fit: LawFit) -> np.ndarray:
-    """Return the covariance of the coordinates of all laws and of all that healthy units have."""
-    white = unit.whitener(fit.runs)
-    columns = white.columns(fit.slopes, unit.values - fit.mean)
-    weight = np.append(np.full(fit.free, 1e-12), unit.weight)
-    return np.asarray(np.linalg.inv(columns.T @ columns + np.diag(weight)))
+    """Return the covariance of the coordinates of all laws and of all that healthy units have.
+
+    What errors of the slopes feign is taken off the information (errors in variables: Fuller,
+    Measurement Error Models, 1987, section 2.2), so that a law that acts on the same number as a
+    tolerance is as uncertain as that.
+    """
+    columns = unit.whitener(fit.runs).columns(fit.slopes, unit.values - fit.mean)
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-9)
+    values, vectors = np.linalg.eigh((columns / scale).T @ (columns / scale))
+    known = (vectors * np.maximum(values - SLOPE_ERROR**2, 0.0)) @ vectors.T
+    weight = np.append(np.full(fit.free, 1e-6 * scale[:fit.free] ** 2), unit.weight)
+    return np.asarray(np.linalg.inv(known * np.outer(scale, scale) + np.diag(weight)))
 
 
 def parameters_of(unit: TestedUnit, fit: LawFit, index: int) -> tuple[Parameter, ...]:

@@ -1,0 +1,80 @@
+"""Slopes of a unit's features about a fit, by the simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from ema_identification.actuator.laws.terms import (
+    EffectTerm,
+    LawFit,
+    bounds,
+    coordinates,
+    library_slopes,
+    moved,
+)
+
+STRONG, PART, UNKNOWN = 1.2, 0.2, 0.3
+"""Effect (deviations, rms) from which its slope is simulated; the step, of its size, and where
+the library does not know the coordinate."""
+HALF = 0.5
+"""Step by which slopes to the unit's numbers are simulated (half widths)."""
+
+
+class _Runs(Protocol):
+    def run_all(
+        self, models: Sequence[tuple[Sequence[EffectTerm], np.ndarray]], runs: int, salt: int = 0
+    ) -> list[np.ndarray]: ...
+
+
+def law_slopes(
+    unit: _Runs, fit: LawFit, mean: np.ndarray, deviation: np.ndarray, runs: int, salt: int
+) -> np.ndarray:
+    """Return the slopes to the coordinates of the laws, shape (d, coordinates).
+
+    Simulated where a law is strong or the library does not know it; else the library's, which
+    are less noisy.
+
+    Parameters
+    ----------
+    unit : makes the runs.
+    fit : where.
+    mean, deviation : ndarrays, shape (d,). Features there, and what they may be off.
+    runs, salt : of the features.
+    """
+    found = library_slopes(fit.terms)
+    u = coordinates(fit.terms)
+    low, high = bounds(fit.terms)
+    asked, k = [], 0
+    for term in fit.terms:
+        added = term.signature.at(term.u) / deviation
+        strong = float(np.sqrt(np.mean(added**2))) > STRONG
+        size = float(np.linalg.norm(term.u))
+        for levels in term.signature.levels:
+            known = len(levels) > 1
+            if strong or not known:
+                there = u.copy()
+                step = PART * size if known else UNKNOWN
+                there[k] += step if u[k] + step <= high[k] else -step
+                if low[k] <= there[k] and there[k] != u[k]:
+                    asked.append((k, there))
+            k += 1
+    means = unit.run_all([(moved(fit.terms, u1), fit.z) for _, u1 in asked], runs, salt)
+    for (k, there), f in zip(asked, means):
+        if np.isfinite(f).all():
+            found[:, k] = (f - mean) / (there[k] - u[k])
+    return found
+
+
+def with_simulated_slopes(unit: _Runs, fit: LawFit, runs: int, salt: int = 61) -> LawFit:
+    """Return a fit with slopes to the unit's numbers that are simulated where it is."""
+    steps = [fit.z + row for row in np.diag(np.where(fit.z > 0.0, -HALF, HALF))]
+    here, *there = unit.run_all([(fit.terms, z) for z in (fit.z, *steps)], runs, salt)
+    slopes = fit.slopes.copy()
+    for k, (mean, z) in enumerate(zip(there, steps)):
+        if np.isfinite(mean).all() and np.isfinite(here).all():
+            slopes[:, fit.free + k] = (mean - here) / (z[k] - fit.z[k])
+    return replace(fit, slopes=slopes)
