@@ -24,6 +24,8 @@ from ema_prognostics.networks.network import logit
 MAX_FAULTS = 2
 LEAST_SEVERITY = 1e-9
 """Of a fault that is announced."""
+MOST_ODDS = 9.0
+"""Logarithm of the largest odds that are told."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +49,8 @@ class Detection:
     margin : ndarray, shape (5,), logit of each family less its threshold.
     guard : ndarray, shape (m + groups + 1,), of each feature checked, of each group of them,
         of all together; above 1: unusual. Empty: no guard.
+    stranger : odds that something is there that is no fault of a family, but known to befall
+        actuators, over the odds at which it is said; above 1: unusual.
     known : probability that the record is of a kind that the networks know.
     doubtful : nothing is announced, but healthy is too improbable to be said, or a fault is
         seen that is smaller than those announced.
@@ -57,8 +61,19 @@ class Detection:
     probability: np.ndarray
     margin: np.ndarray
     guard: np.ndarray
+    stranger: float
     known: float
     doubtful: bool
+
+    def unusual(self, bound: float = 1.0, *, stranger: bool = True) -> bool:
+        """Whether the record is unlike those with and without the faults that are named.
+
+        Parameters
+        ----------
+        bound : of the guard's scores.
+        stranger : whether the odds of a stranger count.
+        """
+        return bool(self.guard.max(initial=0.0) > bound or (stranger and self.stranger > 1.0))
 
     @property
     def healthy(self) -> float:
@@ -144,6 +159,8 @@ class Cascade:
             n: SeverityNetwork(part, self.inputs) for n, part in view.severity.items()
         }
         self.guard = build_guard(view, view.guard) if view.guard is not None else None
+        self._strangers = (
+            None if view.strangers is None else Classifier(view.strangers, self.inputs))
 
     def find(self, x: np.ndarray, *, exact: bool = True) -> list[Detection]:
         """Return what the cascade says of each row of features `x`, shape (n, d).
@@ -170,6 +187,11 @@ class Cascade:
             present = np.array([[o in outputs for o in OUTPUTS] for outputs in outputs_of])
             kind = kind_found(np.where(present, np.maximum(size, LEAST_SEVERITY), 0.0))
             guard, known = self.guard.scores(u, kind, exact=exact)
+        odds = np.zeros(len(x))
+        if self._strangers is not None and self.view.strangers is not None and exact:
+            strange = self._strangers(u)
+            odds = np.exp(np.minimum(logit(strange) - self.view.strangers.threshold, MOST_ODDS))
+            known = known * (1.0 - strange)
         found = []
         for row, outputs in enumerate(outputs_of):
             company = int(len(outputs) > 1)
@@ -177,7 +199,8 @@ class Cascade:
                       for v, low, high in (severity[o][row, company] for o in outputs)]
             one = Detection(
                 outputs=outputs, severity=tuple(values), probability=p[row], margin=margin[row],
-                guard=guard[row], known=float(known[row]), doubtful=False,
+                guard=guard[row], stranger=float(odds[row]), known=float(known[row]),
+                doubtful=False,
             )
             seen = bool((margin[row] > 0.0).any()) or one.healthy < self.view.doubt
             found.append(replace(one, doubtful=seen and not outputs))

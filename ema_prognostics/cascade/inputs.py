@@ -27,6 +27,9 @@ _WINDING = ("resistance_", "inductance_")
 """How the windings of the phases differ."""
 _SCATTER = ("noise_speed", "torque_quarter", "torque_full")
 """What the scatter of the lines depends on."""
+_RECORDER = ("amplitude_", "torque_rms_", "noise_current_least", "noise_speed", "high_")
+"""What tells lines of the rotor from those of the recorder: samples that are instants fold the
+switching onto any line, by as much as onto the others."""
 _BALANCE = (
     "dry_torque", "viscous_share", "torque_", "gap_torque", SURFACE, "gap_load", "gap_width",
     "load_", "temperature", "bus_voltage", "lag_", "shaft_slope", "start_stiffness",
@@ -39,7 +42,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
                   "winding_like_best", "lines_and_winding_best", *_SCATTER),
     "short": ("short_like_a", "short_like_b", "short_like_c", "short_unlike", "amplitude_1",
               "amplitude_3", "winding_like_", *_WINDING, *_SCATTER),
-    "eccentricity": ("first_line_strength", "third_line_strength"),
+    "eccentricity": ("first_line_strength", "third_line_strength", *_RECORDER),
     "static_eccentricity": ("amplitude_1", "amplitude_2", "amplitude_3", "amplitude_4",
                             "short_like_best", "short_unlike", "resistance_spread",
                             "inductance_spread", "winding_like_best", "lines_and_winding_best",

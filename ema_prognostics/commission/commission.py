@@ -45,11 +45,18 @@ from ema_prognostics.commission.quality import (
     judge_left_out,
     largest,
     too_many_alarms,
+    widening,
 )
 from ema_prognostics.commission.report import write_report
 from ema_prognostics.training.evaluation import evaluate
-from ema_prognostics.training.fleet import FleetFeatures, simulate_fleet
+from ema_prognostics.training.fleet import (
+    DrawFault,
+    FleetFeatures,
+    draw_of_mix,
+    simulate_fleet,
+)
 from ema_prognostics.training.rates import rate
+from ema_prognostics.training.strangers import draw_stranger
 from ema_prognostics.training.train_model import VALIDATION_SEED, TrainingSettings
 from ema_prognostics.training.view_training import sound_rows, stricter, train_view
 from ema_record.actuator import FORMERLY, Actuator, load_actuator, with_values
@@ -63,14 +70,13 @@ from ema_record.version import VERSION
 from ema_sim.effects import Effects
 from ema_sim.model_file import Model
 
-FULL = TrainingSettings(units=700, healthy=900, validation=150, validation_healthy=400)
-QUICK = TrainingSettings(units=120, healthy=200, validation=40, validation_healthy=100,
-                         hidden=12, iterations=120)
+FULL = TrainingSettings(units=700, healthy=900, strangers=350, validation=150,
+                        validation_healthy=400, validation_strangers=50)
+QUICK = TrainingSettings(units=120, healthy=200, strangers=60, validation=40,
+                         validation_healthy=100, validation_strangers=10, hidden=12,
+                         iterations=120)
 SPREAD_UNITS = 48
 """Healthy units from which the scatter of the features is read before the model is corrected."""
-WIDEN = 2.0
-"""Most by which the guard's limits are widened so that they hold the acceptance records that
-were left out: beyond, it is not the recorder that is unlike the model."""
 LIBRARY_SHARE, LIBRARY_PARTS = (0.80, 0.98), 3
 """Of the whole, for the library; it has so many parts."""
 Progress = Callable[[str, float], None]
@@ -171,12 +177,12 @@ def make_draft(description: Path, draft: Path) -> None:
             write_profiles(actuator, draft / PROFILES)
 
 
-def evaluated(views: dict[View, ViewPart], held: FleetFeatures, healthy: FleetFeatures
-              ) -> dict[str, Any]:
+def evaluated(views: dict[View, ViewPart], held: FleetFeatures, healthy: FleetFeatures,
+              strangers: FleetFeatures) -> dict[str, Any]:
     """Return the validation of both views, see `evaluate`."""
     fleet, own = Cascade(views["fleet"]), Cascade(views["baseline"])
-    return {"fleet": evaluate(fleet, None, held, healthy),
-            "baseline": evaluate(fleet, own, held, healthy)}
+    return {"fleet": evaluate(fleet, None, held, healthy, strangers),
+            "baseline": evaluate(fleet, own, held, healthy, strangers)}
 
 
 class _Work:
@@ -206,17 +212,18 @@ class _Work:
         tolerances = wider(tolerances, calibration.actuator, calibration.open)
         self._write_actuator(calibration.actuator, tolerances)
         actuator = load_actuator()  # the numbers as they are written
-        faults, healthy, held, held_healthy = self._fleets(actuator)
+        faults, healthy, strange, held, held_healthy, held_strange = self._fleets(actuator)
         names, rows = self._acceptance.features(actuator)
         model, spread = expected(healthy, names, rows), fleet_spread(names, healthy)
         check_described(names, rows, model, spread)
         units = self._acceptance.units
         discrepancy = fit_discrepancy(names, rows, units, model, spread)
         self._progress("training", 0.70)
-        views = self._views(faults, healthy, discrepancy)
-        held, held_healthy = (with_discrepancy(f, discrepancy, self._seed + 1)
-                              for f in (held, held_healthy))
-        held_out: dict[str, Any] = {kind: evaluated(views, held, held_healthy)}
+        views = self._views(faults, healthy, strange, discrepancy)
+        held, held_healthy, held_strange = (
+            with_discrepancy(f, discrepancy, self._seed + 1)
+            for f in (held, held_healthy, held_strange))
+        held_out: dict[str, Any] = {kind: evaluated(views, held, held_healthy, held_strange)}
         strict = too_many_alarms(held_out[kind])
         if strict:  # thresholds of all healthy tests so far, judged on units that set none
             views = self._stricter(views, discrepancy, healthy, held_healthy)
@@ -224,15 +231,14 @@ class _Work:
                 actuator, "another healthy fleet", self._size.validation_healthy,
                 self._seed + 2 * VALIDATION_SEED, healthy=True, begin=0.78, end=0.80)
             held_out = {kind: evaluated(
-                views, held, with_discrepancy(again, discrepancy, self._seed + 2))}
-        accepted, widest = judge_left_out(
+                views, held, with_discrepancy(again, discrepancy, self._seed + 2), held_strange)}
+        accepted, scores = judge_left_out(
             Cascade(views["fleet"]), names, rows, units, model, spread)
-        if 1.0 < widest <= WIDEN:
-            factor = 1.05 * widest
+        factor = widening(scores)
+        if factor > 1.0:
             views["fleet"] = widened(views["fleet"], factor)
-            accepted = ["healthy" if o == "unknown" else o for o in accepted]
-        else:
-            factor = 1.0
+        accepted = ["healthy" if o == "unknown" and score <= factor else o
+                    for o, score in zip(accepted, scores)]
         found = self._validation(calibration, held_out, accepted, discrepancy)
         found["guard_widened"], found["stricter"] = factor, strict
         found["bound"] = {"fleet": linear_bound(faults, healthy, own=False),
@@ -285,34 +291,39 @@ class _Work:
         return lambda k, n: self._progress(f"{what}, {k} of {n} units",
                                            begin + (end - begin) * k / n)
 
-    def _fleet(self, actuator: Actuator, what: str, units: int, seed: int, *, healthy: bool,
-               begin: float, end: float) -> FleetFeatures:
+    def _fleet(self, actuator: Actuator, what: str, units: int, seed: int, *, begin: float,
+               end: float, healthy: bool = False, draw: DrawFault = draw_of_mix) -> FleetFeatures:
         return simulate_fleet(
-            self._acceptance.kind, units, seed, healthy=healthy, jobs=self._jobs,
+            self._acceptance.kind, units, seed, healthy=healthy, draw=draw, jobs=self._jobs,
             folder=self._folder, model=Model(actuator, Effects()),
             progress=self._simulated(what, begin, end))
 
     def _fleets(self, actuator: Actuator) -> tuple[FleetFeatures, ...]:
         size, other = self._size, self._seed + VALIDATION_SEED
         return (
-            self._fleet(actuator, "fleet with faults", size.units, self._seed, healthy=False,
-                        begin=0.15, end=0.45),
+            self._fleet(actuator, "fleet with faults", size.units, self._seed, begin=0.15,
+                        end=0.40),
             self._fleet(actuator, "healthy fleet", size.healthy, self._seed, healthy=True,
-                        begin=0.45, end=0.58),
-            self._fleet(actuator, "fleet that validates", size.validation, other, healthy=False,
-                        begin=0.58, end=0.64),
+                        begin=0.40, end=0.51),
+            self._fleet(actuator, "fleet of strangers", size.strangers, self._seed, begin=0.51,
+                        end=0.60, draw=draw_stranger),
+            self._fleet(actuator, "fleet that validates", size.validation, other, begin=0.60,
+                        end=0.64),
             self._fleet(actuator, "healthy fleet that validates", size.validation_healthy, other,
-                        healthy=True, begin=0.64, end=0.70),
+                        healthy=True, begin=0.64, end=0.68),
+            self._fleet(actuator, "strangers that validate", size.validation_strangers, other,
+                        begin=0.68, end=0.70, draw=draw_stranger),
         )
 
-    def _views(self, faults: FleetFeatures, healthy: FleetFeatures, discrepancy: DiscrepancyPart
-               ) -> dict[View, ViewPart]:
-        faults, healthy = (with_discrepancy(f, discrepancy, self._seed) for f in (faults, healthy))
+    def _views(self, faults: FleetFeatures, healthy: FleetFeatures, strange: FleetFeatures,
+               discrepancy: DiscrepancyPart) -> dict[View, ViewPart]:
+        faults, healthy, strange = (with_discrepancy(f, discrepancy, self._seed)
+                                    for f in (faults, healthy, strange))
         parts: dict[View, ViewPart] = {}
         names: tuple[View, ...] = ("fleet", "baseline")
         for at, view in enumerate(names):
             parts[view] = train_view(
-                faults, healthy, self._acceptance.kind, view, seed=self._seed,
+                faults, healthy, self._acceptance.kind, view, seed=self._seed, strangers=strange,
                 hidden=self._size.hidden, iterations=self._size.iterations,
                 progress=lambda what, v=view, a=at: self._progress(  # type: ignore[misc]
                     f"network {what}, {v}", 0.70 + 0.05 * a))

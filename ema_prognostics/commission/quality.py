@@ -17,6 +17,11 @@ from ema_record.errors import UsageError
 
 MOST_FALSE_ALARMS, MOST_UNKNOWN = 0.01, 0.05
 """Of the kit's own fleet, and of the acceptance records left out: above, no kit is made."""
+MOST_NEW_UNKNOWN = 0.03
+"""Of healthy records of other units, the requirement."""
+WIDEN = 2.0
+"""Most by which the guard's limits are widened so that healthy records pass: beyond, it is not
+the recorder that is unlike the model."""
 WORST, MOST_BEYOND = 8.0, 3
 """Healthy deviations that a feature of the corrected model may be off in the mean of the records,
 and how many features may be more: beyond, the model does not describe the actuator."""
@@ -96,8 +101,8 @@ def check_good(found: dict[str, Any]) -> None:
 def judge_left_out(
     fleet: Cascade, names: list[str], rows: np.ndarray, units: np.ndarray, model: np.ndarray,
     spread: np.ndarray,
-) -> tuple[list[str], float]:
-    """Return the outcome of each acceptance record, and the largest score of the guard.
+) -> tuple[list[str], np.ndarray]:
+    """Return the outcome of each acceptance record, and its largest score of the guard.
 
     The discrepancy is that of the other units. Infinite: more than the guard says unknown.
 
@@ -106,15 +111,35 @@ def judge_left_out(
     fleet : the cascade without baseline.
     names, rows, units, model, spread : as of `fit_discrepancy`.
     """
-    found, widest = [], 0.0
+    outcomes, scores = [], []
     for row, unit in zip(rows, units):
         others = units != unit
         left = fit_discrepancy(names, rows[others], units[others], model[others], spread)
         x = corrected_row(dict(zip(names, row)), fleet.view.names, left)
         detection = fleet.find(x)[0]
-        found.append(outcome_of(detection))
-        if not detection.outputs and not detection.doubtful and detection.guard.size:
-            widest = max(widest, float(detection.guard.max()))
-        elif found[-1] == "unknown":
-            widest = np.inf
-    return found, widest
+        outcomes.append(outcome_of(detection))
+        judged = not detection.outputs and not detection.doubtful and detection.guard.size
+        scores.append(float(detection.guard.max()) if judged else np.inf)
+    return outcomes, np.array(scores)
+
+
+def widening(scores: np.ndarray) -> float:
+    """Return by what the guard's limits grow so that new healthy records pass, 1 to `WIDEN`.
+
+    The bound under which the next score of a normal sample lies with probability 1 -
+    `MOST_NEW_UNKNOWN` (Hahn and Meeker 1991, section 4.8): acceptance records are few, and their
+    largest is no bound of what comes.
+
+    Parameters
+    ----------
+    scores : ndarray, shape (n,). Of `judge_left_out`.
+    """
+    from scipy.stats import t
+
+    known = scores[np.isfinite(scores)]
+    n = len(known)
+    if n < 2:
+        return 1.0
+    bound = known.mean() + t.ppf(1.0 - MOST_NEW_UNKNOWN, n - 1) * known.std(ddof=1) * np.sqrt(
+        1.0 + 1.0 / n)
+    return float(np.clip(bound, 1.0, WIDEN))

@@ -16,9 +16,7 @@ from ema_prognostics.training.view_training import view_inputs
 
 def outcome_of(detection: Detection) -> str:
     """Return the verdict in one word: healthy, unknown or the classes, joined by ``+``."""
-    if detection.guard.size and detection.guard.max() > 1.0:
-        return "unknown"
-    if detection.doubtful:
+    if detection.unusual() or detection.doubtful:
         return "unknown"
     return "+".join(sorted(CLASS_OF[o] for o in detection.outputs)) or "healthy"
 
@@ -29,7 +27,8 @@ def _plain(found: Rate) -> dict[str, float | int]:
 
 
 def evaluate(
-    fleet: Cascade, own: Cascade | None, campaign: FleetFeatures, healthy: FleetFeatures
+    fleet: Cascade, own: Cascade | None, campaign: FleetFeatures, healthy: FleetFeatures,
+    strangers: FleetFeatures | None = None,
 ) -> dict[str, Any]:
     """Return the validation of one view as plain values.
 
@@ -37,13 +36,16 @@ def evaluate(
     ----------
     fleet : the cascade without baseline; its guard judges every record first.
     own : the cascade with a baseline, None to evaluate `fleet`.
-    campaign, healthy : units that neither trained nor calibrated anything.
+    campaign, healthy, strangers : units that neither trained nor calibrated anything.
     """
     cascade = fleet if own is None else own
     result: dict[str, Any] = {}
     detections, outcomes = _judge(fleet, own, healthy)
     result["false alarms"] = _plain(rate([o not in ("healthy", "unknown") for o in outcomes]))
     result["healthy called unknown"] = _plain(rate([o == "unknown" for o in outcomes]))
+    if strangers is not None:
+        _, outcomes = _judge(fleet, own, strangers)
+        result["strangers told"] = _plain(rate([o == "unknown" for o in outcomes]))
     detections, outcomes = _judge(fleet, own, campaign)
     for name in FAULTS:
         columns = [k for k, o in enumerate(OUTPUTS) if CLASS_OF[o] == name]
@@ -81,7 +83,7 @@ def _judge(
     detections = fleet.find(x)
     if own is None:
         return detections, [outcome_of(f) for f in detections]
-    guarded = [f.guard.size > 0 and f.guard.max() > BESIDE_OWN for f in detections]
+    guarded = [f.unusual(BESIDE_OWN, stranger=False) for f in detections]
     _, x = view_inputs(campaign, "baseline")
     detections = own.find(x)
     return detections, ["unknown" if g else outcome_of(f) for g, f in zip(guarded, detections)]

@@ -28,6 +28,7 @@ from ema_record.errors import RecordError, UsageError
 from ema_record.kit import ACTUATOR, PROFILES, kit_folder, kit_path, using_kit
 from ema_record.profile import Profile, load_profile
 from ema_record.record import Record
+from ema_record.sources import source_hash
 from ema_record.spread import TypeSpread, load_spread
 from ema_sim.model_file import Model, load_model_file
 from ema_sim.simulate import simulate
@@ -78,12 +79,21 @@ class _UnitPlan:
     tests: tuple[tuple[RunConditions, InjectedFault], ...]
 
 
-def _draw(rng: np.random.Generator, healthy: bool, spread: TypeSpread) -> _UnitPlan:
+DrawFault = Callable[[np.random.Generator], InjectedFault]
+
+
+def draw_of_mix(rng: np.random.Generator) -> InjectedFault:
+    """Return what a test of a training unit has, by the probabilities of `MIX`."""
+    shares = np.array([share for _, share in MIX])
+    kind = str(rng.choice([name for name, _ in MIX], p=shares / shares.sum()))
+    return draw_pair(rng) if kind == "pair" else draw_fault(rng, kind)
+
+
+def _draw(rng: np.random.Generator, healthy: bool, spread: TypeSpread, draw: DrawFault
+          ) -> _UnitPlan:
     tests = []
-    names, shares = [m[0] for m in MIX], np.array([m[1] for m in MIX])
     for _ in range(1 if healthy else TESTS_A_UNIT):
-        kind = "healthy" if healthy else str(rng.choice(names, p=shares / shares.sum()))
-        fault = draw_pair(rng) if kind == "pair" else draw_fault(rng, kind)
+        fault = HEALTHY if healthy else draw(rng)
         tests.append((draw_conditions(rng, spread.conditions), fault))
     return _UnitPlan(unit=draw_unit(rng, spread.tolerances),
                      base=draw_conditions(rng, spread.conditions), tests=tuple(tests))
@@ -181,17 +191,18 @@ def _run(kinds: tuple[ProfileKind, ...], model: Model, plans: list[_UnitPlan], k
 def simulate_fleet(
     kind: ProfileKind, units: int, seed: int, *, healthy: bool = False, jobs: int = 1,
     progress: Callable[[int, int], None] = lambda _done, _all: None, chunk: int = 10,
-    folder: Path | None = None, model: Model | None = None,
+    folder: Path | None = None, model: Model | None = None, draw: DrawFault = draw_of_mix,
 ) -> FleetFeatures:
     """Return the features of one kind of test, see `simulate_fleets`."""
     return simulate_fleets((kind,), units, seed, healthy=healthy, jobs=jobs, progress=progress,
-                           chunk=chunk, folder=folder, model=model)[kind]
+                           chunk=chunk, folder=folder, model=model, draw=draw)[kind]
 
 
 def simulate_fleets(
     kinds: tuple[ProfileKind, ...], units: int, seed: int, *, healthy: bool = False,
     jobs: int = 1, progress: Callable[[int, int], None] = lambda _done, _all: None,
     chunk: int = 10, folder: Path | None = None, model: Model | None = None,
+    draw: DrawFault = draw_of_mix,
 ) -> dict[ProfileKind, FleetFeatures]:
     """Simulate `units` units and return their features by kind of test.
 
@@ -207,15 +218,17 @@ def simulate_fleets(
     folder : keeps what is done, so that a campaign that was stopped goes on.
     model : the actuator around which the fleet spreads, with effects that all its units have;
         default that of the present kit.
+    draw : what a test has; a function of a module, which decides the features too.
     """
     from joblib import Parallel, delayed
 
     streams = np.random.SeedSequence([seed, int(healthy)]).spawn(units)
     spread = load_spread()
-    plans = [_draw(np.random.default_rng(s), healthy, spread) for s in streams]
+    plans = [_draw(np.random.default_rng(s), healthy, spread, draw) for s in streams]
     of = model or load_model_file()
     parts = [plans[i:i + chunk] for i in range(0, units, chunk)]
-    keys = [sources_key(json.dumps([kinds, repr(of), seed, healthy, chunk, k]))
+    source = "" if draw is draw_of_mix else source_hash(draw.__module__)
+    keys = [sources_key(json.dumps([kinds, repr(of), seed, healthy, chunk, k]), source)
             for k in range(len(parts))]
     work = Parallel(n_jobs=jobs, return_as="generator")(
         delayed(_run)(kinds, of, part, key, folder, kit_folder())

@@ -14,7 +14,13 @@ from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.paper.cascade import PaperCascade
 from ema_prognostics.paper.experiment import PaperSettings
 from ema_prognostics.training.evaluation import evaluate
-from ema_prognostics.training.fleet import FleetFeatures, simulate_fleets
+from ema_prognostics.training.fleet import (
+    DrawFault,
+    FleetFeatures,
+    draw_of_mix,
+    simulate_fleets,
+)
+from ema_prognostics.training.strangers import draw_stranger
 from ema_prognostics.training.training_jobs import VIEWS, TrainingFleets, train_views
 from ema_record.actuator import RELAY, TRAPEZOID, load_actuator
 from ema_record.actuator_type import actuator_hash
@@ -40,15 +46,18 @@ class TrainingSettings:
     """Units with faults, three tests each."""
     healthy: int = 1200
     """Further units, healthy, for the thresholds."""
+    strangers: int = 400
+    """Further units, three tests each of what is no fault of a family."""
     validation: int = 200
     validation_healthy: int = 300
+    validation_strangers: int = 60
     hidden: int = 16
     iterations: int = 200
 
 
 QUICK = TrainingSettings(
-    units=120, healthy=120, validation=30, validation_healthy=40, hidden=12,
-    iterations=120,
+    units=120, healthy=120, strangers=60, validation=30, validation_healthy=40,
+    validation_strangers=10, hidden=12, iterations=120,
 )
 
 
@@ -80,14 +89,19 @@ def train_model(
     nominal = load_actuator()
     literal = nominal.drive.kind == RELAY and nominal.motor.back_emf == TRAPEZOID
     fleets = _Fleets(kinds, jobs, folder, actuator, progress)
-    faults = fleets.simulated("fleet with faults", size.units, seed, False, 0.0, 0.42)
-    healthy = fleets.simulated("healthy fleet", size.healthy, seed, True, 0.42, 0.63)
+    faults = fleets.simulated("fleet with faults", size.units, seed, 0.0, 0.36)
+    healthy = fleets.simulated("healthy fleet", size.healthy, seed, 0.36, 0.54, healthy=True)
+    strange = fleets.simulated("fleet of strangers", size.strangers, seed, 0.54, 0.64,
+                               draw=draw_stranger)
     other = seed + VALIDATION_SEED
-    held = fleets.simulated("fleet that validates", size.validation, other, False, 0.63, 0.70)
-    sound = fleets.simulated("healthy fleet that validates", size.validation_healthy, other, True,
-                             0.70, 0.75)
+    held = fleets.simulated("fleet that validates", size.validation, other, 0.64, 0.69)
+    sound = fleets.simulated("healthy fleet that validates", size.validation_healthy, other,
+                             0.69, 0.73, healthy=True)
+    odd = fleets.simulated("strangers that validate", size.validation_strangers, other,
+                           0.73, 0.75, draw=draw_stranger)
     trained = train_views(
-        {kind: TrainingFleets(faults[kind], healthy[kind]) for kind in kinds}, seed=seed,
+        {kind: TrainingFleets(faults[kind], healthy[kind], strange[kind]) for kind in kinds},
+        seed=seed,
         hidden=size.hidden, iterations=size.iterations, jobs=jobs,
         paper=replace(QUICK_PAPER if quick else PAPER, seed=seed) if literal else None,
         progress=lambda what, part: progress(what, 0.75 + 0.20 * part))
@@ -97,8 +111,9 @@ def train_model(
     held_out: dict[str, Any] = {}
     for kind in kinds:
         fleet, own = (Cascade(trained.views[kind][view]) for view in VIEWS)
-        held_out[kind] = {"fleet": evaluate(fleet, None, held[kind], sound[kind]),
-                          "baseline": evaluate(fleet, own, held[kind], sound[kind])}
+        known = held[kind], sound[kind], odd[kind]
+        held_out[kind] = {"fleet": evaluate(fleet, None, *known),
+                          "baseline": evaluate(fleet, own, *known)}
     body = Body(
         views=views, paper=None if trained.paper is None else _paper_part(trained.paper),
         actuator=actuator_hash(),
@@ -127,10 +142,12 @@ class _Fleets:
         self._kinds, self._jobs, self._folder = kinds, jobs, folder
         self._actuator, self._progress = actuator, progress
 
-    def simulated(self, what: str, units: int, seed: int, healthy: bool, begin: float, end: float
-                  ) -> dict[ProfileKind, FleetFeatures]:
+    def simulated(
+        self, what: str, units: int, seed: int, begin: float, end: float, *,
+        healthy: bool = False, draw: DrawFault = draw_of_mix,
+    ) -> dict[ProfileKind, FleetFeatures]:
         """Return the features of a fleet by kind of test."""
         return simulate_fleets(
-            self._kinds, units, seed, healthy=healthy, jobs=self._jobs, folder=self._folder,
-            model=self._actuator, progress=lambda k, n: self._progress(
+            self._kinds, units, seed, healthy=healthy, draw=draw, jobs=self._jobs,
+            folder=self._folder, model=self._actuator, progress=lambda k, n: self._progress(
                 f"{what}, {k} of {n} units", begin + (end - begin) * k / n))

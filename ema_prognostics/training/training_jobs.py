@@ -22,6 +22,7 @@ class TrainingFleets(NamedTuple):
 
     faults: FleetFeatures
     healthy: FleetFeatures
+    strangers: FleetFeatures
 
 
 class Trained(NamedTuple):
@@ -52,7 +53,7 @@ def _run(job: _Job) -> tuple[_Job, ViewPart | None, PaperCascade | None]:
             return job._replace(campaign=None), None, found
         part = train_view(
             job.campaign.faults, job.campaign.healthy, job.kind, job.view, seed=job.seed,
-            hidden=job.hidden, iterations=job.iterations)
+            strangers=job.campaign.strangers, hidden=job.hidden, iterations=job.iterations)
         return job._replace(campaign=None), part, None
 
 

@@ -47,6 +47,8 @@ def validation_report(model: TrainedModel) -> str:
                 f"- false alarms on healthy records: {_percent(found['false alarms'])}",
                 f"- healthy records called unknown: {_percent(found['healthy called unknown'])}",
                 f"- two faults, both named: {_percent(found['pairs both named'])}",
+                *([f"- strangers of all sizes called unknown: {_percent(found['strangers told'])}"]
+                  if "strangers told" in found else []),
                 "",
                 "| fault | detected | a90/95 | right class | interval holds | median error |",
                 "|---|---|---|---|---|---|",

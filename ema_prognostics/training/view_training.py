@@ -49,6 +49,8 @@ FALSE_ALARMS: dict[View, dict[str, float]] = {
 STEP_FALSE_ALARMS = {"asymmetry": 0.002, "eccentricity": 0.0003, "motor_friction": 0.0007,
                      "surface_friction": 0.0007, "backlash": 0.0002}
 """The same of a single step, in either view."""
+STRANGERS = 0.003
+"""Rate of records without and with faults of which a stranger may be said."""
 DOUBT = 0.004
 """Rate of healthy records that may be called unknown because healthy is improbable."""
 LEAST_SPREAD, LEAST_SIZE_SPREAD = 1e-3, 0.25
@@ -108,7 +110,8 @@ def _turn_labels(y: np.ndarray, thirds: int) -> np.ndarray:
 
 def train_view(
     campaign: FleetFeatures, healthy: FleetFeatures, kind: str, view: View, *, seed: int,
-    hidden: int = 16, iterations: int = 200, progress: Callable[[str], None] = lambda _: None,
+    strangers: FleetFeatures | None = None, hidden: int = 16, iterations: int = 200,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> ViewPart:
     """Return the cascade of one view.
 
@@ -119,6 +122,8 @@ def train_view(
     kind : of the test.
     view : with or without baseline.
     seed : of the networks' weights.
+    strangers : other units, with what is no fault of a family, see `training.strangers`; None:
+        only the guard tells such.
     hidden, iterations : size of a member of the networks; most steps of the optimiser.
     progress : called with what begins.
     """
@@ -168,11 +173,14 @@ def train_view(
                      other=inputs(x[~fit]), kind=kind_found(y[~fit]), healthy=inputs(sound)),
         inputs.input_names, kind, seed=seed, iterations=iterations,
     )
+    progress("strangers")
+    strange = None if strangers is None else work.strangers(
+        [*guard.drivers, *guard.checked], view_inputs(strangers, view)[1], sound, x[~fit])
     part = ViewPart(
         names=names, lines=LinePart.of(lines),
         absolute_lines=None if absolute is None else LinePart.of(absolute),
         center=center, spread=spread, families=families, members=members, severity=severity,
-        doubt=0.0, guard=guard,
+        doubt=0.0, guard=guard, strangers=strange,
     )
     sure = [f.healthy for f in Cascade(part).find(sound)]
     doubt = -tail_quantile(-np.array(sure), DOUBT)
@@ -267,6 +275,30 @@ class _Work:
         network = fit_regressor(x, total[:, None], iterations=self._iterations, members=MEMBERS,
                                 weight=self._records.weight, **self._settings)
         return as_classifier(network, network(x)[:, 0], there, self._records.weight)
+
+    def strangers(self, names: list[str], strange: np.ndarray, *known: np.ndarray) -> FamilyPart:
+        """Return the network that says whether something else is there.
+
+        Parameters
+        ----------
+        names : of its inputs.
+        strange : ndarray, shape (n, d). Features of records with something else.
+        known : ndarray, each shape (k, d). Of records without; each sets a threshold, the
+            largest counts.
+        """
+        columns = self._inputs.columns(names)
+
+        def see(x: np.ndarray) -> np.ndarray:
+            return np.asarray(self._inputs(x)[:, columns])
+
+        x = np.vstack([see(self._x), see(strange)])
+        network = NetworkPart.of(fit_classifier(
+            x, np.arange(len(x)) >= len(self._x), iterations=self._iterations,
+            weight=np.concatenate([self._records.weight, np.ones(len(strange))]),
+            **self._settings))
+        threshold = max(
+            tail_quantile(logit(network.build()(see(rows))[:, 0]), STRANGERS) for rows in known)
+        return FamilyPart(inputs=names, network=network, threshold=float(f"{threshold:.6g}"))
 
     def member(self, group: str, family: str) -> MemberPart:
         """Return the network that says which, trained where the family is there."""

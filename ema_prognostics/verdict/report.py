@@ -14,8 +14,9 @@ from ema_prognostics.verdict.verdict import Fault, Measure, Symptom, Verdict
 from ema_prognostics.words import ENGLISH, feature_words, next_step
 from ema_record.errors import EmaError, IncompleteRecordError
 
-GROUP, ALL = "group.", "all"
-"""Beginning of the names of groups of features, and the name of all together."""
+GROUP, ALL, STRANGER = "group.", "all", "stranger"
+"""Beginning of the names of groups of features, the name of all together, and of all as a
+network sees them that knows what else befalls actuators."""
 FOUND: dict[Measure, str] = {
     "healthy": "{:+.1f} healthy deviations", "bound": "{:.1f} times the usual bound"}
 
@@ -31,6 +32,8 @@ def guard_evidence(cascade: Cascade, detection: Detection) -> list[Symptom]:
     guard = cascade.guard
     if guard is None:
         return []
+    if not detection.unusual(stranger=False):
+        return [Symptom(feature=STRANGER, measure="bound", times=detection.stranger)]
     names = [
         *(cascade.inputs.input_names[k] for k in guard.checked),
         *(f"{GROUP}{name}" for name in guard.groups), ALL,
@@ -52,10 +55,11 @@ def verdict_of_guard(
     ----------
     cascade : that found it.
     detection : what it found.
-    bound : of the guard's scores, above 1 where another guard judges too.
+    bound : of the guard's scores, above 1 where another guard judges too; strangers are then
+        its matter.
     cause : ``unlike``, or ``unlike_since_baseline``.
     """
-    if cascade.guard is None or detection.guard.max() <= bound:
+    if not detection.unusual(bound, stranger=bound <= 1.0):
         return None
     found = guard_evidence(cascade, detection)
     first = found[0].feature

@@ -101,7 +101,7 @@ def test_a_training_says_for_which_actuator_it_was(
 ) -> None:
     faults, sound = campaigns
     views = {"step": {v: model.body.views[f"step/{v}"] for v in ("fleet", "baseline")}}
-    monkeypatch.setattr(train_model, "simulate_fleets", lambda *_, healthy, **__: {
+    monkeypatch.setattr(train_model, "simulate_fleets", lambda *_, healthy=False, **__: {
         "step": sound if healthy else faults})
     monkeypatch.setattr(train_model, "train_views", lambda *_, **__: Trained(views, None))
     monkeypatch.setattr(train_model, "evaluate", lambda *_: {})
