@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_identification.actuator.decision.decide import FleetAnswer
+from ema_identification.actuator.decision.answer import FleetAnswer
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.fleet import SIZE, fleet_record
-from ema_identification.actuator.decision.gap import LawGap
-from ema_identification.actuator.laws.terms import LawFit, with_terms
+from ema_identification.actuator.laws.terms import LawFit, LawGap, with_terms
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.signals import TURN, DriveSignals, drive_signals, turns_of
-from ema_identification.actuator.words import residual_of
+from ema_identification.actuator.residuals import residual_of
 from ema_identification.result import Curve, Panel
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.record import Record

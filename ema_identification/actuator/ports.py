@@ -15,7 +15,7 @@ from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.laws.terms import LawFit
 from ema_identification.actuator.measure.control_law import ControlLaw
 from ema_identification.actuator.measure.ripple import largest_line
-from ema_identification.actuator.words import ResidualGroup, groups_of
+from ema_identification.actuator.residuals import ResidualGroup, groups_of
 from ema_identification.result import Curve, Panel, Shape
 from ema_sim.effects import EFFECTS
 

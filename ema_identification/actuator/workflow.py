@@ -10,14 +10,16 @@ from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.checks import check_records
 from ema_identification.actuator.decision.acceptance import with_acceptance
+from ema_identification.actuator.decision.answer import FleetAnswer, stages_of
 from ema_identification.actuator.decision.baseline import changed_unit, with_baselines
-from ema_identification.actuator.decision.decide import FleetAnswer, decide, stages_of
+from ema_identification.actuator.decision.decide import decide
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.fleet import FULL, SIZE, LibrarySizes, fleet_unit
 from ema_identification.actuator.decision.gap import HeldOut, fitted_gap
 from ema_identification.actuator.decision.joint import joint_unit
 from ema_identification.actuator.decision.library import fleet_library
 from ema_identification.actuator.decision.next_test import separating_test
+from ema_identification.actuator.decision.proposals import healthy_scores
 from ema_identification.actuator.laws.terms import LawFit, with_terms
 from ema_identification.actuator.measure.control_law import control_law
 from ema_identification.actuator.measure.features import nominal_rate
@@ -27,12 +29,11 @@ from ema_identification.actuator.measure.tolerances import RecordConditions, ali
 from ema_identification.actuator.model_file import model_file_text
 from ema_identification.actuator.panels import panels_of, record_of
 from ema_identification.actuator.ports import unknown_shape
+from ema_identification.actuator.residuals import groups_of, residual_of
 from ema_identification.actuator.words import (
     candidates_of,
     findings_of,
-    groups_of,
     recalibrated_of,
-    residual_of,
     steps_of,
 )
 from ema_identification.result import Identification
@@ -71,10 +72,10 @@ def identify_actuator(
                   case.model, without)
     with threadpool_limits(limits=1):  # sums in one order: the last digit grows in limit cycles
         units = [case.unit(record) for record in measured]
-        unit, held = joint_unit(units), None
+        unit, held = joint_unit(units, healthy_scores), None
         if validate:
             other = [case.unit(record, signatures=False) for record in validate]
-            held = HeldOut(unit=joint_unit(other, ranked=False), fitted=unit)
+            held = HeldOut(unit=joint_unit(other), fitted=unit)
         found = _said(unit, decide(unit, held, without=without, progress=progress), model, held)
         if not baseline:
             return found

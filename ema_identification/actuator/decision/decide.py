@@ -17,13 +17,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 from scipy.stats import beta
 
+from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence, stages_of
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.gap import HeldOut, LawGap
 from ema_identification.actuator.decision.proposals import (
     LawProposal,
     gain_of,
@@ -35,9 +36,9 @@ from ema_identification.actuator.decision.proposals import (
 )
 from ema_identification.actuator.decision.slopes import with_simulated_slopes
 from ema_identification.actuator.decision.surrogate import SETTLED_RUNS
-from ema_identification.actuator.laws.terms import LawFit
+from ema_identification.actuator.laws.terms import LawFit, LawGap
 from ema_identification.actuator.measure.runs import Progress, silent
-from ema_identification.result import Outcome, after_validation
+from ema_identification.result import after_validation
 
 LEVEL = 0.01
 """Requirement: names on nothing, at most 1 %. Of every test."""
@@ -57,37 +58,11 @@ FURTHER, FALL = 3, 0.1
 by this share: one that is still on its way is not judged."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class FleetAnswer:
-    """What was decided.
+class LawJudge(Protocol):
+    """Held-out records."""
 
-    Attributes
-    ----------
-    verdict : of the identification.
-    null : the model without a law, on runs where laws were tried.
-    fit : of the laws named; None for none.
-    equivalent : for each law other names that the data cannot tell from it; without `fit`, all
-        that explain it equally well.
-    p_value : of each law, that it adds nothing to the model with the others.
-    p_nothing : that a healthy unit is as far off.
-    closed : for each law the share of the excess misfit that it closes, beside the others.
-    alone : of two laws, the fit of each without the other.
-    fits : all that were compared, most evidence first.
-    gap : on held-out records.
-    reasons : for people.
-    """
-
-    verdict: Outcome
-    null: LawFit
-    fit: LawFit | None = None
-    equivalent: tuple[tuple[str, ...], ...] = ()
-    p_value: tuple[float, ...] = ()
-    p_nothing: float = 1.0
-    closed: tuple[float, ...] = ()
-    alone: tuple[LawFit, ...] = ()
-    fits: tuple[LawFit, ...] = ()
-    gap: LawGap | None = None
-    reasons: tuple[str, ...] = field(default=())
+    def gap(self, models: Sequence[LawFit]) -> LawGap:
+        """Return the gap of each model, the first without a law."""
 
 
 def rank(score: float, healthy: np.ndarray) -> float:
@@ -110,13 +85,6 @@ def p_nothing(score: tuple[float, float], healthy: np.ndarray) -> float:
 def share_of(as_rare: int, units: int) -> float:
     """Return the largest share that is compatible, with `SURE`, with so many of `units`."""
     return float(beta.ppf(SURE, as_rare + 1, units - as_rare)) if as_rare < units else 1.0
-
-
-def log_evidence(fit: LawFit, freedom: float) -> float:
-    """Return log E, see the module; -inf for a model that could not be run."""
-    if not np.isfinite(fit.cost):
-        return -np.inf
-    return -0.5 * freedom * float(np.log(fit.cost)) - 0.5 * fit.free * float(np.log(freedom))
 
 
 class _Decision:
@@ -240,7 +208,7 @@ def _alternating(lists: Sequence[Sequence[LawProposal]], most: int) -> list[LawP
 
 
 def decide(
-    unit: TestedUnit, held: HeldOut | None = None, *, without: Sequence[str] = (),
+    unit: TestedUnit, held: LawJudge | None = None, *, without: Sequence[str] = (),
     progress: Progress = silent,
 ) -> FleetAnswer:
     """Return the answer to a record.
@@ -275,7 +243,7 @@ def decide(
     return answer if held is None else _validated(answer, held)
 
 
-def _nothing(null: LawFit, p: float, held: HeldOut | None) -> FleetAnswer:
+def _nothing(null: LawFit, p: float, held: LawJudge | None) -> FleetAnswer:
     """Return silence, unless the held-out record is off by more than the model's own runs."""
     said = f"of healthy units, up to {p:.2g} are as far off"
     answer = FleetAnswer(verdict="no disagreement", null=null, p_nothing=p, reasons=(said,))
@@ -329,21 +297,7 @@ def _instead(fit: LawFit, name: str, kept: Sequence[frozenset[str]]) -> tuple[st
                          if len(k) == len(fit.names) and others <= k and name not in k}))
 
 
-def stages_of(answer: FleetAnswer) -> list[LawFit]:
-    """Return the model without a law and after each one, the one that closes more first."""
-    if answer.fit is None:
-        return [answer.null]
-    first = [answer.alone[order_of(answer)[0]]] if answer.alone else []
-    return [answer.null, *(f for f in first if np.isfinite(f.cost)), answer.fit]
-
-
-def order_of(answer: FleetAnswer) -> list[int]:
-    """Return the places of the laws named, the one that alone leaves least first."""
-    costs = [f.cost for f in answer.alone]
-    return [int(k) for k in np.argsort(costs)] if costs else [0]
-
-
-def _validated(answer: FleetAnswer, held: HeldOut) -> FleetAnswer:
+def _validated(answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
     """Return the answer as held-out records leave it: they only judge."""
     gap = held.gap(stages_of(answer))
     verdict, said = after_validation(

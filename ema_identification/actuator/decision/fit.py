@@ -20,14 +20,13 @@ from functools import partial
 import numpy as np
 from scipy.linalg import cholesky
 
-from ema_identification.actuator.decision.bounded import bounded_least_squares
 from ema_identification.actuator.decision.fleet import (
     OF_DAY,
     SIZE,
     conditions_of,
     fleet_features,
 )
-from ema_identification.actuator.decision.slopes import law_slopes
+from ema_identification.actuator.decision.slopes import bounded_least_squares, law_slopes
 from ema_identification.actuator.decision.surrogate import (
     FleetLibrary,
     Whitener,

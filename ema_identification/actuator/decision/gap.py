@@ -15,7 +15,7 @@ import numpy as np
 from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
 from ema_identification.actuator.decision.fleet import OF_DAY, SIZE
 from ema_identification.actuator.decision.joint import kept_of
-from ema_identification.actuator.laws.terms import LawFit
+from ema_identification.actuator.laws.terms import LawFit, LawGap
 
 RUNS = 8
 """Of a prediction with a law."""
@@ -25,32 +25,6 @@ WORST = 0.1
 """Part of the features that the gap looks at: most effects show in few."""
 LARGEST_RESIDUAL = 1e4
 """Most that one feature counts (standard deviations)."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LawGap:
-    """The gap of models on records.
-
-    Attributes
-    ----------
-    values : of each model.
-    healthy : ndarray, shape (n,). Of healthy units without a law.
-    rest : of each model the residual in standard deviations, shape (d,).
-    """
-
-    values: tuple[float, ...]
-    healthy: np.ndarray
-    rest: tuple[np.ndarray, ...] = ()
-
-    @property
-    def floor(self) -> float:
-        """What healthy units leave, the median."""
-        return float(np.median(self.healthy))
-
-    @property
-    def bound(self) -> float:
-        """What 95 % of them stay within."""
-        return float(np.quantile(self.healthy, 0.95, method="higher"))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,9 +12,9 @@ from scipy.linalg import block_diag
 
 from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
 from ema_identification.actuator.decision.fleet import OF_DAY, SIZE
-from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.surrogate import FleetLibrary
-from ema_identification.actuator.laws.signatures import Signature, stacked
+from ema_identification.actuator.laws.catalogue import Signature
+from ema_identification.actuator.laws.signatures import stacked
 from ema_identification.actuator.laws.terms import EffectTerm
 from ema_record import array_cache as cache
 
@@ -104,11 +104,14 @@ def _together(units: Sequence[TestedUnit], library: FleetLibrary) -> JointUnit:
         record=first.record)
 
 
-def joint_unit(units: Sequence[TestedUnit], *, ranked: bool = True) -> TestedUnit:
+def joint_unit(
+    units: Sequence[TestedUnit],
+    scored: Callable[[TestedUnit], tuple[float, float]] | None = None,
+) -> TestedUnit:
     """Return records of one unit as one; a single one as it is.
 
-    `ranked` : healthy units are ranked on all tests together, which a record that only judges
-    does not need.
+    `scored` : gives the scores of healthy units, which are ranked on all tests together; a record
+    that only judges needs none.
     """
     if len(units) == 1:
         return units[0]
@@ -122,13 +125,11 @@ def joint_unit(units: Sequence[TestedUnit], *, ranked: bool = True) -> TestedUni
         libraries[0], fmap=replace(libraries[0].fmap, features=features),
         signatures=tuple(stacked(s) for s in by_name.values() if len(s) == len(units)))
     unit = _together(units, library)
-    if not ranked:
+    if scored is None:
         return unit
-
-    def judged() -> np.ndarray:
-        return np.array([scores(u, u.without_law(), 0) for u in unit.set_aside() if u is not None])
-
-    return replace(unit, library=replace(library, healthy=kept_of(libraries, "joint", judged)))
+    healthy = kept_of(libraries, "joint", lambda: np.array(
+        [scored(u) for u in unit.set_aside() if u is not None]))
+    return replace(unit, library=replace(library, healthy=healthy))
 
 
 def kept_of(

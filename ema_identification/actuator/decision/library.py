@@ -31,8 +31,8 @@ from ema_identification.actuator.decision.surrogate import (
     fit_mean,
     noise_law,
 )
+from ema_identification.actuator.laws.catalogue import Signature
 from ema_identification.actuator.laws.signatures import (
-    Signature,
     build_effect_library,
     candidates,
     pack,

@@ -16,8 +16,7 @@ import numpy as np
 
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.surrogate import Whitener
-from ema_identification.actuator.laws.catalogue import Variant, ripple
-from ema_identification.actuator.laws.signatures import Signature
+from ema_identification.actuator.laws.catalogue import Signature, Variant, ripple
 from ema_identification.actuator.laws.terms import EffectTerm, LawFit
 
 ANGLES, CHORDS = 8, 3
@@ -168,6 +167,11 @@ def scores(unit: TestedUnit, fit: LawFit, runs: int) -> tuple[float, float]:
     found = linear_gains(unit, fit, unit.whitener(runs), selectable(unit, ()))
     lower = found[0].cost if found else fit.cost
     return fit.cost / unit.size, gain_of(fit.cost, lower, unit.size)
+
+
+def healthy_scores(unit: TestedUnit) -> tuple[float, float]:
+    """Return `scores` of a unit that is judged as a healthy one."""
+    return scores(unit, unit.without_law(), 0)
 
 
 def gain_of(cost: float, lower: float, size: int) -> float:

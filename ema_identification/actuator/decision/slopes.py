@@ -1,4 +1,4 @@
-"""Slopes of a unit's features about a fit, by the simulator."""
+"""Slopes of a unit's features about a fit, by the simulator; steps by least squares."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from ema_identification.actuator.laws.terms import (
     EffectTerm,
@@ -78,3 +79,30 @@ def with_simulated_slopes(unit: _Runs, fit: LawFit, runs: int, salt: int = 61) -
         if np.isfinite(mean).all() and np.isfinite(here).all():
             slopes[:, fit.free + k] = (mean - here) / (z[k] - fit.z[k])
     return replace(fit, slopes=slopes)
+
+
+def bounded_least_squares(
+    columns: np.ndarray, target: np.ndarray, low: np.ndarray, high: np.ndarray,
+    weight: np.ndarray, centre: np.ndarray,
+) -> np.ndarray:
+    """Return the step within bounds that leaves least.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (d, m). Whitened slopes.
+    target : ndarray, shape (d,). Whitened residual.
+    low, high : ndarrays, shape (m,). Bounds of the step; low < high.
+    weight : ndarray, shape (m,). Of the squares of ``centre + step``, added to the sum.
+    centre : ndarray, shape (m,). Where the step begins.
+
+    Returns
+    -------
+    ndarray, shape (m,).
+    """
+    root = np.sqrt(weight)
+    rows, rest = np.vstack([columns, np.diag(root)]), np.append(target, -root * centre)
+    scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-12)
+    basis, triangle = np.linalg.qr(rows / scale)
+    found = lsq_linear(triangle, basis.T @ rest, bounds=(low * scale, high * scale),
+                       method="bvls")
+    return np.clip(np.asarray(found.x) / scale, low, high)

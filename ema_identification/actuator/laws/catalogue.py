@@ -100,6 +100,51 @@ class Variant:
         return base._replace(**{self.effect: values._replace(**moved)})
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signature:
+    """Features that a variant adds, along each of its coordinates, straight between levels.
+
+    Attributes
+    ----------
+    variant : what it is.
+    levels : for each coordinate, sorted, with 0 among them.
+    values : for each coordinate, ndarray of shape (levels, d).
+    """
+
+    variant: Variant
+    levels: tuple[np.ndarray, ...]
+    values: tuple[np.ndarray, ...]
+
+    def at(self, u: np.ndarray) -> np.ndarray:
+        """Return the added features at coordinates `u`, shape (d,)."""
+        total = np.zeros(self.values[0].shape[1])
+        for x, levels, values in zip(u, self.levels, self.values):
+            total += self._along(float(x), levels, values)
+        return total
+
+    def slope(self, u: np.ndarray) -> np.ndarray:
+        """Return the derivative to the coordinates, shape (d, size); zero where unknown."""
+        found = np.zeros((self.values[0].shape[1], len(u)))
+        for k, (x, levels, values) in enumerate(zip(u, self.levels, self.values)):
+            if len(levels) > 1:
+                place = _interval(float(x), levels)
+                found[:, k] = (values[place + 1] - values[place]) / (
+                    levels[place + 1] - levels[place])
+        return found
+
+    @staticmethod
+    def _along(x: float, levels: np.ndarray, values: np.ndarray) -> np.ndarray:
+        if len(levels) < 2:
+            return np.zeros(values.shape[1])
+        k = _interval(x, levels)
+        part = (x - levels[k]) / (levels[k + 1] - levels[k])
+        return np.asarray(values[k] + part * (values[k + 1] - values[k]))
+
+
+def _interval(x: float, levels: np.ndarray) -> int:
+    return int(np.clip(np.searchsorted(levels, x) - 1, 0, len(levels) - 2))
+
+
 def _both(*levels: float) -> tuple[float, ...]:
     return (*(-x for x in reversed(levels)), *levels)
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ema_identification.actuator.laws.catalogue import Variant
-from ema_identification.actuator.laws.signatures import Signature
+from ema_identification.actuator.laws.catalogue import Signature, Variant
 from ema_sim.effects import EFFECTS, Effects
 from ema_sim.effects.base import Choice
 
@@ -53,6 +52,32 @@ class LawFit:
     def free(self) -> int:
         """Number of coordinates of the laws."""
         return sum(t.variant.size for t in self.terms)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawGap:
+    """The gap of models on records.
+
+    Attributes
+    ----------
+    values : of each model.
+    healthy : ndarray, shape (n,). Of healthy units without a law.
+    rest : of each model the residual in standard deviations, shape (d,).
+    """
+
+    values: tuple[float, ...]
+    healthy: np.ndarray
+    rest: tuple[np.ndarray, ...] = ()
+
+    @property
+    def floor(self) -> float:
+        """What healthy units leave, the median."""
+        return float(np.median(self.healthy))
+
+    @property
+    def bound(self) -> float:
+        """What 95 % of them stay within."""
+        return float(np.quantile(self.healthy, 0.95, method="higher"))
 
 
 def with_terms(terms: Sequence[EffectTerm], base: Effects) -> Effects:

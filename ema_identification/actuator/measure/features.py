@@ -30,6 +30,7 @@ from ema_identification.actuator.measure.signals import (
     DriveSignals,
     drive_signals,
     lines,
+    rotor_lines,
     turns_of,
 )
 from ema_record.actuator import Actuator
@@ -285,35 +286,11 @@ def _moving(signals: DriveSignals, segment: MotionSegment, actuator: Actuator) -
     if turns_planned * signals.pole_pairs >= LEAST_TURNS:
         yield from _locked(signals, segment, part, actuator)
     if turns_planned >= LEAST_TURNS and signals.pole_pairs > 1:
-        yield from _of_rotor(signals, part, actuator)
+        yield from rotor_lines(signals, part, actuator)
 
 
 LEAST_TURNS = 1.2
 """Of a section of which lines are taken."""
-
-
-def _of_rotor(signals: DriveSignals, part: slice, actuator: Actuator) -> Iterator[Entry]:
-    """Yield lines locked to the turn of a rotor with several pole pairs, electrical ones left out.
-
-    Eccentricity and run-out come once a turn and beside the windings' even lines (as
-    `ema_prognostics.features.balance` has them), the teeth of a wheel at any whole number.
-    """
-    pairs = signals.pole_pairs
-    orders = [h for h in (*range(1, 2 * pairs + 2), 4 * pairs - 1, 4 * pairs + 1) if h % pairs]
-    turns = turns_of(signals.theta / pairs, part)
-    if turns is None:
-        found = np.zeros((4 * pairs + 2, 2), dtype=complex)
-    else:
-        stack = np.column_stack([signals.torque_current[turns.part], signals.speed[turns.part]])
-        found = lines(turns, stack, 4 * pairs + 1)
-    accelerating = 1j * np.arange(len(found)) * actuator.motor.inertia * found[0, 1].real
-    torque = 2.0 * actuator.motor.back_emf_constant * found[:, 0] - accelerating * found[:, 1]
-    for h in orders:
-        for half, of in (("re", np.real), ("im", np.imag)):
-            yield (f"turn_torque_line_{h}_{half}", "motor torque", "rotor angle",
-                   1e3 * float(of(torque[h])))
-            yield (f"turn_speed_line_{h}_{half}", "motor speed", "rotor angle",
-                   float(of(found[h, 1])))
 
 
 def _locked(

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from ema_identification.actuator.decision.bounded import bounded_least_squares
 from ema_identification.actuator.decision.gap import worst
-from ema_identification.actuator.laws.catalogue import variants
-from ema_identification.actuator.laws.signatures import Signature, stacked
+from ema_identification.actuator.decision.slopes import bounded_least_squares
+from ema_identification.actuator.laws.catalogue import Signature, variants
+from ema_identification.actuator.laws.signatures import stacked
 from ema_identification.actuator.laws.terms import EffectTerm, choices_of
 from ema_identification.actuator.measure.tolerances import (
     N_TOLERANCES,

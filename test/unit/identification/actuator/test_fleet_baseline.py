@@ -8,12 +8,7 @@ from fleet_unit import CONDITIONS, STRANGE, effects_of, features_of, judged, run
 
 from ema_identification.actuator.decision import acceptance, baseline, fit, gap
 from ema_identification.actuator.decision.baseline import changed_unit
-from ema_identification.actuator.decision.decide import (
-    LEVEL,
-    decide,
-    p_nothing,
-    share_of,
-)
+from ema_identification.actuator.decision.decide import LEVEL, decide, p_nothing, share_of
 from ema_identification.actuator.decision.fleet import OF_DAY, SIZE
 from ema_identification.actuator.decision.proposals import scores
 from ema_record.kit import LIBRARY

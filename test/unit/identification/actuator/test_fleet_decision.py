@@ -7,19 +7,12 @@ import numpy as np
 import pytest
 from fleet_unit import FEATURES, HEALTHY, UNITS, plain_library, unit
 
-from ema_identification.actuator.decision.decide import (
-    LEVEL,
-    decide,
-    log_evidence,
-    p_nothing,
-    rank,
-    share_of,
-)
+from ema_identification.actuator.decision.answer import log_evidence
+from ema_identification.actuator.decision.decide import LEVEL, decide, p_nothing, rank, share_of
 from ema_identification.actuator.decision.fleet import SIZE
-from ema_identification.actuator.decision.gap import LawGap
 from ema_identification.actuator.decision.intervals import parameters_of
 from ema_identification.actuator.decision.proposals import scores
-from ema_identification.actuator.laws.terms import EffectTerm, LawFit
+from ema_identification.actuator.laws.terms import EffectTerm, LawFit, LawGap
 
 VISCOUS = UNITS["viscous_friction", "coefficient"]
 (SIGNATURE,) = (s for s in plain_library().signatures if s.variant.name == "viscous_friction")

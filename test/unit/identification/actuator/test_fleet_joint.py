@@ -7,9 +7,11 @@ import pytest
 from fleet_unit import FEATURES, effects_of, features_of, judged, run, unit
 
 from ema_identification.actuator.decision import fit, gap
-from ema_identification.actuator.decision.decide import decide, order_of, stages_of
+from ema_identification.actuator.decision.answer import order_of, stages_of
+from ema_identification.actuator.decision.decide import decide
 from ema_identification.actuator.decision.fleet import OF_DAY, SIZE
 from ema_identification.actuator.decision.joint import DAYS, joint_unit
+from ema_identification.actuator.decision.proposals import healthy_scores
 from ema_identification.actuator.measure.tolerances import RecordConditions
 
 ROW = np.array([20.0, 0.0, 1.0, 0.0])
@@ -50,7 +52,7 @@ def joint(libraries, tmp_path, monkeypatch):
         known = [replace(x, aside=tuple(rows[:healthy] for rows in x.aside)) for x in libraries]
         return joint_unit([record_of(library, 7000 + 10 * seed + day, z, **sizes)
                            for day, (library, z) in enumerate(zip(known, two_days(seed)))],
-                          ranked=ranked)
+                          scored=healthy_scores if ranked else None)
     return make
 
 
