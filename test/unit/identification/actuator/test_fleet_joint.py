@@ -29,8 +29,9 @@ def record_of(library, seed, z, **sizes):
     """Return a test of a unit."""
     values = features_of(z, effects_of(**sizes)) + np.random.default_rng(
         [seed, 16]).normal(size=FEATURES)
-    return fit.TestedUnit(library=library, values=values, seed=seed, simulator=run,
-                      conditions=RecordConditions(measured=frozenset({"temperature", "bus"})))
+    return fit.TestedUnit(
+        library=library, values=values, seed=seed, simulator=run,
+        conditions=RecordConditions(measured=frozenset({"temperature", "bus"})))
 
 
 @pytest.fixture(scope="module")
