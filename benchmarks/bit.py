@@ -23,7 +23,7 @@ from ema_cli.commands.bit import MONITOR, SIMULATOR
 from ema_record.profile import load_profile
 from support.chain import chain, samples_of
 
-LIMITS = {"step": 8.0, "extended": 12.0}
+LIMITS = {"step": 3.0, "extended": 6.0}
 """Of a warm `ema bit` (s)."""
 AFTER_CLOSED = 1.0
 """Of that, at most so much after the record is closed (s)."""

@@ -6,6 +6,7 @@ plays the aircraft, all in one thread.
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
@@ -102,7 +103,7 @@ class Chain:
 
     def run(
         self, namespaces: Sequence[str], side_by_side: int, duration: float, factor: float,
-        progress: Progress,
+        progress: Progress, meanwhile: Callable[[], object] | None = None,
     ) -> list[dict[str, Any]]:
         """Test each actuator and return what came of it, in their order.
 
@@ -113,6 +114,7 @@ class Chain:
         duration : of the test (s).
         factor : simulated seconds a second; 0: as fast as possible.
         progress : shows what is done, as `ema_cli.console.progress`.
+        meanwhile : what may be done while the tests run, in a thread of its own.
         """
         from ema_monitor.aircraft_node import aircrafts
 
@@ -128,6 +130,8 @@ class Chain:
             start = time.monotonic() - begin
             rounds = -(-len(namespaces) // side_by_side)
             what = f"{len(namespaces)} built-in tests" if len(namespaces) > 1 else "built-in test"
+            if meanwhile is not None:
+                threading.Thread(target=meanwhile, daemon=True).start()
             with progress(f"{what}, {duration:g} s", rounds * (test_time + 1.0)) as show:
                 tests = self._run_all(namespaces, side_by_side, test_time + TEST_MARGIN, show)
         for result in tests:

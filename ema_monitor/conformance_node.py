@@ -16,7 +16,14 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool, Header
 
 from ema_monitor.conformance import FOLLOWED, PUBLISHED, DriverRun, Endpoint, Heard
-from ema_monitor.messages import ACTUATOR_KEYS, ACTUATOR_STATUS, actuator_status, reports_of
+from ema_monitor.messages import (
+    ACQUISITION,
+    ACTUATOR_KEYS,
+    ACTUATOR_STATUS,
+    CAPTURE,
+    actuator_status,
+    reports_of,
+)
 from ema_record.errors import InvalidRecordError, TestRefusedError
 from ema_record.profile import load_profile_dict
 from ema_record.wire.samples import decode_block
@@ -150,7 +157,8 @@ class ConformanceNode(Node):
         self._command.publish(encode_command(hold, run.stamp))
         if self._spin_until(lambda: self._accepted(run), OBEY if on_wheels else 0.5):
             if open_after is not None:
-                self._spin_until(lambda: bool(run.blocks), END)
+                if self.heard.values.get(ACQUISITION) != CAPTURE:
+                    self._spin_until(lambda: bool(run.blocks), END)
                 self._spin_until(lambda: False, open_after)
                 run.opened = time.monotonic()
                 self._send_wheels(False)

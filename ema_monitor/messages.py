@@ -14,11 +14,18 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
-from ema_monitor.sequence import ActuatorStatus
+from ema_monitor.observation import ActuatorStatus
 from ema_record.bag.annotate import add_last_message
 from ema_record.checks.live import CheckResult, Level
 from ema_record.errors import EmaError
-from ema_record.wire.topics import TOPICS, VERDICT, name_on_graph
+from ema_record.wire.topics import (
+    BAG_TOPICS,
+    DIAGNOSTICS,
+    TOPICS,
+    VERDICT,
+    WEIGHT_ON_WHEELS,
+    name_on_graph,
+)
 from ema_ros.messages import (
     PolledGroup,
     Taken,
@@ -28,6 +35,9 @@ from ema_ros.messages import (
     take_all,
 )
 
+READ = tuple(sorted((*(topic.name for topic in BAG_TOPICS), DIAGNOSTICS),
+                    key=lambda topic: topic != WEIGHT_ON_WHEELS))
+"""Topics that the monitor reads, what may abort a test first."""
 VERDICT_WAIT = 0.3
 """Longest wait, at the end, for the verdict on the last record (s)."""
 ACTUATOR_STATUS = "actuator"
@@ -40,6 +50,8 @@ ACTUATOR_KEYS = {
     "samples_published": "how many samples answer it so far",
 }
 """What that status must say."""
+ACQUISITION, CAPTURE = "acquisition", "capture"
+"""What it may say besides: the samples of a move come when it is over."""
 _LEVELS = {
     Level.OK: DiagnosticStatus.OK,
     Level.WARN: DiagnosticStatus.WARN,
@@ -108,7 +120,8 @@ class VerdictKeeper:
             self._awaited = None
             try:
                 add_last_message(path, self._topic, taken.data, time.time_ns(), {
-                    key: said[key] for key in ("verdict", "fault_code") if key in said})
+                    key: said[key] for key in ("verdict", "fault_code") if key in said},
+                    said.get("json", "").encode())
             except EmaError as error:
                 self._logger.warning(f"verdict not added to the record: {error}")
 
@@ -197,4 +210,5 @@ def actuator_status(values: Mapping[str, str]) -> ActuatorStatus:
         active=values["state"] != "idle", surface_position=position,
         command_stamp=int(values["command_stamp"]), start_time=int(values["start_time"]),
         samples_published=int(values["samples_published"]),
+        captures=values.get(ACQUISITION) == CAPTURE,
     )

@@ -20,6 +20,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ema_monitor.messages import (
     ACTUATOR_STATUS,
+    READ,
     Request,
     VerdictKeeper,
     fill_response,
@@ -28,13 +29,12 @@ from ema_monitor.messages import (
     level_status,
     record_statuses,
 )
+from ema_monitor.observation import ACTUATOR_TIMEOUT, ActuatorStatus, Observation
 from ema_monitor.recorder import BitRecorder, new_bag_path
 from ema_monitor.sequence import (
     Action,
-    ActuatorStatus,
     CloseRecord,
     Finish,
-    Observation,
     OpenRecord,
     SendCommand,
     Stage,
@@ -46,7 +46,6 @@ from ema_record.checks.live import CheckResult, Level, check_counters, check_rec
 from ema_record.errors import EmaError
 from ema_record.profile import load_profile
 from ema_record.wire.topics import (
-    BAG_TOPICS,
     BIT_RECORD,
     COMMAND,
     DEADMAN,
@@ -76,8 +75,6 @@ POLL_PERIOD, IDLE_PERIOD = 0.02, 0.05
 DIAGNOSTICS_PERIOD = 1.0
 SIGN_PERIOD = 0.05
 RUNNING = "refused: a test is running already: wait for its end"
-ACTUATOR_TIMEOUT = 3.0
-"""Age at which the status of the actuator is no longer believed (s); it sends one a second."""
 
 
 class MonitorNode(EmaNode):
@@ -126,8 +123,7 @@ class MonitorNode(EmaNode):
         self._last_reason, self._failed = "no test yet", False
         group = PolledGroup()
         self._polled = {
-            topic: make_polled_subscription(self, topic, group)
-            for topic in (*(entry.name for entry in BAG_TOPICS), DIAGNOSTICS)
+            topic: make_polled_subscription(self, topic, group) for topic in READ
         }
         self._keeper = VerdictKeeper(self, group, wanted=bool(self._values["record_verdict"]))
         self._timer = make_timer(self, IDLE_PERIOD, self._poll)
@@ -197,11 +193,12 @@ class MonitorNode(EmaNode):
             self._deadman.publish(Header(stamp=stamp_message(self._last_sent)))
 
     def _drain(self) -> None:
+        self._send_sign_of_life()
         self._recorder.begin_turn()
         for topic, subscription in self._polled.items():
-            self._send_sign_of_life()
             taken = take_all(subscription)
             for data, received, sent, _ in in_order(taken) if topic == SAMPLES else taken:
+                self._send_sign_of_life()  # a backlog on a machine that is loaded takes long
                 if topic == SAMPLES:
                     self._last_block = time.monotonic()
                 elif topic == DIAGNOSTICS:

@@ -17,6 +17,7 @@ import enum
 from dataclasses import dataclass
 
 from ema_monitor.moves import MOVE_SPEED, ramp, step_to
+from ema_monitor.observation import ACTUATOR_TIMEOUT, Observation
 from ema_record.actuator import Actuator
 from ema_record.profile import Profile
 from ema_record.record import Status
@@ -46,52 +47,6 @@ class Stage(enum.Enum):
     COUNTING = "counting samples"
     RETURNING = "bringing the surface back"
     STOPPING = "stopping the surface"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ActuatorStatus:
-    """What the actuator says of itself on `/diagnostics`."""
-
-    active: bool
-    surface_position: float
-    """(rad)"""
-    command_stamp: int
-    """Of the current or last command (ns since the epoch)."""
-    start_time: int
-    """Acceptance of that command (ns since the epoch)."""
-    samples_published: int
-    """For that command."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Observation:
-    """What the test sees at one moment."""
-
-    now: float
-    """Monotonic clock (s)."""
-    stamp: int
-    """Ns since the epoch."""
-    interlock: str = ""
-    """Why the actuator must not move; empty: it may."""
-    missing: str = ""
-    """What of the graph is missing or in the way; empty: nothing."""
-    actuator: ActuatorStatus | None = None
-    actuator_heard: float = -1.0
-    """Monotonic clock at that status (s)."""
-    samples_received: int = 0
-    """Since the last command of this test."""
-    last_sample: float = -1.0
-    """Time of the last sample since that command (s)."""
-    last_position: float | None = None
-    """Of the surface with that sample (rad); None: it is not recorded."""
-    last_block: float = -1.0
-    """Monotonic clock at the last block (s)."""
-    abort: bool = False
-    """Somebody asked for the end of the test."""
-    foreign_command: bool = False
-    """Somebody else commanded the actuator."""
-    stop: bool = False
-    """The process was asked to end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +113,7 @@ class TestSequence:
         self._stream_timeout, self._test_timeout = stream_timeout, test_timeout
         self._begun = self._entered = 0.0
         self._origin = 0.0
-        self._stamp = 0
+        self._stamp, self._duration = 0, 0.0
         self._reason = ""
 
     def start(self, seen: Observation) -> list[Action]:
@@ -207,11 +162,28 @@ class TestSequence:
             return ""
         if seen.foreign_command:
             return "pre-empted: another node commands the actuator"
-        silent = seen.now - max(seen.last_block, self._entered)
-        if self.stage is not Stage.COUNTING and silent > self._stream_timeout:
-            return f"no samples for {silent:.1f} s: the acquisition has stopped"
+        silence = "" if self.stage is Stage.COUNTING else self._silence(seen)
+        if silence:
+            return silence
         if seen.now - self._begun > self._test_timeout:
             return f"not finished after {self._test_timeout:g} s"
+        return ""
+
+    def _silence(self, seen: Observation) -> str:
+        """Return that nothing is heard where something is due; empty: it is.
+
+        Where samples come after the move the status alone says, while it lasts, that the
+        actuator lives.
+        """
+        begin = self._entered
+        if seen.actuator is not None and seen.actuator.captures:
+            mute = seen.now - max(seen.actuator_heard, begin)
+            if mute > ACTUATOR_TIMEOUT:
+                return f"no status for {mute:.1f} s: the driver has stopped"
+            begin += self._duration
+        silent = seen.now - max(seen.last_block, begin)
+        if silent > self._stream_timeout:
+            return f"no samples for {silent:.1f} s: the acquisition has stopped"
         return ""
 
     def _finding(self, seen: Observation) -> list[Action]:
@@ -325,7 +297,7 @@ class TestSequence:
         return min(max(position, -self._end_stop), self._end_stop)
 
     def _send(self, profile: Profile, seen: Observation) -> SendCommand:
-        self._stamp = max(seen.stamp, self._stamp + 1)
+        self._stamp, self._duration = max(seen.stamp, self._stamp + 1), profile.duration
         return SendCommand(profile, self._stamp)
 
     def _accepted(self, seen: Observation) -> bool:

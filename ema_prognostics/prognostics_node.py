@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections import deque
@@ -40,6 +41,8 @@ from ema_ros.process import StopSignal, report, run_node
 
 POLL_PERIOD = 0.1
 DIAGNOSTICS_PERIOD = 1.0
+NICE = 10
+"""By how much it stands behind the nodes that must not be late, where they share a core."""
 REMEMBERED = 100
 """Announced paths that are not opened again; one that was forgotten is diagnosed anew."""
 LONGEST_PATH = 4096
@@ -92,11 +95,10 @@ class PrognosticsNode(EmaNode):
         """Listen."""
         self._assembler = RecordAssembler()
         self._live: dict[str, Subscription] = {}
-        for topic in TOPICS:
-            self._listen(topic)
         self._announced = make_subscription(self, BIT_RECORD, self._on_record)
+        self._listen_unless_recorded()
         self.while_active(
-            *self._live.values(), self._announced,
+            self._announced,
             make_timer(self, POLL_PERIOD, self._poll),
             make_timer(self, DIAGNOSTICS_PERIOD, self._publish_status),
         )
@@ -105,6 +107,24 @@ class PrognosticsNode(EmaNode):
             path = str(Path(str(self._values["record"])).resolve())
             self._done.append(path)
             self._publish(self._judge.of_bag(path))
+
+    def deactivate(self) -> None:
+        """Listen to the topics no more."""
+        self._stop_listening()
+
+    def _listen_unless_recorded(self) -> None:
+        """Listen to the topics while nobody announces records: it costs all who send, too."""
+        recorded = self._announced.get_publisher_count() > 0
+        if recorded:
+            self._stop_listening()
+        elif not self._live:
+            for topic in TOPICS:
+                self._listen(topic)
+
+    def _stop_listening(self) -> None:
+        for subscription in self._live.values():
+            self.destroy_subscription(subscription)
+        self._live.clear()
 
     def _listen(self, topic: str) -> None:
         """Hand the serialised messages of a topic to the assembler, all that wait at once."""
@@ -140,6 +160,7 @@ class PrognosticsNode(EmaNode):
 
     def _poll(self) -> None:
         """Diagnose what was seen on the topics, unless a recorder announces its records."""
+        self._listen_unless_recorded()
         try:
             record = self._assembler.finished(time.monotonic())
         except EmaError as error:
@@ -171,7 +192,8 @@ class PrognosticsNode(EmaNode):
 
 
 def main(args: Sequence[str] | None = None) -> None:
-    """Run the node."""
+    """Run the node; what records and commands goes before."""
+    os.nice(NICE)
     sys.exit(run_node(rclpy, PrognosticsNode.started, args))
 
 

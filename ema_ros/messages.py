@@ -183,6 +183,12 @@ class DiagnosticsPublisher:
     def __init__(self, node: Node) -> None:
         """Make the publisher."""
         self._publisher = make_publisher(node, DIAGNOSTICS)
+        self._readers = 0
+
+    def has_new_reader(self) -> bool:
+        """Return whether somebody listens who did not at the last call."""
+        before, self._readers = self._readers, self._publisher.get_subscription_count()
+        return bool(self._readers > before)
 
     def publish(self, *statuses: DiagnosticStatus) -> None:
         """Publish statuses with the time of now."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import faulthandler
+import gc
 import os
 import signal
 import sys
@@ -115,7 +116,10 @@ def run_node(
         return 0
     node = None
     try:
+        gc.disable()
         node = make_node(stop)
+        gc.freeze()  # what was loaded stays: looking through it holds a node up for 100 ms
+        gc.enable()
         stop.gentle = True
         executor = ros.executors.SingleThreadedExecutor()
         executor.add_node(node)
@@ -138,3 +142,4 @@ def run_node(
         if node is not None:
             node.destroy_node()
         ros.try_shutdown()
+        gc.freeze()  # the interpreter ends without looking through all again

@@ -126,6 +126,19 @@ class Supervisor:
         errors = [line for line in lines if line.startswith("error: ")]
         return errors[-1].removeprefix("error: ") if errors else "".join(lines[-1:])[:200]
 
+    def ask_to_end(self) -> None:
+        """Ask all nodes to end, and do not wait."""
+        for process in self._nodes.values():
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+
+    def wait_for(self, module: str) -> None:
+        """Wait until the nodes of a module have ended, as long as a gentle stop may take."""
+        for name, process in self._nodes.items():
+            if self._started[name][0] == module:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    process.wait(GENTLE_STOP)
+
     def stop(self, *first: str) -> None:
         """End all nodes, those of the modules named first; what does not end is killed."""
         early = {name: process for name, process in self._nodes.items()

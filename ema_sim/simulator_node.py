@@ -214,9 +214,13 @@ class SimulatorNode(EmaNode):
     def _tick(self) -> None:
         self._begin_pending()
         self._stop_if_unsafe()
+        if self._diagnostics.has_new_reader():
+            self._publish_status()
         was_active = self._actuator.active
         try:
             for topic, data in self._actuator.poll():
+                if topic == SAMPLES:  # several blocks may be due on a machine that is loaded
+                    self._stop_if_unsafe()
                 self._publish(topic, data)
         except SlowReaderError as error:
             self._actuator.give_up()

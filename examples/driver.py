@@ -3,104 +3,90 @@ import array
 import time
 
 import rclpy
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from hardware import Hardware
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool, Float64MultiArray, Header, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory
 
-from ema_record.actuator import load_actuator
-from ema_record.errors import UsageError
-from ema_record.profile import Profile
-from ema_sim.session import ActuatorSession as Hardware
-
-CHANNELS = ("time[s],motor_speed[rad/s],phase_current_a[A],phase_current_b[A],phase_current_c[A],"
-            "reference_current_a[A],reference_current_b[A],reference_current_c[A],"
-            "rotor_angle[rad],surface_position[rad]")
-BLOCK, OFF, FRESH, SILENCE = 400, 0.02, 1.0, 1.0  # samples; s
-OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+OK, WARN, LIMIT = DiagnosticStatus.OK, DiagnosticStatus.WARN, 1.0  # s
 
 
 class Driver(Node):
-    def __init__(self):
+    def __init__(self, make_hardware=Hardware):
         super().__init__("driver")
-        self.hardware = Hardware(load_actuator(), position=-0.4)
-        self.status, self.stopped, self.pending = (OK, "ready"), False, None
+        self.hardware = make_hardware(self)
+        self.status, self.pending = (OK, "ready"), []
         self.stamp = self.start = self.done = 0
-        self.wheels, self.sign = (False, 0.0), (0, 0.0)
+        self.wheels, self.sign = (False, 0.0), (0, 0.0)  # what was heard, and when
         keep_all = QoSProfile(history=HistoryPolicy.KEEP_ALL)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.samples = self.create_publisher(Float64MultiArray, "ema/samples", keep_all)
         self.bus = self.create_publisher(BatteryState, "ema/dc_bus", 10)
         self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.create_subscription(JointTrajectory, "ema/command", self.on_command, 10)
-        self.create_subscription(Bool, "/aircraft/weight_on_wheels", lambda message: setattr(
-            self, "wheels", (message.data, time.monotonic())), latched)
+        self.create_subscription(JointTrajectory, "ema/command", self.pending.append, 10)
+        self.create_subscription(Bool, "/aircraft/weight_on_wheels", self.on_wheels, latched)
         self.create_subscription(Header, "ema/deadman", lambda message: setattr(
             self, "sign", (nanoseconds(message.stamp), time.monotonic())), 10)
         self.create_timer(0.005, self.tick)
         self.create_timer(0.1, self.report)
 
-    def on_command(self, message):
-        self.pending = message, time.monotonic()  # until all readers of the samples are there
+    def on_wheels(self, message):
+        self.wheels = message.data, time.monotonic()
+        self.stop_if_unsafe()  # for a moment is enough
+
+    def off_wheels(self):
+        return "" if self.wheels[0] and time.monotonic() - self.wheels[1] <= LIMIT else "airborne"
+
+    def stop_if_unsafe(self):
+        dead = self.sign[0] == self.stamp and time.monotonic() - self.sign[1] > LIMIT
+        reason = self.off_wheels() or ("nobody commands" if dead else "")
+        if self.hardware.active and not self.hardware.stopped and reason:
+            self.hardware.stop()
+            self.report((WARN, f"stopped: {reason}"))
 
     def accept(self, message):
-        at, joint = self.hardware.surface_position, message.joint_names.index("surface")
-        points = [(1e-9 * nanoseconds(p.time_from_start), p.positions[joint])
-                  for p in message.points]
-        if len(points) == 1:  # be there, as fast as it can
-            goal = points[0][1]
-            points = [(0.0, at), (OFF, at), (OFF, goal), (OFF + 0.2 + abs(goal - at), goal)]
-        try:
-            if not (self.wheels[0] and time.monotonic() - self.wheels[1] <= FRESH):
-                raise UsageError("no fresh weight on wheels")
-            idle = not self.hardware.active
-            self.hardware.command(Profile(name="command", points=points))  # knows its end stops
-        except (UsageError, ValueError) as error:
-            return self.report((WARN, f"command refused: {error}"))
+        idle, joint = not self.hardware.active, message.joint_names.index("surface")
+        refused = self.off_wheels() or self.hardware.move(  # it knows its end stops and speed
+            [(1e-9 * nanoseconds(p.time_from_start), p.positions[joint]) for p in message.points])
+        if refused:
+            return self.report((WARN, f"command refused: {refused}"))
         if idle:
-            self.begin, self.start, self.done = time.monotonic(), time.time_ns(), 0
-        self.stamp, self.stopped = nanoseconds(message.header.stamp), False
+            self.start, self.done = self.get_clock().now().nanoseconds, 0
+        self.stamp = nanoseconds(message.header.stamp)
         return self.report((OK, "command accepted"))
 
     def tick(self):
-        now = time.monotonic()
-        if self.pending is not None and (now > self.pending[1] + 1.0 or (
-                self.samples.get_subscription_count() >= self.count_subscribers("ema/samples"))):
-            message, self.pending = self.pending[0], None
-            self.accept(message)
-        dead = self.sign[0] == self.stamp and now - self.sign[1] > SILENCE
-        unsafe = dead or not self.wheels[0] or now - self.wheels[1] > FRESH
-        if self.hardware.active and unsafe and not self.stopped:
-            hold = [(0.0, self.hardware.surface_position), (0.1, self.hardware.surface_position)]
-            self.hardware.command(Profile(name="stop", points=hold))
-            self.stopped, self.status = True, (WARN, "stopped: off the wheels, or nobody commands")
-        while self.hardware.active and self.done + BLOCK <= (
-                time.monotonic() - self.begin) * self.hardware.rate:
-            block = self.hardware.advance(BLOCK)
-            message = Float64MultiArray(data=array.array("d", block.tobytes()))
-            message.layout.dim = [
-                MultiArrayDimension(label="sample", size=len(block), stride=block.size),
-                MultiArrayDimension(label=CHANNELS, size=block.shape[1], stride=block.shape[1])]
-            self.samples.publish(message)
+        if self.pending:  # until all readers of the samples are matched
+            age = self.get_clock().now().nanoseconds - nanoseconds(self.pending[0].header.stamp)
+            readers = self.count_subscribers("ema/samples")
+            if self.samples.get_subscription_count() >= readers or age > 1e9 * LIMIT:
+                self.accept(self.pending.pop(0))
+        self.stop_if_unsafe()
+        active = self.hardware.active
+        for label, block in self.hardware.read():  # those that are due
+            dims = ("sample", len(block), block.size), (label, block.shape[1], block.shape[1])
+            out = Float64MultiArray(data=array.array("d", block.tobytes()))
+            out.layout.dim = [MultiArrayDimension(label=d, size=n, stride=m) for d, n, m in dims]
+            self.samples.publish(out)
             self.done += len(block)
-            if not self.hardware.active:
-                self.report()
+        if active and not self.hardware.active:
+            self.report()
 
     def report(self, status=None):
-        self.status = status or self.status
-        now = time.time_ns()
-        header = Header(stamp=Time(sec=now // 10**9, nanosec=now % 10**9))
-        voltage, current = self.hardware.dc_bus
-        self.bus.publish(BatteryState(header=header, voltage=voltage, current=-current))
-        values = {"state": "active" if self.hardware.active else "idle", "start_time": self.start,
-                  "surface_position": self.hardware.surface_position, "command_stamp": self.stamp,
-                  "samples_published": self.done}
+        self.status, drive = status or self.status, self.hardware
+        header = Header(stamp=self.get_clock().now().to_msg())
+        if drive.dc_bus:  # V, and A that it takes; None: not measured
+            self.bus.publish(
+                BatteryState(header=header, voltage=drive.dc_bus[0], current=-drive.dc_bus[1]))
+        values = {"state": "active" if drive.active else "idle", "command_stamp": self.stamp,
+                  "surface_position": drive.surface_position, "start_time": self.start,
+                  "samples_published": self.done, "acquisition": drive.acquisition}
         self.diagnostics.publish(DiagnosticArray(header=header, status=[DiagnosticStatus(
-            name=f"{self.get_namespace().rstrip('/')}/driver: actuator", level=self.status[0],
-            message=self.status[1], hardware_id="EXAMPLE-1",
+            name=f"{self.get_fully_qualified_name()}: actuator", hardware_id="EXAMPLE-1",
+            level=self.status[0], message=self.status[1],
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])]))
 
 

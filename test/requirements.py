@@ -1,7 +1,8 @@
 """Every requirement was shown by tests that ran and passed.
 
-``python test/requirements.py RESULTS.xml...`` compares the table of docs/requirements.md with
-pytest's JUnit files: one line and status 1 for each test of it that did not run or failed.
+``python test/requirements.py RESULTS.xml...`` compares the table of docs/requirements.md and the
+fault tree of docs/safety.md with pytest's JUnit files: one line and status 1 for each test of them
+that did not run or failed.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-TABLE = Path(__file__).resolve().parents[1] / "docs" / "requirements.md"
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+TABLE, FAULT_TREE = DOCS / "requirements.md", DOCS / "safety.md"
 ROW = re.compile(r"^\| (R(\d+)\.(\d+)) \| (.+?) \| (.*) \|$")
+LEAF, SHOWN = re.compile(r"\+- ([A-Z])(\d+) (.+)"), re.compile(r"^\| ([A-Z]\d.*?) \| (.*) \|$")
 NODE = re.compile(r"`([^`]+\.py::[^`]+)`")
 
 
@@ -39,6 +42,18 @@ def rows(text: str) -> list[Requirement]:
             found.append(
                 Requirement(number, int(chapter), int(place), words, NODE.findall(tests)))
     return found
+
+
+def leaves(text: str) -> list[Requirement]:
+    """Return the leaves of the fault tree in Markdown, each with the tests that show it."""
+    shown: dict[str, list[str]] = {}
+    for match in filter(None, map(SHOWN.match, text.splitlines())):
+        shown |= dict.fromkeys(match.group(1).split(", "), NODE.findall(match.group(2)))
+    return [
+        Requirement(f"{branch}{place}", ord(branch) - ord("A") + 1, int(place), words,
+                    shown.get(f"{branch}{place}", []))
+        for branch, place, words in LEAF.findall(text)
+    ]
 
 
 def outcomes(paths: Iterable[Path]) -> dict[str, str]:
@@ -82,9 +97,11 @@ def main(paths: list[str]) -> int:
     if not paths:
         print("usage: python test/requirements.py RESULTS.xml...", file=sys.stderr)
         return 2
-    table = rows(TABLE.read_text(encoding="utf-8"))
+    table = [*rows(TABLE.read_text(encoding="utf-8")),
+             *leaves(FAULT_TREE.read_text(encoding="utf-8"))]
     wrong = not_shown(table, outcomes(map(Path, paths)))
-    print("\n".join([*wrong, f"{len(table)} requirements, {len(wrong)} tests of them not shown"]))
+    print("\n".join([*wrong, f"{len(table)} requirements and leaves of the fault tree, "
+                     f"{len(wrong)} tests of them not shown"]))
     return 1 if wrong else 0
 
 

@@ -1,9 +1,9 @@
-"""Every requirement of the built-in test has a test; `requirements.py` finds those not run."""
+"""Requirements and leaves of the fault tree have tests; `requirements.py` finds those not run."""
 
 import ast
 
 import pytest
-from requirements import main, not_shown, outcomes, rows
+from requirements import leaves, main, not_shown, outcomes, rows
 
 
 def names_of(path):
@@ -49,6 +49,24 @@ def test_requirements_are_numbered_in_order(requirements):
 
 def test_every_requirement_is_shown_by_tests_that_exist(requirements, repository):
     assert missing(requirements, repository) == []
+
+
+def test_every_leaf_of_the_fault_tree_is_shown_by_tests_that_exist(repository):
+    found = leaves((repository / "docs" / "safety.md").read_text(encoding="utf-8"))
+    assert len(found) > 12
+    assert wrong_numbers(found) == []
+    assert missing(found, repository) == []
+
+
+@pytest.mark.parametrize(("row", "wrong"), [
+    ("| A1, A2 | `test/test_requirements.py::test_violations_are_found` |", []),
+    ("| A1 | `test/test_requirements.py::test_violations_are_found` |", ["A2: no test"]),
+    ("| A1, A2 | `test/nowhere.py::test_x` |", [
+        f"{leaf}: test/nowhere.py::test_x does not exist" for leaf in ("A1", "A2")]),
+])
+def test_a_leaf_without_a_test_is_found(row, wrong, repository):
+    tree = "+- A  it moves\n|  +- A1 one part fails\n|  +- A2 another one\n\n" + row
+    assert missing(leaves(tree), repository) == wrong
 
 
 def test_names_with_parameters_are_those_of_the_test(requirements, repository):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import signal
 import time
 from collections.abc import Iterator
@@ -29,6 +30,8 @@ PROGNOSTICS = "ema_prognostics.prognostics_node"
 NO_VERDICT = 4
 SIMULATED = "SIM-0000"
 """Serial number of a simulated actuator without another."""
+UNCHANGED = {"model_file": "", "seed": 0, "noise": 1.0, "real_time_factor": 1.0}
+"""What a simulator is told unless something else is asked for."""
 REPORTS = (".html", ".xml")
 """Endings of the reports that are written beside a record."""
 
@@ -107,13 +110,21 @@ def bit(
         chain = Chain(supervisor, note, with_drivers=no_simulator)
         try:
             results = chain.run(namespaces, side_by_side, chosen.duration, real_time_factor,
-                                progress)
+                                progress, _load_report)
         except KeyboardInterrupt:
             supervisor.stop(MONITOR)
             for path in sorted(set(out.iterdir()) - before - {log}):
                 note(f"record kept, marked interrupted: {path}")
             raise
-        supervisor.stop()
+        supervisor.ask_to_end()
+        supervisor.wait_for(MONITOR)  # the verdict is in the record; the others may still end
+        for result in results:
+            result["reports"] = []
+            try:
+                if result["verdict"] is not None:
+                    file_report(result)
+            except EmaError as error:
+                note(f"no report: {error}")
     if actuators is None:
         (result,) = results
         if result["status"] != "complete":
@@ -126,12 +137,7 @@ def bit(
                    for name, result in zip(namespaces, results)]
     for result in results:
         result["times"]["total"] = time.monotonic() - begin
-        result["log"], result["reports"] = str(log), []
-        try:
-            if result["verdict"] is not None:
-                file_report(result)
-        except EmaError as error:
-            note(f"no report: {error}")
+        result["log"] = str(log)
         if as_json:
             print_json(result)
         else:
@@ -144,11 +150,9 @@ def _simulators(
 ) -> dict[str, dict[str, ParameterValue]]:
     """Return the parameters of each simulated actuator, checked; none where none is wanted.
 
-    Several have each a seed and a serial number of their own.
+    Several have each a seed and a serial number of their own. What is left as it is needs no
+    check, which would take as long as the start of a node.
     """
-    from ema_ros.parameters import check_values
-    from ema_sim.node.settings import load_model, parameter_specs
-
     if not wanted:
         if effects:
             raise UsageError("--effect hides a fault in a simulator: leave out --no-simulator")
@@ -161,14 +165,21 @@ def _simulators(
                                "give one of --actuators before the colon")
         for namespace in [f"/{name}"] if colon else namespaces:
             hidden[namespace].append(rest if colon else setting)
-    specs = parameter_specs(load_model(str(common["model_file"])))
+    if effects or any(common[name] != value for name, value in UNCHANGED.items()):
+        from ema_ros.parameters import check_values
+        from ema_sim.node.settings import load_model, parameter_specs
+
+        specs = parameter_specs(load_model(str(common["model_file"])))
+        for namespace in namespaces:
+            check_values(specs, {**common, **effect_parameters(hidden[namespace])})
     found = {}
     for number, namespace in enumerate(namespaces):
-        found[namespace] = {**common, **effect_parameters(hidden[namespace])}
+        found[namespace] = dict(common)
+        if hidden[namespace]:
+            found[namespace] |= effect_parameters(hidden[namespace])
         if len(namespaces) > 1:
             found[namespace]["seed"] = int(common["seed"]) + number
             found[namespace]["serial_number"] = f"{common['serial_number']}-{number + 1}"
-        check_values(specs, found[namespace])
     return found
 
 
@@ -243,6 +254,13 @@ def ended_by_signals() -> Iterator[None]:
     finally:
         for number, handler in zip(numbers, before):
             signal.signal(number, handler)
+
+
+def _load_report() -> None:
+    """Import what the report of a test needs."""
+    for name in ("ema_cli.pages.report_data", "ema_cli.pages.report_files",
+                 "ema_prognostics.verdict.examination"):
+        importlib.import_module(name)
 
 
 def file_report(result: dict[str, Any]) -> None:

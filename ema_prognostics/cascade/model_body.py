@@ -285,8 +285,7 @@ class ViewPart(Part):
     doubt: Annotated[float, Field(ge=0.0, le=1.0)]
     """Least probability of healthy at which a record without a fault is called healthy."""
     guard: GuardPart | None
-    strangers: FamilyPart | None = None
-    """Whether something is there that is no fault of a family, but known to befall actuators."""
+    strangers: FamilyPart | None = None  # whether something else is there
 
     @model_validator(mode="after")
     def _sizes(self) -> ViewPart:

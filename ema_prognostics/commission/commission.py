@@ -45,7 +45,6 @@ from ema_prognostics.commission.quality import (
     judge_left_out,
     largest,
     too_many_alarms,
-    widening,
 )
 from ema_prognostics.commission.report import write_report
 from ema_prognostics.training.evaluation import evaluate
@@ -58,6 +57,7 @@ from ema_prognostics.training.fleet import (
 from ema_prognostics.training.rates import rate
 from ema_prognostics.training.strangers import draw_stranger
 from ema_prognostics.training.train_model import VALIDATION_SEED, TrainingSettings
+from ema_prognostics.training.training_jobs import TrainingFleets
 from ema_prognostics.training.view_training import sound_rows, stricter, train_view
 from ema_record.actuator import FORMERLY, Actuator, load_actuator, with_values
 from ema_record.actuator_type import actuator_hash, actuator_hashes
@@ -177,12 +177,10 @@ def make_draft(description: Path, draft: Path) -> None:
             write_profiles(actuator, draft / PROFILES)
 
 
-def evaluated(views: dict[View, ViewPart], held: FleetFeatures, healthy: FleetFeatures,
-              strangers: FleetFeatures) -> dict[str, Any]:
+def evaluated(views: dict[View, ViewPart], held: TrainingFleets) -> dict[str, Any]:
     """Return the validation of both views, see `evaluate`."""
     fleet, own = Cascade(views["fleet"]), Cascade(views["baseline"])
-    return {"fleet": evaluate(fleet, None, held, healthy, strangers),
-            "baseline": evaluate(fleet, own, held, healthy, strangers)}
+    return {"fleet": evaluate(fleet, None, *held), "baseline": evaluate(fleet, own, *held)}
 
 
 class _Work:
@@ -212,37 +210,35 @@ class _Work:
         tolerances = wider(tolerances, calibration.actuator, calibration.open)
         self._write_actuator(calibration.actuator, tolerances)
         actuator = load_actuator()  # the numbers as they are written
-        faults, healthy, strange, held, held_healthy, held_strange = self._fleets(actuator)
+        fleets = self._fleets(actuator, "trains", self._size.trains, self._seed, 0.15, 0.58)
+        held = self._fleets(actuator, "validates", self._size.validates,
+                            self._seed + VALIDATION_SEED, 0.58, 0.70)
+        healthy = fleets.healthy
         names, rows = self._acceptance.features(actuator)
         model, spread = expected(healthy, names, rows), fleet_spread(names, healthy)
         check_described(names, rows, model, spread)
         units = self._acceptance.units
         discrepancy = fit_discrepancy(names, rows, units, model, spread)
         self._progress("training", 0.70)
-        views = self._views(faults, healthy, strange, discrepancy)
-        held, held_healthy, held_strange = (
-            with_discrepancy(f, discrepancy, self._seed + 1)
-            for f in (held, held_healthy, held_strange))
-        held_out: dict[str, Any] = {kind: evaluated(views, held, held_healthy, held_strange)}
+        views = self._views(fleets, discrepancy)
+        held = TrainingFleets(*(with_discrepancy(f, discrepancy, self._seed + 1) for f in held))
+        held_out: dict[str, Any] = {kind: evaluated(views, held)}
         strict = too_many_alarms(held_out[kind])
         if strict:  # thresholds of all healthy tests so far, judged on units that set none
-            views = self._stricter(views, discrepancy, healthy, held_healthy)
+            views = self._stricter(views, discrepancy, healthy, held.healthy)
             again = self._fleet(
                 actuator, "another healthy fleet", self._size.validation_healthy,
                 self._seed + 2 * VALIDATION_SEED, healthy=True, begin=0.78, end=0.80)
-            held_out = {kind: evaluated(
-                views, held, with_discrepancy(again, discrepancy, self._seed + 2), held_strange)}
-        accepted, scores = judge_left_out(
+            again = with_discrepancy(again, discrepancy, self._seed + 2)
+            held_out = {kind: evaluated(views, held._replace(healthy=again))}
+        accepted, factor = judge_left_out(
             Cascade(views["fleet"]), names, rows, units, model, spread)
-        factor = widening(scores)
         if factor > 1.0:
             views["fleet"] = widened(views["fleet"], factor)
-        accepted = ["healthy" if o == "unknown" and score <= factor else o
-                    for o, score in zip(accepted, scores)]
         found = self._validation(calibration, held_out, accepted, discrepancy)
         found["guard_widened"], found["stricter"] = factor, strict
-        found["bound"] = {"fleet": linear_bound(faults, healthy, own=False),
-                          "baseline": linear_bound(faults, healthy, own=True)}
+        found["bound"] = {"fleet": linear_bound(fleets.faults, healthy, own=False),
+                          "baseline": linear_bound(fleets.faults, healthy, own=True)}
         check_good(found)
         body = Body(
             views={f"{kind}/{view}": part for view, part in views.items()}, paper=None,
@@ -265,8 +261,7 @@ class _Work:
         if self._library is None:
             return False
         begin, end = LIBRARY_SHARE
-        part = -1
-        last = ""
+        part, last = -1, ""
 
         def step(what: str, share: float) -> None:
             nonlocal part, last
@@ -298,27 +293,22 @@ class _Work:
             folder=self._folder, model=Model(actuator, Effects()),
             progress=self._simulated(what, begin, end))
 
-    def _fleets(self, actuator: Actuator) -> tuple[FleetFeatures, ...]:
-        size, other = self._size, self._seed + VALIDATION_SEED
-        return (
-            self._fleet(actuator, "fleet with faults", size.units, self._seed, begin=0.15,
-                        end=0.40),
-            self._fleet(actuator, "healthy fleet", size.healthy, self._seed, healthy=True,
-                        begin=0.40, end=0.51),
-            self._fleet(actuator, "fleet of strangers", size.strangers, self._seed, begin=0.51,
-                        end=0.60, draw=draw_stranger),
-            self._fleet(actuator, "fleet that validates", size.validation, other, begin=0.60,
-                        end=0.64),
-            self._fleet(actuator, "healthy fleet that validates", size.validation_healthy, other,
-                        healthy=True, begin=0.64, end=0.68),
-            self._fleet(actuator, "strangers that validate", size.validation_strangers, other,
-                        begin=0.68, end=0.70, draw=draw_stranger),
-        )
+    def _fleets(self, actuator: Actuator, what: str, units: Sequence[int], seed: int,
+                begin: float, end: float) -> TrainingFleets:
+        """Return fleets that do `what`, of so many units: with faults, healthy, strangers."""
+        found, done = [], 0
+        for name, count, draw in zip(("with faults", "healthy", "of strangers"), units,
+                                     (draw_of_mix, draw_of_mix, draw_stranger)):
+            share = (end - begin) / sum(units)
+            found.append(self._fleet(
+                actuator, f"fleet {name} that {what}", count, seed, healthy=name == "healthy",
+                begin=begin + share * done, end=begin + share * (done + count), draw=draw))
+            done += count
+        return TrainingFleets(*found)
 
-    def _views(self, faults: FleetFeatures, healthy: FleetFeatures, strange: FleetFeatures,
-               discrepancy: DiscrepancyPart) -> dict[View, ViewPart]:
-        faults, healthy, strange = (with_discrepancy(f, discrepancy, self._seed)
-                                    for f in (faults, healthy, strange))
+    def _views(self, fleets: TrainingFleets, discrepancy: DiscrepancyPart
+               ) -> dict[View, ViewPart]:
+        faults, healthy, strange = (with_discrepancy(f, discrepancy, self._seed) for f in fleets)
         parts: dict[View, ViewPart] = {}
         names: tuple[View, ...] = ("fleet", "baseline")
         for at, view in enumerate(names):

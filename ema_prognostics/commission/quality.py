@@ -101,10 +101,10 @@ def check_good(found: dict[str, Any]) -> None:
 def judge_left_out(
     fleet: Cascade, names: list[str], rows: np.ndarray, units: np.ndarray, model: np.ndarray,
     spread: np.ndarray,
-) -> tuple[list[str], np.ndarray]:
-    """Return the outcome of each acceptance record, and its largest score of the guard.
+) -> tuple[list[str], float]:
+    """Return the outcome of each acceptance record, and by what the guard's limits grow for them.
 
-    The discrepancy is that of the other units. Infinite: more than the guard says unknown.
+    The discrepancy is that of the other units; the outcomes are those of the wider guard.
 
     Parameters
     ----------
@@ -120,7 +120,9 @@ def judge_left_out(
         outcomes.append(outcome_of(detection))
         judged = not detection.outputs and not detection.doubtful and detection.guard.size
         scores.append(float(detection.guard.max()) if judged else np.inf)
-    return outcomes, np.array(scores)
+    factor = widening(np.array(scores))
+    return ["healthy" if o == "unknown" and score <= factor else o
+            for o, score in zip(outcomes, scores)], factor
 
 
 def widening(scores: np.ndarray) -> float:
@@ -132,7 +134,8 @@ def widening(scores: np.ndarray) -> float:
 
     Parameters
     ----------
-    scores : ndarray, shape (n,). Of `judge_left_out`.
+    scores : ndarray, shape (n,). The largest of the guard for each record that was left out;
+        infinite: more than the guard says unknown.
     """
     from scipy.stats import t
 

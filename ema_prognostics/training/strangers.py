@@ -50,7 +50,7 @@ def _commutation(_: Actuator, rng: np.random.Generator) -> Settings:
 def _cogging(a: Actuator, rng: np.random.Generator) -> Settings:
     """Return a torque of teeth: its periods a turn are a multiple of the poles'."""
     periods = 2 * a.motor.pole_pairs * int(rng.choice([1, 2, 3, 6]))
-    return [f"cogging_torque.amplitude={_size(rng, 0.03, 1.0) * _friction(a)!r}",
+    return [f"cogging_torque.amplitude={_size(rng, 0.03, 1.0) * a.motor.dynamic_friction!r}",
             f"cogging_torque.periods={periods}", f"cogging_torque.phase={_angle(rng)!r}"]
 
 
@@ -87,10 +87,6 @@ def _gain(_: Actuator, rng: np.random.Generator) -> Settings:
 def _offset(a: Actuator, rng: np.random.Generator) -> Settings:
     size = _sign(rng) * min(_size(rng, 0.03, 0.4) * a.inverter.current_limit, 5.0)
     return [f"current_sensor_offset.phase_{_phase(rng)}={size!r}"]
-
-
-def _friction(a: Actuator) -> float:
-    return max(a.motor.dynamic_friction, 1e-6)
 
 
 KINDS: dict[str, Callable[[Actuator, np.random.Generator], Settings]] = {

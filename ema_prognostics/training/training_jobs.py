@@ -18,7 +18,7 @@ VIEWS: tuple[View, ...] = ("fleet", "baseline")
 
 
 class TrainingFleets(NamedTuple):
-    """The fleets that train the views of one kind of test."""
+    """The fleets of one kind of test: with faults, healthy, with what is no fault of a class."""
 
     faults: FleetFeatures
     healthy: FleetFeatures

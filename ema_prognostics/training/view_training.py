@@ -122,8 +122,7 @@ def train_view(
     kind : of the test.
     view : with or without baseline.
     seed : of the networks' weights.
-    strangers : other units, with what is no fault of a family, see `training.strangers`; None:
-        only the guard tells such.
+    strangers : other units, with what is no fault of a family; None: only the guard tells it.
     hidden, iterations : size of a member of the networks; most steps of the optimiser.
     progress : called with what begins.
     """

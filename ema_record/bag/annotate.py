@@ -19,6 +19,8 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import (
+    Attachment,
+    AttachmentIndex,
     Channel,
     Chunk,
     ChunkIndex,
@@ -50,12 +52,15 @@ from ema_record.yaml_file import load_yaml
 
 VERDICT = "ema_phm.verdict"
 """Name of the MCAP metadata record with what the message says in short."""
+ATTACHED, JSON = "verdict.json", "application/json"
+"""Name and kind of the MCAP attachment with all of it."""
 _DATA_END, _FOOTER = 9 + 4, 9 + 20 + len(MAGIC)
 """Lengths of the records at the end of the data and of the file (bytes)."""
 
 
 def add_last_message(
-    bag: Path, topic: Topic, data: bytes, log_time: int, said: Mapping[str, str]
+    bag: Path, topic: Topic, data: bytes, log_time: int, said: Mapping[str, str],
+    attached: bytes = b"",
 ) -> None:
     """Add a message on a topic that the bag does not have, later than all others.
 
@@ -71,6 +76,8 @@ def add_last_message(
         Reception (ns since the epoch).
     said : mapping of str to str
         For the metadata of file and directory.
+    attached : bytes, optional
+        JSON, for an attachment of the file.
 
     Raises
     ------
@@ -93,7 +100,7 @@ def add_last_message(
     try:
         _replace(files[0], _continued(files[0], topic, data, log_time, {
             VERDICT: dict(said), ROSBAG2: rosbag2_record(information),
-        }))
+        }, attached))
         _replace(place, metadata_yaml(information).encode())
     except OSError as error:
         raise cannot_write(bag, error) from None
@@ -120,9 +127,10 @@ def _count(
 
 
 def _continued(
-    file: Path, topic: Topic, data: bytes, log_time: int, records: Mapping[str, dict[str, str]]
+    file: Path, topic: Topic, data: bytes, log_time: int, records: Mapping[str, dict[str, str]],
+    attached: bytes,
 ) -> bytes:
-    """Return a finished MCAP file with one chunk and some metadata more."""
+    """Return a finished MCAP file with one chunk, some metadata and an attachment more."""
     old = file.read_bytes()
     try:
         with file.open("rb") as stream:
@@ -154,6 +162,8 @@ def _continued(
             data=data).write(inside)
     index = MessageIndex(channel_id=channel.id, records=[(log_time, at)])
     summary.chunk_indexes.append(_add_chunk(body, inside.end(), index, log_time))
+    if attached:
+        summary.attachment_indexes.append(_attach(body, attached, log_time))
     for name, values in records.items():
         offset, written = len(body), _written(Metadata(name=name, metadata=values))
         body += written
@@ -165,6 +175,7 @@ def _continued(
     statistics.schema_count += schema.id not in summary.schemas
     statistics.channel_count += 1
     statistics.metadata_count += len(records)
+    statistics.attachment_count = len(summary.attachment_indexes)
     statistics.message_end_time = log_time
     statistics.channel_message_counts[channel.id] = 1
     body += _written(DataEnd(zlib.crc32(body)))
@@ -174,6 +185,7 @@ def _continued(
         (Opcode.CHANNEL, [*summary.channels.values(), channel]),
         (Opcode.STATISTICS, [statistics]),
         (Opcode.CHUNK_INDEX, summary.chunk_indexes),
+        (Opcode.ATTACHMENT_INDEX, summary.attachment_indexes),
         (Opcode.METADATA_INDEX, summary.metadata_indexes),
     ])
     return bytes(body)
@@ -204,11 +216,23 @@ def _add_chunk(body: bytearray, inside: bytes, index: MessageIndex, log_time: in
     )
 
 
+def _attach(body: bytearray, data: bytes, log_time: int) -> AttachmentIndex:
+    """Append an attachment."""
+    offset, written = len(body), _written(Attachment(
+        create_time=log_time, log_time=log_time, name=ATTACHED, media_type=JSON, data=data))
+    body += written
+    return AttachmentIndex(
+        offset=offset, length=len(written), create_time=log_time, log_time=log_time,
+        data_size=len(data), name=ATTACHED, media_type=JSON)
+
+
 def _add_summary(body: bytearray, groups: list[tuple[Opcode, list[Any]]]) -> None:
     """Append the summary section, the footer and the end of the file."""
     start = len(body)
     offsets = []
     for opcode, records in groups:
+        if not records:
+            continue
         at = len(body)
         for record in records:
             body += _written(record)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,13 +21,24 @@ from ema_record.channels import (
 )
 from ema_record.errors import OutputError, UsageError, unknown_name
 from ema_record.files import exists, new_file
+from ema_record.profile import Profile
 from ema_record.record import Record
-from ema_record.wire.sensors import encode_currents, encode_joint_states
-from ema_record.wire.topics import JOINT_STATES, TOPICS, Topic
+from ema_record.wire.sensors import (
+    encode_currents,
+    encode_dc_bus,
+    encode_joint_states,
+    encode_temperature,
+)
+from ema_record.wire.topics import DC_BUS, JOINT_STATES, TOPICS, WINDING_TEMPERATURE, Topic
 from ema_record.wire.topics import PHASE_CURRENTS as PHASE_CURRENTS_TOPIC
-from ema_record.wire.types import NANOSECONDS
+from ema_record.wire.types import NANOSECONDS, message_class, serialize
 
 REFERENCE_CURRENTS_TOPIC = "/ema/reference_currents"
+COMMANDED = "/ema/commanded_position"
+"""Of the surface (rad), a std_msgs/Float64 a sample."""
+PHASE = "/ema/phase"
+"""What the test does from then on, a std_msgs/String at each change."""
+STRING = "std_msgs/msg/String"
 
 _SUFFIXES = {"csv": ".csv", "parquet": ".parquet", "mcap": ""}
 _ROWS = 5000
@@ -44,7 +56,8 @@ def export_record(record: Record, path: str | Path, file_format: str) -> Path:
     file_format : str
         ``csv``: a column a channel that was recorded, its name and unit in the first line.
         ``parquet``: the same, the unit in each field's metadata. ``mcap``: a bag of standard
-        messages, one a sample, for PlotJuggler and other plotters that do not split arrays; a
+        messages, one a sample, for PlotJuggler and other plotters that do not split arrays, with
+        the commanded position, bus, temperature, and the phases of the test as they begin; a
         channel that was not recorded is NaN.
 
     Returns
@@ -120,36 +133,65 @@ def _write_parquet(record: Record, path: Path) -> None:
 
 
 def _write_messages(record: Record, path: Path) -> None:
-    """Write joint states, phase currents and reference currents, a message a sample each."""
+    """Write what was measured and commanded, a message a sample each; bus, winding, phases."""
     samples = record.samples
     if not np.isfinite(samples[:, TIME]).all() or samples[:, TIME].min() < 0.0:
         raise UsageError("the record has times that are negative or not finite")
-    stamps = record.provenance.start_time + np.rint(samples[:, TIME] * NANOSECONDS).astype(
-        np.int64
-    )
+
+    def at(times: np.ndarray) -> np.ndarray:
+        """Return times of the record (s) in ns since the epoch."""
+        after = np.rint(np.asarray(times, dtype=float) * NANOSECONDS).astype(np.int64)
+        return np.asarray(np.maximum(record.provenance.start_time + after, 0))
+
+    stamps, bus, winding = at(samples[:, TIME]), record.dc_bus, record.winding_temperature
+    marks = phases(record.profile)
     surface = samples[:, SURFACE_POSITION]
     surface_speed = np.gradient(surface, samples[:, TIME]) if len(samples) > 1 else surface * 0.0
     topics = {
-        JOINT_STATES: encode_joint_states(
+        JOINT_STATES: (stamps, encode_joint_states(
             stamps,
             samples[:, [ROTOR_ANGLE, SURFACE_POSITION]],
             np.column_stack([samples[:, MOTOR_SPEED], surface_speed]),
-        ),
-        PHASE_CURRENTS_TOPIC: encode_currents(stamps, samples[:, PHASE_CURRENTS]),
-        REFERENCE_CURRENTS_TOPIC: encode_currents(stamps, samples[:, REFERENCE_CURRENTS]),
+        )),
+        PHASE_CURRENTS_TOPIC: (stamps, encode_currents(stamps, samples[:, PHASE_CURRENTS])),
+        REFERENCE_CURRENTS_TOPIC: (
+            stamps, encode_currents(stamps, samples[:, REFERENCE_CURRENTS])),
+        COMMANDED: (stamps, [
+            b"\x00\x01\x00\x00" + struct.pack("<d", position)
+            for position in record.profile.command(samples[:, TIME]).tolist()]),
+        DC_BUS: (at(bus[:, 0]), encode_dc_bus(at(bus[:, 0]), bus[:, 1], bus[:, 2])),
+        WINDING_TEMPERATURE: (
+            at(winding[:, 0]), encode_temperature(at(winding[:, 0]), winding[:, 1])),
+        PHASE: (at(np.array([time for time, _ in marks])), [
+            serialize(message_class(STRING)(data=text), STRING) for _, text in marks]),
     }
     table = (
-        TOPICS[JOINT_STATES],
-        TOPICS[PHASE_CURRENTS_TOPIC],
+        *(TOPICS[name] for name in topics if name in TOPICS),
         Topic(name=REFERENCE_CURRENTS_TOPIC, type=TOPICS[PHASE_CURRENTS_TOPIC].type),
+        Topic(name=COMMANDED, type="std_msgs/msg/Float64"), Topic(name=PHASE, type=STRING),
     )
+    order = [(stamp, number, topic) for topic, (times, _) in topics.items()
+             for number, stamp in enumerate(times.tolist())]
     with BagWriter(
         path, profile=record.profile, provenance=record.provenance, topics=table
     ) as writer:
-        for row, stamp in enumerate(stamps.tolist()):
-            for topic, messages in topics.items():
-                writer.write_raw(topic, messages[row], stamp)
+        for stamp, number, topic in sorted(order):
+            writer.write_raw(topic, topics[topic][1][number], stamp)
         writer.close(record.provenance.status)
+
+
+def phases(profile: Profile) -> list[tuple[float, str]]:
+    """Return when each phase of a test begins (s), and what the surface is commanded in it."""
+    marks: list[tuple[float, str]] = []
+    for (begin, here), (end, there) in zip(profile.points, profile.points[1:]):
+        if end == begin and there != here:
+            marks.append((begin, f"slew to {there:+.4g} rad"))
+        elif there != here:
+            speed = abs(there - here) / (end - begin)
+            marks.append((begin, f"ramp to {there:+.4g} rad at {speed:.3g} rad/s"))
+        elif end > begin and (not marks or marks[-1][0] != begin):
+            marks.append((begin, "rest"))
+    return marks
 
 
 _WRITERS: dict[str, Callable[[Record, Path], None]] = {

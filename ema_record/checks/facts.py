@@ -27,6 +27,7 @@ from ema_record.channels import (
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record, SampleBlock
 from ema_record.spread import Conditions, load_spread
+from ema_record.wire.types import NANOSECONDS
 
 T = TypeVar("T")
 Severity = Literal["error", "warning"]
@@ -163,6 +164,15 @@ class BagFacts:
     def has_references(self) -> bool:
         """Whether all three reference currents were recorded."""
         return self.has(*ALL[REFERENCE_CURRENTS])
+
+    @property
+    def uploaded(self) -> bool:
+        """Whether the drive was read out after the move: nothing came before all was taken."""
+        start = self.provenance.start_time
+        if not start or not self.blocks or not self.blocks[0].log_time:
+            return False
+        last = max(float(block.samples[-1, TIME]) for block in self.blocks)
+        return (self.blocks[0].log_time - start) / NANOSECONDS >= last
 
     def offset_bound(self, shares: tuple[float, float]) -> float:
         """Return a bound on the offset of currents (A): one of `REST_OFFSET`, `SUM_OFFSET`."""

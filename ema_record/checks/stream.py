@@ -73,7 +73,7 @@ def _jumps(facts: BagFacts) -> Iterator[tuple[str, Hit]]:
     for row in np.flatnonzero(steps > LARGEST_STEP * interval).tolist():
         jump = float(steps[row]) - interval
         number = reception.get(float(s[row + 1, TIME]), 0)
-        if number > 0:
+        if number > 0 and not facts.uploaded:
             waited = 1e-9 * (facts.blocks[number].log_time - facts.blocks[number - 1].log_time)
             usual = len(facts.blocks[number].samples) * interval
             lost = waited - usual > 0.5 * jump
@@ -114,8 +114,8 @@ def _of_kind(kind: str) -> Callable[[BagFacts], list[Hit]]:
 
 
 def reception_clock(facts: BagFacts) -> Iterator[Hit]:
-    """Find steps of the recorder's clock."""
-    if len(facts.blocks) < 2:
+    """Find steps of the recorder's clock; what was uploaded came in a time of its own."""
+    if len(facts.blocks) < 2 or facts.uploaded:
         return
     logged = np.array([block.log_time for block in facts.blocks])
     ends = np.array([float(block.samples[-1, TIME]) for block in facts.blocks])

@@ -54,6 +54,8 @@ PLOTS = (
         Curve("/ema/winding_temperature", "temperature", "", "temperature"),)),
 )
 VERDICT, INTERLOCK = "/ema/verdict", "/aircraft/weight_on_wheels"
+PHASE = "/ema/phase"
+"""In what `ema export --format mcap` writes."""
 
 
 def topic_of(topic: str, namespace: str) -> str:
@@ -73,14 +75,15 @@ def foxglove(namespace: str = "") -> str:
         title=plot.title, config=fl.PlotConfig(
             paths=[series(c, color) for c, color in zip(plot.curves, COLORS)],
             show_legend=True, is_synced=True))) for plot in PLOTS]
-    interlock = fl.StateTransitionsPanel(title="Weight on wheels", config=(
+    states = fl.StateTransitionsPanel(title="Phases of the test, weight on wheels", config=(
         fl.StateTransitionsConfig(is_synced=True, paths=[
+            fl.StateTransitionsSeries(value=f"{topic_of(PHASE, namespace)}.data", label="phase"),
             fl.StateTransitionsSeries(value=f"{INTERLOCK}.data", label="weight on wheels")])))
     verdict = fl.RawMessagesPanel(title="Verdict", config=fl.RawMessagesConfig(
         topic_path=topic_of(VERDICT, namespace)))
     layout = fl.Layout(content=fl.SplitContainer(direction="row", items=[
         fl.SplitItem(proportion=3, content=fl.SplitContainer(direction="column", items=[
-            *plots, fl.SplitItem(proportion=1, content=interlock)])),
+            *plots, fl.SplitItem(proportion=1, content=states)])),
         fl.SplitItem(proportion=1, content=verdict)]))
     return json.dumps(json.loads(layout.to_json()), indent=1) + "\n"
 

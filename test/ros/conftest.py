@@ -1,13 +1,6 @@
 """Fixtures of the tests with real nodes."""
 
-import warnings
-
 import pytest
-
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore", DeprecationWarning)  # of a parser that rclpy loads
-    import rosidl_generator_py  # noqa: F401
-
 import rclpy
 import rclpy.executors
 from rclpy.signals import SignalHandlerOptions

@@ -23,6 +23,14 @@ START_TIMEOUT = 180.0
 """The first simulator of a test run may have to compile (s)."""
 
 
+def ema(*arguments, timeout=240.0):
+    """Run a command and return what came of it."""
+    return subprocess.run(
+        [sys.executable, "-m", "ema_cli", *map(str, arguments)],
+        capture_output=True, text=True, timeout=timeout, check=False,
+    )
+
+
 class Nodes:
     """Node processes of one test."""
 

@@ -1,29 +1,19 @@
-"""Several actuators on one domain, and drivers of others: each in the namespace of its name."""
+"""Several actuators on one domain: each in the namespace of its name."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from ros_processes import MONITOR, SIMULATOR
+from ros_processes import MONITOR, SIMULATOR, ema
 
 from ema_record.bag.read import read_bag
-from ema_record.wire.topics import VERDICT, split_name
+from ema_record.wire.topics import VERDICT
 
 pytestmark = pytest.mark.slow
 
 SHORT = "right_aileron:turn_short.fraction=0.1"
-
-
-def ema(*arguments, timeout=240.0):
-    return subprocess.run(
-        [sys.executable, "-m", "ema_cli", *map(str, arguments)],
-        capture_output=True, text=True, timeout=timeout, check=False,
-    )
 
 
 def fleet(tmp_path, *arguments):
@@ -63,43 +53,6 @@ def test_a_name_that_is_none_and_an_effect_of_nobody_are_wrong_use(tmp_path):
         run = ema("bit", "--out", tmp_path / "records", *arguments)
         assert (run.returncode, run.stderr.count("\n")) == (2, 1), run.stderr
         assert hint in run.stderr
-
-
-@pytest.fixture
-def example(ros_domain, repository):
-    """Yield the example driver in the namespace of its actuator."""
-    process = subprocess.Popen(
-        [sys.executable, repository / "examples" / "driver.py", "--ros-args", "-r",
-         "__ns:=/left_aileron"],
-        stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": str(repository)},
-    )
-    yield process
-    process.kill()
-    _, errors = process.communicate()
-    assert "Traceback" not in errors, errors
-
-
-def test_the_example_driver_passes_its_contract_and_a_built_in_test(example, tmp_path):
-    run = ema("conformance", "--namespace", "left_aileron", "--wait", 30, "--json")
-    lines = [json.loads(line) for line in run.stdout.splitlines()]
-    wrong = [line for line in lines if line["outcome"] == "WRONG"]
-    assert (run.returncode, wrong) == (0, []), run.stderr
-    assert len(lines) > 20
-    run = ema("bit", "--no-simulator", "--actuators", "left_aileron", "--json",
-              "--out", tmp_path / "records")
-    assert run.returncode == 0, run.stderr
-    result = json.loads(run.stdout)
-    assert result["serial_number"] == "EXAMPLE-1"
-    assert result["checks"][0]["values"] == {
-        "samples_published": "62600", "samples_recorded": "62600"}
-    assert result["verdict"]["verdict"] == "healthy"
-    assert split_name("/left_aileron/ema/verdict").namespace == "/left_aileron"
-
-
-def test_conformance_without_a_driver_says_so(ros_domain):
-    run = ema("conformance", "--wait", 0.5)
-    assert (run.returncode, run.stdout) == (3, "")
-    assert "no node publishes /ema/samples after 0.5 s" in run.stderr
 
 
 def test_a_node_told_to_wait_is_configured_and_activated_from_outside(nodes, watcher, tmp_path):

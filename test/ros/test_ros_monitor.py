@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 from ema_monitor.messages import find_actuator
 from ema_monitor.moves import step_to
-from ema_monitor.sequence import ActuatorStatus
+from ema_monitor.observation import ActuatorStatus
 from ema_record.bag.read import read_bag
 from ema_record.wire.topics import SELF_TEST_SERVICE
 

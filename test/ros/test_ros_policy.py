@@ -1,14 +1,16 @@
 """The SROS 2 policy is what the nodes do on a real graph; only the monitor may command."""
 
+import contextlib
+import signal
 import xml.etree.ElementTree as ET
 
 import pytest
-from ros_processes import MONITOR, PROGNOSTICS, SIMULATOR
+from ros_processes import MONITOR, PROGNOSTICS, SIMULATOR, START_TIMEOUT
 
 from ema_record.kit import share_path
-from ema_record.wire.topics import COMMAND, TOPICS, WEIGHT_ON_WHEELS
+from ema_record.wire.topics import BIT_RECORD, COMMAND, TOPICS, WEIGHT_ON_WHEELS
 
-NODES = ("ema_sim", "ema_monitor", "ema_prognostics")
+NODES = {"ema_prognostics": PROGNOSTICS, "ema_sim": SIMULATOR, "ema_monitor": MONITOR}
 
 
 @pytest.fixture(scope="module")
@@ -36,17 +38,25 @@ def test_one_node_may_command_and_one_may_close_the_interlock(policy):
 
 
 def test_the_nodes_do_what_they_may_and_no_more(policy, nodes, watcher):
-    for module in (SIMULATOR, MONITOR, PROGNOSTICS):
-        nodes.start(module)
-    watcher.wait_for_simulator()
-    watcher.wait_for_monitor()
-    watcher.wait_for_prognostics()
+    """The prognostics listen to the topics while there is no monitor."""
     graph = watcher.node
-    for name in NODES:
-        seen = {
-            "publish": graph.get_publisher_names_and_types_by_node(name, "/"),
-            "subscribe": graph.get_subscriber_names_and_types_by_node(name, "/"),
-            "reply": graph.get_service_names_and_types_by_node(name, "/"),
+
+    def seen(name):
+        return {
+            action: {topic for topic, _ in ask(name, "/")} for action, ask in (
+                ("publish", graph.get_publisher_names_and_types_by_node),
+                ("subscribe", graph.get_subscriber_names_and_types_by_node),
+                ("reply", graph.get_service_names_and_types_by_node))
         }
-        for action, found in seen.items():
-            assert {topic for topic, _ in found} == policy[name, action], (name, action)
+
+    for name, module in NODES.items():
+        may = {action: policy[name, action] for action in ("publish", "subscribe", "reply")}
+        nodes.start(module)
+        watcher.wait(lambda name=name: name in graph.get_node_names(), START_TIMEOUT, module)
+        with contextlib.suppress(AssertionError):  # the comparison says more
+            watcher.wait(lambda name=name, may=may: seen(name) == may, 60.0, module)
+        assert seen(name) == may, name
+    listens = policy["ema_prognostics", "subscribe"]
+    watcher.wait(lambda: seen("ema_prognostics")["subscribe"] == {BIT_RECORD}, what="silence")
+    nodes.last[MONITOR].send_signal(signal.SIGINT)
+    watcher.wait(lambda: seen("ema_prognostics")["subscribe"] == listens, what="live topics")

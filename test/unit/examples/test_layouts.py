@@ -7,6 +7,8 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from ema_record.bag.export import PHASE
+
 
 @pytest.fixture(scope="module")
 def layouts(repository):
@@ -45,6 +47,7 @@ def test_every_curve_is_a_number_of_a_record(layouts, messages):
             joint, what = curve.name.split("/")
             assert curve.field == f"{what}[{message.name.index(joint)}]"
     assert isinstance(messages[layouts["INTERLOCK"]].data, bool)
+    assert layouts["PHASE"] == PHASE
 
 
 def test_the_files_are_those_that_the_script_makes(layouts, repository):

@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import pytest
 
+from ema_monitor.observation import ACTUATOR_TIMEOUT, ActuatorStatus, Observation
 from ema_monitor.sequence import (
-    ActuatorStatus,
     CloseRecord,
     Finish,
-    Observation,
     OpenRecord,
     SendCommand,
     Stage,
@@ -16,7 +15,7 @@ from ema_monitor.sequence import (
 )
 from ema_record.actuator import load_actuator
 from ema_record.errors import UsageError
-from ema_record.profile import load_profile, step_profile
+from ema_record.profile import load_profile, load_profile_dict, step_profile
 from support.actuators import changed
 
 STEP = load_profile("step")
@@ -211,6 +210,65 @@ def test_an_abort_with_the_interlock_closed_brings_the_surface_back():
     assert bench.after(0.1) == [], "it must wait for the surface"
     (finish,) = bench.executed(back, REST.surface_position, 9000)
     assert finish.reason.startswith("aborted: no samples")
+
+
+LATER = replace(START, actuator=replace(REST, surface_position=STEP.start, captures=True))
+
+
+def moving(bench, command, **changes):
+    """Let the actuator report that it executes a command, and that no sample has come."""
+    status = replace(bench.seen.actuator, active=True, command_stamp=command.stamp)
+    return {"actuator": replace(status, **changes), "actuator_heard": bench.seen.now}
+
+
+def long_test():
+    """Return a bench whose actuator captures a test of 20 s, begun."""
+    bench = Bench(LATER)
+    bench.sequence = TestSequence(
+        load_profile_dict({"name": "long", "points": [[0, -0.4], [20, 0.4]]}, "long"), ACTUATOR)
+    _, command = bench.start()
+    return bench, command
+
+
+def later(bench, command, until, step=1.0):
+    """Go on in time while the status comes and no sample does; return what is done then."""
+    block, actions = bench.seen.last_block, []
+    while not actions and bench.seen.now < START.now + until:
+        bench.after(0.0, **moving(bench, command))
+        bench.seen = replace(bench.seen, now=bench.seen.now + step, last_block=block)
+        bench.seen = replace(bench.seen, actuator_heard=bench.seen.now)
+        actions = bench.sequence.step(bench.seen)
+    return actions
+
+
+@pytest.mark.parametrize("seconds", [0.1, 25.0])
+def test_samples_that_come_after_the_move_are_waited_for_and_counted(seconds):
+    """Uploaded within 0.1 s, and slower than they were taken, with pauses."""
+    bench, command = long_test()
+    assert later(bench, command, 22.0) == []
+    for part in range(1, 11):
+        count = 40_000 * part
+        assert bench.after(seconds / 10.0, samples_received=count, last_sample=count / 20_000.0,
+                           **moving(bench, command, samples_published=count)) == []
+    end = replace(bench.seen.actuator, active=False, start_time=9, samples_published=400_000)
+    assert bench.after(0.1, actuator=end) == [CloseRecord("complete", 9, 400_000), Finish("")]
+
+
+def test_an_upload_that_does_not_come_aborts():
+    bench, command = long_test()
+    closed, _ = later(bench, command, 60.0)
+    assert closed.status == "aborted"
+    assert bench.seen.now - START.now == pytest.approx(20.0 + 5.0, abs=1.1)
+
+
+def test_a_driver_that_captures_and_falls_silent_aborts():
+    bench, command = long_test()
+    assert bench.after(0.0, **moving(bench, command)) == []
+    assert bench.after(ACTUATOR_TIMEOUT - 0.1) == []
+    closed, back = bench.after(0.2)
+    assert closed.status == "aborted"
+    (finish,) = bench.executed(back, STEP.start, 0)
+    assert finish.reason == "aborted: no status for 3.1 s: the driver has stopped"
 
 
 def test_the_way_back_ends_where_the_interlock_opens():

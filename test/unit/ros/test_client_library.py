@@ -2,6 +2,7 @@
 
 import inspect
 import re
+import types
 
 import rclpy
 from rclpy.callback_groups import CallbackGroup
@@ -9,7 +10,7 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from std_msgs.msg import String
 
-from ema_ros.messages import PolledGroup, take_all
+from ema_ros.messages import DiagnosticsPublisher, PolledGroup, take_all
 
 PRIVATE = re.compile(r"rclpy_implementation|take_message|\.handle\b|_rclpy|CallbackGroup\)")
 HERE = "ema_ros/messages.py"
@@ -26,6 +27,14 @@ def test_it_is_as_we_know_it():
     names = {name for name, _ in inspect.getmembers(CallbackGroup, inspect.isfunction)}
     assert {"can_execute", "beginning_execution", "ending_execution"} <= names
     assert "can_execute" in inspect.getsource(Executor)
+
+
+def test_diagnostics_tell_who_is_new(monkeypatch):
+    counts = iter([0, 1, 1, 0, 2])
+    publisher = types.SimpleNamespace(get_subscription_count=lambda: next(counts))
+    monkeypatch.setattr("ema_ros.messages.make_publisher", lambda *_: publisher)
+    diagnostics = DiagnosticsPublisher(None)
+    assert [diagnostics.has_new_reader() for _ in range(5)] == [False, True, False, False, True]
 
 
 def test_a_polled_subscription_wakes_nobody_and_gives_all_with_its_stamps(ros_domain):

@@ -61,6 +61,26 @@ def test_a_process_that_ignores_the_request_is_killed(modules, tmp_path, monkeyp
     assert not child.is_running()
 
 
+def test_nodes_are_asked_to_end_and_one_kind_is_waited_for(modules, tmp_path, monkeypatch):
+    monkeypatch.setattr("ema_ros.supervisor.GENTLE_STOP", 1.0)
+    (modules / "gentle.py").write_text(
+        "import time, sys\nprint('up', file=sys.stderr, flush=True)\n"
+        "try:\n    time.sleep(60)\n"
+        "except KeyboardInterrupt:\n    print('ended', file=sys.stderr)\n"
+    )
+    with Supervisor(tmp_path / "log") as supervisor:
+        supervisor.start("gentle", {})
+        supervisor.start("stubborn", {})
+        wait_for(lambda: (tmp_path / "log").read_text().count("up") == 2)
+        gentle, stubborn = map(psutil.Process, map(supervisor.pid, ("gentle", "stubborn")))
+        supervisor.ask_to_end()
+        supervisor.wait_for("gentle")
+        assert "ended" in (tmp_path / "log").read_text()
+        assert not gentle.is_running()
+        assert stubborn.is_running()
+    assert not stubborn.is_running()
+
+
 def test_wrong_use_of_a_node_is_wrong_use(modules, tmp_path):
     with Supervisor(tmp_path / "log") as supervisor:
         supervisor.start("wrong", {})

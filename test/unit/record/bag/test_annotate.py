@@ -1,10 +1,11 @@
 """A message after the last one: whole bags at every moment, that others read."""
 
+import json
 import os
 import shutil
 
 import pytest
-from mcap.reader import make_reader
+from mcap.reader import NonSeekingReader, make_reader
 from rosbags.rosbag2 import Reader
 
 from ema_record.bag import annotate
@@ -32,7 +33,7 @@ def bag(repository, tmp_path):
 
 
 def add(bag):
-    add_last_message(bag, TOPICS[TOPIC], message(), LATE, SAID)
+    add_last_message(bag, TOPICS[TOPIC], message(), LATE, SAID, b'{"verdict": "fault"}')
 
 
 def test_the_message_is_the_last_one_and_the_record_is_as_it_was(bag):
@@ -57,6 +58,12 @@ def test_other_readers_find_it_by_their_index_and_by_their_checksums(bag):
         ((_, channel, found),) = reader.iter_messages(topics=[TOPIC])
         assert (channel.topic, bytes(found.data)) == (TOPIC, message())
         records = {m.name: m.metadata for m in reader.iter_metadata()}
+        (attached,) = reader.iter_attachments()
+        assert reader.get_summary().statistics.attachment_count == 1
+        stream.seek(0)
+        assert [a.data for a in NonSeekingReader(stream).iter_attachments()] == [attached.data]
+    assert (attached.name, attached.media_type) == ("verdict.json", "application/json")
+    assert json.loads(attached.data) == {"verdict": "fault"}
     assert records[VERDICT] == SAID
     assert f"message_count: {count}" in records["rosbag2"]["serialized_metadata"]
 

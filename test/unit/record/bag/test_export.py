@@ -9,11 +9,19 @@ import pyarrow.parquet as pq
 import pytest
 from rosbags.highlevel import AnyReader
 
-from ema_record.bag.export import FORMATS, REFERENCE_CURRENTS_TOPIC, default_path, export_record
+from ema_record.bag.export import (
+    COMMANDED,
+    FORMATS,
+    PHASE,
+    REFERENCE_CURRENTS_TOPIC,
+    default_path,
+    export_record,
+    phases,
+)
 from ema_record.channels import CHANNELS
 from ema_record.errors import OutputError, UsageError
 from ema_record.profile import Profile
-from ema_record.wire.topics import JOINT_STATES, PHASE_CURRENTS
+from ema_record.wire.topics import DC_BUS, JOINT_STATES, PHASE_CURRENTS, WINDING_TEMPERATURE
 
 
 @pytest.fixture
@@ -41,10 +49,14 @@ def test_parquet_is_exact_and_has_units(short, tmp_path):
 
 def test_messages_one_a_sample(short, tmp_path):
     path = export_record(short, tmp_path / "plot", "mcap")
-    found = {JOINT_STATES: [], PHASE_CURRENTS: [], REFERENCE_CURRENTS_TOPIC: []}
+    found = {topic: [] for topic in (JOINT_STATES, PHASE_CURRENTS, REFERENCE_CURRENTS_TOPIC)}
+    others = {topic: [] for topic in (COMMANDED, PHASE, DC_BUS, WINDING_TEMPERATURE)}
     with AnyReader([path]) as reader:
         for connection, time, raw in reader.messages():
             message = reader.deserialize(raw, connection.msgtype)
+            if connection.topic in others:
+                others[connection.topic].append((time, message))
+                continue
             assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == time
             if connection.topic == JOINT_STATES:
                 row = [*message.position, *message.velocity]
@@ -56,6 +68,22 @@ def test_messages_one_a_sample(short, tmp_path):
     assert states[:, 3].mean() == pytest.approx(1.58, rel=1e-2)
     np.testing.assert_array_equal(found[PHASE_CURRENTS], short.samples[:, 2:5])
     np.testing.assert_array_equal(found[REFERENCE_CURRENTS_TOPIC], short.samples[:, 5:8])
+    np.testing.assert_array_equal(
+        [message.data for _, message in others[COMMANDED]],
+        short.profile.command(short.samples[:, 0]))
+    assert [message.data for _, message in others[PHASE]] == [
+        text for _, text in phases(short.profile)]
+    bus, winding = short.dc_bus, short.winding_temperature
+    assert [m.voltage for _, m in others[DC_BUS]] == pytest.approx(bus[:, 1])
+    assert [m.current for _, m in others[DC_BUS]] == pytest.approx(-bus[:, 2])
+    assert [m.temperature for _, m in others[WINDING_TEMPERATURE]] == pytest.approx(winding[:, 1])
+
+
+def test_phases_are_what_is_commanded_from_when_on():
+    points = ((0.0, -0.4), (0.02, -0.4), (0.02, 0.4), (1.0, 0.4), (2.0, 0.3), (2.5, 0.3))
+    assert phases(Profile(name="test", points=points)) == [
+        (0.0, "rest"), (0.02, "slew to +0.4 rad"), (1.0, "ramp to +0.3 rad at 0.1 rad/s"),
+        (2.0, "rest")]
 
 
 @pytest.mark.parametrize("file_format", FORMATS)

@@ -8,10 +8,13 @@ import pytest
 from ema_record.actuator import load_actuator
 from ema_record.bag.read import write_bag
 from ema_record.channels import ALL
+from ema_record.checks.facts import facts_of_record
 from ema_record.checks.guard import guard_findings, outcome_of
 from ema_record.checks.held import held_share
 from ema_record.checks.live import Level, check_record, worst
 from ema_record.checks.run import lint_bag
+from ema_record.checks.stream import irregular, reception_clock
+from ema_record.record import SampleBlock
 from support.actuators import changed
 from support.simulations import column, record_of, second_actuator
 
@@ -235,3 +238,42 @@ def test_two_currents_over_whole_turns(effects):
 def test_all_channels_are_meant():
     assert {c for columns in ABSENT.values() for c in columns} | {0, 1, 2, 3} == set(ALL)
     assert load_actuator().acquisition.rotor_angle == 1
+
+
+def blocks_of(record, *, pace, begin):
+    """Return facts of a record whose blocks came from `begin` (s) on, `pace` times as fast."""
+    start, samples = 1_700_000_000_000_000_000, record.samples
+    blocks = [
+        SampleBlock(start + round(1e9 * (begin + 0.02 * number / pace)), samples[row:row + 400])
+        for number, row in enumerate(range(0, len(samples), 400))
+    ]
+    provenance = replace(record.provenance, start_time=start)
+    return replace(facts_of_record(record), blocks=blocks, provenance=provenance)
+
+
+@pytest.mark.parametrize("pace", [100.0, 3.0, 0.05])
+def test_samples_that_come_after_the_move_come_in_a_time_of_their_own(pace):
+    record = record_of("step", seed=1)
+    facts = blocks_of(record, pace=pace, begin=0.5)
+    assert facts.uploaded
+    assert list(reception_clock(facts)) == []
+    assert irregular(facts) == []
+
+
+@pytest.mark.parametrize("pace", [100.0, 0.05])
+def test_samples_that_an_upload_lacks_are_missing(pace):
+    record = record_of("step", seed=1)
+    record = replace(record, samples=np.delete(record.samples, slice(4000, 4400), axis=0))
+    ((kind, hit),) = irregular(blocks_of(record, pace=pace, begin=0.5))
+    assert kind == "gap" and hit.message == "400 samples are missing after 0.2000 s"
+
+
+def test_a_clock_that_jumps_while_samples_stream_is_found():
+    record = record_of("step", seed=1)
+    facts = blocks_of(record, pace=1.0, begin=0.02)
+    assert not facts.uploaded
+    assert list(reception_clock(facts)) == []
+    late = [SampleBlock(b.log_time + 300_000_000 * (k > 10), b.samples)
+            for k, b in enumerate(facts.blocks)]
+    (hit,) = reception_clock(replace(facts, blocks=late))
+    assert hit.message == "the recorder's clock jumps by 0.300 s against the samples'"
