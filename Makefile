@@ -85,6 +85,8 @@ endef
 
 $(RUN_STAMP): constraints.txt setup.py
 	$(call install,$(RUN_EXTRAS))
+	@rm -f $(VENV)/share/man/man1/ema*.1
+	@$(VENV)/bin/ema man --quiet --out $(VENV)/share/man/man1 >/dev/null
 	@echo 'make: compiling the simulator, about a minute'
 	@$(VENV)/bin/python -m ema_sim.node.server
 

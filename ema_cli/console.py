@@ -13,7 +13,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ema_record.errors import InvalidRecordError
 
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 
 WRONG_USE = 2
+SOON = 3.0
+"""Time before which a pace says nothing of the rest (s)."""
 WHOLE = 100_000
 """Width (characters) of a console in which no line is wrapped."""
 _STEERING = re.compile(
@@ -150,10 +152,34 @@ def _bar(description: str, total: float | None) -> Iterator[Callable[..., None]]
         return
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
+    part = () if total is None else (TextColumn("{task.percentage:>3.0f} %"),)
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), *part,
+               TimeElapsedColumn(), TextColumn("{task.fields[left]}"))
     with Progress(*columns, console=stderr(), transient=True) as bar:
-        task = bar.add_task(neutral(description), total=total)
-        yield lambda **now: bar.update(task, **now)
+        task = bar.add_task(neutral(description), total=total, left="")
+
+        def update(*, completed: float = 0.0, **now: Any) -> None:
+            left = "" if not total else time_left(bar.tasks[0].elapsed or 0.0, completed / total)
+            bar.update(task, completed=completed, left=left, **now)
+
+        yield update
+
+
+def time_left(elapsed: float, part: float) -> str:
+    """Return in words how long the rest takes at the pace so far; empty where that says little.
+
+    Parameters
+    ----------
+    elapsed : time so far (s).
+    part : how much of the whole is done, 0 to 1.
+    """
+    if elapsed < SOON or not 0.0 < part < 1.0:
+        return ""
+    left = elapsed * (1.0 - part) / part
+    for unit, seconds in (("h", 3600.0), ("min", 60.0)):
+        if left >= 1.5 * seconds:
+            return f"{left / seconds:.0f} {unit} left"
+    return f"{left:.0f} s left"
 
 
 @contextlib.contextmanager

@@ -8,6 +8,7 @@ has the common options of `ema_cli.options`.
 from __future__ import annotations
 
 import functools
+import gc
 import importlib
 import inspect
 import keyword
@@ -16,6 +17,7 @@ import sys
 import typing
 from collections.abc import Callable, Sequence
 from io import TextIOWrapper
+from shutil import get_terminal_size
 from typing import Annotated, Any
 
 import typer
@@ -29,9 +31,17 @@ from ema_record.errors import UsageError, unknown_name
 
 COMMANDS = ("bit", "conformance", "simulate", "check", "explain", "trend", "fleet", "report",
             "replay", "import", "export", "info", "lint", "recover", "identify", "effects",
-            "profile", "new-actuator", "commission", "train", "paper", "completion")
+            "profile", "new-actuator", "commission", "train", "paper", "completion", "man")
 """All commands, in the order of the help."""
 PROGRAM = "ema"
+FRAMED = 80
+"""Least width of a help in frames (characters); narrower they would cut names of options."""
+PURPOSE = "built-in test and diagnosis of electromechanical actuators"
+EXIT_STATUS = (
+    "0 healthy or done, 1 a fault, 2 wrong use or unreadable input, 3 unknown or incomplete, "
+    "4 no verdict of ema bit, 70 an error in this software, 130 interrupted, 143 terminated")
+OBJECTS = 50_000
+"""New objects after which circles among them are looked for; a start makes many, and no circle."""
 
 TYPES = {"bool": None, "int": "NUMBER", "float": "NUMBER", "Path": "FILE", "list[Path]": "FILE"}
 """How values are shown in the help, by their types; others are a TEXT."""
@@ -50,6 +60,12 @@ class Command(TyperCommand):
                     param.bare_type(), "TEXT")
                 typing.cast("Any", param).display_type_rich = functools.partial(_shown, shown)
         return params
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Return the usage without the brackets that typer puts around our names of values."""
+        pieces = super().collect_usage_pieces(ctx)
+        plain = [re.sub(r"^\{(.+?)(\.\.\.)?\}(\.\.\.)?$", r"\1\3", piece) for piece in pieces]
+        return [re.sub(r"^\[\[(.+)\]\](\.\.\.)?$", r"[\1]\2", piece) for piece in plain]
 
 
 def _shown(text: str | None, ctx: Any) -> str | None:  # noqa: ARG001  (typer's signature)
@@ -92,6 +108,7 @@ def main() -> None:
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     end_quietly()
+    gc.set_threshold(OBJECTS)
     leave(run(sys.argv[1:]))
 
 
@@ -154,7 +171,8 @@ def build_app(name: str) -> typer.Typer:
     function = load_command(name)
     text, _, example = inspect.cleandoc(function.__doc__ or "").rpartition("\n\n")
     single = typer.Typer(
-        add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False,
+        add_completion=False, pretty_exceptions_enable=False,
+        rich_markup_mode="markdown" if get_terminal_size().columns >= FRAMED else None,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     single.command(name, cls=Command, help=text, epilog=example)(with_common(function))
@@ -171,9 +189,7 @@ def _print_help() -> None:
         for line in wrapped(words, console.width - len(indent)):
             console.print(styled(indent + line), soft_wrap=True)
 
-    console.print(
-        styled((PROGRAM, "bold"), ": built-in test and diagnosis of electromechanical actuators"),
-        soft_wrap=True)
+    text(f"{PROGRAM}: {PURPOSE}")
     console.print()
     text(f"Usage: {PROGRAM} COMMAND [OPTIONS]; {PROGRAM} COMMAND --help explains one command; "
          f"{PROGRAM} --version")
@@ -189,6 +205,4 @@ def _print_help() -> None:
     text("Each takes --kit DIR (or $EMA_KIT): the kit of another type of actuator than the "
          "default one; --lang, --color, -v and -q")
     console.print()
-    text("Exit status: 0 healthy or done, 1 a fault, 2 wrong use or unreadable input, "
-         "3 unknown or incomplete, 4 no verdict of ema bit, 70 an error in this software, "
-         "130 interrupted, 143 terminated")
+    text(f"Exit status: {EXIT_STATUS}")

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         plot,
         profiles,
         read,
+        rig,
         simulate,
         to_json,
         trend,
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from ema_rig.record import RigRecord
 
 _PLACES = {
-    **dict.fromkeys(("diagnose", "effects", "fleet", "identify", "plot", "profiles", "read",
+    **dict.fromkeys(("diagnose", "effects", "fleet", "identify", "plot", "profiles", "read", "rig",
                      "simulate", "to_json", "trend", "write"), "ema_phm.api"),
     "Fleet": "ema_prognostics.fleet.fleet", "Identification": "ema_identification.result",
     "Record": "ema_record.record", "RigRecord": "ema_rig.record",
@@ -47,9 +48,10 @@ _PLACES = {
 """Module of each name."""
 
 __all__ = [  # noqa: RUF022  (what is used first stands first)
-    "read", "write", "simulate", "diagnose", "identify", "trend", "fleet", "plot", "effects",
-    "profiles", "to_json", "Record", "RigRecord", "Verdict", "Identification", "UnitTrend",
-    "Fleet", "EmaError", "UsageError", "RecordError", "use_kit", "using_kit", "__version__",
+    "read", "write", "rig", "simulate", "diagnose", "identify", "trend", "fleet", "plot",
+    "effects", "profiles", "to_json", "Record", "RigRecord", "Verdict", "Identification",
+    "UnitTrend", "Fleet", "EmaError", "UsageError", "RecordError", "use_kit", "using_kit",
+    "__version__",
 ]
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from io import BytesIO
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from ema_record.errors import UsageError, unknown_name
 from ema_record.record import Record
@@ -42,6 +44,30 @@ def read(bag: Bag, *, profile: Bag | None = None) -> Record | RigRecord:
     from ema_rig.bag import read_any
 
     return read_any(Path(bag), None if profile is None else _text(profile))
+
+
+def rig(
+    values: Mapping[str, Any], *, motion: Literal["rotary", "linear"] = "rotary",
+    name: str = "rig",
+) -> RigRecord:
+    """Return a record of any single axis from arrays, for `identify` and `write`.
+
+    Parameters
+    ----------
+    values : arrays of shape (n,) by their channels, in SI units: ``time``; one of
+        ``input_current``, ``input_voltage``, ``input_torque``, ``input_force``; ``position``,
+        ``speed`` or both, and others that a rig has; a pandas frame will do.
+    motion : whether it turns (rad) or slides (m).
+    name : of the axis.
+
+    Raises
+    ------
+    UsageError, InvalidRecordError
+        A channel that does not exist or lacks, or values that cannot be used.
+    """
+    from ema_rig.record import rig_record
+
+    return rig_record(values, motion, name)
 
 
 def write(record: Record | RigRecord, bag: Bag) -> Path:
@@ -222,7 +248,7 @@ def plot(shown: Source | UnitTrend, name: str = "speed") -> Figure:
     if isinstance(shown, UnitTrend):
         from ema_cli.views.flights_plot import trend_figure
 
-        return trend_figure(shown)
+        return _shown(trend_figure(shown))
     from ema_cli.views.record_plots import NAMES, record_figures
 
     if name not in NAMES:
@@ -231,7 +257,19 @@ def plot(shown: Source | UnitTrend, name: str = "speed") -> Figure:
     if name not in found:
         raise UsageError(f"plot {name!r}: the record has no whole turns at constant speed; it has "
                          f"{', '.join(found)}")
-    return found[name]
+    return _shown(found[name])
+
+
+def _shown(figure: Figure) -> Figure:
+    """Return the figure as one that a notebook shows, whatever backend it has."""
+    figure._repr_png_ = partial(_png, figure)  # type: ignore[attr-defined]
+    return figure
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
 
 
 def effects() -> dict[str, str]:

@@ -18,6 +18,7 @@ from ema_record.channels import (
     Channel,
     channels_to_pandas,
     channels_to_xarray,
+    median,
     recorded_columns,
 )
 from ema_record.errors import InvalidRecordError, UsageError, unknown_name
@@ -127,7 +128,7 @@ class Record:
         """Return the sampling rate from the median interval, in 1/s; NaN below 2 samples."""
         if len(self) < 2:
             return float("nan")
-        return float(1.0 / np.median(np.diff(self.time)))
+        return float(1.0 / median(np.diff(self.time)))
 
     @property
     def duration(self) -> float:

@@ -220,7 +220,7 @@ def _of_table(
 ) -> Guess:
     """Return the map of named columns."""
     units: dict[str, str | None] = {}
-    best: dict[str, tuple[float, str]] = {}
+    ranked: dict[str, dict[str, tuple[float, str]]] = {"": {}}
     for label in table.columns:
         base, unit = _split_unit(label, table.units.get(label))
         units[label] = unit
@@ -234,9 +234,11 @@ def _of_table(
                        default=0.0) + (0.5 if unit is not None else 0.0)
             real = "reference_" + role if set(words) & _REFERENCE and role in (
                 "position", "speed") else role
+            best = ranked.setdefault(label.rpartition(".")[0], {})
             if rank >= 1.0 and rank > best.get(real, (0.0, ""))[0]:
                 best[real] = rank, label
-    taken = {role: label for role, (_, label) in best.items()}
+    of_group = max(ranked.values(), key=lambda best: (len(best), sum(r for r, _ in best.values())))
+    taken = {role: label for role, (_, label) in {**ranked[""], **of_group}.items()}
     for role in ROLES:
         if f"{role}.column" in given:
             taken[role] = given[f"{role}.column"]

@@ -14,10 +14,9 @@ from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.profile import load_profile
 from ema_record.record import Provenance, Record, check_samples
 from ema_record.version import VERSION
+from ema_rig.array_files import read_mat, read_npz, read_parquet
+from ema_rig.hdf5 import read_hdf5
 from ema_rig.map import Column, InputColumn, RigMap, TextFormat
-from ema_rig.mat import read_mat
-from ema_rig.npz import read_npz
-from ema_rig.parquet import read_parquet
 from ema_rig.record import INPUT_UNITS, Axis, InputQuantity, RigRecord
 from ema_rig.ros_bag import read_ros_bag
 from ema_rig.runs import chosen_runs, one_after_another, restarts, run_labels
@@ -25,13 +24,15 @@ from ema_rig.table import MAX_FILE_BYTES, Table
 from ema_rig.text import read_text_table
 from ema_rig.times import one_clock, seconds, single_stamps, unwrapped
 from ema_rig.units import SI_OF, is_unit, unit_factor
+from ema_rig.xlsx import read_xlsx
 
-SUFFIXES = (".csv", ".txt", ".dat", ".tsv", ".log", ".mat", ".npz", ".parquet", ".gz")
+SUFFIXES = (".csv", ".txt", ".dat", ".tsv", ".log", ".mat", ".npz", ".parquet", ".xlsx", ".h5",
+            ".hdf5", ".gz")
+READERS = {".mat": read_mat, ".npz": read_npz, ".parquet": read_parquet,
+           **dict.fromkeys((".h5", ".hdf5", ".hdf"), read_hdf5)}
 ELSEWHERE = {
-    **dict.fromkeys((".xlsx", ".xls", ".ods"), "a spreadsheet is not read: save its sheet as CSV "
-                    "(in the menu 'save as'), then import that file"),
-    **dict.fromkeys((".h5", ".hdf5"), "HDF5 is not read: write its columns by numpy.savez, or by "
-                    "pandas.DataFrame.to_csv, then import that file"),
+    **dict.fromkeys((".xls", ".ods", ".xlsb"), "this spreadsheet is not read: save it as XLSX or "
+                    "as CSV (in the menu 'save as'), then import that file"),
     **dict.fromkeys((".bag",), "a bag of ROS 1 is not read: convert it with 'rosbags-convert'"),
 }
 """What is known and not read, and what to do with it."""
@@ -43,7 +44,7 @@ _QUANTITY_OF = {unit: quantity for quantity, unit in SI_OF.items()}
 
 
 def import_file(path: str | Path, rig_map: RigMap) -> RigRecord | Record:
-    """Return what a bag, a CSV, TXT, MAT, NPZ or Parquet file holds, in SI units.
+    """Return what a bag or a file of another kind (`SUFFIXES`) holds, in SI units.
 
     Parameters
     ----------
@@ -113,7 +114,7 @@ def _table(rig_map: RigMap, path: Path, parts: Iterable[Column]) -> Table:
 def read_table(
     path: Path, text_format: TextFormat, needed: Sequence[str | int] | None
 ) -> Table:
-    """Return the columns of a CSV, TXT, MAT (v5), NPZ or Parquet file.
+    """Return the columns of a file that is no bag.
 
     Parameters
     ----------
@@ -142,12 +143,10 @@ def read_table(
         raise InvalidRecordError(f"{path}: {size} bytes, expected 1 to {MAX_FILE_BYTES}: "
                                  "import a part of it")
     suffix = path.suffix.lower()
-    if suffix == ".mat":
-        return read_mat(path, needed)
-    if suffix == ".npz":
-        return read_npz(path, needed)
-    if suffix == ".parquet":
-        return read_parquet(path, needed)
+    if suffix in READERS:
+        return READERS[suffix](path, needed)
+    if suffix in (".xlsx", ".xlsm"):
+        return read_xlsx(path, text_format, needed)
     if suffix in ELSEWHERE:
         raise UsageError(f"{path}: {ELSEWHERE[suffix]}")
     if suffix not in SUFFIXES:

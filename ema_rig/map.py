@@ -107,6 +107,8 @@ class TextFormat(_Part):
     """Whether the first line holds the names."""
     skip: int = Field(default=0, ge=0, le=10_000)
     """Lines to leave out before that."""
+    sheet: str | None = Field(default=None, min_length=1, max_length=200)
+    """Of a workbook; the first where not given."""
 
 
 class RigMap(_Part):

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ema_record.channels import Channel, channels_to_pandas, channels_to_xarray
-from ema_record.errors import InvalidRecordError, UsageError
+from ema_record.errors import InvalidRecordError, UsageError, first_problem, unknown_name
 from ema_record.record import html_of
 
 Motion = Literal["linear", "rotary"]
@@ -227,3 +228,33 @@ def _check_samples(samples: np.ndarray, channels: tuple[Channel, ...], source: s
             f"{source}: {samples[-1, 0] - samples[0, 0]:.3g} s long, at most "
             f"{MAX_RIG_DURATION:g} s: check the unit of time in the map"
         )
+
+
+def rig_record(values: Mapping[str, Any], motion: Motion, name: str) -> RigRecord:
+    """Return a record of arrays, shape (n,), SI, by the names of their channels.
+
+    Raises
+    ------
+    UsageError, InvalidRecordError
+        A channel that does not exist or lacks, or values that cannot be used.
+    """
+    given = {str(key): np.asarray(values[key], dtype=np.float64) for key in values}
+    inputs = [quantity for quantity in INPUT_UNITS if f"input_{quantity}" in given]
+    if len(inputs) != 1:
+        raise UsageError(f"{len(inputs)} inputs among {', '.join(given)[:80]}: give one of "
+                         f"{', '.join(f'input_{quantity}' for quantity in INPUT_UNITS)}")
+    try:
+        axis = Axis.model_validate({"name": name, "motion": motion, "input": inputs[0]})
+    except ValidationError as error:
+        raise UsageError(first_problem(error, "rig", "axis", "see docs/rigs.md")) from None
+    known = {channel.name: channel for channel in axis.channels}
+    for key in given:
+        if key not in known:
+            raise unknown_name("channel", key, known, f"a rig has {', '.join(known)}")
+    shapes = {array.shape for array in given.values()}
+    if len(shapes) > 1 or len(next(iter(shapes))) != 1:
+        raise UsageError(f"channels of shapes {', '.join(map(str, sorted(shapes)))}: give each "
+                         "one value a sample")
+    kept = [key for key in known if key in given]
+    return RigRecord(samples=np.column_stack([given[key] for key in kept]), axis=axis,
+                     channels=tuple(known[key] for key in kept), source=name)

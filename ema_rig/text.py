@@ -81,7 +81,13 @@ def read_text_table(
         Too large, not text, or a row has another number of cells than the first.
 
     """
-    text = _decoded(_content(path), path)
+    return table_of_text(_decoded(_content(path), path), path, text_format, needed)
+
+
+def table_of_text(
+    text: str, path: Path, text_format: TextFormat, needed: Sequence[str | int] | None
+) -> Table:
+    """Return the columns of a text, as `read_text_table`; `path` is for errors."""
     lines = text.split("\n", text_format.skip + 2000)
     layout = _layout(lines, _with_decimal(text_format, lines), path)
     count = len(layout.names)
@@ -99,6 +105,15 @@ def read_text_table(
         notes = (*layout.notes, *more)
     units = {name: unit for name, unit in zip(layout.names, layout.units) if unit}
     return Table(columns=columns, source=str(path), notes=notes, units=units)
+
+
+def holds_numbers(text: str, text_format: TextFormat) -> bool:
+    """Return whether a text has a row of numbers, by its first lines."""
+    try:
+        _layout(text.split("\n", text_format.skip + 2000), text_format, Path())
+    except InvalidRecordError:
+        return False
+    return True
 
 
 def _with_decimal(text_format: TextFormat, lines: list[str]) -> TextFormat:

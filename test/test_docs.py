@@ -1,8 +1,11 @@
 """The documents: their links lead somewhere, and they rest on nothing that is not here."""
 
 import re
+import shlex
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -125,6 +128,8 @@ def test_no_file_cites_a_page_that_is_not_here(files):
     assert NOT_HERE.search("the law (DESIGN, sec" + "tion 3)")
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(900)  # the pictures of the gallery are made by the commands
 def test_the_pages_make_a_site_that_loads_nothing_from_a_network(repository, tmp_path):
     pytest.importorskip("mkdocs")
     built = subprocess.run(
@@ -135,3 +140,55 @@ def test_the_pages_make_a_site_that_loads_nothing_from_a_network(repository, tmp
     assert len(pages) > len(list((repository / "docs").glob("*.md")))
     loaded = re.compile(r"<(?:script|img|link)\b[^>]*(?:src|href)=[\"']?(?:https?:)?//")
     assert [p.name for p in pages if loaded.search(p.read_text(encoding="utf-8"))] == []
+    gallery = tmp_path / "site" / "gallery" / "index.html"
+    shown = re.findall(r'<(?:img|iframe)[^>]*src="([^"]+)"', gallery.read_text(encoding="utf-8"))
+    assert {Path(src).name for src in shown} == {
+        "verdict.svg", "evidence.svg", "trend.svg", "report.html", "fleet.html"}
+    assert all((gallery.parent / src).is_file() for src in shown)
+    tutorials = {p.parent.name for p in pages if p.parent.parent.name == "tutorials"}
+    assert tutorials == {"technician", "engineer", "integrator", "fleet"}
+
+
+def words_of(line):
+    """Return the command and the options of a line of a tutorial."""
+    words = shlex.split(line)
+    return words[1], {w for w in words[2:] if w.startswith("--") and w != "--"}
+
+
+def test_every_command_of_the_documents_is_there_with_its_options(files):
+    from typer.main import get_command
+
+    from ema_cli.main import COMMANDS, build_app
+
+    known = {}
+    for name, text in files.items():
+        if not (name == "README.md" or re.fullmatch(r"docs/.*\.md", name)):
+            continue
+        blocks = "\n".join(re.findall(r"^```[a-z]*\n(.*?)^```", text, re.DOTALL | re.MULTILINE))
+        blocks = re.sub(r"\\\n *", "", blocks)  # lines that go on below
+        for line in re.findall(r"^(?:\$ )?(ema .+?)(?:  +#.*)?$", blocks, re.MULTILINE):
+            command, options = words_of(line)
+            assert command in COMMANDS, (name, line)
+            if command not in known:
+                known[command] = {o for p in get_command(build_app(command)).params
+                                  for o in (*p.opts, *p.secondary_opts)}
+            assert options <= known[command], (name, line)
+    assert len(known) > 10
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("who", ["technician", "engineer", "integrator", "fleet"])
+def test_a_tutorial_can_be_followed(who, repository, tmp_path, monkeypatch, capsys):
+    from ema_cli.main import run
+
+    text = (repository / "docs" / "tutorials" / f"{who}.md").read_text(encoding="utf-8")
+    (tmp_path / "bags").symlink_to(repository / "bags")
+    for name in ("sim_0001_step", "sim_0001_extended"):
+        shutil.copytree(repository / "bags" / name, tmp_path / "flights" / name)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    lines = re.findall(r"^\$ ema (.+)$", text, re.MULTILINE)
+    assert len(lines) >= 3
+    for line in lines:
+        assert run(shlex.split(line)) in (0, 1, 3), (line, capsys.readouterr().err)

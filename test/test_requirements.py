@@ -1,9 +1,22 @@
-"""Requirements and leaves of the fault tree have tests; `requirements.py` finds those not run."""
+"""Requirements have need, method and test, leaves of the fault tree tests, interfaces a row.
+
+`requirements.py` finds those that were not run.
+"""
 
 import ast
+import shutil
 
 import pytest
-from requirements import leaves, main, not_shown, outcomes, rows
+from requirements import (
+    interfaces,
+    leaves,
+    main,
+    not_required,
+    not_shown,
+    outcomes,
+    rows,
+    without_origin,
+)
 
 
 def names_of(path):
@@ -15,7 +28,7 @@ def names_of(path):
 def wrong_numbers(found):
     """Return the numbers that do not follow the one before."""
     wrong, expected = [], (1, 1)
-    for number, chapter, place, _, _ in found:
+    for number, chapter, place, *_ in found:
         if (chapter, place) not in (expected, (expected[0] + 1, 1)):
             wrong.append(number)
         expected = (chapter, place + 1)
@@ -25,7 +38,7 @@ def wrong_numbers(found):
 def missing(found, root):
     """Return requirements without a test, and tests that are not there."""
     wrong = []
-    for number, _, _, _, tests in found:
+    for number, *_, tests in found:
         if not tests:
             wrong.append(f"{number}: no test")
         for node in tests:
@@ -37,14 +50,19 @@ def missing(found, root):
 
 
 @pytest.fixture(scope="module")
-def requirements(repository):
-    return rows((repository / "docs" / "requirements.md").read_text(encoding="utf-8"))
+def page(repository):
+    return (repository / "docs" / "requirements.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def requirements(page):
+    return rows(page)
 
 
 def test_requirements_are_numbered_in_order(requirements):
     assert len(requirements) > 40
     assert wrong_numbers(requirements) == []
-    assert all(len(words) > 20 for _, _, _, words, _ in requirements)
+    assert all(len(row.text) > 20 for row in requirements)
 
 
 def test_every_requirement_is_shown_by_tests_that_exist(requirements, repository):
@@ -70,7 +88,7 @@ def test_a_leaf_without_a_test_is_found(row, wrong, repository):
 
 
 def test_names_with_parameters_are_those_of_the_test(requirements, repository):
-    for _, _, _, _, tests in requirements:
+    for *_, tests in requirements:
         for node in tests:
             file, _, name = node.partition("::")
             value = name.partition("[")[2].removesuffix("]")
@@ -78,11 +96,61 @@ def test_names_with_parameters_are_those_of_the_test(requirements, repository):
                 assert f'"{value}"' in (repository / file).read_text(encoding="utf-8"), node
 
 
+def test_every_requirement_comes_from_a_need_and_has_a_method(page, requirements):
+    assert page.count("\n| R") == len(requirements)  # no row is written so that it is not read
+    assert without_origin(requirements, page) == []
+
+
+@pytest.mark.parametrize(("row", "says"), [
+    ("| R1.1 | x | N1, N2 | test | `a.py::b` |", "N1: no requirement"),  # is no row
+    ("| R1.1 | x | N2 | test | `a.py::b` |", "R1.1: no need 'N2'"),
+    ("| R1.1 | x |  | test | `a.py::b` |", "R1.1: no need ''"),
+    ("| R1.1 | x | N1 | hope | `a.py::b` |", "R1.1: no method 'hope'"),
+    ("| R1.1 | x | N1 |  | `a.py::b` |", "R1.1: no method ''"),
+])
+def test_a_missing_need_or_method_is_found(row, says):
+    text = f"| N1 | who needs it |\n{row}\n"
+    assert says in without_origin(rows(text), text)
+
+
+def test_every_interface_has_a_requirement(requirements, repository):
+    found = interfaces(repository)
+    assert {kind: len(names) > 10 for kind, names in found.items()} == dict.fromkeys(
+        ("topics", "services", "parameters", "commands"), True)
+    assert not_required(requirements, found) == []
+
+
+ADDED = [
+    ("ema_record/wire/topics.py", '\nPLANTED = "/ema/planted"\n', "topics: /ema/planted"),
+    ("config/sros2/policy.xml", "<service>~/planted</service>", "services: ~/planted"),
+    ("ema_sim/node/settings.py", '\nPLANTED = ParameterSpec(name="planted", default=0, text="")\n',
+     "parameters: ema_sim planted"),
+    ("ema_ros/parameters.py", '\nPLANTED = ParameterSpec(name="planted", default=0, text="")\n',
+     "parameters: planted"),
+    ("ema_cli/main.py", '\nCOMMANDS = ("check", "planted")\n', "commands: ema planted"),
+]
+
+
+@pytest.mark.parametrize(("file", "text", "says"), ADDED, ids=[says for *_, says in ADDED])
+def test_an_interface_without_a_requirement_is_found(
+        file, text, says, requirements, repository, tmp_path):
+    for name in {file for file, *_ in ADDED}:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(repository / name, tmp_path / name)
+    changed = tmp_path / file
+    before = changed.read_text(encoding="utf-8")
+    inside = before.rindex("</services>") if file.endswith(".xml") else len(before)
+    changed.write_text(before[:inside] + text + before[inside:], encoding="utf-8")
+    wrong = not_required(requirements, interfaces(tmp_path))
+    assert wrong == [f"{says}: no requirement names it"]
+
+
 @pytest.mark.parametrize(("text", "count"), [
-    ("| R1.1 | something that must be so |  |", 1),
-    ("| R1.1 | something | `test/test_requirements.py::test_that_is_not_there` |", 1),
-    ("| R1.1 | something | `test/nowhere.py::test_x` |", 1),
-    ("| R1.1 | something | `test/test_requirements.py::test_violations_are_found` |", 0),
+    ("| R1.1 | something that must be so | N1 | test |  |", 1),
+    ("| R1.1 | something | N1 | test | `test/test_requirements.py::test_that_is_not_there` |", 1),
+    ("| R1.1 | something | N1 | test | `test/nowhere.py::test_x` |", 1),
+    ("| R1.1 | something | N1 | test | "
+     "`test/test_requirements.py::test_violations_are_found` |", 0),
 ])
 def test_violations_are_found(text, count, repository):
     found = rows(text)
@@ -92,7 +160,7 @@ def test_violations_are_found(text, count, repository):
 
 def test_a_wrong_number_is_found():
     numbers = ["R1.1", "R1.2", "R2.1"]
-    lines = [f"| {n} | x | `a.py::b` |" for n in numbers]
+    lines = [f"| {n} | x | N1 | test | `a.py::b` |" for n in numbers]
     assert wrong_numbers(rows("\n".join(lines))) == []
     assert wrong_numbers(rows("\n".join([lines[0], *lines]))) != []
     assert wrong_numbers(rows("\n".join(lines[1:]))) != []
@@ -115,7 +183,7 @@ RESULTS = """<testsuites><testsuite>
 ])
 def test_a_requirement_is_shown_by_tests_that_ran(tmp_path, name, says):
     (tmp_path / "results.xml").write_text(RESULTS, encoding="utf-8")
-    table = rows(f"| R1.1 | something | `test/unit/test_a.py::test_{name}` |")
+    table = rows(f"| R1.1 | something | N1 | test | `test/unit/test_a.py::test_{name}` |")
     wrong = not_shown(table, outcomes([tmp_path / "results.xml"]))
     assert wrong == ([f"R1.1: test/unit/test_a.py::test_{name} {says}"] if says else [])
 
@@ -123,5 +191,7 @@ def test_a_requirement_is_shown_by_tests_that_ran(tmp_path, name, says):
 def test_results_without_the_tests_of_the_table_are_a_failure(tmp_path, capsys):
     (tmp_path / "results.xml").write_text(RESULTS, encoding="utf-8")
     assert main([str(tmp_path / "results.xml")]) == 1
-    assert "R1.1: test/unit/monitor/" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "R1.1: test/unit/monitor/" in out
+    assert " 0 of them in no requirement" in out
     assert main([]) == 2

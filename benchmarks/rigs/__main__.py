@@ -2,7 +2,8 @@
 
 ``python -m benchmarks.rigs`` reads ``../shared/data`` beside the checkout, about two minutes.
 ``--emps`` runs EMPS free on its official split, ``--synthetic N`` judges N records with a known
-answer; ``--work FILE`` keeps what of these is done, and goes on from there.
+answer; ``--work FILE`` keeps what of these is done, and goes on from there. ``--peers`` runs
+sparse regression on the same records, and `mujoco.sysid` on EMPS.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 
 from benchmarks.rigs.emps import both_ways
 from benchmarks.rigs.panel import panel
+from benchmarks.rigs.peers import on_the_panel, sysid_on_emps
 from ema_identification.result import Identification
 from ema_identification.rig.workflow import identify_rig
 from ema_rig.import_file import import_file
@@ -90,8 +92,14 @@ def main() -> None:
     parser.add_argument("--synthetic", type=int, metavar="N")
     parser.add_argument("--work", type=Path, metavar="FILE", help="of --synthetic, JSON lines")
     parser.add_argument("--seed", type=int, default=0, help="of --synthetic: other rigs")
+    parser.add_argument("--peers", action="store_true", help="with --synthetic, --work, or EMPS")
     arguments = parser.parse_args()
-    if arguments.emps:
+    if arguments.peers:
+        if arguments.synthetic:
+            on_the_panel(arguments.synthetic, arguments.seed, arguments.work)
+        sysid_on_emps(load("emps.yaml", "emps/DATA_EMPS.mat"),
+                      load("emps.yaml", "emps/DATA_EMPS_PULSES.mat"))
+    elif arguments.emps:
         both_ways(load("emps.yaml", "emps/DATA_EMPS.mat"),
                   load("emps.yaml", "emps/DATA_EMPS_PULSES.mat"))
     elif arguments.synthetic is None:

@@ -89,6 +89,8 @@ MOTIONS: dict[str, Made] = {
     "several runs": several, "held speed": motion_of,
 }
 """Kinds of records that can be used."""
+DISTURBED = 9.37
+"""Frequency of a wave in time, over that of the motion (`support.rigs`)."""
 COUNTS = (2000, 4096, 8192)
 """Of an encoder, a turn; of a linear axis, in the stroke."""
 
@@ -163,11 +165,36 @@ def case_of(number: int, seed: int) -> Case:
         total += rng.uniform(0.15, 0.5) * size * np.sign(motion.speed)
     if effect:
         truth.add(effect)
+    if effect == "control_delay":
+        motion, total = delayed(motion, total, rng.uniform(0.3, 0.5) * size / rms(
+            np.gradient(plain, motion.time)))
+    elif effect:
         total += rng.uniform(0.3, 0.5) * size * {**EFFECTS, **MORE}[effect](
             rig, motion, plain, size)
     return Case(number=number, kind=kind, truth=frozenset(truth), effect=effect,
                 record=_recorded(rig, motion, total, size, kind, rng, f"{kind}-{number}"),
                 base={"inertia.value": rig.inertia, "viscous_friction.value": rig.viscous})
+
+
+def _motion_ends(motion: Motion) -> float:
+    """Return the frequency below which 99 % of the power of the speed lies (Hz)."""
+    power = np.cumsum(np.abs(np.fft.rfft(motion.speed * np.hanning(len(motion.speed)))) ** 2)
+    return float(np.searchsorted(power, 0.99 * power[-1])
+                 / (len(motion.speed) * (motion.time[1] - motion.time[0])))
+
+
+def delayed(motion: Motion, total: np.ndarray, delay: float) -> tuple[Motion, np.ndarray]:
+    """Return the motion and the whole input, friction too, given so much (s) before it acts.
+
+    The last samples of each run, whose input came after its end, are left out.
+    """
+    step = motion.time[1] - motion.time[0]
+    ends = np.append(np.nonzero(np.diff(motion.time) > 10.0 * step)[0], len(motion.time) - 1)
+    end = motion.time[ends[np.searchsorted(ends, np.arange(len(motion.time)))]]
+    kept = motion.time + delay <= end + 1e-6 * step
+    return (Motion(time=motion.time[kept], position=motion.position[kept],
+                   speed=motion.speed[kept], acceleration=motion.acceleration[kept]),
+            np.interp(motion.time + delay, motion.time, total)[kept])
 
 
 def _effect(kind: str, rig: Rig, motion: Motion, rng: np.random.Generator) -> str:
@@ -178,6 +205,10 @@ def _effect(kind: str, rig: Rig, motion: Motion, rng: np.random.Generator) -> st
     if kind == "one way":  # no reversal, and Coulomb friction is an offset
         names &= {"cogging_torque", "quadratic_drag", "control_delay", "periodic_disturbance"}
     if kind == "several runs":  # one clock is needed
+        names -= {"periodic_disturbance"}
+    if kind == "commensurate sines":  # a motion that repeats itself: of its cycle, maybe
+        names -= {"periodic_disturbance"}
+    if _motion_ends(motion) > 0.8 * DISTURBED * rig.frequency:  # it may as well be of the motion
         names -= {"periodic_disturbance"}
     if kind == "dwells":
         names -= {"backlash", "presliding_hysteresis", "stribeck_friction"}

@@ -117,6 +117,10 @@ def _values(command: str, before: str, options: dict[str, Any]) -> Sequence[str]
         return [*CLASSES, *checks()]
     if command == "profile":
         return profiles()
+    if command == "man":
+        from ema_cli.main import COMMANDS
+
+        return COMMANDS
     return list(SCRIPTS) if command == "completion" else []
 
 

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
     from ema_sim.effects import Effect, Field
 
+WIDE = 80
+"""Least width of a table of parameters (characters)."""
+
 
 def effects(
     name: Annotated[str | None, typer.Argument(
@@ -97,23 +100,29 @@ def _print_table(chosen: list[Effect]) -> None:
     for effect in chosen:
         lines += [TextLine(None, ""), TextLine(None, f"{effect.name} ({effect.port})", "bold"),
                   TextLine("", effect.summary)]
-        for field in effect.fields:
-            unit = unit_text(field)
-            text = f"{bounds_text(field)} {unit}".rstrip().replace(" ", NO_BREAK)
-            name = f"{effect.name}.{field.name}"
-            lines.append(TextLine("", f"{name}={field.default_text}  ({text})"))
+        lines += [_setting(effect, field) for field in effect.fields]
     print_lines(lines[1:], stdout())
+
+
+def _setting(effect: Effect, field: Field) -> TextLine:
+    """Return a parameter with its default, bounds and unit."""
+    text = f"{bounds_text(field)} {unit_text(field)}".rstrip().replace(" ", NO_BREAK)
+    return TextLine("", f"{effect.name}.{field.name}={field.default_text}  ({text})")
 
 
 def _explain(effect: Effect) -> None:
     console = stdout()
     console.print(styled((effect.name, "bold"), f"  ({effect.port} port)"))
     console.print(f"{effect.summary}\n\n  {effect.equation}\n")
-    table = _table("parameter", "bounds", "unit", "default", "meaning")
-    for field in effect.fields:
-        table.add_row(f"{effect.name}.{field.name}", bounds_text(field), unit_text(field),
-                      field.default_text, field.kind.text)
-    print_table(table)
+    if console.width >= WIDE:
+        table = _table("parameter", "bounds", "unit", "default", "meaning")
+        for field in effect.fields:
+            table.add_row(f"{effect.name}.{field.name}", bounds_text(field), unit_text(field),
+                          field.default_text, field.kind.text)
+        print_table(table)
+    else:
+        print_lines([line for field in effect.fields for line in (
+            _setting(effect, field), TextLine("  ", field.kind.text))], console)
     switches = ", ".join(f"{effect.name}.{name}" for name in effect.severity)
     console.print(f"\nAbsent while {switches} is at its default.")
     if effect.fault_class is not None:

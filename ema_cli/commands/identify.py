@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ema_cli.console import check_new, note, print_json, progress_of, say, stdout, styled
+from ema_cli.console import (
+    check_new,
+    given_bags,
+    note,
+    print_json,
+    progress_of,
+    say,
+    stdout,
+    styled,
+)
 from ema_record.errors import UsageError
 
 if TYPE_CHECKING:
@@ -16,8 +25,8 @@ if TYPE_CHECKING:
 
 def identify(
     measured: Annotated[list[Path], typer.Argument(
-        metavar="MEASURED...", help="Records of one unit: bags, or what 'ema import' made of a "
-        "rig's data.")],
+        metavar="MEASURED...", help="Records of one unit: bags, directories of them, or what "
+        "'ema import' made of a rig's data.")],
     out: Annotated[Path | None, typer.Option(
         metavar="DIR", help="Directory to make: report.html, plots, JSON, model. Needed, but for "
         "--check.")] = None,
@@ -66,14 +75,15 @@ def identify(
     from ema_record.kit import kit_name
     from ema_rig.bag import read_any
 
+    measured = given_bags(measured)
     if check:
         return _check([read_any(path) for path in measured], model, json)
     if out is None:
         raise UsageError("no --out: give the directory to make, as --out report")
     check_new(out)
     records = [read_any(path, profile) for path in measured]
-    held = [read_any(path) for path in validate or ()]
-    accepted = [read_any(path) for path in baseline or ()]
+    held = [read_any(path) for path in (given_bags(validate) if validate else ())]
+    accepted = [read_any(path) for path in (given_bags(baseline) if baseline else ())]
     with progress_of("identify") as advance:
         shown: list[str] = []
 

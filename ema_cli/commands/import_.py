@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 def import_(
     file: Annotated[Path, typer.Argument(
-        metavar="FILE", help="A bag of ROS 2 (MCAP, sqlite3), CSV or other text (also gzip), MAT "
-        "(v5), NPZ, Parquet.")],
+        metavar="FILE", help="A bag of ROS 2 (MCAP, sqlite3), CSV or other text (also gzip), "
+        "XLSX, MAT, HDF5, NPZ, Parquet.")],
     map_file: Annotated[Path | None, typer.Option(
         "--map", "-m", metavar="MAP.yaml", show_default="guessed from the file",
         help="Which column is what, its unit, and what the axis is.")] = None,
@@ -39,7 +39,7 @@ def import_(
     as_json: Annotated[bool, typer.Option(
         "--json", help="Print what was read and written as JSON.")] = False,
 ) -> int:
-    """Convert a file of a rig (a ROS 2 bag, CSV, MAT, NPZ) to a bag.
+    """Convert a file of a rig (a ROS 2 bag, CSV, XLSX, MAT, HDF5) to a bag.
 
     The map names columns, units and the axis; docs/rigs.md shows the form. Without one it is
     guessed: a joint of a JointState needs none, and a text file none that names columns and units.

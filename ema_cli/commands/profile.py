@@ -8,12 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ema_cli.console import note, print_json, print_table, say
+from ema_cli.console import note, print_json, print_table, stdout
+from ema_cli.lines import print_text
 from ema_record.errors import UsageError, unknown_name
 
 if TYPE_CHECKING:
     from ema_record.actuator import Actuator
     from ema_record.profile import Profile
+
+
+WIDE = 80
+"""Least width of the whole table of a test (characters)."""
+LEFT_OUT = ("rad left", "of slew", "turns")
+"""Columns that a narrower one lacks; --json has them."""
 
 
 def profile(
@@ -134,22 +141,28 @@ def _list(chosen: list[Profile], actuator: Actuator) -> None:
 def _explain(chosen: Profile, actuator: Actuator) -> None:
     from ema_record.profiles.text import moves
 
-    say(f"{chosen.name}: {chosen.description or 'no description'}")
-    table = _columns("s", "rad", "of stroke", "rad left", "rad/s", "of slew", "turns", "how")
+    console = stdout()
+    print_text(f"{chosen.name}: {chosen.description or 'no description'}", console)
+    names = ("s", "rad", "of stroke", "rad left", "rad/s", "of slew", "turns", "how")
+    kept = [n for n in names if console.width >= WIDE or n not in LEFT_OUT]
+    table = _columns(*kept)
     for move in moves(chosen, actuator):
         speed, slew = (("", "") if not move.speed or move.slew is None
                        else (f"{move.speed:+.4g}", f"{abs(move.slew):.3g}"))
-        table.add_row(f"{move.time:.5f}", f"{move.position:+.5f}", f"{move.stroke:+.1%}",
-                      f"{move.left:.4f}", speed, slew, f"{move.turns:.4g}", move.kind)
+        row = dict(zip(names, (
+            f"{move.time:.5f}", f"{move.position:+.5f}", f"{move.stroke:+.1%}",
+            f"{move.left:.4f}", speed, slew, f"{move.turns:.4g}", move.kind)))
+        table.add_row(*(row[n] for n in kept))
     print_table(table)
-    say(f"end stops +-{actuator.surface.end_stop:g} rad, slew speed {actuator.slew_speed:.4g} "
-        f"rad/s, a turn of the rotor {2.0 * math.pi / actuator.gear.ratio:.4g} rad")
+    print_text(
+        f"end stops +-{actuator.surface.end_stop:g} rad, slew speed {actuator.slew_speed:.4g} "
+        f"rad/s, a turn of the rotor {2.0 * math.pi / actuator.gear.ratio:.4g} rad", console)
     parts = _parts(chosen, actuator)
     if "reason" in parts:
-        say(f"no verdict is read from it: {parts['reason']}")
+        print_text(f"no verdict is read from it: {parts['reason']}", console)
         return
-    say("read after the first command (s): " + ", ".join(
+    print_text("read after the first command (s): " + ", ".join(
         f"{name.replace('_', ' ')} {part['begin']:.4g} to {part['end']:.4g}"
-        for name, part in parts["segments"].items()))
+        for name, part in parts["segments"].items()), console)
     if any(abs(x) > actuator.surface.end_stop for _, x in chosen.points):
         note("it goes beyond the end stops: the actuator will refuse it")

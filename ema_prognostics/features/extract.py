@@ -17,6 +17,7 @@ from ema_prognostics.features.signals import Signals, prepare
 from ema_prognostics.features.start import start_features
 from ema_prognostics.features.winding import rise, winding
 from ema_record.actuator import FOC, RELAY, Actuator
+from ema_record.channels import median
 from ema_record.errors import IncompleteRecordError
 from ema_record.profiles.plan import TestPlan, test_plan
 from ema_record.record import Record
@@ -45,7 +46,7 @@ def _pair(found: dict[str, float], speed: str, ahead: Balance, back: Balance) ->
 
 def _ramp_torque(signals: Signals, begin: float, end: float) -> float:
     part = signals.between(begin, end)
-    return float(signals.torque_constant * np.median(signals.torque_current[part]))
+    return float(signals.torque_constant * median(signals.torque_current[part]))
 
 
 def _start(signals: Signals, full: Balance, end: float) -> dict[str, float]:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_prognostics.features.signals import Signals
+from ema_record.channels import median
 
 BIN, NEAR, LEAST_SPAN = 0.016, 0.04, 0.2
 """Motor travel a bin, least travel, and least reach of the search, of `Actuator.wind_up`."""
@@ -109,7 +110,7 @@ def reversal_gap(signals: Signals, begin: float, length: float, direction: int) 
         moved = travelled > STARTED * wind_up / ratio
     else:
         smooth = np.convolve(torque, kernel, mode="same")
-        moved = smooth > NEAR_RAMP * float(np.median(smooth[-4 * n:-n]))
+        moved = smooth > NEAR_RAMP * float(median(smooth[-4 * n:-n]))
     after = np.flatnonzero(moved & moving)
     end = int(after[0]) - n if len(after) else len(theta) - n
     moving[max(end, turned + 4 * n):] = False

@@ -19,6 +19,7 @@ from ema_record.channels import (
     REFERENCE_CURRENTS,
     ROTOR_ANGLE,
     SURFACE_POSITION,
+    median,
 )
 from ema_record.errors import IncompleteRecordError
 from ema_record.record import Record
@@ -135,11 +136,11 @@ def prepare(record: Record, actuator: Actuator | None = None) -> Signals:
     for phase in range(3):
         q += unit_back_emf(theta - phase * THIRD, nominal.motor) * currents[:, phase]
     temperature = (
-        float(np.median(record.winding_temperature[:, 1]))
+        float(median(record.winding_temperature[:, 1]))
         if len(record.winding_temperature) else REFERENCE
     )
     bus = (
-        float(np.median(record.dc_bus[:, 1]))
+        float(median(record.dc_bus[:, 1]))
         if len(record.dc_bus) else 2.0 * nominal.inverter.bus_voltage
     )
     factor = 1.0 + MAGNET * (temperature - REFERENCE)

@@ -21,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 
 from ema_prognostics.features.signals import Signals
-from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
+from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS, median
 from ema_sim.machine import COPPER, FIRST_EDGE, REFERENCE, SECTOR, THIRD, unit_back_emf
 
 MARGIN = 0.6
@@ -146,7 +146,7 @@ def _fit(
     found, scale = NOMINAL, 2.0 * least
     for _ in range(ROUNDS if len(side) else 0):
         error = np.abs(side - rows @ found)
-        scale = max(1.5 * float(np.median(error)), least)
+        scale = max(1.5 * float(median(error)), least)
         root = 1.0 / np.sqrt(1.0 + (error / (2.0 * scale)) ** 2)
         known = np.diag(scale / prior)
         found = np.linalg.lstsq(np.vstack([rows * root[:, None], known]),

@@ -83,7 +83,8 @@ def read_bag(
     if validate_values:
         check_samples(samples, bag.source)
     profile, provenance = bag.test.profile, bag.test.provenance
-    commanded = bag.command(blocks, start=None if profile is None else profile.start)
+    commanded = bag.command(
+        blocks, start=None if profile is None else profile.start, likely=profile)
     if profile is None:
         if commanded is None:
             raise InvalidRecordError(
@@ -209,7 +210,8 @@ class Recording:
         return (before or commands[:1])[-1:]
 
     def command(
-        self, blocks: Sequence[SampleBlock], start: float | None = None
+        self, blocks: Sequence[SampleBlock], start: float | None = None,
+        likely: Profile | None = None,
     ) -> Profile | None:
         """Return the profile of that command; None: there is none.
 
@@ -219,6 +221,8 @@ class Recording:
             At least one.
         start : float, optional
             Where the surface stood before (rad), default as the first sample says, if it does.
+        likely : Profile, optional
+            What it probably is.
 
         """
         for message in self.command_before(blocks):
@@ -227,7 +231,8 @@ class Recording:
             if start is None and np.isfinite(at):
                 start = at
             try:
-                return decode_command(message.data, duration=float(last[TIME]), start=start)
+                return decode_command(message.data, duration=float(last[TIME]), start=start,
+                                      likely=likely)
             except RecordError as error:
                 self._refuse(error)
         return None

@@ -22,6 +22,7 @@ from ema_record.channels import (
     ROTOR_ANGLE,
     SURFACE_POSITION,
     TIME,
+    median,
     recorded_columns,
 )
 from ema_record.profile import Profile
@@ -253,7 +254,7 @@ class BagFacts:
     def interval(self) -> float:
         """Median interval of the samples (s); NaN below 2 samples."""
         time = self.samples[:, TIME]
-        return float(np.median(np.diff(time))) if len(time) > 1 else float("nan")
+        return float(median(np.diff(time))) if len(time) > 1 else float("nan")
 
     @property
     def too_fast(self) -> bool:

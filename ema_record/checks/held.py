@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ema_record.channels import CHANNELS, REFERENCE_CURRENTS, TIME
+from ema_record.channels import CHANNELS, REFERENCE_CURRENTS, TIME, median
 from ema_record.checks.facts import SETTLED, BagFacts, Hit, Rule
 
 HELD = 0.05
@@ -66,7 +66,7 @@ def held_share(change: np.ndarray, driven: np.ndarray) -> tuple[float, int]:
     if not (len(changes) and repeats.any()):
         return 0.0, 0
     share = float(repeats.sum() / driven.sum())
-    steps = float(np.median(changes) / changes.min())
+    steps = float(median(changes) / changes.min())
     after = ~same[:-1] & driven[1:]  # samples after a change
     follows = float((after & ~same[1:]).sum() / max(1, int(after.sum())))
     beaten = follows < BEAT * (1.0 - share)

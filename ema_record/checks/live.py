@@ -279,16 +279,21 @@ def expected_course(facts: BagFacts) -> np.ndarray:
     gain of the loop at the surface.
     """
     s, actuator = facts.samples, facts.actuator
-    course = np.empty(len(s))
     if facts.profile is None or len(s) < 2:
         return facts.surface
     at = float(facts.surface[0])
     step = actuator.slew_speed * facts.interval
     gain = min(1.0, actuator.control.position_gain / actuator.gear.ratio * facts.interval)
-    for k, goal in enumerate(facts.profile.command(s[:, TIME]).tolist()):
-        at += min(max(gain * (goal - at), -step), step)
-        course[k] = at
-    return course
+    course = []
+    for goal in facts.profile.command(s[:, TIME]).tolist():
+        move = gain * (goal - at)
+        if move > step:
+            move = step
+        elif move < -step:
+            move = -step
+        at += move
+        course.append(at)
+    return np.array(course)
 
 
 def _command_reached(facts: BagFacts) -> CheckResult:

@@ -15,6 +15,7 @@ from ema_record.channels import (
     ROTOR_ANGLE,
     SURFACE_POSITION,
     TIME,
+    median,
 )
 from ema_record.checks.facts import BagFacts, Hit, Rule
 
@@ -151,7 +152,7 @@ def _driven(facts: BagFacts) -> np.ndarray:
     size = np.abs(facts.vector(_asked(facts)))[rows]
     if not len(rows) or not size.max() > 0.0:
         return rows[:0]
-    return rows[size > 0.05 * np.median(size)]
+    return rows[size > 0.05 * median(size)]
 
 
 def _asked(facts: BagFacts) -> slice:
@@ -233,7 +234,7 @@ def _sequence(facts: BagFacts) -> Iterator[Hit]:
 def _rotation(facts: BagFacts) -> Iterator[Hit]:
     """Find currents that rotate against the motor's speed, where no angle was recorded."""
     speed = facts.samples[:, MOTOR_SPEED]
-    usual = float(np.median(np.abs(speed[np.abs(speed) > facts.standing])))
+    usual = float(median(np.abs(speed[np.abs(speed) > facts.standing])))
     turn = facts.actuator.motor.pole_pairs * usual * facts.interval
     lag = max(1, round(np.pi / 3.0 / turn))  # a sixth of an electrical turn
     vector = facts.vector(_asked(facts))

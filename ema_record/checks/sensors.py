@@ -24,6 +24,7 @@ from ema_record.channels import (
     ROTOR_ANGLE,
     SURFACE_POSITION,
     TIME,
+    median,
 )
 from ema_record.checks.facts import REST_OFFSET, SETTLED, SLOW, SUM_OFFSET, BagFacts, Hit, Rule
 
@@ -108,7 +109,7 @@ def current_gains(facts: BagFacts) -> Iterator[Hit]:
     found = facts.derived(current_sum)
     most = max(GAIN_SPREAD[0], GAIN_SPREAD[1] * facts.conditions.current_gain)
     if found is not None and found.known and np.ptp(found.gain) > most:
-        error = found.gain / np.median(found.gain) - 1.0
+        error = found.gain / median(found.gain) - 1.0
         k = int(np.argmax(np.abs(error)))
         name = f"phase_current_{_PHASES[k]}"
         yield Hit(f"{name} reads {100 * error[k]:+.1f} % against the other two, which with it sum "
@@ -153,7 +154,7 @@ def _by_reference(facts: BagFacts) -> float | None:
             continue
         measured = s[slow, column][steady:]
         ratios.append(float((measured * np.sign(now))[use].sum() / size[use].sum()))
-    return float(np.median(ratios)) if ratios else None
+    return float(median(ratios)) if ratios else None
 
 
 def current_offsets(facts: BagFacts) -> Iterator[Hit]:
@@ -238,7 +239,7 @@ def _noise(values: np.ndarray, bound: float, window: int) -> tuple[float, int]:
     if n == 0:
         return 0.0, 0
     # Of white noise of deviation 1: median 0.6745, and the second difference has sqrt(6).
-    noise = np.median(rough[:n * window].reshape(n, window), axis=1) / (0.6745 * np.sqrt(6.0))
+    noise = median(rough[:n * window].reshape(n, window), axis=-1) / (0.6745 * np.sqrt(6.0))
     return float(noise.max()), int(np.argmax(noise > bound))
 
 

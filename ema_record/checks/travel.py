@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_record.channels import ROTOR_ANGLE, SURFACE_POSITION
+from ema_record.channels import ROTOR_ANGLE, SURFACE_POSITION, median
 from ema_record.checks.facts import BagFacts, Hit, Rule
 
 SCALE = 0.05
@@ -64,10 +64,10 @@ def motion_scales(facts: BagFacts) -> Iterator[Hit]:
     fast = np.abs(found.angle) > TURNED * highest
     if fast.sum() < 4:
         return
-    speed = float(np.median((found.speed / found.angle)[fast]))
+    speed = float(median((found.speed / found.angle)[fast]))
     # Lost motion changes few windows, a shaft that twists none of the whole way: neither both.
     position = min(
-        float(np.median((found.position / found.angle)[fast])),
+        float(median((found.position / found.angle)[fast])),
         float((found.position * np.sign(found.angle))[fast].sum()
               / np.abs(found.angle[fast]).sum()),
         key=lambda ratio: abs(ratio - 1.0),

@@ -15,6 +15,7 @@ from ema_record.channels import (
     ROTOR_ANGLE,
     SURFACE_POSITION,
     TIME,
+    median,
 )
 from ema_record.checks.facts import SETTLED, BagFacts, Hit, Rule
 from ema_record.wire.topics import DC_BUS, WINDING_TEMPERATURE
@@ -231,12 +232,12 @@ def spikes(facts: BagFacts) -> Iterator[Hit]:
 def slow_units(facts: BagFacts) -> Iterator[Hit]:
     """Find bus voltages and temperatures that are in another unit."""
     if len(facts.bus_voltage):
-        voltage = float(np.median(facts.bus_voltage))
+        voltage = float(median(facts.bus_voltage))
         nominal = 2.0 * facts.actuator.inverter.bus_voltage
         if not BUS_VOLTAGE[0] <= voltage / nominal <= BUS_VOLTAGE[1]:
             yield Hit(f"bus voltage {voltage:g} V: is it in mV or kV?", None, voltage, "V", DC_BUS)
     if len(facts.winding_temperature):
-        celsius = float(np.median(facts.winding_temperature))
+        celsius = float(median(facts.winding_temperature))
         if not WINDING[0] <= celsius <= WINDING[1]:
             yield Hit(f"winding at {celsius:g} degC: is it in K?", None, celsius, "degC",
                       WINDING_TEMPERATURE)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_record.channels import CHANNELS, MOTOR_SPEED, ROTOR_ANGLE, TIME
+from ema_record.channels import CHANNELS, MOTOR_SPEED, ROTOR_ANGLE, TIME, median
 from ema_record.checks.facts import REST_OFFSET, SLOW, BagFacts, Hit, Rule
 
 TURN = 2.0 * np.pi
@@ -85,7 +85,7 @@ def whole_turns(facts: BagFacts) -> WholeTurns | None:
 def _medians(values: np.ndarray) -> np.ndarray:
     """Return medians over `MEDIAN` turns on end, shape (n, ...) -> (n - MEDIAN + 1, ...)."""
     windows = np.lib.stride_tricks.sliding_window_view(values, MEDIAN, axis=0)
-    return np.asarray(np.median(windows, axis=-1))
+    return np.asarray(median(windows, axis=-1))
 
 
 def offsets(facts: BagFacts) -> Iterator[Hit]:

@@ -4,28 +4,35 @@ from __future__ import annotations
 
 import re
 from functools import cache
-from typing import Any
-
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
+from typing import TYPE_CHECKING, Any
 
 from ema_record.errors import InvalidRecordError
 from ema_record.limits import MAX_SMALL_MESSAGE_BYTES
+from ema_record.wire.cdr import decode
 from ema_record.wire.definitions import DEFINITIONS
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
 
 NANOSECONDS = 1_000_000_000
 SCHEMA_ENCODING = "ros2msg"
 MESSAGE_ENCODING = "cdr"
 
 
-_OWN = Typestore()
-"""Holds the types of `DEFINITIONS` that were asked for."""
-
-
 @cache
 def typestore() -> Typestore:
     """Return all types of ROS 2 Jazzy; 0.1 s the first time."""
+    from rosbags.typesys import Stores, get_typestore
+
     return get_typestore(Stores.ROS2_JAZZY)
+
+
+@cache
+def _own() -> Typestore:
+    """Return a store for the types of `DEFINITIONS` that are asked for."""
+    from rosbags.typesys.store import Typestore
+
+    return Typestore()
 
 
 @cache
@@ -33,6 +40,8 @@ def _store_of(message_type: str) -> Typestore:
     """Return a store that holds a type and those that it uses."""
     if message_type not in DEFINITIONS:
         return typestore()
+    from rosbags.typesys import get_types_from_msg
+
     found: dict[str, Any] = {}
     waiting = [message_type]
     while waiting:
@@ -40,8 +49,8 @@ def _store_of(message_type: str) -> Typestore:
         found |= get_types_from_msg(DEFINITIONS[name], name)
         waiting += [f"{package}/msg/{used}" for package, used in
                     re.findall(r"^(\w+)/(\w+)", DEFINITIONS[name], re.MULTILINE)]
-    _OWN.register(found)
-    return _OWN
+    _own().register(found)
+    return _own()
 
 
 @cache
@@ -81,7 +90,7 @@ def serialize(message: Any, message_type: str) -> bytes:
 
 
 def deserialize(data: bytes | memoryview, message_type: str, topic: str) -> Any:
-    """Return the message that CDR holds; `topic` is named in errors.
+    """Return the message of a type of `DEFINITIONS` that CDR holds; `topic` is named in errors.
 
     Bytes after the message are ignored: rclpy's ``serialize_message`` leaves some behind
     wherever a sequence of doubles is empty.
@@ -98,16 +107,7 @@ def deserialize(data: bytes | memoryview, message_type: str, topic: str) -> Any:
             f"it is no {message_type} of an actuator test"
         )
     try:
-        head, body = bytes(data[:4]), bytes(data[4:])
-        if head[:2] not in (b"\x00\x00", b"\x00\x01") or len(head) < 4:
-            raise ValueError(f"encapsulation {head.hex()!r} is not plain CDR")
-        store = _store_of(message_type)
-        definition = store.get_msgdef(message_type)
-        decode = definition.deserialize_cdr_le if head[1] else definition.deserialize_cdr_be
-        message, end = decode(body, 0, definition.cls, store)
-        if end > len(body):
-            raise ValueError(f"{end - len(body)} bytes are missing")
-        return message
+        return decode(data, message_type)
     except Exception as error:  # noqa: BLE001  (decoders raise what numpy and struct raise)
         detail = (str(error).splitlines() or [""])[0][:80] or type(error).__name__
         raise InvalidRecordError(

@@ -4,12 +4,14 @@ import json
 from pathlib import Path
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from ros_processes import MONITOR, SIMULATOR, ema
 
 from ema_record.bag.read import read_bag
 from ema_record.wire.topics import VERDICT
+from ema_ros.messages import make_publisher
 
 pytestmark = pytest.mark.slow
 
@@ -55,10 +57,21 @@ def test_a_name_that_is_none_and_an_effect_of_nobody_are_wrong_use(tmp_path):
         assert hint in run.stderr
 
 
+def leave_the_record_alone(watcher, path):
+    """Give a verdict on a record; without `record_verdict` it stays as it is."""
+    before = {file.name: file.read_bytes() for file in Path(path).iterdir()}
+    publisher = make_publisher(watcher.node, VERDICT)
+    watcher.wait(lambda: publisher.get_subscription_count() > 0, what="a reader of verdicts")
+    publisher.publish(DiagnosticStatus(values=[KeyValue(key="bag", value=path)]))
+    watcher.spin_for(0.5)
+    watcher.node.destroy_publisher(publisher)
+    assert {file.name: file.read_bytes() for file in Path(path).iterdir()} == before
+
+
 def test_a_node_told_to_wait_is_configured_and_activated_from_outside(nodes, watcher, tmp_path):
     nodes.start(SIMULATOR)
-    nodes.start(MONITOR, autostart="false", profile="step",
-                output_directory=str(tmp_path / "records"))
+    nodes.start(MONITOR, autostart="false", profile="step", serial_number="SN-12",
+                output_directory=str(tmp_path / "records"), record_verdict="false")
 
     def call(kind, name, request):
         client = watcher.node.create_client(kind, f"/ema_monitor/{name}")
@@ -80,7 +93,10 @@ def test_a_node_told_to_wait_is_configured_and_activated_from_outside(nodes, wat
     assert watcher.node.missing() == "the monitor"
     assert change(Transition.TRANSITION_ACTIVATE)
     watcher.wait_for_simulator()
-    assert watcher.self_test()["passed"]
+    answer = watcher.self_test()
+    assert answer["passed"]
+    assert answer["serial_number"] == "SN-12"
+    leave_the_record_alone(watcher, answer["by_name"]["record"]["values"]["path"])
     assert change(Transition.TRANSITION_DEACTIVATE)
     watcher.wait(lambda: watcher.node.missing() == "the monitor", what="the end of the service")
     assert change(Transition.TRANSITION_CLEANUP)

@@ -108,12 +108,15 @@ def test_parameters_are_described_bounded_and_settable_when_idle(nodes, watcher)
     watcher.wait_for_simulator()
     names = [f"{effect}.{field.name}" for effect, entry in EFFECTS.items()
              for field in entry.fields]
-    names += ["model_file", "seed", "noise", "rate", "switching", "block_size",
-              "real_time_factor"]
+    fixed = ["model_file", "serial_number", "seed", "switching", "rate", "block_size",
+             "initial_position", "slow_reader_timeout", "weight_on_wheels_timeout",
+             "deadman_timeout"]
+    names += [*fixed, "noise", "real_time_factor"]
     descriptors = call(watcher, DescribeParameters, "/ema_sim/describe_parameters",
                        DescribeParameters.Request(names=names)).descriptors
     assert [d.name for d in descriptors] == names
     assert all(d.description for d in descriptors)
+    assert {d.name for d in descriptors if d.read_only} == set(fixed)
     for d in descriptors:
         if d.type == ParameterType.PARAMETER_DOUBLE:
             assert d.floating_point_range[0].to_value > d.floating_point_range[0].from_value

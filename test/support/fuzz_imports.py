@@ -8,7 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
+import pandas as pd
 import scipy.io
 import yaml
 from hypothesis import strategies as st
@@ -51,6 +53,20 @@ def _mat() -> bytes:
     return b"MATLAB 5.0 MAT-file".ljust(116) + stream.getvalue()[116:]  # it has the date in it
 
 
+def _hdf5() -> bytes:
+    stream = io.BytesIO()
+    with h5py.File(stream, "w") as file:
+        for name, values in _columns().items():
+            file[name] = values
+    return stream.getvalue()
+
+
+def _xlsx() -> bytes:
+    stream = io.BytesIO()
+    pd.DataFrame(_columns()).to_excel(stream, index=False)
+    return stream.getvalue()
+
+
 def import_targets(folder: Path) -> list[Target]:
     """Return the targets; `folder` is theirs."""
     rig_map = map_from(MAP, "map")
@@ -70,7 +86,8 @@ def import_targets(folder: Path) -> list[Target]:
     files = [
         Target(f"import {name}", EDITS.map(lambda edits, d=data: change(d, edits)),
                in_file(f"rig.{name}", imported), 0.04)
-        for name, data in (("csv", _text()), ("npz", _npz()), ("mat", _mat()))
+        for name, data in (("csv", _text()), ("npz", _npz()), ("mat", _mat()), ("h5", _hdf5()),
+                           ("xlsx", _xlsx()))
     ]
 
     def put(key: str, inner: str, value: object) -> bytes:

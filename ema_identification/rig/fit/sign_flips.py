@@ -86,6 +86,37 @@ def screen_by_sign_flips(
     )
 
 
+def p_of_much(
+    columns: np.ndarray, known: np.ndarray, before: np.ndarray, after: np.ndarray, blocks: Blocks,
+    looks: int,
+) -> float:
+    """Return the p-value of a candidate that takes nearly all, after all looks.
+
+    What is so large is in every flipped residual of the model without it, and hides it there; so
+    the residual of the model with it is flipped (ter Braak 1992, Permutation versus bootstrap
+    significance tests in multiple regression and ANOVA).
+
+    Parameters
+    ----------
+    columns, known : ndarray, shape (rows, k), (rows, p)
+        Regressors of the candidate, and those in the model.
+    before, after : ndarray, shape (rows,)
+        Residuals of the model without the candidate and with it.
+    blocks : Blocks
+        What flips together.
+    looks : int
+        Candidates that were looked at.
+
+    """
+    basis = orthonormal(known)
+    observed = _block_moments([columns], basis, before, blocks)[0][:, 0]
+    flipped = _block_moments([columns], basis, after, blocks)[0][:, 0]
+    mean, variance = _null_moments(flipped, np.array([0]), np.array([flipped.shape[1]]))
+    surprise = _normal_score(np.sum(observed.sum(axis=0, keepdims=True) ** 2, axis=1), mean,
+                             variance)
+    return float(np.clip(looks * special.ndtr(-surprise[0]), 1.0 / (1.0 + FLIPS), 1.0))
+
+
 def orthonormal(columns: np.ndarray) -> np.ndarray:
     """Return an orthonormal basis of the columns, shape (rows, rank)."""
     if columns.shape[1] == 0:

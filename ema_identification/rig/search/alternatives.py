@@ -17,7 +17,7 @@ from scipy import optimize
 from ema_identification.rig.fit.balance import InputBalance
 from ema_identification.rig.fit.regression import Blocks, held_out
 from ema_identification.rig.fit.sign_flips import orthonormal
-from ema_identification.rig.laws.base import Term
+from ema_identification.rig.laws.base import Law, Term
 from ema_identification.rig.laws.dynamics import DELAY
 from ema_identification.rig.laws.static import is_whole
 
@@ -118,6 +118,21 @@ def _shape_moved(balance: InputBalance, term: Term, place: int) -> Term:
     if whole and turns is not None and is_whole(best, turns):
         best = float(round(best))
     return at(best)
+
+
+def best_placed(balance: InputBalance, law: Law) -> Term:
+    """Return a law with the shape of its grid that leaves least beside a balance."""
+    terms = [Term(law=law, shape=tuple(shape)) for shape in law.grid(balance.design.trajectory)]
+    balance.design.evaluate(terms)
+    basis = orthonormal(balance.free_columns)
+    residual = balance.target - basis @ (basis.T @ balance.target)
+
+    def taken(term: Term) -> float:
+        columns = balance.design.columns(term)
+        columns = orthonormal(columns - basis @ (basis.T @ columns))
+        return float(np.sum((columns.T @ residual) ** 2))
+
+    return max(terms, key=taken)
 
 
 MOST = 1.0

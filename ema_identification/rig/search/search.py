@@ -17,52 +17,14 @@ from ema_identification.rig.laws.base import Term
 from ema_identification.rig.search.alternatives import (
     LawChoice,
     Trial,
+    best_placed,
     refined,
     with_whole_delay,
     without_skew,
 )
 from ema_identification.rig.search.remainder import Left, main_shape, mimics, portrait
-from ema_identification.rig.search.selection import choose, located
+from ema_identification.rig.search.selection import choose, least_loss, located, prune
 from ema_identification.rig.search.shapes import GenericShape, freest_columns, waves_in_time
-
-LEAST_LOSS = 0.02
-"""Share of the held-out squares by which they rise, at least, without a law that stays."""
-
-
-def prune(
-    balance: InputBalance, blocks: Blocks, protected: int
-) -> tuple[InputBalance, list[Term]]:
-    """Return the balance without added terms that held-out blocks do not miss.
-
-    Parameters
-    ----------
-    balance : InputBalance
-        With all that was added.
-    blocks : Blocks
-        What is held out together.
-    protected : int
-        So many terms at the front are the model's own and stay.
-
-    """
-    dropped: list[Term] = []
-    while len(balance.terms) > protected:
-        squares = blocks.sums(balance.held_out(blocks) ** 2)
-        worst, least = None, LEAST_LOSS
-        for index in range(protected, len(balance.terms)):
-            if any(balance.terms[index].law.name in other.law.requires
-                   for other in balance.terms):
-                continue
-            smaller = balance.without(index)
-            own = blocks.sums(smaller.held_out(blocks) ** 2)
-            loss = own.sum() / squares.sum() - 1.0
-            if loss < least:
-                worst, least = index, loss
-        if worst is None:
-            break
-        dropped.append(balance.terms[worst])
-        balance = balance.without(worst)
-    return balance, dropped
-
 
 MAX_ADDED = 12
 MAX_EXCHANGES = 4
@@ -154,10 +116,57 @@ def _one_way(start: InputBalance, look: Look, *, plain_first: bool) -> tuple[Way
         choices, stages = _polished(start, choices, look.blocks)
         balance = stages[-1]
     choices, stages, dropped = pruned(start, choices, look.blocks)
+    choices, stages, more = _simplified(start, choices, stages, look)
+    dropped += more
     lost = _not_there(stages[-1], len(start.terms), look.blocks)
     if lost:
         return _one_way(start, replace(look, hidden=look.hidden | lost), plain_first=plain_first)
     return (stages, choices, trials, dropped), contested
+
+
+def _simplified(
+    start: InputBalance, choices: list[LawChoice], stages: list[InputBalance], look: Look
+) -> tuple[list[LawChoice], list[InputBalance], list[Term]]:
+    """Return the choices without those that another one does for, once it is in its own place.
+
+    What was named first may have stood in for what came later, whose shape then only made up for
+    the difference.
+    """
+    dropped: list[Term] = []
+    first = len(start.terms)
+    index = 0
+    while index < len(choices) and len(choices) > 1:
+        own = choices[index].trial.term
+        rivals = [k for k, other in enumerate(choices) if k > index and other.trial.term.law.shape
+                  and other.trial.term.law.against == own.law.against
+                  and not other.trial.term.law.repeats]
+        now = float(np.sum(stages[-1].held_out(look.blocks) ** 2))
+        better = None if any(own.law.name in c.trial.term.law.requires for c in choices) else next(
+            (found for k in rivals if (found := _without(
+                start, choices, stages[-1], index, k, look, first, now)) is not None), None)
+        if better is None:
+            index += 1
+            continue
+        look.report(f"{own.law.name} is not missed")
+        dropped.append(own)
+        choices, stages = better
+    return choices, stages, dropped
+
+
+def _without(
+    start: InputBalance, choices: list[LawChoice], end: InputBalance, index: int, rival: int,
+    look: Look, first: int, now: float,
+) -> tuple[list[LawChoice], list[InputBalance]] | None:
+    """Return the choices without one, another one placed anew; None where that leaves more."""
+    term = choices[rival].trial.term
+    rest = end.without(max(first + index, first + rival)).without(
+        min(first + index, first + rival))
+    placed = refined(rest, best_placed(rest, term.law))
+    others = [replace(c, trial=replace(c.trial, term=placed)) if k == rival else c
+              for k, c in enumerate(choices) if k != index]
+    others, stages = _polished(start, others, look.blocks)
+    left = float(np.sum(stages[-1].held_out(look.blocks) ** 2))
+    return (others, stages) if left < now + least_loss(end, now) else None
 
 
 def _not_there(end: InputBalance, first: int, blocks: Blocks) -> frozenset[str]:

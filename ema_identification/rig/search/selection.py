@@ -9,7 +9,11 @@ import numpy as np
 from ema_identification.rig.fit.balance import BASE_LAWS, InputBalance, rms
 from ema_identification.rig.fit.estimates import parameters
 from ema_identification.rig.fit.regression import Blocks, held_out
-from ema_identification.rig.fit.sign_flips import LEVEL_OF_CHANCE, screen_by_sign_flips
+from ema_identification.rig.fit.sign_flips import (
+    LEVEL_OF_CHANCE,
+    p_of_much,
+    screen_by_sign_flips,
+)
 from ema_identification.rig.laws import LAWS
 from ema_identification.rig.laws.base import LOCATED, Law, Term
 from ema_identification.rig.search.alternatives import (
@@ -93,6 +97,8 @@ def _changed(balance: InputBalance, law: Law) -> str | None:
 LEVEL_OF_MOST = 0.05
 """Likewise for a law that takes more than half of the held-out squares: what is so large is in
 every flipped residual too, which hides it."""
+NEARLY_ALL = 0.9
+"""Share of the held-out squares from which a law is judged by what it leaves."""
 LEAST_GAIN = 0.04
 """Least share of the held-out squares that a law must take to be worth naming."""
 LEAST_OF_DYNAMIC = 0.15
@@ -173,6 +179,11 @@ def choose(
         joined = with_whole_delay(joined.joined(last))
         own = blocks.sums(joined.held_out(blocks) ** 2)
         taken = float((squares - own).sum())
+        if taken > NEARLY_ALL * squares.sum() and not terms[-1].law.takes_of_all:
+            p_value = min(p_value, p_of_much(
+                np.concatenate([joined.columns_of(term) for term in (*terms[:-1], last)], axis=1),
+                balance.free_columns, balance.fit.residual, joined.fit.residual, blocks,
+                len(candidates)))
         trials.append(Trial(
             term=terms[0] if len(terms) > 1 else last, name=name,
             companion=last if len(terms) > 1 else None, p_value=p_value, squares=own,
@@ -278,3 +289,48 @@ def _simplest(good: list[Trial], present: set[str], plain_first: bool) -> Trial:
             if trial.gain >= PARSIMONY * best.gain and trial.score <= TWICE * best.score]
     return min(near, key=lambda trial: (
         trial.name not in present, trial.complexity, -trial.gain))
+
+
+LEAST_LOSS = 0.02
+"""Share of the held-out squares by which they rise, at least, without a law that stays; and by
+`LEAST_SIZE` of the input, as for one that is added."""
+
+
+def least_loss(balance: InputBalance, squares: float) -> float:
+    """Return by how much the held-out squares rise, at least, without a law that stays."""
+    size = float(np.sum(balance.design.trajectory.target ** 2))
+    return max(LEAST_LOSS * squares, LEAST_SIZE**2 * size)
+
+
+def prune(
+    balance: InputBalance, blocks: Blocks, protected: int
+) -> tuple[InputBalance, list[Term]]:
+    """Return the balance without added terms that held-out blocks do not miss.
+
+    Parameters
+    ----------
+    balance : InputBalance
+        With all that was added.
+    blocks : Blocks
+        What is held out together.
+    protected : int
+        So many terms at the front are the model's own and stay.
+
+    """
+    dropped: list[Term] = []
+    while len(balance.terms) > protected:
+        squares = float(np.sum(balance.held_out(blocks) ** 2))
+        worst, least = None, least_loss(balance, squares)
+        for index in range(protected, len(balance.terms)):
+            if any(balance.terms[index].law.name in other.law.requires
+                   for other in balance.terms):
+                continue
+            smaller = balance.without(index)
+            loss = float(np.sum(smaller.held_out(blocks) ** 2)) - squares
+            if loss < least:
+                worst, least = index, loss
+        if worst is None:
+            break
+        dropped.append(balance.terms[worst])
+        balance = balance.without(worst)
+    return balance, dropped

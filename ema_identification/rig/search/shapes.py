@@ -26,6 +26,8 @@ ABOVE_MOTION = 1.2
 """Waves in time have a name from so many times the band of the speed."""
 REPEATS = 0.97
 """Least autocorrelation of the speed of a motion that repeats itself."""
+IMAGE = 0.25
+"""Of the power of a wave, what is left of an image without the waves that it is one of."""
 RANK_OF_SHARED = 20
 """Of a wave that the motion has too: any smooth shape that takes nearly as much is named first."""
 
@@ -148,7 +150,8 @@ def waves_in_time(
 
     Waves that the motion may have too (two fifths of them follow from the `freest` model's
     regressors, or they lie within the band of the speed, or at a multiple of the cycle of a
-    motion that repeats itself) are marked: they may as well depend on the motion.
+    motion that repeats itself, or are images of such waves) are marked: they may as well depend on
+    the motion.
     """
     rate = trajectory.row_rate
     start = trajectory.time.min()
@@ -164,16 +167,28 @@ def waves_in_time(
     looks = max(1, int(4 * np.ptp(trajectory.time) * trajectory.band))
     basis = freest / np.sqrt(len(freest))
     own, cycle = ABOVE_MOTION * _motion_band(trajectory), cycle_frequency(trajectory)
-    shapes = []
+    shapes: list[GenericShape] = []
     for peak in strongest:
         phase = 2 * np.pi * frequency[peak] * (trajectory.time - start)
         pair = np.column_stack([np.cos(phase), np.sin(phase)])
         shared = frequency[peak] < own or _is_multiple(float(frequency[peak]), cycle, trajectory) \
-            or bool(np.sum((basis.T @ pair) ** 2) >= OF_MOTION * np.sum(pair**2))
+            or bool(np.sum((basis.T @ pair) ** 2) >= OF_MOTION * np.sum(pair**2)) \
+            or _is_image(pair, [s.columns for s in shapes if s.of_motion], residual)
         shapes.append(GenericShape(
             against="frequency", label="a wave in time", looks=looks, columns=pair,
             order=float(frequency[peak]), of_motion=shared, rank=RANK_OF_SHARED * shared))
     return shapes
+
+
+def _is_image(pair: np.ndarray, others: list[np.ndarray], residual: np.ndarray) -> bool:
+    """Return whether a wave is mostly what rows left out at regular times make of others."""
+    if not others:
+        return False
+    columns = np.column_stack(others)
+    found, *_ = np.linalg.lstsq(columns, residual, rcond=1e-9)
+    with_them, without = (np.sum((pair.T @ values) ** 2)
+                          for values in (residual, residual - columns @ found))
+    return bool(without < IMAGE * with_them)
 
 
 def _motion_band(trajectory: Trajectory) -> float:

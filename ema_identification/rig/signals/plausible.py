@@ -284,10 +284,10 @@ def _check_clipped(record: RigRecord, trajectory: Trajectory, side: float, word:
     below = np.count_nonzero((values >= most - 0.02 * span) & ~at)
     if at.mean() < FEW or at.sum() < PLATEAU * below or len(np.unique(values)) < 30:
         return
-    limit = most - 1e-6 * span
-    clipped = trajectory.reduce(
-        lambda s: (side * s.input >= limit).astype(np.float64))
-    hit, clean = clipped > 0.9, clipped < 0.02
+    limit, other = most - 1e-6 * span, most - (1.0 - 1e-6) * span
+    ends = trajectory.reduce(lambda s: np.column_stack(
+        [side * s.input >= limit, side * s.input <= other]).astype(np.float64))
+    hit, clean = ends[:, 0] > 0.9, (ends < 0.02).all(axis=1)
     if clean.sum() < FIT_ROWS or hit.sum() < 5:
         return
     columns = np.column_stack(_needs(trajectory))

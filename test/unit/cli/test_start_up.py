@@ -7,7 +7,7 @@ import sys
 import pytest
 
 HEAVY = {"numba", "llvmlite", "scipy", "sklearn", "matplotlib", "jinja2", "joblib", "dask",
-         "pandas", "pyarrow", "rclpy", "rosbags.typesys.stores.ros2_dashing"}
+         "pandas", "pyarrow", "rclpy", "rosbags", "numpy.ma"}
 CHECK = "from ema_cli.main import run; run(['check', 'bags/sim_0000_extended'])"
 
 

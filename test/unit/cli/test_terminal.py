@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 from rich.console import Console
@@ -47,6 +48,7 @@ def test_a_command_is_never_broken_and_an_empty_line_is_empty():
     ("ema simulate --effect backlash.", ["backlash.increase="]),
     ("ema check --ver", ["--verbose"]), ("ema bit -p ste", ["step", "steps"]),
     ("ema effects turn_", ["turn_short"]), ("ema check --lang ", ["de", "en"]),
+    ("ema man fl", ["fleet"]),
     ("ema trend x --limit f", ["friction="]), ("ema check bags/", []), ("ema nothing x", []),
     ("ema simulate --out ", []), ("", ["check"]),
 ])
@@ -95,6 +97,34 @@ def test_help_shows_no_types_of_python(capsys, monkeypatch):
         assert not any(word in text for word in ("<bool>", "<str>", "<path>", "list[", "<int>"))
 
 
+PRINTED = [["--help"], *([name, "--help"] for name in COMMANDS),
+           ["effects"], ["effects", "turn_short"], ["effects", "rotor_eccentricity"], ["profile"],
+           ["profile", "extended"], ["explain"], ["explain", "turn_short"], ["info", "BAG"],
+           ["lint", "BAG"], ["check", "BAG", "-v"]]
+
+
+@pytest.mark.parametrize("width", [60, 200])
+def test_what_is_printed_fits_and_is_not_cut(width, capsys, monkeypatch, repository):
+    monkeypatch.chdir(repository / "bags")
+    monkeypatch.setenv("COLUMNS", str(width))
+    wide, cut = [], []
+    for arguments in PRINTED:
+        run([a.replace("BAG", "sim_0000_step") for a in arguments])
+        lines = capsys.readouterr().out.splitlines()
+        # What is there to be copied is one line on every terminal.
+        wide += [line for line in lines if len(line) > width and " ema " not in line]
+        cut += [(arguments, line) for line in lines if "\u2026" in line]
+    assert (wide, cut) == ([], [])
+
+
+def test_a_usage_has_the_names_as_they_are_given(capsys):
+    for name, usage in (("check", "[OPTIONS] BAG..."), ("recover", "[OPTIONS] BAG"),
+                        ("effects", "[OPTIONS] [NAME]"),
+                        ("explain", "[OPTIONS] [FAULT|REASON|CHECK|TERM]...")):
+        assert run([name, "--help"]) == 0
+        assert f"Usage: ema {name} {usage} " in " ".join(capsys.readouterr().out.split())
+
+
 def test_version_quiet_and_colour(capsys, repository):
     assert run(["-V"]) == 0
     assert capsys.readouterr().out.startswith("ema ")
@@ -108,6 +138,29 @@ def test_version_quiet_and_colour(capsys, repository):
         console.note("not said")
     assert capsys.readouterr().err == ""
     assert not {"NO_COLOR", "FORCE_COLOR"} & set(os.environ)
+
+
+@pytest.mark.parametrize(("elapsed", "part", "says"), [
+    (30.0, 0.25, "2 min left"), (10.0, 0.5, "10 s left"), (600.0, 0.05, "3 h left"),
+    (50.0, 0.5, "50 s left"), (2.0, 0.5, ""), (30.0, 0.0, ""), (30.0, 1.0, ""),
+])
+def test_time_left_at_the_pace_so_far(elapsed, part, says):
+    assert console.time_left(elapsed, part) == says
+
+
+def test_long_work_shows_its_share_and_the_time_left(monkeypatch):
+    shown = io.StringIO()
+    monkeypatch.setattr(shown, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stderr", shown)
+    monkeypatch.setattr(console, "SOON", 0.0)
+    monkeypatch.setattr(console, "stderr", lambda: Console(
+        file=shown, force_terminal=True, width=100, markup=False, highlight=False))
+    with console.progress_of("training") as update:
+        update("healthy fleet, 10 of 40 units", 0.25)
+        time.sleep(0.2)  # the bar is drawn ten times a second
+    seen = shown.getvalue()
+    assert "healthy fleet, 10 of 40 units" in seen
+    assert " 25 %" in seen and " s left" in seen
 
 
 def test_sigterm_ends_quietly_with_its_own_status():

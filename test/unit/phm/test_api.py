@@ -1,7 +1,10 @@
 """`import ema_phm as ema`: names and paths accepted, errors that name the choices."""
 
+import inspect
+import re
 import sys
 
+import numpy as np
 import pytest
 
 import ema_phm as ema
@@ -22,6 +25,66 @@ def test_every_name_is_there():
     assert all(getattr(ema, name) is not None for name in ema.__all__)
     with pytest.raises(AttributeError, match="it has read"):
         _ = ema.reed
+
+
+def documented(page):
+    """Return the calls of the table of functions with their parameters and defaults."""
+    rows = re.findall(r"^\| (`.+?`) \|", page.partition("## Functions")[2].partition("\n## ")[0],
+                      re.MULTILINE)
+    return dict(re.fullmatch(r"(\w+)\((.*)\)", call).groups()
+                for row in rows for call in re.findall("`(.+?)`", row))
+
+
+def called(function):
+    """Return the parameters of a function as the table has them."""
+    return ", ".join(
+        p.name if p.default is p.empty else f"{p.name}={p.default!r}".replace("'", '"')
+        for p in inspect.signature(function).parameters.values())
+
+
+def test_the_reference_has_every_name_as_it_is(repository):
+    page = (repository / "docs" / "api.md").read_text(encoding="utf-8")
+    functions = {n for n in ema.__all__ if inspect.isfunction(getattr(ema, n))}
+    table = documented(page)
+    assert set(table) == functions
+    assert table == {name: called(getattr(ema, name)) for name in functions}
+    for name in set(ema.__all__) - functions - {"__version__"}:
+        assert re.search(rf"`(ema\.)?{name}`", page), name
+
+
+def test_the_reference_has_every_method_and_no_other(repository):
+    page = (repository / "docs" / "api.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([A-Z]\w+)` \| (.+) \|$", page, re.MULTILINE)
+    assert {name for name, _ in rows} == {
+        n for n in ema.__all__ if n[0].isupper() and not n.endswith("Error")}
+    for name, words in rows:
+        kind = getattr(ema, name)
+        there = {*dir(kind), *getattr(kind, "__dataclass_fields__", ())}
+        said = set(re.findall(r"`(\w+)", words))
+        assert said <= there, (name, said - there)
+        tables = {n for n in there if n.startswith("to_")}
+        assert tables <= said, (name, tables - said)
+
+
+def test_a_rig_of_arrays():
+    time = np.arange(200) / 100.0
+    values = {"speed": np.sin(time), "input_current": np.cos(time), "time": time}
+    record = ema.rig(values, name="bench")
+    assert [c.name for c in record.channels] == ["time", "input_current", "speed"]
+    assert (record.channel("speed") == np.sin(time)).all()
+    assert ema.rig({**values, "input_current": list(values["input_current"])}).rate == record.rate
+    for changed, problem in (
+        ({"input_force": time}, "2 inputs"), ({"sped": time}, "did you mean 'speed'"),
+        ({"speed": time[1:]}, "one value a sample"), ({"time": time[::-1]}, "does not increase"),
+        ({"speed": time * np.nan}, "finite"),
+    ):
+        with pytest.raises(ema.EmaError, match=problem) as error:
+            ema.rig({**values, **changed})
+        assert "\n" not in str(error.value)
+    with pytest.raises(ema.EmaError, match="0 inputs"):
+        ema.rig({"time": time, "speed": time})
+    with pytest.raises(ema.EmaError, match="motion"):
+        ema.rig(values, motion="sideways")
 
 
 def test_read_write_and_diagnose(bag, record, tmp_path):

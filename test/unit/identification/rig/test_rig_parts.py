@@ -17,7 +17,7 @@ from ema_identification.rig.fit.regression import (
     half_width,
     held_out,
 )
-from ema_identification.rig.fit.sign_flips import screen_by_sign_flips
+from ema_identification.rig.fit.sign_flips import p_of_much, screen_by_sign_flips
 from ema_identification.rig.laws import LAWS
 from ema_identification.rig.laws.base import Term, unit_of
 from ema_identification.rig.laws.dynamics import _since_reversal
@@ -137,6 +137,21 @@ def test_sign_flips_find_a_constant_which_circular_shifts_cannot():
     found = screen_by_sign_flips([np.ones((600, 1))], np.empty((600, 0)), noise + 0.5, blocks)
     assert found.family_p_value[0] <= 0.001
     assert found.coefficients[0][0] == pytest.approx(0.5, abs=0.12)
+
+
+def test_what_takes_nearly_all_in_a_few_blocks_is_not_hidden_by_itself():
+    """A bump in three blocks of thirty, ten times the noise; and noise, which stays chance."""
+    rng = np.random.default_rng(4)
+    blocks, known = even_blocks(600, 30), np.empty((600, 0))
+    noise = rng.standard_normal(600)
+    bump = np.where(np.arange(600) % 200 < 20, 1.0, 0.0)[:, None]
+    before = noise + 10.0 * bump[:, 0]
+    after = fit(bump, before).residual
+    hidden = screen_by_sign_flips([bump], known, before, blocks)
+    assert hidden.family_p_value[0] > 0.005
+    assert p_of_much(bump, known, before, after, blocks, looks=600) == pytest.approx(0.001)
+    left = fit(bump, noise).residual
+    assert p_of_much(bump, known, noise, left, blocks, looks=600) > 0.5
 
 
 @settings(deadline=None, max_examples=30)

@@ -14,8 +14,12 @@ from ema_identification.rig.laws.base import Term
 from ema_identification.rig.prepare import prepare
 from ema_identification.rig.search.remainder import main_shape, mimics, portrait
 from ema_identification.rig.search.search import Look, forward
-from ema_identification.rig.search.selection import located
-from ema_identification.rig.search.shapes import freest_columns, smooth_shapes
+from ema_identification.rig.search.selection import located, prune
+from ema_identification.rig.search.shapes import (
+    freest_columns,
+    smooth_shapes,
+    waves_in_time,
+)
 
 FEW = {"coulomb_friction", "offset", "quadratic_drag", "spring", "drive_lag"}
 
@@ -68,6 +72,50 @@ def test_a_law_that_stands_in_for_a_nameless_shape_is_given_up(bench):
     real = start.joined(Term(law=LAWS["coulomb_friction"]))
     left = portrait(real, look.blocks, shapes)[0]
     assert mimics(real, look.blocks, left, len(start.terms)) == []
+
+
+@pytest.mark.parametrize(("stiffness", "stays"), [(0.002, False), (0.1, True)])
+def test_a_law_below_a_hundredth_of_the_input_is_pruned(bench, stiffness, stays):
+    record = bench(lambda t, q, v, a: 0.5 * np.sign(v) + stiffness * q, noise=1e-5)
+    start, look, _ = known(record)
+    whole = start.joined(Term(law=LAWS["coulomb_friction"])).joined(
+        Term(law=LAWS["spring"], shape=(0.0,)))
+    without = np.sum(whole.without(len(start.terms) + 1).held_out(look.blocks)**2)
+    assert without > 1.1 * np.sum(whole.held_out(look.blocks)**2)  # yet more than chance
+    kept, dropped = prune(whole, look.blocks, len(start.terms))
+    assert ("spring" in kept.names) == stays
+    assert [term.law.name for term in dropped] == ["spring"] * (not stays)
+
+
+def test_a_law_that_stood_in_for_a_later_one_is_given_up(bench):
+    def stops(t, q, v, a):
+        return 0.5 * np.sign(v) + 3.0 * (q - np.clip(q, -0.7, 0.7))
+
+    start, look, _ = known(bench(stops))
+    look = replace(look, hidden=frozenset(LAWS) - {
+        *start.names, "coulomb_friction", "hardening_spring", "end_stops"})
+    stages, choices, _, _ = forward(start, look)
+    assert sorted(c.trial.name for c in choices) == ["coulomb_friction", "end_stops"]
+    assert np.isclose(abs(stages[-1].terms[-1].shape[1]), 0.7, atol=0.03) or np.isclose(
+        abs(stages[-1].terms[-2].shape[1]), 0.7, atol=0.03)
+
+
+def test_the_image_of_a_wave_that_the_motion_has_too_is_marked(axis, recorded):
+    t = np.arange(12_000) / 400.0  # moves of 0.5 s with rests as long: rows at regular times
+    rng = np.random.default_rng(3)
+    s = (np.arange(200) + 0.5) / 200.0
+    bell = (s * (1.0 - s))**3 / np.sum((s * (1.0 - s))**3) * 400.0
+    v = np.concatenate([np.r_[rng.uniform(-1, 1) * bell, np.zeros(200)] for _ in range(30)])
+    q, a = np.cumsum(v) / 400.0, np.gradient(v, 1 / 400.0)
+    wave = np.sin(2 * np.pi * 2.3 * t)
+    start, look, _ = known(recorded(t, 0.05 * a + 0.4 * v + 0.3 * wave, axis, position=q, speed=v))
+    residual = start.fit.residual
+    found = waves_in_time(start.design.trajectory, residual, look.freest)
+    assert found[0].order == pytest.approx(2.3, abs=0.05)
+    assert found[0].of_motion  # in the band of the moves
+    images = [wave for wave in found[1:4] if abs((wave.order - 2.3) % 1.0 - 0.5) > 0.45]
+    assert images
+    assert all(wave.of_motion for wave in images)
 
 
 def test_the_autocorrelation_is_that_of_its_definition():
