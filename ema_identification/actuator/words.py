@@ -71,6 +71,17 @@ def findings_of(unit: TestedUnit, answer: FleetAnswer, gap: LawGap) -> tuple[Nam
     return tuple(found)
 
 
+def reasons_of(answer: FleetAnswer, gap: LawGap) -> tuple[str, ...]:
+    """Return why, what each law closes, and of a silence that it is not sure."""
+    names = () if answer.fit is None else answer.fit.names
+    shares = (f"{name} closes {share:.0%} of what the model leaves"
+              for name, share in zip(names, answer.closed))
+    doubt = (f"yet the gap of {gap.values[0]:.3g} is beyond the {gap.bound:.3g} of 95 % of "
+             "healthy units: repeat the test, or give a record from its acceptance (--baseline)",)
+    unsure = answer.verdict == "no disagreement" and gap.values[0] > gap.bound
+    return (*answer.reasons, *shares, *(doubt if unsure else ()))
+
+
 def recalibrated_of(unit: TestedUnit, fit: LawFit) -> tuple[Parameter, ...]:
     """Return in what the unit differs from the model, relative or in its unit; intervals of 90 %.
 

@@ -33,6 +33,7 @@ from ema_identification.actuator.residuals import groups_of, residual_of
 from ema_identification.actuator.words import (
     candidates_of,
     findings_of,
+    reasons_of,
     recalibrated_of,
     steps_of,
 )
@@ -136,8 +137,6 @@ def _said(
     rivals = _rivals(answer)
     proposed = separating_test(unit, rivals, seed=unit.seed) if len(rivals) > 1 else None
     fit = answer.null if answer.fit is None else answer.fit
-    shares = tuple(f"{name} closes {share:.0%} of what the model leaves" for name, share in zip(
-        () if answer.fit is None else answer.fit.names, answer.closed))
     found = Identification(
         verdict=answer.verdict, gap_before=gap.values[0], gap_after=gap.values[-1],
         noise_floor=gap.floor, held_out=answer.gap is not None,
@@ -145,7 +144,7 @@ def _said(
         findings=findings_of(unit, answer, gap), rivals=candidates_of(unit, answer),
         next_test=None if proposed is None else proposed.text,
         next_profile=None if proposed is None else proposed.profile,
-        recalibrated=recalibrated_of(unit, fit), reasons=(*answer.reasons, *shares),
+        recalibrated=recalibrated_of(unit, fit), reasons=reasons_of(answer, gap),
         unknown=unknown_shape(unit, residual, answer.fits, answer.null.cost, law)
         if answer.verdict == "unknown effect" else None,
         model_text="" if answer.verdict == "contradicted" else _model_text(unit, fit, model))

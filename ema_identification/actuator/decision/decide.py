@@ -34,7 +34,6 @@ from ema_identification.actuator.decision.proposals import (
     selectable,
     sized,
 )
-from ema_identification.actuator.decision.slopes import with_simulated_slopes
 from ema_identification.actuator.decision.surrogate import SETTLED_RUNS
 from ema_identification.actuator.laws.terms import LawFit, LawGap
 from ema_identification.actuator.measure.runs import Progress, silent
@@ -53,9 +52,9 @@ SCREENED, PROPOSED, SECONDS, PAIRED, TESTED = 16, 6, 3, 3, 2
 laws that get a second; pairs whose laws are each fitted alone."""
 ROUNDS = ((2, 4, 4), (4, 3, 3))
 """Budget: runs, steps, and how many go on."""
-FURTHER, FALL = 3, 0.1
-"""Budget: most further rounds of the best models where none explains, while each lowers the cost
-by this share: one that is still on its way is not judged."""
+FURTHER, FALL = 6, 0.1
+"""Budget: most steps of the best models where none explains, while each lowers the cost by this
+share: one that is still on its way is not judged."""
 
 
 class LawJudge(Protocol):
@@ -121,8 +120,9 @@ class _Decision:
     def finished(self, fits: Sequence[LawFit]) -> list[LawFit]:
         """Return the models, most evidence first; where none explains the best go on.
 
-        The best single one and the best pair, with slopes to all numbers simulated there: by plain
-        least squares, since the bent scale is flat far away, then on the bent one.
+        The best single one and the best pair, from the middle of the fleet and with slopes to all
+        numbers simulated at each step: beside a large law the library's quadratic, by which they
+        came, leads the unit's own numbers to their bounds.
         """
         found = sorted(fits, key=lambda f: -self.evidence(f))
         if any(self.explains(f) for f in found):
@@ -132,18 +132,10 @@ class _Decision:
         return sorted(found, key=lambda f: -self.evidence(f))
 
     def _further(self, fit: LawFit) -> LawFit:
-        runs, steps, _ = ROUNDS[-1]
-        for _ in range(FURTHER):
-            there = with_simulated_slopes(self.unit, fit, ROUNDS[0][0])
-            for straight in (True, False):
-                there = self.unit.descended(there, self.before, runs=runs, steps=steps + 1,
-                                            straight=straight)
-            there = self.unit.settled(there, self.before, SETTLED_RUNS)
-            fell = there.cost < (1.0 - FALL) * fit.cost
-            fit = min(fit, there, key=lambda f: f.cost)
-            if not fell or self.explains(fit):
-                break
-        return fit
+        runs = ROUNDS[-1][0]
+        there = self.unit.begun_anew(fit, self.before, runs=runs, steps=FURTHER, fall=FALL)
+        return min(fit, self.unit.settled(there, self.before, SETTLED_RUNS),
+                   key=lambda f: f.cost)
 
     def screened(self, proposals: Sequence[LawProposal], beside: LawFit | None) -> list[LawFit]:
         """Return the models of proposals, fitted without a run, lowest cost first."""
@@ -160,18 +152,21 @@ class _Decision:
         return self.fitted(self.screened(chosen, None)[:PROPOSED])
 
     def pairs(self, singles: Sequence[LawFit]) -> list[LawFit]:
-        """Return the fits of two laws, where a second one gains more than useless ones do.
+        """Return the fits of two laws.
 
-        Where a single law explains, beside that one only.
+        Where a single law explains: beside that one only, and where a second one gains more than
+        useless ones do. Elsewhere the linear gain about a fit that is far off ranks second laws,
+        but proves nothing, nor the contrary.
         """
         found: list[LawFit] = []
-        for one in singles[:1 if singles and self.explains(singles[0]) else PAIRED]:
+        alone = bool(singles) and self.explains(singles[0])
+        for one in singles[:1 if alone else PAIRED]:
             more = linear_gains(self.unit, one, self.white, self.signatures)
             more += ripples(self.unit, one, self.white, self.without)
             better = [p for p in sorted(more, key=lambda p: p.cost)
-                      if p.signature.variant.effect not in one.names
-                      and rank(gain_of(one.cost, p.cost, self.unit.size),
-                               self.library.healthy[:, 1]) <= LEVEL]
+                      if p.signature.variant.effect not in one.names and not (
+                          alone and rank(gain_of(one.cost, p.cost, self.unit.size),
+                                         self.library.healthy[:, 1]) > LEVEL)]
             found += self.screened(_alternating((better,), SECONDS), one)
         found.sort(key=lambda f: f.cost)
         return self.fitted(found[:PROPOSED]) if found else []

@@ -26,7 +26,11 @@ from ema_identification.actuator.decision.fleet import (
     conditions_of,
     fleet_features,
 )
-from ema_identification.actuator.decision.slopes import bounded_least_squares, law_slopes
+from ema_identification.actuator.decision.slopes import (
+    bounded_least_squares,
+    law_slopes,
+    simulated_slopes,
+)
 from ema_identification.actuator.decision.surrogate import (
     FleetLibrary,
     Whitener,
@@ -50,8 +54,8 @@ PRIOR = 3.0
 """1 / variance of a number that is uniform from -1 to 1."""
 LAW_ERROR = 0.02
 """Relative error of what a simulated law adds (steps of the solver, end of the descent)."""
-QUADRATIC_STEPS, DAMPINGS = 20, 4
-"""Most steps of a descent without runs, and dampings tried a step."""
+QUADRATIC_STEPS, DAMPINGS, STEP_DAMPINGS = 20, 4, (0.0, 0.03, 0.3, 3.0)
+"""Most steps of a descent without runs, dampings tried a step; those tried on runs."""
 LOUDEST = 4.0
 """Noise factor up to which the law of the noise is believed."""
 
@@ -253,20 +257,16 @@ class TestedUnit:
         return LawFit(terms=terms, z=z, mean=there, slopes=fit.slopes, runs=runs,
                       cost=self.cost(white, there, z))
 
-    def descended(
-        self, fit: LawFit, before: np.ndarray, *, runs: int, steps: int, salt: int = 0,
-        straight: bool = False,
-    ) -> LawFit:
+    def descended(self, fit: LawFit, before: np.ndarray, *, runs: int, steps: int) -> LawFit:
         """Return a fit of lower cost, by damped Gauss-Newton steps on runs.
 
         Slopes to the laws are simulated where these are strong, and mended by what a step did.
-        `straight` : by plain least squares, from far away.
         """
-        white = replace(self.whitener(runs, before), straight=straight)
-        mean = self.run(fit.terms, fit.z, runs, salt)
+        white = self.whitener(runs, before)
+        mean = self.run(fit.terms, fit.z, runs)
         if not np.isfinite(mean).all():
             return replace(fit, cost=np.inf)
-        own = law_slopes(self, fit, mean, white.deviation, runs, salt)
+        own = law_slopes(self, fit, mean, white.deviation, runs, 0)
         slopes = np.hstack([own, fit.slopes[:, fit.free:]])
         point = replace(fit, mean=mean, slopes=slopes, runs=runs,
                         cost=self.cost(white, mean, fit.z))
@@ -275,7 +275,7 @@ class TestedUnit:
             step = self._step(white, point.mean, point.slopes, point.z, point.terms, damping)
             terms = moved(point.terms, coordinates(point.terms) + step[:fit.free])
             z = np.clip(point.z + step[fit.free:], -1.0, 1.0)
-            mean = self.run(terms, z, runs, salt)
+            mean = self.run(terms, z, runs)
             if not np.isfinite(mean).all():
                 damping = max(10.0 * damping, 0.1)
                 continue
@@ -292,6 +292,36 @@ class TestedUnit:
             else:
                 point = replace(point, slopes=slopes)
                 damping = max(10.0 * damping, 0.1)
+        return point
+
+    def begun_anew(
+        self, fit: LawFit, before: np.ndarray, *, runs: int, steps: int, fall: float
+    ) -> LawFit:
+        """Return a fit of the same laws from where the unit is expected, all slopes simulated.
+
+        At each step the best of several dampings counts; the descent ends once the cost no longer
+        falls by the share `fall`.
+        """
+        white = self.whitener(runs, before)
+        mean = self.run(fit.terms, self.centre, runs)
+        if not np.isfinite(mean).all():
+            return replace(fit, cost=np.inf)
+        point = replace(fit, z=self.centre, mean=mean, runs=runs,
+                        cost=self.cost(white, mean, self.centre))
+        for _ in range(steps):
+            slopes = np.hstack([law_slopes(self, point, point.mean, white.deviation, runs, 0),
+                                simulated_slopes(self, point, runs // 2)])
+            moves = [self._step(white, point.mean, slopes, point.z, point.terms, damping)
+                     for damping in STEP_DAMPINGS]
+            tried = [(moved(point.terms, coordinates(point.terms) + move[:fit.free]),
+                      np.clip(point.z + move[fit.free:], -1.0, 1.0)) for move in moves]
+            found = [replace(point, terms=terms, z=z, mean=mean, slopes=slopes,
+                             cost=self.cost(white, mean, z))
+                     for (terms, z), mean in zip(tried, self.run_all(tried, runs))
+                     if np.isfinite(mean).all()]
+            last, point = point.cost, min([point, *found], key=lambda f: f.cost)
+            if point.cost >= (1.0 - fall) * last:
+                break
         return point
 
     def _step(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -70,15 +69,15 @@ def law_slopes(
     return found
 
 
-def with_simulated_slopes(unit: _Runs, fit: LawFit, runs: int, salt: int = 61) -> LawFit:
-    """Return a fit with slopes to the unit's numbers that are simulated where it is."""
+def simulated_slopes(unit: _Runs, fit: LawFit, runs: int, salt: int = 61) -> np.ndarray:
+    """Return the slopes to the unit's numbers, simulated where the fit is, shape (d, width)."""
     steps = [fit.z + row for row in np.diag(np.where(fit.z > 0.0, -HALF, HALF))]
     here, *there = unit.run_all([(fit.terms, z) for z in (fit.z, *steps)], runs, salt)
-    slopes = fit.slopes.copy()
+    slopes = fit.slopes[:, fit.free:].copy()
     for k, (mean, z) in enumerate(zip(there, steps)):
         if np.isfinite(mean).all() and np.isfinite(here).all():
-            slopes[:, fit.free + k] = (mean - here) / (z[k] - fit.z[k])
-    return replace(fit, slopes=slopes)
+            slopes[:, k] = (mean - here) / (z[k] - fit.z[k])
+    return slopes
 
 
 def bounded_least_squares(

@@ -12,7 +12,9 @@ from ema_identification.actuator.decision.decide import decide
 from ema_identification.actuator.decision.fleet import OF_DAY, SIZE
 from ema_identification.actuator.decision.joint import DAYS, joint_unit
 from ema_identification.actuator.decision.proposals import healthy_scores
+from ema_identification.actuator.laws.terms import LawGap
 from ema_identification.actuator.measure.tolerances import RecordConditions
+from ema_identification.actuator.words import reasons_of
 
 ROW = np.array([20.0, 0.0, 1.0, 0.0])
 ASIDE = 480
@@ -114,3 +116,17 @@ def test_two_effects_are_told_in_the_order_of_what_they_close():
     costs = [f.cost for f in stages_of(answer)]
     assert costs == sorted(costs, reverse=True)
     assert [f.names for f in answer.alone] == [(n,) for n in answer.fit.names]
+
+
+def test_a_silence_beside_a_large_gap_says_that_it_is_not_sure():
+    healthy = np.linspace(1.0, 3.0, 20)
+    silent = decide(unit(seed=3))
+    assert silent.verdict == "no disagreement"
+    plain = reasons_of(silent, LawGap(values=(2.9,), healthy=healthy))
+    (*same, doubt) = reasons_of(silent, LawGap(values=(8.4,), healthy=healthy))
+    assert plain == silent.reasons == tuple(same)
+    assert "8.4 is beyond the 3 " in doubt
+    assert "--baseline" in doubt
+    named = decide(unit(seed=3, backlash=3.0))
+    (said,) = reasons_of(named, LawGap(values=(8.4, 7.0), healthy=healthy))
+    assert said == "backlash closes 100% of what the model leaves"
