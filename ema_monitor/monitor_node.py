@@ -71,7 +71,7 @@ from ema_ros.messages import (
 )
 from ema_ros.process import SHUT_DOWN, StopSignal, run_node
 
-POLL_PERIOD, IDLE_PERIOD = 0.02, 0.05
+POLL_PERIOD, IDLE_PERIOD = 0.025, 0.05
 DIAGNOSTICS_PERIOD = 1.0
 SIGN_PERIOD = 0.05
 RUNNING = "refused: a test is running already: wait for its end"
@@ -193,13 +193,13 @@ class MonitorNode(EmaNode):
             self._deadman.publish(Header(stamp=stamp_message(self._last_sent)))
 
     def _drain(self) -> None:
-        self._send_sign_of_life()
         self._recorder.begin_turn()
         for topic, subscription in self._polled.items():
+            self._send_sign_of_life()
             taken = take_all(subscription)
             for data, received, sent, _ in in_order(taken) if topic == SAMPLES else taken:
-                self._send_sign_of_life()  # a backlog on a machine that is loaded takes long
                 if topic == SAMPLES:
+                    self._send_sign_of_life()  # a backlog on a machine that is loaded takes long
                     self._last_block = time.monotonic()
                 elif topic == DIAGNOSTICS:
                     self._take_diagnostics(data)

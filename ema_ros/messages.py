@@ -129,7 +129,7 @@ def set_period(timer: Timer, period: float) -> None:
 
 
 def try_publish(publisher: Publisher, message: Any) -> bool:
-    """Publish, or return False: the history of a slow reader stayed full (100 ms)."""
+    """Publish, or return False: the history of a slow reader stayed full (10 ms)."""
     try:
         publisher.publish(message)
     except rclpy_implementation.RCLError:

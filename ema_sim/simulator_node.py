@@ -55,7 +55,7 @@ from ema_ros.process import StopSignal, report, run_node
 from ema_sim.node.server import ActuatorServer
 from ema_sim.node.settings import MODEL_FILE, load_model, parameter_specs, settings_from
 
-TICK = 0.005
+TICK = 0.010
 """Interval at which due blocks are looked for (s)."""
 IDLE_TICK = 0.05
 """The same where nothing is executed (s): eight idle actuators cost little."""
