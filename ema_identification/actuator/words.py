@@ -11,8 +11,8 @@ from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.fleet import deviations
 from ema_identification.actuator.decision.intervals import (
     QUANTILE,
-    covariance_of,
     parameters_of,
+    posterior_of,
 )
 from ema_identification.actuator.laws.terms import LawFit, LawGap, choices_of
 from ema_identification.actuator.measure.control_law import ControlLaw
@@ -87,8 +87,11 @@ def recalibrated_of(unit: TestedUnit, fit: LawFit) -> tuple[Parameter, ...]:
 
     What belongs to the day is that of the first record.
     """
-    spread = np.sqrt(np.diag(covariance_of(unit, fit)))[fit.free:]
-    ends = [np.clip(fit.z + k * QUANTILE * spread, -1.0, 1.0) for k in (-1.0, 0.0, 1.0)]
+    shift, covariance = posterior_of(unit, fit)
+    mean, spread = fit.z + shift[fit.free:], np.sqrt(np.diag(covariance))[fit.free:]
+    low_z, high_z = mean - QUANTILE * spread, mean + QUANTILE * spread
+    ends = [np.clip(z, -1.0, 1.0)
+            for z in (np.minimum(low_z, fit.z), fit.z, np.maximum(high_z, fit.z))]
     low, value, high = (deviations(unit.library.spread, z) for z in ends)
     return tuple(Parameter(name=name, value=x, low=low[name][0], high=high[name][0], unit=of)
                  for name, (x, of) in value.items())

@@ -85,7 +85,7 @@ class TestedUnit:
     weight: np.ndarray = field(default_factory=partial(np.full, SIZE, PRIOR))
     simulator: Callable[..., np.ndarray] = fleet_features
     record: Record | None = None
-    _whiteners: dict[tuple[int, int], Whitener] = field(
+    _whiteners: dict[tuple[int, bytes], Whitener] = field(
         init=False, repr=False, compare=False, default_factory=dict)
 
     @property
@@ -130,7 +130,7 @@ class TestedUnit:
 
     def whitener(self, runs: int, before: np.ndarray | None = None) -> Whitener:
         """Return the whitening; `before`: features without a law, to which its error belongs."""
-        key = runs, id(before)
+        key = runs, b"" if before is None else before.tobytes()
         if self._plain and not runs and before is None:  # one correlation for all records
             law, noise = self.library.surrogate, self.conditions.noise
             return Whitener(deviation=law.deviation(min(noise, LOUDEST)), root=self.library.root)

@@ -19,19 +19,26 @@ SLOPE_ERROR = 0.2
 """Relative error of a slope, which feigns information: two columns that differ by less are one."""
 
 
-def covariance_of(unit: TestedUnit, fit: LawFit) -> np.ndarray:
-    """Return the covariance of the coordinates of all laws and of all that healthy units have.
+def posterior_of(unit: TestedUnit, fit: LawFit) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far the mean is from the fit, and the covariance, of laws and unit's numbers.
 
-    What errors of the slopes feign is taken off the information (errors in variables: Fuller,
+    On the scale of the fit, the error of simulated laws included. What errors of the slopes feign
+    is taken off the information and off the pull that goes with it (errors in variables: Fuller,
     Measurement Error Models, 1987, section 2.2), so that a law that acts on the same number as a
-    tolerance is as uncertain as that.
+    tolerance is as uncertain as that, about where the tolerance is expected.
     """
-    columns = unit.whitener(fit.runs).columns(fit.slopes, unit.values - fit.mean)
+    white = unit.whitener(fit.runs, unit.without_law().mean if fit.terms else None)
+    rest = unit.values - fit.mean
+    columns = white.columns(fit.slopes, rest)
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-9)
     values, vectors = np.linalg.eigh((columns / scale).T @ (columns / scale))
-    known = (vectors * np.maximum(values - SLOPE_ERROR**2, 0.0)) @ vectors.T
+    share = np.maximum(1.0 - SLOPE_ERROR**2 / np.maximum(values, 1e-12), 0.0)
+    known = (vectors * share * values) @ vectors.T * np.outer(scale, scale)
+    pull = vectors @ (share * (vectors.T @ (columns.T @ white.residual(rest) / scale))) * scale
     weight = np.append(np.full(fit.free, 1e-6 * scale[:fit.free] ** 2), unit.weight)
-    return np.asarray(np.linalg.inv(known * np.outer(scale, scale) + np.diag(weight)))
+    pull[fit.free:] -= unit.weight * (fit.z - unit.centre)
+    covariance = np.linalg.inv(known + np.diag(weight))
+    return covariance @ pull, covariance
 
 
 def parameters_of(unit: TestedUnit, fit: LawFit, index: int) -> tuple[Parameter, ...]:
@@ -39,8 +46,9 @@ def parameters_of(unit: TestedUnit, fit: LawFit, index: int) -> tuple[Parameter,
     begin = sum(t.variant.size for t in fit.terms[:index])
     term = fit.terms[index]
     part = slice(begin, begin + term.variant.size)
+    shift, covariance = posterior_of(unit, fit)
     draws = np.random.default_rng(0).multivariate_normal(
-        term.u, covariance_of(unit, fit)[part, part], size=DRAWS)
+        term.u + shift[part], covariance[part, part], size=DRAWS)
     draws = np.clip(draws, term.variant.low, term.variant.high)
     kinds = {f.name: f.kind for f in EFFECTS[term.variant.effect].fields}
     found = []
