@@ -9,7 +9,8 @@
    price of Schwarz (1978) on each coordinate.
 3. A model *explains* if its cost is usual among healthy units; each law in it must have a gain
    of its own beyond the useless ones'. The answer is the smallest set of names with `COVERED` of
-   the evidence; more than `LARGEST_SET`, or no model that explains, is unknown.
+   the evidence, the simplest model in it; more than `LARGEST_SET`, or no model that explains, is
+   unknown.
 4. Held-out records only judge: what makes their gap grow is contradicted (`after_validation`),
    and there is no silence where it is large.
 """
@@ -132,10 +133,11 @@ class _Decision:
         return sorted(found, key=lambda f: -self.evidence(f))
 
     def _further(self, fit: LawFit) -> LawFit:
-        runs = ROUNDS[-1][0]
-        there = self.unit.begun_anew(fit, self.before, runs=runs, steps=FURTHER, fall=FALL)
-        return min(fit, self.unit.settled(there, self.before, SETTLED_RUNS),
-                   key=lambda f: f.cost)
+        return min(fit, self._refitted(replace(fit, z=self.unit.centre)), key=lambda f: f.cost)
+
+    def _refitted(self, fit: LawFit) -> LawFit:
+        there = self.unit.refitted(fit, self.before, runs=ROUNDS[-1][0], steps=FURTHER, fall=FALL)
+        return self.unit.settled(there, self.before, SETTLED_RUNS)
 
     def screened(self, proposals: Sequence[LawProposal], beside: LawFit | None) -> list[LawFit]:
         """Return the models of proposals, fitted without a run, lowest cost first."""
@@ -171,15 +173,23 @@ class _Decision:
         found.sort(key=lambda f: f.cost)
         return self.fitted(found[:PROPOSED]) if found else []
 
-    def each_alone(self, pair: LawFit) -> list[LawFit]:
-        """Return the fits of each law of a pair alone, by law."""
+    def each_alone(self, pair: LawFit, fits: Sequence[LawFit]) -> list[LawFit]:
+        """Return the best fits of each law of a pair alone, by law; `fits`: those there are.
+
+        Where one of them explains too it is fitted as hard as can be before a second is named.
+        """
         found = []
         ends = np.cumsum([t.variant.size for t in pair.terms])[:-1]
         parts = np.split(np.arange(pair.free), ends)
         for term, own in zip(pair.terms, parts):
             columns = np.append(own, np.arange(pair.free, pair.slopes.shape[1]))
             start = replace(pair, terms=(term,), slopes=pair.slopes[:, columns])
-            found += self.fitted([start]) or [replace(start, cost=np.inf)]
+            known = [f for f in fits if f.names == (term.variant.effect,)]
+            best = min([*self.fitted([start]), *known, replace(start, cost=np.inf)],
+                       key=lambda f: f.cost)
+            if self.explains(best):
+                best = min(best, self._refitted(best), key=lambda f: f.cost)
+            found.append(best)
         return found
 
 
@@ -259,8 +269,10 @@ def _named(case: _Decision, answer: FleetAnswer, explaining: list[LawFit]) -> Fl
         for fit in explaining if len(fit.terms) == 1]
     best = max((case.evidence(f) for f, *_ in tested), default=-np.inf)
     for pair in [f for f in explaining if len(f.terms) == 2 and case.evidence(f) > best][:TESTED]:
-        less = tuple(case.each_alone(pair)[::-1])  # of each law, without it
+        less = tuple(case.each_alone(pair, answer.fits)[::-1])  # of each law, without it
         tested.append((pair, tuple(case.p_own(pair, f.cost) for f in less), less))
+        tested += [(f, (case.p_own(f, case.null.cost),), (case.null,))
+                   for f in less if case.explains(f)]
     good = [row for row in tested if max(row[1]) <= LEVEL]
     if not good:
         why = "no law of the catalogue, nor two, leave what a healthy unit leaves"
@@ -273,7 +285,9 @@ def _named(case: _Decision, answer: FleetAnswer, explaining: list[LawFit]) -> Fl
     ordered = sorted(weights, key=lambda k: -weights[k])
     share = np.cumsum([weights[k] for k in ordered]) / sum(weights.values())
     kept = ordered[:int(np.searchsorted(share, COVERED)) + 1]
-    chosen, p_value, less = max(good, key=lambda row: case.evidence(row[0]))
+    chosen, p_value, less = min(  # a second law only where the evidence rules one alone out
+        (row for row in good if frozenset(row[0].names) in kept),
+        key=lambda row: (len(row[0].terms), -case.evidence(row[0])))
     equivalent = tuple(_instead(chosen, name, kept) for name in chosen.names)
     if max(len(e) for e in equivalent) >= LARGEST_SET:
         return replace(answer, equivalent=(tuple(sorted(set().union(*kept))),), reasons=(

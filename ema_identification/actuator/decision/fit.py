@@ -294,20 +294,19 @@ class TestedUnit:
                 damping = max(10.0 * damping, 0.1)
         return point
 
-    def begun_anew(
+    def refitted(
         self, fit: LawFit, before: np.ndarray, *, runs: int, steps: int, fall: float
     ) -> LawFit:
-        """Return a fit of the same laws from where the unit is expected, all slopes simulated.
+        """Return a fit of lower cost, with slopes to all numbers simulated at each step.
 
-        At each step the best of several dampings counts; the descent ends once the cost no longer
+        Of several dampings the best counts; the descent ends once the cost no longer
         falls by the share `fall`.
         """
         white = self.whitener(runs, before)
-        mean = self.run(fit.terms, self.centre, runs)
+        mean = self.run(fit.terms, fit.z, runs)
         if not np.isfinite(mean).all():
             return replace(fit, cost=np.inf)
-        point = replace(fit, z=self.centre, mean=mean, runs=runs,
-                        cost=self.cost(white, mean, self.centre))
+        point = replace(fit, mean=mean, runs=runs, cost=self.cost(white, mean, fit.z))
         for _ in range(steps):
             slopes = np.hstack([law_slopes(self, point, point.mean, white.deviation, runs, 0),
                                 simulated_slopes(self, point, runs // 2)])

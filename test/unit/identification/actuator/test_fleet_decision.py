@@ -17,7 +17,7 @@ from fleet_unit import (
 )
 
 from ema_identification.actuator.decision import decide as decision
-from ema_identification.actuator.decision.answer import log_evidence
+from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
 from ema_identification.actuator.decision.decide import LEVEL, decide, p_nothing, rank, share_of
 from ema_identification.actuator.decision.fleet import SIZE
 from ema_identification.actuator.decision.intervals import parameters_of
@@ -117,6 +117,20 @@ def test_second_effects_are_tried_though_a_linear_gain_proves_nothing():
     assert pairs(backlash=2.0) == set()
 
 
+@pytest.mark.parametrize(("lead", "named"), [(2.0, ("a",)), (4.0, ("a", "b"))])
+def test_two_are_named_only_where_the_evidence_rules_one_alone_out(lead, named):
+    def model(log, *names):
+        return SimpleNamespace(names=names, terms=names, log=log, cost=100.0 - log)
+
+    null, one = model(-50.0), model(-lead, "a")
+    pair, alone = model(0.0, "a", "b"), [one, model(-40.0, "b")]
+    case = SimpleNamespace(null=null, evidence=lambda f: f.log, explains=lambda f: f.log > -10.0,
+                           p_own=lambda *_: 0.0, each_alone=lambda *_: alone)
+    found = decision._named(case, FleetAnswer(verdict="unknown effect", null=null), [pair])
+    assert found.fit.names == named
+    assert found.verdict == "explained"
+
+
 BESIDE = np.random.default_rng(9).normal(scale=0.4 / np.sqrt(SIZE), size=(FEATURES, SIZE))
 
 
@@ -135,7 +149,7 @@ def test_a_large_effect_of_which_the_library_knows_half_is_fitted_with_simulated
     term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([10 * VISCOUS]))
     near, before = u.on_library((term,), [np.zeros(SIZE)]), u.without_law().mean
     with_mended = u.descended(near, before, runs=4, steps=4)
-    anew = u.begun_anew(near, before, runs=4, steps=6, fall=0.1)
+    anew = u.refitted(replace(near, z=u.centre), before, runs=4, steps=6, fall=0.1)
     assert anew.cost < 1.5 * FEATURES < with_mended.cost
     assert anew.terms[0].u[0] == pytest.approx(20 * VISCOUS, rel=0.02)
     assert np.abs(anew.z - z).mean() < np.abs(with_mended.z - z).mean()
