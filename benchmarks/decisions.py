@@ -1,9 +1,10 @@
-"""Both decisions of `ema identify` on the same records: ``python -m benchmarks.decisions``.
+"""The decision of `ema identify` in its own world and outside: ``python -m benchmarks.decisions``.
 
 The panel is declared before it is run: `--seed` and `--each`, the units of each of `STRATA`. One
-line a unit and decision is kept, nothing is done twice, and `--table` prints what there is: a
-panel that is cut short has as many units of each stratum, in the order of their numbers. Effects
-are of medium and large size (`benchmarks.blind_panel.truth.hidden`).
+line a unit is kept, nothing is done twice, and `--table` prints what there is: a panel that is cut
+short has as many units of each stratum, in the order of their numbers. Effects are of medium and
+large size (`benchmarks.blind_panel.truth.hidden`). Strata of accepted units ask what has changed
+since their acceptance (`--baseline`).
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ from benchmarks.any_actuator.units import draw_test
 from benchmarks.blind_panel.truth.hidden import HIDEABLE, draw_effect, draw_pair
 from benchmarks.ledger import Ledger
 from ema_identification.actuator.decision.fleet import (
+    OF_DAY,
     UNLISTED,
     draw_fleet_conditions,
     draw_fleet_unit,
     fleet_unit,
 )
-from ema_identification.actuator.decision.gap import OF_DAY
 from ema_identification.identify import identify
 from ema_record.actuator import load_actuator
 from ema_record.profile import load_profile
@@ -50,8 +51,8 @@ DAMAGES: dict[str, tuple[str, float | None]] = {
 }
 """Effect: field of `Damage` and its size; None: as the benchmark of the kit draws it."""
 STRANGE = tuple(name for name, hidden in HIDEABLE.items() if hidden.without is not None)
+STRANGE_DAMAGES = tuple(name for name in DAMAGES if name in STRANGE)
 LISTED_SIZE = len(UNLISTED)
-DECISIONS = ("present", "likelihood")
 RANGE = 1.3
 """Of bands that are wider than the description says."""
 
@@ -62,11 +63,13 @@ class HiddenUnit(NamedTuple):
     names: tuple[str, ...]
     without: tuple[str, ...]
     records: tuple[Record, ...]
+    accepted: tuple[Record, ...] = ()
+    """From before something was hidden, of the first test."""
 
 
 def own_unit(
     seed: int, k: int, tests: tuple[str, ...], *, hidden: int = 0, listed: bool = False,
-    strange: bool = False, bands: float = 1.0,
+    strange: bool = False, bands: float = 1.0, accepted: bool = False,
 ) -> HiddenUnit:
     """Return a unit of our own simulator with `hidden` effects.
 
@@ -86,35 +89,46 @@ def own_unit(
     for name in names:
         settings |= draw_effect(name, 1 + int(rng.integers(2)), rng)
     records = []
-    for test in tests:
+    for n, test in enumerate((*tests[:accepted], *tests)):
         z = np.where(OF_DAY, rng.uniform(-1.0, 1.0, len(z)), z)
         day = draw_fleet_conditions(rng, spread)
+        given = {} if n < accepted else settings
         actuator, effects = fleet_unit(model, spread, z, day, parse_effects(
-            [f"{a}={b}" for a, b in settings.items()], model.effects))
+            [f"{a}={b}" for a, b in given.items()], model.effects))
         records.append(simulate(
             load_profile(test), actuator=actuator, effects=effects, noise=day.noise,
             seed=int(rng.integers(2**31)), start_angle=day.start_angle))
     return HiddenUnit(names, (HIDEABLE[names[0]].without or ()) if strange else (),
-                      tuple(records))
+                      tuple(records[accepted:]), tuple(records[:accepted]))
 
 
-def second_unit(seed: int, k: int, tests: tuple[str, ...], *, hidden: int = 0) -> HiddenUnit:
-    """Return a unit of the second simulator."""
+def second_unit(
+    seed: int, k: int, tests: tuple[str, ...], *, hidden: int = 0, strange: bool = False,
+    accepted: bool = False,
+) -> HiddenUnit:
+    """Return a unit of the second simulator, all of the kit's `tolerances` off."""
     a, spread = load_actuator(), load_spread()
     rng = np.random.default_rng([seed, 78, k])
     names: tuple[str, ...] = ()
     damage = Damage()
     if hidden:
-        order = np.random.default_rng([seed, 75]).permutation(len(DAMAGES))
-        names = (list(DAMAGES)[order[k % len(DAMAGES)]],)
+        pool = STRANGE_DAMAGES if strange else tuple(DAMAGES)
+        order = np.random.default_rng([seed, 75]).permutation(len(pool))
+        names = (pool[order[k % len(pool)]],)
         field, size = DAMAGES[names[0]]
         fields: dict[str, Any] = {field: size, "phase": int(rng.integers(3)),
                                   "angle": float(rng.uniform(-3.0, 3.0))}
         damage = _stranger(a, field, rng) if size is None else Damage(**fields)
-    return HiddenUnit(names, (), tuple(
-        record_of(draw_test(a, spread.tolerances, spread.conditions, (seed + hidden, k), n,
-                            damage, own=False), load_profile(test))
-        for n, test in enumerate(tests)))
+    without = (HIDEABLE[names[0]].without or ()) if strange else ()
+
+    def tested(n: int, test: str, given: Damage) -> Record:
+        return record_of(draw_test(
+            a, spread.tolerances, spread.conditions, (seed + hidden + strange, k), n, given,
+            own=False), load_profile(test))
+
+    return HiddenUnit(
+        names, without, tuple(tested(n, test, damage) for n, test in enumerate(tests)),
+        (tested(len(tests), tests[0], Damage()),) * accepted)
 
 
 STRATA: dict[str, Callable[..., HiddenUnit]] = {
@@ -125,20 +139,27 @@ STRATA: dict[str, Callable[..., HiddenUnit]] = {
     "own, bands x 1.3, nothing": partial(own_unit, bands=RANGE),
     "second, nothing": second_unit,
     "second, one effect": partial(second_unit, hidden=1),
+    "second, outside the catalogue": partial(second_unit, hidden=1, strange=True),
     "own, two effects": partial(own_unit, listed=True, hidden=2),
     "own, outside the catalogue": partial(own_unit, listed=True, hidden=1, strange=True),
+    "own, accepted, nothing": partial(own_unit, accepted=True),
+    "own, accepted, then one effect": partial(own_unit, hidden=1, accepted=True),
+    "second, accepted, nothing": partial(second_unit, accepted=True),
+    "second, accepted, then one effect": partial(second_unit, hidden=1, accepted=True),
 }
 
 
-def answered(unit: HiddenUnit, by_fleet: bool) -> dict[str, Any]:
-    """Return what is said of a unit."""
+def answered(unit: HiddenUnit) -> dict[str, Any]:
+    """Return what is said of a unit: what it has, or since its acceptance."""
     started = time.process_time()
-    found = identify(unit.records[:1], validate=unit.records[1:], without=unit.without,
-                     by_fleet=by_fleet)
+    whole = identify(unit.records[:1], validate=unit.records[1:], without=unit.without,
+                     baseline=unit.accepted)
+    found = whole if whole.since is None else whole.since
     return {"names": unit.names, "strange": bool(unit.without), "verdict": found.verdict,
             "reasons": list(found.reasons),
             "named": [[f.effect, *f.equivalent] for f in found.findings],
             "gap": [found.gap_before, found.gap_after, found.noise_floor],
+            "whole": [whole.verdict, [[f.effect, *f.equivalent] for f in whole.findings]],
             "seconds": time.process_time() - started}
 
 
@@ -167,14 +188,13 @@ def interval(count: int, of: int) -> str:
     return f"{count} ({100 * low:.0f}-{100 * high:.0f} %)"
 
 
-def table(rows: dict[tuple[str, str], list[dict[str, Any]]]) -> str:
-    """Return the table of all rows by stratum and decision; seconds are the median."""
+def table(rows: dict[str, list[dict[str, Any]]]) -> str:
+    """Return the table of all rows by stratum; seconds are the median."""
     said = ("right", "part", "wrong", "unknown", "silent")
-    lines = [f"| stratum | decision | units | {' | '.join(said)} | s |",
-             "|---" * (len(said) + 4) + "|"]
-    for (stratum, which), found in rows.items():
+    lines = [f"| stratum | units | {' | '.join(said)} | s |", "|---" * (len(said) + 3) + "|"]
+    for stratum, found in rows.items():
         counts = [sum(outcome(r) == k for r in found) for k in said]
-        lines.append(f"| {stratum} | {which} | {len(found)} | " + " | ".join(
+        lines.append(f"| {stratum} | {len(found)} | " + " | ".join(
             interval(c, len(found)) for c in counts)
             + f" | {np.median([r['seconds'] for r in found]):.1f} |")
     return "\n".join(lines)
@@ -188,26 +208,24 @@ def main() -> None:
     parser.add_argument("--each", type=int, required=True, help="units of each stratum")
     parser.add_argument("--tests", default="extended,step",
                         help="profile of the record, and of the held-out one if there is one")
-    parser.add_argument("--only", choices=DECISIONS, help="of the two decisions")
+    parser.add_argument("--strata", default="", help="only those that begin with this")
     parser.add_argument("--table", action="store_true", help="run nothing")
     given = parser.parse_args()
     tests = tuple(given.tests.split(","))
     given.out.mkdir(parents=True, exist_ok=True)
     ledger = Ledger(given.out / "decisions.jsonl")
-    rows: dict[tuple[str, str], list[dict[str, Any]]] = {
-        (stratum, which): [] for stratum in STRATA for which in DECISIONS}
+    rows: dict[str, list[dict[str, Any]]] = {
+        stratum: [] for stratum in STRATA if stratum.startswith(given.strata)}
     for k in range(given.each):
-        for stratum, make in STRATA.items():
-            unit: HiddenUnit | None = None
-            for which in DECISIONS:
-                key = f"{given.seed}/{given.tests}/{stratum}/{k}/{which}"
-                if key not in ledger.keys and (given.table or given.only not in (None, which)):
+        for stratum, found in rows.items():
+            key = f"{given.seed}/{given.tests}/{stratum}/{k}/likelihood"
+            if key not in ledger.keys:
+                if given.table:
                     continue
-                if key not in ledger.keys:
-                    unit = make(given.seed, k, tests) if unit is None else unit
-                    row = ledger.run(key, partial(answered, unit, which == "likelihood"))
-                    print(key, row["names"], row["verdict"], row["named"], flush=True)
-                rows[stratum, which].append(ledger.run(key, dict))
+                unit = STRATA[stratum](given.seed, k, tests)
+                row = ledger.run(key, partial(answered, unit))
+                print(key, row["names"], row["verdict"], row["named"], flush=True)
+            found.append(ledger.run(key, dict))
     print(table({key: found for key, found in rows.items() if found}))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -23,7 +22,7 @@ def identify(
     measured: Sequence[Record | RigRecord], model: Model | str | Path | None = None, *,
     validate: Sequence[Record | RigRecord] = (), without: Sequence[str] = (),
     baseline: Sequence[Record | RigRecord] = (), progress: Progress | None = None,
-    workers: int = 1, seed: int = 0, by_fleet: bool = False,
+    workers: int = 1, seed: int = 0,
 ) -> Identification:
     """Find the disagreement between a model and records, name what is missing, add it.
 
@@ -38,8 +37,6 @@ def identify(
     progress : called with what is being done and how much of it is (0 to 1).
     workers : how many simulations run at a time; their number does not change the answer.
     seed : of all simulations; the same seed gives the same answer.
-    by_fleet : decide by one likelihood in which all that healthy units differ in is marginalised
-        (`ema_identification.actuator.decision`); on trial beside the present decision.
 
     Raises
     ------
@@ -70,21 +67,14 @@ def identify(
     accepted = cast("Sequence[Record]", baseline)
     _check_one_unit((*records, *held, *accepted))
     _check_kit((*records, *held, *accepted))
-    from ema_identification.actuator.decision.workflow import changes_since, identify_by_fleet
     from ema_identification.actuator.measure.runs import silent
     from ema_identification.actuator.workflow import identify_actuator
     from ema_sim.model_file import load_model_file
 
     if model is None or isinstance(model, str | Path):
         model = load_model_file(model)
-    shown = progress or silent
-    if by_fleet:
-        return identify_by_fleet(records, model, validate=held, baseline=accepted,
-                                 without=without, progress=shown, workers=workers, seed=seed)
-    found = identify_actuator(records, model, validate=held, without=without, progress=shown,
-                              workers=workers, seed=seed)
-    return found if not accepted else replace(found, since=changes_since(
-        records[0], accepted, model, without=without, progress=shown, workers=workers, seed=seed))
+    return identify_actuator(records, model, validate=held, baseline=accepted, without=without,
+                             progress=progress or silent, workers=workers, seed=seed)
 
 
 def build_library(
@@ -106,16 +96,16 @@ def build_library(
     from threadpoolctl import threadpool_limits
 
     from ema_identification.actuator.decision.acceptance import keep_acceptance
+    from ema_identification.actuator.decision.library import fleet_library
     from ema_identification.actuator.measure.features import nominal_rate
     from ema_identification.actuator.measure.recorder import recorded_alike
     from ema_identification.actuator.measure.runs import silent
-    from ema_identification.actuator.surrogate.calibration import library
     from ema_sim.model_file import load_model_file
 
     with threadpool_limits(limits=1):  # as `identify_actuator` makes it
         model, first = load_model_file(), records[0]
-        library(recorded_alike([first], model), first.profile, rate=nominal_rate(first),
-                workers=workers, progress=progress or silent, folder=folder)
+        fleet_library(recorded_alike([first], model), first.profile, rate=nominal_rate(first),
+                      workers=workers, progress=progress or silent, folder=folder)
         keep_acceptance(records, model, folder)
 
 

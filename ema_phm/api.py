@@ -144,6 +144,7 @@ def diagnose(
 def identify(
     measured: Source | RigRecord | Sequence[Source | RigRecord], *, model: Bag | None = None,
     validate: Source | RigRecord | Sequence[Source | RigRecord] = (),
+    baseline: Source | Sequence[Source] = (),
     without: Sequence[str] = (), workers: int = 1, seed: int = 0,
 ) -> Identification:
     """Return what a model lacks to explain records: ``ema identify``.
@@ -153,6 +154,7 @@ def identify(
     measured : bags or records of one unit.
     model : YAML file, default the kit's actuator.
     validate : of the same unit, that take no part in the fit.
+    baseline : of its acceptance, same test; `Identification.since` says what has changed.
     without : effects that are not considered.
     workers : simulations at a time.
     seed : of the simulations.
@@ -165,7 +167,8 @@ def identify(
 
     return run([_read(one) for one in _several(measured)],
                None if model is None else Path(model),
-               validate=[_read(one) for one in _several(validate)], without=without,
+               validate=[_read(one) for one in _several(validate)],
+               baseline=[_read(one) for one in _several(baseline)], without=without,
                workers=workers, seed=seed)
 
 

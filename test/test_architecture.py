@@ -41,7 +41,7 @@ ONE_FILE_AN_ENTRY = {"ema_sim/effects", "ema_cli/commands"}
 """Catalogues: each file is one effect, with its parameters, bounds and source; or one command,
 with its options and help. Stay."""
 KNOWN_DEPTH = {
-    "ema_identification": 10, "ema_prognostics": 10, "ema_record": 9}
+    "ema_identification": 9, "ema_prognostics": 10, "ema_record": 9}
 KNOWN_NAMES: set[str] = set()
 DISTINCTIVE = (
     "inverter.bus_voltage", "inverter.current_limit", "motor.phase_resistance",
@@ -56,11 +56,8 @@ BY_CHANCE = {
     "ema_cli/views/flights_plot.py": {1.6},  # width of a line (points)
     "ema_cli/views/record_plots.py": {0.6, 11.0},  # width of a line, size of a font (points)
     "ema_identification/actuator/measure/features.py": {11.0},  # edges of bins (ms, 0.1 mrad)
-    "ema_identification/actuator/naming/decision.py": {0.6},  # share of a progress bar
-    "ema_identification/actuator/naming/ensemble_search.py": {11.0},  # number of a random stream
     "ema_identification/actuator/panels.py": {500.0},  # points of a curve
-    "ema_identification/actuator/surrogate/catalogue.py": {0.6, 500.0, 1.5e-5},  # severities
-    "ema_identification/actuator/surrogate/calibration.py": {48.0},  # units that are simulated
+    "ema_identification/actuator/laws/catalogue.py": {0.6, 500.0, 1.5e-5},  # severities
     "ema_identification/report/plots.py": {0.6, 500.0, 20_000.0},  # width of a line, points
     "ema_identification/rig/search/alternatives.py": {0.6, 1.6},  # delays in periods
     "ema_identification/rig/search/waves.py": {0.6},  # share of a wave

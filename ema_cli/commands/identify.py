@@ -50,9 +50,6 @@ def identify(
     )] = 2,
     seed: Annotated[int, typer.Option(
         min=0, max=2**31 - 1, help="Of all simulations; the same seed, the same answer.")] = 0,
-    by_fleet: Annotated[bool, typer.Option(
-        "--by-fleet", help="Decide by one likelihood in which all that healthy units differ in is "
-        "allowed for; on trial, see docs/identification.md.")] = False,
     check: Annotated[bool, typer.Option(
         "--check", help="Of a rig: only say what the records can show, and which motion would "
         "show the rest; nothing is fitted.")] = False,
@@ -98,7 +95,7 @@ def identify(
             advance(what, share)
 
         found = run(records, model, validate=held, baseline=accepted, without=without or (),
-                    progress=step, workers=workers, seed=seed, by_fleet=by_fleet)
+                    progress=step, workers=workers, seed=seed)
     inputs: dict[str, str | list[str]] = {
         "measured": [str(p) for p in measured],
         "model": kit_name() if model is None else str(model),

@@ -6,14 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ema_identification.actuator.decision.answer import FleetAnswer
+from ema_identification.actuator.decision.fit import TestedUnit
+from ema_identification.actuator.decision.fleet import SIZE, fleet_record
+from ema_identification.actuator.laws.terms import LawFit, LawGap, with_terms
 from ema_identification.actuator.measure.features import FeatureMap
-from ema_identification.actuator.measure.runs import UnitRun, simulate_case
 from ema_identification.actuator.measure.signals import TURN, DriveSignals, drive_signals, turns_of
-from ema_identification.actuator.naming.answer import Answer
-from ema_identification.actuator.naming.gap import ModelGap
-from ema_identification.actuator.surrogate.evidence import Evidence
-from ema_identification.actuator.surrogate.likelihood import Recalibration
+from ema_identification.actuator.residuals import residual_of
 from ema_identification.result import Curve, Panel
+from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.record import Record
 
 BINS = 90
@@ -25,27 +26,33 @@ SMOOTH = 5e-3
 
 
 def panels_of(
-    evidence: Evidence, null: Recalibration, answer: Answer, held: Evidence | None,
-    gap: ModelGap, *, seed: int,
+    unit: TestedUnit, answer: FleetAnswer, held: TestedUnit | None, gap: LawGap
 ) -> tuple[Panel, ...]:
-    """Return the plots of an identification."""
-    block = evidence.blocks[0]
-    model, fmap = block.library.model, block.library.fmap
-    runs: list[tuple[str, Record]] = [("measured", block.record)]
-    z = evidence.tolerances.of(0, null.z)
-    runs.append(("before", simulate_case(model, UnitRun(
-        z=z, conditions=block.conditions, seed=seed + 7), fmap)))
+    """Return the plots of an identification, of its first record."""
+    first = unit.parts[0]
+    fits = [("before", answer.null)]
     if answer.fit is not None:
-        runs.append(("after", simulate_case(model, UnitRun(
-            z=evidence.tolerances.of(0, answer.fit.z), conditions=block.conditions, seed=seed + 7,
-            effects=answer.fit.effects(model.effects)), fmap)))
-    signals = [(role, drive_signals(record, model.actuator)) for role, record in runs]
-    panels = [_where(evidence, null, answer), *_vectors(evidence, null, answer),
-              _travel(signals), *_folded(evidence, signals)]
+        fits.append(("after", answer.fit))
+    panels = [_where(unit, fits), *_vectors(unit, fits)]
+    runs = [(role, record_of(first, fit)) for role, fit in fits]
+    signals = [(role, drive_signals(record, first.library.model.actuator))
+               for role, record in [("measured", first.record), *runs] if record is not None]
+    panels += [_travel(signals), *_folded(first, signals)]
     if answer.fits:
-        panels.append(_candidates(evidence, answer))
-    panels.append(_held(held if held is not None else evidence, gap))
+        panels.append(_candidates(unit, answer))
+    panels.append(_held(unit if held is None else held, gap, held is not None))
     return tuple(panels)
+
+
+def record_of(unit: TestedUnit, fit: LawFit) -> Record | None:
+    """Return a run of a fitted model; None outside the simulator's domain."""
+    library = unit.library
+    try:
+        return fleet_record(library.model, library.spread, library.fmap, fit.z[:SIZE],
+                            unit.conditions, unit.seed + 7,
+                            with_terms(fit.terms, library.model.effects))
+    except (SimulationError, InvalidRecordError):
+        return None
 
 
 def _role_curves(
@@ -69,11 +76,9 @@ def by_place(fmap: FeatureMap, residual: np.ndarray) -> tuple[np.ndarray, np.nda
             np.array([np.sqrt(np.mean(residual[places == n]**2)) for n in names]))
 
 
-def _where(evidence: Evidence, null: Recalibration, answer: Answer) -> Panel:
-    fmap = evidence.blocks[0].library.fmap
-    rows = [("before", *by_place(fmap, null.whitened(evidence)[0]))]
-    if answer.fit is not None:
-        rows.append(("after", *by_place(fmap, answer.fit.whitened(evidence)[0])))
+def _where(unit: TestedUnit, fits: Sequence[tuple[str, LawFit]]) -> Panel:
+    fmap = unit.parts[0].library.fmap
+    rows = [(role, *by_place(fmap, unit.split(residual_of(unit, fit))[0])) for role, fit in fits]
     x = rows[0][1]
     floor = Curve(label="nothing missing", x=x, y=np.ones_like(x), role="floor")
     return Panel(
@@ -82,15 +87,14 @@ def _where(evidence: Evidence, null: Recalibration, answer: Answer) -> Panel:
         curves=(*_role_curves(rows, "points"), floor), step="where", log_y=True)
 
 
-def _vectors(evidence: Evidence, null: Recalibration, answer: Answer) -> list[Panel]:
+def _vectors(unit: TestedUnit, fits: Sequence[tuple[str, LawFit]]) -> list[Panel]:
     """Return torque against speed and torque lines, from the features."""
-    block = evidence.blocks[0]
-    fmap, plan = block.library.fmap, block.library.fmap.plan
+    first = unit.parts[0]
+    fmap, plan = first.library.fmap, first.library.fmap.plan
     index = {f.name: k for k, f in enumerate(fmap.features)}
-    vectors = [("measured", block.values), ("before", null.mean[0])]
-    if answer.fit is not None:
-        vectors.append(("after", answer.fit.mean[0]))
-    k2 = 2.0 * block.library.model.actuator.motor.back_emf_constant
+    vectors = [("measured", first.values), *((role, unit.split(f.mean)[0]) for role, f in fits)]
+    left = unit.split(residual_of(unit, fits[0][1]))[0]
+    k2 = 2.0 * first.library.model.actuator.motor.back_emf_constant
     moving = [s for s in plan.segments if s.kind != "hold"]
     panels = []
     if moving:
@@ -104,7 +108,7 @@ def _vectors(evidence: Evidence, null: Recalibration, answer: Answer) -> list[Pa
     locked = [s for s in moving if f"{s.name}.torque_line_24_re" in index] or [
         s for s in moving if f"{s.name}.torque_line_1_re" in index]
     if locked:
-        segment = max(locked, key=lambda s: _line_power(evidence, null, s.name))
+        segment = max(locked, key=lambda s: _line_power(fmap, left, s.name))
         orders = [h for h in range(1, 25) if f"{segment.name}.torque_line_{h}_re" in index]
         stem = f"{segment.name}.torque_line"
         rows = []
@@ -119,9 +123,8 @@ def _vectors(evidence: Evidence, null: Recalibration, answer: Answer) -> list[Pa
     return panels
 
 
-def _line_power(evidence: Evidence, null: Recalibration, place: str) -> float:
-    residual = null.whitened(evidence)[0]
-    return float(sum(x**2 for f, x in zip(evidence.blocks[0].library.fmap.features, residual)
+def _line_power(fmap: FeatureMap, residual: np.ndarray, place: str) -> float:
+    return float(sum(x**2 for f, x in zip(fmap.features, residual)
                      if f.place == place and ".torque_line_" in f.name))
 
 
@@ -140,9 +143,9 @@ def _travel(signals: Sequence[tuple[str, DriveSignals]]) -> Panel:
         x_label="time (s)", y_label="lag (mrad)", curves=_role_curves(rows), step="where")
 
 
-def _folded(evidence: Evidence, signals: Sequence[tuple[str, DriveSignals]]) -> list[Panel]:
+def _folded(unit: TestedUnit, signals: Sequence[tuple[str, DriveSignals]]) -> list[Panel]:
     """Return the torque current over a turn of the rotor, of a slow and a fast segment."""
-    plan = evidence.blocks[0].library.fmap.plan
+    plan = unit.library.fmap.plan
     slews = [s for s in plan.segments if s.kind == "slew"]
     if not slews:
         return []
@@ -169,34 +172,36 @@ def _folded(evidence: Evidence, signals: Sequence[tuple[str, DriveSignals]]) -> 
     return panels
 
 
-def _candidates(evidence: Evidence, answer: Answer) -> Panel:
-    costs = np.array([np.sqrt(f.cost / evidence.size) for f in answer.fits])
+def _candidates(unit: TestedUnit, answer: FleetAnswer) -> Panel:
+    fits = [f for f in answer.fits if np.isfinite(f.cost)]
+    costs = np.array([np.sqrt(f.cost / unit.size) for f in fits])
     x = np.arange(1.0, len(costs) + 1.0)
     curves = [
-        Curve(label=f.terms[-1].variant.name, x=x[k:k + 1], y=costs[k:k + 1], style="points")
-        for k, f in enumerate(answer.fits)
+        Curve(label=", ".join(t.variant.name for t in f.terms), x=x[k:k + 1], y=costs[k:k + 1],
+              style="points")
+        for k, f in enumerate(fits)
     ]
     ends = np.array([0.5, len(costs) + 0.5])
-    usual = np.exp(0.5 * evidence.blocks[0].library.scale.fit[0])
+    usual = np.sqrt(np.median(unit.library.healthy[:, 0]))
     curves += [
         Curve(label="model before", x=ends, role="before",
-              y=np.full(2, np.sqrt(answer.null_cost / evidence.size))),
+              y=np.full(2, np.sqrt(answer.null.cost / unit.size))),
         Curve(label="nothing missing", x=ends, y=np.full(2, usual), role="floor"),
     ]
-    return Panel(name="candidates", title="What each candidate leaves, best first.",
+    return Panel(name="candidates", title="What each candidate leaves, most evidence first.",
                  x_label="candidate", y_label="misfit (standard deviations)",
                  curves=tuple(curves), step="name",
                  log_y=bool(costs.max() > DECADE * costs.min()))
 
 
-def _held(evidence: Evidence, gap: ModelGap) -> Panel:
-    fmap = evidence.blocks[0].library.fmap
-    rows = [("before", *by_place(fmap, gap.residual[0][0]))]
-    if len(gap.residual) > 1:
-        rows.append(("after", *by_place(fmap, gap.residual[-1][0])))
+def _held(unit: TestedUnit, gap: LawGap, held: bool) -> Panel:
+    fmap = unit.parts[0].library.fmap
+    rows = [("before", *by_place(fmap, unit.split(gap.rest[0])[0]))]
+    if len(gap.rest) > 1:
+        rows.append(("after", *by_place(fmap, unit.split(gap.rest[-1])[0])))
     x = rows[0][1]
     return Panel(
-        name="gap_by_part", title=f"The gap on the {'held-out' if gap.held else 'fitted'} record, "
+        name="gap_by_part", title=f"The gap on the {'held-out' if held else 'fitted'} record, "
                                   "by part of the test.",
         x_label="time of the test (s)", y_label="residual, rms (standard deviations)",
         curves=(*_role_curves(rows, "points"),

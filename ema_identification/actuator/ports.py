@@ -11,11 +11,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_identification.actuator.naming.control_law import ControlLaw
-from ema_identification.actuator.naming.ripple import largest_line
-from ema_identification.actuator.surrogate.evidence import Evidence
-from ema_identification.actuator.surrogate.fit import Fit
-from ema_identification.actuator.words import ResidualGroup, groups_of
+from ema_identification.actuator.decision.fit import TestedUnit
+from ema_identification.actuator.laws.terms import LawFit
+from ema_identification.actuator.measure.control_law import ControlLaw
+from ema_identification.actuator.measure.ripple import largest_line
+from ema_identification.actuator.residuals import ResidualGroup, groups_of
 from ema_identification.result import Curve, Panel, Shape
 from ema_sim.effects import EFFECTS
 
@@ -37,34 +37,38 @@ NEAR = 0.5
 
 
 def unknown_shape(
-    evidence: Evidence, residual: Sequence[np.ndarray], fits: Sequence[Fit], null_cost: float,
+    unit: TestedUnit, residual: np.ndarray, fits: Sequence[LawFit], null_cost: float,
     law: ControlLaw | None = None,
 ) -> Shape:
     """Return port and shape of what is left.
 
     Parameters
     ----------
-    evidence : the records.
-    residual : of the recalibrated model, in standard deviations, a record.
+    unit : the records; the first one tells the port.
+    residual : of the recalibrated model, in standard deviations, shape (d,).
     fits : the catalogue's candidates, best first; none of them explains the residual.
     null_cost : cost without any of them.
     law : what the control law by itself says.
     """
-    groups = groups_of(evidence, residual)
-    ports = _ports(evidence, residual, groups, fits, null_cost, law)
-    words = _words(evidence, residual, groups)
+    groups = groups_of(unit, residual)
+    first = unit.parts[0]
+    rest = unit.split(residual)[0]
+    line = largest_line(first.library.fmap, rest, first.library.repeat.deviation(
+        first.conditions.noise))
+    ports = _ports(_by_name(first, rest), line, groups, fits, null_cost, law)
+    words = _words(line, groups)
     if law is not None and not law.holds:
         words = f"{law.text}; {words}"
     text = f"{', '.join(ports)}: {words}"
-    return Shape(port=", ".join(ports), text=text, panel=_panel(evidence, residual))
+    return Shape(port=", ".join(ports), text=text, panel=_panel(first, rest))
 
 
 def _ports(
-    evidence: Evidence, residual: Sequence[np.ndarray], groups: Sequence[ResidualGroup],
-    fits: Sequence[Fit], null_cost: float, law: ControlLaw | None,
+    values: dict[str, float], line: tuple[int, float, str] | None,
+    groups: Sequence[ResidualGroup], fits: Sequence[LawFit], null_cost: float,
+    law: ControlLaw | None,
 ) -> list[str]:
     found: list[str] = []
-    values = _by_name(evidence, residual)
     if abs(values.get("bus_slope", 0.0)) > STRONG_FEATURE:
         found.append("supply")
     sensor = max((abs(values.get(n, 0.0)) for n in SENSOR_FEATURES), default=0.0)
@@ -74,7 +78,6 @@ def _ports(
         found.append("sensor")
     if law is not None and not law.holds:  # nothing else breaks the law
         found += ["controller", *(["sensor"] if "sensor" not in found else [])]
-    line = largest_line(evidence, residual)
     if line is not None and line[0] > COMMUTATION and line[0] % COMMUTATION:
         found += ["motor torque", "transmission"]
     near = [f for f in fits if np.isfinite(f.cost) and f.cost < (1.0 - NEAR) * null_cost]
@@ -143,17 +146,13 @@ def _turns_with_direction(values: dict[str, float]) -> float:
     return total
 
 
-def _by_name(evidence: Evidence, residual: Sequence[np.ndarray]) -> dict[str, float]:
-    features = evidence.blocks[0].library.fmap.features
-    return {f.name: float(x) for f, x in zip(features, residual[0])}
+def _by_name(unit: TestedUnit, residual: np.ndarray) -> dict[str, float]:
+    return {f.name: float(x) for f, x in zip(unit.library.fmap.features, residual)}
 
 
-def _words(
-    evidence: Evidence, residual: Sequence[np.ndarray], groups: Sequence[ResidualGroup]
-) -> str:
+def _words(line: tuple[int, float, str] | None, groups: Sequence[ResidualGroup]) -> str:
     """Return the measured shape in words with numbers."""
     parts = []
-    line = largest_line(evidence, residual)
     if line is not None:
         order, torque, place = line
         parts.append(f"motor torque periodic in rotor angle, {order} a turn, {torque:.2g} N m "
@@ -164,15 +163,14 @@ def _words(
     return "; ".join(parts)
 
 
-def _panel(evidence: Evidence, residual: Sequence[np.ndarray]) -> Panel:
+def _panel(unit: TestedUnit, residual: np.ndarray) -> Panel:
     """Return the residual of every feature, in the order of the test."""
-    r = residual[0]
     curves = []
     signals: dict[str, list[int]] = defaultdict(list)
-    for k, feature in enumerate(evidence.blocks[0].library.fmap.features):
+    for k, feature in enumerate(unit.library.fmap.features):
         signals[feature.signal].append(k)
     for signal, where in signals.items():
-        curves.append(Curve(label=signal, x=np.array(where, dtype=float), y=r[where],
+        curves.append(Curve(label=signal, x=np.array(where, dtype=float), y=residual[where],
                             style="points"))
     return Panel(
         name="unknown", title="What no effect of the catalogue explains, feature by feature.",

@@ -1,61 +1,57 @@
-"""The workflow for our actuator: align, recalibrate, where, name, add, show, prune."""
+"""The workflow for our actuator: records, libraries, decision, and what is said of it."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.checks import check_records
+from ema_identification.actuator.decision.acceptance import with_acceptance
+from ema_identification.actuator.decision.answer import FleetAnswer, stages_of
+from ema_identification.actuator.decision.baseline import changed_unit, with_baselines
+from ema_identification.actuator.decision.decide import decide
+from ema_identification.actuator.decision.fit import TestedUnit
+from ema_identification.actuator.decision.fleet import FULL, SIZE, LibrarySizes, fleet_unit
+from ema_identification.actuator.decision.gap import HeldOut, fitted_gap
+from ema_identification.actuator.decision.joint import joint_unit
+from ema_identification.actuator.decision.library import fleet_library
+from ema_identification.actuator.decision.next_test import separating_test
+from ema_identification.actuator.decision.proposals import healthy_scores
+from ema_identification.actuator.laws.terms import LawFit, with_terms
+from ema_identification.actuator.measure.control_law import control_law
 from ema_identification.actuator.measure.features import nominal_rate
 from ema_identification.actuator.measure.recorder import recorded_alike, whole
-from ema_identification.actuator.measure.runs import Progress, Runner, silent
-from ema_identification.actuator.measure.tolerances import align
-from ema_identification.actuator.naming.answer import Answer, stages_of
-from ema_identification.actuator.naming.contest import Arena
-from ema_identification.actuator.naming.decision import decide_lawfully
-from ema_identification.actuator.naming.estimates import (
-    estimate_again,
-    is_entangled,
-    model_text,
-    recalibrated_of,
-)
-from ema_identification.actuator.naming.gap import gap_of
-from ema_identification.actuator.naming.next_test import separating_test
-from ema_identification.actuator.panels import panels_of
+from ema_identification.actuator.measure.runs import Progress, silent
+from ema_identification.actuator.measure.tolerances import RecordConditions, align
+from ema_identification.actuator.model_file import model_file_text
+from ema_identification.actuator.panels import panels_of, record_of
 from ema_identification.actuator.ports import unknown_shape
-from ema_identification.actuator.surrogate.calibration import library
-from ema_identification.actuator.surrogate.evidence import Evidence, RecordEvidence, evidence
-from ema_identification.actuator.surrogate.likelihood import recalibrate
-from ema_identification.actuator.words import candidates_of, findings_of, groups_of, steps_of
-from ema_identification.result import Identification, after_validation
+from ema_identification.actuator.residuals import groups_of, residual_of
+from ema_identification.actuator.words import (
+    candidates_of,
+    findings_of,
+    reasons_of,
+    recalibrated_of,
+    steps_of,
+)
+from ema_identification.result import Identification
+from ema_record.errors import UsageError
 from ema_record.record import Record
-from ema_sim.effects import Effects
 from ema_sim.model_file import Model
 
 GAP_UNIT = ("rms of the tenth of the features that are off most, in standard deviations of what "
-            "the model as given may be off when nothing is missing")
+            "the model without an effect may be off when nothing is missing")
 HELD_OUT = "held-out records, which took no part in the fit"
 FITTED = "the fitted records themselves: no held-out record was given"
 
 
-def _blocks(
-    records: Sequence[Record], model: Model, *, signatures: bool, seed: int, workers: int,
-    progress: Progress,
-) -> list[RecordEvidence]:
-    found = []
-    for record in records:
-        known = library(model, record.profile, rate=nominal_rate(record), signatures=signatures,
-                        seed=seed, workers=workers, progress=progress)
-        found.append(RecordEvidence(record=record, library=known, conditions=align(record, model),
-                                    values=known.fmap.extract(record)))
-    return found
-
-
 def identify_actuator(
     measured: Sequence[Record], model: Model, *, validate: Sequence[Record] = (),
-    without: Sequence[str] = (), progress: Progress = silent, workers: int = 1, seed: int = 0,
+    baseline: Sequence[Record] = (), without: Sequence[str] = (), progress: Progress = silent,
+    workers: int = 1, seed: int = 0, sizes: LibrarySizes = FULL,
 ) -> Identification:
     """Return what the model lacks to explain records of one actuator.
 
@@ -64,73 +60,114 @@ def identify_actuator(
     measured : records of one unit, of one or more profiles.
     model : parameters and effects that the model has.
     validate : held-out records of the same unit.
+    baseline : records of the unit from when it was accepted, of the test of the first one
+        measured: what has changed since is said too.
     without : effects of the catalogue that are not to be considered.
     progress : called with what is being done and how much of it is.
     workers : processes that build libraries, threads that share the runs.
     seed : of all simulations.
+    sizes : of libraries.
     """
-    from threadpoolctl import threadpool_limits
-
-    given = model
-    model = recorded_alike((*measured, *validate), given)
-    measured, validate = ([whole(record, model.actuator) for record in records]
-                          for records in (measured, validate))
-    check_records(measured, validate, model, without)
+    case = _Case((*measured, *validate, *baseline), model, sizes, seed, workers, progress)
+    check_records([case.whole(r) for r in measured], [case.whole(r) for r in validate],
+                  case.model, without)
     with threadpool_limits(limits=1):  # sums in one order: the last digit grows in limit cycles
-        ready = _blocks(measured, model, signatures=True, seed=seed, workers=workers,
-                        progress=progress)
-        held_blocks = _blocks(validate, model, signatures=False, seed=seed, workers=workers,
-                              progress=progress)
-        runner = Runner(workers)
-        held = evidence(held_blocks, runner) if held_blocks else None
-        return _identify(evidence(ready, runner), held, given, tuple(without), progress, seed)
+        units = [case.unit(record) for record in measured]
+        unit, held = joint_unit(units, healthy_scores), None
+        if validate:
+            other = [case.unit(record, signatures=False) for record in validate]
+            held = HeldOut(unit=joint_unit(other), fitted=unit)
+        found = _said(unit, decide(unit, held, without=without, progress=progress), model, held)
+        if not baseline:
+            return found
+        changed = _changed(case, units[0], baseline)
+        since = decide(changed, without=without, progress=progress)
+        return replace(found, since=_said(changed, since, model))
 
 
-def _identify(
-    ev: Evidence, held: Evidence | None, model: Model, without: tuple[str, ...],
-    progress: Progress, seed: int,
+class _Case:
+    """Records of one unit, by one recorder, and the libraries of their tests."""
+
+    def __init__(self, records: Sequence[Record], model: Model, sizes: LibrarySizes, seed: int,
+                 workers: int, progress: Progress) -> None:
+        self.model, self.sizes, self.seed = recorded_alike(records, model), sizes, seed
+        self.workers, self.progress = workers, progress
+
+    def whole(self, record: Record) -> Record:
+        """Return the record with all channels."""
+        return whole(record, self.model.actuator)
+
+    def unit(self, record: Record, *, signatures: bool = True) -> TestedUnit:
+        """Return the record as it is judged; `signatures`: effects may be named on it."""
+        known = with_acceptance(fleet_library(
+            self.model, record.profile, rate=nominal_rate(record), signatures=signatures,
+            sizes=self.sizes, seed=self.seed, workers=self.workers, progress=self.progress),
+            seed=self.seed)
+        record = self.whole(record)
+        return TestedUnit(library=known, values=known.fmap.extract(record), seed=self.seed,
+                          conditions=align(record, self.model), workers=self.workers,
+                          record=record)
+
+
+def _changed(case: _Case, unit: TestedUnit, baseline: Sequence[Record]) -> TestedUnit:
+    """Return the first record beside those of when the unit was accepted."""
+    for record in baseline:
+        if tuple(record.profile.points) != tuple(unit.library.fmap.profile.points) or not (
+                math.isclose(nominal_rate(record), unit.library.fmap.rate)):
+            name = record.provenance.source or record.profile.name
+            raise UsageError(f"baseline {name}: not the command and rate of the measured record: "
+                             "give one of the same test")
+    before = [case.unit(record) for record in baseline]
+    library, apart = with_baselines(
+        replace(unit.library, left=None), case.sizes, seed=case.seed, workers=case.workers,
+        progress=case.progress)
+    return changed_unit(replace(unit, library=library), before, apart)
+
+
+def _said(
+    unit: TestedUnit, answer: FleetAnswer, model: Model, held: HeldOut | None = None
 ) -> Identification:
-    progress("recalibrate", 0.0)
-    null = recalibrate(ev, seed=seed)
-    groups = groups_of(ev, null.whitened(ev))
-    progress("name", 0.2)
-    answer, law = decide_lawfully(ev, null, without=without, progress=progress, seed=seed)
-    if answer.fit is not None and is_entangled(answer.fit):
-        progress("estimate", 0.9)
-        answer = replace(answer, fit=estimate_again(
-            ev, Arena(ev, null, seed=seed).last, answer.fit, seed=seed + 60))
-    progress("show", 0.93)
-    gap = gap_of(ev, held, null, stages_of(answer), seed=seed)
-    if gap.held:
-        verdict, said = after_validation(
-            answer.verdict, gap.values[0], gap.values[-1], gap.bound, "the model's own runs")
-        answer = replace(answer, verdict=verdict, reasons=(*said, *answer.reasons))
-    how = HELD_OUT if held else FITTED
-    fits = [f for f in answer.fits if np.isfinite(f.cost)]
-    findings = findings_of(ev, null, answer, gap)
-    ambiguous = next((e for e in answer.equivalent if e), ())
-    alike = ambiguous if answer.fit is None else (answer.fit, *ambiguous)
-    proposed = separating_test(ev, alike, seed=seed) if ambiguous else None
-    fit = answer.fit if answer.fit is not None else null
+    """Return the answer in words, numbers and pictures."""
+    gap = fitted_gap(unit, stages_of(answer)) if answer.gap is None else answer.gap
+    residual = residual_of(unit, answer.null)
+    groups, first = groups_of(unit, residual), unit.parts[0]
+    run = record_of(first, answer.null)
+    law = None if run is None or first.record is None else control_law(
+        first.record, run, first.library.model.actuator)
+    rivals = _rivals(answer)
+    proposed = separating_test(unit, rivals, seed=unit.seed) if len(rivals) > 1 else None
+    fit = answer.null if answer.fit is None else answer.fit
     found = Identification(
         verdict=answer.verdict, gap_before=gap.values[0], gap_after=gap.values[-1],
-        noise_floor=gap.floor, gap_unit=f"{GAP_UNIT} ({how})", held_out=held is not None,
-        findings=findings,
-        rivals=tuple(
-            c for c in candidates_of(ev, fits, answer.null_cost, "fitted")
-            if c.effect not in {n for f in findings for n in (f.effect, *f.equivalent)}),
+        noise_floor=gap.floor, held_out=answer.gap is not None,
+        gap_unit=f"{GAP_UNIT} ({FITTED if answer.gap is None else HELD_OUT})",
+        findings=findings_of(unit, answer, gap), rivals=candidates_of(unit, answer),
         next_test=None if proposed is None else proposed.text,
         next_profile=None if proposed is None else proposed.profile,
-        recalibrated=recalibrated_of(fit, ev), reasons=answer.reasons,
-        unknown=unknown_shape(ev, null.whitened(ev), fits, answer.null_cost, law)
+        recalibrated=recalibrated_of(unit, fit), reasons=reasons_of(answer, gap),
+        unknown=unknown_shape(unit, residual, answer.fits, answer.null.cost, law)
         if answer.verdict == "unknown effect" else None,
-        model_text="" if answer.verdict == "contradicted" else model_text(
-            model, ev.tolerances.of(0, fit.z), _effects(answer, model)),
-    )
+        model_text="" if answer.verdict == "contradicted" else _model_text(unit, fit, model))
     return replace(
-        found, steps=steps_of(ev, null, answer, law, groups, found, gap),
-        panels=panels_of(ev, null, answer, held, gap, seed=seed))
+        found, steps=steps_of(unit, answer, law, groups, found, gap),
+        panels=panels_of(unit, answer, None if held is None else held.unit, gap))
 
 
-def _effects(answer: Answer, model: Model) -> Effects:
-    return model.effects if answer.fit is None else answer.fit.effects(model.effects)
+def _rivals(answer: FleetAnswer) -> list[LawFit]:
+    """Return the fits that the data cannot tell apart, the one named first."""
+    left = set().union(*answer.equivalent)
+    own: set[str] = set() if answer.fit is None else set(answer.fit.names)
+    found = [] if answer.fit is None else [answer.fit]
+    for fit in answer.fits:
+        instead = set(fit.names) - own
+        if len(fit.terms) == max(len(own), 1) and len(instead) == 1 and instead <= left:
+            found.append(fit)
+            left -= instead
+    return found
+
+
+def _model_text(unit: TestedUnit, fit: LawFit, model: Model) -> str:
+    """Return the model file: the hardware as recalibrated, and the effects."""
+    actuator, _ = fleet_unit(  # conditions and sensor errors stay out
+        model, unit.library.spread, fit.z[:SIZE], RecordConditions(), model.effects)
+    return model_file_text(actuator, with_terms(fit.terms, model.effects))

@@ -1,1 +1,1 @@
-"""The decision in one likelihood: healthy fleet, compression, ranks, evidence of each law."""
+"""From a record to a name: healthy fleet, likelihood, proposals, decision."""

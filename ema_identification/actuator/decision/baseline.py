@@ -19,6 +19,7 @@ from scipy.optimize import brentq
 from ema_identification.actuator.decision.fit import LOUDEST, PRIOR, TestedUnit
 from ema_identification.actuator.decision.fleet import (
     CHUNK,
+    OF_DAY,
     SIZE,
     LibrarySizes,
     conditions_of,
@@ -26,13 +27,12 @@ from ema_identification.actuator.decision.fleet import (
     draw_fleet_unit,
     fleet_record,
 )
-from ema_identification.actuator.decision.gap import OF_DAY
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.surrogate import SETTLED_RUNS, FleetLibrary
+from ema_identification.actuator.laws.terms import EffectTerm
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.runs import Progress, silent, spread_out
 from ema_identification.actuator.measure.tolerances import RecordConditions, align
-from ema_identification.actuator.surrogate.fit import EffectTerm
 from ema_record import array_cache as cache
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.spread import TypeSpread
@@ -118,7 +118,8 @@ def changed_unit(
     return ChangedUnit(
         library=replace(unit.library, left=None), conditions=unit.conditions, seed=unit.seed,
         values=unit.values - np.mean([u.values for u in accepted], axis=0) + before,
-        workers=unit.workers, simulator=unit.simulator, accepted=tuple(accepted), at=at,
+        workers=unit.workers, simulator=unit.simulator, record=unit.record,
+        accepted=tuple(accepted), at=at,
         before=before, apart=apart, centre=np.where(OF_DAY, 0.0, own),
         weight=np.where(OF_DAY, PRIOR, len(accepted) ** 2 / spread))
 

@@ -9,20 +9,23 @@
    price of Schwarz (1978) on each coordinate.
 3. A model *explains* if its cost is usual among healthy units; each law in it must have a gain
    of its own beyond the useless ones'. The answer is the smallest set of names with `COVERED` of
-   the evidence; more than `LARGEST_SET`, or no model that explains, is unknown.
-4. Held-out records only judge: no name where the gap does not fall, no silence where it is large.
+   the evidence, the simplest model in it; more than `LARGEST_SET`, or no model that explains, is
+   unknown.
+4. Held-out records only judge: what makes their gap grow is contradicted (`after_validation`),
+   and there is no silence where it is large.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 from scipy.stats import beta
 
-from ema_identification.actuator.decision.fit import LawFit, TestedUnit
-from ema_identification.actuator.decision.gap import HeldOut, LawGap
+from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence, stages_of
+from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.proposals import (
     LawProposal,
     gain_of,
@@ -33,8 +36,9 @@ from ema_identification.actuator.decision.proposals import (
     sized,
 )
 from ema_identification.actuator.decision.surrogate import SETTLED_RUNS
+from ema_identification.actuator.laws.terms import LawFit, LawGap
 from ema_identification.actuator.measure.runs import Progress, silent
-from ema_identification.result import Outcome
+from ema_identification.result import after_validation
 
 LEVEL = 0.01
 """Requirement: names on nothing, at most 1 %. Of every test."""
@@ -49,41 +53,20 @@ SCREENED, PROPOSED, SECONDS, PAIRED, TESTED = 16, 6, 3, 3, 2
 laws that get a second; pairs whose laws are each fitted alone."""
 ROUNDS = ((2, 4, 4), (4, 3, 3))
 """Budget: runs, steps, and how many go on."""
+FURTHER, FALL = 6, 0.1
+"""Budget: most steps of the best models where none explains, while each lowers the cost by this
+share: one that is still on its way is not judged."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class FleetAnswer:
-    """What was decided.
+class LawJudge(Protocol):
+    """Held-out records."""
 
-    Attributes
-    ----------
-    verdict : of the identification.
-    null : the model without a law, on runs where laws were tried.
-    fit : of the laws named; None for none.
-    equivalent : for each law other names that the data cannot tell from it; without `fit`, all
-        that explain it equally well.
-    p_value : of each law, that it adds nothing to the model with the others.
-    p_nothing : that a healthy unit is as far off.
-    closed : for each law the share of the excess misfit that it closes, beside the others.
-    fits : all that were compared, most evidence first.
-    gap : on held-out records.
-    reasons : for people.
-    """
-
-    verdict: Outcome
-    null: LawFit
-    fit: LawFit | None = None
-    equivalent: tuple[tuple[str, ...], ...] = ()
-    p_value: tuple[float, ...] = ()
-    p_nothing: float = 1.0
-    closed: tuple[float, ...] = ()
-    fits: tuple[LawFit, ...] = ()
-    gap: LawGap | None = None
-    reasons: tuple[str, ...] = field(default=())
+    def gap(self, models: Sequence[LawFit]) -> LawGap:
+        """Return the gap of each model, the first without a law."""
 
 
 def rank(score: float, healthy: np.ndarray) -> float:
-    """Return the probability of a score at least as large among units that are exchangeable."""
+    """Return the probability of a score as large among units that are exchangeable."""
     return float(1.0 + (healthy >= score).sum()) / (1.0 + len(healthy))
 
 
@@ -102,13 +85,6 @@ def p_nothing(score: tuple[float, float], healthy: np.ndarray) -> float:
 def share_of(as_rare: int, units: int) -> float:
     """Return the largest share that is compatible, with `SURE`, with so many of `units`."""
     return float(beta.ppf(SURE, as_rare + 1, units - as_rare)) if as_rare < units else 1.0
-
-
-def log_evidence(fit: LawFit, freedom: float) -> float:
-    """Return log E, see the module; -inf for a model that could not be run."""
-    if not np.isfinite(fit.cost):
-        return -np.inf
-    return -0.5 * freedom * float(np.log(fit.cost)) - 0.5 * fit.free * float(np.log(freedom))
 
 
 class _Decision:
@@ -142,6 +118,27 @@ class _Decision:
         return sorted((self.unit.settled(p, self.before, SETTLED_RUNS) for p in points),
                       key=lambda f: -self.evidence(f))
 
+    def finished(self, fits: Sequence[LawFit]) -> list[LawFit]:
+        """Return the models, most evidence first; where none explains the best go on.
+
+        The best single one and the best pair, from the middle of the fleet and with slopes to all
+        numbers simulated at each step: beside a large law the library's quadratic, by which they
+        came, leads the unit's own numbers to their bounds.
+        """
+        found = sorted(fits, key=lambda f: -self.evidence(f))
+        if any(self.explains(f) for f in found):
+            return found
+        for k in {len(f.terms): k for k, f in reversed(list(enumerate(found)))}.values():
+            found[k] = self._further(found[k])
+        return sorted(found, key=lambda f: -self.evidence(f))
+
+    def _further(self, fit: LawFit) -> LawFit:
+        return min(fit, self._refitted(replace(fit, z=self.unit.centre)), key=lambda f: f.cost)
+
+    def _refitted(self, fit: LawFit) -> LawFit:
+        there = self.unit.refitted(fit, self.before, runs=ROUNDS[-1][0], steps=FURTHER, fall=FALL)
+        return self.unit.settled(there, self.before, SETTLED_RUNS)
+
     def screened(self, proposals: Sequence[LawProposal], beside: LawFit | None) -> list[LawFit]:
         """Return the models of proposals, fitted without a run, lowest cost first."""
         terms, also = ((), self.quadratic.z) if beside is None else (beside.terms, beside.z)
@@ -157,28 +154,42 @@ class _Decision:
         return self.fitted(self.screened(chosen, None)[:PROPOSED])
 
     def pairs(self, singles: Sequence[LawFit]) -> list[LawFit]:
-        """Return the fits of two laws, where a second one gains more than useless ones do."""
+        """Return the fits of two laws.
+
+        Where a single law explains: beside that one only, and where a second one gains more than
+        useless ones do. Elsewhere the linear gain about a fit that is far off ranks second laws,
+        but proves nothing, nor the contrary.
+        """
         found: list[LawFit] = []
-        for one in singles[:PAIRED]:
+        alone = bool(singles) and self.explains(singles[0])
+        for one in singles[:1 if alone else PAIRED]:
             more = linear_gains(self.unit, one, self.white, self.signatures)
             more += ripples(self.unit, one, self.white, self.without)
             better = [p for p in sorted(more, key=lambda p: p.cost)
-                      if p.signature.variant.effect not in one.names
-                      and rank(gain_of(one.cost, p.cost, self.unit.size),
-                               self.library.healthy[:, 1]) <= LEVEL]
+                      if p.signature.variant.effect not in one.names and not (
+                          alone and rank(gain_of(one.cost, p.cost, self.unit.size),
+                                         self.library.healthy[:, 1]) > LEVEL)]
             found += self.screened(_alternating((better,), SECONDS), one)
         found.sort(key=lambda f: f.cost)
         return self.fitted(found[:PROPOSED]) if found else []
 
-    def each_alone(self, pair: LawFit) -> list[LawFit]:
-        """Return the fits of each law of a pair alone, by law."""
+    def each_alone(self, pair: LawFit, fits: Sequence[LawFit]) -> list[LawFit]:
+        """Return the best fits of each law of a pair alone, by law; `fits`: those there are.
+
+        Where one of them explains too it is fitted as hard as can be before a second is named.
+        """
         found = []
         ends = np.cumsum([t.variant.size for t in pair.terms])[:-1]
         parts = np.split(np.arange(pair.free), ends)
         for term, own in zip(pair.terms, parts):
             columns = np.append(own, np.arange(pair.free, pair.slopes.shape[1]))
             start = replace(pair, terms=(term,), slopes=pair.slopes[:, columns])
-            found += self.fitted([start]) or [replace(start, cost=np.inf)]
+            known = [f for f in fits if f.names == (term.variant.effect,)]
+            best = min([*self.fitted([start]), *known, replace(start, cost=np.inf)],
+                       key=lambda f: f.cost)
+            if self.explains(best):
+                best = min(best, self._refitted(best), key=lambda f: f.cost)
+            found.append(best)
         return found
 
 
@@ -202,7 +213,7 @@ def _alternating(lists: Sequence[Sequence[LawProposal]], most: int) -> list[LawP
 
 
 def decide(
-    unit: TestedUnit, held: HeldOut | None = None, *, without: Sequence[str] = (),
+    unit: TestedUnit, held: LawJudge | None = None, *, without: Sequence[str] = (),
     progress: Progress = silent,
 ) -> FleetAnswer:
     """Return the answer to a record.
@@ -230,14 +241,14 @@ def decide(
     progress("name", 0.5)
     pairs = case.pairs(singles)
     progress("name", 0.9)
-    fits = sorted([*singles, *pairs], key=lambda f: -case.evidence(f))
+    fits = case.finished([*singles, *pairs])
     answer = FleetAnswer(verdict="unknown effect", null=case.null, p_nothing=p,
                          fits=tuple(fits))
     answer = _named(case, answer, [f for f in fits if case.explains(f)])
-    return answer if held is None else _validated(case, answer, held)
+    return answer if held is None else _validated(answer, held)
 
 
-def _nothing(null: LawFit, p: float, held: HeldOut | None) -> FleetAnswer:
+def _nothing(null: LawFit, p: float, held: LawJudge | None) -> FleetAnswer:
     """Return silence, unless the held-out record is off by more than the model's own runs."""
     said = f"of healthy units, up to {p:.2g} are as far off"
     answer = FleetAnswer(verdict="no disagreement", null=null, p_nothing=p, reasons=(said,))
@@ -253,13 +264,15 @@ def _nothing(null: LawFit, p: float, held: HeldOut | None) -> FleetAnswer:
 
 def _named(case: _Decision, answer: FleetAnswer, explaining: list[LawFit]) -> FleetAnswer:
     """Return the answer with the names that the evidence leaves."""
-    tested: list[tuple[LawFit, tuple[float, ...], tuple[float, ...]]] = [
-        (fit, (case.p_own(fit, case.null.cost),), (case.null.cost,))
+    tested: list[tuple[LawFit, tuple[float, ...], tuple[LawFit, ...]]] = [
+        (fit, (case.p_own(fit, case.null.cost),), (case.null,))
         for fit in explaining if len(fit.terms) == 1]
     best = max((case.evidence(f) for f, *_ in tested), default=-np.inf)
     for pair in [f for f in explaining if len(f.terms) == 2 and case.evidence(f) > best][:TESTED]:
-        alone = tuple(f.cost for f in case.each_alone(pair)[::-1])  # of each, without it
-        tested.append((pair, tuple(case.p_own(pair, less) for less in alone), alone))
+        less = tuple(case.each_alone(pair, answer.fits)[::-1])  # of each law, without it
+        tested.append((pair, tuple(case.p_own(pair, f.cost) for f in less), less))
+        tested += [(f, (case.p_own(f, case.null.cost),), (case.null,))
+                   for f in less if case.explains(f)]
     good = [row for row in tested if max(row[1]) <= LEVEL]
     if not good:
         why = "no law of the catalogue, nor two, leave what a healthy unit leaves"
@@ -272,15 +285,18 @@ def _named(case: _Decision, answer: FleetAnswer, explaining: list[LawFit]) -> Fl
     ordered = sorted(weights, key=lambda k: -weights[k])
     share = np.cumsum([weights[k] for k in ordered]) / sum(weights.values())
     kept = ordered[:int(np.searchsorted(share, COVERED)) + 1]
-    chosen, p_value, less = max(good, key=lambda row: case.evidence(row[0]))
+    chosen, p_value, less = min(  # a second law only where the evidence rules one alone out
+        (row for row in good if frozenset(row[0].names) in kept),
+        key=lambda row: (len(row[0].terms), -case.evidence(row[0])))
     equivalent = tuple(_instead(chosen, name, kept) for name in chosen.names)
     if max(len(e) for e in equivalent) >= LARGEST_SET:
         return replace(answer, equivalent=(tuple(sorted(set().union(*kept))),), reasons=(
             f"{len(kept)} explanations are equally good",))
     excess = max(case.null.cost - chosen.cost, 1e-9)
-    closed = tuple(float(np.clip((x - chosen.cost) / excess, 0.0, 1.0)) for x in less)
+    closed = tuple(float(np.clip((f.cost - chosen.cost) / excess, 0.0, 1.0)) for f in less)
     return replace(answer, verdict="explained", fit=chosen, equivalent=equivalent,
-                   p_value=p_value, closed=closed)
+                   p_value=p_value, closed=closed,
+                   alone=less[::-1] if len(less) > 1 else ())
 
 
 def _instead(fit: LawFit, name: str, kept: Sequence[frozenset[str]]) -> tuple[str, ...]:
@@ -290,12 +306,9 @@ def _instead(fit: LawFit, name: str, kept: Sequence[frozenset[str]]) -> tuple[st
                          if len(k) == len(fit.names) and others <= k and name not in k}))
 
 
-def _validated(case: _Decision, answer: FleetAnswer, held: HeldOut) -> FleetAnswer:
+def _validated(answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
     """Return the answer as held-out records leave it: they only judge."""
-    models = [case.null] if answer.fit is None else [case.null, answer.fit]
-    gap = held.gap(models)
-    answer = replace(answer, gap=gap)
-    if answer.fit is None or gap.values[-1] < gap.values[0] or gap.values[0] <= gap.bound:
-        return answer
-    grew = f"the gap on the held-out record went from {gap.values[0]:.3g} to {gap.values[-1]:.3g}"
-    return replace(answer, verdict="contradicted", reasons=(grew, *answer.reasons))
+    gap = held.gap(stages_of(answer))
+    verdict, said = after_validation(
+        answer.verdict, gap.values[0], gap.values[-1], gap.bound, "healthy units")
+    return replace(answer, gap=gap, verdict=verdict, reasons=(*said, *answer.reasons))

@@ -20,67 +20,44 @@ from functools import partial
 import numpy as np
 from scipy.linalg import cholesky
 
-from ema_identification.actuator.decision.fleet import SIZE, fleet_features
+from ema_identification.actuator.decision.fleet import (
+    OF_DAY,
+    SIZE,
+    conditions_of,
+    fleet_features,
+)
+from ema_identification.actuator.decision.slopes import (
+    bounded_least_squares,
+    law_slopes,
+    simulated_slopes,
+)
 from ema_identification.actuator.decision.surrogate import (
     FleetLibrary,
     Whitener,
     least_size,
     mended,
 )
-from ema_identification.actuator.measure.tolerances import RecordConditions
-from ema_identification.actuator.surrogate.fit import (
+from ema_identification.actuator.laws.terms import (
     EffectTerm,
+    LawFit,
     bounds,
     coordinates,
     library_slopes,
     moved,
     with_terms,
 )
-from ema_identification.actuator.surrogate.likelihood import bounded_least_squares
+from ema_identification.actuator.measure.tolerances import RecordConditions
+from ema_record.record import Record
 from ema_sim.effects import Effects
 
 PRIOR = 3.0
 """1 / variance of a number that is uniform from -1 to 1."""
 LAW_ERROR = 0.02
 """Relative error of what a simulated law adds (steps of the solver, end of the descent)."""
-QUADRATIC_STEPS, DAMPINGS = 20, 4
-"""Most steps of a descent without runs, and dampings tried a step."""
+QUADRATIC_STEPS, DAMPINGS, STEP_DAMPINGS = 20, 4, (0.0, 0.03, 0.3, 3.0)
+"""Most steps of a descent without runs, dampings tried a step; those tried on runs."""
 LOUDEST = 4.0
 """Noise factor up to which the law of the noise is believed."""
-STRONG, PART = 4.0, 0.2
-"""Effect (deviations, rms) from which its slope is simulated, and the step, of its size."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LawFit:
-    """A model fitted to a record: no law, one, two.
-
-    Attributes
-    ----------
-    terms : the laws at their coordinates.
-    z : ndarray, shape (SIZE,).
-    mean : ndarray, shape (d,). Features as predicted.
-    slopes : ndarray, shape (d, coordinates + SIZE).
-    cost : J.
-    runs : that `mean` is the mean of; 0: the quadratic's.
-    """
-
-    terms: tuple[EffectTerm, ...]
-    z: np.ndarray
-    mean: np.ndarray
-    slopes: np.ndarray
-    cost: float
-    runs: int
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Return the names of the laws."""
-        return tuple(t.variant.effect for t in self.terms)
-
-    @property
-    def free(self) -> int:
-        """Number of coordinates of the laws."""
-        return sum(t.variant.size for t in self.terms)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,8 +71,9 @@ class TestedUnit:
     conditions : as measured.
     seed : of all runs.
     workers : threads that share the runs.
-    centre, weight : ndarrays, shape (SIZE,). Where the unit is expected, and how surely.
+    centre, weight : ndarrays, shape (width,). Where the unit is expected, and how surely.
     simulator : gives the features of a run; its arguments are those of `fleet_features`.
+    record : itself, for pictures.
     """
 
     library: FleetLibrary
@@ -106,13 +84,34 @@ class TestedUnit:
     centre: np.ndarray = field(default_factory=partial(np.zeros, SIZE))
     weight: np.ndarray = field(default_factory=partial(np.full, SIZE, PRIOR))
     simulator: Callable[..., np.ndarray] = fleet_features
-    _whiteners: dict[tuple[int, int], Whitener] = field(
+    record: Record | None = None
+    _whiteners: dict[tuple[int, bytes], Whitener] = field(
         init=False, repr=False, compare=False, default_factory=dict)
 
     @property
     def size(self) -> int:
         """Number of features."""
         return len(self.values)
+
+    @property
+    def parts(self) -> tuple[TestedUnit, ...]:
+        """Return the single records, one unless they are judged together."""
+        return (self,)
+
+    @property
+    def day(self) -> np.ndarray:
+        """Return which numbers belong to the day of a test, shape (width,), bool."""
+        return OF_DAY
+
+    def split(self, values: np.ndarray) -> list[np.ndarray]:
+        """Return features, shape (d,), record by record."""
+        return np.split(values, np.cumsum([p.size for p in self.parts])[:-1])
+
+    def set_aside(self) -> list[TestedUnit | None]:
+        """Return the healthy units that built nothing, in their order; None where a run failed."""
+        return [TestedUnit(library=self.library, values=values, conditions=conditions_of(row))
+                if np.isfinite(values).all() else None
+                for row, values in zip(*self.library.aside)]
 
     @property
     def _plain(self) -> bool:
@@ -131,7 +130,7 @@ class TestedUnit:
 
     def whitener(self, runs: int, before: np.ndarray | None = None) -> Whitener:
         """Return the whitening; `before`: features without a law, to which its error belongs."""
-        key = runs, id(before)
+        key = runs, b"" if before is None else before.tobytes()
         if self._plain and not runs and before is None:  # one correlation for all records
             law, noise = self.library.surrogate, self.conditions.noise
             return Whitener(deviation=law.deviation(min(noise, LOUDEST)), root=self.library.root)
@@ -171,6 +170,8 @@ class TestedUnit:
             return self.simulator(library.model, library.spread, library.fmap, z,
                                   self.conditions, seed, effects)
 
+        # Compiled code, FFTs and random numbers leave the interpreter's lock: two threads do
+        # nearly the work of two processes, and nothing has to be started or sent.
         if self.workers > 1:
             with ThreadPoolExecutor(self.workers) as pool:
                 rows = np.array(list(pool.map(one, jobs)))
@@ -228,7 +229,7 @@ class TestedUnit:
             for _ in range(DAMPINGS):
                 step = self._step(white, mean, slopes, z, terms, damping)
                 there = np.clip(z + step[free:], -1.0, 1.0)
-                laws = moved(terms, coordinates(terms) + step[:free]) if terms else ()
+                laws = moved(terms, coordinates(terms) + step[:free])
                 found = self._known(laws, there)
                 lower = self.cost(white, found, there)
                 if lower < cost:
@@ -251,23 +252,21 @@ class TestedUnit:
     def settled_at(self, fit: LawFit, mean: np.ndarray, white: Whitener, runs: int) -> LawFit:
         """Return a fit after a linear step from `mean`, that of runs at its point."""
         step = self._step(white, mean, fit.slopes, fit.z, fit.terms, 0.0)
-        terms = moved(fit.terms, coordinates(fit.terms) + step[:fit.free]) if fit.terms else ()
+        terms = moved(fit.terms, coordinates(fit.terms) + step[:fit.free])
         there, z = mean + fit.slopes @ step, fit.z + step[fit.free:]
         return LawFit(terms=terms, z=z, mean=there, slopes=fit.slopes, runs=runs,
                       cost=self.cost(white, there, z))
 
-    def descended(
-        self, fit: LawFit, before: np.ndarray, *, runs: int, steps: int, salt: int = 0
-    ) -> LawFit:
+    def descended(self, fit: LawFit, before: np.ndarray, *, runs: int, steps: int) -> LawFit:
         """Return a fit of lower cost, by damped Gauss-Newton steps on runs.
 
         Slopes to the laws are simulated where these are strong, and mended by what a step did.
         """
         white = self.whitener(runs, before)
-        mean = self.run(fit.terms, fit.z, runs, salt)
+        mean = self.run(fit.terms, fit.z, runs)
         if not np.isfinite(mean).all():
             return replace(fit, cost=np.inf)
-        own = self._law_slopes(fit, mean, runs, salt, white)
+        own = law_slopes(self, fit, mean, white.deviation, runs, 0)
         slopes = np.hstack([own, fit.slopes[:, fit.free:]])
         point = replace(fit, mean=mean, slopes=slopes, runs=runs,
                         cost=self.cost(white, mean, fit.z))
@@ -276,12 +275,13 @@ class TestedUnit:
             step = self._step(white, point.mean, point.slopes, point.z, point.terms, damping)
             terms = moved(point.terms, coordinates(point.terms) + step[:fit.free])
             z = np.clip(point.z + step[fit.free:], -1.0, 1.0)
-            mean = self.run(terms, z, runs, salt)
+            mean = self.run(terms, z, runs)
             if not np.isfinite(mean).all():
                 damping = max(10.0 * damping, 0.1)
                 continue
             done = np.append(coordinates(terms) - coordinates(point.terms), z - point.z)
-            slopes = mended(point.slopes, done, mean - point.mean, _scale(point.terms))
+            slopes = mended(point.slopes, done, mean - point.mean,
+                            np.append(_sizes(point.terms), np.ones(len(z))))
             cost = self.cost(white, mean, z)
             if cost < point.cost:
                 small = point.cost - cost < 0.5 * cost / self.size
@@ -294,31 +294,34 @@ class TestedUnit:
                 damping = max(10.0 * damping, 0.1)
         return point
 
-    def _law_slopes(
-        self, fit: LawFit, mean: np.ndarray, runs: int, salt: int, white: Whitener
-    ) -> np.ndarray:
-        found = library_slopes(fit.terms)
-        u = coordinates(fit.terms)
-        low, high = bounds(fit.terms)
-        asked, k = [], 0
-        for term in fit.terms:
-            added = term.signature.at(term.u) / white.deviation
-            strong = float(np.sqrt(np.mean(added**2))) > 0.3 * STRONG
-            size = float(np.linalg.norm(term.u))
-            for levels in term.signature.levels:
-                known = len(levels) > 1
-                if strong or not known:
-                    there = u.copy()
-                    step = PART * size if known else 0.3
-                    there[k] += step if u[k] + step <= high[k] else -step
-                    if low[k] <= there[k] and there[k] != u[k]:
-                        asked.append((k, there))
-                k += 1
-        means = self.run_all([(moved(fit.terms, u1), fit.z) for _, u1 in asked], runs, salt)
-        for (k, there), f in zip(asked, means):
-            if np.isfinite(f).all():
-                found[:, k] = (f - mean) / (there[k] - u[k])
-        return found
+    def refitted(
+        self, fit: LawFit, before: np.ndarray, *, runs: int, steps: int, fall: float
+    ) -> LawFit:
+        """Return a fit of lower cost, with slopes to all numbers simulated at each step.
+
+        Of several dampings the best counts; the descent ends once the cost no longer
+        falls by the share `fall`.
+        """
+        white = self.whitener(runs, before)
+        mean = self.run(fit.terms, fit.z, runs)
+        if not np.isfinite(mean).all():
+            return replace(fit, cost=np.inf)
+        point = replace(fit, mean=mean, runs=runs, cost=self.cost(white, mean, fit.z))
+        for _ in range(steps):
+            slopes = np.hstack([law_slopes(self, point, point.mean, white.deviation, runs, 0),
+                                simulated_slopes(self, point, runs // 2)])
+            moves = [self._step(white, point.mean, slopes, point.z, point.terms, damping)
+                     for damping in STEP_DAMPINGS]
+            tried = [(moved(point.terms, coordinates(point.terms) + move[:fit.free]),
+                      np.clip(point.z + move[fit.free:], -1.0, 1.0)) for move in moves]
+            found = [replace(point, terms=terms, z=z, mean=mean, slopes=slopes,
+                             cost=self.cost(white, mean, z))
+                     for (terms, z), mean in zip(tried, self.run_all(tried, runs))
+                     if np.isfinite(mean).all()]
+            last, point = point.cost, min([point, *found], key=lambda f: f.cost)
+            if point.cost >= (1.0 - fall) * last:
+                break
+        return point
 
     def _step(
         self, white: Whitener, mean: np.ndarray, slopes: np.ndarray, z: np.ndarray,
@@ -326,13 +329,11 @@ class TestedUnit:
     ) -> np.ndarray:
         rest = self.values - mean
         columns, target = white.columns(slopes, rest), white.residual(rest)
-        free = slopes.shape[1] - SIZE
-        weight = np.append(np.zeros(free), self.weight)
-        u = coordinates(terms) if terms else np.zeros(0)
-        low, high = bounds(terms) if terms else (np.zeros(0), np.zeros(0))
-        reach = np.concatenate([
+        u, (low, high) = coordinates(terms), bounds(terms)
+        weight = np.append(np.zeros(len(u)), self.weight)
+        reach = np.concatenate([np.zeros(0), *(
             np.full(t.variant.size, max(float(np.linalg.norm(t.u)), 2.0 * least_size(t.signature)))
-            for t in terms]) if terms else np.zeros(0)
+            for t in terms)])
         lower = np.append(np.maximum(low - u, -reach), -1.0 - z)
         upper = np.append(np.minimum(high - u, reach), 1.0 - z)
         curve = np.sqrt(damping * ((columns**2).sum(axis=0) + weight))
@@ -342,8 +343,7 @@ class TestedUnit:
             np.append(u, z - self.centre))
 
 
-def _scale(terms: Sequence[EffectTerm]) -> np.ndarray:
-    """Return the size of each coordinate: of a law its own, of all else a half width."""
-    return np.append(np.concatenate([
-        np.full(t.variant.size, max(float(np.linalg.norm(t.u)), 1e-12)) for t in terms]),
-        np.ones(SIZE))
+def _sizes(terms: Sequence[EffectTerm]) -> np.ndarray:
+    """Return the size of the law of each coordinate."""
+    return np.concatenate([np.zeros(0), *(
+        np.full(t.variant.size, max(float(np.linalg.norm(t.u)), 1e-12)) for t in terms)])

@@ -42,6 +42,8 @@ UNLISTED = (
 """Beside `TOLERANCES`; lost motion is spread as the stiffness of the same shaft."""
 NAMES = (*(t.name for t in TOLERANCES), *UNLISTED)
 SIZE = len(NAMES)
+OF_DAY = np.array([n.startswith(("current_sensor", "surface_load")) for n in NAMES])
+"""What differs from test to test."""
 _LISTED = len(TOLERANCES)
 
 
@@ -52,6 +54,30 @@ def _factors(spread: TypeSpread) -> np.ndarray:
            *[t.back_emf_phase] * 3, t.inertia, t.inertia, t.stiffness, *[c.current_gain] * 3,
            *[c.current_offset] * 3, c.load]
     return np.array([w / known.half_width for w, known in zip(kit, TOLERANCES)])
+
+
+def deviations(spread: TypeSpread, z: np.ndarray) -> dict[str, tuple[float, str]]:
+    """Return how far a unit and its day are from the type, and the unit of that, by name.
+
+    Relative (unit 1) but for sensors, load, angles and latencies. `z` : half widths, shape
+    (SIZE,) or longer.
+    """
+    t = spread.tolerances
+    found = {known.name: (float(known.half_width * factor * x), known.unit)
+             for known, factor, x in zip(TOLERANCES, _factors(spread), z)}
+    half = {"static_ratio": t.static_ratio, "damping": t.damping, "hysteresis": t.hysteresis,
+            "backlash": t.stiffness}
+    for name, x in zip(UNLISTED, map(float, z[_LISTED:])):
+        kind = name.split(".")[1]
+        if kind == "viscous_friction":
+            found[name] = t.viscous_factor**x - 1.0, "1"
+        elif kind == "flat_top":
+            found[name] = t.flat_top * x, "rad"
+        elif kind.endswith("latency"):
+            found[name] = 0.5 * t.latency * (1.0 + x), "periods"
+        else:
+            found[name] = half.get(kind, t.control_gain) * x, "1"
+    return found
 
 
 def draw_fleet_unit(rng: np.random.Generator) -> np.ndarray:

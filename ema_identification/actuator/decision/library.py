@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import brentq
 
-from ema_identification.actuator.decision.fit import LawFit, TestedUnit
+from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.fleet import (
     FULL,
     FleetRuns,
@@ -31,24 +31,28 @@ from ema_identification.actuator.decision.surrogate import (
     fit_mean,
     noise_law,
 )
-from ema_identification.actuator.measure.features import FeatureMap, feature_map
-from ema_identification.actuator.measure.recorder import whole
-from ema_identification.actuator.measure.runs import Progress, silent
-from ema_identification.actuator.surrogate.library import Signature
-from ema_identification.actuator.surrogate.library_runs import (
-    FLOOR,
-    FLOORS,
+from ema_identification.actuator.laws.catalogue import Signature
+from ema_identification.actuator.laws.signatures import (
     build_effect_library,
     candidates,
     pack,
     unpack,
 )
+from ema_identification.actuator.laws.terms import LawFit
+from ema_identification.actuator.measure.features import FeatureMap, feature_map
+from ema_identification.actuator.measure.recorder import whole
+from ema_identification.actuator.measure.runs import Progress, silent
 from ema_record import array_cache as cache
 from ema_record.kit import LIBRARY, kit_path
 from ema_record.profile import Profile
 from ema_record.spread import TypeSpread, load_spread
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
+
+FLOORS = {"position_step": 0.05, "speed_step": 0.05, "bus_slope": 2e-3}
+"""Least standard deviation of features that repeat exactly."""
+FLOOR = 2e-4
+"""Least standard deviation of any feature, of its root mean square."""
 
 
 def fitted_library(

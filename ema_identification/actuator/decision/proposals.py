@@ -14,11 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_identification.actuator.decision.fit import LawFit, TestedUnit
+from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.surrogate import Whitener
-from ema_identification.actuator.surrogate.catalogue import Variant, ripple
-from ema_identification.actuator.surrogate.fit import EffectTerm
-from ema_identification.actuator.surrogate.library import Signature
+from ema_identification.actuator.laws.catalogue import Signature, Variant, ripple
+from ema_identification.actuator.laws.terms import EffectTerm, LawFit
 
 ANGLES, CHORDS = 8, 3
 """Directions of a vector at each of its levels; steps towards the unit."""
@@ -170,6 +169,11 @@ def scores(unit: TestedUnit, fit: LawFit, runs: int) -> tuple[float, float]:
     return fit.cost / unit.size, gain_of(fit.cost, lower, unit.size)
 
 
+def healthy_scores(unit: TestedUnit) -> tuple[float, float]:
+    """Return `scores` of a unit that is judged as a healthy one."""
+    return scores(unit, unit.without_law(), 0)
+
+
 def gain_of(cost: float, lower: float, size: int) -> float:
     """Return a fall of the cost in units of what is left a feature."""
     return (cost - lower) / max(lower / size, 1e-9)
@@ -186,20 +190,22 @@ def ripples(
     """Return ripple at the order whose torque lines are off most, signatures simulated."""
     power: dict[int, float] = {}
     rest = (unit.values - fit.mean) / white.deviation
+    pairs = unit.library.model.actuator.motor.pole_pairs
     for feature, x in zip(unit.library.fmap.features, rest):
-        if ".torque_line_" in feature.name:
-            order = int(feature.name.split("_")[2])
-            power[order] = power.get(order, 0.0) + min(float(x) ** 2, 100.0)
-    power = {k: v for k, v in power.items() if k in ORDERS}
+        kind, line, of = feature.name.rpartition(".")[2].rpartition("torque_line_")
+        order = int(of.split("_")[0]) if line else 0
+        if (kind == "turn_" and order >= ORDERS.start) or (kind == "" and order in ORDERS):
+            periods = order if kind else order * pairs  # of the rotor's turn, of the electrical
+            power[periods] = power.get(periods, 0.0) + min(float(x) ** 2, 100.0)
     if not power:
         return []
-    order = max(power, key=lambda k: power[k])
+    periods = max(power, key=lambda k: power[k])
     found = []
     for effect, level in (("cogging_torque", COGGING * _torque(unit)),
                           ("gear_mesh_ripple", COGGING * _twist(unit))):
         if effect in without:
             continue
-        variant = ripple(effect, order * unit.library.model.actuator.motor.pole_pairs, level)
+        variant = ripple(effect, periods, level)
         known = EffectTerm(variant=variant, signature=_flat(variant, level, unit.size),
                            u=np.zeros(2))
         steps = [replace(known, u=level * x) for x in np.eye(2)]

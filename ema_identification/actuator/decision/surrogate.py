@@ -16,9 +16,9 @@ from scipy.linalg import cholesky, solve_triangular
 from sklearn.covariance import ledoit_wolf_shrinkage
 
 from ema_identification.actuator.decision.fleet import SIZE
+from ema_identification.actuator.laws.catalogue import Signature
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.tolerances import RecordConditions
-from ema_identification.actuator.surrogate.library import Signature
 from ema_record.spread import TypeSpread
 from ema_sim.model_file import Model
 

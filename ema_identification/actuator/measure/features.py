@@ -30,6 +30,7 @@ from ema_identification.actuator.measure.signals import (
     DriveSignals,
     drive_signals,
     lines,
+    rotor_lines,
     turns_of,
 )
 from ema_record.actuator import Actuator
@@ -282,8 +283,14 @@ def _moving(signals: DriveSignals, segment: MotionSegment, actuator: Actuator) -
         yield (f"ripple_{phase}", f"phase current {phase}", "frequency",
                _log(np.diff(signals.error[part, k]).std()))
     turns_planned = abs(segment.speed) * (segment.end - segment.begin) / TURN
-    if turns_planned * signals.pole_pairs >= 1.2:
+    if turns_planned * signals.pole_pairs >= LEAST_TURNS:
         yield from _locked(signals, segment, part, actuator)
+    if turns_planned >= LEAST_TURNS and signals.pole_pairs > 1:
+        yield from rotor_lines(signals, part, actuator)
+
+
+LEAST_TURNS = 1.2
+"""Of a section of which lines are taken."""
 
 
 def _locked(

@@ -1,16 +1,9 @@
-"""Simulated runs of a unit and their features, on several processes or in threads.
-
-A library is built on processes. Runs on the unit at hand are few at a time and share threads:
-compiled code, FFTs and random numbers leave the interpreter's lock, so that two threads do nearly
-the work of two processes; nothing has to be started, sent, or restarted when it dies.
-"""
+"""Simulated runs and their features on several processes, kept part by part."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +15,6 @@ from ema_identification.actuator.measure.tolerances import RecordConditions, rea
 from ema_record import array_cache as cache
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.kit import kit_folder, using_kit
-from ema_record.record import Record
 from ema_sim.effects import Effects
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
@@ -49,21 +41,16 @@ class UnitRun:
     """In place of those of the model."""
 
 
-def simulate_case(model: Model, case: UnitRun, fmap: FeatureMap) -> Record:
-    """Return the record of a case, channels that the recorder lacks rebuilt."""
+def run_case(model: Model, case: UnitRun, fmap: FeatureMap) -> np.ndarray:
+    """Return the features of a case, shape (d,); NaN where it left the simulator's domain."""
     actuator, effects = realise(model, case.z, case.conditions, case.effects)
     # The conditions hold what the sensor of the rotor angle reads.
     angle = case.conditions.start_angle - effects.hall_misalignment.angle
-    return whole(simulate(
-        fmap.profile, actuator=actuator, effects=effects, seed=case.seed,
-        noise=case.conditions.noise, rate=fmap.rate, start_angle=angle % TURN,
-    ), model.actuator)
-
-
-def run_case(model: Model, case: UnitRun, fmap: FeatureMap) -> np.ndarray:
-    """Return the features of a case, shape (d,); NaN where it left the simulator's domain."""
     try:
-        return fmap.extract(simulate_case(model, case, fmap))
+        return fmap.extract(whole(simulate(
+            fmap.profile, actuator=actuator, effects=effects, seed=case.seed,
+            noise=case.conditions.noise, rate=fmap.rate, start_angle=angle % TURN,
+        ), model.actuator))
     except (SimulationError, InvalidRecordError):  # the latter: nothing to rebuild from
         return np.full(len(fmap.features), np.nan)
 
@@ -119,17 +106,3 @@ def spread_out(
 def _in_kit(kit: Path, function: Callable[..., np.ndarray], *arguments: object) -> np.ndarray:
     with using_kit(kit):  # a process that lives on may have been begun with another
         return function(*arguments)
-
-
-class Runner:
-    """Makes runs in threads; the same bits for any number of them."""
-
-    def __init__(self, workers: int = 1) -> None:
-        self._threads = ThreadPoolExecutor(workers, "runs") if workers > 1 else None
-
-    def run(self, model: Model, cases: Sequence[UnitRun], fmap: FeatureMap) -> np.ndarray:
-        """Return the features of `cases`, shape (n, d)."""
-        job = partial(run_case, model, fmap=fmap)
-        if self._threads is None or len(cases) == 1:
-            return np.array([job(case) for case in cases])
-        return np.array(list(self._threads.map(job, cases)))

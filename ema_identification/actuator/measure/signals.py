@@ -7,6 +7,7 @@ decaying transients out, so that the lines do not depend on the angle at which a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -221,3 +222,29 @@ def _folded(
         for m in range(signals.shape[1]):
             found[bins[i], m] += (signals[i, m] - level[m] - slope[m] * arm[i]) * window[i]
     return found
+
+
+def rotor_lines(
+    signals: DriveSignals, part: slice, actuator: Actuator
+) -> Iterator[tuple[str, str, str, float]]:
+    """Yield key, signal, abscissa and value of each line that is not an electrical one.
+
+    Eccentricity and run-out come once a turn and beside the windings' even lines (as
+    `ema_prognostics.features.balance` has them), the teeth of a wheel at any whole number.
+    """
+    pairs = signals.pole_pairs
+    orders = [h for h in (*range(1, 2 * pairs + 2), 4 * pairs - 1, 4 * pairs + 1) if h % pairs]
+    turns = turns_of(signals.theta / pairs, part)
+    if turns is None:
+        found = np.zeros((4 * pairs + 2, 2), dtype=complex)
+    else:
+        stack = np.column_stack([signals.torque_current[turns.part], signals.speed[turns.part]])
+        found = lines(turns, stack, 4 * pairs + 1)
+    accelerating = 1j * np.arange(len(found)) * actuator.motor.inertia * found[0, 1].real
+    torque = 2.0 * actuator.motor.back_emf_constant * found[:, 0] - accelerating * found[:, 1]
+    for h in orders:
+        for half, of in (("re", np.real), ("im", np.imag)):
+            yield (f"turn_torque_line_{h}_{half}", "motor torque", "rotor angle",
+                   1e3 * float(of(torque[h])))
+            yield (f"turn_speed_line_{h}_{half}", "motor speed", "rotor angle",
+                   float(of(found[h, 1])))

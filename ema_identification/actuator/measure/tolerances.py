@@ -30,8 +30,6 @@ class Tolerance(NamedTuple):
     band: float | str
     """Half width; or which of the kit's conditions says it."""
     unit: str
-    shared: bool = True
-    """Whether all records of one unit have the same value."""
 
     @property
     def half_width(self) -> float:
@@ -59,12 +57,10 @@ TOLERANCES: tuple[Tolerance, ...] = (
     Tolerance("current_sensor_offset.phase_a", "current_offset", "A"),
     Tolerance("current_sensor_offset.phase_b", "current_offset", "A"),
     Tolerance("current_sensor_offset.phase_c", "current_offset", "A"),
-    Tolerance("surface_load.constant", "load", "N m", shared=False),
+    Tolerance("surface_load.constant", "load", "N m"),
 )
 """Bands of the fleet; uniform inside."""
 N_TOLERANCES = len(TOLERANCES)
-PRIOR = 1.0 / math.sqrt(3.0)
-"""Standard deviation of a tolerance, in half widths."""
 REFERENCE_TEMPERATURE = 20.0
 
 
@@ -88,20 +84,6 @@ class RecordConditions:
         return np.array([
             (self.temperature - 15.0) / 55.0, self.bus / 0.1, math.log(self.noise) / math.log(2.0),
         ])
-
-
-def draw_tolerances(rng: np.random.Generator) -> np.ndarray:
-    """Return a unit of the fleet, in half widths."""
-    return rng.uniform(-1.0, 1.0, N_TOLERANCES)
-
-
-def draw_conditions(rng: np.random.Generator) -> RecordConditions:
-    """Return the conditions of a test somewhere, some day."""
-    return RecordConditions(
-        temperature=float(rng.uniform(-40.0, 70.0)), bus=float(rng.uniform(-0.1, 0.1)),
-        noise=float(np.exp(rng.uniform(math.log(0.5), math.log(2.0)))),
-        start_angle=float(rng.uniform(0.0, 2.0 * math.pi)),
-    )
 
 
 def realise(
@@ -156,36 +138,6 @@ def realise(
 
 def _neutral(effects: Effects, name: str) -> bool:
     return EFFECTS[name].is_neutral(getattr(effects, name))
-
-
-SHARED = np.array([t.shared for t in TOLERANCES])
-"""Those of the unit; the others belong to the record."""
-
-
-class Tolerances:
-    """Tolerances of several records: shared ones once, the others once a record."""
-
-    def __init__(self, records: int) -> None:
-        n_shared = int(SHARED.sum())
-        self.size = n_shared + records * (N_TOLERANCES - n_shared)
-        self._columns = []
-        own = n_shared
-        for _ in range(records):
-            columns = np.empty(N_TOLERANCES, dtype=int)
-            columns[SHARED] = np.arange(n_shared)
-            columns[~SHARED] = np.arange(own, own + N_TOLERANCES - n_shared)
-            own += N_TOLERANCES - n_shared
-            self._columns.append(columns)
-
-    def of(self, record: int, z: np.ndarray) -> np.ndarray:
-        """Return the tolerances of one record, shape (18,), from all, shape (size,)."""
-        return np.asarray(z[self._columns[record]])
-
-    def spread(self, record: int, slope: np.ndarray) -> np.ndarray:
-        """Return columns for all tolerances, shape (d, size), from those of one record."""
-        found = np.zeros((len(slope), self.size))
-        found[:, self._columns[record]] = slope
-        return found
 
 
 NOISE_RANGE = (0.1, 20.0)

@@ -5,15 +5,32 @@ from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
-from linear_unit import ADDED, BASE, FEATURES, MODEL, STRANGE, UNITS, VARIANTS
 
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.fleet import SIZE
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.surrogate import FleetLibrary, NoiseLaw, design
+from ema_identification.actuator.laws.catalogue import variants
+from ema_identification.actuator.laws.signatures import unpack
+from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.tolerances import RecordConditions
-from ema_identification.actuator.surrogate.library_runs import unpack
+from ema_sim.model_file import load_model_file
 
+FEATURES = 150
+UNITS = {
+    ("viscous_friction", "coefficient"): 2e-4, ("backlash", "increase"): 1e-3,
+    ("load_dependent_friction", "coefficient"): 0.1, ("position_sensor_offset", "offset"): 5e-3,
+    ("inverter_voltage_drop", "drop"): 1.5,
+}
+"""Sizes at which each feature is off by three standard deviations, rms."""
+VARIANTS = tuple(v for v in variants() if v.effect in {name for name, _ in UNITS})
+MODEL = load_model_file()
+_rng = np.random.default_rng(7)
+BASE = _rng.normal(size=FEATURES)
+_rng.normal(size=18 * FEATURES)
+ADDED = {key: _rng.normal(scale=3.0, size=FEATURES) for key in UNITS}
+STRANGE = _rng.normal(scale=3.0, size=FEATURES)
+"""What no effect adds."""
 SLOPES = np.random.default_rng(8).normal(scale=1.5, size=(FEATURES, SIZE))
 CONDITIONS = RecordConditions(measured=frozenset({"temperature", "bus"}))
 HEALTHY = 480
@@ -53,10 +70,11 @@ def plain_library():
     return FleetLibrary(
         model=MODEL, spread=None, weights=weights, surrogate=law, repeat=law, carried=0.0,
         signatures=unpack(VARIANTS, np.array(rows)), healthy=np.ones((1, 2)),
-        aside=(np.zeros((0, 4)), np.zeros((0, FEATURES))), fmap=SimpleNamespace(
-            plan=SimpleNamespace(segments=(), transitions=()), rate=20_000.0, profile=None,
-            features=[SimpleNamespace(name=f"f{k}", place="record", signal="s", against="a")
-                      for k in range(FEATURES)]))
+        aside=(np.zeros((0, 4)), np.zeros((0, FEATURES))), fmap=FeatureMap(
+            plan=SimpleNamespace(segments=(), transitions=()), rate=20_000.0,
+            actuator=MODEL.actuator, profile=SimpleNamespace(points=(), name="linear"),
+            features=tuple(SimpleNamespace(name=f"f{k}", place="record", signal="s", against="a")
+                           for k in range(FEATURES))))
 
 
 @cache

@@ -96,3 +96,21 @@ def test_cogging_shows_as_its_torque_line(runs, nominal):
     # The motor torque that balances it; the shaft moves along a little.
     assert size["cogging"] == pytest.approx(0.02, rel=0.3)
     assert size[""] < 0.002
+
+
+def test_a_motor_of_several_pole_pairs_shows_what_comes_once_a_turn_of_the_rotor(nominal):
+    """Run-out of the speed sensor: line 1 of the rotor is a quarter of the electrical one."""
+    actuator = nominal._replace(motor=nominal.motor._replace(pole_pairs=4))
+    profile = load_profile("extended")
+    quiet, bent = (simulate(profile, actuator=actuator, effects=parse_effects(e), seed=3)
+                   for e in ((), ("speed_sensor_runout.amplitude=0.02",)))
+    fmap = feature_map(profile, actuator, quiet)
+    names = [f.name for f in fmap.features]
+    slew = max((s for s in fmap.plan.segments if s.kind == "slew"), key=lambda s: abs(s.speed))
+    at = [names.index(f"{slew.name}.turn_speed_line_1_{p}") for p in ("re", "im")]
+    assert 2.0 * math.hypot(*fmap.extract(bent)[at]) == pytest.approx(
+        0.02 * abs(slew.speed), rel=0.3)
+    assert 2.0 * math.hypot(*fmap.extract(quiet)[at]) < 0.002 * abs(slew.speed)
+    orders = {int(n.split("_")[3]) for n in names if n.startswith(f"{slew.name}.turn_torque_line")}
+    assert orders == {1, 2, 3, 5, 6, 7, 9, 15, 17}
+    assert not any("turn_" in f.name for f in feature_map(profile, nominal, quiet).features)

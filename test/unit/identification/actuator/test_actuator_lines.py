@@ -6,28 +6,34 @@ import numpy as np
 import pytest
 
 from ema_identification.actuator.measure.features import Feature
+from ema_identification.actuator.measure.ripple import largest_line
 from ema_identification.actuator.measure.segments import MotionSegment
-from ema_identification.actuator.naming.ripple import free_columns, largest_line
 from ema_identification.actuator.ports import unknown_shape
 
 SPEEDS = (25.0, -25.0, 200.0, -200.0)
 DEVIATION = 0.5
 
 
-def evidence_of(orders, extra=()):
-    """Return evidence whose features are torque lines, in mA, and `extra` others."""
+def unit_of(orders, extra=()):
+    """Return a unit whose features are torque lines, in mA, and `extra` others."""
     segments = [MotionSegment(name=f"s{k}", kind="ramp", begin=k, end=k + 1.0, speed=v)
                 for k, v in enumerate(SPEEDS)]
     features = [
         Feature(f"{s.name}.torque_line_{n}_{part}", s.name, "motor torque", "rotor angle")
         for s in segments for n in orders for part in ("re", "im")]
     features += extra
-    null = SimpleNamespace(deviation=lambda _noise: np.full(len(features), DEVIATION))
+    repeat = SimpleNamespace(deviation=lambda _noise: np.full(len(features), DEVIATION))
     plan = SimpleNamespace(segments=segments, transitions=[])
     fmap = SimpleNamespace(features=tuple(features), plan=plan)
-    block = SimpleNamespace(library=SimpleNamespace(null=null, fmap=fmap),
-                            conditions=SimpleNamespace(noise=1.0))
-    return SimpleNamespace(blocks=(block,))
+    unit = SimpleNamespace(library=SimpleNamespace(repeat=repeat, fmap=fmap),
+                           conditions=SimpleNamespace(noise=1.0), split=lambda values: [values])
+    unit.parts = (unit,)
+    return unit
+
+
+def line_of(unit, values):
+    """Return the clearest line."""
+    return largest_line(unit.library.fmap, values, unit.library.repeat.deviation(1.0))
 
 
 def residual(lines):
@@ -41,7 +47,7 @@ QUIET = np.zeros(4)
 
 @pytest.mark.parametrize("sense", [np.ones(4), np.sign(SPEEDS)])
 def test_a_ripple_has_one_phase_in_all_sections_or_turns_over_with_the_direction(sense):
-    found = largest_line(evidence_of((5, 9)), [residual(np.stack([QUIET, sense * LINE], axis=1))])
+    found = line_of(unit_of((5, 9)), residual(np.stack([QUIET, sense * LINE], axis=1)))
     assert found is not None
     assert found[0] == 9
     assert found[1] == pytest.approx(2e-3 * abs(LINE))
@@ -50,15 +56,14 @@ def test_a_ripple_has_one_phase_in_all_sections_or_turns_over_with_the_direction
 def test_a_limit_cycle_in_one_section_or_without_a_common_phase_is_no_ripple():
     phases = np.exp(1j * np.array([0.0, 2.0, 4.0, 5.0]))
     for lines in (phases * LINE, np.array([3.0 * LINE, 0.0, 0.0, 0.0])):
-        assert largest_line(evidence_of((5, 9)),
-                            [residual(np.stack([QUIET, lines], axis=1))]) is None
+        assert line_of(unit_of((5, 9)), residual(np.stack([QUIET, lines], axis=1))) is None
 
 
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_a_ripple_clear_at_one_speed_counts_where_limit_cycles_hide_it_at_another(sense):
     locked = np.exp(1j * np.array([0.0, 2.0])) * LINE
     lines = np.concatenate([locked, np.array([1.0, sense]) * 2.0 * LINE])
-    found = largest_line(evidence_of((5, 9)), [residual(np.stack([QUIET, lines], axis=1))])
+    found = line_of(unit_of((5, 9)), residual(np.stack([QUIET, lines], axis=1)))
     assert found is not None
     assert found[0] == 9
     assert found[1] == pytest.approx(2e-3 * 2.0 * abs(LINE))
@@ -67,7 +72,7 @@ def test_a_ripple_clear_at_one_speed_counts_where_limit_cycles_hide_it_at_anothe
 @pytest.mark.parametrize("sense", [np.ones(4), np.sign(SPEEDS)])
 def test_a_ripple_may_be_smaller_where_the_shaft_holds_the_rotor(sense):
     lines = sense * np.array([0.1, 0.4, 1.0, 0.9]) * LINE
-    found = largest_line(evidence_of((5, 9)), [residual(np.stack([QUIET, lines], axis=1))])
+    found = line_of(unit_of((5, 9)), residual(np.stack([QUIET, lines], axis=1)))
     assert found is not None
     assert found[0] == 9
     assert found[1] == pytest.approx(2e-3 * abs(LINE), rel=0.1)
@@ -75,24 +80,23 @@ def test_a_ripple_may_be_smaller_where_the_shaft_holds_the_rotor(sense):
 
 def test_the_strongest_ripple_counts_even_if_a_weak_one_is_in_all_sections():
     weak, strong = np.full(4, LINE), 5.0 * np.exp(1j * np.array([2.0, 4.0, 0.0, 0.0])) * LINE
-    found = largest_line(evidence_of((5, 9)), [residual(np.stack([weak, strong], axis=1))])
+    found = line_of(unit_of((5, 9)), residual(np.stack([weak, strong], axis=1)))
     assert found is not None
     assert found[0] == 9
 
 
 def test_a_ripple_wins_over_a_larger_limit_cycle():
     cycle = np.array([5.0 * LINE, 0.0, 0.0, 0.0])
-    found = largest_line(evidence_of((5, 9)),
-                         [residual(np.stack([cycle, np.full(4, LINE)], axis=1))])
+    found = line_of(unit_of((5, 9)), residual(np.stack([cycle, np.full(4, LINE)], axis=1)))
     assert found is not None
     assert found[0] == 9
 
 
 def port_of(lines, gain):
-    evidence = evidence_of((6, 24), [
+    unit = unit_of((6, 24), [
         Feature("gain_ab", "record", "sum of the phase currents", "load"),
         Feature("s0.error", "s0", "motor speed", "frequency")])
-    return unknown_shape(evidence, [np.append(residual(lines), [gain, 5.0])], [], 1.0).port
+    return unknown_shape(unit, np.append(residual(lines), [gain, 5.0]), [], 1.0).port
 
 
 def test_a_sensor_is_given_only_where_its_own_features_lead():
@@ -106,11 +110,3 @@ def test_torque_that_steps_at_another_angle_is_commutation():
     steps = np.stack([np.full(4, LINE), np.full(4, 0.6 * LINE)], axis=1)
     assert "commutation" not in port_of(smooth, 0.0)
     assert "commutation" in port_of(steps, 0.0)
-
-
-@pytest.mark.parametrize("unit", [1.0, 1e-6])
-def test_what_an_effect_may_give_way_by_does_not_depend_on_its_unit(unit):
-    term = SimpleNamespace(u=np.array([3.0 * unit, 4.0 * unit]),
-                           variant=SimpleNamespace(size=2))
-    fit = SimpleNamespace(terms=(term,), free=2, slopes=np.array([[2.0, 1.0, 9.0]]) / unit)
-    assert np.array(free_columns(fit)) == pytest.approx(np.array([[0.5], [0.25]]))

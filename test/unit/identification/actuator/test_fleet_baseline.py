@@ -8,14 +8,8 @@ from fleet_unit import CONDITIONS, STRANGE, effects_of, features_of, judged, run
 
 from ema_identification.actuator.decision import acceptance, baseline, fit, gap
 from ema_identification.actuator.decision.baseline import changed_unit
-from ema_identification.actuator.decision.decide import (
-    LEVEL,
-    decide,
-    p_nothing,
-    share_of,
-)
-from ema_identification.actuator.decision.fleet import SIZE
-from ema_identification.actuator.decision.gap import OF_DAY
+from ema_identification.actuator.decision.decide import LEVEL, decide, p_nothing, share_of
+from ema_identification.actuator.decision.fleet import OF_DAY, SIZE
 from ema_identification.actuator.decision.proposals import scores
 from ema_record.kit import LIBRARY
 
@@ -132,9 +126,9 @@ def test_gap_on_a_held_out_record_is_ranked_among_healthy_units(tmp_path, monkey
 
     def gap_of(values):
         held = fit.TestedUnit(library=libraries[1], values=values, conditions=CONDITIONS)
-        healthy = gap.gaps_of_healthy(held, fitted)
-        assert healthy.shape == (30,)
-        return gap.HeldOut(unit=held, fitted=fitted, healthy=healthy).gap([fitted.without_law()])
+        found = gap.HeldOut(unit=held, fitted=fitted).gap([fitted.without_law()])
+        assert found.healthy.shape == (30,)
+        return found
 
     quiet = gap_of(drawn(2, later))
     assert len(list((tmp_path / "ema_phm").iterdir())) == 1

@@ -1,25 +1,28 @@
 """The decision in one likelihood on units that are linear: its level, power, sets, intervals."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fleet_unit import FEATURES, HEALTHY, UNITS, plain_library, unit
-
-from ema_identification.actuator.decision.decide import (
-    LEVEL,
-    decide,
-    log_evidence,
-    p_nothing,
-    rank,
-    share_of,
+from fleet_unit import (
+    FEATURES,
+    HEALTHY,
+    MODEL,
+    UNITS,
+    effects_of,
+    features_of,
+    plain_library,
+    unit,
 )
-from ema_identification.actuator.decision.fit import LawFit
+
+from ema_identification.actuator.decision import decide as decision
+from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
+from ema_identification.actuator.decision.decide import LEVEL, decide, p_nothing, rank, share_of
 from ema_identification.actuator.decision.fleet import SIZE
-from ema_identification.actuator.decision.gap import LawGap
+from ema_identification.actuator.decision.intervals import parameters_of
 from ema_identification.actuator.decision.proposals import scores
-from ema_identification.actuator.decision.workflow import parameters_of
-from ema_identification.actuator.surrogate.fit import EffectTerm
+from ema_identification.actuator.laws.terms import EffectTerm, LawFit, LawGap
 
 VISCOUS = UNITS["viscous_friction", "coefficient"]
 (SIGNATURE,) = (s for s in plain_library().signatures if s.variant.name == "viscous_friction")
@@ -99,6 +102,65 @@ def test_a_name_near_the_threshold_is_the_right_one_or_none():
     names = [{*f.fit.names, *sum(f.equivalent, ())} for f in found if f.fit is not None]
     assert all("backlash" in n for n in names)
     assert {f.verdict for f in found} <= {"no disagreement", "explained", "unknown effect"}
+
+
+def test_second_effects_are_tried_though_a_linear_gain_proves_nothing():
+    """Beside a fit that is far off; where one explains, only what useless effects do not gain."""
+    def pairs(**hidden):
+        one = unit(seed=3, **hidden)
+        case = decision._Decision(one, one.without_law(), ())
+        useless = np.column_stack([case.library.healthy[:, 0], np.full(HEALTHY, 1e9)])
+        case.library = replace(case.library, healthy=useless)
+        return {frozenset(f.names) for f in case.pairs(case.singles())}
+
+    assert {"viscous_friction", "backlash"} in pairs(viscous_friction=1.0, backlash=2.0)
+    assert pairs(backlash=2.0) == set()
+
+
+@pytest.mark.parametrize(("lead", "named"), [(2.0, ("a",)), (4.0, ("a", "b"))])
+def test_two_are_named_only_where_the_evidence_rules_one_alone_out(lead, named):
+    def model(log, *names):
+        return SimpleNamespace(names=names, terms=names, log=log, cost=100.0 - log)
+
+    null, one = model(-50.0), model(-lead, "a")
+    pair, alone = model(0.0, "a", "b"), [one, model(-40.0, "b")]
+    case = SimpleNamespace(null=null, evidence=lambda f: f.log, explains=lambda f: f.log > -10.0,
+                           p_own=lambda *_: 0.0, each_alone=lambda *_: alone)
+    found = decision._named(case, FleetAnswer(verdict="unknown effect", null=null), [pair])
+    assert found.fit.names == named
+    assert found.verdict == "explained"
+
+
+BESIDE = np.random.default_rng(9).normal(scale=0.4 / np.sqrt(SIZE), size=(FEATURES, SIZE))
+
+
+def curved(_model, _spread, _fmap, z, _conditions, seed, effects):
+    """Stand for `fleet_features`: what an effect does depends on the unit."""
+    plain = features_of(z, MODEL.effects)
+    added = features_of(z, effects) - plain
+    noise = np.random.default_rng(seed).normal(size=FEATURES)
+    return plain + added * (1.0 + BESIDE @ z) + noise
+
+
+def test_a_large_effect_of_which_the_library_knows_half_is_fitted_with_simulated_slopes():
+    z = np.random.default_rng(4).uniform(-1.0, 1.0, SIZE)
+    u = replace(unit(seed=3), simulator=curved,
+                values=curved(None, None, None, z, None, 1, effects_of(viscous_friction=20.0)))
+    term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([10 * VISCOUS]))
+    near, before = u.on_library((term,), [np.zeros(SIZE)]), u.without_law().mean
+    with_mended = u.descended(near, before, runs=4, steps=4)
+    anew = u.refitted(replace(near, z=u.centre), before, runs=4, steps=6, fall=0.1)
+    assert anew.cost < 1.5 * FEATURES < with_mended.cost
+    assert anew.terms[0].u[0] == pytest.approx(20 * VISCOUS, rel=0.02)
+    assert np.abs(anew.z - z).mean() < np.abs(with_mended.z - z).mean()
+
+
+def test_runs_are_the_same_in_any_number_of_threads():
+    alone, shared = unit(seed=3), replace(unit(seed=3), workers=5)
+    models = [((), np.full(SIZE, 0.1 * k)) for k in range(4)]
+    here = alone.run_all(models, 3)
+    assert not np.array_equal(here[0], here[1])  # so that an order would be noticed
+    assert np.array_equal(here, shared.run_all(models, 3))
 
 
 def test_evidence_charges_each_coordinate():

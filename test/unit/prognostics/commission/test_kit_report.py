@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from ema_cli.main import run
 from ema_identification import identify
-from ema_identification.actuator.surrogate import calibration
+from ema_identification.actuator.decision import library as decision_library
 from ema_prognostics.cascade.classes import FAULTS, OUTPUTS
 from ema_prognostics.commission import commission as commissioning
 from ema_prognostics.commission.bound import FALSE_ALARMS, linear_bound
@@ -179,8 +179,9 @@ def test_a_library_is_made_for_the_records_test_rate_and_channels(
     record = record_of("step", seed=3)
     record.samples[:, 9] = np.nan
     seen: dict[str, Any] = {}
-    monkeypatch.setattr(calibration, "library", lambda model, profile, **options: seen.update(
-        model=model, profile=profile, **options))
+    monkeypatch.setattr(
+        decision_library, "fleet_library",
+        lambda model, profile, **options: seen.update(model=model, profile=profile, **options))
     identify.build_library([record], tmp_path / LIBRARY, workers=2)
     assert seen["folder"] == tmp_path / LIBRARY and seen["workers"] == 2
     assert seen["profile"] == record.profile and seen["rate"] == pytest.approx(record.rate)

@@ -11,26 +11,24 @@ across the axis within that of each phase. Only resistance and inductance tell a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from ema_identification.actuator.decision.fit import TestedUnit
+from ema_identification.actuator.decision.fleet import SIZE
+from ema_identification.actuator.laws.terms import LawFit, with_terms
 from ema_identification.actuator.measure.features import feature_map
 from ema_identification.actuator.measure.recorder import whole
-from ema_identification.actuator.measure.runs import UnitRun, run_case
-from ema_identification.actuator.measure.tolerances import TOLERANCES
-from ema_identification.actuator.surrogate.evidence import Evidence
-from ema_identification.actuator.surrogate.fit import Fit
 from ema_record.profile import Profile, load_profile, profile_names
+from ema_record.spread import load_spread
 from ema_sim.effects import Effects, rotor_eccentricity, turn_short
 from ema_sim.effects.rotor_eccentricity import STATIC
 from ema_sim.simulate import simulate
 
 PHASES = "abc"
 PAIR = {"turn_short", "rotor_eccentricity"}
-WITHIN = next(t.half_width for t in TOLERANCES if t.name == "motor.back_emf_deviation_a")
-"""Range of the ratio of two machines' constants, over the phases, that a unit may have anyway."""
 
 
 def phase_constants(effects: Effects) -> np.ndarray:
@@ -40,22 +38,18 @@ def phase_constants(effects: Effects) -> np.ndarray:
         * rotor_eccentricity.k_factor(effects.rotor_eccentricity, k, 0.0) for k in range(3)])
 
 
-def inseparable(fits: Sequence[Fit], base: Effects) -> str:
-    """Return why no command tells two fits apart, and what would; empty if one may.
+def inseparable(by_name: Mapping[str, Effects]) -> str:
+    """Return why no command tells two machines apart, and what would; empty if one may.
 
-    Parameters
-    ----------
-    fits : candidates that the data cannot tell apart.
-    base : effects that the model has.
+    `by_name` : effects of each candidate by its name.
     """
-    if len(fits) != 2 or {f.terms[-1].variant.effect for f in fits} != PAIR:
+    if set(by_name) != PAIR:
         return ""
-    by_name = {f.terms[-1].variant.effect: f.effects(base) for f in fits}
     short, eccentric = by_name["turn_short"], by_name["rotor_eccentricity"]
     if eccentric.rotor_eccentricity.mode != STATIC:
         return ""
     ratio = phase_constants(eccentric) / phase_constants(short)
-    if np.ptp(ratio) / ratio.mean() > WITHIN:
+    if np.ptp(ratio) / ratio.mean() > load_spread().tolerances.back_emf_phase:
         return ""
     phase, part = PHASES[short.turn_short.phase], 100.0 * short.turn_short.fraction
     return (
@@ -87,21 +81,22 @@ class Proposed(NamedTuple):
     text: str
 
 
-def separating_test(evidence: Evidence, fits: Sequence[Fit], *, seed: int = 0) -> Proposed | None:
+def separating_test(unit: TestedUnit, fits: Sequence[LawFit], *, seed: int = 0) -> Proposed | None:
     """Return a command whose features would differ between the candidates.
 
     The first one that sets them `ENOUGH_SEPARATION` apart, else the one that does so most.
 
     Parameters
     ----------
-    evidence : the records at hand; their commands are not proposed again.
+    unit : the records at hand; their commands are not proposed again.
     fits : candidates that cannot be told apart; the first `COMPARED` count.
     seed : of the runs.
     """
-    one = inseparable(fits, evidence.blocks[0].library.model.effects)
+    base = unit.library.model.effects
+    one = inseparable({f.names[-1]: with_terms(f.terms, base) for f in fits})
     if one:
         return Proposed(None, 0.0, one)
-    used = {tuple(b.record.profile.points) for b in evidence.blocks}
+    used = {tuple(part.library.fmap.profile.points) for part in unit.parts}
     best: Proposed | None = None
     fits = fits[:COMPARED]
     for name in (name for name in PROFILES if name in profile_names()):
@@ -110,9 +105,11 @@ def separating_test(evidence: Evidence, fits: Sequence[Fit], *, seed: int = 0) -
         profile = load_profile(name)
         if tuple(profile.points) in used:
             continue
-        separation = _separation(profile, evidence, fits, seed)
+        separation = _separation(profile, unit, fits, seed)
         if best is None or separation > best.separation:
-            names = " and ".join(dict.fromkeys(f.terms[-1].variant.effect for f in fits))
+            common = set.intersection(*(set(f.names) for f in fits))
+            names = " and ".join(dict.fromkeys(
+                n for f in fits for n in f.names if n not in common))
             best = Proposed(profile, separation, (
                 f"run the profile {name!r} ({profile.description}): it would set {names} "
                 f"{separation:.0f} standard deviations apart"))
@@ -120,23 +117,20 @@ def separating_test(evidence: Evidence, fits: Sequence[Fit], *, seed: int = 0) -
 
 
 def _separation(
-    profile: Profile, evidence: Evidence, fits: Sequence[Fit], seed: int
+    profile: Profile, unit: TestedUnit, fits: Sequence[LawFit], seed: int
 ) -> float:
     """Return the least separation of two candidates on a command."""
-    block = evidence.blocks[0]
-    model = block.library.model
+    library, rng = unit.library, np.random.default_rng([seed, 47])
+    model = library.model
     example = whole(simulate(profile, actuator=model.actuator, seed=seed,
-                             rate=block.library.fmap.rate), model.actuator)
+                             rate=library.fmap.rate), model.actuator)
     fmap = feature_map(profile, model.actuator, example)
     runs = [
         np.array([
-            run_case(model, UnitRun(
-                z=evidence.tolerances.of(0, fit.z), conditions=block.conditions,
-                seed=seed + 1000 + TEST_RUNS * k + j, effects=fit.effects(model.effects)), fmap)
-            for j in range(TEST_RUNS)
-        ])
-        for k, fit in enumerate(fits)
-    ]
+            unit.simulator(model, library.spread, fmap, fit.z[:SIZE], unit.conditions, int(s),
+                           with_terms(fit.terms, model.effects))
+            for s in rng.integers(2**31, size=TEST_RUNS)])
+        for fit in fits]
     spread = np.sqrt(np.mean([r.var(axis=0, ddof=1) for r in runs], axis=0))
     size = np.sqrt(np.mean([(r**2).mean(axis=0) for r in runs], axis=0))
     spread = np.maximum(spread, 2e-3 * size + 1e-6)

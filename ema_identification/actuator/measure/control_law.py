@@ -2,26 +2,19 @@
 
 Position, speed and reference currents are recorded, the command is known. So the controller can be
 judged alone, whatever the drive behind it does. A law that does not hold is another controller, or
-a sensor that records otherwise than the controller reads; which effects would change it as
-measured is simulated.
+a sensor that records otherwise than the controller reads.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ema_identification.actuator.measure.runs import UnitRun, simulate_case
 from ema_identification.actuator.measure.signals import TURN
-from ema_identification.actuator.measure.tolerances import N_TOLERANCES
-from ema_identification.actuator.surrogate.evidence import Evidence, RecordEvidence
 from ema_record.actuator import Actuator, Control
 from ema_record.channels import REFERENCE_CURRENTS
-from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.record import Record
-from ema_sim.effects import EFFECTS, Effects
 from ema_sim.machine import unit_trapezoid
 
 BLOCK = 10
@@ -115,49 +108,12 @@ def _reference(record: Record, flat_top: float) -> np.ndarray:
     return np.where(mixed, np.nan, np.sign(torque) * rows[:, 2])
 
 
-PORT = "controller"
-"""Of effects that change the law. Those of the sensors do not: the controller reads them too."""
-
-
 class ControlLaw(NamedTuple):
-    """Whether the law of the model holds, and what may have changed it."""
+    """What the control law says by itself."""
 
     holds: bool
-    excluded: tuple[str, ...] = ()
-    """Effects that the law speaks against: those of the controller where it holds."""
-    suspects: tuple[str, ...] = ()
-    """Effects that would change it as measured."""
-    text: str = ""
-
-
-def check_law(
-    evidence: Evidence, *, without: Sequence[str] = (), seed: int = 0
-) -> ControlLaw | None:
-    """Return what the law says; None if the records cannot tell it.
-
-    Parameters
-    ----------
-    evidence : the records.
-    without : effects that are not considered.
-    seed : of the runs with which the measurement is compared.
-    """
-    entries = {s.variant.effect for s in evidence.blocks[0].library.signatures
-               if EFFECTS[s.variant.effect].port == PORT} - set(without)
-    text = ""
-    recorder = evidence.blocks[0].library.model.actuator.acquisition
-    if not (recorder.reference_currents and recorder.surface_position):
-        return None
-    for block in evidence.blocks:
-        model = block.library.model
-        control = model.actuator.control
-        measured, own = measured_gains(block.record, model.actuator), _run(block, None, seed)
-        if measured is None or own is None:
-            continue
-        text = measured.text(control)
-        if not same_law(measured, own, control):
-            return ControlLaw(holds=False, text=text, suspects=tuple(sorted(
-                _suspects(block, measured, entries, seed))))
-    return ControlLaw(holds=True, excluded=tuple(sorted(entries)), text=text) if text else None
+    """Whether a run of the fitted unit has the same gains."""
+    text: str
 
 
 def same_law(measured: Gains, other: Gains, control: Control) -> bool:
@@ -171,30 +127,16 @@ def same_law(measured: Gains, other: Gains, control: Control) -> bool:
     return delayed or abs(measured.integral - other.integral) < OFF[1] * control.integral_gain
 
 
-def _suspects(block: RecordEvidence, measured: Gains, entries: set[str], seed: int) -> set[str]:
-    """Return those of `entries` that make the law as measured, at any of their sizes."""
-    model, found = block.library.model, set()
-    for signature in block.library.signatures:
-        variant = signature.variant
-        if variant.effect not in entries:
-            continue
-        for k, levels in enumerate(signature.levels):
-            for level in levels[levels != 0.0]:
-                u = np.zeros(variant.size)
-                u[k] = level
-                run = _run(block, variant.effects(u, model.effects), seed)
-                if run is not None and same_law(measured, run, model.actuator.control):
-                    found.add(variant.effect)
-    return found
+def control_law(record: Record, run: Record, actuator: Actuator) -> ControlLaw | None:
+    """Return what the law of a record says, beside a run of the fitted unit; None if nothing.
 
-
-def _run(block: RecordEvidence, effects: Effects | None, seed: int) -> Gains | None:
-    """Return the gains of a run of the nominal unit, with `effects` or as the model is."""
-    library = block.library
-    try:
-        record = simulate_case(library.model, UnitRun(
-            z=np.zeros(N_TOLERANCES), conditions=block.conditions, seed=seed, effects=effects),
-            library.fmap)
-    except (SimulationError, InvalidRecordError):
+    The unit is fitted with its latencies: a command that acts a period later is no other law.
+    """
+    recorder = actuator.acquisition
+    if not (recorder.reference_currents and recorder.surface_position):
         return None
-    return measured_gains(record, library.model.actuator)
+    measured, own = measured_gains(record, actuator), measured_gains(run, actuator)
+    if measured is None or own is None:
+        return None
+    return ControlLaw(holds=same_law(measured, own, actuator.control),
+                      text=measured.text(actuator.control))

@@ -2,8 +2,8 @@
 
 Each variant has the coordinates that the data must tell. A coordinate is a number that is zero
 where the effect is absent and in which the features change nearly in proportion: a severity, or
-the cosine and sine parts of an amplitude with a phase. Some act on the same number as a tolerance
-of the unit. What is no ratio is sized by the actuator's own scales (`Scales`).
+the cosine and sine parts of an amplitude with a phase. What is no ratio is sized by the actuator's
+own scales (`Scales`).
 """
 
 from __future__ import annotations
@@ -98,6 +98,51 @@ class Variant:
             moved[name] = (float(np.clip(value, kind.lower, kind.upper))
                            if isinstance(kind, Quantity) else int(value))
         return base._replace(**{self.effect: values._replace(**moved)})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signature:
+    """Features that a variant adds, along each of its coordinates, straight between levels.
+
+    Attributes
+    ----------
+    variant : what it is.
+    levels : for each coordinate, sorted, with 0 among them.
+    values : for each coordinate, ndarray of shape (levels, d).
+    """
+
+    variant: Variant
+    levels: tuple[np.ndarray, ...]
+    values: tuple[np.ndarray, ...]
+
+    def at(self, u: np.ndarray) -> np.ndarray:
+        """Return the added features at coordinates `u`, shape (d,)."""
+        total = np.zeros(self.values[0].shape[1])
+        for x, levels, values in zip(u, self.levels, self.values):
+            total += self._along(float(x), levels, values)
+        return total
+
+    def slope(self, u: np.ndarray) -> np.ndarray:
+        """Return the derivative to the coordinates, shape (d, size); zero where unknown."""
+        found = np.zeros((self.values[0].shape[1], len(u)))
+        for k, (x, levels, values) in enumerate(zip(u, self.levels, self.values)):
+            if len(levels) > 1:
+                place = _interval(float(x), levels)
+                found[:, k] = (values[place + 1] - values[place]) / (
+                    levels[place + 1] - levels[place])
+        return found
+
+    @staticmethod
+    def _along(x: float, levels: np.ndarray, values: np.ndarray) -> np.ndarray:
+        if len(levels) < 2:
+            return np.zeros(values.shape[1])
+        k = _interval(x, levels)
+        part = (x - levels[k]) / (levels[k + 1] - levels[k])
+        return np.asarray(values[k] + part * (values[k + 1] - values[k]))
+
+
+def _interval(x: float, levels: np.ndarray) -> int:
+    return int(np.clip(np.searchsorted(levels, x) - 1, 0, len(levels) - 2))
 
 
 def _both(*levels: float) -> tuple[float, ...]:
@@ -251,27 +296,3 @@ def variants(actuator: Actuator | None = None) -> tuple[Variant, ...]:
             "slope": _both(*sizes(unit.surface_torque / unit.stroke, 0.286, 1.14, 3.43))}),
     ]
     return tuple(found)
-
-
-ALIASES: dict[tuple[str, int], tuple[str, float]] = {
-    ("motor_friction", 0): ("motor.dry_friction", 1.0),
-    ("surface_friction", 0): ("surface.dry_friction", 1.0),
-    ("torque_constant_drop", 0): ("motor.back_emf_constant", -1.0),
-    **{(f"turn_short {p} {mode}", 0): (f"motor.back_emf_deviation_{p}", -1.0)
-       for p in "abc" for mode in ("physical", "paper")},
-    ("shaft_compliance", 0): ("shaft.stiffness", -1.0),
-    ("inertia_change motor", 0): ("motor.inertia", 1.0),
-    ("inertia_change surface", 0): ("surface.inertia", 1.0),
-    **{("current_sensor_gain", k): (f"current_sensor_gain.phase_{p}", 0.0)
-       for k, p in enumerate("abc")},
-    **{("current_sensor_offset", k): (f"current_sensor_offset.phase_{p}", 0.0)
-       for k, p in enumerate("abc")},
-    ("surface_load", 0): ("surface_load.constant", 0.0),
-}
-"""Coordinates that act on the same number as a tolerance.
-
-By variant and coordinate: the tolerance, and +1 where the number is in proportion to (1 + u),
--1 where to 1 - u (`TAKES_AWAY`) or 1 / (1 + u), 0 where u adds to it. Of a short it is the
-constant of its phase; what resistance and inductance tell beside that is left to the fit.
-"""
-TAKES_AWAY = ("torque_constant_drop", "turn_short")

@@ -1,4 +1,4 @@
-"""Ripple of any period: the clearest torque line that is left makes candidates of its order.
+"""Ripple of any period: the clearest torque line that is left.
 
 The line must have one phase in rotor angle in many sections of the test, as a ripple of the
 machine has; a limit cycle that keeps step with the rotor in one section has not.
@@ -6,19 +6,13 @@ machine has; a limit cycle that keeps step with the rotor in one section has not
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ema_identification.actuator.surrogate.catalogue import ripple
-from ema_identification.actuator.surrogate.evidence import Evidence, RecordEvidence
-from ema_identification.actuator.surrogate.fit import Fit
-from ema_identification.actuator.surrogate.library import Signature
-from ema_identification.actuator.surrogate.likelihood import Recalibration
-from ema_identification.actuator.surrogate.screening import Screened, best_of, residual
+from ema_identification.actuator.measure.features import FeatureMap
 
 STRONG_LINE = 8.0
 """Least residual of a line (standard deviations, re and im)."""
@@ -50,21 +44,26 @@ class _Left(NamedTuple):
 
 
 def largest_line(
-    evidence: Evidence, residual: Sequence[np.ndarray]
+    fmap: FeatureMap, residual: np.ndarray, deviation: np.ndarray
 ) -> tuple[int, float, str] | None:
     """Return order, amplitude (N m) and segment of the clearest torque line that is left.
 
     A ripple of the machine has one phase in rotor angle in all sections of the test, or one that
     turns over with the direction; a limit cycle that keeps step with the rotor in one section has
     neither.
+
+    Parameters
+    ----------
+    fmap : of the record.
+    residual : ndarray, shape (d,), in standard deviations.
+    deviation : ndarray, shape (d,). Standard deviations of a repeat.
     """
-    block = evidence.blocks[0]
-    speeds = {s.name: s.speed for s in block.library.fmap.plan.segments}
+    speeds = {s.name: s.speed for s in fmap.plan.segments}
     sizes = {name: round(abs(v), 3) for name, v in speeds.items()}
     groups = [(list(speeds), STRONG_LINE, COHERENT)] + [
         ([n for n in speeds if sizes[n] == v], *ONE_SPEED)
         for v in sorted(set(sizes.values()), reverse=True)]
-    left = _left(block, residual[0])
+    left = _left(fmap, residual, deviation)
     clear = {order: [line for group in groups if (line := _clear(places, speeds, *group))]
              for order, places in left.items()}
     clear = {order: lines for order, lines in clear.items() if lines}
@@ -72,16 +71,17 @@ def largest_line(
         return None
     order = max(clear, key=lambda o: max(line.common for line in clear[o]))
     line = max(clear[order], key=lambda x: x.coherence)
-    (text,) = (s.text for s in block.library.fmap.plan.segments if s.name == line.place)
+    (text,) = (s.text for s in fmap.plan.segments if s.name == line.place)
     return order, line.amplitude, text
 
 
-def _left(block: RecordEvidence, residual: np.ndarray) -> dict[int, dict[str, _Left]]:
+def _left(
+    fmap: FeatureMap, residual: np.ndarray, deviation: np.ndarray
+) -> dict[int, dict[str, _Left]]:
     """Return the torque lines that are left, by order and place."""
-    deviation = block.library.null.deviation(block.conditions.noise)
     lines: dict[tuple[int, str], complex] = defaultdict(complex)
     variances: dict[tuple[int, str], float] = defaultdict(float)
-    for feature, x, sd in zip(block.library.fmap.features, residual, deviation):
+    for feature, x, sd in zip(fmap.features, residual, deviation):
         if ".torque_line_" in feature.name:
             key = int(feature.name.split("_")[2]), feature.place
             lines[key] += float(x * sd) * (1.0 if feature.name.endswith("_re") else 1j)
@@ -125,65 +125,3 @@ def _power_along(lines: np.ndarray, weight: np.ndarray) -> np.ndarray:
     if whole == 0.0:
         return np.zeros(len(lines))
     return np.asarray(weight * np.maximum(0.0, (lines * np.conj(whole / abs(whole))).real)**2)
-
-
-LOWEST = 3
-"""Lower orders belong to windings and commutation."""
-RIPPLES = ("cogging_torque", "gear_mesh_ripple")
-RIPPLE_RUNS = 4
-SHARE = 0.05
-"""Of the size of an effect found before, by which it may give way (times 100, `residual`)."""
-SHAFT_SHARE = 1e-5
-"""Transmission error (rad) that makes a ripple of some 0.01 N m."""
-
-
-def free_columns(fit: Fit) -> list[np.ndarray]:
-    """Return what a share of each fitted coordinate adds, shape (d,) each.
-
-    In units of the features, not of the coordinate: a transmission error of 1 rad would move them
-    by so much that nothing else counted.
-    """
-    sizes = np.repeat([float(np.linalg.norm(t.u)) for t in fit.terms],
-                      [t.variant.size for t in fit.terms])
-    return list((SHARE * fit.slopes[:, :fit.free] * sizes).T)
-
-
-def periodic_candidates(
-    evidence: Evidence, about: Recalibration | Fit, *, without: Sequence[str] = (), seed: int = 0,
-) -> list[Screened]:
-    """Return ripple effects with the order of the clearest line that `about` leaves."""
-    line = largest_line(evidence, about.whitened(evidence))
-    if line is None or line[0] < LOWEST:
-        return []
-    order, torque, _ = line
-    base = evidence.blocks[0].library.model
-    turn = order * base.actuator.motor.pole_pairs
-    if isinstance(about, Fit):
-        effects, centre = about.effects(base.effects), about.z
-        free = free_columns(about)
-    else:
-        effects, centre, free = base.effects, about.centre, []
-    rest = residual(evidence, centre, about.mean, runs=about.runs, free=free)
-    found = []
-    for effect in RIPPLES:
-        if effect in without:
-            continue
-        level = torque if effect == "cogging_torque" else SHAFT_SHARE
-        variant = ripple(effect, turn, level)
-        values = []
-        for k in range(2):
-            u = np.zeros(2)
-            u[k] = level
-            runs = evidence.mean(centre, variant.effects(u, effects), runs=RIPPLE_RUNS,
-                                 seed=seed + 20)
-            values.append(np.concatenate(runs) - np.concatenate(about.mean))
-        if not np.isfinite(values).all():
-            continue
-        own = Signature(
-            variant=variant, levels=(np.array([-level, 0.0, level]),) * 2,
-            values=tuple(np.array([-v, np.zeros_like(v), v]) for v in values))
-        screened = best_of(own, -1, rest)
-        if math.hypot(*screened.u) > 0.0:
-            found.append(Screened(variant=variant, index=-1, u=screened.u, cost=screened.cost,
-                                  z=about.z, own=own))
-    return found

@@ -1,0 +1,147 @@
+"""Several records of one unit as one: its own numbers shared, those of the day each for itself."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
+from ema_identification.actuator.decision.fleet import OF_DAY, SIZE
+from ema_identification.actuator.decision.surrogate import FleetLibrary
+from ema_identification.actuator.laws.catalogue import Signature
+from ema_identification.actuator.laws.signatures import stacked
+from ema_identification.actuator.laws.terms import EffectTerm
+from ema_record import array_cache as cache
+
+DAYS = int(OF_DAY.sum())
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointUnit(TestedUnit):
+    """Records of one unit, their features one after another.
+
+    `z` is that of the first record, then what belongs to the day of each further one.
+
+    Attributes
+    ----------
+    each : the records.
+    """
+
+    each: tuple[TestedUnit, ...]
+
+    @property
+    def parts(self) -> tuple[TestedUnit, ...]:
+        """Return the single records."""
+        return self.each
+
+    @property
+    def day(self) -> np.ndarray:
+        """Return which numbers belong to the day of a test, shape (width,), bool."""
+        return np.append(OF_DAY, np.ones((len(self.each) - 1) * DAYS, dtype=bool))
+
+    @property
+    def _plain(self) -> bool:
+        return False
+
+    @cached_property
+    def _places(self) -> list[np.ndarray]:
+        """Return where the numbers of each record stand in `z`, shape (SIZE,)."""
+        found = []
+        for k in range(len(self.each)):
+            places = np.arange(SIZE)
+            if k:
+                places[OF_DAY] = SIZE + (k - 1) * DAYS + np.arange(DAYS)
+            found.append(places)
+        return found
+
+    def covariance(self, runs: int) -> np.ndarray:
+        """Return the covariance of what the right model leaves of all records."""
+        return np.asarray(block_diag(*(part.covariance(runs) for part in self.each)))
+
+    def run_all(
+        self, models: Sequence[tuple[Sequence[EffectTerm], np.ndarray]], runs: int, salt: int = 0
+    ) -> list[np.ndarray]:
+        """Return the mean features of runs of each model on all tests."""
+        rows = [part.run_all([(terms, z[places]) for terms, z in models], runs, salt)
+                for part, places in zip(self.each, self._places)]
+        return [np.concatenate(row) for row in zip(*rows)]
+
+    def means(self, z: np.ndarray) -> np.ndarray:
+        """Return what the quadratics predict for units, shape (n, width) -> (n, d)."""
+        return np.hstack([part.means(z[:, places])
+                          for part, places in zip(self.each, self._places)])
+
+    def slope(self, z: np.ndarray) -> np.ndarray:
+        """Return the derivative of `means`, shape (d, width)."""
+        found = np.zeros((self.size, len(z)))
+        begin = 0
+        for part, places in zip(self.each, self._places):
+            found[begin:begin + part.size, places] = part.slope(z[places])
+            begin += part.size
+        return found
+
+    def set_aside(self) -> list[TestedUnit | None]:
+        """Return healthy units, each in all tests: they are the same ones in every test."""
+        found: list[TestedUnit | None] = []
+        for units in zip(*(part.set_aside() for part in self.each)):
+            good = [unit for unit in units if unit is not None]
+            found.append(_together(good, self.library) if len(good) == len(units) else None)
+        return found
+
+
+def _together(units: Sequence[TestedUnit], library: FleetLibrary) -> JointUnit:
+    width = SIZE + (len(units) - 1) * DAYS
+    first = units[0]
+    return JointUnit(
+        library=library, each=tuple(units), values=np.concatenate([u.values for u in units]),
+        conditions=first.conditions, seed=first.seed, workers=first.workers,
+        simulator=first.simulator, centre=np.zeros(width), weight=np.full(width, PRIOR),
+        record=first.record)
+
+
+def joint_unit(
+    units: Sequence[TestedUnit],
+    scored: Callable[[TestedUnit], tuple[float, float]] | None = None,
+) -> TestedUnit:
+    """Return records of one unit as one; a single one as it is.
+
+    `scored` : gives the scores of healthy units, which are ranked on all tests together; a record
+    that only judges needs none.
+    """
+    if len(units) == 1:
+        return units[0]
+    libraries = [u.library for u in units]
+    by_name: dict[str, list[Signature]] = {}
+    for library in libraries:
+        for signature in library.signatures:
+            by_name.setdefault(signature.variant.name, []).append(signature)
+    features = tuple(f for library in libraries for f in library.fmap.features)
+    library = replace(
+        libraries[0], fmap=replace(libraries[0].fmap, features=features),
+        signatures=tuple(stacked(s) for s in by_name.values() if len(s) == len(units)))
+    unit = _together(units, library)
+    if scored is None:
+        return unit
+    healthy = kept_of(libraries, "joint", lambda: np.array(
+        [scored(u) for u in unit.set_aside() if u is not None]))
+    return replace(unit, library=replace(library, healthy=healthy))
+
+
+def kept_of(
+    libraries: Sequence[FleetLibrary], what: str, make: Callable[[], np.ndarray]
+) -> np.ndarray:
+    """Return what healthy units of several libraries leave, made now unless the cache has it."""
+    digest = hashlib.sha256(b"".join(
+        np.ascontiguousarray(x).tobytes() for library in libraries
+        for x in (library.weights, library.aside[1], library.healthy)))
+    name = f"{what}_{cache.key_of(digest.hexdigest(), module=__name__)}"
+    found = cache.load(name)
+    if found is None:
+        found = {"rows": make()}
+        cache.save(name, found)
+    return found["rows"]

@@ -1,0 +1,107 @@
+"""Slopes of a unit's features about a fit, by the simulator; steps by least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from ema_identification.actuator.laws.terms import (
+    EffectTerm,
+    LawFit,
+    bounds,
+    coordinates,
+    library_slopes,
+    moved,
+)
+
+STRONG, PART, UNKNOWN = 1.2, 0.2, 0.3
+"""Effect (deviations, rms) from which its slope is simulated; the step, of its size, and where
+the library does not know the coordinate."""
+HALF = 0.5
+"""Step by which slopes to the unit's numbers are simulated (half widths)."""
+
+
+class _Runs(Protocol):
+    def run_all(
+        self, models: Sequence[tuple[Sequence[EffectTerm], np.ndarray]], runs: int, salt: int = 0
+    ) -> list[np.ndarray]: ...
+
+
+def law_slopes(
+    unit: _Runs, fit: LawFit, mean: np.ndarray, deviation: np.ndarray, runs: int, salt: int
+) -> np.ndarray:
+    """Return the slopes to the coordinates of the laws, shape (d, coordinates).
+
+    Simulated where a law is strong or the library does not know it; else the library's, which
+    are less noisy.
+
+    Parameters
+    ----------
+    unit : makes the runs.
+    fit : where.
+    mean, deviation : ndarrays, shape (d,). Features there, and what they may be off.
+    runs, salt : of the features.
+    """
+    found = library_slopes(fit.terms)
+    u = coordinates(fit.terms)
+    low, high = bounds(fit.terms)
+    asked, k = [], 0
+    for term in fit.terms:
+        added = term.signature.at(term.u) / deviation
+        strong = float(np.sqrt(np.mean(added**2))) > STRONG
+        size = float(np.linalg.norm(term.u))
+        for levels in term.signature.levels:
+            known = len(levels) > 1
+            if strong or not known:
+                there = u.copy()
+                step = PART * size if known else UNKNOWN
+                there[k] += step if u[k] + step <= high[k] else -step
+                if low[k] <= there[k] and there[k] != u[k]:
+                    asked.append((k, there))
+            k += 1
+    means = unit.run_all([(moved(fit.terms, u1), fit.z) for _, u1 in asked], runs, salt)
+    for (k, there), f in zip(asked, means):
+        if np.isfinite(f).all():
+            found[:, k] = (f - mean) / (there[k] - u[k])
+    return found
+
+
+def simulated_slopes(unit: _Runs, fit: LawFit, runs: int, salt: int = 61) -> np.ndarray:
+    """Return the slopes to the unit's numbers, simulated where the fit is, shape (d, width)."""
+    steps = [fit.z + row for row in np.diag(np.where(fit.z > 0.0, -HALF, HALF))]
+    here, *there = unit.run_all([(fit.terms, z) for z in (fit.z, *steps)], runs, salt)
+    slopes = fit.slopes[:, fit.free:].copy()
+    for k, (mean, z) in enumerate(zip(there, steps)):
+        if np.isfinite(mean).all() and np.isfinite(here).all():
+            slopes[:, k] = (mean - here) / (z[k] - fit.z[k])
+    return slopes
+
+
+def bounded_least_squares(
+    columns: np.ndarray, target: np.ndarray, low: np.ndarray, high: np.ndarray,
+    weight: np.ndarray, centre: np.ndarray,
+) -> np.ndarray:
+    """Return the step within bounds that leaves least.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (d, m). Whitened slopes.
+    target : ndarray, shape (d,). Whitened residual.
+    low, high : ndarrays, shape (m,). Bounds of the step; low < high.
+    weight : ndarray, shape (m,). Of the squares of ``centre + step``, added to the sum.
+    centre : ndarray, shape (m,). Where the step begins.
+
+    Returns
+    -------
+    ndarray, shape (m,).
+    """
+    root = np.sqrt(weight)
+    rows, rest = np.vstack([columns, np.diag(root)]), np.append(target, -root * centre)
+    scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-12)
+    basis, triangle = np.linalg.qr(rows / scale)
+    found = lsq_linear(triangle, basis.T @ rest, bounds=(low * scale, high * scale),
+                       method="bvls")
+    return np.clip(np.asarray(found.x) / scale, low, high)

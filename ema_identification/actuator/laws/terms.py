@@ -1,0 +1,122 @@
+"""Laws in a fit: a variant of the catalogue at its coordinates, and what was fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ema_identification.actuator.laws.catalogue import Signature, Variant
+from ema_sim.effects import EFFECTS, Effects
+from ema_sim.effects.base import Choice
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectTerm:
+    """One effect in a joint fit."""
+
+    variant: Variant
+    signature: Signature
+    """Of all records, stacked; gives first slopes."""
+    u: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawFit:
+    """A model fitted to a record: no law, one, two.
+
+    Attributes
+    ----------
+    terms : the laws at their coordinates.
+    z : ndarray, shape (width,). Of a single record width = SIZE.
+    mean : ndarray, shape (d,). Features as predicted.
+    slopes : ndarray, shape (d, coordinates + width).
+    cost : J.
+    runs : that `mean` is the mean of; 0: the quadratic's.
+    """
+
+    terms: tuple[EffectTerm, ...]
+    z: np.ndarray
+    mean: np.ndarray
+    slopes: np.ndarray
+    cost: float
+    runs: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the laws."""
+        return tuple(t.variant.effect for t in self.terms)
+
+    @property
+    def free(self) -> int:
+        """Number of coordinates of the laws."""
+        return sum(t.variant.size for t in self.terms)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawGap:
+    """The gap of models on records.
+
+    Attributes
+    ----------
+    values : of each model.
+    healthy : ndarray, shape (n,). Of healthy units without a law.
+    rest : of each model the residual in standard deviations, shape (d,).
+    """
+
+    values: tuple[float, ...]
+    healthy: np.ndarray
+    rest: tuple[np.ndarray, ...] = ()
+
+    @property
+    def floor(self) -> float:
+        """What healthy units leave, the median."""
+        return float(np.median(self.healthy))
+
+    @property
+    def bound(self) -> float:
+        """What 95 % of them stay within."""
+        return float(np.quantile(self.healthy, 0.95, method="higher"))
+
+
+def with_terms(terms: Sequence[EffectTerm], base: Effects) -> Effects:
+    """Return `base` with the effects of `terms`."""
+    for term in terms:
+        base = term.variant.effects(term.u, base)
+    return base
+
+
+def coordinates(terms: Sequence[EffectTerm]) -> np.ndarray:
+    """Return the coordinates of all terms, one after another."""
+    return np.concatenate([np.zeros(0), *(t.u for t in terms)])
+
+
+def bounds(terms: Sequence[EffectTerm]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the bounds of the coordinates."""
+    return (np.concatenate([np.zeros(0), *(t.variant.low for t in terms)]),
+            np.concatenate([np.zeros(0), *(t.variant.high for t in terms)]))
+
+
+def moved(terms: Sequence[EffectTerm], u: np.ndarray) -> tuple[EffectTerm, ...]:
+    """Return the terms at other coordinates, within their bounds."""
+    found, k = [], 0
+    for term in terms:
+        n = term.variant.size
+        part = np.clip(u[k:k + n], term.variant.low, term.variant.high)
+        found.append(EffectTerm(variant=term.variant, signature=term.signature, u=part))
+        k += n
+    return tuple(found)
+
+
+def library_slopes(terms: Sequence[EffectTerm]) -> np.ndarray:
+    """Return the slopes to the coordinates as the library knows them."""
+    return np.hstack([t.signature.slope(t.u) for t in terms])
+
+
+def choices_of(term: EffectTerm) -> dict[str, str]:
+    """Return the choices of an effect by name: its phase, its mode."""
+    kinds = {f.name: f.kind for f in EFFECTS[term.variant.effect].fields}
+    return {f"{term.variant.effect}.{name}": kind.options[int(value)]
+            for name, value in term.variant.settings(term.u).items()
+            if isinstance(kind := kinds[name], Choice)}

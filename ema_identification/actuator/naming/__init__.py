@@ -1,1 +1,0 @@
-"""From a residual to a name: proposals, fits with the simulator, decision, estimates."""

@@ -1,1 +1,0 @@
-"""The simulator replaced by surrogates: candidate effects, libraries, likelihood, fits."""

@@ -1,0 +1,89 @@
+"""The next test: machines that no command tells apart, and tests that tell the others."""
+
+import math
+
+import numpy as np
+import pytest
+from fleet_unit import unit
+
+from ema_identification.actuator.decision import next_test
+from ema_identification.actuator.decision.decide import decide
+from ema_identification.actuator.decision.next_test import (
+    inseparable,
+    phase_constants,
+    separating_test,
+)
+from ema_record.profile import load_profile
+from ema_record.spread import load_spread
+from ema_sim.effects import parse_effects
+from ema_sim.model_file import load_model_file
+from ema_sim.simulate import simulate
+
+
+def eccentric(zeta, angle):
+    return parse_effects([f"rotor_eccentricity.zeta={zeta}", "rotor_eccentricity.mode=static",
+                          f"rotor_eccentricity.angle={angle}"])
+
+
+def shorted(fraction, phase="b", mode="physical"):
+    return parse_effects([f"turn_short.fraction={fraction}", f"turn_short.phase={phase}",
+                          f"turn_short.mode={mode}"])
+
+
+def of(short, bent):
+    return {"turn_short": short, "rotor_eccentricity": bent}
+
+
+def test_a_short_of_constants_and_an_eccentricity_along_its_phase_are_one_machine():
+    zeta = 0.04
+    fraction = 1.5 * zeta / (1.0 + 0.5 * zeta)
+    short, bent = shorted(fraction, "a", "paper"), eccentric(-zeta, 0.0)
+    ratio = phase_constants(bent) / phase_constants(short)
+    assert ratio == pytest.approx(np.full(3, 1.0 + 0.5 * zeta), rel=1e-12)
+    actuator = load_model_file().actuator
+    larger = actuator._replace(motor=actuator.motor._replace(
+        back_emf_constant=actuator.motor.back_emf_constant * (1.0 + 0.5 * zeta)))
+    one = simulate(load_profile("step"), actuator=larger, effects=short, seed=3)
+    other = simulate(load_profile("step"), actuator=actuator, effects=bent, seed=3)
+    early = one.time < 0.05  # rounding grows in the limit cycle after it
+    assert np.abs(one.samples[early] - other.samples[early]).max() < 1e-6
+    assert "phase a" in inseparable(of(short, bent))
+
+
+@pytest.mark.parametrize(("zeta", "off", "one"), [
+    (-0.03, 0.0, True), (-0.03, 0.05, True), (-0.03, 0.3, False), (0.03, 0.0, False)])
+def test_a_test_is_proposed_where_the_axis_is_not_that_of_the_phase(zeta, off, one):
+    fraction = 1.5 * abs(zeta) / (1.0 + 0.5 * abs(zeta))
+    across = math.sqrt(3.0) * abs(zeta * math.sin(off))
+    bent = eccentric(zeta, 2.0 * math.pi / 3.0 + off)
+    assert bool(inseparable(of(shorted(fraction), bent))) is one
+    if zeta < 0.0:
+        assert one is (across < load_spread().tolerances.back_emf_phase)
+
+
+def test_other_sets_are_left_to_the_prediction():
+    friction = parse_effects(["motor_friction.increase=0.2"])
+    assert inseparable({"turn_short": shorted(0.03), "motor_friction": friction}) == ""
+    assert inseparable({**of(shorted(0.03), eccentric(-0.02, 2.1)),
+                        "motor_friction": friction}) == ""
+
+
+def test_a_command_is_proposed_that_sets_the_candidates_apart(monkeypatch):
+    """Linear units: every command shows the same, so the first one that was not run is enough."""
+    example = SimpleMap()
+    monkeypatch.setattr(next_test, "feature_map", lambda *_: example)
+    monkeypatch.setattr(next_test, "simulate", lambda *_, **__: None)
+    monkeypatch.setattr(next_test, "whole", lambda record, _: record)
+    one = unit(seed=3, backlash=2.0)
+    answer = decide(one)
+    others = [f for f in answer.fits if len(f.terms) == 1 and f.names != answer.fit.names][:1]
+    proposed = separating_test(one, [answer.fit, *others])
+    assert proposed is not None
+    assert proposed.separation > 2.0
+    assert "it would set backlash and" in proposed.text
+
+
+class SimpleMap:
+    """Stands for a map of features."""
+
+    features = ()

@@ -1,0 +1,132 @@
+"""Several records of one unit judged together, on linear units."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fleet_unit import FEATURES, effects_of, features_of, judged, run, unit
+
+from ema_identification.actuator.decision import fit, gap
+from ema_identification.actuator.decision.answer import order_of, stages_of
+from ema_identification.actuator.decision.decide import decide
+from ema_identification.actuator.decision.fleet import OF_DAY, SIZE
+from ema_identification.actuator.decision.joint import DAYS, joint_unit
+from ema_identification.actuator.decision.proposals import healthy_scores
+from ema_identification.actuator.laws.terms import LawGap
+from ema_identification.actuator.measure.tolerances import RecordConditions
+from ema_identification.actuator.words import reasons_of
+
+ROW = np.array([20.0, 0.0, 1.0, 0.0])
+ASIDE = 480
+
+
+def two_days(seed):
+    """Return what one healthy unit is on two days."""
+    rng = np.random.default_rng([seed, 15])
+    z = rng.uniform(-1.0, 1.0, SIZE)
+    return z, np.where(OF_DAY, rng.uniform(-1.0, 1.0, SIZE), z)
+
+
+def record_of(library, seed, z, **sizes):
+    """Return a test of a unit."""
+    values = features_of(z, effects_of(**sizes)) + np.random.default_rng(
+        [seed, 16]).normal(size=FEATURES)
+    return fit.TestedUnit(
+        library=library, values=values, seed=seed, simulator=run,
+        conditions=RecordConditions(measured=frozenset({"temperature", "bus"})))
+
+
+@pytest.fixture(scope="module")
+def libraries():
+    """Return the libraries of two tests whose healthy units are the same."""
+    found = []
+    for day in (0, 1):
+        rows = [record_of(judged(), 1000 * day + k, two_days(k)[day]).values for k in range(ASIDE)]
+        found.append(replace(judged(), aside=(np.tile(ROW, (ASIDE, 1)), np.array(rows))))
+    return found
+
+
+@pytest.fixture
+def joint(libraries, tmp_path, monkeypatch):
+    """Return a function that makes a unit of two records."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+
+    def make(seed, *, ranked=False, healthy=ASIDE, **sizes):
+        known = [replace(x, aside=tuple(rows[:healthy] for rows in x.aside)) for x in libraries]
+        return joint_unit([record_of(library, 7000 + 10 * seed + day, z, **sizes)
+                           for day, (library, z) in enumerate(zip(known, two_days(seed)))],
+                          scored=healthy_scores if ranked else None)
+    return make
+
+
+def test_one_record_is_itself():
+    one = unit(seed=3)
+    assert joint_unit([one]) is one
+    assert one.parts == (one,)
+
+
+def test_numbers_of_the_unit_are_shared_and_those_of_the_day_are_not(joint):
+    both = joint(9001)
+    assert len(both.centre) == SIZE + DAYS
+    assert both.day.sum() == 2 * DAYS
+    z = np.random.default_rng(1).uniform(-0.5, 0.5, SIZE + DAYS)
+    step = 1e-4 * np.eye(SIZE + DAYS)
+    slope = both.slope(z)
+    exact = np.array([(both.means((z + s)[None])[0] - both.means((z - s)[None])[0]) / 2e-4
+                      for s in step]).T
+    assert slope == pytest.approx(exact, abs=1e-6)
+    assert not slope[FEATURES:, :SIZE][:, OF_DAY].any()
+    assert not slope[:FEATURES, SIZE:].any()
+    first, second = both.split(both.means(z[None])[0])
+    assert len(first) == len(second) == FEATURES
+
+
+def test_two_records_know_a_unit_better_than_one(joint):
+    both = joint(9002)
+    errors = []
+    for one in (both.parts[0], both):
+        found = one.without_law()
+        errors.append(np.abs(found.z[:SIZE] - two_days(9002)[0])[~OF_DAY].mean())
+    assert errors[1] < 0.9 * errors[0]
+    assert both.without_law().cost / both.size == pytest.approx(1.0, abs=0.2)
+
+
+@pytest.mark.slow
+def test_an_effect_is_named_on_two_records(joint):
+    found = decide(joint(9003, ranked=True, backlash=1.5))
+    assert found.verdict == "explained"
+    assert found.fit.names == ("backlash",)
+    assert found.fit.mean.shape == (2 * FEATURES,)
+
+
+def test_the_gap_of_a_joint_record_is_ranked_among_joint_units(joint):
+    both = joint(9004, healthy=40)
+    held = gap.HeldOut(unit=both, fitted=both)
+    found = held.gap([both.without_law()])
+    assert found.healthy.shape == (40,)
+    assert found.values[0] < 1.2 * found.healthy.max()
+    assert found.rest[0].shape == (2 * FEATURES,)
+
+
+def test_two_effects_are_told_in_the_order_of_what_they_close():
+    answer = decide(unit(seed=3, viscous_friction=1.0, backlash=3.0))
+    assert len(answer.alone) == 2
+    first, second = (answer.fit.names[k] for k in order_of(answer))
+    assert (first, second) == ("backlash", "viscous_friction")
+    costs = [f.cost for f in stages_of(answer)]
+    assert costs == sorted(costs, reverse=True)
+    assert [f.names for f in answer.alone] == [(n,) for n in answer.fit.names]
+
+
+def test_a_silence_beside_a_large_gap_says_that_it_is_not_sure():
+    healthy = np.linspace(1.0, 3.0, 20)
+    silent = decide(unit(seed=3))
+    assert silent.verdict == "no disagreement"
+    plain = reasons_of(silent, LawGap(values=(2.9,), healthy=healthy))
+    (*same, doubt) = reasons_of(silent, LawGap(values=(8.4,), healthy=healthy))
+    assert plain == silent.reasons == tuple(same)
+    assert "8.4 is beyond the 3 " in doubt
+    assert "--baseline" in doubt
+    named = decide(unit(seed=3, backlash=3.0))
+    (said,) = reasons_of(named, LawGap(values=(8.4, 7.0), healthy=healthy))
+    assert said == "backlash closes 100% of what the model leaves"
