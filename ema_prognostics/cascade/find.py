@@ -16,10 +16,9 @@ from ema_prognostics.cascade.classes import (
     kind_found,
     probability_known,
 )
-from ema_prognostics.cascade.guard import build_guard
+from ema_prognostics.cascade.guard import Strange, StrangerFilters, build_guard
 from ema_prognostics.cascade.inputs import Inputs
 from ema_prognostics.cascade.model_body import MemberPart, SeverityPart, ViewPart
-from ema_prognostics.cascade.strangers import Strange, StrangerFilters
 from ema_prognostics.features.vector import rotate
 from ema_prognostics.networks.network import logit
 

@@ -5,6 +5,12 @@ predicted, with their scatter; a record whose others lie elsewhere is of an unkn
 are each feature, the features of each part of the physics together, and all together. What an
 ideal machine and recorder have none of (errors, scatter, noise, rounding) is judged on the bad
 side only: a record better than expected is not suspicious for it.
+
+Strangers, which befall actuators and are no fault of the classes, are told by matched filters on
+what is left when the guard has taken off what a fault of any size explains. A small shift of many
+of these residuals is hard to see in the scatter of known records, unless they are weighted by its
+inverse covariance (R. A. Fisher, Ann. Eugenics 7 (1936) 179). A filter for each kind needs only
+its mean direction, which few examples give; a network would have to learn the covariance too.
 """
 
 from __future__ import annotations
@@ -18,7 +24,7 @@ from ema_prognostics.cascade.classes import KINDS_FOUND, probability_known, tail
 from ema_prognostics.cascade.guard_groups import group_columns
 from ema_prognostics.cascade.inputs import SURFACE, input_names
 from ema_prognostics.cascade.lines import DERIVED
-from ema_prognostics.cascade.model_body import GuardPart, LimitPart, ViewPart
+from ema_prognostics.cascade.model_body import GuardPart, LimitPart, StrangersPart, ViewPart
 from ema_prognostics.features.vector import ABSOLUTE
 from ema_prognostics.networks.network import Network
 
@@ -68,6 +74,8 @@ BEYOND, MOST_BEYOND = 0.5, 1.0
 seen, where what is expected of the features is but a continuation; and the most of it."""
 BESIDE_OWN = 1.25
 """Bound of the scores without the baseline, where there is one and its guard judges too."""
+STRANGER_RATE = 0.003
+"""Part of the known records of which a stranger may be said: a tenth of what may be unknown."""
 SQUEEZE, GROUP_SQUEEZE = 3.0, 8.0
 """Scaled residual beyond which a single feature adds little to the distance of all, of a group."""
 
@@ -235,3 +243,48 @@ def build_guard(view: ViewPart, data: GuardPart) -> Guard:
         measured=np.array([names.index(n) for n in data.seen], dtype=int),
         seen=np.array(list(data.seen.values())).reshape(-1, 2),
     )
+
+
+class Strange(NamedTuple):
+    """What the filters say of records."""
+
+    score: np.ndarray
+    """Largest output over its limit, shape (n,); above 1: unusual."""
+    kind: tuple[str, ...]
+    """Of the filter that it is of."""
+    rate: np.ndarray
+    """Part of the known records that score as much, shape (n,): by the tail of a normal law."""
+
+
+class StrangerFilters:
+    """The filters at work."""
+
+    def __init__(self, part: StrangersPart) -> None:
+        """Keep the weights as arrays."""
+        self._kinds = tuple(part.filters)
+        self._weights = np.array([one.weights for one in part.filters.values()]).T
+        self._turned = np.array([one.turns == 3 for one in part.filters.values()])
+        self._limits = np.array([one.limits for one in part.filters.values()])
+
+    def outputs(self, turned: list[np.ndarray]) -> np.ndarray:
+        """Return the size of each filter's output, shape (n, kinds), from any phase.
+
+        Parameters
+        ----------
+        turned : of ndarray, shape (n, m). The guard's residuals as seen from each phase.
+        """
+        size = np.abs([squeeze(z, GROUP_SQUEEZE) @ self._weights for z in turned])
+        return np.where(self._turned, size.max(axis=0), size[0])
+
+    def __call__(self, turned: list[np.ndarray], kind: np.ndarray) -> Strange:
+        """Return what is said of records.
+
+        Parameters
+        ----------
+        turned : as in `outputs`.
+        kind : ndarray of int, shape (n,). What is found in each, of `KINDS_FOUND`.
+        """
+        ratio = self.outputs(turned) / self._limits[:, kind].T
+        best = ratio.argmax(axis=1)
+        score = ratio[np.arange(len(ratio)), best]
+        return Strange(score, tuple(self._kinds[k] for k in best), STRANGER_RATE ** (score**2))

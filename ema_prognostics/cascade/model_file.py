@@ -13,17 +13,24 @@ import json
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
+from pydantic import Field, ValidationError
 from pydantic_core import from_json
 
 from ema_prognostics.cascade.find import Cascade
-from ema_prognostics.cascade.model_body import Body, PaperPart, View
+from ema_prognostics.cascade.model_body import (
+    DiscrepancyPart,
+    NetworkPart,
+    Part,
+    View,
+    ViewPart,
+)
 from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.paper.cascade import ANN_B_INPUTS, FAULTS, PaperCascade
 from ema_prognostics.paper.features import ANN_A_INPUTS
 from ema_record.actuator_type import actuator_hash, is_of_another_actuator
-from ema_record.errors import ModelError
+from ema_record.errors import ModelError, first_problem
 from ema_record.files import new_file, read_bounded
 from ema_record.kit import CASCADE, kit_name, kit_path
 
@@ -33,6 +40,40 @@ MAX_BYTES = 16 << 20
 BODY = '"body":'
 NO_NUMBERS = ("NaN", "Infinity")
 """What stands in no JSON, and some readers take for numbers."""
+
+
+class PaperPart(Part):
+    """The paper's networks."""
+
+    ann_a: NetworkPart
+    ann_b: dict[Literal["turn_short", "rotor_eccentricity"], NetworkPart]
+
+
+class Body(Part):
+    """The whole body."""
+
+    views: dict[Annotated[str, Field(pattern="^(step|extended)/(fleet|baseline)$")], ViewPart]
+    """By ``<kind>/<view>``, e.g. ``extended/fleet``."""
+    paper: PaperPart | None
+    discrepancy: dict[Literal["step", "extended"], DiscrepancyPart] = Field(default={})
+    """By kind of test; empty: nothing is known of it."""
+    actuator: Annotated[str, Field(pattern="^([0-9a-f]{16})?$")] = ""
+    """Type that it was trained for, see `actuator_hash`; empty: a file of before it was told."""
+    training: dict[str, Any]
+
+    def plain(self) -> dict[str, Any]:
+        """Return the body as plain values, as the file holds it."""
+        return self.model_dump(mode="json", exclude=None if self.actuator else {"actuator"})
+
+    @classmethod
+    def parse(cls, data: object, where: str) -> Body:
+        """Return the body of `data`, plain values or JSON text; ModelError in one line."""
+        try:
+            if isinstance(data, str):
+                return cls.model_validate_json(data)
+            return cls.model_validate(data)
+        except ValidationError as error:
+            raise ModelError(first_problem(error, where, "body", "train again")) from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,19 +19,15 @@ from typing import Any
 import numpy as np
 
 from ema_prognostics.cascade.find import Cascade
-from ema_prognostics.cascade.model_body import Body, DiscrepancyPart, View, ViewPart
-from ema_prognostics.cascade.model_file import model_of, save_model
+from ema_prognostics.cascade.model_body import DiscrepancyPart, View, ViewPart
+from ema_prognostics.cascade.model_file import Body, model_of, save_model
 from ema_prognostics.commission.acceptance import (
     Acceptance,
     measured_recorder,
     read_acceptance,
 )
 from ema_prognostics.commission.bound import linear_bound
-from ema_prognostics.commission.calibrate import (
-    Calibration,
-    calibrate,
-    wider,
-)
+from ema_prognostics.commission.calibrate import Calibration, calibrate, wider
 from ema_prognostics.commission.discrepancy import (
     expected,
     fit_discrepancy,

@@ -10,8 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ema_prognostics.cascade.model_body import DiscrepancyPart, LimitPart, ViewPart
-from ema_prognostics.cascade.parts import rounded
+from ema_prognostics.cascade.model_body import DiscrepancyPart, LimitPart, ViewPart, rounded
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_record.spread import left_over
 

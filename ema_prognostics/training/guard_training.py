@@ -25,8 +25,9 @@ from ema_prognostics.cascade.model_body import (
     GroupPart,
     GuardPart,
     LimitPart,
+    NetworkPart,
+    rounded,
 )
-from ema_prognostics.cascade.parts import NetworkPart, rounded
 from ema_prognostics.networks.fitting import fit_regressor
 from ema_prognostics.training.calibration import tail_quantile
 

@@ -12,8 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from ema_prognostics.cascade.classes import CLASS_OF, SEVERITY_OF, scale_of
-from ema_prognostics.cascade.model_body import SeverityPart, View
-from ema_prognostics.cascade.parts import NetworkPart, rounded
+from ema_prognostics.cascade.model_body import NetworkPart, SeverityPart, View, rounded
 from ema_prognostics.networks.fitting import fit_regressor
 from ema_prognostics.training.calibration import conformal_quantile, local_quantiles
 

@@ -7,10 +7,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ema_prognostics.cascade.classes import KINDS_FOUND
-from ema_prognostics.cascade.guard import GROUP_SQUEEZE, squeeze
-from ema_prognostics.cascade.model_body import FilterPart, StrangersPart
-from ema_prognostics.cascade.parts import rounded
-from ema_prognostics.cascade.strangers import RATE, StrangerFilters
+from ema_prognostics.cascade.guard import (
+    GROUP_SQUEEZE,
+    STRANGER_RATE,
+    StrangerFilters,
+    squeeze,
+)
+from ema_prognostics.cascade.model_body import FilterPart, StrangersPart, rounded
 from ema_prognostics.training.calibration import tail_quantile
 from ema_prognostics.training.faults import Stranger
 from ema_prognostics.training.guard_training import MARGINS, WITHIN
@@ -71,12 +74,12 @@ def train_strangers(
 
 
 def _limits(size: np.ndarray) -> np.ndarray:
-    """Return limits, shape (kinds,), that `RATE` of the records exceed with any of the filters.
+    """Return limits, shape (kinds,), that `STRANGER_RATE` of the records exceed with any filter.
 
     Parameters
     ----------
     size : ndarray, shape (n, kinds). Of the filters' outputs.
     """
-    each = np.array([max(tail_quantile(column, RATE), 1e-3) for column in size.T])
-    worst = tail_quantile((size / each).max(axis=1), RATE)
+    each = np.array([max(tail_quantile(column, STRANGER_RATE), 1e-3) for column in size.T])
+    worst = tail_quantile((size / each).max(axis=1), STRANGER_RATE)
     return np.array(rounded(each * worst))

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ema_prognostics.cascade.find import Cascade
-from ema_prognostics.cascade.model_body import Body, PaperPart
-from ema_prognostics.cascade.model_file import TrainedModel, model_of
-from ema_prognostics.cascade.parts import NetworkPart
+from ema_prognostics.cascade.model_body import NetworkPart
+from ema_prognostics.cascade.model_file import Body, PaperPart, TrainedModel, model_of
 from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.paper.cascade import PaperCascade
 from ema_prognostics.paper.experiment import PaperSettings

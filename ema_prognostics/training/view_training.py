@@ -17,11 +17,12 @@ from ema_prognostics.cascade.model_body import (
     FamilyPart,
     LinePart,
     MemberPart,
+    NetworkPart,
     SeverityPart,
     View,
     ViewPart,
+    rounded,
 )
-from ema_prognostics.cascade.parts import NetworkPart, rounded
 from ema_prognostics.features.vector import (
     ABSOLUTE,
     difference_names,

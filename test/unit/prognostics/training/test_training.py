@@ -10,8 +10,9 @@ import pytest
 
 from ema_prognostics.cascade.classes import OUTPUTS
 from ema_prognostics.cascade.find import Cascade
-from ema_prognostics.cascade.model_body import Body, View
+from ema_prognostics.cascade.model_body import View
 from ema_prognostics.cascade.model_file import (
+    Body,
     TrainedModel,
     load_model,
     model_of,
