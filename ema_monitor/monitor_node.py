@@ -71,9 +71,11 @@ from ema_ros.messages import (
 )
 from ema_ros.process import SHUT_DOWN, StopSignal, run_node
 
-POLL_PERIOD, IDLE_PERIOD = 0.025, 0.05
+POLL_PERIOD = 0.02
+POLL_PERIODS = {Stage.IDLE: 0.05, Stage.TESTING: 0.04}
+"""Where another is enough: samples wait, and the actuator looks at the interlock by itself."""
 DIAGNOSTICS_PERIOD = 1.0
-SIGN_PERIOD = 0.05
+SIGN_PERIOD = 0.04
 RUNNING = "refused: a test is running already: wait for its end"
 
 
@@ -126,7 +128,7 @@ class MonitorNode(EmaNode):
             topic: make_polled_subscription(self, topic, group) for topic in READ
         }
         self._keeper = VerdictKeeper(self, group, wanted=bool(self._values["record_verdict"]))
-        self._timer = make_timer(self, IDLE_PERIOD, self._poll)
+        self._timer = make_timer(self, POLL_PERIODS[Stage.IDLE], self._poll)
         self.while_active(
             *self._polled.values(), self._keeper.subscription,
             self._timer,
@@ -183,7 +185,7 @@ class MonitorNode(EmaNode):
                 self._perform(self._sequence.start(self._observe()))
             else:
                 request.ended.set_result(RUNNING)
-        set_period(self._timer, IDLE_PERIOD if self._sequence.stage is Stage.IDLE else POLL_PERIOD)
+        set_period(self._timer, POLL_PERIODS.get(self._sequence.stage, POLL_PERIOD))
         self._keeper.poll()
 
     def _send_sign_of_life(self) -> None:

@@ -273,8 +273,8 @@ class FilterPart(Part):
     """Of the guard's residuals; the filter's variance over known records is 1."""
     turns: Literal[1, 3]
     """3: it may be of any phase, so the record is looked at from each."""
-    limits: Annotated[list[Positive], Field(min_length=len(KINDS_FOUND),
-                                           max_length=len(KINDS_FOUND))]
+    limits: Annotated[list[Positive], Field(
+        min_length=len(KINDS_FOUND), max_length=len(KINDS_FOUND))]
     """Largest usual size of the filter's output, by what is found, as `classes.KINDS_FOUND`."""
 
 
