@@ -28,13 +28,14 @@ def words_of(evidence: Sequence[Symptom]) -> list[str]:
 
 
 def guard_evidence(cascade: Cascade, detection: Detection) -> list[Symptom]:
-    """Return what the guard finds unusual: features, groups of them, or all together."""
+    """Return what the guard finds unusual: a stranger, features, groups of them, or all."""
     guard = cascade.guard
     if guard is None:
         return []
-    if not detection.unusual(stranger=False):
-        return [Symptom(feature=f"{STRANGER}.{detection.stranger_kind}", measure="bound",
-                        times=detection.stranger)]
+    like = [Symptom(feature=f"{STRANGER}.{detection.stranger_kind}", measure="bound",
+                    times=detection.stranger)] if detection.stranger > 1.0 else []
+    if like and not detection.unusual(stranger=False):
+        return like
     names = [
         *(cascade.inputs.input_names[k] for k in guard.checked),
         *(f"{GROUP}{name}" for name in guard.groups), ALL,
@@ -44,7 +45,8 @@ def guard_evidence(cascade: Cascade, detection: Detection) -> list[Symptom]:
              *(singles + np.argsort(-detection.guard[singles:-1]))[:MOST]]
     found = [Symptom(feature=names[k], measure="bound", times=float(detection.guard[k]))
              for k in order if detection.guard[k] > 1.0][:MOST]
-    return found or [Symptom(feature=ALL, measure="bound", times=float(detection.guard[-1]))]
+    found = found or [Symptom(feature=ALL, measure="bound", times=float(detection.guard[-1]))]
+    return [*like, *found][:MOST]
 
 
 def verdict_of_guard(
