@@ -72,10 +72,10 @@ from ema_ros.messages import (
 from ema_ros.process import SHUT_DOWN, StopSignal, run_node
 
 POLL_PERIOD = 0.02
-POLL_PERIODS = {Stage.IDLE: 0.05, Stage.TESTING: 0.04}
+POLL_PERIODS = {Stage.IDLE: 0.05, Stage.TESTING: 0.025}
 """Where another is enough: samples wait, and the actuator looks at the interlock by itself."""
 DIAGNOSTICS_PERIOD = 1.0
-SIGN_PERIOD = 0.04
+SIGN_PERIOD = 0.05
 RUNNING = "refused: a test is running already: wait for its end"
 
 
