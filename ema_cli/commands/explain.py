@@ -43,7 +43,7 @@ def catalogue() -> list[TextLine]:
     """Return the names that are explained, a kind a line."""
     say = words()
     kinds = {"finding": CLASSES, "term": (*OUTCOMES, *TERMS), "check": checks(),
-             "reason": reasons()}
+             "reason": [*reasons(), *strangers()]}
     return [TextLine(say(f"explain.{kind}"), ", ".join(names)) for kind, names in kinds.items()]
 
 
@@ -58,6 +58,11 @@ def reasons() -> list[str]:
 
     known = [n for n in feature_names() if not n.endswith("_im")]
     return [n for n in known if any(key in n for keys in RELEVANT.values() for key in keys)]
+
+
+def strangers() -> list[str]:
+    """Return the names of what else a record may be most like."""
+    return words("en").below("feature.stranger")
 
 
 def feature_names() -> list[str]:
@@ -84,10 +89,15 @@ def explanation(text: str) -> list[TextLine]:
                         else [])
     if name in checks():
         return list(_check(name))
+    for stranger in strangers():
+        seen = feature_words(f"stranger.{stranger}")
+        if name == stranger or text.strip() == seen:
+            return [TextLine(say("explain.reason"), f"{seen} ({stranger})", "bold"),
+                    TextLine("", say("stranger_about"))]
     features = feature_names()
     same = [n for n in features if text.strip() in (n, feature_words(n), feature_words(n, "en"))]
     if not same:
-        names = [*CLASSES, *OUTCOMES, *TERMS, *checks(), *features]
+        names = [*CLASSES, *OUTCOMES, *TERMS, *checks(), *strangers(), *features]
         by_title = {say(f"fault.{c}.title").lower(): c for c in CLASSES}
         if text.strip().lower() in by_title:
             return list(_fault(by_title[text.strip().lower()]))

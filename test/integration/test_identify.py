@@ -83,7 +83,7 @@ def test_a_hidden_effect_is_named_with_its_size_and_the_gap_shrinks(offset):
                                              "show"}
 
 
-@pytest.mark.xfail(strict=False, reason=NOT_MET)
+@pytest.mark.xfail(reason=NOT_MET)
 def test_the_interval_holds_the_size_that_is_hidden(offset):
     (value,) = (p for p in offset.findings[0].parameters if p.name.endswith("phase_b"))
     assert value.low <= 0.4 <= value.high

@@ -8,10 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ema_prognostics.cascade.classes import KINDS_FOUND
 from ema_prognostics.cascade.find import Cascade
+from ema_prognostics.cascade.guard import STRANGER_RATE, StrangerFilters
 from ema_prognostics.training.evaluation import outcome_of
 from ema_prognostics.training.faults import Stranger
 from ema_prognostics.training.fleet import FleetFeatures, simulate_fleet
+from ema_prognostics.training.stranger_training import train_strangers
 from ema_prognostics.training.strangers import draw_stranger, kinds_of
 from ema_prognostics.training.view_training import train_view
 from ema_prognostics.verdict.report import verdict_of_guard
@@ -61,6 +64,50 @@ def test_sign_and_phase_are_those_of_the_settings() -> None:
             assert phase == 0
         seen.add((kind, sign, phase))
     assert len(seen) == 1 + 3 + 2 + 1 + 1 + 1 + 1 + 6 + 6
+
+
+def turned(rows: np.ndarray) -> list[np.ndarray]:
+    """Return rows as seen from each phase: three blocks of two, and two that are of no phase."""
+    return [np.hstack([np.roll(rows[:, :6], -2 * k, axis=1), rows[:, 6:]]) for k in range(3)]
+
+
+def test_filters_tell_as_much_as_the_best_linear_detector() -> None:
+    """Scatter is known, so is the best distance: d² = s' C⁻¹ s (Fisher 1936)."""
+    rng = np.random.default_rng(8)
+    mixed = np.eye(8) + 0.9 * np.eye(8, k=1)[:, [0, 1, 2, 3, 4, 5, 7, 6]]
+    root = np.kron(np.eye(4), mixed[:2, :2])  # alike for each phase
+    shift = {"phase_resistance": np.array([1.0, -1.2, 0, 0, 0, 0, 0, 0]),
+             "sag": np.array([0, 0, 0, 0, 0, 0, 0.8, 1.5])}
+
+    def known(n: int) -> np.ndarray:
+        return rng.standard_normal((n, 8)) @ root.T
+
+    what = [Stranger("phase_resistance", (-1.0, 1.0)[k % 2], k % 3) for k in range(90)]
+    what += [Stranger("sag")] * 60
+    of_phase_a = np.array([3.0 * one.sign * shift[one.kind] for one in what])
+    strange = known(150) + np.array([
+        np.concatenate([np.roll(row[:6], 2 * one.phase), row[6:]])
+        for row, one in zip(of_phase_a, what)])
+    part = train_strangers(turned, known(4000), strange, what, known(4000), known(4000),
+                           np.arange(4000) % len(KINDS_FOUND))
+    assert part is not None
+    assert {name: one.turns for name, one in part.filters.items()} == {
+        "phase_resistance": 3, "sag": 1}
+    filters = StrangerFilters(part)
+    kind = np.zeros(20_000, dtype=int)
+    assert np.mean(filters(turned(known(20_000)), kind).score > 1.0) == pytest.approx(
+        STRANGER_RATE, abs=0.002)
+    healthy = turned(known(20_000))[0]
+    for name, one in part.filters.items():
+        weights = np.array(one.weights)
+        distance = weights @ shift[name] / (healthy @ weights).std()
+        best = np.linalg.norm(np.linalg.solve(root, shift[name]))
+        assert 0.95 * best < distance < 1.02 * best
+    for phase in range(3):
+        moved = -2.5 * np.concatenate([np.roll(shift["phase_resistance"][:6], 2 * phase), [0, 0]])
+        found = filters(turned(0.1 * known(50) + moved), kind[:50])
+        assert set(found.kind) == {"phase_resistance"}
+        assert (found.score > 1.0).all()
 
 
 def shifted(fleet: FleetFeatures, name: str, by: float) -> FleetFeatures:
