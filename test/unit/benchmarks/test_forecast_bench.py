@@ -90,7 +90,8 @@ def test_scores_of_forecasts_that_are_known(late, met):
     score = measure(course, knowing, SEED)
     assert score.alpha_lambda == [met]
     assert score.near == [met]
-    assert score.accuracy == pytest.approx([2.0 - late])
+    left = course.passed - (course.first + round(0.5 * life))
+    assert score.accuracy == pytest.approx([2.0 - np.ceil(late * left) / left])
     assert score.horizon == pytest.approx([1.0 - PARTS[0] if met else 0.0], abs=1.0 / life)
     assert np.mean(score.covered) == (1.0 if late == 1.0 else pytest.approx(0.0, abs=0.5))
     assert score.width == [0.0] * len(PARTS)
