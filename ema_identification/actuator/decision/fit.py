@@ -117,6 +117,10 @@ class TestedUnit:
     def _plain(self) -> bool:
         return self.library.left is None
 
+    def noise(self) -> np.ndarray:
+        """Return the covariance of the features of a run."""
+        return self.library.repeat.covariance(min(self.conditions.noise, LOUDEST))
+
     def covariance(self, runs: int) -> np.ndarray:
         """Return the covariance of what the right model leaves; `runs` 0: on the quadratic."""
         library, noise = self.library, min(self.conditions.noise, LOUDEST)
@@ -155,15 +159,18 @@ class TestedUnit:
         return self.run_all([(terms, z)], runs, salt)[0]
 
     def run_all(
-        self, models: Sequence[tuple[Sequence[EffectTerm], np.ndarray]], runs: int, salt: int = 0
+        self, models: Sequence[tuple[Sequence[EffectTerm], np.ndarray]], runs: int, salt: int = 0,
+        *, apart: bool = False,
     ) -> list[np.ndarray]:
-        """Return the mean features of runs of each model, with the same noise."""
+        """Return the mean features of runs of each model, with the same noise unless `apart`."""
         library = self.library
         if not models:
             return []
-        seeds = np.random.default_rng([self.seed, 31, salt]).integers(2**31, size=runs)
+        seeds = np.random.default_rng([self.seed, 31, salt]).integers(
+            2**31, size=(len(models) if apart else 1, runs))
         jobs = [(with_terms(terms, library.model.effects), z, int(s))
-                for terms, z in models for s in seeds]
+                for (terms, z), row in zip(models, np.broadcast_to(seeds, (len(models), runs)))
+                for s in row]
 
         def one(job: tuple[Effects, np.ndarray, int]) -> np.ndarray:
             effects, z, seed = job

@@ -66,19 +66,11 @@ def quadratic_gap(unit: TestedUnit, fitted: TestedUnit, null: LawFit) -> LawGap:
     return _left(unit, _yardstick(fitted, null), z, list(unit.means(z[None])))
 
 
-FLOOR_UNITS = 20
-"""Healthy units that tell what a fit leaves of its own record."""
-
-
 def fitted_gap(unit: TestedUnit, models: Sequence[LawFit]) -> LawGap:
     """Return the gap on the fitted records themselves, where no other one is given."""
     root = np.sqrt(np.diag(unit.covariance(0)))
-    healthy = []
-    for one in [u for u in unit.set_aside() if u is not None][:FLOOR_UNITS]:
-        rest = one.values - one.without_law().mean
-        healthy.append(worst([rest / np.sqrt(np.diag(one.covariance(0)))])[0])
     rests = [(unit.values - m.mean) / root for m in models]
-    return LawGap(values=tuple(worst(rests)), healthy=np.array(healthy or [np.nan]),
+    return LawGap(values=tuple(worst(rests)), healthy=unit.library.healthy[:, 2],
                   rest=tuple(rests))
 
 
