@@ -11,11 +11,10 @@ from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.fleet import deviations
 from ema_identification.actuator.decision.intervals import (
     QUANTILE,
-    Posterior,
     parameters_of,
     posterior_of,
 )
-from ema_identification.actuator.laws.terms import LawFit, LawGap, choices_of
+from ema_identification.actuator.laws.terms import LawFit, LawGap, Posterior, choices_of
 from ema_identification.actuator.measure.control_law import ControlLaw
 from ema_identification.actuator.residuals import (
     SHOWN,

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ema_identification.actuator.decision.intervals import Posterior
-from ema_identification.actuator.laws.terms import LawFit, LawGap
+from ema_identification.actuator.laws.terms import LawFit, LawGap, Posterior
 from ema_identification.result import Outcome
 
 

@@ -18,7 +18,7 @@ from sklearn.covariance import ledoit_wolf_shrinkage
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.slopes import bounded_least_squares
 from ema_identification.actuator.decision.surrogate import BEND
-from ema_identification.actuator.laws.terms import LawFit, bounds, coordinates, moved
+from ema_identification.actuator.laws.terms import LawFit, Posterior, bounds, coordinates, moved
 from ema_identification.result import Parameter
 from ema_sim.effects import EFFECTS
 from ema_sim.effects.base import Quantity
@@ -36,13 +36,6 @@ STRETCH = 1.3
 al., J. Amer. Statist. Assoc. 113, 2018). Where features outnumber runs these say too little."""
 SOLUTIONS = 4
 """Steps in which features that are off by more than `BEND` deviations lose weight."""
-
-
-class Posterior(NamedTuple):
-    """Laws' coordinates, then the unit's numbers: shape (m,), and covariance, shape (m, m)."""
-
-    mean: np.ndarray
-    covariance: np.ndarray
 
 
 class _Plane(NamedTuple):

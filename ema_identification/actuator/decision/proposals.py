@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.gap import worst
-from ema_identification.actuator.decision.surrogate import Whitener
+from ema_identification.actuator.decision.surrogate import Whitener, worst
 from ema_identification.actuator.laws.catalogue import Signature, Variant, ripple
 from ema_identification.actuator.laws.terms import EffectTerm, LawFit
 
@@ -32,7 +31,7 @@ class Scores(NamedTuple):
     gain: float
     """Largest of a law, in units of what it leaves."""
     gap: float
-    """Of the fitted record, as `gap.worst` says it."""
+    """Of the fitted record, as `surrogate.worst` says it."""
 
 
 class LawProposal(NamedTuple):

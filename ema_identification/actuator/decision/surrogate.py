@@ -7,6 +7,7 @@ of runs of one unit give the part of that noise which no model can take away.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -29,6 +30,10 @@ RIDGES = (0.3, 3.0, 30.0, 300.0)
 """Penalties tried for each feature; leave one out chooses."""
 SETTLED_RUNS = 8
 """Of a model in the end, healthy or not."""
+WORST = 0.1
+"""Part of the features that the gap looks at: most effects show in few."""
+LARGEST_RESIDUAL = 1e4
+"""Most that one feature counts (standard deviations)."""
 _UPPER = np.triu_indices(SIZE + 3)
 
 
@@ -135,6 +140,14 @@ def mended(
     if power < 1e-4:
         return slopes
     return slopes + np.outer(change - slopes @ step, weight) / power
+
+
+def worst(residual: Sequence[np.ndarray]) -> list[float]:
+    """Return the rms of each model over the tenth of features in which the worst is off most."""
+    squares = np.clip(np.array(residual), -LARGEST_RESIDUAL, LARGEST_RESIDUAL)**2
+    count = max(1, round(WORST * squares.shape[1]))
+    chosen = np.argsort(squares.max(axis=0))[-count:]
+    return [float(np.sqrt(row[chosen].mean())) for row in squares]
 
 
 def least_size(signature: Signature) -> float:
