@@ -76,14 +76,13 @@ def rank(score: float, healthy: np.ndarray) -> float:
 def p_nothing(score: Sequence[float], healthy: np.ndarray) -> float:
     """Return the share of healthy units that are as far off, with `SURE` at most as large.
 
-    By the rarest of the ranks of cost, gain and gap, where these are equal by the next: so that
-    having looked at all three is paid for. Of `n` healthy units `k` are as rare: the bound of
-    Clopper and Pearson (1934). Among all libraries that might have been drawn, at least `SURE`
-    keep what it promises.
+    The score is the rarest of the ranks of cost, gain and gap, so that having looked at all three
+    is paid for. Of `n` healthy units `k` are as rare: the bound of Clopper and Pearson (1934).
+    Among all libraries that might have been drawn, at least `SURE` keep what it promises.
     """
     pooled = np.vstack([score, healthy])
-    own, *others = np.sort((pooled[None] >= pooled[:, None]).sum(axis=1), axis=1).tolist()
-    return share_of(sum(ranks <= own for ranks in others), len(healthy))
+    rarest = (pooled[None] >= pooled[:, None]).sum(axis=1).min(axis=1)
+    return share_of(int((rarest[1:] <= rarest[0]).sum()), len(healthy))
 
 
 def share_of(as_rare: int, units: int) -> float:
