@@ -2,12 +2,14 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ema_prognostics.cascade import kept_model as kept
 from ema_prognostics.cascade.kept_model import kept_model
+from ema_prognostics.cascade.model_body import DiscrepancyPart
 from ema_prognostics.cascade.model_file import load_model
 from ema_record.array_cache import load, save
 from ema_record.errors import ModelError
@@ -48,6 +50,19 @@ def test_a_kept_model_says_what_the_file_says(cache, unread):
     for name, network in first.paper.ann_b.items():
         np.testing.assert_array_equal(network.hidden_weights,
                                       again.paper.ann_b[name].hidden_weights)
+
+
+def test_the_body_of_a_type_with_a_discrepancy_and_without_the_paper(cache):
+    model = load_model()
+    left = DiscrepancyPart(names=["a", "b"], mean=[0.5, -1.0], spread=[1.0, 2.0])
+    body = model.body.model_copy(
+        update={"paper": None, "actuator": "0" * 16, "discrepancy": {"step": left}})
+    save("model_x", kept._Packed(replace(model, body=body), "file").arrays)
+    found = kept._unpacked("model_x", "file")
+    assert found.paper is None and found.body.actuator == "0" * 16
+    assert found.body.discrepancy["step"].names == left.names
+    assert list(found.body.discrepancy["step"].mean) == left.mean
+    assert kept._unpacked("model_x", "another file") is None
 
 
 def test_a_file_that_is_named_is_read_itself(cache):
