@@ -6,9 +6,9 @@ ranks, and how far the likelihood's scale is off, which is then put right.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,14 +22,18 @@ from ema_identification.actuator.decision.fleet import (
     conditions_of,
     fleet_runs,
 )
+from ema_identification.actuator.decision.kept import (
+    as_arrays,
+    from_arrays,
+    is_of_this_code,
+    signed,
+    title,
+)
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.surrogate import (
     SETTLED_RUNS,
     FleetLibrary,
-    NoiseLaw,
-    arguments,
-    fit_mean,
-    noise_law,
+    fitted_library,
 )
 from ema_identification.actuator.laws.catalogue import Signature
 from ema_identification.actuator.laws.signatures import (
@@ -49,34 +53,11 @@ from ema_record.spread import TypeSpread, load_spread
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
 
-FLOORS = {"position_step": 0.05, "speed_step": 0.05, "bus_slope": 2e-3}
-"""Least standard deviation of features that repeat exactly."""
-FLOOR = 2e-4
-"""Least standard deviation of any feature, of its root mean square."""
-
-
-def fitted_library(
-    runs: FleetRuns, model: Model, spread: TypeSpread, fmap: FeatureMap, sizes: LibrarySizes,
-    signatures: tuple[Signature, ...] = (),
-) -> FleetLibrary:
-    """Return the library of runs, not judged yet."""
-    good = np.isfinite(runs.features).all(axis=1)
-    good[sizes.units:] = False
-    v = np.array([arguments(z, conditions_of(c))
-                  for z, c in zip(runs.z[good], runs.conditions[good])])
-    features, noise = runs.features[good], runs.conditions[good, 2]
-    floor = (FLOOR * np.sqrt((features**2).mean(axis=0)) + 1e-6) ** 2
-    for k, feature in enumerate(fmap.features):
-        floor[k] = max(floor[k], FLOORS.get(feature.name, 0.0) ** 2)
-    weights, rest = fit_mean(v, features)
-    paired = np.isfinite(runs.again).all(axis=1) & good[:len(runs.again)]
-    difference = (runs.features[:len(runs.again)] - runs.again)[paired] / np.sqrt(2.0)
-    return FleetLibrary(
-        model=model, spread=spread, fmap=fmap, weights=weights, signatures=signatures,
-        surrogate=noise_law(rest, noise, floor),
-        repeat=noise_law(difference, runs.conditions[:len(runs.again)][paired, 2], 0.5 * floor),
-        healthy=np.ones((1, 2)),
-        aside=(runs.conditions[sizes.ranked:], runs.features[sizes.ranked:]))
+SHARES = {True: (0.0, 0.3, 0.8, 1.0), False: (0.0, 0.0, 0.7, 1.0)}
+"""Of the time: until the catalogue, the healthy runs and the units set aside are done; with and
+without a catalogue."""
+SCALED_SHARE = 0.4
+"""Of the time of the units set aside, that of those that set the scale."""
 
 
 def judged_library(
@@ -95,15 +76,19 @@ def judged_library(
 
     some = units(sizes.units, sizes.ranked)  # not ranked: they would be closer than new ones
     costs = [unit.without_law().cost / unit.size for unit in some]
+    said = partial(progress, "units set aside")
     library = replace(library, surrogate=library.surrogate.scaled(float(np.mean(costs))))
     some = units(sizes.units, sizes.ranked)
     first = [(u, u.settled(u.without_law(), None, 3, salt=3)) for u in some]
-    means = [(u, fit, u.run((), fit.z, SETTLED_RUNS, salt=4)) for u, fit in first]
+    means = []
+    for k, (u, fit) in enumerate(first):
+        means.append((u, fit, u.run((), fit.z, SETTLED_RUNS, salt=4)))
+        said(SCALED_SHARE * (k + 1) / len(first))
     library = replace(library, carried=_carried(library, means))
     healthy, ranked = [], units(sizes.ranked, sizes.total)
     for k, unit in enumerate(ranked):
         healthy.append(scores(unit, unit.without_law(), 0))
-        progress("units set aside", (k + 1) / len(ranked))
+        said(SCALED_SHARE + (1.0 - SCALED_SHARE) * (k + 1) / len(ranked))
     return replace(library, healthy=np.array(healthy))
 
 
@@ -131,70 +116,63 @@ def fleet_library(
 ) -> FleetLibrary:
     """Return the library of a model, a test and a rate, from where it is kept, else built.
 
-    That is the present kit's `library/`, else the cache; what is not there is simulated and kept
-    in `folder`, default the cache. A building that was stopped goes on where it was.
+    That is the present kit's `library/`, else the cache; what is not there, or not of this code,
+    is simulated and kept in `folder`, default the cache. A building that was stopped goes on
+    where it was.
     """
     spread = load_spread()
     rate = model.actuator.acquisition.rate if rate is None else rate
     fmap = feature_map(profile, model.actuator, whole(simulate(
         profile, actuator=model.actuator, effects=model.effects, seed=seed, rate=rate),
         model.actuator))
-    of_test = (json.dumps([[list(p) for p in profile.points], profile.inverter_off, rate]),
+    what = title(model, spread, fmap, sizes, seed)
+    names = [f"library_{what}", *([] if signatures else [f"plain_{what}"])]
+    for name in names:
+        for place in (kit_path(LIBRARY), None):
+            kept = cache.load(name, place)
+            if kept is not None:
+                progress("checking the library", 0.0)
+                known = from_arrays(kept, model, spread, fmap)
+                if is_of_this_code(known, kept, seed=seed, workers=workers):
+                    return known if signatures else replace(known, signatures=())
+    found = _built(model, spread, fmap, sizes, signatures, seed, workers, progress)
+    cache.save(names[-1], signed(found, seed=seed, workers=workers), folder, compressed=True)
+    return found
+
+
+def _built(
+    model: Model, spread: TypeSpread, fmap: FeatureMap, sizes: LibrarySizes, signatures: bool,
+    seed: int, workers: int, progress: Progress,
+) -> FleetLibrary:
+    """Return a library from runs, which are kept in the cache."""
+    of_test = (repr(fmap.profile.points), repr(fmap.profile.inverter_off), repr(fmap.rate),
                repr(model), repr(spread), str(seed))
 
-    def key(what: str, made_by: str, *parts: object) -> str:
-        return f"{what}_{cache.key_of(*of_test, *map(repr, parts), module=made_by)}"
-
-    def kept(name: str, make: Callable[[str], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-        found = cache.load(name, kit_path(LIBRARY)) or cache.load(name)
+    def kept(what: str, made_by: str, make: Callable[[str], dict[str, np.ndarray]], *parts: object
+             ) -> dict[str, np.ndarray]:
+        name = f"{what}_{cache.key_of(*of_test, *map(repr, parts), module=made_by)}"
+        found = cache.load(name)
         if found is None:
             found = make(f"part_{name}")
-            cache.save(name, found, folder)
+            cache.save(name, found)
             cache.forget(f"part_{name}")
         return found
+
+    def said(part: int) -> Progress:
+        begin, end = SHARES[signatures][part:part + 2]
+        return lambda _, share: progress(
+            f"library of {fmap.profile.name}", begin + (end - begin) * share)
 
     laws: tuple[Signature, ...] = ()
     if signatures:
         laws = unpack(candidates(model), kept(
-            key("laws", build_effect_library.__module__), lambda parts: {"added": pack(
-                build_effect_library(model, fmap, seed=seed, workers=workers, progress=progress,
+            "laws", build_effect_library.__module__, lambda parts: {"added": pack(
+                build_effect_library(model, fmap, seed=seed, workers=workers, progress=said(0),
                                      keep=parts))})["added"])
-
-    def built(_: str) -> dict[str, np.ndarray]:
-        runs = FleetRuns(**kept(key("fleet", fleet_runs.__module__, tuple(sizes)),
-                                lambda parts: asdict(fleet_runs(
-                                    model, spread, fmap, sizes, seed=seed, workers=workers,
-                                    progress=progress, keep=parts))))
-        return as_arrays(judged_library(
-            fitted_library(runs, model, spread, fmap, sizes, laws), runs, sizes,
-            workers=workers, progress=progress))
-
-    return from_arrays(kept(key("judged", __name__, tuple(sizes), signatures), built),
-                       model, spread, fmap, laws)
-
-
-def as_arrays(library: FleetLibrary) -> dict[str, np.ndarray]:
-    """Return what is kept of a library; its signatures are kept by themselves."""
-    found = {"weights": library.weights.astype(np.float32), "healthy": library.healthy,
-             "carried": np.array(library.carried), "conditions": library.aside[0],
-             "features": library.aside[1]}
-    for name in ("surrogate", "repeat"):
-        law = getattr(library, name)
-        found |= {f"{name}_quiet": law.quiet, f"{name}_noisy": law.noisy,
-                  f"{name}_correlation": law.correlation.astype(np.float32)}
-    return found
-
-
-def from_arrays(
-    kept: Mapping[str, np.ndarray], model: Model, spread: TypeSpread, fmap: FeatureMap,
-    signatures: tuple[Signature, ...],
-) -> FleetLibrary:
-    """Return the library of `as_arrays`."""
-    surrogate, repeat = (
-        NoiseLaw(quiet=kept[f"{name}_quiet"], noisy=kept[f"{name}_noisy"],
-                 correlation=kept[f"{name}_correlation"].astype(float))
-        for name in ("surrogate", "repeat"))
-    return FleetLibrary(
-        model=model, spread=spread, fmap=fmap, weights=kept["weights"].astype(float),
-        signatures=signatures, surrogate=surrogate, repeat=repeat, healthy=kept["healthy"],
-        carried=float(kept["carried"]), aside=(kept["conditions"], kept["features"]))
+    runs = FleetRuns(**kept(
+        "fleet", fleet_runs.__module__, lambda parts: asdict(fleet_runs(
+            model, spread, fmap, sizes, seed=seed, workers=workers, progress=said(1),
+            keep=parts)), tuple(sizes)))
+    fitted = fitted_library(runs, model, spread, fmap, sizes, laws)
+    return judged_library(from_arrays(as_arrays(fitted), model, spread, fmap), runs, sizes,
+                          workers=workers, progress=said(2))
