@@ -48,7 +48,7 @@ PROBED = LibrarySizes(units=8, repeated=0, scaled=0, set_aside=0)
 RANKED = 3
 """Units set aside that are ranked again."""
 OTHER_NOISE = 2.0
-"""Largest mean square of probes, of that of other noise: 1, and at most 1.4 was seen of it."""
+"""Largest mean square of differences; of runs that share nothing but the physics it is 1."""
 SAME = 1e-6, 0.01
 """Relative error of the same statistics; of the same ranks."""
 ROUND = 64.0
@@ -175,9 +175,9 @@ def agrees(
         return False
     fit, ranks = SAME
     power = np.sqrt((kept["probed_fit"] ** 2).mean())
-    values = library.aside[1]
+    units = [(c, y) for c, y in zip(*library.aside) if np.isfinite(y).all()][:RANKED]
     ranked = [healthy_scores(TestedUnit(library=library, values=y, conditions=conditions_of(c)))
-              for c, y in zip(library.aside[0], values) if np.isfinite(y).all()][:RANKED]
+              for c, y in units]
     return (np.abs(found["probed_fit"] - kept["probed_fit"]).max() <= fit * power
             and np.allclose(ranked, library.healthy[:RANKED], rtol=ranks)
             and max(differences(library, kept, found)) <= OTHER_NOISE)

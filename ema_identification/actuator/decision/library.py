@@ -85,7 +85,9 @@ def judged_library(
         means.append((u, fit, u.run((), fit.z, SETTLED_RUNS, salt=4)))
         said(SCALED_SHARE * (k + 1) / len(first))
     library = replace(library, carried=_carried(library, means))
-    healthy, ranked = [], units(sizes.ranked, sizes.total)
+    healthy, ranked = [], [
+        TestedUnit(library=library, values=values, conditions=conditions_of(row))
+        for row, values in zip(*library.aside) if np.isfinite(values).all()]
     for k, unit in enumerate(ranked):
         healthy.append(scores(unit, unit.without_law(), 0))
         said(SCALED_SHARE + (1.0 - SCALED_SHARE) * (k + 1) / len(ranked))
