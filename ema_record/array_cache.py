@@ -103,3 +103,12 @@ def write_arrays(
     with new_file(path) as temporary, temporary.open("wb") as file:
         (np.savez_compressed if compressed else np.savez)(
             file, **arrays)  # type: ignore[arg-type]
+
+
+def rounded(values: np.ndarray, step: np.ndarray | float) -> np.ndarray:
+    """Return values in float32, on multiples of the next lower power of two of `step`.
+
+    Their last bits are zero, so that they are kept in few bytes.
+    """
+    grid = 2.0 ** np.floor(np.log2(step))
+    return np.asarray(np.round(values / grid) * grid, dtype=np.float32)

@@ -15,12 +15,11 @@ from ema_identification.actuator.decision.fleet import (
     fleet_runs,
     fleet_unit,
 )
-from ema_identification.actuator.decision.kept import (
+from ema_identification.actuator.decision.library import (
     agrees,
     as_arrays,
     from_arrays,
     probed,
-    rounded,
     title,
 )
 from ema_identification.actuator.decision.surrogate import (
@@ -88,7 +87,7 @@ def test_a_library_comes_back_as_it_was_kept():
 
 def test_what_is_kept_is_rounded_to_multiples_of_a_power_of_two():
     values = np.random.default_rng(1).normal(size=1000)
-    kept = rounded(values, 0.01)
+    kept = array_cache.rounded(values, 0.01)
     assert kept.dtype == np.float32 and np.abs(kept - values).max() <= 2.0**-8
     assert (kept % 2.0**-7 == 0.0).all()
 
