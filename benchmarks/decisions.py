@@ -4,7 +4,8 @@ The panel is declared before it is run: `--seed` and `--each`, the units of each
 line a unit is kept, nothing is done twice, and `--table` prints what there is: a panel that is cut
 short has as many units of each stratum, in the order of their numbers. Effects are of medium and
 large size (`benchmarks.blind_panel.truth.hidden`). Strata of accepted units ask what has changed
-since their acceptance (`--baseline`).
+since their acceptance (`--baseline`). Strata of another drive are of a described machine with a
+carrier (`benchmarks.any_actuator`), whose library is built on first use as any kit's.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +23,7 @@ from scipy.stats import beta
 
 from benchmarks.any_actuator.cases import _stranger
 from benchmarks.any_actuator.described import Damage
+from benchmarks.any_actuator.machines import FOLDER
 from benchmarks.any_actuator.records import record_of
 from benchmarks.any_actuator.units import draw_test
 from benchmarks.blind_panel.truth.hidden import HIDEABLE, draw_effect, draw_pair
@@ -34,7 +37,9 @@ from ema_identification.actuator.decision.fleet import (
 )
 from ema_identification.identify import identify
 from ema_record.actuator import load_actuator
-from ema_record.profile import load_profile
+from ema_record.kit import using_kit
+from ema_record.profile import Profile, load_profile
+from ema_record.profiles.design import default_profiles
 from ema_record.record import Record
 from ema_record.spread import load_spread
 from ema_sim.effects import parse_effects
@@ -53,6 +58,8 @@ DAMAGES: dict[str, tuple[str, float | None]] = {
 STRANGE = tuple(name for name, hidden in HIDEABLE.items() if hidden.without is not None)
 STRANGE_DAMAGES = tuple(name for name in DAMAGES if name in STRANGE)
 LISTED_SIZE = len(UNLISTED)
+PWM = FOLDER / "joint_48v"
+"""Kit of a machine whose currents are controlled by a carrier."""
 RANGE = 1.3
 """Of bands that are wider than the description says."""
 
@@ -65,11 +72,13 @@ class HiddenUnit(NamedTuple):
     records: tuple[Record, ...]
     accepted: tuple[Record, ...] = ()
     """From before something was hidden, of the first test."""
+    kit: Path | None = None
+    """Of another machine than the default one."""
 
 
 def own_unit(
     seed: int, k: int, tests: tuple[str, ...], *, hidden: int = 0, listed: bool = False,
-    strange: bool = False, bands: float = 1.0, accepted: bool = False,
+    strange: bool = False, bands: float = 1.0, accepted: bool = False, kit: Path | None = None,
 ) -> HiddenUnit:
     """Return a unit of our own simulator with `hidden` effects.
 
@@ -96,15 +105,20 @@ def own_unit(
         actuator, effects = fleet_unit(model, spread, z, day, parse_effects(
             [f"{a}={b}" for a, b in given.items()], model.effects))
         records.append(simulate(
-            load_profile(test), actuator=actuator, effects=effects, noise=day.noise,
+            test_of(test, kit), actuator=actuator, effects=effects, noise=day.noise,
             seed=int(rng.integers(2**31)), start_angle=day.start_angle))
     return HiddenUnit(names, (HIDEABLE[names[0]].without or ()) if strange else (),
-                      tuple(records[accepted:]), tuple(records[:accepted]))
+                      tuple(records[accepted:]), tuple(records[:accepted]), kit)
+
+
+def test_of(name: str, kit: Path | None) -> Profile:
+    """Return a test by its name, as the product makes it for the machine of a kit."""
+    return load_profile(name) if kit is None else default_profiles(load_actuator())[name]
 
 
 def second_unit(
     seed: int, k: int, tests: tuple[str, ...], *, hidden: int = 0, strange: bool = False,
-    accepted: bool = False,
+    accepted: bool = False, kit: Path | None = None,
 ) -> HiddenUnit:
     """Return a unit of the second simulator, all of the kit's `tolerances` off."""
     a, spread = load_actuator(), load_spread()
@@ -116,6 +130,8 @@ def second_unit(
         order = np.random.default_rng([seed, 75]).permutation(len(pool))
         names = (pool[order[k % len(pool)]],)
         field, size = DAMAGES[names[0]]
+        if kit is not None and field == "backlash":  # in the machine's own measure
+            size = a.wind_up / a.gear.ratio
         fields: dict[str, Any] = {field: size, "phase": int(rng.integers(3)),
                                   "angle": float(rng.uniform(-3.0, 3.0))}
         damage = _stranger(a, field, rng) if size is None else Damage(**fields)
@@ -124,11 +140,18 @@ def second_unit(
     def tested(n: int, test: str, given: Damage) -> Record:
         return record_of(draw_test(
             a, spread.tolerances, spread.conditions, (seed + hidden + strange, k), n, given,
-            own=False), load_profile(test))
+            own=False), test_of(test, kit))
 
     return HiddenUnit(
         names, without, tuple(tested(n, test, damage) for n, test in enumerate(tests)),
-        (tested(len(tests), tests[0], Damage()),) * accepted)
+        (tested(len(tests), tests[0], Damage()),) * accepted, kit)
+
+
+def of_kit(kit: Path, make: Callable[..., HiddenUnit], *which: object, **how: object
+           ) -> HiddenUnit:
+    """Return a unit of the machine of a kit."""
+    with using_kit(kit):
+        return make(*which, kit=kit, **how)
 
 
 STRATA: dict[str, Callable[..., HiddenUnit]] = {
@@ -146,14 +169,18 @@ STRATA: dict[str, Callable[..., HiddenUnit]] = {
     "own, accepted, then one effect": partial(own_unit, hidden=1, accepted=True),
     "second, accepted, nothing": partial(second_unit, accepted=True),
     "second, accepted, then one effect": partial(second_unit, hidden=1, accepted=True),
+    "pwm, own, nothing": partial(of_kit, PWM, own_unit),
+    "pwm, second, nothing": partial(of_kit, PWM, second_unit),
+    "pwm, second, one effect": partial(of_kit, PWM, second_unit, hidden=1),
 }
 
 
 def answered(unit: HiddenUnit) -> dict[str, Any]:
     """Return what is said of a unit: what it has, or since its acceptance."""
     started = time.process_time()
-    whole = identify(unit.records[:1], validate=unit.records[1:], without=unit.without,
-                     baseline=unit.accepted)
+    with nullcontext() if unit.kit is None else using_kit(unit.kit):
+        whole = identify(unit.records[:1], validate=unit.records[1:], without=unit.without,
+                         baseline=unit.accepted)
     found = whole if whole.since is None else whole.since
     return {"names": unit.names, "strange": bool(unit.without), "verdict": found.verdict,
             "reasons": list(found.reasons),

@@ -12,6 +12,7 @@ import math
 import os
 import re
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -29,6 +30,8 @@ Item = TypeVar("Item")
 WRONG_USE = 2
 SOON = 3.0
 """Time before which a pace says nothing of the rest (s)."""
+BETWEEN_LINES = 10.0
+"""Least time between two lines that tell how far something is, where there is no bar (s)."""
 WHOLE = 100_000
 """Width (characters) of a console in which no line is wrapped."""
 _STEERING = re.compile(
@@ -158,8 +161,10 @@ def _bar(description: str, total: float | None) -> Iterator[Callable[..., None]]
     with Progress(*columns, console=stderr(), transient=True) as bar:
         task = bar.add_task(neutral(description), total=total, left="")
 
-        def update(*, completed: float = 0.0, **now: Any) -> None:
-            left = "" if not total else time_left(bar.tasks[0].elapsed or 0.0, completed / total)
+        def update(*, completed: float = 0.0, left: str | None = None, **now: Any) -> None:
+            if left is None:
+                left = "" if not total else time_left(
+                    bar.tasks[0].elapsed or 0.0, completed / total)
             bar.update(task, completed=completed, left=left, **now)
 
         yield update
@@ -207,6 +212,8 @@ def progress(description: str, total: float | None = None) -> Iterator[Callable[
 def progress_of(description: str) -> Iterator[Callable[[str, float], None]]:
     """Show a progress bar that also says what goes on, as `progress` does.
 
+    Where standard error is no terminal a line is written instead, now and then.
+
     Yields
     ------
     callable
@@ -214,7 +221,46 @@ def progress_of(description: str) -> Iterator[Callable[[str, float], None]]:
 
     """
     with _bar(description, 1.0) as update:
-        yield lambda what, part: update(description=neutral(what), completed=part)
+        pace = _Pace()
+
+        def step(what: str, part: float) -> None:
+            left = pace.left(part)
+            update(description=neutral(what), completed=part, left=left)
+            if not sys.stderr.isatty() and pace.due():
+                note(", ".join(filter(None, (f"{what}: {100.0 * part:.0f} %", left))))
+
+        yield step
+
+
+class _Pace:
+    """How fast something goes on; it begins anew where less is done than before.
+
+    What is done within its first seconds was there already, of a work that is taken up again.
+    """
+
+    def __init__(self) -> None:
+        self._begun = self._since = self._told = time.monotonic()
+        self._first = self._last = 0.0
+
+    def left(self, part: float) -> str:
+        """Return how long the rest takes, `part` being done."""
+        now = time.monotonic()
+        if part < self._last:
+            self._begun = self._since = now
+            self._first = part
+        if now - self._begun < SOON:
+            self._since, self._first = now, part
+        self._last = part
+        return time_left(
+            now - self._since, (part - self._first) / max(1.0 - self._first, 1e-9))
+
+    def due(self) -> bool:
+        """Return whether a line should tell how much is done: if none did for some time."""
+        now = time.monotonic()
+        if now - self._told < BETWEEN_LINES:
+            return False
+        self._told = now
+        return True
 
 
 @contextlib.contextmanager

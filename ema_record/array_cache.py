@@ -63,13 +63,16 @@ def load(name: str, folder: Path | None = None) -> dict[str, np.ndarray] | None:
         return None
 
 
-def save(name: str, arrays: Mapping[str, np.ndarray], folder: Path | None = None) -> None:
+def save(
+    name: str, arrays: Mapping[str, np.ndarray], folder: Path | None = None, *,
+    compressed: bool = False,
+) -> None:
     """Keep arrays under `name`, see `load`; where nothing can be written, nothing is kept."""
     path = _place(name, folder)
     with contextlib.suppress(OSError, OutputError):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.unlink(missing_ok=True)  # a damaged one
-        write_arrays(path, arrays)
+        write_arrays(path, arrays, compressed=compressed)
 
 
 def forget(prefix: str) -> None:
@@ -93,7 +96,19 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
             return {name: stored[name] for name in stored.files}
 
 
-def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+def write_arrays(
+    path: Path, arrays: Mapping[str, np.ndarray], *, compressed: bool = False
+) -> None:
     """Write arrays into a new file, whole or not at all; OutputError if there is one already."""
     with new_file(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, **arrays)  # type: ignore[arg-type]
+        (np.savez_compressed if compressed else np.savez)(
+            file, **arrays)  # type: ignore[arg-type]
+
+
+def rounded(values: np.ndarray, step: np.ndarray | float) -> np.ndarray:
+    """Return values in float32, on multiples of the next lower power of two of `step`.
+
+    Their last bits are zero, so that they are kept in few bytes.
+    """
+    grid = 2.0 ** np.floor(np.log2(step))
+    return np.asarray(np.round(values / grid) * grid, dtype=np.float32)

@@ -63,7 +63,7 @@ def identify(
     --validate gives them. These take no part in any choice; a gap that grows there contradicts it.
 
     The first run with a model and a profile simulates their library (some minutes); it is kept in
-    the user's cache directory.
+    the user's cache directory. The default kit has those of step and extended.
 
     Exit status: 0 no disagreement or explained, 3 partly explained, unknown or contradicted by the
     held-out records, 2 wrong use or data that cannot be used.
@@ -90,8 +90,8 @@ def identify(
         def step(what: str, share: float) -> None:
             if what not in shown:
                 shown.append(what)
-                if what.endswith(("runs", "catalogue", "units")):
-                    note(f"simulating {what}; kept in the cache directory for the next time")
+                if what.startswith("library of"):
+                    note(f"simulating the {what}; kept in the cache directory for the next time")
             advance(what, share)
 
         found = run(records, model, validate=held, baseline=accepted, without=without or (),

@@ -73,7 +73,7 @@ QUICK = TrainingSettings(units=120, healthy=200, strangers=60, validation=40,
                          iterations=120)
 SPREAD_UNITS = 48
 """Healthy units from which the scatter of the features is read before the model is corrected."""
-LIBRARY_SHARE, LIBRARY_PARTS = (0.80, 0.98), 3
+LIBRARY_SHARE = 0.80, 0.98
 """Of the whole, for the library; it has so many parts."""
 Progress = Callable[[str, float], None]
 MakeLibrary = Callable[[Sequence[Record], Path, Progress], None]
@@ -258,15 +258,9 @@ class _Work:
         if self._library is None:
             return False
         begin, end = LIBRARY_SHARE
-        part, last = -1, ""
-
-        def step(what: str, share: float) -> None:
-            nonlocal part, last
-            part, last = part + (what != last), what
-            done = min((part + share) / LIBRARY_PARTS, 1.0)
-            self._progress(f"library: {what}", begin + (end - begin) * done)
-
-        self._library(self._acceptance.records, self._draft / LIBRARY, step)
+        self._library(
+            self._acceptance.records, self._draft / LIBRARY,
+            lambda what, share: self._progress(what, begin + (end - begin) * share))
         return True
 
     def _write_actuator(self, actuator: Actuator, tolerances: UnitTolerances | None = None

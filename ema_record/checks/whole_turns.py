@@ -17,9 +17,9 @@ from ema_record.checks.facts import REST_OFFSET, SLOW, BagFacts, Hit, Rule
 TURN = 2.0 * np.pi
 MEDIAN = 9
 """Steady turns on end whose median is taken."""
-STEADY = (0.05, 0.25)
+STEADY = (0.05, 0.1)
 """Relative changes of speed and of current to the turns beside it below which a turn is steady."""
-KEPT = (0.1, 0.5)
+KEPT = (0.1, 0.75)
 """What a sensor does it keeps doing: but for that share of the turns after it, so much of the
 middle of them, and of the bound."""
 STICKS = 0.1

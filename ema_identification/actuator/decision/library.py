@@ -1,14 +1,18 @@
 """Build the library of a test: fleet, repeats, laws; then judge it on units that built nothing.
 
 The units set aside give the two things that the decision stands on: what healthy units leave, for
-ranks, and how far the likelihood's scale is off, which is then put right.
+ranks, and how far the likelihood's scale is off, which is then put right. A library is kept under
+a name of what it is of; the code is not in it, since every comment would make it another. Where
+other code made a file, some of what it holds is made again: what differs by more than another
+realisation of the noise, as another processor gives it, is of another model, and built anew.
 """
 
 from __future__ import annotations
 
-import json
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,31 +21,32 @@ from scipy.optimize import brentq
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.fleet import (
     FULL,
+    SIZE,
     FleetRuns,
     LibrarySizes,
     conditions_of,
     fleet_runs,
 )
-from ema_identification.actuator.decision.proposals import scores
+from ema_identification.actuator.decision.proposals import healthy_scores, scores
 from ema_identification.actuator.decision.surrogate import (
     SETTLED_RUNS,
     FleetLibrary,
     NoiseLaw,
-    arguments,
-    fit_mean,
-    noise_law,
+    bent,
+    fitted_library,
 )
 from ema_identification.actuator.laws.catalogue import Signature
 from ema_identification.actuator.laws.signatures import (
     build_effect_library,
     candidates,
     pack,
+    probe_cases,
     unpack,
 )
 from ema_identification.actuator.laws.terms import LawFit
 from ema_identification.actuator.measure.features import FeatureMap, feature_map
 from ema_identification.actuator.measure.recorder import whole
-from ema_identification.actuator.measure.runs import Progress, silent
+from ema_identification.actuator.measure.runs import Progress, run_cases, silent
 from ema_record import array_cache as cache
 from ema_record.kit import LIBRARY, kit_path
 from ema_record.profile import Profile
@@ -49,34 +54,28 @@ from ema_record.spread import TypeSpread, load_spread
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
 
-FLOORS = {"position_step": 0.05, "speed_step": 0.05, "bus_slope": 2e-3}
-"""Least standard deviation of features that repeat exactly."""
-FLOOR = 2e-4
-"""Least standard deviation of any feature, of its root mean square."""
-
-
-def fitted_library(
-    runs: FleetRuns, model: Model, spread: TypeSpread, fmap: FeatureMap, sizes: LibrarySizes,
-    signatures: tuple[Signature, ...] = (),
-) -> FleetLibrary:
-    """Return the library of runs, not judged yet."""
-    good = np.isfinite(runs.features).all(axis=1)
-    good[sizes.units:] = False
-    v = np.array([arguments(z, conditions_of(c))
-                  for z, c in zip(runs.z[good], runs.conditions[good])])
-    features, noise = runs.features[good], runs.conditions[good, 2]
-    floor = (FLOOR * np.sqrt((features**2).mean(axis=0)) + 1e-6) ** 2
-    for k, feature in enumerate(fmap.features):
-        floor[k] = max(floor[k], FLOORS.get(feature.name, 0.0) ** 2)
-    weights, rest = fit_mean(v, features)
-    paired = np.isfinite(runs.again).all(axis=1) & good[:len(runs.again)]
-    difference = (runs.features[:len(runs.again)] - runs.again)[paired] / np.sqrt(2.0)
-    return FleetLibrary(
-        model=model, spread=spread, fmap=fmap, weights=weights, signatures=signatures,
-        surrogate=noise_law(rest, noise, floor),
-        repeat=noise_law(difference, runs.conditions[:len(runs.again)][paired, 2], 0.5 * floor),
-        healthy=np.ones((1, 3)),
-        aside=(runs.conditions[sizes.ranked:], runs.features[sizes.ranked:]))
+VERSION = 1
+"""To be raised where `library.judged_library` makes something else of the same runs."""
+MADE_BY = "ema_identification.actuator.decision.library"
+"""What a library depends on is what this module imports."""
+PROBED = LibrarySizes(units=8, repeated=0, scaled=0, set_aside=0)
+RANKED = 3
+"""Units set aside that are ranked again."""
+OTHER_NOISE = 2.0
+"""Largest mean square of differences; of runs that share nothing but the physics it is 1."""
+SAME = 1e-6, 0.01
+"""Relative error of the same statistics; of the same ranks."""
+ROUND = 64.0
+"""Parts of a deviation to which features are kept."""
+FINER = 4.0
+"""Times finer are the weights kept, of which many add up."""
+CORRELATION = 2.0**-14
+"""Step of correlations."""
+SHARES = {True: (0.0, 0.3, 0.8, 1.0), False: (0.0, 0.0, 0.7, 1.0)}
+"""Of the time: until the catalogue, the healthy runs and the units set aside are done; with and
+without a catalogue."""
+SCALED_SHARE = 0.4
+"""Of the time of the units set aside, that of those that set the scale."""
 
 
 def judged_library(
@@ -95,15 +94,21 @@ def judged_library(
 
     some = units(sizes.units, sizes.ranked)  # not ranked: they would be closer than new ones
     costs = [unit.without_law().cost / unit.size for unit in some]
+    said = partial(progress, "units set aside")
     library = replace(library, surrogate=library.surrogate.scaled(float(np.mean(costs))))
     some = units(sizes.units, sizes.ranked)
     first = [(u, u.settled(u.without_law(), None, 3, salt=3)) for u in some]
-    means = [(u, fit, u.run((), fit.z, SETTLED_RUNS, salt=4)) for u, fit in first]
+    means = []
+    for k, (u, fit) in enumerate(first):
+        means.append((u, fit, u.run((), fit.z, SETTLED_RUNS, salt=4)))
+        said(SCALED_SHARE * (k + 1) / len(first))
     library = replace(library, carried=_carried(library, means))
-    healthy, ranked = [], units(sizes.ranked, sizes.total)
+    healthy, ranked = [], [
+        TestedUnit(library=library, values=values, conditions=conditions_of(row))
+        for row, values in zip(*library.aside) if np.isfinite(values).all()]
     for k, unit in enumerate(ranked):
         healthy.append(scores(unit, unit.without_law(), 0))
-        progress("units set aside", (k + 1) / len(ranked))
+        said(SCALED_SHARE + (1.0 - SCALED_SHARE) * (k + 1) / len(ranked))
     return replace(library, healthy=np.array(healthy))
 
 
@@ -131,70 +136,201 @@ def fleet_library(
 ) -> FleetLibrary:
     """Return the library of a model, a test and a rate, from where it is kept, else built.
 
-    That is the present kit's `library/`, else the cache; what is not there is simulated and kept
-    in `folder`, default the cache. A building that was stopped goes on where it was.
+    That is the present kit's `library/`, else the cache; what is not there, or not of this code,
+    is simulated and kept in `folder`, default the cache. A building that was stopped goes on
+    where it was.
     """
     spread = load_spread()
     rate = model.actuator.acquisition.rate if rate is None else rate
     fmap = feature_map(profile, model.actuator, whole(simulate(
         profile, actuator=model.actuator, effects=model.effects, seed=seed, rate=rate),
         model.actuator))
-    of_test = (json.dumps([[list(p) for p in profile.points], profile.inverter_off, rate]),
+    what = title(model, spread, fmap, sizes, seed)
+    names = [f"library_{what}", *([] if signatures else [f"plain_{what}"])]
+    for name in names:
+        for place in (kit_path(LIBRARY), None):
+            kept = cache.load(name, place)
+            if kept is not None:
+                progress("checking the library", 0.0)
+                known = from_arrays(kept, model, spread, fmap)
+                if is_of_this_code(known, kept, seed=seed, workers=workers):
+                    return known if signatures else replace(known, signatures=())
+    found = _built(model, spread, fmap, sizes, signatures, seed, workers, progress)
+    cache.save(names[-1], signed(found, seed=seed, workers=workers), folder, compressed=True)
+    return found
+
+
+def _built(
+    model: Model, spread: TypeSpread, fmap: FeatureMap, sizes: LibrarySizes, signatures: bool,
+    seed: int, workers: int, progress: Progress,
+) -> FleetLibrary:
+    """Return a library from runs, which are kept in the cache."""
+    of_test = (repr(fmap.profile.points), repr(fmap.profile.inverter_off), repr(fmap.rate),
                repr(model), repr(spread), str(seed))
 
-    def key(what: str, made_by: str, *parts: object) -> str:
-        return f"{what}_{cache.key_of(*of_test, *map(repr, parts), module=made_by)}"
-
-    def kept(name: str, make: Callable[[str], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-        found = cache.load(name, kit_path(LIBRARY)) or cache.load(name)
+    def kept(what: str, made_by: str, make: Callable[[str], dict[str, np.ndarray]], *parts: object
+             ) -> dict[str, np.ndarray]:
+        name = f"{what}_{cache.key_of(*of_test, *map(repr, parts), module=made_by)}"
+        found = cache.load(name)
         if found is None:
             found = make(f"part_{name}")
-            cache.save(name, found, folder)
+            cache.save(name, found)
             cache.forget(f"part_{name}")
         return found
+
+    def said(part: int) -> Progress:
+        begin, end = SHARES[signatures][part:part + 2]
+        return lambda _, share: progress(
+            f"library of {fmap.profile.name}", begin + (end - begin) * share)
 
     laws: tuple[Signature, ...] = ()
     if signatures:
         laws = unpack(candidates(model), kept(
-            key("laws", build_effect_library.__module__), lambda parts: {"added": pack(
-                build_effect_library(model, fmap, seed=seed, workers=workers, progress=progress,
+            "laws", build_effect_library.__module__, lambda parts: {"added": pack(
+                build_effect_library(model, fmap, seed=seed, workers=workers, progress=said(0),
                                      keep=parts))})["added"])
+    runs = FleetRuns(**kept(
+        "fleet", fleet_runs.__module__, lambda parts: asdict(fleet_runs(
+            model, spread, fmap, sizes, seed=seed, workers=workers, progress=said(1),
+            keep=parts)), tuple(sizes)))
+    fitted = fitted_library(runs, model, spread, fmap, sizes, laws)
+    return judged_library(from_arrays(as_arrays(fitted), model, spread, fmap), runs, sizes,
+                          workers=workers, progress=said(2))
 
-    def built(_: str) -> dict[str, np.ndarray]:
-        runs = FleetRuns(**kept(key("fleet", fleet_runs.__module__, tuple(sizes)),
-                                lambda parts: asdict(fleet_runs(
-                                    model, spread, fmap, sizes, seed=seed, workers=workers,
-                                    progress=progress, keep=parts))))
-        return as_arrays(judged_library(
-            fitted_library(runs, model, spread, fmap, sizes, laws), runs, sizes,
-            workers=workers, progress=progress))
 
-    return from_arrays(kept(key("judged", __name__, tuple(sizes), signatures), built),
-                       model, spread, fmap, laws)
+def title(model: Model, spread: TypeSpread, fmap: FeatureMap, sizes: LibrarySizes, seed: int
+          ) -> str:
+    """Return a hash of what a library is of."""
+    profile: Profile = fmap.profile
+    parts = (VERSION, profile.points, profile.inverter_off, fmap.rate, model, spread, seed,
+             tuple(sizes), fmap.features, [(v.name, v.levels) for v in candidates(model)])
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
 
 
 def as_arrays(library: FleetLibrary) -> dict[str, np.ndarray]:
-    """Return what is kept of a library; its signatures are kept by themselves."""
-    found = {"weights": library.weights.astype(np.float32), "healthy": library.healthy,
+    """Return what is kept of a library."""
+    step = library.repeat.deviation(0.5) / ROUND
+    found = {"weights": cache.rounded(library.weights, step / FINER), "healthy": library.healthy,
              "carried": np.array(library.carried), "conditions": library.aside[0],
-             "features": library.aside[1]}
+             "features": cache.rounded(library.aside[1], step)}
     for name in ("surrogate", "repeat"):
         law = getattr(library, name)
-        found |= {f"{name}_quiet": law.quiet, f"{name}_noisy": law.noisy,
-                  f"{name}_correlation": law.correlation.astype(np.float32)}
+        found |= {f"{name}_quiet": law.quiet, f"{name}_noisy": law.noisy, f"{name}_correlation":
+                  cache.rounded(law.correlation[np.tril_indices(len(law.quiet), -1)], CORRELATION)}
+    if library.signatures:
+        found["added"] = cache.rounded(pack(library.signatures), step)
     return found
 
 
 def from_arrays(
     kept: Mapping[str, np.ndarray], model: Model, spread: TypeSpread, fmap: FeatureMap,
-    signatures: tuple[Signature, ...],
 ) -> FleetLibrary:
     """Return the library of `as_arrays`."""
     surrogate, repeat = (
         NoiseLaw(quiet=kept[f"{name}_quiet"], noisy=kept[f"{name}_noisy"],
-                 correlation=kept[f"{name}_correlation"].astype(float))
+                 correlation=_whole(kept[f"{name}_correlation"], len(kept[f"{name}_quiet"])))
         for name in ("surrogate", "repeat"))
+    signatures: tuple[Signature, ...] = ()
+    if "added" in kept:
+        signatures = unpack(candidates(model), kept["added"].astype(float))
     return FleetLibrary(
         model=model, spread=spread, fmap=fmap, weights=kept["weights"].astype(float),
         signatures=signatures, surrogate=surrogate, repeat=repeat, healthy=kept["healthy"],
-        carried=float(kept["carried"]), aside=(kept["conditions"], kept["features"]))
+        carried=float(kept["carried"]),
+        aside=(kept["conditions"], kept["features"].astype(float)))
+
+
+def _whole(below: np.ndarray, size: int) -> np.ndarray:
+    """Return the correlation of what stands below its diagonal."""
+    found = np.zeros((size, size))
+    found[np.tril_indices(size, -1)] = below
+    return np.asarray(found + found.T + np.eye(size))
+
+
+def probed(library: FleetLibrary, *, seed: int, workers: int = 1) -> dict[str, np.ndarray]:
+    """Return what is compared of a library, made by the present code."""
+    runs = fleet_runs(library.model, library.spread, library.fmap, PROBED, seed=seed)
+    deviation = library.repeat.deviation(1.0) / ROUND
+    found = {"probed_units": cache.rounded(runs.features, deviation),
+             "probed_days": runs.conditions, "probed_fit": _statistics(library)}
+    if library.signatures:
+        found["probed_laws"] = cache.rounded(run_cases(
+            library.model, probe_cases(library.model, seed), library.fmap, workers=workers),
+            deviation)
+    return found
+
+
+def _statistics(library: FleetLibrary) -> np.ndarray:
+    """Return what is fitted to numbers that are always the same."""
+    rng = np.random.default_rng(5)
+    sizes = LibrarySizes(units=400, repeated=100, scaled=0, set_aside=0)
+    n, d = sizes.units, 3
+    runs = FleetRuns(z=rng.uniform(-1.0, 1.0, (n, SIZE)), features=rng.normal(size=(n, d)),
+                     conditions=np.column_stack([rng.uniform(-1.0, 1.0, (n, 2)),
+                                                 rng.uniform(0.3, 2.0, (n, 2))]),
+                     again=rng.normal(size=(sizes.repeated, d)))
+    found = fitted_library(runs, library.model, library.spread,
+                           replace(library.fmap, features=library.fmap.features[:d]), sizes)
+    return np.concatenate([found.weights.ravel(), *(part.ravel() for law in (
+        found.surrogate, found.repeat) for part in (law.quiet, law.noisy, law.correlation))])
+
+
+def signed(library: FleetLibrary, *, seed: int, workers: int = 1) -> dict[str, np.ndarray]:
+    """Return what is kept of a library with what made it, and probes of that."""
+    return as_arrays(library) | probed(library, seed=seed, workers=workers) | {
+        "made_by": np.array(cache.key_of(module=MADE_BY)),
+        "test": np.array(library.fmap.profile.name)}
+
+
+def is_of_this_code(
+    library: FleetLibrary, kept: Mapping[str, np.ndarray], *, seed: int, workers: int = 1
+) -> bool:
+    """Return whether the present code would make this library; what was found is kept."""
+    if str(kept["made_by"]) == cache.key_of(module=MADE_BY):
+        return True
+    content = hashlib.sha256(b"".join(kept[k].tobytes() for k in sorted(kept))).hexdigest()
+    marker = f"agreed_{cache.key_of(content, module=MADE_BY)}"
+    if cache.load(marker) is None:
+        if not agrees(library, kept, probed(library, seed=seed, workers=workers)):
+            return False
+        cache.save(marker, {"agreed": np.array(True)})
+    return True
+
+
+def agrees(
+    library: FleetLibrary, kept: Mapping[str, np.ndarray], found: Mapping[str, np.ndarray]
+) -> bool:
+    """Return whether the probes that are kept and those `found` are of one code."""
+    if any(k not in kept or kept[k].shape != x.shape for k, x in found.items()):
+        return False
+    fit, ranks = SAME
+    power = np.sqrt((kept["probed_fit"] ** 2).mean())
+    units = [(c, y) for c, y in zip(*library.aside) if np.isfinite(y).all()][:RANKED]
+    ranked = [healthy_scores(TestedUnit(library=library, values=y, conditions=conditions_of(c)))
+              for c, y in units]
+    return (np.abs(found["probed_fit"] - kept["probed_fit"]).max() <= fit * power
+            and np.allclose(ranked, library.healthy[:RANKED], rtol=ranks)
+            and max(differences(library, kept, found)) <= OTHER_NOISE)
+
+
+def differences(
+    library: FleetLibrary, kept: Mapping[str, np.ndarray], found: Mapping[str, np.ndarray]
+) -> Sequence[float]:
+    """Return mean squares of the differences of probes: 0 the same, 1 other noise.
+
+    Of the healthy units; of what is common to them; of what is common to the runs of laws.
+    """
+    noise = kept["probed_days"][:, 2]
+    scales = {"probed_units": np.array([library.repeat.deviation(x) for x in noise]),
+              "probed_laws": library.repeat.deviation(1.0)}
+    result = []
+    for name, scale in scales.items():
+        if name in kept:
+            good = np.isfinite(kept[name]).all(axis=1)
+            if (np.isfinite(found[name]).all(axis=1) != good).any():
+                return [np.inf]
+            off = bent(((found[name] - kept[name]) / scale)[good])
+            result.append(float(0.5 * len(off) * (off.mean(axis=0) ** 2).mean()))
+            if name == "probed_units":
+                result.append(float(0.5 * (off**2).mean()))
+    return result

@@ -16,7 +16,12 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from sklearn.covariance import ledoit_wolf_shrinkage
 
-from ema_identification.actuator.decision.fleet import SIZE
+from ema_identification.actuator.decision.fleet import (
+    SIZE,
+    FleetRuns,
+    LibrarySizes,
+    conditions_of,
+)
 from ema_identification.actuator.laws.catalogue import Signature
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.tolerances import RecordConditions
@@ -28,6 +33,8 @@ BEND = 5.0
 known."""
 RIDGES = (0.3, 3.0, 30.0, 300.0)
 """Penalties tried for each feature; leave one out chooses."""
+FACTORS = (1.0, 30.0)
+"""Times larger is the penalty of second-order terms, of which most are nothing."""
 SETTLED_RUNS = 8
 """Of a model in the end, healthy or not."""
 WORST = 0.1
@@ -35,6 +42,10 @@ WORST = 0.1
 LARGEST_RESIDUAL = 1e4
 """Most that one feature counts (standard deviations)."""
 _UPPER = np.triu_indices(SIZE + 3)
+FLOORS = {"position_step": 0.05, "speed_step": 0.05, "bus_slope": 2e-3}
+"""Least standard deviation of features that repeat exactly."""
+FLOOR = 2e-4
+"""Least standard deviation of any feature, of its root mean square."""
 
 
 def design(v: np.ndarray) -> np.ndarray:
@@ -205,9 +216,18 @@ class FleetLibrary:
 
     def slope(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
         """Return their derivative to `z`, shape (d, SIZE): exact, of a quadratic."""
-        v = arguments(z, conditions)
-        step = 0.5 * np.eye(SIZE, len(v))
-        return np.asarray((design(v + step) - design(v - step)) @ self.weights).T
+        return np.asarray(np.tensordot(
+            np.append(1.0, arguments(z, conditions)), self._bends, axes=(0, 1))).T
+
+    @cached_property
+    def _bends(self) -> np.ndarray:
+        """Weights of the derivative to each number of the unit, shape (SIZE, 1 + m, d)."""
+        m = _UPPER[0].max() + 1
+        place = np.zeros((m, m), dtype=int)
+        place[_UPPER] = place.T[_UPPER] = 1 + m + np.arange(len(_UPPER[0]))
+        found = self.weights[np.column_stack([1 + np.arange(SIZE), place[:SIZE]])]
+        found[np.arange(SIZE), 1 + np.arange(SIZE)] *= 2.0
+        return found
 
     @cached_property
     def root(self) -> np.ndarray:
@@ -229,23 +249,50 @@ def fit_mean(v: np.ndarray, features: np.ndarray) -> tuple[np.ndarray, np.ndarra
     features : ndarray, shape (n, d).
     """
     columns = design(v)
-    scale = columns.std(axis=0)
-    scale[0] = 1.0
+    spread = columns.std(axis=0)
+    spread[0] = 1.0
     middle = features.mean(axis=0)
-    u, s, vt = np.linalg.svd(columns / scale, full_matrices=False)
-    projected = u.T @ (features - middle)
     best = np.full(features.shape[1], np.inf)
     weights = np.zeros((columns.shape[1], features.shape[1]))
     rest = np.zeros_like(features)
-    for ridge in RIDGES:
-        shrunk = s**2 / (s**2 + ridge)
-        leverage = (u**2 * shrunk).sum(axis=1)
-        left = (features - middle - u @ (shrunk[:, None] * projected)) / (1.0 - leverage)[:, None]
-        error = (left**2).mean(axis=0)
-        better = error < best
-        best = np.where(better, error, best)
-        rest[:, better] = left[:, better]
-        weights[:, better] = (vt.T @ ((shrunk / s)[:, None] * projected))[:, better]
-    weights /= scale[:, None]
+    for factor in FACTORS:
+        scale = spread * np.where(np.arange(len(spread)) > v.shape[1], np.sqrt(factor), 1.0)
+        u, s, vt = np.linalg.svd(columns / scale, full_matrices=False)
+        projected = u.T @ (features - middle)
+        for ridge in RIDGES:
+            shrunk = s**2 / (s**2 + ridge)
+            leverage = (u**2 * shrunk).sum(axis=1)
+            left = features - middle - u @ (shrunk[:, None] * projected)
+            left /= (1.0 - leverage)[:, None]
+            error = (left**2).mean(axis=0)
+            better = error < best
+            best = np.where(better, error, best)
+            rest[:, better] = left[:, better]
+            found = vt.T @ ((shrunk / s)[:, None] * projected[:, better])
+            weights[:, better] = found / scale[:, None]
     weights[0] += middle
     return weights, rest
+
+
+def fitted_library(
+    runs: FleetRuns, model: Model, spread: TypeSpread, fmap: FeatureMap, sizes: LibrarySizes,
+    signatures: tuple[Signature, ...] = (),
+) -> FleetLibrary:
+    """Return the library of runs, not judged yet."""
+    good = np.isfinite(runs.features).all(axis=1)
+    good[sizes.units:] = False
+    v = np.array([arguments(z, conditions_of(c))
+                  for z, c in zip(runs.z[good], runs.conditions[good])])
+    features, noise = runs.features[good], runs.conditions[good, 2]
+    floor = (FLOOR * np.sqrt((features**2).mean(axis=0)) + 1e-6) ** 2
+    for k, feature in enumerate(fmap.features):
+        floor[k] = max(floor[k], FLOORS.get(feature.name, 0.0) ** 2)
+    weights, rest = fit_mean(v, features)
+    paired = np.isfinite(runs.again).all(axis=1) & good[:len(runs.again)]
+    difference = (runs.features[:len(runs.again)] - runs.again)[paired] / np.sqrt(2.0)
+    return FleetLibrary(
+        model=model, spread=spread, fmap=fmap, weights=weights, signatures=signatures,
+        surrogate=noise_law(rest, noise, floor),
+        repeat=noise_law(difference, runs.conditions[:len(runs.again)][paired, 2], 0.5 * floor),
+        healthy=np.ones((1, 3)),
+        aside=(runs.conditions[sizes.ranked:], runs.features[sizes.ranked:]))

@@ -14,7 +14,7 @@ from ema_identification.actuator.laws.catalogue import Signature, Variant, varia
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.runs import Progress, UnitRun, run_cases, silent
 from ema_identification.actuator.measure.tolerances import N_TOLERANCES, RecordConditions
-from ema_sim.effects import EFFECTS
+from ema_sim.effects import EFFECTS, Effects
 from ema_sim.model_file import Model
 
 
@@ -48,28 +48,39 @@ def build_effect_library(
 ) -> tuple[Signature, ...]:
     """Simulate the catalogue and return the signatures; `keep` as of `spread_out`."""
     found = candidates(model)
-    z = np.zeros(N_TOLERANCES)
-    cases: list[UnitRun] = []
-    seeds = np.random.default_rng([seed, 2]).integers(2**31, size=(len(START_ANGLES), BASE_RUNS))
-    for k, angle in enumerate(START_ANGLES):
-        cases += [UnitRun(z=z, conditions=RecordConditions(start_angle=angle), seed=int(s))
-                  for s in seeds[k]]
+    seeds = _seeds(seed)
+    cases = [_run(angle, s) for angle, own in zip(START_ANGLES, seeds) for s in own]
     for variant in found:
         for j, levels in enumerate(variant.levels):
             for level in levels:
-                u = np.zeros(variant.size)
-                u[j] = level
-                cases += [
-                    UnitRun(z=z, conditions=RecordConditions(start_angle=angle),
-                            seed=int(seeds[k, 0]), effects=variant.effects(u, model.effects))
-                    for k, angle in enumerate(START_ANGLES)
-                ]
+                effects = _alone(variant, j, level, model)
+                cases += [_run(angle, s, effects) for angle, s in zip(START_ANGLES, seeds[:, 0])]
     runs = run_cases(model, cases, fmap, workers=workers, progress=progress,
                      what="signatures of the catalogue", keep=keep)
     n = len(START_ANGLES)
     base = runs[:n * BASE_RUNS].reshape(n, BASE_RUNS, -1).mean(axis=1)
     added = (runs[n * BASE_RUNS:].reshape(-1, n, runs.shape[1]) - base).mean(axis=1)
     return unpack(found, added)
+
+
+def _seeds(seed: int) -> np.ndarray:
+    return np.random.default_rng([seed, 2]).integers(2**31, size=(len(START_ANGLES), BASE_RUNS))
+
+
+def _run(angle: float, seed: int, effects: Effects | None = None) -> UnitRun:
+    return UnitRun(z=np.zeros(N_TOLERANCES), conditions=RecordConditions(start_angle=angle),
+                   seed=int(seed), effects=effects)
+
+
+def _alone(variant: Variant, j: int, level: float, model: Model) -> Effects:
+    return variant.effects(level * np.eye(variant.size)[j], model.effects)
+
+
+def probe_cases(model: Model, seed: int) -> list[UnitRun]:
+    """Return one run of each variant: its first number at its largest."""
+    angle, own = START_ANGLES[0], int(_seeds(seed)[0, 0])
+    return [_run(angle, own, _alone(v, 0, max(v.levels[0], key=abs), model))
+            for v in candidates(model)]
 
 
 def unpack(found: tuple[Variant, ...], added: np.ndarray) -> tuple[Signature, ...]:

@@ -17,6 +17,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from ema_identification.actuator.measure.segments import (
     SLOW,
@@ -29,8 +30,12 @@ from ema_identification.actuator.measure.signals import (
     TURN,
     DriveSignals,
     drive_signals,
+    kept_room,
     lines,
     rotor_lines,
+    roughness,
+    slip_of,
+    travels,
     turns_of,
 )
 from ema_record.actuator import Actuator
@@ -54,11 +59,14 @@ LEAST_STEP = 0.25
 """Least step of a converter that is told from a finer one, relative to nominal."""
 
 
+@njit(cache=True, nogil=True)
 def converter_step(values: np.ndarray) -> float:
     """Return the step of the converter that gave `values`: their smallest difference."""
-    steps = np.abs(np.diff(values))
-    steps = steps[steps > 1e-12]
-    return float(steps.min()) if len(steps) else 0.0
+    least = np.inf
+    for i in range(len(values) - 1):
+        step = abs(values[i + 1] - values[i])
+        least = step if 1e-12 < step < least else least
+    return float(least) if least < np.inf else 0.0
 
 
 def _bus_slope(record: Record) -> float:
@@ -78,12 +86,10 @@ def _log_step(found: float, nominal: float) -> float:
 def consistency(record: Record, signals: DriveSignals, actuator: Actuator) -> dict[str, float]:
     """Return the features of `CONSISTENCY`."""
     c = actuator.converters
-    off = record.time < record.profile.inverter_off
-    start = signals.position[off].mean() if off.any() else signals.position[0]
+    off = np.searchsorted(signals.time, record.profile.inverter_off)
+    start = signals.position[:max(off, 1)].mean()
     travel = signals.theta[-1] - signals.theta[0]
-    middle = 0.5 * (signals.speed[1:] + signals.speed[:-1])
-    read = float(middle @ np.diff(signals.time))
-    length = float(np.abs(np.diff(signals.theta)).sum()) + 1.0
+    read, length = travels(signals.time, signals.speed, signals.theta)
     return {
         "offset_a": float(signals.offset[0]), "offset_b": float(signals.offset[1]),
         "offset_c": float(signals.offset[2]),
@@ -95,7 +101,7 @@ def consistency(record: Record, signals: DriveSignals, actuator: Actuator) -> di
                                 c.speed_range / 2.0**c.speed_bits),
         "position_at_start": 1e3 * (float(start) - record.profile.start),
         "bus_slope": _bus_slope(record),
-        "slip": 1e3 * (read * signals.pole_pairs - travel) / length,
+        "slip": 1e3 * (read * signals.pole_pairs - travel) / (length + 1.0),
     }
 
 
@@ -133,17 +139,22 @@ def transition_features(
         ("current", signals.torque_current, "motor torque", 1.0),
         ("lag", signals.lag, LAG, 1e3),
     ):
-        for index, mean in enumerate(_means(signals.time, values, edges)):
+        for index, mean in enumerate(_means(signals.time, values, edges, 0.0)):
             yield f"{name}_{index}", signal, "test phase", scale * mean
 
 
-def _means(x: np.ndarray, values: np.ndarray, edges: np.ndarray) -> Iterator[float]:
-    """Yield the mean of `values` between edges of the rising `x`."""
+def _means(
+    x: np.ndarray, values: np.ndarray, edges: np.ndarray, empty: float | None = None
+) -> Iterator[float]:
+    """Yield means of `values` between edges of `x`; of none `empty`, else the mean before."""
     bounds = np.searchsorted(x, edges)
     total = np.concatenate([[0.0], np.cumsum(values[bounds[0]:bounds[-1]])])
+    last = float(values[0]) if empty is None and len(values) else 0.0
     bounds = bounds - bounds[0]
     for a, b in zip(bounds, bounds[1:]):
-        yield float((total[b] - total[a]) / (b - a)) if b > a else 0.0
+        found = float((total[b] - total[a]) / (b - a)) if b > a else last
+        last = found if empty is None else empty
+        yield found
 
 
 def _gap(signals: DriveSignals, transition: Transition, actuator: Actuator) -> Iterator[Entry]:
@@ -162,11 +173,8 @@ def _gap(signals: DriveSignals, transition: Transition, actuator: Actuator) -> I
     for name, values, signal in (
         ("gap_current", current, "motor torque"), ("gap_position", moved, "surface position"),
     ):
-        last = float(values[0])
-        for index, (a, b) in enumerate(zip(TRAVEL_EDGES, TRAVEL_EDGES[1:])):
-            inside = values[(travel >= a) & (travel < b)]
-            last = float(inside.mean()) if len(inside) else last
-            yield f"{name}_{index}", signal, "position", last
+        for index, mean in enumerate(_means(travel, values, TRAVEL_EDGES)):
+            yield f"{name}_{index}", signal, "position", mean
     yield "turning_time", "motor speed", "test phase", 1e3 * float(
         signals.time[turning] - transition.time)
 
@@ -234,7 +242,7 @@ def feature_map(profile: Profile, actuator: Actuator, example: Record) -> Featur
 
 def _walk(record: Record, steps: MotionPlan, actuator: Actuator) -> Iterator[tuple[str, Entry]]:
     """Yield place and entry of each feature."""
-    signals = drive_signals(record, actuator)
+    signals = drive_signals(record, actuator, kept_room(len(record)))
     for key, value in consistency(record, signals, actuator).items():
         yield WHOLE, (key, *CONSISTENCY[key], value)
     for segment in steps.segments:
@@ -275,13 +283,13 @@ def _moving(signals: DriveSignals, segment: MotionSegment, actuator: Actuator) -
         (centred @ (q - q.mean())) / (centred @ centred + TINY))
     yield "lag_slope", "motor travel minus surface position", "position", 1e3 * float(
         (centred @ (lag - lag.mean())) / (centred @ centred + TINY))
-    yield "current_ripple", "motor torque", "frequency", _log(np.diff(q).std())
-    yield "speed_ripple", "motor speed", "frequency", _log(np.diff(speed).std())
+    yield "current_ripple", "motor torque", "frequency", _log(roughness(q))
+    yield "speed_ripple", "motor speed", "frequency", _log(roughness(speed))
     smooth = np.add.reduceat(speed[:len(speed) // 8 * 8], np.arange(0, len(speed) // 8 * 8, 8))
-    yield "speed_hunting", "motor speed", "frequency", _log(np.diff(smooth).std() / 8.0)
+    yield "speed_hunting", "motor speed", "frequency", _log(roughness(smooth) / 8.0)
     for k, phase in enumerate("abc"):
         yield (f"ripple_{phase}", f"phase current {phase}", "frequency",
-               _log(np.diff(signals.error[part, k]).std()))
+               _log(roughness(signals.error[part, k])))
     turns_planned = abs(segment.speed) * (segment.end - segment.begin) / TURN
     if turns_planned * signals.pole_pairs >= LEAST_TURNS:
         yield from _locked(signals, segment, part, actuator)
@@ -304,9 +312,7 @@ def _locked(
         found = np.zeros((top + 1, 7), dtype=complex)
     else:
         p = turns.part
-        dt = np.gradient(signals.time[p])
-        slip = np.cumsum(signals.speed[p] * dt) * signals.pole_pairs - turns.theta
-        slip -= np.linspace(0.0, 1.0, len(slip)) * (slip[-1] - slip[0]) + slip[0]
+        slip = slip_of(signals.time[p], signals.speed[p], turns.theta, signals.pole_pairs)
         stack = np.column_stack([signals.torque_current[p], signals.speed[p],
                                  signals.error[p], signals.total[p], slip])
         found = lines(turns, stack, top)

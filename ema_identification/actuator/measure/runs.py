@@ -86,6 +86,9 @@ def spread_out(
     found = {k: one["rows"] for k, one in enumerate(stored) if one is not None}
     missing = [k for k in range(len(arguments)) if k not in found]
 
+    if found:
+        progress(what, len(found) / len(arguments))
+
     def results() -> Iterator[np.ndarray]:
         if workers == 1 or len(missing) < 2:
             yield from (function(*arguments[k]) for k in missing)

@@ -7,6 +7,7 @@ decaying transients out, so that the lines do not depend on the angle at which a
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,7 +17,14 @@ import numpy as np
 from numba import njit
 
 from ema_record.actuator import Actuator
-from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
+from ema_record.channels import (
+    MOTOR_SPEED,
+    PHASE_CURRENTS,
+    REFERENCE_CURRENTS,
+    ROTOR_ANGLE,
+    SURFACE_POSITION,
+    TIME,
+)
 from ema_record.record import Record
 from ema_sim.machine import unit_trapezoid
 
@@ -25,6 +33,9 @@ TABLE = 3 * 2**15
 """Angles of the table of the trapezoid."""
 OFF_GUARD = 1e-3
 """Left out before the inverter switches on (s)."""
+CURRENT, REFERENCE = PHASE_CURRENTS.start, REFERENCE_CURRENTS.start
+ROOM = 10
+"""Rows of signals that are computed of a record."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,44 +81,51 @@ def _table(flat_top: float) -> np.ndarray:
     return 0.5 * unit_trapezoid((np.arange(TABLE) + 0.5) * (TURN / TABLE), flat_top)
 
 
-@njit(cache=True, nogil=True)
-def _currents(
-    theta: np.ndarray, samples: np.ndarray, first: int, offset: np.ndarray, gain: np.ndarray,
-    table: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return torque current and sum of the currents in columns `first` on, each (n,) (A).
+@njit(cache=True, error_model="numpy", nogil=True)
+def _signals(
+    samples: np.ndarray, offset: np.ndarray, gain: np.ndarray, table: np.ndarray, travel: float,
+    out: np.ndarray,
+) -> None:
+    """Fill the rows of `out`, shape (10, n), with time, speed, theta and so on as `DriveSignals`.
 
-    The sum is of the currents without offset, the torque current of those corrected by the gain
-    too, by a table of the trapezoid.
+    `travel` is that of the surface a radian of the electrical angle; the lag has its offset still.
+    The angle is that of `numpy.unwrap`, the trapezoid is read in a table.
     """
     n, third = len(table), len(table) // 3
-    q, total = np.empty(len(theta)), np.empty(len(theta))
-    for i in range(len(theta)):
-        place = int(np.floor(theta[i] * (n / TURN))) % n
-        q[i] = total[i] = 0.0
-        for k in range(3):
-            current = samples[i, first + k] - offset[k]
-            total[i] += current
-            q[i] += table[place] * (current / gain[k])
-            place += n - third if place < third else -third
-    return q, total
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def unwrapped(angle: np.ndarray) -> np.ndarray:
-    """Return an angle without jumps of a turn, shape (n,) (rad): `numpy.unwrap` in one pass."""
-    found = np.empty(len(angle))
     correction = 0.0
-    for i in range(len(angle)):
+    for i in range(len(samples)):
         if i > 0:
-            step = angle[i] - angle[i - 1]
+            step = samples[i, ROTOR_ANGLE] - samples[i - 1, ROTOR_ANGLE]
             if abs(step) >= np.pi:
                 wrapped = (step + np.pi) % TURN - np.pi
                 if wrapped == -np.pi and step > 0.0:
                     wrapped = np.pi
                 correction += wrapped - step
-        found[i] = angle[i] + correction
-    return found
+        theta = samples[i, ROTOR_ANGLE] + correction
+        place = int(np.floor(theta * (n / TURN))) % n
+        q = total = 0.0
+        for k in range(3):
+            read = samples[i, CURRENT + k]
+            out[7 + k, i] = read - samples[i, REFERENCE + k]
+            current = read - offset[k]
+            total += current
+            q += table[place] * (current / gain[k])
+            place += n - third if place < third else -third
+        out[0, i], out[1, i], out[2, i] = samples[i, TIME], samples[i, MOTOR_SPEED], theta
+        out[3, i], out[4, i], out[5, i] = samples[i, SURFACE_POSITION], total, q
+        out[6, i] = theta * travel - samples[i, SURFACE_POSITION]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _moments(samples: np.ndarray, begin: int, offset: np.ndarray) -> np.ndarray:
+    """Return Σ i iᵀ of the currents less their offsets from sample `begin` on, shape (3, 3)."""
+    found = np.zeros((3, 3))
+    for i in range(begin, len(samples)):
+        for k in range(3):
+            for m in range(k, 3):
+                found[k, m] += (samples[i, CURRENT + k] - offset[k]) * (
+                    samples[i, CURRENT + m] - offset[m])
+    return found + np.triu(found, 1).T
 
 
 def sensor_errors(record: Record) -> tuple[np.ndarray, np.ndarray]:
@@ -116,35 +134,83 @@ def sensor_errors(record: Record) -> tuple[np.ndarray, np.ndarray]:
     The offsets are the readings while the inverter is off; the gains make the sum of the
     currents vanish, as it does in a star (smallest eigenvector of ⟨i iᵀ⟩).
     """
-    currents = record.samples[:, PHASE_CURRENTS]
     off = int(np.searchsorted(record.time, record.profile.inverter_off - OFF_GUARD))
-    offset = currents[:off].mean(axis=0) if off else np.zeros(3)
-    on = currents[off:] - offset
-    _, vectors = np.linalg.eigh(on.T @ on)
+    offset = record.samples[:off, PHASE_CURRENTS].mean(axis=0) if off else np.zeros(3)
+    _, vectors = np.linalg.eigh(_moments(record.samples, off, offset))
     normal = np.abs(vectors[:, 0])
     gain = 1.0 / normal if normal.min() > 0.2 else np.ones(3)
     return offset, gain / gain.mean()
 
 
-def drive_signals(record: Record, actuator: Actuator) -> DriveSignals:
-    """Return the signals of a record; `actuator` gives flat top, gear and pole pairs."""
-    samples = record.samples
+def drive_signals(
+    record: Record, actuator: Actuator, room: np.ndarray | None = None
+) -> DriveSignals:
+    """Return the signals of a record; `actuator` gives flat top, gear and pole pairs.
+
+    `room` : ndarray, shape (10, n), for the signals; default a new one.
+    """
     offset, gain = sensor_errors(record)
-    theta = unwrapped(record.channel("rotor_angle"))
-    q, total = _currents(theta, samples, PHASE_CURRENTS.start, offset, gain,
-                         _table(actuator.motor.flat_top))
-    position = np.ascontiguousarray(record.channel("surface_position"))
-    travel = theta / (actuator.motor.pole_pairs * actuator.gear.ratio)
-    lag = travel - position
-    still = record.time < record.profile.inverter_off
+    room = np.empty((ROOM, len(record))) if room is None else room
+    pairs = actuator.motor.pole_pairs
+    _signals(record.samples, offset, gain, _table(actuator.motor.flat_top),
+             1.0 / (pairs * actuator.gear.ratio), room)
+    time, speed, theta, position, total, q, lag = room[:7]
+    lag -= lag[:max(int(np.searchsorted(time, record.profile.inverter_off)), 1)].mean()
     return DriveSignals(
-        time=record.time, speed=np.ascontiguousarray(record.channel("motor_speed")), theta=theta,
-        position=position,
-        error=samples[:, PHASE_CURRENTS] - samples[:, REFERENCE_CURRENTS], total=total,
-        torque_current=q, offset=offset, gain=gain,
-        lag=lag - (lag[still].mean() if still.any() else lag[0]),
-        pole_pairs=actuator.motor.pole_pairs,
-    )
+        time=time, speed=speed, theta=theta, position=position, error=room[7:].T, total=total,
+        torque_current=q, offset=offset, gain=gain, lag=lag, pole_pairs=pairs)
+
+
+_kept = threading.local()
+
+
+def kept_room(n: int) -> np.ndarray:
+    """Return this thread's room for the signals of `n` samples: new memory costs time."""
+    room = getattr(_kept, "room", None)
+    if room is None or room.shape[1] != n:
+        room = _kept.room = np.empty((ROOM, n))
+    return np.asarray(room)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def travels(time: np.ndarray, speed: np.ndarray, theta: np.ndarray) -> tuple[float, float]:
+    """Return the travel as the speed sensor reads it, and the length of that of `theta` (rad)."""
+    read = length = 0.0
+    for i in range(len(time) - 1):
+        read += 0.5 * (speed[i + 1] + speed[i]) * (time[i + 1] - time[i])
+        length += abs(theta[i + 1] - theta[i])
+    return read, length
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def roughness(values: np.ndarray) -> float:
+    """Return the standard deviation of the differences of neighbours."""
+    n, power = len(values) - 1, 0.0
+    if n < 1:
+        return np.nan
+    mean = (values[n] - values[0]) / n
+    for i in range(n):
+        step = values[i + 1] - values[i] - mean
+        power += step * step
+    return float(np.sqrt(power / n))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def slip_of(time: np.ndarray, speed: np.ndarray, theta: np.ndarray, pairs: int) -> np.ndarray:
+    """Return measured travel less that of the rotor angle, (n,) (rad), from 0 to 0.
+
+    The speed counts with half the time between its neighbours.
+    """
+    n, travel = len(time), 0.0
+    found = np.empty(n)
+    for i in range(n):
+        before, after = max(i - 1, 0), min(i + 1, n - 1)
+        travel += speed[i] * ((time[after] - time[before]) / (after - before))
+        found[i] = travel * pairs - theta[i]
+    first, rise = found[0], (found[n - 1] - found[0]) / (n - 1)
+    for i in range(n):
+        found[i] -= first + rise * i
+    return found
 
 
 BINS = 2048
@@ -180,12 +246,23 @@ def turns_of(theta: np.ndarray, part: slice) -> RotorTurns | None:
         part = slice(part.start + first, part.stop)
         angle = angle[first:]
         travel = float(angle[-1] - angle[0])
-    edges = np.empty(len(angle) + 1)
-    edges[1:-1] = 0.5 * (angle[1:] + angle[:-1])
-    edges[0], edges[-1] = angle[0], angle[-1]
-    share = np.diff(edges) / travel
-    window = share * (1.0 - np.cos(TURN * (angle - angle[0]) / travel))
-    return RotorTurns(part, angle, share, window / window.sum())
+    share, window = _weights(angle)
+    return RotorTurns(part, angle, share, window)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _weights(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return share and window of `RotorTurns`."""
+    n, whole = len(angle), 0.0
+    share, window = np.empty(n), np.empty(n)
+    per = 1.0 / (angle[n - 1] - angle[0])
+    for i in range(n):
+        low = angle[0] if i == 0 else 0.5 * (angle[i] + angle[i - 1])
+        high = angle[i] if i == n - 1 else 0.5 * (angle[i + 1] + angle[i])
+        share[i] = (high - low) * per
+        window[i] = share[i] * (1.0 - np.cos(TURN * (angle[i] - angle[0]) * per))
+        whole += window[i]
+    return share, window / whole
 
 
 def lines(turns: RotorTurns, signals: np.ndarray, highest: int) -> np.ndarray:
@@ -199,29 +276,45 @@ def lines(turns: RotorTurns, signals: np.ndarray, highest: int) -> np.ndarray:
     signals : ndarray, shape (n, m), real, of the samples of the turns.
     highest : h runs from 0 to it.
     """
-    mean = turns.share @ signals
-    centre = turns.window @ turns.theta
-    arm = turns.theta - centre
-    slope = (turns.window * arm) @ signals / ((turns.window * arm) @ arm)
-    level = turns.window @ signals
-    bins = np.floor(turns.theta * (BINS / TURN) + 0.5).astype(np.int64) % BINS
-    folded = _folded(signals, bins, level, slope, arm, turns.window)
+    folded, mean = _folded(signals, turns.theta, turns.share, turns.window)
     found = np.fft.rfft(folded, axis=0)[:highest + 1]
     found[0] = mean
     return np.asarray(found)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _folded(
-    signals: np.ndarray, bins: np.ndarray, level: np.ndarray, slope: np.ndarray, arm: np.ndarray,
-    window: np.ndarray,
-) -> np.ndarray:
-    """Return the weighted signals, without mean and slope, summed in bins, shape (BINS, m)."""
-    found = np.zeros((BINS, signals.shape[1]))
-    for i in range(signals.shape[0]):
-        for m in range(signals.shape[1]):
-            found[bins[i], m] += (signals[i, m] - level[m] - slope[m] * arm[i]) * window[i]
-    return found
+    signals: np.ndarray, theta: np.ndarray, share: np.ndarray, window: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the windowed signals, without mean and slope, summed in bins, (BINS, m); means, (m,).
+
+    All is summed in one pass over the samples: mean and slope are taken off the bins.
+    """
+    n, m = signals.shape
+    found, mean = np.zeros((BINS, m)), np.zeros(m)
+    weight, arm = np.zeros(BINS), np.zeros(BINS)
+    level, tilt = np.zeros(m), np.zeros(m)
+    first = square = 0.0
+    for i in range(n):
+        place = int(np.floor(theta[i] * (BINS / TURN) + 0.5)) % BINS
+        beyond = theta[i] - theta[0]
+        part = window[i] * beyond
+        weight[place] += window[i]
+        arm[place] += part
+        first += part
+        square += part * beyond
+        for k in range(m):
+            x = signals[i, k]
+            mean[k] += share[i] * x
+            level[k] += window[i] * x
+            tilt[k] += part * x
+            found[place, k] += window[i] * x
+    for k in range(m):
+        slope = (tilt[k] - first * level[k]) / (square - first * first)
+        for place in range(BINS):
+            found[place, k] -= level[k] * weight[place] + slope * (
+                arm[place] - first * weight[place])
+    return found, mean
 
 
 def rotor_lines(

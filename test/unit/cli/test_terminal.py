@@ -163,6 +163,20 @@ def test_long_work_shows_its_share_and_the_time_left(monkeypatch):
     assert " 25 %" in seen and " s left" in seen
 
 
+def test_long_work_tells_its_share_and_the_time_left_in_a_pipe(monkeypatch, capsys):
+    """A line now and then; what was there when it began says nothing of the pace."""
+    now = [0.0]
+    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
+    with console.progress_of("identify") as update:
+        for seconds, part in ((1.0, 0.5), (4.0, 0.51), (13.0, 0.60), (14.0, 0.61), (31.0, 0.75),
+                              (32.0, 0.0), (43.0, 0.2)):
+            now[0] = seconds
+            update("library of step", part)
+    assert capsys.readouterr().err.splitlines() == [
+        "library of step: 60 %, 48 s left", "library of step: 75 %, 30 s left",
+        "library of step: 20 %, 44 s left"]
+
+
 def test_sigterm_ends_quietly_with_its_own_status():
     code = ("import os, signal, sys\nfrom ema_cli import ending\nending.end_quietly()\n"
             "def work():\n    os.kill(os.getpid(), signal.SIGTERM)\n    signal.pause()\n"

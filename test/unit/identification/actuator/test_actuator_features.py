@@ -11,11 +11,16 @@ from ema_identification.actuator.measure.signals import (
     TURN,
     drive_signals,
     lines,
+    roughness,
+    slip_of,
+    travels,
     turns_of,
 )
 from ema_record.actuator import load_actuator
+from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_record.profile import load_profile, profile_names
 from ema_sim.effects import parse_effects
+from ema_sim.machine import unit_trapezoid
 from ema_sim.simulate import simulate
 
 
@@ -43,6 +48,39 @@ def test_a_line_is_half_its_amplitude_and_drift_leaks_nothing():
     found = lines(turns, signal[turns.part], 6)[:, 0]
     assert found[3] == pytest.approx(0.05 * np.exp(-0.4j), abs=1e-4)
     assert np.abs(found[[1, 2, 4, 5, 6]]).max() < 5e-4
+
+
+def test_signals_are_those_of_plain_formulas(runs, nominal):
+    """One pass over the samples gives what numpy gives step by step."""
+    record = runs["offset"]
+    found = drive_signals(record, nominal)
+    currents = record.samples[:, PHASE_CURRENTS] - found.offset
+    theta = np.unwrap(record.channel("rotor_angle"))
+    shape = np.column_stack([unit_trapezoid(theta - k * TURN / 3.0, nominal.motor.flat_top)
+                             for k in range(3)])
+    assert found.theta == pytest.approx(theta, abs=1e-9)
+    assert found.total == pytest.approx(currents.sum(axis=1), abs=1e-9)
+    assert found.torque_current == pytest.approx(
+        (0.5 * shape * currents / found.gain).sum(axis=1), abs=2e-3)  # the table's steps
+    assert (found.error == record.samples[:, PHASE_CURRENTS]
+            - record.samples[:, REFERENCE_CURRENTS]).all()
+    travel = found.theta / nominal.gear.ratio - found.position
+    assert np.ptp(found.lag - travel) < 1e-12
+    assert found.lag[found.time < record.profile.inverter_off].mean() == pytest.approx(
+        0.0, abs=1e-12)
+    _, vectors = np.linalg.eigh(currents[400:].T @ currents[400:])
+    assert found.gain == pytest.approx(
+        np.abs(1.0 / vectors[:, 0]) / np.abs(1.0 / vectors[:, 0]).mean(), abs=1e-4)
+    part = slice(20_000, 22_000)
+    slip = np.cumsum(found.speed[part] * np.gradient(found.time[part])) - found.theta[part]
+    slip -= slip[0] + np.linspace(0.0, 1.0, 2000) * (slip[-1] - slip[0])
+    assert slip_of(found.time[part], found.speed[part], found.theta[part], 1) == pytest.approx(
+        slip, abs=1e-9)
+    assert roughness(found.speed[part]) == pytest.approx(np.diff(found.speed[part]).std())
+    read, length = travels(found.time, found.speed, found.theta)
+    assert read == pytest.approx(
+        0.5 * (found.speed[1:] + found.speed[:-1]) @ np.diff(found.time))
+    assert length == pytest.approx(np.abs(np.diff(theta)).sum())
 
 
 def test_too_little_travel_has_no_lines():

@@ -1,9 +1,12 @@
 """What the library of a fleet is made of: units, quadratic mean, laws of the noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ema_identification.actuator.decision.fleet import (
+    FULL,
     NAMES,
     SIZE,
     LibrarySizes,
@@ -12,7 +15,13 @@ from ema_identification.actuator.decision.fleet import (
     fleet_runs,
     fleet_unit,
 )
-from ema_identification.actuator.decision.library import as_arrays, from_arrays
+from ema_identification.actuator.decision.library import (
+    agrees,
+    as_arrays,
+    from_arrays,
+    probed,
+    title,
+)
 from ema_identification.actuator.decision.surrogate import (
     FleetLibrary,
     NoiseLaw,
@@ -26,6 +35,7 @@ from ema_identification.actuator.measure.features import feature_map
 from ema_identification.actuator.measure.runs import spread_out
 from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_record import array_cache
+from ema_record.kit import LIBRARY, shipped_kit
 from ema_record.profile import load_profile
 from ema_record.spread import load_spread
 from ema_sim.model_file import load_model_file
@@ -70,9 +80,56 @@ def test_a_library_comes_back_as_it_was_kept():
         model=MODEL, spread=SPREAD, fmap=None, weights=np.ones((3, 2)), surrogate=law,
         repeat=law.scaled(2.0), healthy=np.ones((4, 2)), carried=0.3,
         aside=(np.zeros((4, 4)), np.ones((4, 2))))
-    again = from_arrays(as_arrays(library), MODEL, SPREAD, None, ())
+    again = from_arrays(as_arrays(library), MODEL, SPREAD, None)
     assert (again.carried, again.repeat.quiet.tolist()) == (0.3, [2.0, 4.0])
     assert again.surrogate.covariance(1.5) == pytest.approx(law.covariance(1.5))
+
+
+def test_what_is_kept_is_rounded_to_multiples_of_a_power_of_two():
+    values = np.random.default_rng(1).normal(size=1000)
+    kept = array_cache.rounded(values, 0.01)
+    assert kept.dtype == np.float32 and np.abs(kept - values).max() <= 2.0**-8
+    assert (kept % 2.0**-7 == 0.0).all()
+
+
+@pytest.fixture(scope="module", params=["step", "extended"])
+def shipped(request):
+    """Return the library of a test as it is shipped, and what is kept of it."""
+    profile = load_profile(request.param)
+    fmap = feature_map(profile, MODEL.actuator, simulate(
+        profile, actuator=MODEL.actuator, effects=MODEL.effects, seed=0,
+        rate=MODEL.actuator.acquisition.rate))
+    kept = array_cache.load(f"library_{title(MODEL, SPREAD, fmap, FULL, 0)}",
+                            shipped_kit() / LIBRARY)
+    assert kept is not None, "python -m ema_identification step extended makes it"
+    return from_arrays(kept, MODEL, SPREAD, fmap), kept
+
+
+def test_the_shipped_library_is_of_this_code(shipped):
+    """Its runs, statistics and ranks come out again: else it is to be made anew."""
+    library, kept = shipped
+    found = probed(library, seed=0)
+    assert agrees(library, kept, found)
+    # Other code: features that are a little off, another fit, other ranks.
+    step = library.repeat.deviation(1.0)
+    assert not agrees(library, kept, found | {"probed_units": found["probed_units"] + 2.0 * step})
+    assert not agrees(library, kept, found | {"probed_laws": found["probed_laws"] + 0.5 * step})
+    assert not agrees(library, kept, found | {"probed_fit": 1.001 * found["probed_fit"]})
+    assert not agrees(replace(library, healthy=1.1 * library.healthy), kept, found)
+    assert not agrees(library, {k: v for k, v in kept.items() if k != "probed_laws"}, found)
+
+
+def test_a_library_of_another_model_test_or_code_has_another_name(shipped):
+    library, _ = shipped
+    of = [library.model, library.spread, library.fmap, FULL, 0]
+    a = MODEL.actuator
+    other = MODEL._replace(actuator=a._replace(motor=a.motor._replace(
+        phase_resistance=1.001 * a.motor.phase_resistance)))
+    names = {title(*of), title(other, *of[1:]), title(*of[:4], 1),
+             title(*of[:3], FULL._replace(units=10), 0),
+             title(*of[:2], replace(library.fmap, rate=1e4), FULL, 0),
+             title(*of[:2], replace(library.fmap, features=library.fmap.features[1:]), FULL, 0)}
+    assert len(names) == 6
 
 
 def test_conditions_of_healthy_units_are_those_that_their_records_tell():

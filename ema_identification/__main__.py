@@ -1,0 +1,39 @@
+"""Make libraries of `ema identify` for the present kit: ``python -m ema_identification TEST...``.
+
+They are put into the kit's folder, in place of those of the same tests. So the shipped ones are
+made: ``python -m ema_identification step extended``, some minutes of one core.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from threadpoolctl import threadpool_limits
+
+from ema_identification.actuator.decision.library import fleet_library
+from ema_record import array_cache as cache
+from ema_record.kit import LIBRARY, kit_path
+from ema_record.profile import load_profile
+from ema_sim.model_file import load_model_file
+
+
+def main() -> None:
+    """Build what is not there and of this code; remove what it replaces."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("tests", nargs="+", help="names or files of profiles")
+    parser.add_argument("--workers", type=int, default=2)
+    given = parser.parse_args()
+    folder = kit_path(LIBRARY)
+    for test in given.tests:
+        profile = load_profile(test)
+        before = {path: cache.load(path.stem, folder) for path in folder.glob("library_*.npz")}
+        with threadpool_limits(limits=1):  # as `identify` makes it
+            fleet_library(load_model_file(), profile, workers=given.workers, folder=folder)
+        now = set(folder.glob("library_*.npz"))
+        for path, kept in before.items():
+            if now - set(before) and kept is not None and str(kept.get("test")) == profile.name:
+                path.unlink()
+
+
+if __name__ == "__main__":
+    main()
