@@ -72,9 +72,8 @@ def main() -> None:
     parser.add_argument("--tests", default="extended,step", help="as of benchmarks.decisions")
     parser.add_argument("--strata", default="", help="only those that begin with this")
     parser.add_argument("--peers", default="", help="only those that begin with one of these")
-    parser.add_argument("--healthy", type=int, default=100,
-                        help="units on which limits are found; of the next one in as many goes "
-                             "beyond")
+    parser.add_argument("--healthy", type=int, default=500,
+                        help="units on which limits are found: one in as many goes beyond each")
     parser.add_argument("--table", action="store_true", help="run nothing")
     given = parser.parse_args()
     tests = tuple(given.tests.split(","))

@@ -1,8 +1,8 @@
 """Three peers: what each names of regression problems, and how its limit is found.
 
 Each gives a score to every region of a problem, large where something is there. What it may name
-lies beyond the limits of `limits`, which all healthy units keep: of the next unit about one in as
-many as were drawn goes beyond. A term is a law, with its cosine and its sine where it has two.
+lies beyond the limits of `limits`, which all healthy units keep. A term is a law, with its cosine
+and its sine where it has two.
 """
 
 from __future__ import annotations
@@ -50,17 +50,9 @@ class Method(NamedTuple):
 
 
 def limits(healthy: Sequence[Scores]) -> Scores:
-    """Return limits of all regions, one number of robust deviations (logarithm) above the median.
-
-    The number is the largest that a healthy unit has anywhere.
-    """
-    logs = {key: np.log([s[key] for s in healthy if key in s])
+    """Return the largest score of each region: of the next unit, one in n + 1 goes beyond."""
+    return {key: max(s[key] for s in healthy if key in s)
             for key in sorted(set().union(*healthy))}
-    middle = {key: float(np.median(x)) for key, x in logs.items()}
-    spread = {key: max(1.4826 * float(np.median(np.abs(x - middle[key]))), 0.05)
-              for key, x in logs.items()}
-    most = max(float(np.max((x - middle[key]) / spread[key])) for key, x in logs.items())
-    return {key: float(np.exp(middle[key] + most * spread[key])) for key in logs}
 
 
 def terms(problem: Problem) -> list[list[int]]:

@@ -154,8 +154,9 @@ def ports_of(record: Record) -> list[Port]:
     asked = np.sum(np.sign(ref) * ref, axis=1) * 0.5 * np.sign(np.sum(shape * ref, axis=1))
     predicted = _controller(record)
     delayed = Port("controller", asked - predicted)
-    delayed.base = [(np.ones_like(w), 1.0)]
-    delayed.laws = [("control_delay.delay", -np.gradient(_smooth(predicted)))]
+    later = -np.gradient(_smooth(predicted))
+    delayed.base = [(np.ones_like(w), 1.0), (later, 1.0)]  # as late as one period
+    delayed.laws = [("control_delay.delay", later)]
 
     error, way_ref = i - ref, np.sign(np.round(ref, 2))
     electrical = Port("winding", error.T.ravel())
