@@ -27,6 +27,8 @@ STEP_KINDS: tuple[tuple[tuple[str, ...], str], ...] = (
 )
 """What a record is about that is unlike anything known, by the beginnings of the features."""
 SPEEDS = ("full", "quarter")
+STRANGER = "stranger"
+"""Beginning of the names of what else befalls actuators, which is no class of fault."""
 
 
 def languages() -> list[str]:

@@ -39,7 +39,9 @@ def present(record: Record) -> np.ndarray:
     """Return which channels were recorded, bool, shape (10,)."""
     if not len(record):
         return np.ones(N_CHANNELS, dtype=bool)
-    return ~np.isnan(record.samples).all(axis=0)
+    there = ~np.isnan(record.samples[0])
+    there[~there] = ~np.isnan(record.samples[:, ~there]).all(axis=0)
+    return there
 
 
 def completed(record: Record, actuator: Actuator) -> np.ndarray:

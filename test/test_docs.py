@@ -185,7 +185,8 @@ def test_a_tutorial_can_be_followed(who, repository, tmp_path, monkeypatch, caps
     text = (repository / "docs" / "tutorials" / f"{who}.md").read_text(encoding="utf-8")
     (tmp_path / "bags").symlink_to(repository / "bags")
     for name in ("sim_0001_step", "sim_0001_extended"):
-        shutil.copytree(repository / "bags" / name, tmp_path / "flights" / name)
+        shutil.copytree(repository / "bags" / name,
+                        tmp_path / "flights" / "SN-0007" / name)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     lines = re.findall(r"^\$ ema (.+)$", text, re.MULTILINE)

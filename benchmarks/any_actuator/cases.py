@@ -10,15 +10,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.any_actuator.described import Damage
+from benchmarks.any_actuator.physics import COPPER
 from benchmarks.any_actuator.records import BenchTest
 from benchmarks.any_actuator.units import draw_test
-from ema_record.actuator import Actuator
+from ema_record.actuator import FOC, Actuator
 from ema_record.kit import VALIDATION
 from ema_record.spread import TypeSpread
 
 CLASS = {"turn_short": "turn_short", "rotor_eccentricity": "rotor_eccentricity",
          "motor_friction": "friction", "surface_friction": "friction", "backlash": "backlash"}
 """Class of each group of faults."""
+FRICTIONS = ("motor_friction", "surface_friction")
 STRANGERS = ("cogging", "demagnetisation", "sag", "resistance", "hall", "mesh")
 SENSOR_FAULTS = ("current_offset", "current_gain", "speed_gain", "slip")
 ACCEPTANCE, TEST = 1, 2
@@ -27,6 +29,8 @@ EVENT = 0.4
 """When a sensor fails, of the length of the test."""
 LARGEST = 3.0
 """Severity of a fault, whatever a kit says."""
+TORQUE = 0.9
+"""Part of the motor's torque that a friction may need: what a machine cannot turn is no test."""
 
 
 class Counts(NamedTuple):
@@ -103,10 +107,27 @@ def _stranger(a: Actuator, name: str, rng: np.random.Generator) -> Damage:
     return _damage(name, size, phase=int(rng.integers(3)))
 
 
+def turnable(test: BenchTest, group: str) -> float:
+    """Return by how much dry friction of a group may grow before this unit no longer slews.
+
+    What current limit and voltage give at full speed, the winding as warm as it is.
+    """
+    a, now = test.actuator, test.surroundings
+    m, x, ratio, speed = a.motor, a.surface, a.gear.ratio, a.control.speed_limit
+    resistance = m.phase_resistance * (1.0 + COPPER * (now.temperature - 20.0))
+    left = a.inverter.bus_voltage * (1.0 + now.bus) - m.back_emf_constant * speed
+    constant = (1.5 if a.drive.kind == FOC else 2.0) * m.back_emf_constant
+    most = TORQUE * constant * min(a.inverter.current_limit, left / resistance)
+    viscous = speed * (m.viscous_friction + x.viscous_friction / ratio**2)
+    dry = {"motor_friction": m.static_friction, "surface_friction": x.static_friction / ratio}
+    return (most - viscous - abs(now.load) / ratio - sum(dry.values())) / dry[group]
+
+
 def _sensor_fault(a: Actuator, name: str, duration: float, rng: np.random.Generator) -> Damage:
     size = {"current_offset": 0.1 * a.inverter.current_limit, "current_gain": 0.1,
             "speed_gain": 0.05, "slip": 0.02 * a.surface.end_stop}[name]
-    return _damage(name, size, phase=int(rng.integers(3)), event=EVENT * duration)
+    recorded = 3 if a.acquisition.phase_current_c else 2
+    return _damage(name, size, phase=int(rng.integers(recorded)), event=EVENT * duration)
 
 
 def draw_cases(
@@ -119,7 +140,7 @@ def draw_cases(
     ----------
     a, spread : the type.
     counts : how many of each.
-    sizes : severity of each group of faults.
+    sizes : severity of each group of faults; of a friction at most what the unit can turn.
     seed, fleet : of everything; fleets share no unit.
     duration : of the test (s).
     own : whether units have effects that the product's simulator does not know.
@@ -143,5 +164,8 @@ def draw_cases(
             test = draw_test(a, spread.tolerances, spread.conditions,
                              (10 * seed + fleet, n % counts.units), 1000 * kind + n, damage,
                              own=own)
+            if group in FRICTIONS:
+                size = min(size, turnable(test, group))
+                test = test._replace(damage=_damage(group, size))
             cases.append(BenchCase(f"{group}-{n:03d}", group, detail, size, phase, test))
     return cases

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ema_cli.console import neutral, styled, unicode_output
 from ema_cli.lines import INDENT, NO_BREAK, TextLine, print_lines, wrapped
 from ema_prognostics.words import (
+    STRANGER,
     feature_words,
     look_alike,
     name_of,
@@ -153,7 +154,14 @@ def _what(verdict: Facts) -> list[str]:
         problem = "; ".join(r for r in verdict["reasons"][:1])
         bag = f"{verdict.get('bag')}: "
         return [say("what.record", problem=problem.removeprefix(bag))]
-    return [say(f"what.{cause}", others=others)]
+    like = most_like(verdict)
+    return [say(f"what.{cause}_stranger" if like else f"what.{cause}", others=others, like=like)]
+
+
+def most_like(verdict: Facts) -> str:
+    """Return in words what a record is most like that is of no known fault; empty: of nothing."""
+    first = next(iter(verdict.get("evidence") or []), {"feature": ""})["feature"]
+    return feature_words(first) if first.startswith(f"{STRANGER}.") else ""
 
 
 def _sure(verdict: Facts) -> list[str]:
@@ -200,6 +208,7 @@ def step(verdict: Facts) -> str:
     outcome, cause = verdict["verdict"], verdict.get("cause") or ""
     if outcome == "unknown" and cause == "unlike":
         kind = step_kind(verdict["evidence"][0]["feature"]) if verdict["evidence"] else ""
+        kind = STRANGER if most_like(verdict) else kind
         return say(f"do.unlike_{kind}" if kind else "do.unlike")
     for key in (cause, "sensor" if outcome == "unknown" else outcome):
         if say.has(f"do.{key}"):

@@ -14,7 +14,7 @@ from ema_identification.actuator.decision.intervals import (
     parameters_of,
     posterior_of,
 )
-from ema_identification.actuator.laws.terms import LawFit, LawGap, choices_of
+from ema_identification.actuator.laws.terms import LawFit, LawGap, Posterior, choices_of
 from ema_identification.actuator.measure.control_law import ControlLaw
 from ema_identification.actuator.residuals import (
     SHOWN,
@@ -57,6 +57,7 @@ def findings_of(unit: TestedUnit, answer: FleetAnswer, gap: LawGap) -> tuple[Nam
     if answer.fit is None:
         return ()
     found: list[NamedEffect] = []
+    known = posterior_of(unit, answer.fit) if answer.known is None else answer.known
     for k in order_of(answer):
         term = answer.fit.terms[k]
         effect, at = EFFECTS[term.variant.effect], min(len(found), len(gap.values) - 2)
@@ -65,7 +66,7 @@ def findings_of(unit: TestedUnit, answer: FleetAnswer, gap: LawGap) -> tuple[Nam
             effect=term.variant.effect, equivalent=answer.equivalent[k],
             choices=choices_of(term),
             formula=Formula(effect.summary, effect.equation, effect.reference),
-            parameters=parameters_of(unit, answer.fit, k),
+            parameters=parameters_of(answer.fit, known, k),
             where=where_of(groups_of(unit, residual_of(unit, less))),
             p_value=answer.p_value[k], gap_before=gap.values[at], gap_after=gap.values[at + 1]))
     return tuple(found)
@@ -82,13 +83,15 @@ def reasons_of(answer: FleetAnswer, gap: LawGap) -> tuple[str, ...]:
     return (*answer.reasons, *shares, *(doubt if unsure else ()))
 
 
-def recalibrated_of(unit: TestedUnit, fit: LawFit) -> tuple[Parameter, ...]:
+def recalibrated_of(
+    unit: TestedUnit, fit: LawFit, known: Posterior | None = None
+) -> tuple[Parameter, ...]:
     """Return in what the unit differs from the model, relative or in its unit; intervals of 90 %.
 
     What belongs to the day is that of the first record.
     """
-    shift, covariance = posterior_of(unit, fit)
-    mean, spread = fit.z + shift[fit.free:], np.sqrt(np.diag(covariance))[fit.free:]
+    known = posterior_of(unit, fit) if known is None else known
+    mean, spread = known.mean[fit.free:], np.sqrt(np.diag(known.covariance))[fit.free:]
     low_z, high_z = mean - QUANTILE * spread, mean + QUANTILE * spread
     ends = [np.clip(z, -1.0, 1.0)
             for z in (np.minimum(low_z, fit.z), fit.z, np.maximum(high_z, fit.z))]

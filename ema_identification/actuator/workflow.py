@@ -144,7 +144,7 @@ def _said(
         findings=findings_of(unit, answer, gap), rivals=candidates_of(unit, answer),
         next_test=None if proposed is None else proposed.text,
         next_profile=None if proposed is None else proposed.profile,
-        recalibrated=recalibrated_of(unit, fit), reasons=reasons_of(answer, gap),
+        recalibrated=recalibrated_of(unit, fit, answer.known), reasons=reasons_of(answer, gap),
         unknown=unknown_shape(unit, residual, answer.fits, answer.null.cost, law)
         if answer.verdict == "unknown effect" else None,
         model_text="" if answer.verdict == "contradicted" else _model_text(unit, fit, model))

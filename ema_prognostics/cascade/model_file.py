@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -89,7 +90,7 @@ class TrainedModel:
     """
 
     body: Body
-    cascades: dict[str, Cascade] = field(repr=False)
+    cascades: Mapping[str, Cascade] = field(repr=False)
     paper: PaperCascade | None
     sha256: str
 
@@ -110,14 +111,15 @@ def model_of(body: Body, where: str = "model", sha256: str = "") -> TrainedModel
     """
     try:
         cascades = {name: Cascade(part) for name, part in body.views.items()}
-        paper = None if body.paper is None else _paper_of(body.paper)
+        paper = None if body.paper is None else paper_of(body.paper)
     except ValueError as error:
         raise ModelError(f"{where}: {error}: train again") from None
     return TrainedModel(body=body, cascades=cascades, paper=paper,
                         sha256=sha256 or _hash(_canonical(body.plain())))
 
 
-def _paper_of(part: PaperPart) -> PaperCascade:
+def paper_of(part: PaperPart) -> PaperCascade:
+    """Return the paper's networks at work; ValueError if they do not fit."""
     part.ann_a.check_size(len(ANN_A_INPUTS), len(FAULTS))
     if set(part.ann_b) != set(FAULTS):
         raise ValueError("paper: one ann_b a fault is needed")

@@ -128,6 +128,21 @@ def whole_turns(
     )
 
 
+def _waves(theta: np.ndarray, orders: Sequence[float]) -> dict[float, np.ndarray]:
+    """Return exp(jhθ), shape (n,), by multiple: the product of two that are there, if it is one.
+
+    A product costs a tenth of sine and cosine; its error grows by one rounding a multiple.
+    """
+    found: dict[float, np.ndarray] = {}
+    for h in orders:
+        part = next((a for a in found if h - a in found), None)
+        if part is None:
+            found[h] = np.cos(h * theta) + 1j * np.sin(h * theta)
+        else:
+            found[h] = found[part] * found[h - part]
+    return found
+
+
 def rotor_lines(
     turns: Turns, signal: np.ndarray, harmonics: int | Sequence[float] = 6
 ) -> np.ndarray:
@@ -151,11 +166,11 @@ def rotor_lines(
     theta, weight = turns.theta, turns.weight
     drift = np.linspace(-1.0, 1.0, len(theta))
     columns = [np.ones_like(theta), drift]
-    for h in orders:
-        columns += [np.cos(h * theta), np.sin(h * theta)]
-    design = np.stack(columns, axis=1)
-    weighted = design * weight[:, None]
-    coefficients = np.linalg.solve(weighted.T @ design, weighted.T @ signal)
+    for wave in _waves(theta, orders).values():
+        columns += [wave.real, wave.imag]
+    design = np.stack(columns)
+    weighted = design * weight
+    coefficients = np.linalg.solve(weighted @ design.T, weighted @ signal)
     lines = np.empty((len(orders) + 1, *coefficients.shape[1:]), dtype=complex)
     lines[0] = coefficients[0]
     lines[1:] = coefficients[2::2] - 1j * coefficients[3::2]

@@ -46,47 +46,51 @@ PHASES = np.exp(-1j * THIRD * np.arange(3))
 SPREAD_FLOOR = 0.02
 
 
-def _references(signals: Signals, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return least and largest reference that may act on each leg, shape (n - 1, 3) each (A).
+def _references(signals: Signals, n: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return least and largest reference that may act on each leg, shape (n - 1,) each (A).
 
     The phases that carry it are those of the present rotor angle; how large it is may have been
     commanded up to `LATENCY` control periods ago.
     """
     acquisition, period = signals.actuator.acquisition, signals.actuator.control.period
     late = int(np.ceil((acquisition.reference_latency + LATENCY) * period * signals.rate))
-    reference = signals.record.samples[:n, REFERENCE_CURRENTS]
-    command = np.abs(reference).max(axis=1)
+    references = signals.record.samples[:n, REFERENCE_CURRENTS].T
+    command = np.abs(references).max(axis=0)
     least, most = command.copy(), command.copy()
     for k in range(1, late + 1):
         least[k:] = np.minimum(least[k:], command[:-k])
         most[k:] = np.maximum(most[k:], command[:-k])
-    share = reference / np.maximum(command, TINY)[:, None]
-    one, other = share * least[:, None], share * most[:, None]
-    low, high = np.minimum(one, other), np.maximum(one, other)
-    return np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])
+    found = []
+    for reference in references:
+        share = reference / np.maximum(command, TINY)
+        one, other = share * least, share * most
+        low, high = np.minimum(one, other), np.maximum(one, other)
+        found.append((np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])))
+    return found
 
 
 def _saturated(signals: Signals, length: float) -> np.ndarray:
-    """Return where each leg stands still from a sample to the next, shape (k, 3), k < n.
+    """Return where each leg stands still from a sample to the next, shape (3, k), k < n.
 
     +1: on the upper rail, -1: on the lower, 0: not certain. `k` ends with `length`.
     """
     begin_time = signals.record.profile.inverter_off + 2.0 / signals.rate
     n = int(np.searchsorted(signals.time, signals.record.profile.command_time + length))
-    reading = signals.record.samples[:n, PHASE_CURRENTS]
     band = signals.actuator.inverter.hysteresis
     margin = MARGIN * band
-    half = 0.5 * np.diff(reading, axis=0)
-    begin, end = reading[:-1] - half, reading[1:] + half
-    low, high = _references(signals, n)
-    up = (begin < low - band - margin) & (end < low + band - margin)
-    down = (begin > high + band + margin) & (end > high - band + margin)
     theta = signals.theta[:n]
     place = (theta - np.pi / 6.0) / (np.pi / 3.0)
     reach = 0.5 * np.diff(place)
-    same = np.floor(place[:-1] - reach) == np.floor(place[1:] + reach)
-    on = signals.time[:n - 1] > begin_time
-    return np.where((same & on)[:, None], up.astype(int) - down.astype(int), 0)
+    sure = (np.floor(place[:-1] - reach) == np.floor(place[1:] + reach)) & (
+        signals.time[:n - 1] > begin_time)
+    found = np.zeros((3, n - 1), dtype=np.int8)
+    readings = signals.record.samples[:n, PHASE_CURRENTS].T
+    for leg, reading, (low, high) in zip(found, readings, _references(signals, n)):
+        half = 0.5 * np.diff(reading)
+        begin, end = reading[:-1] - half, reading[1:] + half
+        leg[sure & (begin < low - band - margin) & (end < low + band - margin)] = 1
+        leg[sure & (begin > high + band + margin) & (end > high - band + margin)] = -1
+    return found
 
 
 def _equations(signals: Signals, length: float) -> tuple[np.ndarray, np.ndarray]:
@@ -98,35 +102,36 @@ def _equations(signals: Signals, length: float) -> tuple[np.ndarray, np.ndarray]
     actuator = signals.actuator
     motor = actuator.motor
     state = _saturated(signals, length)
-    n = len(state) + 1
-    currents = signals.currents[:n]
-    middle = 0.5 * (currents[1:] + currents[:-1])
-    rise = np.diff(currents, axis=0) / np.diff(signals.time[:n])[:, None]
     warm = signals.temperature - REFERENCE
     resistance = motor.phase_resistance * (1.0 + COPPER * warm)
-    sign = np.clip(middle / (DROP_CURRENT * actuator.inverter.hysteresis), -1.0, 1.0)
+    drop = DROP_CURRENT * actuator.inverter.hysteresis
     rows, sides = [], []
     for j, k in PAIRS:
-        used = np.flatnonzero(state[:, j] * state[:, k] < 0)
-        s = state[used, j].astype(float)
+        used = np.flatnonzero(state[j] * state[k] < 0)
+        after = used + 1
+        s = state[j, used].astype(float)
+        before, then = signals.currents[used][:, [j, k]], signals.currents[after][:, [j, k]]
+        middle = 0.5 * (then + before)
+        sign = np.clip(middle / drop, -1.0, 1.0)
+        rise = (then - before) / (signals.time[after] - signals.time[used])[:, None]
         fall = np.zeros((len(used), 3))
-        fall[:, j] = -resistance * s * middle[used, j]
-        fall[:, k] = resistance * s * middle[used, k]
-        speed = 0.5 * (signals.speed[used] + signals.speed[used + 1])
+        fall[:, j] = -resistance * s * middle[:, 0]
+        fall[:, k] = resistance * s * middle[:, 1]
+        speed = 0.5 * (signals.speed[used] + signals.speed[after])
         shape = slope = 0.0
         for phase, part in ((j, 0.5), (k, -0.5)):
-            for at in (used, used + 1):
+            for at in (used, after):
                 angle = signals.theta[at] - phase * THIRD
                 ahead = unit_back_emf(angle + STEP, motor)
                 behind = unit_back_emf(angle - STEP, motor)
                 shape = shape + part * 0.5 * (ahead + behind)
                 slope = slope + part * (ahead - behind) / (2.0 * STEP)
         emf = 0.5 * signals.torque_constant * s * speed
-        change = motor.phase_inductance * s[:, None] * rise[used][:, [j, k]] * [1.0, -1.0]
+        change = motor.phase_inductance * s[:, None] * rise * [1.0, -1.0]
         unlike = -change @ PHASES[[j, k]]
         rows.append(np.column_stack([
             np.full(len(used), signals.bus_voltage), fall, -emf * shape,
-            -s * (sign[used, j] - sign[used, k]), emf * slope, unlike.real, unlike.imag,
+            -s * (sign[:, 0] - sign[:, 1]), emf * slope, unlike.real, unlike.imag,
         ]))
         sides.append(change.sum(axis=1))
     return np.concatenate(sides), np.vstack(rows)

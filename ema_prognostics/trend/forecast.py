@@ -1,22 +1,29 @@
 """When a growing fault reaches a level: growth that may speed up, stall and come in bursts.
 
-The severity of flight n follows ds = (b + d(n)) dtau(n). The time scale tau runs as (exp(g n) -
-1) / g: growth is steady at g = 0 and speeds up above it. The deviation d fades within the memory
-of bursts and plateaus (an Ornstein-Uhlenbeck process). All of it is linear and Gaussian once g,
-size and memory of the deviation and the scatter of the flights are given. So one Kalman filter
-for each of these tells how well it explains the flights, and runs on into the future; the
-forecast is the average, weighted by what each explains. Degradation does not heal: a level is
-passed by flight n where the severity of flight n lies above it.
+The severity of flight n follows ds = (b + d(n)) dtau(n). The time scale tau is n where growth is
+steady; where it speeds up, its pace grows by the same part in every flight (a fault that feeds
+itself) or by the same amount (one that began at an earlier flight). The deviation d fades within
+the memory of bursts and plateaus (an Ornstein-Uhlenbeck process). All of it is linear and
+Gaussian once time scale, size and memory of the deviation and the scatter of the flights are
+given. So one Kalman filter for each of these tells how well it explains the flights, and runs on
+into the future; the forecast is the average, weighted by what each explains times its prior.
+Degradation does not heal: a level is passed by flight n where the severity of flight n lies
+above it.
 
-Sources: G. A. Whitmore and F. Schenkelberg, Lifetime Data Anal. 3 (1997) 27 (time scale);
-P. J. Harrison and C. F. Stevens, J. R. Stat. Soc. B 38 (1976) 205 (several processes, weighted,
-and outliers); Z. W. Birnbaum and S. C. Saunders, J. Appl. Prob. 6 (1969) 319 (passage).
+Priors: that growth speeds up is as likely as not, either way as likely as the other. The size of
+the deviation has half a Cauchy law (A. Gelman, Bayesian Anal. 1 (2006) 515).
+
+Sources: J. F. Archard, J. Appl. Phys. 24 (1953) 981 (steady wear); G. A. Whitmore and
+F. Schenkelberg, Lifetime Data Anal. 3 (1997) 27 (both time scales that speed up); P. J. Harrison
+and C. F. Stevens, J. R. Stat. Soc. B 38 (1976) 205 (several processes, weighted, and outliers);
+Z. W. Birnbaum and S. C. Saunders, J. Appl. Prob. 6 (1969) 319 (passage).
 """
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import log_ndtr, ndtr
@@ -25,14 +32,22 @@ from ema_prognostics.trend.growth import INTERVAL, QUANTILE, Growth
 
 HORIZON = 10_000.0
 """Longest forecast (flights)."""
-BENDS = np.linspace(0.0, 3.5, 8)
-"""Logarithm of the rate now over that at the first flight; its prior is half a normal law."""
-WANDERS = np.geomspace(0.01, 2.0, 6)
-"""Deviation of the rate, in parts of the mean rate."""
+BENDS = np.linspace(0.5, 3.5, 7)
+"""Logarithm of the rate now over that at the first flight, where growth speeds up: by the same
+part, a priori half a normal law; by the same amount, an exponential law (the first flight is then
+as likely at any part of the time since the growth began)."""
+WANDERS = np.array([0.01, 0.1, 0.3, 0.8, 2.0])
+"""Deviation of the rate, in parts of the mean rate; the first is that of a steady one."""
+REGULAR = 0.05
+"""Median of its prior, half a Cauchy law: a rate that never turns negative seldom deviates by
+more than itself, but may."""
 MEMORIES = np.array([0.03, 0.12, 0.5])
 """Of this deviation, in parts of the flights so far."""
 SCATTERS = np.array([0.25, 0.5, 1.0])
 """Scatter from flight to flight, in parts of the deviation that the intervals state."""
+SHARED = 0.5
+"""Part of the variance stated but not seen as scatter that is an error shared by all flights: a
+uniform prior's mean, as a stated interval may also be too wide."""
 DIFFUSE = 30.0
 """Prior deviation of severity and growth, in parts of the span of the severities."""
 OUTLYING = 0.05
@@ -41,6 +56,17 @@ STEPS = 80
 """Of the law, over all flights ahead, and once more where it rises."""
 NEGLIGIBLE = 1e-3
 """Weight, against the largest, below which a process does not enter the forecast."""
+
+
+class _Processes(NamedTuple):
+    """Processes that are weighed, each of shape (g,), with the logarithm of the prior."""
+
+    bend: np.ndarray
+    steadily: np.ndarray
+    wander: np.ndarray
+    memory: np.ndarray
+    scatter: np.ndarray
+    prior: np.ndarray
 
 
 class Forecast(NamedTuple):
@@ -73,17 +99,20 @@ class Outlook:
     Attributes
     ----------
     weight : ndarray, shape (g,). Probability of each process; sum 1.
-    acceleration : ndarray, shape (g,). Relative growth of the rate a flight.
+    acceleration : ndarray, shape (g,). Relative growth of the rate in the next flight.
+    steadily : ndarray of bool, shape (g,). Whether the rate goes on growing by as much in every
+        flight, else by the same part of itself.
     pace : ndarray, shape (g,). Time scale that passes in a flight, now.
     memory, variance : ndarray, shape (g,). Of the rate's deviation, in flights and (unit of the
         time scale)².
-    mean, covariance : ndarray, shapes (g, 3), (g, 3, 3). Of severity, mean rate and deviation.
+    mean, covariance : ndarray, shapes (3, g), (3, 3, g). Of severity, mean rate and deviation.
     severity : now.
     shared : deviation that all flights of the unit share, in parts of the severity.
     """
 
     weight: np.ndarray
     acceleration: np.ndarray
+    steadily: np.ndarray
     pace: np.ndarray
     memory: np.ndarray
     variance: np.ndarray
@@ -111,19 +140,19 @@ def outlook(
     x, y = (number - number[0]).astype(float), severity
     sigma = np.maximum(0.5 * (upper - lower) / QUANTILE, 1e-6 * growth)
     span = float(x[-1])
-    bend, wander, memory, scatter = (
-        a.ravel() for a in np.meshgrid(BENDS, WANDERS, MEMORIES, SCATTERS, indexing="ij"))
-    memory = memory * span
-    variance = (wander * growth) ** 2
+    of = _processes()
+    bend, steadily, scatter, memory = of.bend, of.steadily, of.scatter, of.memory * span
+    variance = (of.wander * growth) ** 2
     # From 0 to 1 over the flights, so that all processes share one prior of the growth.
-    scale = _elapsed(bend / span, x[:, None]) / _elapsed(bend / span, np.array(span))
+    begin = np.where(steadily, np.expm1(bend), bend) / span
+    scale = _elapsed(begin, steadily, x[:, None]) / _elapsed(begin, steadily, span)
     extent = float(np.ptp(y)) + float(sigma.max())
-    mean = np.zeros((len(bend), 3))
-    mean[:, 0] = y[0]
-    covariance = np.zeros((len(bend), 3, 3))
-    covariance[:, [0, 1], [0, 1]] = (DIFFUSE * extent) ** 2
-    covariance[:, 2, 2] = variance
-    score = -0.5 * bend**2
+    mean = np.zeros((3, len(bend)))
+    mean[0] = y[0]
+    covariance = np.zeros((3, 3, len(bend)))
+    covariance[[0, 1], [0, 1]] = (DIFFUSE * extent) ** 2
+    covariance[2, 2] = variance
+    score = of.prior.copy()
     for k in range(len(x)):
         if k:
             mean, covariance = _ahead(mean, covariance, scale[k] - scale[k - 1],
@@ -131,18 +160,20 @@ def outlook(
         likelihood, mean, covariance = _seen(
             mean, covariance, y[k], (scatter * sigma[k]) ** 2, extent**2)
         score += likelihood
-    score += log_ndtr(mean[:, 1] / np.sqrt(covariance[:, 1, 1]))  # a mean rate above 0
+    score += log_ndtr(mean[1] / np.sqrt(covariance[1, 1]))  # a mean rate above 0
     weight = np.exp(score - score.max())
     weight /= weight.sum()
     last = slice(-5, None)
     stated = float(np.mean(sigma[last] ** 2))
-    shared = stated * max(0.0, 1.0 - float(weight @ scatter**2))
+    shared = SHARED * stated * max(0.0, 1.0 - float(weight @ scatter**2))
     some = np.flatnonzero(weight > NEGLIGIBLE * weight.max())
+    end = np.where(steadily, -np.expm1(-bend), bend) / span
+    pace = np.exp(bend) / _elapsed(begin, steadily, span)
     return Outlook(
-        weight=weight[some] / weight[some].sum(), acceleration=bend[some] / span,
-        pace=(np.exp(bend) / _elapsed(bend / span, np.array(span)))[some],
-        memory=memory[some], variance=variance[some], mean=mean[some],
-        covariance=covariance[some], severity=found.severity,
+        weight=weight[some] / weight[some].sum(), acceleration=end[some],
+        steadily=steadily[some], pace=pace[some], memory=memory[some],
+        variance=variance[some], mean=mean[:, some], covariance=covariance[:, :, some],
+        severity=found.severity,
         shared=float(np.sqrt(shared)) / max(float(np.median(y[last])), 1e-300),
     )
 
@@ -178,18 +209,36 @@ def course(seen: Outlook, flights: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     flights : ndarray, shape (n,). Increasing, from 0.
     """
     mean, covariance = seen.mean, seen.covariance
-    scale = seen.pace * _elapsed(seen.acceleration, flights[:, None])
+    scale = seen.pace * _elapsed(seen.acceleration, seen.steadily, flights[:, None])
     found = np.empty((3, len(flights)))
     tail = 0.5 - 0.5 * INTERVAL
     for k in range(len(flights)):
         if k:
             mean, covariance = _ahead(mean, covariance, scale[k] - scale[k - 1],
                                       flights[k] - flights[k - 1], seen.memory, seen.variance)
-        wide = np.sqrt(covariance[:, 0, 0] + (seen.shared * mean[:, 0]) ** 2)
-        grid = np.linspace((mean[:, 0] - 4.0 * wide).min(), (mean[:, 0] + 4.0 * wide).max(), 400)
-        below = ndtr((grid[:, None] - mean[:, 0]) / wide) @ seen.weight
+        wide = np.sqrt(covariance[0, 0] + (seen.shared * mean[0]) ** 2)
+        grid = np.linspace((mean[0] - 4.0 * wide).min(), (mean[0] + 4.0 * wide).max(), 400)
+        below = ndtr((grid[:, None] - mean[0]) / wide) @ seen.weight
         found[:, k] = np.interp([0.5, tail, 1.0 - tail], below, grid)
     return found[0], found[1], found[2]
+
+
+@functools.cache
+def _processes() -> _Processes:
+    """Return all processes with their priors."""
+    part, amount = -0.5 * BENDS**2, -BENDS
+    laws = [(0.0, False, 0.5),
+            *((b, False, 0.25 * p) for b, p in zip(BENDS, np.exp(part) / np.exp(part).sum())),
+            *((b, True, 0.25 * p) for b, p in zip(BENDS, np.exp(amount) / np.exp(amount).sum()))]
+    below = 2.0 / np.pi * np.arctan(np.sqrt(WANDERS[1:] * WANDERS[:-1]) / REGULAR)
+    share = np.diff([0.0, *below, 1.0])
+    wanders = [(WANDERS[0], MEMORIES[-1], share[0]),
+               *((w, m, p / len(MEMORIES)) for w, p in zip(WANDERS[1:], share[1:])
+                 for m in MEMORIES)]
+    rows = [(b, steadily, w, m, s, np.log(p * q)) for b, steadily, p in laws
+            for w, m, q in wanders for s in SCATTERS]
+    bend, steadily, wander, memory, scatter, prior = np.array(rows).T
+    return _Processes(bend, steadily > 0.0, wander, memory, scatter, prior)
 
 
 def _seen(
@@ -200,25 +249,29 @@ def _seen(
     With the probability `OUTLYING` the flight errs by the variance `outlier` besides its `noise`;
     mean and covariance are those of both cases together.
     """
-    column = covariance[:, :, 0]
-    error = severity - mean[:, 0]
-    spreads = [column[:, 0] + noise, column[:, 0] + noise + outlier]
+    column = covariance[0]
+    error = severity - mean[0]
+    spread = column[0] + noise
+    spreads = [spread, spread + outlier]
     scores = [np.log(p) - 0.5 * (np.log(f) + error**2 / f)
               for p, f in zip((1.0 - OUTLYING, OUTLYING), spreads)]
     total = np.logaddexp(*scores)
-    right = np.exp(scores[0] - total)[:, None]
-    gains = [column / f[:, None] for f in spreads]
-    gain = right * gains[0] + (1.0 - right) * gains[1]
-    apart = np.sqrt(right * (1.0 - right)) * (gains[0] - gains[1]) * error[:, None]
-    return (total, mean + gain * error[:, None],
-            covariance - gain[:, :, None] * column[:, None, :]
-            + apart[:, :, None] * apart[:, None, :])
+    right = np.exp(scores[0] - total)
+    each = [1.0 / f for f in spreads]
+    lever = right * each[0] + (1.0 - right) * each[1]
+    apart = right * (1.0 - right) * ((each[0] - each[1]) * error) ** 2
+    return (total, mean + column * (lever * error),
+            covariance + column[:, None] * ((apart - lever) * column))
 
 
-def _elapsed(acceleration: np.ndarray, flights: np.ndarray) -> np.ndarray:
-    """Return the time scale (exp(g n) - 1) / g after `flights`, at a pace of 1 at their begin."""
+def _elapsed(acceleration: np.ndarray, steadily: np.ndarray, flights: Any) -> np.ndarray:
+    """Return the time scale after `flights`, at a pace of 1 at their begin.
+
+    The pace grows by `acceleration` a flight: of itself, or of what it was at the begin.
+    """
     g = np.maximum(acceleration, 1e-9)
-    return np.expm1(np.minimum(g * flights, 50.0)) / g
+    return np.where(steadily, flights * (1.0 + 0.5 * g * flights),
+                    np.expm1(np.minimum(g * flights, 50.0)) / g)
 
 
 def _ahead(
@@ -229,24 +282,24 @@ def _ahead(
     r = flights / memory
     kept = np.exp(-r)
     lever = scale / r  # of the deviation on the severity: pace times memory
-    move = np.zeros_like(covariance)
-    move[:, [0, 1], [0, 1]] = 1.0
-    move[:, 0, 1] = scale
-    move[:, 0, 2] = lever * (1.0 - kept)
-    move[:, 2, 2] = kept
-    noise = np.zeros_like(covariance)
+    moved = lever * (1.0 - kept)
+
+    def move(of: np.ndarray) -> np.ndarray:
+        return np.stack([of[0] + scale * of[1] + moved * of[2], of[1], kept * of[2]])
+
     spread = np.where(r < 0.02, r**3 * (2.0 / 3.0 - 0.5 * r), 2.0 * r - 3.0 + 4.0 * kept - kept**2)
-    noise[:, 0, 0] = variance * lever**2 * spread
-    noise[:, 0, 2] = noise[:, 2, 0] = variance * lever * (1.0 - kept) ** 2
-    noise[:, 2, 2] = variance * (1.0 - kept**2)
-    return (np.einsum("gij,gj->gi", move, mean),
-            move @ covariance @ move.transpose(0, 2, 1) + noise)
+    covariance = move(move(covariance).swapaxes(0, 1))
+    covariance[0, 0] += variance * lever**2 * spread
+    covariance[0, 2] += variance * lever * (1.0 - kept) ** 2
+    covariance[2, 0] = covariance[0, 2]
+    covariance[2, 2] += variance * (1.0 - kept**2)
+    return move(mean), covariance
 
 
 def _passed(seen: Outlook, level: float, flights: np.ndarray) -> np.ndarray:
     """Return the probability that `level` is reached within `flights`, which begin at 0."""
     mean, covariance = seen.mean, seen.covariance
-    scale = seen.pace * _elapsed(seen.acceleration, flights[:, None])
+    scale = seen.pace * _elapsed(seen.acceleration, seen.steadily, flights[:, None])
     known = (level * seen.shared) ** 2
     each = np.zeros(len(seen.weight))
     passed = np.zeros(len(flights))
@@ -254,7 +307,7 @@ def _passed(seen: Outlook, level: float, flights: np.ndarray) -> np.ndarray:
         if k:
             mean, covariance = _ahead(mean, covariance, scale[k] - scale[k - 1],
                                       flights[k] - flights[k - 1], seen.memory, seen.variance)
-        above = (mean[:, 0] - level) / np.sqrt(covariance[:, 0, 0] + known)
+        above = (mean[0] - level) / np.sqrt(covariance[0, 0] + known)
         each = np.maximum(each, ndtr(above))
         passed[k] = seen.weight @ each
         if passed[k] > 1.0 - 1e-6:

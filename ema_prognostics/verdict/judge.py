@@ -16,7 +16,7 @@ from typing import NamedTuple
 from threadpoolctl import ThreadpoolController
 
 from ema_prognostics.cascade.find import Cascade
-from ema_prognostics.cascade.model_file import load_model
+from ema_prognostics.cascade.kept_model import kept_model
 from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.verdict.diagnose import Baseline, Mode, baseline_of, diagnose
 from ema_prognostics.verdict.report import verdict_of_error
@@ -71,7 +71,7 @@ class Judge:
             raise UsageError(f"mode paper is of the default actuator alone: leave {kit_name()} "
                              "out, or use mode robust")
         self._profile = None if profile is None else load_profile(profile)
-        self._model = load_model(model)
+        self._model = kept_model(model)
         self._mode = mode
         # The matrices of a record are small: threads would cost ten times the work.
         self._libraries = ThreadpoolController()

@@ -11,12 +11,11 @@ from ema_prognostics.cascade.find import Cascade, Detection
 from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.verdict.evidence import MOST, Measured
 from ema_prognostics.verdict.verdict import Fault, Measure, Symptom, Verdict
-from ema_prognostics.words import ENGLISH, feature_words, next_step
+from ema_prognostics.words import ENGLISH, STRANGER, feature_words, next_step
 from ema_record.errors import EmaError, IncompleteRecordError
 
-GROUP, ALL, STRANGER = "group.", "all", "stranger"
-"""Beginning of the names of groups of features, the name of all together, and beginning of the
-names of what else befalls actuators."""
+GROUP, ALL = "group.", "all"
+"""Beginning of the names of groups of features, and the name of all together."""
 FOUND: dict[Measure, str] = {
     "healthy": "{:+.1f} healthy deviations", "bound": "{:.1f} times the usual bound"}
 

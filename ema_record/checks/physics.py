@@ -34,6 +34,10 @@ ENOUGH = 8000
 """Samples from which the phases of currents and references are compared."""
 DRIVEN = 200
 """Samples from which phases are compared."""
+BETTER = 0.3
+"""Sum of the correlations by which other wires explain the currents better than the labels."""
+LEAST_ASKED = 0.1
+"""Share of the largest reference below which one tells nothing of the unit: the motor stood."""
 _PHASES = "abc"
 
 
@@ -191,19 +195,21 @@ def wiring(facts: BagFacts) -> Wiring | None:
         key=lambda item: item[0],
     )
     score, order, signs = best
+    labelled = sum(c[k, p] for k, p in enumerate(phases))
+    if score - labelled <= BETTER:  # currents that stand, of a rotor that does, fit in any order
+        score, order, signs = labelled, phases, (1,) * n
     squares = (references**2).mean(axis=0)
     gain = np.array([
-        product_mean[k, p] / squares[p] if squares[p] > 0.0 else 1.0
+        product_mean[k, p] / squares[p] if squares[p] > LEAST_ASKED**2 * squares.max() else 1.0
         for k, p in enumerate(order)
     ])
-    labelled = sum(c[k, p] for k, p in enumerate(phases))
     return Wiring(order, signs, float(score - labelled), gain, phases)
 
 
 def swapped(facts: BagFacts) -> Iterator[Hit]:
     """Find phase currents that follow the reference of another phase."""
     found = facts.derived(wiring)
-    if found is not None and found.better > 0.3 and found.order != found.phases:
+    if found is not None and found.order != found.phases:
         pairs = ", ".join(
             f"phase_current_{_PHASES[k]} follows reference {_PHASES[p]}"
             for k, p in zip(found.phases, found.order) if k != p
@@ -251,7 +257,7 @@ def _rotation(facts: BagFacts) -> Iterator[Hit]:
 def current_signs(facts: BagFacts) -> Iterator[Hit]:
     """Find phase currents of the opposite sign."""
     found = facts.derived(wiring)
-    if found is not None and found.better > 0.3:
+    if found is not None:
         for k, sign in zip(found.phases, found.signs):
             if sign < 0:
                 name = f"phase_current_{_PHASES[k]}"

@@ -21,7 +21,10 @@ STEADY = (0.05, 0.25)
 """Relative changes of speed and of current to the turns beside it below which a turn is steady."""
 KEPT = (0.1, 0.5)
 """What a sensor does it keeps doing: but for that share of the turns after it, so much of the
-bound."""
+middle of them, and of the bound."""
+STICKS = 0.1
+"""Share of the motor's highest speed below which friction may stick and slip within a turn, which
+makes one phase carry more than the other; such turns are not compared."""
 LEAST_SAMPLES = 16
 """In a turn that counts."""
 GAIN = (0.08, 8.0)
@@ -62,11 +65,13 @@ def whole_turns(facts: BagFacts) -> WholeTurns | None:
     found = []
     for k in range(len(edges) - 1):
         rows = slice(int(edges[k]), int(edges[k + 1]))
-        if sense[k] != sense[k + 1] or rows.stop - rows.start < LEAST_SAMPLES:
+        speed = np.abs(s[rows, MOTOR_SPEED]).mean()
+        if (sense[k] != sense[k + 1] or rows.stop - rows.start < LEAST_SAMPLES
+                or speed < STICKS * facts.actuator.control.speed_limit):
             continue
         weight = step[rows] / step[rows].sum()
         currents = s[rows][:, columns]
-        found.append((s[rows.stop - 1, TIME], np.abs(s[rows, MOTOR_SPEED]).mean(),
+        found.append((s[rows.stop - 1, TIME], speed,
                       *(weight @ currents), *(weight @ np.abs(currents))))
     if len(found) < MEDIAN + 2:
         return None
@@ -82,12 +87,6 @@ def whole_turns(facts: BagFacts) -> WholeTurns | None:
     return WholeTurns(turns[:, 0], turns[:, 1], turns[:, 2:4], turns[:, 4:6])
 
 
-def _medians(values: np.ndarray) -> np.ndarray:
-    """Return medians over `MEDIAN` turns on end, shape (n, ...) -> (n - MEDIAN + 1, ...)."""
-    windows = np.lib.stride_tricks.sliding_window_view(values, MEDIAN, axis=0)
-    return np.asarray(median(windows, axis=-1))
-
-
 def offsets(facts: BagFacts) -> Iterator[Hit]:
     """Find a current of two that has a mean over turns, and keeps it from there on.
 
@@ -97,21 +96,26 @@ def offsets(facts: BagFacts) -> Iterator[Hit]:
     if found is None:
         return
     bound = facts.offset_bound(REST_OFFSET)
-    for column, means in zip(facts.currents, _medians(found.mean).T):
-        first = _first_kept(means, bound)
-        if first is not None:
-            name, mean = CHANNELS[column].name, float(means[first])
+    for column, means in zip(facts.currents, found.mean.T):
+        kept = _first_kept(means, bound)
+        if kept is not None:
+            (first, mean), name = kept, CHANNELS[column].name
             yield Hit(f"{name} has a mean of {mean:+.2f} A over whole electrical turns, not zero",
                       float(found.time[first]), mean, "A", name)
             return
 
 
-def _first_kept(values: np.ndarray, bound: float) -> int | None:
-    """Return from where on values, shape (n,), are beyond `bound` and stay so; None: nowhere."""
-    first = int(np.argmax(np.abs(values) > bound))
-    sign = np.sign(values[first])
-    kept = np.quantile(sign * values[first:], KEPT[0]) > KEPT[1] * bound
-    return first if abs(values[first]) > bound and kept else None
+def _first_kept(values: np.ndarray, bound: float) -> tuple[int, float] | None:
+    """Return from which turn on `values`, shape (n,), are beyond `bound` and stay so, and by what.
+
+    A median of `MEDIAN` turns on end is beyond it, and each turn from then on is alike.
+    """
+    medians = median(np.lib.stride_tricks.sliding_window_view(values, MEDIAN), axis=-1)
+    first = int(np.argmax(np.abs(medians) > bound))
+    size = float(medians[first])
+    later = np.sign(size) * values[first + MEDIAN // 2:]
+    kept = np.quantile(later, KEPT[0]) > KEPT[1] * max(bound, float(median(later)))
+    return (first, size) if abs(size) > bound and kept else None
 
 
 def gains(facts: BagFacts) -> Iterator[Hit]:
@@ -124,12 +128,13 @@ def gains(facts: BagFacts) -> Iterator[Hit]:
     use = (found.speed < slow) & (found.size.min(axis=1) > least)
     if use.sum() < MEDIAN:
         return
-    ratio = _medians(found.size[use, 0] / found.size[use, 1]) - 1.0
-    first = _first_kept(ratio, max(GAIN[0], GAIN[1] * facts.conditions.current_gain))
-    if first is not None:
+    ratio = found.size[use, 0] / found.size[use, 1] - 1.0
+    kept = _first_kept(ratio, max(GAIN[0], GAIN[1] * facts.conditions.current_gain))
+    if kept is not None:
+        first, more = kept
         names = [CHANNELS[column].name for column in facts.currents]
-        yield Hit(f"{names[0]} is {1.0 + ratio[first]:.3f} times {names[1]} at low speed",
-                  float(found.time[use][first]), float(ratio[first]), "", "phase_current")
+        yield Hit(f"{names[0]} is {1.0 + more:.3f} times {names[1]} at low speed",
+                  float(found.time[use][first]), more, "", "phase_current")
 
 
 _CALIBRATE = "calibrate or replace the transducer, then record the test again"

@@ -33,8 +33,8 @@ MAGNET = -1.1e-3
 
 def unit_trapezoid(theta: np.ndarray, flat_top: float) -> np.ndarray:
     """Return `electrical.trapezoid` at any electrical angles, shape (n,) (rad)."""
-    beyond = np.mod(theta, TURN) - QUARTER
-    beyond = np.where(beyond > np.pi, beyond - TURN, beyond)
+    beyond = theta - QUARTER
+    beyond -= TURN * np.rint(beyond / TURN)
     return np.clip((QUARTER - np.abs(beyond)) * (2.0 / (np.pi - flat_top)), -1.0, 1.0)
 
 

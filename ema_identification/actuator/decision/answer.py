@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ema_identification.actuator.laws.terms import LawFit, LawGap
+from ema_identification.actuator.laws.terms import LawFit, LawGap, Posterior
 from ema_identification.result import Outcome
 
 
@@ -26,6 +26,7 @@ class FleetAnswer:
     closed : for each law the share of the excess misfit that it closes, beside the others.
     alone : of two laws, the fit of each without the other.
     fits : all that were compared, most evidence first.
+    known : what the records tell of `fit`, its laws and the unit's numbers.
     gap : on held-out records.
     reasons : for people.
     """
@@ -39,6 +40,7 @@ class FleetAnswer:
     closed: tuple[float, ...] = ()
     alone: tuple[LawFit, ...] = ()
     fits: tuple[LawFit, ...] = ()
+    known: Posterior | None = None
     gap: LawGap | None = None
     reasons: tuple[str, ...] = field(default=())
 

@@ -93,10 +93,11 @@ class ChangedUnit(TestedUnit):
         return super().slope(z) - np.where(OF_DAY, 0.0, before)
 
     def run_all(
-        self, models: Sequence[tuple[Sequence[EffectTerm], np.ndarray]], runs: int, salt: int = 0
+        self, models: Sequence[tuple[Sequence[EffectTerm], np.ndarray]], runs: int, salt: int = 0,
+        *, apart: bool = False,
     ) -> list[np.ndarray]:
         """Return the mean features of runs, less what runs of the accepted unit are off."""
-        found = super().run_all(models, runs, salt)
+        found = super().run_all(models, runs, salt, apart=apart)
         return [mean + self._shift - self._ahead(np.clip(z, -1.0, 1.0)[None])[0]
                 for mean, (_, z) in zip(found, models)]
 

@@ -1,8 +1,8 @@
 """The decision, whole: nothing, one law, two, a set of names, or something unknown.
 
-1. *Nothing* unless the misfit or the largest useless gain is surely rarer than `LEVEL` among
-   healthy units (conformal rank among some that built nothing of the library, with the bound that
-   holds for these very ones, Vovk 2012), on its quadratic and again on runs.
+1. *Nothing* unless the misfit, the largest useless gain or the gap is surely rarer than `LEVEL`
+   among healthy units (conformal rank among some that built nothing of the library, with the bound
+   that holds for these very ones, Vovk 2012), on its quadratic and again on runs.
 2. Laws are proposed from the library (wide, cheap), fitted with the simulator (`ROUNDS`), and
    compared by one evidence: log E = -½ ν ln J - ½ k ln ν, J the cost, k coordinates, ν the
    independent numbers of a record. This is the likelihood of a scale that is not known, with the
@@ -11,7 +11,8 @@
    of its own beyond the useless ones'. The answer is the smallest set of names with `COVERED` of
    the evidence, the simplest model in it; more than `LARGEST_SET`, or no model that explains, is
    unknown.
-4. Held-out records only judge: what makes their gap grow is contradicted (`after_validation`),
+4. What is named is measured anew, by runs over all that it may be (`intervals`).
+5. Held-out records only judge: what makes their gap grow is contradicted (`after_validation`),
    and there is no silence where it is large.
 """
 
@@ -26,17 +27,19 @@ from scipy.stats import beta
 
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence, stages_of
 from ema_identification.actuator.decision.fit import TestedUnit
+from ema_identification.actuator.decision.intervals import simulated_posterior
 from ema_identification.actuator.decision.proposals import (
     LawProposal,
     gain_of,
     linear_gains,
     ripples,
     scores,
+    scores_of,
     selectable,
     sized,
 )
 from ema_identification.actuator.decision.surrogate import SETTLED_RUNS
-from ema_identification.actuator.laws.terms import LawFit, LawGap
+from ema_identification.actuator.laws.terms import LawFit, LawGap, moved
 from ema_identification.actuator.measure.runs import Progress, silent
 from ema_identification.result import after_validation
 
@@ -70,16 +73,16 @@ def rank(score: float, healthy: np.ndarray) -> float:
     return float(1.0 + (healthy >= score).sum()) / (1.0 + len(healthy))
 
 
-def p_nothing(score: tuple[float, float], healthy: np.ndarray) -> float:
+def p_nothing(score: Sequence[float], healthy: np.ndarray) -> float:
     """Return the share of healthy units that are as far off, with `SURE` at most as large.
 
-    The score is the rarer of the ranks of cost and gain, so that having looked at both is paid
-    for. Of `n` healthy units `k` are as rare: the bound of Clopper and Pearson (1934). Among all
-    libraries that might have been drawn, at least `SURE` keep what it promises.
+    The score is the rarest of the ranks of cost, gain and gap, so that having looked at all three
+    is paid for. Of `n` healthy units `k` are as rare: the bound of Clopper and Pearson (1934).
+    Among all libraries that might have been drawn, at least `SURE` keep what it promises.
     """
     pooled = np.vstack([score, healthy])
-    rarer = (pooled[None] >= pooled[:, None]).sum(axis=1).min(axis=1)
-    return share_of(int((rarer[1:] <= rarer[0]).sum()), len(healthy))
+    rarest = (pooled[None] >= pooled[:, None]).sum(axis=1).min(axis=1)
+    return share_of(int((rarest[1:] <= rarest[0]).sum()), len(healthy))
 
 
 def share_of(as_rare: int, units: int) -> float:
@@ -138,6 +141,20 @@ class _Decision:
     def _refitted(self, fit: LawFit) -> LawFit:
         there = self.unit.refitted(fit, self.before, runs=ROUNDS[-1][0], steps=FURTHER, fall=FALL)
         return self.unit.settled(there, self.before, SETTLED_RUNS)
+
+    def measured(self, answer: FleetAnswer) -> FleetAnswer:
+        """Return the answer with what runs tell of the model named: values and intervals.
+
+        The values are those of the fit where runs there do not leave as little as healthy units.
+        """
+        if answer.fit is None:
+            return answer
+        fit, known = answer.fit, simulated_posterior(self.unit, answer.fit)
+        terms, z = moved(fit.terms, known.mean[:fit.free]), known.mean[fit.free:]
+        mean = self.unit.run(terms, z, SETTLED_RUNS, salt=8)
+        there = replace(fit, terms=terms, z=z, mean=mean, cost=self.unit.cost(
+            self.white, mean, z) if np.isfinite(mean).all() else np.inf)
+        return replace(answer, known=known, fit=there if self.explains(there) else fit)
 
     def screened(self, proposals: Sequence[LawProposal], beside: LawFit | None) -> list[LawFit]:
         """Return the models of proposals, fitted without a run, lowest cost first."""
@@ -233,8 +250,7 @@ def decide(
     case = _Decision(unit, null, without)
     again = linear_gains(unit, case.null, case.white, case.signatures)
     lower = again[0].cost if again else case.null.cost
-    p = max(p, p_nothing((case.null.cost / unit.size,
-                          gain_of(case.null.cost, lower, unit.size)), library.healthy))
+    p = max(p, p_nothing(scores_of(unit, case.null, lower), library.healthy))
     if p > LEVEL:
         return _nothing(null, p, held)
     singles = case.singles()
@@ -244,7 +260,7 @@ def decide(
     fits = case.finished([*singles, *pairs])
     answer = FleetAnswer(verdict="unknown effect", null=case.null, p_nothing=p,
                          fits=tuple(fits))
-    answer = _named(case, answer, [f for f in fits if case.explains(f)])
+    answer = case.measured(_named(case, answer, [f for f in fits if case.explains(f)]))
     return answer if held is None else _validated(answer, held)
 
 

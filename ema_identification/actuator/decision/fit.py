@@ -117,13 +117,16 @@ class TestedUnit:
     def _plain(self) -> bool:
         return self.library.left is None
 
+    def noise(self) -> np.ndarray:
+        """Return the covariance of the features of a run."""
+        return self.library.repeat.covariance(min(self.conditions.noise, LOUDEST))
+
     def covariance(self, runs: int) -> np.ndarray:
         """Return the covariance of what the right model leaves; `runs` 0: on the quadratic."""
-        library, noise = self.library, min(self.conditions.noise, LOUDEST)
-        found = library.surrogate.covariance(noise)
+        library = self.library
+        found = library.surrogate.covariance(min(self.conditions.noise, LOUDEST))
         if runs:
-            found = (1.0 + 1.0 / runs) * library.repeat.covariance(noise) + (
-                library.carried**2 * found)
+            found = (1.0 + 1.0 / runs) * self.noise() + library.carried**2 * found
         if library.left is not None:
             found[np.diag_indices_from(found)] += library.left.spread**2
         return found
@@ -155,28 +158,26 @@ class TestedUnit:
         return self.run_all([(terms, z)], runs, salt)[0]
 
     def run_all(
-        self, models: Sequence[tuple[Sequence[EffectTerm], np.ndarray]], runs: int, salt: int = 0
+        self, models: Sequence[tuple[Sequence[EffectTerm], np.ndarray]], runs: int, salt: int = 0,
+        *, apart: bool = False,
     ) -> list[np.ndarray]:
-        """Return the mean features of runs of each model, with the same noise."""
+        """Return the mean features of runs of each model, with the same noise unless `apart`."""
         library = self.library
         if not models:
             return []
-        seeds = np.random.default_rng([self.seed, 31, salt]).integers(2**31, size=runs)
+        seeds = np.random.default_rng([self.seed, 31, salt]).integers(
+            2**31, size=(len(models) if apart else 1, runs))
         jobs = [(with_terms(terms, library.model.effects), z, int(s))
-                for terms, z in models for s in seeds]
+                for k, (terms, z) in enumerate(models) for s in seeds[k if apart else 0]]
 
         def one(job: tuple[Effects, np.ndarray, int]) -> np.ndarray:
             effects, z, seed = job
             return self.simulator(library.model, library.spread, library.fmap, z,
                                   self.conditions, seed, effects)
 
-        # Compiled code, FFTs and random numbers leave the interpreter's lock: two threads do
-        # nearly the work of two processes, and nothing has to be started or sent.
-        if self.workers > 1:
-            with ThreadPoolExecutor(self.workers) as pool:
-                rows = np.array(list(pool.map(one, jobs)))
-        else:
-            rows = np.array([one(job) for job in jobs])
+        # Compiled code leaves the interpreter's lock: two threads work nearly as two processes.
+        with ThreadPoolExecutor(self.workers) as pool:
+            rows = np.array(list(pool.map(one, jobs)))
         left = 0.0 if library.left is None else library.left.mean
         return list(rows.reshape(len(models), runs, -1).mean(axis=1) + left)
 

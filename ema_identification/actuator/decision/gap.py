@@ -15,16 +15,11 @@ import numpy as np
 from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
 from ema_identification.actuator.decision.fleet import OF_DAY, SIZE
 from ema_identification.actuator.decision.joint import kept_of
+from ema_identification.actuator.decision.surrogate import worst
 from ema_identification.actuator.laws.terms import LawFit, LawGap
 
 RUNS = 8
 """Of a prediction with a law."""
-
-
-WORST = 0.1
-"""Part of the features that the gap looks at: most effects show in few."""
-LARGEST_RESIDUAL = 1e4
-"""Most that one feature counts (standard deviations)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,28 +61,12 @@ def quadratic_gap(unit: TestedUnit, fitted: TestedUnit, null: LawFit) -> LawGap:
     return _left(unit, _yardstick(fitted, null), z, list(unit.means(z[None])))
 
 
-FLOOR_UNITS = 20
-"""Healthy units that tell what a fit leaves of its own record."""
-
-
 def fitted_gap(unit: TestedUnit, models: Sequence[LawFit]) -> LawGap:
     """Return the gap on the fitted records themselves, where no other one is given."""
     root = np.sqrt(np.diag(unit.covariance(0)))
-    healthy = []
-    for one in [u for u in unit.set_aside() if u is not None][:FLOOR_UNITS]:
-        rest = one.values - one.without_law().mean
-        healthy.append(worst([rest / np.sqrt(np.diag(one.covariance(0)))])[0])
     rests = [(unit.values - m.mean) / root for m in models]
-    return LawGap(values=tuple(worst(rests)), healthy=np.array(healthy or [np.nan]),
+    return LawGap(values=tuple(worst(rests)), healthy=unit.library.healthy[:, 2],
                   rest=tuple(rests))
-
-
-def worst(residual: Sequence[np.ndarray]) -> list[float]:
-    """Return the rms of each model over the tenth of features in which the worst is off most."""
-    squares = np.clip(np.array(residual), -LARGEST_RESIDUAL, LARGEST_RESIDUAL)**2
-    count = max(1, round(WORST * squares.shape[1]))
-    chosen = np.argsort(squares.max(axis=0))[-count:]
-    return [float(np.sqrt(row[chosen].mean())) for row in squares]
 
 
 def _predicted(unit: TestedUnit, fit: LawFit) -> np.ndarray:

@@ -59,15 +59,20 @@ class JointUnit(TestedUnit):
             found.append(places)
         return found
 
+    def noise(self) -> np.ndarray:
+        """Return the covariance of the features of a run of all tests."""
+        return np.asarray(block_diag(*(part.noise() for part in self.each)))
+
     def covariance(self, runs: int) -> np.ndarray:
         """Return the covariance of what the right model leaves of all records."""
         return np.asarray(block_diag(*(part.covariance(runs) for part in self.each)))
 
     def run_all(
-        self, models: Sequence[tuple[Sequence[EffectTerm], np.ndarray]], runs: int, salt: int = 0
+        self, models: Sequence[tuple[Sequence[EffectTerm], np.ndarray]], runs: int, salt: int = 0,
+        *, apart: bool = False,
     ) -> list[np.ndarray]:
         """Return the mean features of runs of each model on all tests."""
-        rows = [part.run_all([(terms, z[places]) for terms, z in models], runs, salt)
+        rows = [part.run_all([(terms, z[places]) for terms, z in models], runs, salt, apart=apart)
                 for part, places in zip(self.each, self._places)]
         return [np.concatenate(row) for row in zip(*rows)]
 
@@ -106,7 +111,7 @@ def _together(units: Sequence[TestedUnit], library: FleetLibrary) -> JointUnit:
 
 def joint_unit(
     units: Sequence[TestedUnit],
-    scored: Callable[[TestedUnit], tuple[float, float]] | None = None,
+    scored: Callable[[TestedUnit], tuple[float, ...]] | None = None,
 ) -> TestedUnit:
     """Return records of one unit as one; a single one as it is.
 

@@ -15,12 +15,23 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.surrogate import Whitener
+from ema_identification.actuator.decision.surrogate import Whitener, worst
 from ema_identification.actuator.laws.catalogue import Signature, Variant, ripple
 from ema_identification.actuator.laws.terms import EffectTerm, LawFit
 
 ANGLES, CHORDS = 8, 3
 """Directions of a vector at each of its levels; steps towards the unit."""
+
+
+class Scores(NamedTuple):
+    """In what a unit may be rare among healthy ones."""
+
+    cost: float
+    """A feature."""
+    gain: float
+    """Largest of a law, in units of what it leaves."""
+    gap: float
+    """Of the fitted record, as `surrogate.worst` says it."""
 
 
 class LawProposal(NamedTuple):
@@ -162,14 +173,20 @@ def _points(signature: Signature) -> list[np.ndarray]:
     return found
 
 
-def scores(unit: TestedUnit, fit: LawFit, runs: int) -> tuple[float, float]:
-    """Return cost a feature, and the largest gain of a law in units of what it leaves."""
+def scores(unit: TestedUnit, fit: LawFit, runs: int) -> Scores:
+    """Return the three numbers in which a unit without a law may be rare."""
     found = linear_gains(unit, fit, unit.whitener(runs), selectable(unit, ()))
     lower = found[0].cost if found else fit.cost
-    return fit.cost / unit.size, gain_of(fit.cost, lower, unit.size)
+    return scores_of(unit, fit, lower)
 
 
-def healthy_scores(unit: TestedUnit) -> tuple[float, float]:
+def scores_of(unit: TestedUnit, fit: LawFit, lower: float) -> Scores:
+    """Return the scores where `lower` is the least cost with a law."""
+    rest = (unit.values - fit.mean) / np.sqrt(np.diag(unit.covariance(fit.runs)))
+    return Scores(fit.cost / unit.size, gain_of(fit.cost, lower, unit.size), worst([rest])[0])
+
+
+def healthy_scores(unit: TestedUnit) -> Scores:
     """Return `scores` of a unit that is judged as a healthy one."""
     return scores(unit, unit.without_law(), 0)
 

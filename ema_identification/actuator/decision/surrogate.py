@@ -7,6 +7,7 @@ of runs of one unit give the part of that noise which no model can take away.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -29,6 +30,10 @@ RIDGES = (0.3, 3.0, 30.0, 300.0)
 """Penalties tried for each feature; leave one out chooses."""
 SETTLED_RUNS = 8
 """Of a model in the end, healthy or not."""
+WORST = 0.1
+"""Part of the features that the gap looks at: most effects show in few."""
+LARGEST_RESIDUAL = 1e4
+"""Most that one feature counts (standard deviations)."""
 _UPPER = np.triu_indices(SIZE + 3)
 
 
@@ -137,6 +142,14 @@ def mended(
     return slopes + np.outer(change - slopes @ step, weight) / power
 
 
+def worst(residual: Sequence[np.ndarray]) -> list[float]:
+    """Return the rms of each model over the tenth of features in which the worst is off most."""
+    squares = np.clip(np.array(residual), -LARGEST_RESIDUAL, LARGEST_RESIDUAL)**2
+    count = max(1, round(WORST * squares.shape[1]))
+    chosen = np.argsort(squares.max(axis=0))[-count:]
+    return [float(np.sqrt(row[chosen].mean())) for row in squares]
+
+
 def least_size(signature: Signature) -> float:
     """Return the least size at which a law was simulated."""
     found = [float(np.abs(x[x != 0.0]).min()) for x in signature.levels if len(x) > 1]
@@ -162,8 +175,8 @@ class FleetLibrary:
     repeat : noise of a single run.
     signatures : what each variant of the catalogue adds on the middle of the fleet; may be empty.
     carried : share of the quadratic's error that is left after runs at the unit's own parameters.
-    healthy : ndarray, shape (n, 2). Of units that built nothing of this: cost a feature that the
-        quadratic leaves, and the largest gain of a useless law.
+    healthy : ndarray, shape (n, 3). `proposals.Scores` of units that built nothing of this, on the
+        quadratic: cost a feature, largest gain of a useless law, gap.
     aside : conditions, shape (n, 4), and features, shape (n, d), of the same units.
     left : discrepancy of the type, where acceptance records tell it.
     """

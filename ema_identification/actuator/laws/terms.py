@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -78,6 +79,13 @@ class LawGap:
     def bound(self) -> float:
         """What 95 % of them stay within."""
         return float(np.quantile(self.healthy, 0.95, method="higher"))
+
+
+class Posterior(NamedTuple):
+    """Laws' coordinates, then the unit's numbers: shape (m,), and covariance, shape (m, m)."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
 
 
 def with_terms(terms: Sequence[EffectTerm], base: Effects) -> Effects:

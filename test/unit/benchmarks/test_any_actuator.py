@@ -8,12 +8,14 @@ import pytest
 
 from benchmarks.any_actuator.cases import (
     CLASS,
+    LARGEST,
     SENSOR_FAULTS,
     STRANGERS,
     TEST,
     Counts,
     draw_cases,
     sizes_of,
+    turnable,
     usual_sizes,
 )
 from benchmarks.any_actuator.described import Damage, Own
@@ -229,6 +231,38 @@ def test_a_fault_shows_in_the_record(loaded):
     before = m.dynamic_friction + dry + m.viscous_friction * omega + (
         x.viscous_friction * omega / ratio**2)
     assert current[1] / current[0] == pytest.approx(1.0 + dry / before, rel=0.03)
+
+
+@pytest.mark.parametrize("group", ["motor_friction", "surface_friction"])
+def test_a_friction_is_at_most_what_the_unit_can_turn(group):
+    """With that much it slews; with that and three tenths of all torque more it does not."""
+    machine = load_machine("valve_12v")
+    a, profile = machine.actuator, share_step(machine.actuator, 0.3, 0.1)
+    cases = [c for c in draw_cases(
+        a, machine.spread, Counts(units=3, healthy=0, each_fault=3, strangers=0, sensor_faults=0),
+        {**usual_sizes(a), group: LARGEST}, seed=5, fleet=TEST, duration=profile.duration,
+        own=True) if c.group == group]
+    assert any(c.size < LARGEST for c in cases)
+    for case in cases:
+        most = turnable(case.test, group)
+        assert case.size == min(most, LARGEST) == getattr(case.test.damage, group)
+        speeds = []
+        for size in (most, 1.3 * (most + 2.0)):
+            test = case.test._replace(damage=Damage(**{group: size}))
+            record = record_of(test, profile)
+            part = (record.time > 0.15) & (record.time < 0.25)
+            speeds.append(record.samples[part, 1].mean() / a.control.speed_limit)
+        assert speeds[0] > 0.95
+        assert speeds[1] < 0.9
+
+
+def test_sensors_fail_that_are_recorded():
+    machine = load_machine("rudder_160v")
+    cases = draw_cases(
+        machine.actuator, machine.spread,
+        Counts(units=20, healthy=0, each_fault=0, strangers=0, sensor_faults=20), {}, seed=5,
+        fleet=TEST, duration=1.0, own=True)
+    assert {c.test.damage.phase for c in cases} == {0, 1}
 
 
 def test_a_type_is_off_its_description():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import invgauss
 
-from benchmarks.forecast.__main__ import PARTS, measure, seen_of
+from benchmarks.forecast.__main__ import PARTS, measure, paired, seen_of
 from benchmarks.forecast.courses import LAWS, draw_course
 from benchmarks.forecast.peers import (
     Seen,
@@ -90,7 +90,15 @@ def test_scores_of_forecasts_that_are_known(late, met):
     score = measure(course, knowing, SEED)
     assert score.alpha_lambda == [met]
     assert score.near == [met]
-    assert score.accuracy == pytest.approx([2.0 - late])
+    left = course.passed - (course.first + round(0.5 * life))
+    assert score.accuracy == pytest.approx([2.0 - np.ceil(late * left) / left])
     assert score.horizon == pytest.approx([1.0 - PARTS[0] if met else 0.0], abs=1.0 / life)
     assert np.mean(score.covered) == (1.0 if late == 1.0 else pytest.approx(0.0, abs=0.5))
     assert score.width == [0.0] * len(PARTS)
+
+
+def test_pairs_count_what_one_alone_meets():
+    ours, theirs = [True] * 9 + [False] * 3, [True] * 2 + [False] * 9 + [True]
+    only, others, p = paired(ours, theirs)
+    assert (only, others) == (7, 1)
+    assert p == pytest.approx(2.0 * 9 / 256)

@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -10,6 +11,7 @@ from ema_cli.lines import wrapped
 from ema_cli.main import run
 from ema_cli.views.verdict import bar, percent, print_verdict, short
 from ema_prognostics.verdict.verdict import Fault, Symptom, Verdict
+from ema_prognostics.words import feature_words, words
 
 HEADING = {
     "serial_number": "SN-0042", "profile": "extended",
@@ -27,6 +29,10 @@ SHORT = Verdict(
     probabilities={"healthy": 0.001, "turn_short": 0.9991}, evidence=(PULSES,),
     reasons=("torque pulses twice a turn, at quarter speed: -23.8 healthy deviations",),
 )
+
+STRANGER = Verdict(
+    outcome="unknown", bag="b", cause="unlike", probabilities={"unknown": 1.0},
+    evidence=(Symptom(feature="stranger.weak_magnets", measure="bound", times=1.5),))
 
 
 def printed(verdict, width=80, heading=HEADING, **options):
@@ -82,6 +88,11 @@ def test_in_a_pipe_each_statement_is_a_line():
              evidence=(Symptom(feature="noise_speed", measure="bound", times=1.4),)),
      ["UNKNOWN", "unlike anything", "that sensor and its cable", "usual bound", "1.4 x",
       "ema lint b", "ema identify b"]),
+    (STRANGER,
+     ["UNKNOWN", "and not healthy either: most like weak magnets.", "look for that before",
+      "ema identify b"]),
+    (replace(STRANGER, cause="unlike_since_baseline"),
+     ["since the baseline that is no fault that the test names: most like weak magnets."]),
     (Verdict(outcome="unknown", bag="b", cause="doubt", alternatives=("friction",),
              probabilities={"friction": 0.4, "healthy": 0.3}),
      ["No fault is certain", "Most like: friction 40 %", "--baseline"]),
@@ -95,6 +106,30 @@ def test_in_a_pipe_each_statement_is_a_line():
 def test_every_outcome_says_what_to_do_and_what_next(verdict, expected):
     text = " ".join(printed(verdict).split())
     assert [part for part in expected if part not in text] == []
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+@pytest.mark.parametrize("cause", ["unlike", "unlike_since_baseline"])
+def test_what_says_what_the_reasons_say_where_a_record_is_most_like_something(
+    cause, language, monkeypatch
+):
+    monkeypatch.setenv("EMA_LANG", language)
+    say = words()
+    known = say.below("feature.stranger")
+    assert "weak_magnets" in known
+    for kind in known:
+        feature = f"stranger.{kind}"
+        verdict = replace(STRANGER, cause=cause, evidence=(
+            Symptom(feature=feature, measure="bound", times=1.5),
+            Symptom(feature="noise_speed", measure="bound", times=1.2)))
+        what, *_ = (line for line in printed(verdict, 400).splitlines()
+                    if line.lstrip().startswith(say("label.what")))
+        assert what.endswith(f": {feature_words(feature)}.")
+        assert say(f"what.{cause}") not in what
+    # A stranger that is no reason is not named.
+    other = replace(STRANGER, evidence=(Symptom(feature="noise_speed", measure="bound", times=1.2),
+                                        *STRANGER.evidence))
+    assert say("what.unlike") in " ".join(printed(other).split())
 
 
 def test_numbers():

@@ -18,16 +18,16 @@ def ahead(y, level, half=0.0, x=None):
     return None if view is None else forecast(view, level)
 
 
-def known(*, severity=0.02, rate=0.002, acceleration=0.0, memory=1.0, variance=0.0,
-          rate_error=0.0, shared=0.0):
+def known(*, severity=0.02, rate=0.002, acceleration=0.0, steadily=False, memory=1.0,
+          variance=0.0, rate_error=0.0, shared=0.0):
     """Return an outlook of one process, known but for the error of its rate."""
-    covariance = np.zeros((1, 3, 3))
-    covariance[0, 0, 0], covariance[0, 1, 1] = 1e-16, rate_error**2
-    covariance[0, 2, 2] = variance
+    covariance = np.zeros((3, 3, 1))
+    covariance[0, 0], covariance[1, 1], covariance[2, 2] = 1e-16, rate_error**2, variance
     return Outlook(
-        weight=np.ones(1), acceleration=np.array([acceleration]), pace=np.ones(1),
-        memory=np.array([memory]), variance=np.array([variance]),
-        mean=np.array([[severity, rate, 0.0]]), covariance=covariance, severity=severity,
+        weight=np.ones(1), acceleration=np.array([acceleration]),
+        steadily=np.array([steadily]), pace=np.ones(1), memory=np.array([memory]),
+        variance=np.array([variance]),
+        mean=np.array([[severity], [rate], [0.0]]), covariance=covariance, severity=severity,
         shared=shared,
     )
 
@@ -77,6 +77,21 @@ def test_a_rate_that_grows_passes_at_the_logarithm():
     """From s with rate r and acceleration g, the way a takes log(1 + g a / r) / g."""
     law = passage_law(known(acceleration=0.05), 0.1)
     assert law.quantile(0.5) == pytest.approx(math.log1p(0.05 * 0.08 / 0.002) / 0.05, rel=0.01)
+
+
+def test_a_rate_that_grows_steadily_passes_at_the_root():
+    """Rate r that grows by g r a flight takes the way w in (sqrt(1 + 2 g w / r) - 1) / g."""
+    law = passage_law(known(acceleration=0.05, steadily=True), 0.1)
+    root = (math.sqrt(1.0 + 2.0 * 0.05 * 0.08 / 0.002) - 1.0) / 0.05
+    assert law.quantile(0.5) == pytest.approx(root, rel=0.01)
+
+
+def test_growth_with_the_square_of_the_time_is_forecast_in_time():
+    """A severity that grows with n² from 0 is four times as large after as many flights more."""
+    y = 0.01 + 1e-4 * np.arange(30.0) ** 2
+    coming = ahead(y, 0.01 + 4.0 * (y[-1] - 0.01), half=0.002)
+    assert coming.median == pytest.approx(29.0, rel=0.1)
+    assert coming.lower <= 29.0 <= coming.upper
 
 
 def test_the_error_that_flights_share_widens_the_interval():

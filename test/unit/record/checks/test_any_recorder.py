@@ -14,6 +14,7 @@ from ema_record.checks.held import held_share
 from ema_record.checks.live import Level, check_record, worst
 from ema_record.checks.run import lint_bag
 from ema_record.checks.stream import irregular, reception_clock
+from ema_record.checks.whole_turns import RULES, WholeTurns, whole_turns
 from ema_record.record import SampleBlock
 from support.actuators import changed
 from support.simulations import column, record_of, second_actuator
@@ -233,6 +234,52 @@ def test_two_currents_over_whole_turns(effects):
     if not effects:
         scaled = column(2, lambda x: x * (1.0 + 0.15 * late))(record)
         assert rules(scaled, actuator) == ["sensor_scale"]
+
+
+@pytest.mark.parametrize(("means", "ratios", "found"), [
+    ([2.0, 2.1, -3.1], [1.0], []), ([2.0, 2.1, 1.9], [1.0], ["sensor_offset"]),
+    ([0.0], [1.2, 1.25, 0.85], []), ([0.0], [1.2, 1.25, 1.15], ["sensor_scale"]),
+])
+def test_what_a_sensor_does_it_does_in_every_turn(means, ratios, found):
+    """A motor that sticks and slips carries more in one phase for some turns, not for all."""
+    columns = ABSENT["third current and references"]
+    facts = facts_of_record(without(record_of("extended", seed=4), columns), kit_of(columns))
+    n, size = 30, np.full((30, 2), 4.0)
+    size[:, 0] *= np.resize(ratios, n)
+    facts.derived(whole_turns)
+    facts._derived[whole_turns] = WholeTurns(
+        0.02 * np.arange(n), np.full(n, 0.25 * facts.actuator.control.speed_limit),
+        np.column_stack([np.resize(means, n), np.zeros(n)]), size)
+    assert [rule.name for rule in RULES if list(rule.find(facts))] == found
+
+
+def test_turns_of_a_motor_that_creeps_are_not_compared():
+    """Of one that could turn three times as fast, a quarter of the speed is below a tenth."""
+    record = without(record_of("extended", seed=4), ABSENT["third current and references"])
+    highest = load_actuator().control.speed_limit
+    for most, slow in ((highest, True), (3.0 * highest, False)):
+        facts = facts_of_record(record, changed(control={"speed_limit": most}))
+        speed = whole_turns(facts).speed
+        assert (speed > 0.9 * highest).any()
+        assert (speed < 0.3 * highest).any() == slow
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.6, 1.05])
+def test_a_motor_that_does_not_turn_is_in_no_other_unit(angle):
+    """Currents of a rotor that stands are in proportion to references of any phase."""
+    record = record_of("step", seed=4)
+    samples, rng = record.samples.copy(), np.random.default_rng(3)
+    asked = 20.0 * np.cos(angle - 2.0 * np.pi / 3.0 * np.arange(3))
+    live = samples[:, 0] > record.profile.inverter_off + 0.01
+    samples[:, 1], samples[:, 8], samples[:, 9] = 0.0, samples[0, 8], samples[0, 9]
+    current = np.where(live[:, None], asked, 0.0)
+    samples[:, 5:8] = current * (1.0 + 0.3 * np.sin(200.0 * samples[:, :1]))
+    samples[:, 2:5] = current + 0.1 * rng.standard_normal((len(samples), 3))
+    found = {f.rule for f in guard_findings(replace(record, samples=samples))}
+    assert not found & {"wrong_unit", "swapped_phases", "sign_flip"}
+    samples[:, 2:5] *= 1000.0
+    found = {f.rule for f in guard_findings(replace(record, samples=samples))}
+    assert "wrong_unit" in found
 
 
 def test_all_channels_are_meant():
