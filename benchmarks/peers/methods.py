@@ -164,7 +164,8 @@ def adcd_answer(problems: Sequence[Problem], limit: Scores) -> tuple[list[str], 
         target = problem.response[rows] / np.sqrt(np.mean(problem.response[rows] ** 2))
         x = {f"x{k}": problem.columns[rows, k] for k in range(len(problem.names))}
         scenario = CustomAnomalyScenario(
-            {**x, "s": np.ones(len(rows))}, target, np.zeros(len(rows)), "0", "additive", "s", "0")
+            {**x, "s": np.full(len(rows), 2.0)}, target, np.zeros(len(rows)), "0", "additive",
+            "s", "0")
         search = CorrectionOrchestrator(
             Offered(terms(problem)), Stage1Pipeline(
                 ASTValidator(max_tokens=60), DimensionalChecker(),
