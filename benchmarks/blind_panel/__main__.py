@@ -1,6 +1,6 @@
 """The whole panel: ``python -m benchmarks.blind_panel [--out DIR] [--part N/M] [--workers N]``.
 
-Truth, runs, proposed tests, peer and scores, each a program of its own; what is done is not
+Truth, runs, proposed tests and scores, each a program of its own; what is done is not
 done again, so the same command goes on after an interruption. See README.md here.
 """
 
@@ -31,8 +31,6 @@ def main() -> None:
     parser.add_argument("--stratum", choices=["all", "alike"], default="all",
                         help="of a new panel: alike has look-alikes on the short test only")
     parser.add_argument("--records", nargs="*", default=[], help="only these units")
-    parser.add_argument("--pysindy-python", default=None,
-                        help="interpreter with requirements.txt; without it no peer")
     given = parser.parse_args()
     common = ["--out", str(given.out), "--part", given.part]
     workers = ["--workers", str(given.workers)]
@@ -42,8 +40,6 @@ def main() -> None:
     _run("run", *common, *workers, *chosen)
     _run("truth", *common, "--next")
     _run("run", *common, *workers, "--next", *chosen)
-    if given.pysindy_python:
-        _run("peer", *common, "--python", given.pysindy_python)
     _run("score", *common, *workers, "--mistakes")
 
 

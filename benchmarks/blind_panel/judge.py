@@ -69,7 +69,7 @@ def judge(
     Parameters
     ----------
     case : the truth.
-    answer : JSON object of the workflow, or of the peer in the same form.
+    answer : JSON object of the workflow.
     visible : gap of each hidden thing by itself (noise floors), with its block.
     again : answer with the proposed test beside the first record, if that was run.
     """

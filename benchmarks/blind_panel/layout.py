@@ -11,8 +11,6 @@ TESTS = "tests"
 """Bags: all that the workflow sees."""
 RESULTS = "results"
 """One JSON a unit, by the workflow."""
-PEER, PEER_CV = "peer", "peer_cv"
-"""The same by sparse regression, threshold from effect-free units or by cross-validation."""
 
 
 def add_common(parser: argparse.ArgumentParser) -> None:

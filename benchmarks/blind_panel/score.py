@@ -16,7 +16,7 @@ from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
 
 from benchmarks.blind_panel.judge import Judgement, judge
-from benchmarks.blind_panel.layout import PEER, PEER_CV, RESULTS, SEALED, add_common, part_of
+from benchmarks.blind_panel.layout import RESULTS, SEALED, add_common, part_of
 from benchmarks.blind_panel.table import breakdown, mistakes, table
 from benchmarks.blind_panel.tasks import share
 from benchmarks.blind_panel.truth.cases import Case
@@ -77,12 +77,7 @@ def main() -> None:
     given = parser.parse_args()
     cases = share(unseal(given.out / SEALED), part_of(given.part))
     print(f"answers as committed, SHA-256 {commitment_of(given.out / SEALED)}")
-    columns = {
-        name: judge_all(given.out, folder, cases, given.workers)
-        for name, folder in (("ema identify", RESULTS), ("STLSQ, calibrated", PEER),
-                             ("STLSQ, cross-validated", PEER_CV))
-        if (given.out / folder).exists()
-    }
+    columns = {"ema identify": judge_all(given.out, RESULTS, cases, given.workers)}
     print(f"part {given.part}: {len(cases)} units\n")
     print(table(columns))
     for name, judged in columns.items():

@@ -8,6 +8,8 @@ Python 3.12, and its fit for logs of a pendulum under the position control of a 
 
 from __future__ import annotations
 
+import logging
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -149,15 +151,32 @@ PARAMETERS: dict[str, tuple[float, float, float, Callable[[Any, float], None]]] 
 
 
 def sysid_on_emps(train: RigRecord, test: RigRecord) -> None:
-    """Print what `mujoco.sysid` fits to one file, and its free runs on both (mm), from rest."""
+    """Print what `mujoco.sysid` fits to one file, with the right and with a wrong structure.
+
+    Wrong: no dry friction, the largest part of what EMPS has beyond its inertia. Beside the free
+    runs on both files (mm), from rest: what its report warns of, and its 95 % intervals.
+    """
     try:
-        import mujoco
-        from mujoco import rollout, sysid
+        from mujoco import sysid
         sysid.optimize  # noqa: B018  (there only with its own dependencies)
     except (ImportError, AttributeError):
         print("mujoco.sysid: not in this wheel of mujoco, skipped")
         return
+    for label, names in (("right structure", tuple(PARAMETERS)),
+                         ("no dry friction", tuple(n for n in PARAMETERS if n != "coulomb"))):
+        print(f"mujoco.sysid, fitted to DATA_EMPS, {label}: "
+              + _fitted_by_sysid(names, train, test), flush=True)
+
+
+def _fitted_by_sysid(names: tuple[str, ...], train: RigRecord, test: RigRecord) -> str:
+    import mujoco
+    from absl.logging import get_absl_logger
+    from mujoco import rollout, sysid
+    from mujoco.sysid._src.optimize import calculate_intervals
+
     spec = mujoco.MjSpec.from_string(MJCF.format(step=1.0 / train.rate))
+    if "coulomb" not in names:
+        spec.joint("axis").frictionloss = 0.0
     model = spec.compile()
 
     def start(record: RigRecord) -> np.ndarray:
@@ -170,14 +189,24 @@ def sysid_on_emps(train: RigRecord, test: RigRecord) -> None:
         "emps", spec, "train", start(train), sysid.TimeSeries(time, train.input[:, None]),
         sysid.TimeSeries.from_names(time, train.channel(POSITION)[:, None], model))
     parameters = sysid.ParameterDict()
-    for name, (value, low, high, put) in PARAMETERS.items():
+    for name in names:
+        value, low, high, put = PARAMETERS[name]
         parameters.add(sysid.Parameter(
             name, nominal=value, min_value=low, max_value=high,
             modifier=lambda s, p, put=put: put(s, float(p.value[0]))))
-    found, _ = sysid.optimize(
+    logged: list[str] = []
+    heard = get_absl_logger()
+    handler = _Heard(logged)
+    heard.addHandler(handler)
+    residual = sysid.build_residual_fn(models_sequences=[measured])
+    found, result = sysid.optimize(
         initial_params=parameters, optimizer="mujoco", verbose=False, x_scale="jac",
-        max_iters=MOST_ITERATIONS,
-        residual_fn=sysid.build_residual_fn(models_sequences=[measured]))
+        check_conditioning=True, max_iters=MOST_ITERATIONS, residual_fn=residual)
+    report = sysid.default_report([measured], parameters, found, residual, result,
+                                  generate_videos=False).build()
+    heard.removeHandler(handler)
+    _, intervals = calculate_intervals(
+        residual(found.as_vector(), found, return_pred_all=True)[0], result.jac)
     for name, parameter in found.items():
         PARAMETERS[name][3](spec, float(parameter.value[0]))
     fitted = spec.compile()
@@ -187,6 +216,22 @@ def sysid_on_emps(train: RigRecord, test: RigRecord) -> None:
                                     record.input[:-1, None])
         error = np.concatenate([[0.0], np.squeeze(sensor)]) - record.channel(POSITION)
         errors.append(f"{1e3 * rms(error[SKIPPED:]):.2f} mm")
-    print("mujoco.sysid, fitted to DATA_EMPS: " + ", ".join(
-        f"{name} {float(p.value[0]):.4g}" for name, p in found.items())
-        + f"; free run {errors[0]} there, {errors[1]} on DATA_EMPS_PULSES")
+    warned = re.search(r"Log - \d+ warnings", report)
+    return (", ".join(f"{name} {float(p.value[0]):.4g} ± {float(half):.2g}" for (name, p), half in
+                      zip(found.items(), np.ravel(intervals)))
+            + f"; free run {errors[0]} there, {errors[1]} on DATA_EMPS_PULSES; report: "
+            + f"{warned.group() if warned else 'no log'}"
+            + f"{', No Issues Detected' * ('No Issues Detected' in report)}"
+            + f"; logged: {'; '.join(logged) or 'nothing'}")
+
+
+class _Heard(logging.Handler):
+    """Keeps what is logged as a warning."""
+
+    def __init__(self, kept: list[str]) -> None:
+        super().__init__(logging.WARNING)
+        self._kept = kept
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep one."""
+        self._kept.append(record.getMessage())

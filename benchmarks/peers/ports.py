@@ -9,6 +9,7 @@ are offered as one that carries both names; response and columns pass the same f
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -20,8 +21,11 @@ from ema_sim.plant.control import speed_control
 
 CUT_OFF = 900.0
 """Of the filter (Hz): keeps 24 a turn at a quarter of the slew speed."""
-EVERY = 16
-"""Samples a row, after the filter."""
+KEPT = slice(800, -200, 16)
+"""Samples that are rows, after the filter: the ends are left out."""
+FEWEST = 20
+"""Readings of the bus that make a problem."""
+PHASES = 3
 PARALLEL = 0.995
 """Cosine from which two columns are one."""
 ORDERS = (4, 6, 9, 12, 13, 17, 18, 23, 24)
@@ -40,6 +44,25 @@ class Port:
     base: list[tuple[np.ndarray, float]] = field(default_factory=list)
     """What recalibration may add: column and bound of its factor."""
     laws: list[tuple[str, np.ndarray]] = field(default_factory=list)
+    regime: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=int))
+    """Of each row after filtering: direction of motion, twice, plus 1 where it is fast."""
+
+
+class Problem(NamedTuple):
+    """One regression problem; n rows, b columns of known parameters, k columns of laws."""
+
+    port: str
+    columns: np.ndarray
+    """Of the laws, rms 1, shape (n, k)."""
+    names: list[str]
+    """Of the columns: ``effect.law``; several with ``|`` are parallel at this port."""
+    response: np.ndarray
+    """After recalibration of the known parameters, shape (n,)."""
+    raw: np.ndarray
+    """Before it."""
+    base: np.ndarray
+    """What recalibration may add, times factors from -1 to 1, shape (n, b)."""
+    regime: np.ndarray
 
 
 def _smooth(x: np.ndarray) -> np.ndarray:
@@ -131,8 +154,9 @@ def ports_of(record: Record) -> list[Port]:
     asked = np.sum(np.sign(ref) * ref, axis=1) * 0.5 * np.sign(np.sum(shape * ref, axis=1))
     predicted = _controller(record)
     delayed = Port("controller", asked - predicted)
-    delayed.base = [(np.ones_like(w), 1.0)]
-    delayed.laws = [("control_delay.delay", -np.gradient(_smooth(predicted)))]
+    later = -np.gradient(_smooth(predicted))
+    delayed.base = [(np.ones_like(w), 1.0), (later, 1.0)]  # as late as one period
+    delayed.laws = [("control_delay.delay", later)]
 
     error, way_ref = i - ref, np.sign(np.round(ref, 2))
     electrical = Port("winding", error.T.ravel())
@@ -145,7 +169,16 @@ def ports_of(record: Record) -> list[Port]:
         only[:, p] = ref[:, p]
         electrical.laws.append((f"phase_resistance_imbalance.{p}", only.T.ravel()))
         electrical.laws.append((f"turn_short.{p}", (only * np.abs(w)[:, None]).T.ravel()))
-    return [_filtered(port, len(w)) for port in (motor, gear, slip, delayed, electrical)]
+    speed = smooth_w[KEPT]
+    regime = 2 * (speed > 0.0) + (np.abs(speed) > 0.5 * np.quantile(np.abs(speed), 0.9))
+    found = [_filtered(port, regime) for port in (motor, gear, slip, delayed, electrical)]
+    bus = record.dc_bus
+    if len(bus) >= FEWEST:
+        flat = np.ones(len(bus))
+        found.append(Port("supply", bus[:, 1] - np.mean(bus[:, 1]), [(flat, 1e3)],
+                          [("bus_voltage_sag.resistance", -bus[:, 2])],
+                          np.zeros(len(bus), dtype=int)))
+    return found
 
 
 def _controller(record: Record) -> np.ndarray:
@@ -165,37 +198,51 @@ def _controller(record: Record) -> np.ndarray:
     return found
 
 
-def _filtered(port: Port, n: int) -> Port:
+def _filtered(port: Port, regime: np.ndarray) -> Port:
     """Return the port with all columns filtered, thinned and cut."""
+    count = len(port.response) // PHASES if port.name == "winding" else len(port.response)
+
     def treat(column: np.ndarray) -> np.ndarray:
-        parts = [_smooth(part)[800:-200:EVERY] for part in np.split(column, len(column) // n)]
+        parts = [_smooth(part)[KEPT] for part in np.split(column, len(column) // count)]
         return np.concatenate(parts)
 
-    return Port(port.name, treat(port.response), [(treat(c), bound) for c, bound in port.base],
-                [(name, treat(c)) for name, c in port.laws])
+    response = treat(port.response)
+    return Port(port.name, response, [(treat(c), bound) for c, bound in port.base],
+                [(name, treat(c)) for name, c in port.laws],
+                np.tile(regime, len(response) // len(regime)))
 
 
-def problem(port: Port) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Return columns (rms 1), response after recalibration, and the names of the columns.
+def recalibrated(raw: np.ndarray, base: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
+    """Return `raw` less what known parameters take away, fitted within bounds to `rows`."""
+    if not base.shape[1]:
+        return raw
+    some = slice(None) if rows is None else rows
+    return np.asarray(raw - base @ lsq_linear(base[some], raw[some], bounds=(-1.0, 1.0)).x)
 
-    A name is a law; several with ``|`` are parallel at this port.
-    """
-    response = port.response
-    if port.base:
-        base = np.stack([column * bound for column, bound in port.base], axis=1)
-        response = response - base @ lsq_linear(base, response, bounds=(-1.0, 1.0)).x
-    columns: list[np.ndarray] = []
-    names: list[str] = []
-    for name, column in port.laws:
-        size = float(np.sqrt(np.mean(column**2)))
-        if size < 1e-12:
-            continue
-        unit = column / size
-        for place, other in enumerate(columns):
-            if abs(np.mean(unit * other)) > PARALLEL:
-                names[place] += f"|{name}"
-                break
-        else:
-            columns.append(unit)
-            names.append(name)
-    return np.stack(columns, axis=1), response, names
+
+def problems_of(record: Record, without: tuple[str, ...] = ()) -> list[Problem]:
+    """Return the problems of a record; laws of the effects `without` are not offered."""
+    found = []
+    for port in ports_of(record):
+        port.laws = [law for law in port.laws if law[0].partition(".")[0] not in without]
+        columns: list[np.ndarray] = []
+        names: list[str] = []
+        for name, column in port.laws:
+            size = float(np.sqrt(np.mean(column**2)))
+            if size < 1e-12:
+                continue
+            unit = column / size
+            for place, other in enumerate(columns):
+                if abs(np.mean(unit * other)) > PARALLEL:
+                    names[place] += f"|{name}"
+                    break
+            else:
+                columns.append(unit)
+                names.append(name)
+        if columns:
+            base = np.array([column * bound for column, bound in port.base]).T.reshape(
+                len(port.response), -1)
+            found.append(Problem(port.name, np.stack(columns, axis=1), names,
+                                 recalibrated(port.response, base), port.response, base,
+                                 port.regime))
+    return found

@@ -1,1 +1,0 @@
-"""The peer: plain sparse regression (pysindy's STLSQ) with the same library of laws."""

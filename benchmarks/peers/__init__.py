@@ -1,0 +1,1 @@
+"""Peers of `ema identify` on the same records: STLSQ, ADCD and LISDD."""
