@@ -121,6 +121,8 @@ def _solved(
     share = float(ledoit_wolf_shrinkage(bent, assume_centered=True))
     correlation = (1.0 - share) * (bent.T @ bent) / len(bent) + (
         share * (run + extra) / np.outer(scale, scale))
+    record = np.repeat(np.arange(len(unit.parts)), [p.size for p in unit.parts])
+    correlation[record[:, None] != record] = 0.0  # of two records the noise is two
     scale = np.sqrt(np.diag(correlation))
     correlation /= np.outer(scale, scale)
     free = len(x) - len(unit.centre)
