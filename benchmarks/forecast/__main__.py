@@ -5,7 +5,7 @@ Severities grow by a known law to the level *large* and are seen with the errors
 reached. The level is that of the true severity.
 
     pip install progpy==1.9.0
-    python -m benchmarks.forecast --courses 20 --seed 20261125
+    python -m benchmarks.forecast --courses 60 --seed 20261124 --parts 0.5
 
 A forecast is a whole flight: what falls between two is the later one, for all forecasters.
 Columns: forecasts made; coverage of their 90 % intervals, of the flights as they are printed;
@@ -16,11 +16,7 @@ the first of the asked parts at which half of the forecast lies within 20 %). No
 as not met. Below the last table: on how many courses alpha-lambda and near were met by `ema trend`
 alone and by the other alone, with the two-sided sign test.
 
-Seed 20261123 was judged before. For the forecaster that knows two ways of speeding up, these are
-declared before their run, each once:
-
-    python -m benchmarks.forecast --courses 60 --seed 20261124 --parts 0.5
-    python -m benchmarks.forecast --courses 10 --seed 20261125
+Judged so far: seeds 20261123 and, with two ways of speeding up, 20261124 (as above, declared).
 """
 
 from __future__ import annotations
