@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.decision.library import fleet_library
 from ema_record import array_cache as cache
+from ema_record.errors import EmaError
 from ema_record.kit import LIBRARY, kit_path
 from ema_record.profile import load_profile
 from ema_sim.model_file import load_model_file
@@ -24,8 +25,11 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()
     folder = kit_path(LIBRARY)
-    for test in given.tests:
-        profile = load_profile(test)
+    try:
+        profiles = [load_profile(test) for test in given.tests]
+    except EmaError as error:
+        parser.error(str(error))
+    for profile in profiles:
         before = {path: cache.load(path.stem, folder) for path in folder.glob("library_*.npz")}
         with threadpool_limits(limits=1):  # as `identify` makes it
             fleet_library(load_model_file(), profile, workers=given.workers, folder=folder)

@@ -9,6 +9,7 @@ realisation of the noise, as another processor gives it, is of another model, an
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
@@ -150,8 +151,10 @@ def fleet_library(
     for name in names:
         for place in (kit_path(LIBRARY), None):
             kept = cache.load(name, place)
-            if kept is not None:
-                progress("checking the library", 0.0)
+            if kept is None:
+                continue
+            progress("checking the library", 0.0)
+            with contextlib.suppress(KeyError, ValueError, IndexError):  # damaged: made anew
                 known = from_arrays(kept, model, spread, fmap)
                 if is_of_this_code(known, kept, seed=seed, workers=workers):
                     return known if signatures else replace(known, signatures=())

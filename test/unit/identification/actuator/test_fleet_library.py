@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_identification.__main__ import main
+from ema_identification.actuator.decision import library
 from ema_identification.actuator.decision.fleet import (
     FULL,
     NAMES,
@@ -132,6 +134,28 @@ def test_a_library_of_another_model_test_or_code_has_another_name(shipped):
     assert len(names) == 6
 
 
+@pytest.mark.parametrize("damage", [
+    lambda kept: kept.pop("weights"),
+    lambda kept: kept.update(repeat_correlation=kept["repeat_correlation"][:5]),
+])
+def test_a_damaged_library_is_made_anew(damage, tmp_path, monkeypatch):
+    class MadeAnewError(Exception):
+        pass
+
+    def built(*_: object) -> None:
+        raise MadeAnewError
+
+    for path in (shipped_kit() / LIBRARY).glob("library_*.npz"):
+        kept = dict(array_cache.load(path.stem, path.parent))
+        damage(kept)
+        array_cache.save(path.stem, kept, tmp_path)
+    monkeypatch.setattr(library, "kit_path", lambda _: tmp_path)
+    monkeypatch.setattr(library, "_built", built)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    with pytest.raises(MadeAnewError):
+        library.fleet_library(load_model_file(), load_profile("step"))
+
+
 def test_conditions_of_healthy_units_are_those_that_their_records_tell():
     """As of a measured record: the noise is an estimate, not the number that was drawn."""
     profile = load_profile("step")
@@ -200,3 +224,11 @@ def test_large_residuals_count_by_their_logarithm():
     assert bent(np.array([0.1]))[0] == pytest.approx(0.1, rel=1e-3)
     assert bent(np.array([500.0]))[0] == pytest.approx(5.0 * np.log(200.0), rel=1e-3)
     assert np.gradient(bent(x), x) == pytest.approx(flattening(x), abs=1e-2)
+
+
+def test_a_library_of_a_test_that_there_is_not_is_refused_in_a_line(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["ema_identification", "step", "nonsense"])
+    with pytest.raises(SystemExit) as refused:
+        main()
+    assert refused.value.code == 2
+    assert "unknown profile 'nonsense'" in capsys.readouterr().err.splitlines()[-1]
