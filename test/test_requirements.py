@@ -188,6 +188,21 @@ def test_a_requirement_is_shown_by_tests_that_ran(tmp_path, name, says):
     assert wrong == ([f"R1.1: test/unit/test_a.py::test_{name} {says}"] if says else [])
 
 
+def test_a_skipped_test_is_told_and_no_error_where_another_passed(
+        tmp_path, monkeypatch, capsys):
+    (tmp_path / "results.xml").write_text(RESULTS, encoding="utf-8")
+    node = "`test/unit/test_a.py::test_{}`"
+    row = f"| R1.1 | x | N1 | test | {node}, {node} |"
+    for others, status in (("one", 0), ("three", 1), ("six", 1), ("four", 1)):
+        table = rows(row.format("three", others))
+        monkeypatch.setattr("requirements.rows", lambda text, table=table: table)
+        monkeypatch.setattr("requirements.leaves", lambda text: [])
+        monkeypatch.setattr("requirements.without_origin", lambda table, text: [])
+        monkeypatch.setattr("requirements.not_required", lambda table, found: [])
+        assert main([str(tmp_path / "results.xml")]) == status, others
+        assert "R1.1: test/unit/test_a.py::test_three was skipped" in capsys.readouterr().out
+
+
 def test_results_without_the_tests_of_the_table_are_a_failure(tmp_path, capsys):
     (tmp_path / "results.xml").write_text(RESULTS, encoding="utf-8")
     assert main([str(tmp_path / "results.xml")]) == 1
