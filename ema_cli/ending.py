@@ -85,8 +85,9 @@ def leave(status: int) -> NoReturn:
     """End the process with `status`, whatever the state of standard output."""
     try:
         sys.stdout.flush()
-    except OSError:
-        status = _pipe_closed()
+    except OSError as error:  # what could not be written is dropped, what it means was said
+        closed = _pipe_closed()
+        status = closed if error.errno == errno.EPIPE else status or WRONG_USE
     gc.freeze()  # all is left to the system: looking through it once more takes 0.2 s
     sys.exit(status)
 

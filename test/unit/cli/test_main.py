@@ -157,11 +157,13 @@ def test_a_reader_that_leaves_early_never_looks_like_a_fault(pipe, repository):
         assert (len(done.stdout.splitlines()) > 0, done.stderr) == (True, "")
 
 
-def test_full_disk_is_one_line():
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_full_disk_is_one_line(unbuffered):
     with Path("/dev/full").open("w", encoding="utf-8") as full:
         done = subprocess.run(
             [sys.executable, "-m", "ema_cli", "effects", "--json"], stdout=full,
             stderr=subprocess.PIPE, text=True, check=False,
+            env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
         )
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
