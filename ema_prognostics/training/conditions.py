@@ -49,6 +49,8 @@ class Unit:
     back_emf_phase: tuple[float, float, float]
     flat_top: float
     """Of the trapezoid (rad)."""
+    harmonics: tuple[float, float, float]
+    """Third, fifth, seventh, of a back-EMF that is described by these (of the first)."""
     motor_friction: float
     surface_friction: float
     static_ratio: tuple[float, float]
@@ -113,6 +115,7 @@ def draw_unit(rng: np.random.Generator, spread: UnitTolerances) -> Unit:
     def one(bound: float) -> float:
         return float(rng.uniform(-bound, bound))
 
+    third, fifth, seventh = rng.spawn(1)[0].uniform(-1.0, 1.0, 3).tolist()
     log_viscous = math.log(spread.viscous_factor)
     first, second = _two(rng, -log_viscous, log_viscous)
     return Unit(
@@ -129,7 +132,23 @@ def draw_unit(rng: np.random.Generator, spread: UnitTolerances) -> Unit:
         hysteresis=one(spread.hysteresis), backlash=one(spread.backlash),
         latency=_two(rng, 0.0, spread.latency),
         recorder=_recorder(rng, RECORDER_SHARE),
+        harmonics=(third * harmonic_spread(3, spread.flat_top),
+                   fifth * harmonic_spread(5, spread.flat_top),
+                   seventh * harmonic_spread(7, spread.flat_top)),
     )
+
+
+def harmonic_spread(order: int, flat_top: float) -> float:
+    """Return by what a harmonic of a back-EMF varies where a flat top varies by `flat_top` (rad).
+
+    A trapezoid that is flat over 2/3 pi has harmonics sin(h x) / (h² sin x) of the first, with x
+    the half of a ramp, pi/6; a wider top makes x half as much shorter. So the windings of sound
+    units differ as much, whatever shape their back-EMF is described by.
+    """
+    x = math.pi / 6.0
+    slope = (order * math.cos(order * x) * math.sin(x) - math.sin(order * x) * math.cos(x)) / (
+        order * math.sin(x)) ** 2
+    return abs(0.5 * flat_top * slope)
 
 
 def draw_conditions(rng: np.random.Generator, spread: Conditions) -> RunConditions:
@@ -175,6 +194,9 @@ def actuator_of(nominal: Actuator, unit: Unit, conditions: RunConditions) -> Act
             back_emf_deviation_b=unit.back_emf_phase[1],
             back_emf_deviation_c=unit.back_emf_phase[2],
             flat_top=float(np.clip(motor.flat_top + unit.flat_top, 0.0, math.pi)),
+            harmonic_3=motor.harmonic_3 + unit.harmonics[0],
+            harmonic_5=motor.harmonic_5 + unit.harmonics[1],
+            harmonic_7=motor.harmonic_7 + unit.harmonics[2],
             phase_resistance=motor.phase_resistance * (1.0 + unit.resistance),
             phase_inductance=motor.phase_inductance * (1.0 + unit.inductance),
             inertia=motor.inertia * (1.0 + unit.inertia[0]),

@@ -12,6 +12,8 @@ from ema_prognostics.cascade.guard import BESIDE_OWN
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_prognostics.training.rates import ORIGIN, Rate, detection_curve, rate
 from ema_prognostics.training.view_training import view_inputs
+from ema_record.actuator import load_actuator
+from ema_record.profiles.motion import turnable
 
 
 def outcome_of(detection: Detection) -> str:
@@ -36,7 +38,8 @@ def evaluate(
     ----------
     fleet : the cascade without baseline; its guard judges every record first.
     own : the cascade with a baseline, None to evaluate `fleet`.
-    campaign, healthy, strangers : units that neither trained nor calibrated anything.
+    campaign, healthy, strangers : units that neither trained nor calibrated anything. A friction
+        that the actuator cannot turn counts nowhere: what crawls is unknown, not missed.
     """
     cascade = fleet if own is None else own
     result: dict[str, Any] = {}
@@ -47,10 +50,13 @@ def evaluate(
         _, outcomes = _judge(fleet, own, strangers)
         result["strangers told"] = _plain(rate([o == "unknown" for o in outcomes]))
     detections, outcomes = _judge(fleet, own, campaign)
+    turned = np.ones(len(campaign), dtype=bool)
+    for output, most in turnable(load_actuator()).items():
+        turned &= campaign.severity[:, OUTPUTS.index(output)] <= most
     for name in FAULTS:
         columns = [k for k, o in enumerate(OUTPUTS) if CLASS_OF[o] == name]
         mine = campaign.severity[:, columns].max(axis=1)
-        only = (mine > 0.0) & ((campaign.severity > 0.0).sum(axis=1) == 1)
+        only = turned & (mine > 0.0) & ((campaign.severity > 0.0).sum(axis=1) == 1)
         said = [outcomes[k] for k in np.flatnonzero(only)]
         found = np.array([o not in ("healthy", "unknown") for o in said], dtype=bool)
         right = [name in o.split("+") for o, f in zip(said, found) if f]
@@ -66,7 +72,7 @@ def evaluate(
                for key, value in (("a90", curve and curve.a90), ("a90/95", curve and curve.a90_95))
                },
         }
-    pairs = (campaign.severity > 0.0).sum(axis=1) == 2
+    pairs = turned & ((campaign.severity > 0.0).sum(axis=1) == 2)
     result["pairs both named"] = _plain(rate([
         set(outcomes[k].split("+")) == {
             CLASS_OF[OUTPUTS[c]] for c in np.flatnonzero(campaign.severity[k])}

@@ -51,7 +51,8 @@ STEP_FALSE_ALARMS = {"asymmetry": 0.002, "eccentricity": 0.0003, "motor_friction
                      "surface_friction": 0.0007, "backlash": 0.0002}
 """The same of a single step, in either view."""
 DOUBT = 0.004
-"""Rate of healthy records that may be called unknown because healthy is improbable."""
+"""Rate of healthy records that may be called unknown because healthy is improbable; no more than
+of all families together may be announced."""
 LEAST_SPREAD, LEAST_SIZE_SPREAD = 1e-3, 0.25
 """Floor of a feature's spread, in its own unit; of sizes that are logarithms."""
 HELD_BACK = 5
@@ -81,23 +82,25 @@ def sound_rows(healthy: FleetFeatures, view: View) -> np.ndarray:
     return np.vstack([rows, view_inputs(swapped, view)[1]])
 
 
-def stricter(part: ViewPart, kind: str, view: View, sound: np.ndarray) -> ViewPart:
+def stricter(part: ViewPart, kind: str, view: View, sound: np.ndarray, alarms: float = 1.0
+             ) -> ViewPart:
     """Return a view whose families are announced on half as many of the healthy `sound` rows.
 
-    Half the rates of `FALSE_ALARMS`; no threshold falls.
+    Half the rates of `rates_of`; no threshold falls.
     """
     margin = np.array([found.margin for found in Cascade(part).find(sound)])
-    families = {
-        name: family.model_copy(update={"threshold": float(
-            f"{family.threshold + max(tail_quantile(margin[:, k], 0.5 * rate), 0.0):.6g}")})
-        for k, (name, family) in enumerate(part.families.items())
-        for rate in [rates_of(kind, view)[name]]}
+    families = {}
+    for k, (name, family) in enumerate(part.families.items()):
+        more = tail_quantile(margin[:, k], 0.5 * rates_of(kind, view, alarms)[name])
+        families[name] = family.model_copy(update={
+            "threshold": float(f"{family.threshold + max(more, 0.0):.6g}")})
     return part.model_copy(update={"families": families})
 
 
-def rates_of(kind: str, view: View) -> dict[str, float]:
-    """Return the rate of healthy records of which each family may be announced."""
-    return STEP_FALSE_ALARMS if kind == "step" else FALSE_ALARMS[view]
+def rates_of(kind: str, view: View, most: float = 1.0) -> dict[str, float]:
+    """Return the rate of healthy records of which each family may be announced, at most `most`."""
+    rates = STEP_FALSE_ALARMS if kind == "step" else FALSE_ALARMS[view]
+    return {name: min(rate, most) for name, rate in rates.items()}
 
 
 def _turn_labels(y: np.ndarray, thirds: int) -> np.ndarray:
@@ -110,7 +113,7 @@ def _turn_labels(y: np.ndarray, thirds: int) -> np.ndarray:
 def train_view(
     campaign: FleetFeatures, healthy: FleetFeatures, kind: str, view: View, *, seed: int,
     strangers: FleetFeatures | None = None, hidden: int = 16, iterations: int = 200,
-    progress: Callable[[str], None] = lambda _: None,
+    alarms: float = 1.0, progress: Callable[[str], None] = lambda _: None,
 ) -> ViewPart:
     """Return the cascade of one view.
 
@@ -123,6 +126,7 @@ def train_view(
     seed : of the networks' weights.
     strangers : other units, each with one; None: only the guard tells them.
     hidden, iterations : size of a member of the networks; most steps of the optimiser.
+    alarms : most of `FALSE_ALARMS` that there may be of any family.
     progress : called with what begins.
     """
     names, x = view_inputs(campaign, view)
@@ -152,7 +156,8 @@ def train_view(
     xs = np.vstack([x[fit], extra])
     ys = np.vstack([y[fit], np.zeros((len(extra), y.shape[1]))])
     records = TrainingRecords(xs, ys, weight, itself, tests[:len(itself)].astype(float), own)
-    work = _Work(inputs, records, rates_of(kind, view), seed, hidden, iterations)
+    rates = rates_of(kind, view, alarms)
+    work = _Work(inputs, records, rates, seed, hidden, iterations)
     parts = campaign.unit % HELD_BACK
     families, members = {}, {}
     for name, outputs in FAMILIES.items():
@@ -185,7 +190,7 @@ def train_view(
         sound, x[~fit], kind_found(y[~fit]))
     part = part.model_copy(update={"strangers": strange})
     sure = [f.healthy for f in Cascade(part).find(sound)]
-    doubt = -tail_quantile(-np.array(sure), DOUBT)
+    doubt = -tail_quantile(-np.array(sure), min(DOUBT, sum(rates.values())))
     return part.model_copy(update={"doubt": float(np.clip(float(f"{doubt:.6g}"), 0.0, 1.0))})
 
 

@@ -97,6 +97,24 @@ def torque_at(actuator: Actuator, speed: np.ndarray) -> np.ndarray:
     return np.minimum(motor.torque_limit, k * np.minimum(current, limit.current_limit))
 
 
+def turnable(actuator: Actuator) -> dict[str, float]:
+    """Return by which part dry friction of motor or surface may grow until it is not turned.
+
+    From rest, and at the speed limit, each with `RESERVE`; below 0: it is not turned at all.
+    """
+    motor, surface = actuator.motor, actuator.surface
+    reflected = actuator.gear.ratio * actuator.gear.efficiency
+    speed = np.array([0.0, actuator.control.speed_limit])
+    static = motor.static_friction + surface.static_friction / reflected
+    friction = np.array([static, friction_at(actuator, speed)[1]])
+    left = torque_at(actuator, speed) / RESERVE - friction
+    own = {"motor_friction": (motor.static_friction, motor.dynamic_friction),
+           "surface_friction": (surface.static_friction / reflected,
+                                surface.dynamic_friction / reflected)}
+    return {name: min((float(rest / part) for rest, part in zip(left, parts) if part > 0.0),
+                      default=math.inf) for name, parts in own.items()}
+
+
 def free_speed(actuator: Actuator) -> float:
     """Return the motor's speed (rad/s) at which its back-EMF takes the whole bus."""
     k, v = torque_constant(actuator), actuator.inverter.bus_voltage

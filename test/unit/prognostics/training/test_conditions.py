@@ -18,6 +18,7 @@ from ema_prognostics.training.conditions import (
     actuator_of,
     draw_conditions,
     draw_unit,
+    harmonic_spread,
 )
 from ema_prognostics.training.fleet import begins_alike, simulate_fleets
 from ema_record.actuator import INSTANT, Actuator, load_actuator
@@ -69,6 +70,20 @@ def test_viscous_friction_is_spread_by_a_factor_evenly_up_and_down() -> None:
     assert np.abs(found).max() <= np.log(most)
     assert abs(found.mean()) < 0.1 * np.log(most)
     assert np.abs(found).max() > 0.95 * np.log(most)
+
+
+def test_harmonics_differ_as_a_flat_top_of_that_tolerance_makes_them() -> None:
+    """Fourier: the ramps of a trapezoid that is flat over 2/3 pi are pi/3 long."""
+    def harmonic(order: int, flat_top: float) -> float:
+        half = 0.5 * (np.pi - flat_top)
+        return float(np.sin(order * half) / (order**2 * np.sin(half)))
+
+    least, most = (2.0 * np.pi / 3.0 + sign * SPREAD.tolerances.flat_top for sign in (-0.5, 0.5))
+    drawn = np.array([u.harmonics for u in units(SPREAD.tolerances)])
+    for order, found in zip((3, 5, 7), drawn.T):
+        half = abs(harmonic(order, most) - harmonic(order, least))
+        assert harmonic_spread(order, SPREAD.tolerances.flat_top) == pytest.approx(half, rel=0.01)
+        assert 0.95 * half < np.abs(found).max() <= 1.01 * half
 
 
 def test_static_friction_is_never_below_dynamic() -> None:
