@@ -1,15 +1,20 @@
 """Make libraries of `ema identify` for the present kit: ``python -m ema_identification TEST...``.
 
-They are put into the kit's folder, in place of those of the same tests. So the shipped ones are
-made: ``python -m ema_identification step extended``, some minutes of one core.
+They are put into the kit's folder, in place of those of the same tests, with the gaps that
+healthy units leave on each test when another one was fitted. So the shipped ones are made:
+``python -m ema_identification step extended``, some minutes of one core.
 """
 
 from __future__ import annotations
 
 import argparse
+from itertools import permutations
 
 from threadpoolctl import threadpool_limits
 
+from ema_identification.actuator.decision.fit import TestedUnit
+from ema_identification.actuator.decision.fleet import conditions_of
+from ema_identification.actuator.decision.gap import HeldOut
 from ema_identification.actuator.decision.library import fleet_library
 from ema_record import array_cache as cache
 from ema_record.errors import EmaError
@@ -29,14 +34,22 @@ def main() -> None:
         profiles = [load_profile(test) for test in given.tests]
     except EmaError as error:
         parser.error(str(error))
-    for profile in profiles:
-        before = {path: cache.load(path.stem, folder) for path in folder.glob("library_*.npz")}
-        with threadpool_limits(limits=1):  # as `identify` makes it
-            fleet_library(load_model_file(), profile, workers=given.workers, folder=folder)
-        now = set(folder.glob("library_*.npz"))
-        for path, kept in before.items():
-            if now - set(before) and kept is not None and str(kept.get("test")) == profile.name:
-                path.unlink()
+    units = []
+    with threadpool_limits(limits=1):  # as `identify` makes it
+        for profile in profiles:
+            before = {p: cache.load(p.stem, folder) for p in folder.glob("library_*.npz")}
+            library = fleet_library(load_model_file(), profile, workers=given.workers,
+                                    folder=folder)
+            now = set(folder.glob("library_*.npz"))
+            for path, kept in before.items():
+                if now - set(before) and kept and str(kept.get("test")) == profile.name:
+                    path.unlink()
+            row, values = (known[0] for known in library.aside)
+            units.append(TestedUnit(library=library, values=values, conditions=conditions_of(row)))
+        for path in folder.glob("gaps*.npz"):
+            path.unlink()
+        for held, fitted in permutations(units, 2):
+            HeldOut(unit=held, fitted=fitted).kept(folder)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,8 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.decisions import STRATA, HiddenUnit, own_unit, second_unit, table
+from benchmarks.decisions.table import table
+from benchmarks.decisions.units import STRATA, HiddenUnit, own_unit, second_unit
 from benchmarks.ledger import Ledger
 from benchmarks.peers.methods import METHODS, Method, Scores, limits
 from benchmarks.peers.ports import Problem, problems_of

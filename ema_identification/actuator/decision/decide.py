@@ -1,8 +1,9 @@
 """The decision, whole: nothing, one law, two, a set of names, or something unknown.
 
-1. *Nothing* unless the misfit, the largest useless gain or the gap is surely rarer than `LEVEL`
-   among healthy units (conformal rank among some that built nothing of the library, with the bound
-   that holds for these very ones, Vovk 2012), on its quadratic and again on runs.
+1. *Nothing* unless the misfit, the largest useless gain or the gap, each in units of what the
+   share `LEVEL` of healthy units exceeds, is surely rarer than `LEVEL` among them (rank among
+   some that built nothing of the library, with the bound that holds for these very ones, Vovk
+   2012), on its quadratic and again on runs.
 2. Laws are proposed from the library (wide, cheap), fitted with the simulator (`ROUNDS`), and
    compared by one evidence: log E = -½ ν ln J - ½ k ln ν, J the cost, k coordinates, ν the
    independent numbers of a record. This is the likelihood of a scale that is not known, with the
@@ -76,13 +77,16 @@ def rank(score: float, healthy: np.ndarray) -> float:
 def p_nothing(score: Sequence[float], healthy: np.ndarray) -> float:
     """Return the share of healthy units that are as far off, with `SURE` at most as large.
 
-    The score is the rarest of the ranks of cost, gain and gap, so that having looked at all three
-    is paid for. Of `n` healthy units `k` are as rare: the bound of Clopper and Pearson (1934).
-    Among all libraries that might have been drawn, at least `SURE` keep what it promises.
+    Cost, gain and gap count in units of what the share `LEVEL` of the units exceeds in each, and
+    the largest of the three is ranked: having looked at all is paid for, and one that is far
+    beyond all healthy units is enough, the others being usual. (The rarest of three ranks never
+    is: the farthest healthy unit in each of the three is as rare.) Of `n` healthy units `k` are
+    as far off: the bound of Clopper and Pearson (1934). Among all libraries that might have been
+    drawn, at least `SURE` keep what it promises.
     """
     pooled = np.vstack([score, healthy])
-    rarest = (pooled[None] >= pooled[:, None]).sum(axis=1).min(axis=1)
-    return share_of(int((rarest[1:] <= rarest[0]).sum()), len(healthy))
+    farthest = (pooled / np.quantile(pooled, 1.0 - LEVEL, axis=0)).max(axis=1)
+    return share_of(int((farthest[1:] >= farthest[0]).sum()), len(healthy))
 
 
 def share_of(as_rare: int, units: int) -> float:

@@ -328,8 +328,8 @@ class TestedUnit:
         self, white: Whitener, mean: np.ndarray, slopes: np.ndarray, z: np.ndarray,
         terms: tuple[EffectTerm, ...], damping: float,
     ) -> np.ndarray:
-        rest = self.values - mean
-        columns, target = white.columns(slopes, rest), white.residual(rest)
+        both = white.system(slopes, self.values - mean)
+        columns, target = both[:, :-1], both[:, -1]
         u, (low, high) = coordinates(terms), bounds(terms)
         weight = np.append(np.zeros(len(u)), self.weight)
         reach = np.concatenate([np.zeros(0), *(

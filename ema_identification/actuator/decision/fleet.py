@@ -66,7 +66,7 @@ def deviations(spread: TypeSpread, z: np.ndarray) -> dict[str, tuple[float, str]
     found = {known.name: (float(known.half_width * factor * x), known.unit)
              for known, factor, x in zip(TOLERANCES, _factors(spread), z)}
     half = {"static_ratio": t.static_ratio, "damping": t.damping, "hysteresis": t.hysteresis,
-            "backlash": t.stiffness}
+            "backlash": t.backlash}
     for name, x in zip(UNLISTED, map(float, z[_LISTED:])):
         kind = name.split(".")[1]
         if kind == "viscous_friction":
@@ -116,6 +116,10 @@ def fleet_unit(
     def near(name: str, half: float) -> float:
         return 1.0 + half * x[name]
 
+    def late(what: str) -> float:
+        """Return periods; no rounding of a bound makes it act before its time."""
+        return max(0.0, 0.5 * t.latency * (1.0 + x[f"acquisition.{what}_latency"]))
+
     m = m._replace(
         static_friction=max(m.static_friction * near("motor.static_ratio", t.static_ratio),
                             m.dynamic_friction),
@@ -131,12 +135,10 @@ def fleet_unit(
         integral_gain=c.integral_gain * near("control.integral_gain", t.control_gain))
     shaft = a.shaft._replace(
         damping=a.shaft.damping * near("shaft.damping", t.damping),
-        backlash=a.shaft.backlash * near("shaft.backlash", t.stiffness))
+        backlash=a.shaft.backlash * near("shaft.backlash", t.backlash))
     q = q._replace(
-        command_latency=q.command_latency
-        + 0.5 * t.latency * (1.0 + x["acquisition.command_latency"]),
-        reference_latency=q.reference_latency
-        + 0.5 * t.latency * (1.0 + x["acquisition.reference_latency"]))
+        command_latency=q.command_latency + late("command"),
+        reference_latency=q.reference_latency + late("reference"))
     inverter = a.inverter._replace(
         hysteresis=a.inverter.hysteresis * near("inverter.hysteresis", t.hysteresis))
     return a._replace(motor=m, surface=s, control=c, shaft=shaft, acquisition=q,

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -46,13 +47,21 @@ class HeldOut:
     @cached_property
     def healthy(self) -> np.ndarray:
         """Return the gaps of the units set aside, each in all tests, shape (n,)."""
-        pairs = ((held, fitted) for held, fitted in zip(
+        return self.kept(None)
+
+    def kept(self, folder: Path | None) -> np.ndarray:
+        """Return `healthy`; what is not kept yet is put into `folder`, default the cache."""
+        pairs = [(held, fitted) for held, fitted in zip(
             self.unit.set_aside(), self.fitted.set_aside())
-            if held is not None and fitted is not None)
+            if held is not None and fitted is not None]
         libraries = [part.library for unit in (self.unit, self.fitted) for part in unit.parts]
-        return kept_of(libraries, f"gaps{len(self.unit.parts)}", lambda: np.array([
-            quadratic_gap(held, fitted, fitted.without_law()).values[0]
-            for held, fitted in pairs]))
+        return kept_of(libraries, f"gaps{len(self.unit.parts)}", pairs, _healthy_gap,
+                       folder)[:, 0]
+
+
+def _healthy_gap(pair: tuple[TestedUnit, TestedUnit]) -> tuple[float, ...]:
+    held, fitted = pair
+    return quadratic_gap(held, fitted, fitted.without_law()).values
 
 
 def quadratic_gap(unit: TestedUnit, fitted: TestedUnit, null: LawFit) -> LawGap:

@@ -6,6 +6,8 @@ import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -17,8 +19,12 @@ from ema_identification.actuator.laws.catalogue import Signature
 from ema_identification.actuator.laws.signatures import stacked
 from ema_identification.actuator.laws.terms import EffectTerm
 from ema_record import array_cache as cache
+from ema_record.kit import LIBRARY, kit_path
 
+T = TypeVar("T")
 DAYS = int(OF_DAY.sum())
+AGAIN, ALIKE = 3, 0.01
+"""Units whose numbers are made again of what other code kept; their relative error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,21 +138,29 @@ def joint_unit(
     unit = _together(units, library)
     if scored is None:
         return unit
-    healthy = kept_of(libraries, "joint", lambda: np.array(
-        [scored(u) for u in unit.set_aside() if u is not None]))
+    healthy = kept_of(libraries, "joint", [u for u in unit.set_aside() if u is not None], scored)
     return replace(unit, library=replace(library, healthy=healthy))
 
 
 def kept_of(
-    libraries: Sequence[FleetLibrary], what: str, make: Callable[[], np.ndarray]
+    libraries: Sequence[FleetLibrary], what: str, units: Sequence[T],
+    scored: Callable[[T], tuple[float, ...]], folder: Path | None = None,
 ) -> np.ndarray:
-    """Return what healthy units of several libraries leave, made now unless the cache has it."""
+    """Return what healthy units of several libraries leave, shape (n, numbers of `scored`).
+
+    From where it is kept, the present kit's `library/` or the cache, if the first units leave it
+    by the present code too; else made now and kept in `folder`, default the cache.
+    """
     digest = hashlib.sha256(b"".join(
         np.ascontiguousarray(x).tobytes() for library in libraries
         for x in (library.weights, library.aside[1], library.healthy)))
-    name = f"{what}_{cache.key_of(digest.hexdigest(), module=__name__)}"
-    found = cache.load(name)
-    if found is None:
-        found = {"rows": make()}
-        cache.save(name, found)
-    return found["rows"]
+    name, code = f"{what}_{digest.hexdigest()[:32]}", np.array(cache.key_of(module=__name__))
+    for place in (kit_path(LIBRARY), None):
+        kept = cache.load(name, place)
+        if kept is not None and kept.keys() >= {"rows", "made_by"} and (
+                len(kept["rows"]) == len(units)) and (kept["made_by"] == code or np.allclose(
+                    [scored(unit) for unit in units[:AGAIN]], kept["rows"][:AGAIN], rtol=ALIKE)):
+            return kept["rows"]
+    rows = np.array([scored(unit) for unit in units])
+    cache.save(name, {"rows": rows, "made_by": code}, folder)
+    return rows

@@ -18,9 +18,11 @@ from pathlib import Path
 
 import numpy as np
 from scipy.optimize import brentq
+from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.fleet import (
+    CHUNK,
     FULL,
     SIZE,
     FleetRuns,
@@ -28,7 +30,7 @@ from ema_identification.actuator.decision.fleet import (
     conditions_of,
     fleet_runs,
 )
-from ema_identification.actuator.decision.proposals import healthy_scores, scores
+from ema_identification.actuator.decision.proposals import healthy_scores
 from ema_identification.actuator.decision.surrogate import (
     SETTLED_RUNS,
     FleetLibrary,
@@ -47,7 +49,7 @@ from ema_identification.actuator.laws.signatures import (
 from ema_identification.actuator.laws.terms import LawFit
 from ema_identification.actuator.measure.features import FeatureMap, feature_map
 from ema_identification.actuator.measure.recorder import whole
-from ema_identification.actuator.measure.runs import Progress, run_cases, silent
+from ema_identification.actuator.measure.runs import Progress, run_cases, silent, spread_out
 from ema_record import array_cache as cache
 from ema_record.kit import LIBRARY, kit_path
 from ema_record.profile import Profile
@@ -104,13 +106,21 @@ def judged_library(
         means.append((u, fit, u.run((), fit.z, SETTLED_RUNS, salt=4)))
         said(SCALED_SHARE * (k + 1) / len(first))
     library = replace(library, carried=_carried(library, means))
-    healthy, ranked = [], [
-        TestedUnit(library=library, values=values, conditions=conditions_of(row))
-        for row, values in zip(*library.aside) if np.isfinite(values).all()]
-    for k, unit in enumerate(ranked):
-        healthy.append(scores(unit, unit.without_law(), 0))
-        said(SCALED_SHARE + (1.0 - SCALED_SHARE) * (k + 1) / len(ranked))
-    return replace(library, healthy=np.array(healthy))
+    n = len(library.aside[0])
+    healthy = spread_out(
+        partial(_ranked, library), [(k, k + CHUNK) for k in range(0, n, CHUNK)], workers=workers,
+        progress=lambda _, share: said(SCALED_SHARE + (1.0 - SCALED_SHARE) * share))
+    return replace(library, healthy=np.concatenate(healthy))
+
+
+def _ranked(library: FleetLibrary, first: int, last: int) -> np.ndarray:
+    """Return the scores of some of the units set aside, shape (n, 3); of failed runs none."""
+    with threadpool_limits(limits=1):
+        found = [healthy_scores(TestedUnit(library=library, values=values,
+                                           conditions=conditions_of(row)))
+                 for row, values in zip(*(part[first:last] for part in library.aside))
+                 if np.isfinite(values).all()]
+    return np.array(found).reshape(-1, 3)
 
 
 def _carried(

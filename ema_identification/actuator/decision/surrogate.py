@@ -84,8 +84,13 @@ class Whitener:
 
     def columns(self, slopes: np.ndarray, rest: np.ndarray) -> np.ndarray:
         """Return slopes, shape (d, m), as `residual` sees them about `rest`."""
-        flat = 1.0 if self.straight else flattening(rest / self.deviation)
-        return self._white((flat / self.deviation)[:, None] * slopes)
+        return self.system(slopes, rest)[:, :-1]
+
+    def system(self, slopes: np.ndarray, rest: np.ndarray) -> np.ndarray:
+        """Return `columns` and, as the last one, `residual` of `rest`: one solution for both."""
+        x = rest / self.deviation
+        flat, last = (1.0, x) if self.straight else (flattening(x), bent(x))
+        return self._white(np.column_stack([(flat / self.deviation)[:, None] * slopes, last]))
 
     def _white(self, x: np.ndarray) -> np.ndarray:
         return np.asarray(solve_triangular(self.root, x, lower=True, check_finite=False))
@@ -216,18 +221,18 @@ class FleetLibrary:
 
     def slope(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
         """Return their derivative to `z`, shape (d, SIZE): exact, of a quadratic."""
-        return np.asarray(np.tensordot(
-            np.append(1.0, arguments(z, conditions)), self._bends, axes=(0, 1))).T
+        row = np.append(1.0, arguments(z, conditions))
+        return np.asarray((row @ self._bends).reshape(SIZE, -1)).T
 
     @cached_property
     def _bends(self) -> np.ndarray:
-        """Weights of the derivative to each number of the unit, shape (SIZE, 1 + m, d)."""
+        """Weights of the derivative to each number of the unit, shape (1 + m, SIZE × d)."""
         m = _UPPER[0].max() + 1
         place = np.zeros((m, m), dtype=int)
         place[_UPPER] = place.T[_UPPER] = 1 + m + np.arange(len(_UPPER[0]))
         found = self.weights[np.column_stack([1 + np.arange(SIZE), place[:SIZE]])]
         found[np.arange(SIZE), 1 + np.arange(SIZE)] *= 2.0
-        return found
+        return np.ascontiguousarray(found.swapaxes(0, 1)).reshape(1 + m, -1)
 
     @cached_property
     def root(self) -> np.ndarray:

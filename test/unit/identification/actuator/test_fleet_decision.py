@@ -60,6 +60,16 @@ def test_looking_at_cost_gain_and_gap_is_paid_for():
         assert level - 0.15 <= (found <= level).mean() <= level
 
 
+@pytest.mark.parametrize("k", [0, 1, 2])
+def test_one_score_far_beyond_all_healthy_units_is_enough(k):
+    """Whichever it is: the others may be usual."""
+    healthy = np.random.default_rng(3).exponential(size=(480, 3))
+    score = np.full(3, 0.7)
+    assert p_nothing(score, healthy) > 0.2
+    score[k] = 50.0
+    assert p_nothing(score, healthy) <= LEVEL
+
+
 @pytest.mark.slow
 def test_level_of_nothing_on_healthy_units():
     found = np.array([p_of(unit(seed=k)) for k in range(120)])

@@ -7,6 +7,7 @@ import pytest
 from fleet_unit import FEATURES, effects_of, features_of, judged, run, unit
 
 from ema_identification.actuator.decision import fit, gap
+from ema_identification.actuator.decision import joint as joint_module
 from ema_identification.actuator.decision.answer import order_of, stages_of
 from ema_identification.actuator.decision.decide import decide
 from ema_identification.actuator.decision.fleet import OF_DAY, SIZE
@@ -106,6 +107,32 @@ def test_the_gap_of_a_joint_record_is_ranked_among_joint_units(joint):
     assert found.healthy.shape == (40,)
     assert found.values[0] < 1.2 * found.healthy.max()
     assert found.rest[0].shape == (2 * FEATURES,)
+
+
+def test_what_healthy_units_leave_is_kept_and_judged_by_the_first_ones(
+    libraries, tmp_path, monkeypatch,
+):
+    """Other code that finds the same keeps it, in the kit's folder or the cache; else all anew."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(joint_module, "kit_path", lambda _: tmp_path / "kit")
+    asked = []
+
+    def scored(x, factor=1.0):
+        asked.append(x)
+        return (factor * x,)
+
+    def kept(factor=1.0, folder=None):
+        asked.clear()
+        rows = joint_module.kept_of(libraries, "gaps1", [1.0, 2.0, 3.0, 4.0, 5.0],
+                                    lambda x: scored(x, factor), folder)
+        return rows[:, 0].tolist(), len(asked)
+
+    assert kept(folder=tmp_path / "kit") == ([1.0, 2.0, 3.0, 4.0, 5.0], 5)
+    assert kept() == ([1.0, 2.0, 3.0, 4.0, 5.0], 0)
+    monkeypatch.setattr(joint_module.cache, "key_of", lambda *_, **__: "other code")
+    assert kept(1.001) == ([1.0, 2.0, 3.0, 4.0, 5.0], joint_module.AGAIN)
+    assert kept(1.1)[1] == joint_module.AGAIN + 5
+    assert kept(1.1)[0][4] == pytest.approx(5.5)
 
 
 def test_two_effects_are_told_in_the_order_of_what_they_close():

@@ -1,22 +1,26 @@
 """What the library of a fleet is made of: units, quadratic mean, laws of the noise."""
 
 from dataclasses import replace
+from functools import partial
+from itertools import permutations
 
 import numpy as np
 import pytest
 
 from ema_identification.__main__ import main
-from ema_identification.actuator.decision import library
+from ema_identification.actuator.decision import fit, library
 from ema_identification.actuator.decision.fleet import (
     FULL,
     NAMES,
     SIZE,
     LibrarySizes,
+    conditions_of,
     draw_fleet_conditions,
     draw_fleet_unit,
     fleet_runs,
     fleet_unit,
 )
+from ema_identification.actuator.decision.gap import HeldOut
 from ema_identification.actuator.decision.library import (
     agrees,
     as_arrays,
@@ -119,6 +123,33 @@ def test_the_shipped_library_is_of_this_code(shipped):
     assert not agrees(library, kept, found | {"probed_fit": 1.001 * found["probed_fit"]})
     assert not agrees(replace(library, healthy=1.1 * library.healthy), kept, found)
     assert not agrees(library, {k: v for k, v in kept.items() if k != "probed_laws"}, found)
+
+
+def test_units_set_aside_are_ranked_alike_by_any_number_of_workers(shipped):
+    known, _ = shipped
+    alone, shared = (np.concatenate(spread_out(partial(library._ranked, known), [(0, 3), (3, 5)],
+                                               workers=n)) for n in (1, 2))
+    assert np.array_equal(alone, shared)
+    assert alone == pytest.approx(known.healthy[:5], rel=library.SAME[1])
+
+
+def test_the_shipped_gaps_are_of_the_shipped_libraries(tmp_path, monkeypatch):
+    """The first use of a held-out record need not fit all healthy units anew."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    units = []
+    for path in sorted((shipped_kit() / LIBRARY).glob("library_*.npz")):
+        kept = array_cache.load(path.stem, path.parent)
+        profile = load_profile(str(kept["test"]))
+        fmap = feature_map(profile, MODEL.actuator, simulate(
+            profile, actuator=MODEL.actuator, effects=MODEL.effects, seed=0,
+            rate=MODEL.actuator.acquisition.rate))
+        known = from_arrays(kept, MODEL, SPREAD, fmap)
+        units.append(fit.TestedUnit(library=known, values=known.aside[1][0],
+                                    conditions=conditions_of(known.aside[0][0])))
+    for held, fitted in permutations(units, 2):
+        gaps = HeldOut(unit=held, fitted=fitted).healthy
+        assert len(gaps) == FULL.set_aside and 1.0 < np.median(gaps) < 4.0
+    assert not list(tmp_path.rglob("gaps*"))  # python -m ema_identification step extended
 
 
 def test_a_library_of_another_model_test_or_code_has_another_name(shipped):

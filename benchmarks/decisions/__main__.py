@@ -1,0 +1,81 @@
+"""The decision of `ema identify` in its own world and outside: ``python -m benchmarks.decisions``.
+
+The panel is declared before it is run: `--seed`, `--each` and `--nothing`, the units of each of
+`STRATA`. One line a unit is kept, nothing is done twice, and `--table` prints what there is: a
+panel that is cut short has as many units of each stratum, in the order of their numbers. Strata of
+accepted units ask what has changed since their acceptance (`--baseline`). Strata of another drive
+are of a described machine with a carrier (`benchmarks.any_actuator`), whose kit is made once, with
+the libraries of the tests, in `--out`. With `--next` the test that is proposed for a set of names
+is recorded on the same unit, and both records are identified together.
+"""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+from benchmarks.decisions.judging import Row, answered, answered_again, is_set
+from benchmarks.decisions.table import numbers, seconds, sizes, table
+from benchmarks.decisions.units import STRATA
+from benchmarks.ledger import Ledger
+from ema_record.errors import EmaError
+from ema_record.profile import load_profile
+
+
+def main() -> None:
+    """Run what is missing, print the tables."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("--each", type=int, required=True, help="units of each stratum")
+    parser.add_argument("--nothing", type=int, default=None,
+                        help="units of each stratum with nothing hidden, default as --each")
+    parser.add_argument("--tests", default="extended,step",
+                        help="profile of the record, and of the held-out one if there is one")
+    parser.add_argument("--strata", default="", help="only those that begin with this")
+    parser.add_argument("--next", action="store_true",
+                        help="record the test that is proposed for a set, identify with both")
+    parser.add_argument("--table", action="store_true", help="run nothing")
+    given = parser.parse_args()
+    tests = tuple(given.tests.split(","))
+    try:
+        for test in tests:
+            load_profile(test)
+    except EmaError as error:
+        parser.error(str(error))
+    given.out.mkdir(parents=True, exist_ok=True)
+    ledger = Ledger(given.out / "decisions.jsonl")
+    counts = {stratum: given.each if given.nothing is None or not stratum.endswith("nothing")
+              else given.nothing for stratum in STRATA if stratum.startswith(given.strata)}
+    if not counts:
+        parser.error(f"--strata {given.strata!r}: none begins so, there are {', '.join(STRATA)}")
+    rows: dict[str, list[Row]] = {stratum: [] for stratum in counts}
+    again: dict[str, list[tuple[Row, Row | None]]] = {stratum: [] for stratum in counts}
+    for k in range(max(counts.values(), default=0)):
+        for stratum, found in rows.items():
+            key = f"{given.seed}/{given.tests}/{stratum}/{k}/sizes"
+            if k >= counts[stratum] or (given.table and key not in ledger.keys):
+                continue
+            if key not in ledger.keys:
+                row = ledger.run(key, partial(
+                    answered, STRATA[stratum](given.seed, k, tests), given.out, tests))
+                print(key, row["names"], row["verdict"], row["named"], flush=True)
+            row = ledger.run(key, dict)
+            found.append(row)
+            if "accepted" in stratum or not is_set(row):
+                continue
+            key = f"{key}/next"
+            if given.next and not given.table and row["next"] and key not in ledger.keys:
+                second = ledger.run(key, partial(
+                    answered_again, STRATA[stratum](given.seed, k, tests), given.out, tests,
+                    row["next"]))
+                print(key, row["next"], second["verdict"], second["named"], flush=True)
+            again[stratum].append((row, ledger.run(key, dict) if key in ledger.keys else None))
+    rows = {stratum: found for stratum, found in rows.items() if found}
+    for part in (table(rows), numbers(rows, again), sizes(rows), seconds(rows)):
+        print(f"\n{part}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,173 @@
+"""One unit of the panel: what is said of it, and whether that is right."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from benchmarks.decisions.units import HiddenUnit
+from ema_identification.actuator.decision.library import fleet_library
+from ema_identification.identify import identify
+from ema_identification.result import Identification
+from ema_record.kit import ACTUATOR, LIBRARY, PROFILES, using_kit
+from ema_record.profile import load_profile
+from ema_record.profiles.text import write_profiles
+from ema_sim.effects import EFFECTS
+from ema_sim.effects.base import Choice
+from ema_sim.model_file import load_model_file
+
+Row = dict[str, Any]
+NAMES_ALONE = ("explained", "partly explained")
+LARGEST_SET = 3
+
+
+@contextmanager
+def kit_of(unit: HiddenUnit, work: Path, tests: Sequence[str]) -> Iterator[None]:
+    """Use the kit of a unit's machine, which is made on first use and kept in `work`."""
+    if unit.kit is None:
+        yield
+        return
+    kit = work / "kits" / unit.kit.name
+    if not (kit / ACTUATOR).exists():
+        kit.mkdir(parents=True, exist_ok=True)
+        with using_kit(unit.kit):
+            if not (kit / PROFILES).exists():
+                write_profiles(load_model_file().actuator, kit / PROFILES)
+        shutil.copyfile(unit.kit / ACTUATOR, kit / ACTUATOR)
+    with using_kit(kit):
+        for n, test in enumerate(tests):
+            if not (kit / LIBRARY / f"{test}.built").exists():
+                with threadpool_limits(limits=1):  # as `identify` makes it
+                    fleet_library(load_model_file(), load_profile(test), signatures=n == 0,
+                                  folder=kit / LIBRARY)
+                (kit / LIBRARY / f"{test}.built").touch()
+        yield
+
+
+def answered(unit: HiddenUnit, work: Path, tests: Sequence[str]) -> Row:
+    """Return what is said of a unit: what it has, or since its acceptance."""
+    with kit_of(unit, work, tests):
+        started = time.process_time(), time.perf_counter()
+        whole = identify(unit.records[:1], validate=unit.records[1:], without=unit.without,
+                         baseline=unit.accepted)
+        seconds = time.process_time() - started[0], time.perf_counter() - started[1]
+    found = whole if whole.since is None else whole.since
+    return {"names": unit.names, "strange": bool(unit.without), **said(found),
+            "whole": [whole.verdict, names_of(whole)], "sizes": sizes_of(found, unit),
+            "ports": [EFFECTS[name].port for name in unit.names],
+            "next": None if found.next_profile is None else found.next_profile.name,
+            "proposed": found.next_test, "seconds": seconds[0], "wall": seconds[1]}
+
+
+def answered_again(unit: HiddenUnit, work: Path, tests: Sequence[str], profile: str) -> Row:
+    """Return what is said of a unit once the proposed test is recorded too."""
+    with kit_of(unit, work, tests):
+        both = (unit.records[0], unit.again(load_profile(profile)))
+        started = time.process_time(), time.perf_counter()
+        found = identify(both, validate=unit.records[1:], without=unit.without)
+        seconds = time.process_time() - started[0], time.perf_counter() - started[1]
+    return {"names": unit.names, "strange": bool(unit.without), **said(found),
+            "sizes": sizes_of(found, unit), "seconds": seconds[0], "wall": seconds[1]}
+
+
+def said(found: Identification) -> Row:
+    """Return an answer as it is kept."""
+    return {"verdict": found.verdict, "reasons": list(found.reasons), "named": names_of(found),
+            "port": "" if found.unknown is None else found.unknown.port,
+            "gap": [found.gap_before, found.gap_after, found.noise_floor]}
+
+
+def names_of(found: Identification) -> list[list[str]]:
+    """Return the set of names of each finding."""
+    return [[f.effect, *f.equivalent] for f in found.findings]
+
+
+def sizes_of(found: Identification, unit: HiddenUnit) -> list[Row]:
+    """Return each number of the laws that are named and hidden: true, estimated, interval.
+
+    ``inside`` is None where the law is named in another mode, phase or number of periods: its
+    numbers mean something else there.
+    """
+    rows: list[Row] = []
+    for finding in found.findings:
+        if finding.effect not in unit.names or unit.without:
+            continue
+        truth = as_written(unit.truth, finding.effect)
+        fitted = [p for p in finding.parameters if p.high > p.low]
+        fixed = {p.name: p.value for p in finding.parameters if p not in fitted}
+        alike = all(truth.get(name) == value
+                    for name, value in (*finding.choices.items(), *fixed.items()))
+        for p in fitted:
+            true, turning = truth.get(p.name), p.name.rpartition(".")[2] in ("phase", "angle")
+            rows.append({
+                "name": p.name, "true": true, "value": p.value, "low": p.low, "high": p.high,
+                "inside": holds(p.low, p.high, true, turning and p.unit == "rad")
+                if alike and isinstance(true, float) else None})
+    return rows
+
+
+def as_written(truth: Mapping[str, float | str], effect: str) -> dict[str, float | str]:
+    """Return the true parameters of a law as an answer would write them, dotted names.
+
+    What is not said has its default; an eccentricity of the other sign points the other way.
+    """
+    given = {name: value for name, value in truth.items() if name.startswith(f"{effect}.")}
+    if not given:
+        return {}
+    found: dict[str, float | str] = {
+        f"{effect}.{f.name}": f.kind.options[int(f.default)]
+        if isinstance(f.kind, Choice) else float(f.default) for f in EFFECTS[effect].fields}
+    found |= given
+    zeta, angle = (found.get(f"rotor_eccentricity.{name}") for name in ("zeta", "angle"))
+    if isinstance(zeta, float) and isinstance(angle, float) and zeta < 0.0:
+        found |= {"rotor_eccentricity.zeta": -zeta, "rotor_eccentricity.angle": angle + math.pi}
+    return found
+
+
+def holds(low: float, high: float, true: float, turning: bool) -> bool:
+    """Return whether an interval holds a value; `turning`: an angle, whole turns apart."""
+    if turning:
+        middle = 0.5 * (low + high)
+        true = middle + math.remainder(true - middle, 2.0 * math.pi)
+    return low <= true <= high
+
+
+def outcome(row: Row) -> str:
+    """Return right, part, wrong, unknown or silent.
+
+    Right: sets of at most three names, each of another effect that is hidden, all hidden ones
+    named. Part: of two effects one is named, and nothing else. A name of a stranger is wrong.
+    """
+    if row["verdict"] not in NAMES_ALONE or not row["named"]:
+        return "silent" if row["verdict"] == "no disagreement" else "unknown"
+    left, wrong = set(() if row["strange"] else row["names"]), False
+    for names in row["named"]:
+        hit = next((n for n in names[:LARGEST_SET] if n in left), None)
+        wrong |= hit is None
+        left.discard(hit or "")
+    if wrong:
+        return "wrong"
+    return "part" if left else "right"
+
+
+def is_set(row: Row) -> bool:
+    """Whether the answer is right and leaves more than one name."""
+    return outcome(row) == "right" and any(len(names) > 1 for names in row["named"])
+
+
+def resolved(row: Row) -> bool:
+    """Whether the answer is right and leaves one name for each effect."""
+    return outcome(row) == "right" and not is_set(row)
+
+
+def right_port(row: Row) -> bool:
+    """Whether an unknown effect is said to be where it is: one of the first two ports named."""
+    told = [part.strip() for part in row.get("port", "").split(",")][:2]
+    return outcome(row) == "unknown" and any(port in told for port in row.get("ports", ()))

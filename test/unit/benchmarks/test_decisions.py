@@ -1,0 +1,114 @@
+"""The panel of `ema identify`: how an answer is judged, and what its tables count."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from benchmarks.any_actuator.described import Damage
+from benchmarks.decisions.judging import as_written, holds, is_set, outcome, resolved, sizes_of
+from benchmarks.decisions.table import interval, numbers, seconds, sizes, table
+from benchmarks.decisions.units import DAMAGES, STRATA, catalogued
+from ema_identification.result import Parameter
+from ema_record.actuator import load_actuator
+from ema_record.profile import load_profile
+from ema_sim.effects import parse_effects
+
+
+def found(effect, choices=(), **numbers):
+    """Return an answer that names one effect."""
+    return SimpleNamespace(findings=(SimpleNamespace(
+        effect=effect, equivalent=(), choices=dict(choices), parameters=tuple(
+            Parameter(name=f"{effect}.{name}", value=value, low=low, high=high, unit="rad")
+            for name, (value, low, high) in numbers.items())),))
+
+
+def unit(*names, **truth):
+    return SimpleNamespace(names=names, without=(), truth={
+        f"{names[0]}.{name}": value for name, value in truth.items()})
+
+
+def insides(answer, of):
+    return [row["inside"] for row in sizes_of(answer, of)]
+
+
+def test_an_angle_is_the_same_whole_turns_away():
+    assert holds(3.0, 3.3, 3.2 - 2.0 * np.pi, turning=True)
+    assert not holds(3.0, 3.3, 3.2 - 2.0 * np.pi, turning=False)
+
+
+def test_an_eccentricity_of_the_other_sign_points_the_other_way():
+    hidden = unit("rotor_eccentricity", zeta=-0.03, mode="common", angle=1.0, phase="c")
+    answer = found("rotor_eccentricity", {"rotor_eccentricity.mode": "common"},
+                   zeta=(0.031, 0.02, 0.04), angle=(4.1, 4.0, 4.3))
+    assert insides(answer, hidden) == [True, True]
+
+
+def test_numbers_of_another_mode_are_not_compared():
+    hidden = unit("rotor_eccentricity", zeta=0.03, mode="common", angle=1.0)
+    answer = found("rotor_eccentricity", {"rotor_eccentricity.mode": "shifted"},
+                   zeta=(0.031, 0.02, 0.04), angle=(1.0, 0.9, 1.1))
+    assert insides(answer, hidden) == [None, None]
+
+
+def test_what_is_fitted_but_not_hidden_is_truly_nothing():
+    hidden = unit("inertia_change", motor=0.5)
+    assert insides(found("inertia_change", surface=(2.0, 1.5, 2.5)), hidden) == [False]
+
+
+def test_a_ripple_of_other_periods_is_another_law():
+    hidden = unit("cogging_torque", amplitude=0.03, periods=12.0, phase=0.5)
+    for periods, inside in ((12.0, [True, False]), (9.0, [None, None])):
+        answer = found("cogging_torque", amplitude=(0.03, 0.02, 0.04), phase=(0.1, 0.0, 0.2),
+                       periods=(periods, periods, periods))
+        assert insides(answer, hidden) == inside
+
+
+def test_no_sizes_of_a_name_that_is_wrong():
+    assert sizes_of(found("backlash", increase=(1.0, 0.0, 2.0)), unit("hall_misalignment")) == []
+
+
+@pytest.mark.parametrize("name", DAMAGES)
+def test_damages_of_the_second_simulator_are_laws_of_the_catalogue(name):
+    a = load_actuator()
+    truth = catalogued(a, name, Damage(phase=1, angle=0.3))
+    parse_effects([f"{key}={value}" for key, value in truth.items()])
+    assert as_written(truth, name).keys() >= truth.keys()
+
+
+def row(named, verdict="explained", names=("backlash",), **more):
+    return {"names": names, "strange": False, "verdict": verdict, "named": named,
+            "seconds": 1.0, "wall": 2.0, "next": None, "sizes": [], **more}
+
+
+def test_sets_and_the_tests_that_resolve_them():
+    one, many = row([["backlash"]]), row([["shaft_compliance", "backlash"]], next="ramps")
+    assert (outcome(one), is_set(one), resolved(one)) == ("right", False, True)
+    assert (outcome(many), is_set(many), resolved(many)) == ("right", True, False)
+    text = numbers({"own, one effect": [one, many]}, {"own, one effect": [(many, one)]})
+    assert "1 (5-100 %) of 1, >= 85 %; 1 sets, 1 with a command" in text
+
+
+def test_tables_of_what_there_is():
+    size = {"name": "backlash.increase", "true": 1.0, "value": 1.1, "low": 0.9, "high": 1.2,
+            "inside": True}
+    rows = {"own, nothing": [row([], "no disagreement", ())] * 200,
+            "own, one effect": [row([["backlash"]], sizes=[size])],
+            "second, one effect": [row([["backlash"]], sizes=[{**size, "inside": None}])]}
+    assert interval(0, 200) == "0 (0-1.49 %)"
+    assert "| own, nothing | 200 |" in table(rows)
+    assert "0 (0-1.49 %) of 200, <= 1 %" in numbers(rows, {})
+    assert "| backlash | 1 (5-100 %) of 1, 10 % | - of 0; 1 of another mode |" in sizes(rows)
+    assert "| all | 202 | 1.0 | 2.0 | 2.0 |" in seconds(rows)
+
+
+def test_one_more_test_of_a_unit_is_of_the_same_unit_on_another_day():
+    tests = ("step",)
+    for stratum in ("own, one effect", "second, one effect", "pwm, second, one effect"):
+        made, again = (STRATA[stratum](3, 1, tests) for _ in range(2))
+        profile = load_profile("step") if made.kit is None else made.records[0].profile
+        more = made.again(profile)
+        assert np.array_equal(made.records[0].samples, again.records[0].samples)
+        assert np.array_equal(more.samples, again.again(profile).samples)
+        assert not np.array_equal(more.samples, made.records[0].samples)
+        assert more.provenance.serial_number == made.records[0].provenance.serial_number
