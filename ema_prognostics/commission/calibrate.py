@@ -82,17 +82,32 @@ class Calibration:
     ----------
     actuator : corrected.
     changes : of each parameter, new over old; of latencies the periods.
-    open : standard deviation that the estimate leaves, as `PRIORS`.
+    covariance : ndarray, shape (p, p). What is not known of the parameters in `changes`, in
+        their order and as `PRIORS`: error of the estimate, and of the mean of so many units.
     names : of the features, (d,).
     before, after : ndarray, shape (d,). Mean of the records less the model, over the spread.
     """
 
     actuator: Actuator
     changes: dict[str, float]
-    open: dict[str, float]
+    covariance: np.ndarray
     names: tuple[str, ...]
     before: np.ndarray
     after: np.ndarray
+
+    @property
+    def open(self) -> dict[str, float]:
+        """Standard deviation that is left of each parameter, as `PRIORS`."""
+        return dict(zip(self.changes, np.sqrt(np.diag(self.covariance)).tolist()))
+
+    def draw(self, rng: np.random.Generator) -> Actuator:
+        """Return the type as it may be.
+
+        The parameters are drawn together: what the records tell of several, such as dry and
+        viscous friction, but of neither alone, is known in each draw.
+        """
+        steps = rng.multivariate_normal(np.zeros(len(self.changes)), self.covariance)
+        return _candidate(self.actuator, list(self.changes), steps)
 
 
 def changed(actuator: Actuator, name: str, step: float) -> Actuator:
@@ -248,18 +263,18 @@ def calibrate(
         features = _drawn_in(found[done][:, used])
         x, left = estimate(taken[done], features, mean[used], prior, sigma[used] / root,
                            len(np.unique(units)))
-        wide = np.minimum(NARROWER * left, prior)
+        wide = np.minimum(NARROWER * np.sqrt(np.diag(left)), prior)
     progress(1.0)
     corrected = _candidate(actuator, chosen, x[:-1])
     off = [(mean - model_features(_usual(of, tolerances), actuator, profile, kind, names,
                                   _settings(conditions, actuator, load), range(6)).mean(axis=0))
            / sigma for of, load in ((actuator, 0.0), (corrected, float(x[-1])))]
     units_own = _deviations(tolerances, actuator)
+    own = np.array([units_own.get(name, 0.0) for name in chosen]) / root
     return Calibration(
         actuator=corrected, changes=_changes(actuator, corrected, chosen), names=tuple(names),
-        open={name: float(np.hypot(error, units_own.get(name, 0.0) / root))
-              for name, error in zip(chosen, left)}, before=np.where(used, off[0], 0.0),
-        after=np.where(used, off[1], 0.0),
+        covariance=left[:-1, :-1] + np.diag(own**2),
+        before=np.where(used, off[0], 0.0), after=np.where(used, off[1], 0.0),
     )
 
 

@@ -46,6 +46,7 @@ from ema_prognostics.commission.report import write_report
 from ema_prognostics.training.evaluation import evaluate
 from ema_prognostics.training.fleet import (
     DrawFault,
+    DrawType,
     FleetFeatures,
     draw_of_mix,
     simulate_fleet,
@@ -207,34 +208,35 @@ class _Work:
             self._acceptance, recorder, described_fleet, tolerances, seed=self._seed,
             jobs=self._jobs,
             progress=lambda part: self._progress("correcting the model", 0.02 + 0.13 * part))
-        tolerances = wider(tolerances, calibration.actuator, calibration.open)
-        self._write_actuator(calibration.actuator, tolerances)
+        self._write_actuator(calibration.actuator)
         actuator = load_actuator()  # the numbers as they are written
-        fleets = self._fleets(actuator, "trains", self._size.trains, self._seed, 0.15, 0.58)
-        held = self._fleets(actuator, "validates", self._size.validates,
+        fleets = self._fleets(calibration, "trains", self._size.trains, self._seed, 0.15, 0.58)
+        held = self._fleets(calibration, "validates", self._size.validates,
                             self._seed + VALIDATION_SEED, 0.58, 0.70)
         healthy = fleets.healthy
-        names, rows = self._acceptance.features(actuator)
+        (names, rows), units = self._acceptance.features(actuator), self._acceptance.units
         model, spread = expected(healthy, names, rows), fleet_spread(names, healthy)
         check_described(names, rows, model, spread)
-        units = self._acceptance.units
         discrepancy = fit_discrepancy(names, rows, units, model, spread)
         self._progress("training", 0.70)
         views = self._views(fleets, discrepancy)
         held = TrainingFleets(*(with_discrepancy(f, discrepancy, self._seed + 1) for f in held))
         held_out: dict[str, Any] = {kind: evaluated(views, held)}
-        strict = too_many_alarms(held_out[kind])
-        if strict:  # thresholds of all healthy tests so far, judged on units that set none
+        if strict := too_many_alarms(held_out[kind]):
+            # Thresholds of all healthy tests so far, judged on units that set none.
             views = self._stricter(views, discrepancy, healthy, held.healthy)
             again = self._fleet(
                 actuator, "another healthy fleet", self._size.validation_healthy,
-                self._seed + 2 * VALIDATION_SEED, healthy=True, begin=0.78, end=0.80)
-            again = with_discrepancy(again, discrepancy, self._seed + 2)
-            held_out = {kind: evaluated(views, held._replace(healthy=again))}
+                self._seed + 2 * VALIDATION_SEED, healthy=True, begin=0.78, end=0.80,
+                draw_type=calibration.draw)
+            held_out = {kind: evaluated(views, held._replace(
+                healthy=with_discrepancy(again, discrepancy, self._seed + 2)))}
         accepted, factors = judge_left_out(
             Cascade(views["fleet"]), names, rows, units, model, spread)
         if max(factors) > 1.0:
             views["fleet"] = widened(views["fleet"], *factors)
+        self._write_actuator(
+            calibration.actuator, wider(tolerances, calibration.actuator, calibration.open))
         found = self._validation(calibration, held_out, accepted, discrepancy)
         found["guard_widened"], found["strangers_widened"] = factors
         found["stricter"] = strict
@@ -282,13 +284,14 @@ class _Work:
                                            begin + (end - begin) * k / n)
 
     def _fleet(self, actuator: Actuator, what: str, units: int, seed: int, *, begin: float,
-               end: float, healthy: bool = False, draw: DrawFault = draw_of_mix) -> FleetFeatures:
+               end: float, healthy: bool = False, draw: DrawFault = draw_of_mix,
+               draw_type: DrawType | None = None) -> FleetFeatures:
         return simulate_fleet(
-            self._acceptance.kind, units, seed, healthy=healthy, draw=draw, jobs=self._jobs,
-            folder=self._folder, model=Model(actuator, Effects()),
+            self._acceptance.kind, units, seed, healthy=healthy, draw=draw, draw_type=draw_type,
+            jobs=self._jobs, folder=self._folder, model=Model(actuator, Effects()),
             progress=self._simulated(what, begin, end))
 
-    def _fleets(self, actuator: Actuator, what: str, units: Sequence[int], seed: int,
+    def _fleets(self, calibration: Calibration, what: str, units: Sequence[int], seed: int,
                 begin: float, end: float) -> TrainingFleets:
         """Return fleets that do `what`, of so many units: with faults, healthy, strangers."""
         found, done = [], 0
@@ -296,8 +299,9 @@ class _Work:
                                      (draw_of_mix, draw_of_mix, draw_stranger)):
             share = (end - begin) / sum(units)
             found.append(self._fleet(
-                actuator, f"fleet {name} that {what}", count, seed, healthy=name == "healthy",
-                begin=begin + share * done, end=begin + share * (done + count), draw=draw))
+                load_actuator(), f"fleet {name} that {what}", count, seed,
+                healthy=name == "healthy", begin=begin + share * done,
+                end=begin + share * (done + count), draw=draw, draw_type=calibration.draw))
             done += count
         return TrainingFleets(*found)
 

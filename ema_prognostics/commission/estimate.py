@@ -17,10 +17,10 @@ BEYOND, TURNS = 3.0, 20
 
 
 class Estimate(NamedTuple):
-    """Parameters, shape (p,), and the standard deviation of their errors."""
+    """Parameters, shape (p,), and the covariance of their errors, shape (p, p)."""
 
     value: np.ndarray
-    error: np.ndarray
+    covariance: np.ndarray
 
 
 def estimate(
@@ -47,7 +47,7 @@ def estimate(
         inverse = np.linalg.inv(weighed.T @ jacobian + np.diag(prior**-2.0))
         value = inverse @ weighed.T @ wanted
         now = np.maximum(error, np.abs(wanted - jacobian @ value) / BEYOND)
-    return Estimate(value, np.sqrt(np.diag(inverse)))
+    return Estimate(value, inverse)
 
 
 class _Slopes(NamedTuple):

@@ -29,13 +29,14 @@ from ema_prognostics.training.faults import (
     draw_pair,
 )
 from ema_record import array_cache
-from ema_record.actuator import load_actuator
+from ema_record.actuator import Actuator, load_actuator
 from ema_record.errors import RecordError, UsageError
 from ema_record.kit import ACTUATOR, PROFILES, kit_folder, kit_path, using_kit
 from ema_record.profile import Profile, load_profile
 from ema_record.record import Record
 from ema_record.sources import source_hash
 from ema_record.spread import TypeSpread, load_spread
+from ema_sim.effects import Effects
 from ema_sim.model_file import Model, load_model_file
 from ema_sim.simulate import simulate
 
@@ -43,6 +44,8 @@ MIX = (("healthy", 0.16), ("turn_short", 0.20), ("static", 0.06), ("rotor_eccent
        ("friction", 0.15), ("backlash", 0.09), ("pair", 0.16))
 """What the tests of the training units have, with probabilities."""
 TESTS_A_UNIT = 3
+LEAST_FRICTION = 1e-12
+"""Floor of a dry friction (N m): there may be none."""
 LEAST_UNITS = 0.5
 """Share of the units whose acceptance test must give features."""
 MODULE = "ema_prognostics.training.fleet"
@@ -82,12 +85,16 @@ class FleetFeatures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _UnitPlan:
+    type: Actuator
+    """That the unit is of."""
     unit: Unit
     base: RunConditions
     tests: tuple[tuple[RunConditions, InjectedFault], ...]
 
 
 DrawFault = Callable[[np.random.Generator], InjectedFault]
+DrawType = Callable[[np.random.Generator], Actuator]
+"""The type of a unit, where it is not known but as far as this draws it."""
 
 
 def draw_of_mix(rng: np.random.Generator) -> InjectedFault:
@@ -97,14 +104,15 @@ def draw_of_mix(rng: np.random.Generator) -> InjectedFault:
     return draw_pair(rng) if kind == "pair" else draw_fault(rng, kind)
 
 
-def _draw(rng: np.random.Generator, healthy: bool, spread: TypeSpread, draw: DrawFault
-          ) -> _UnitPlan:
+def _draw(rng: np.random.Generator, healthy: bool, spread: TypeSpread, draw: DrawFault,
+          draw_type: DrawType) -> _UnitPlan:
     tests = []
     for _ in range(1 if healthy else TESTS_A_UNIT):
         fault = HEALTHY if healthy else draw(rng)
         tests.append((draw_conditions(rng, spread.conditions), fault))
     return _UnitPlan(unit=draw_unit(rng, spread.tolerances),
-                     base=draw_conditions(rng, spread.conditions), tests=tuple(tests))
+                     base=draw_conditions(rng, spread.conditions), tests=tuple(tests),
+                     type=draw_type(rng.spawn(1)[0]))
 
 
 def begins_alike(short: Profile, long: Profile) -> bool:
@@ -128,16 +136,16 @@ def beginning(record: Record, profile: Profile) -> Record:
 
 
 def _features(
-    kinds: Sequence[ProfileKind], model: Model, unit: Unit, conditions: RunConditions,
-    fault: InjectedFault,
+    kinds: Sequence[ProfileKind], of: Actuator, always: Effects, unit: Unit,
+    conditions: RunConditions, fault: InjectedFault,
 ) -> dict[ProfileKind, dict[str, float]]:
     """Return the features of one test by kind, none where the actuator did not do it.
 
     A step that is the beginning of the longer test is not simulated again.
     """
     nominal = load_actuator()  # as the diagnosis will see it
-    actuator = actuator_of(model.actuator, unit, conditions)
-    effects = effects_of(conditions, fault, model.effects)
+    actuator = actuator_of(of, unit, conditions)
+    effects = effects_of(conditions, fault, always)
     found: dict[ProfileKind, dict[str, float]] = {}
     longest: Record | None = None
     for kind in sorted(kinds, key=lambda k: -load_profile(k).duration):
@@ -165,7 +173,7 @@ def sources_key(*parts: str) -> str:
 Arrays = dict[str, np.ndarray]
 
 
-def _run(kinds: tuple[ProfileKind, ...], model: Model, plans: list[_UnitPlan], key: str,
+def _run(kinds: tuple[ProfileKind, ...], always: Effects, plans: list[_UnitPlan], key: str,
          folder: Path | None, kit: Path) -> Arrays:
     """Simulate units of a kit and return the features of their records, kept in `folder`.
 
@@ -181,7 +189,7 @@ def _run(kinds: tuple[ProfileKind, ...], model: Model, plans: list[_UnitPlan], k
             f"{what}_{k}" for k in kinds for what in ("names", "features")}:
         return kept
     with threadpool_limits(limits=1), using_kit(kit):
-        found = [[_features(kinds, model, plan.unit, *test)
+        found = [[_features(kinds, plan.type, always, plan.unit, *test)
                   for test in ((plan.base, HEALTHY), *plan.tests)] for plan in plans]
     arrays = {}
     for kind in kinds:
@@ -200,17 +208,19 @@ def simulate_fleet(
     kind: ProfileKind, units: int, seed: int, *, healthy: bool = False, jobs: int = 1,
     progress: Callable[[int, int], None] = lambda _done, _all: None, chunk: int = 10,
     folder: Path | None = None, model: Model | None = None, draw: DrawFault = draw_of_mix,
+    draw_type: DrawType | None = None,
 ) -> FleetFeatures:
     """Return the features of one kind of test, see `simulate_fleets`."""
-    return simulate_fleets((kind,), units, seed, healthy=healthy, jobs=jobs, progress=progress,
-                           chunk=chunk, folder=folder, model=model, draw=draw)[kind]
+    return simulate_fleets(
+        (kind,), units, seed, healthy=healthy, jobs=jobs, progress=progress, chunk=chunk,
+        folder=folder, model=model, draw=draw, draw_type=draw_type)[kind]
 
 
 def simulate_fleets(
     kinds: tuple[ProfileKind, ...], units: int, seed: int, *, healthy: bool = False,
     jobs: int = 1, progress: Callable[[int, int], None] = lambda _done, _all: None,
     chunk: int = 10, folder: Path | None = None, model: Model | None = None,
-    draw: DrawFault = draw_of_mix,
+    draw: DrawFault = draw_of_mix, draw_type: DrawType | None = None,
 ) -> dict[ProfileKind, FleetFeatures]:
     """Simulate `units` units and return their features by kind of test.
 
@@ -227,31 +237,42 @@ def simulate_fleets(
     model : the actuator around which the fleet spreads, with effects that all its units have;
         default that of the present kit.
     draw : what a test has; a function of a module, which decides the features too.
+    draw_type : the actuator around which each unit is drawn, default that of `model`.
     """
     from joblib import Parallel, delayed
 
     streams = np.random.SeedSequence([seed, int(healthy)]).spawn(units)
-    spread = load_spread()
-    plans = [_draw(np.random.default_rng(s), healthy, spread, draw) for s in streams]
-    of = model or load_model_file()
+    spread, of = load_spread(), model or load_model_file()
+    plans = [_draw(np.random.default_rng(s), healthy, spread, draw,
+                   draw_type or (lambda _: of.actuator)) for s in streams]
     parts = [plans[i:i + chunk] for i in range(0, units, chunk)]
     source = "" if draw is draw_of_mix else source_hash(draw.__module__)
-    keys = [sources_key(json.dumps([kinds, repr(of), seed, healthy, chunk, k]), source)
-            for k in range(len(parts))]
+    keys = [sources_key(json.dumps([kinds, repr(of), [repr(plan.type) for plan in part], seed,
+                                    healthy, chunk, k]), source)
+            for k, part in enumerate(parts)]
     work = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(_run)(kinds, of, part, key, folder, kit_folder())
+        delayed(_run)(kinds, of.effects, part, key, folder, kit_folder())
         for part, key in zip(parts, keys))
     results = []
     for result in work:
         results.append(result)
         progress(min(chunk * len(results), units), units)
-    return {kind: _collected(kind, parts, results) for kind in kinds}
+    return {kind: _collected(kind, parts, results, _dry(of.actuator)) for kind in kinds}
+
+
+def _dry(actuator: Actuator) -> np.ndarray:
+    """Return the logarithms of dry friction, motor and surface, shape (2,)."""
+    return np.log(np.maximum(
+        [actuator.motor.dynamic_friction, actuator.surface.dynamic_friction], LEAST_FRICTION))
 
 
 def _collected(
-    kind: ProfileKind, parts: list[list[_UnitPlan]], results: list[Arrays]
+    kind: ProfileKind, parts: list[list[_UnitPlan]], results: list[Arrays], nominal: np.ndarray
 ) -> FleetFeatures:
-    """Return the features of one kind of test, units without an acceptance record left out."""
+    """Return the features of one kind of test, units without an acceptance record left out.
+
+    Their own friction is that over the `nominal` one, logarithms of shape (2,).
+    """
     base, record, severity, number, friction = [], [], [], [], []
     strangers: list[Stranger | None] = []
     names: list[str] = []
@@ -270,8 +291,8 @@ def _collected(
                     severity.append([fault.severity.get(o, 0.0) for o in OUTPUTS])
                     number.append(unit)
                     strangers.append(fault.stranger)
-                    friction.append(
-                        np.log1p([plan.unit.motor_friction, plan.unit.surface_friction]))
+                    friction.append(_dry(plan.type) - nominal + np.log1p(
+                        [plan.unit.motor_friction, plan.unit.surface_friction]))
             unit += 1
     units = sum(map(len, parts))
     if unit < LEAST_UNITS * units:

@@ -14,6 +14,7 @@ from ema_prognostics.commission.acceptance import (
     read_acceptance,
 )
 from ema_prognostics.commission.calibrate import (
+    Calibration,
     changed,
     parameters_of,
     wider,
@@ -56,7 +57,8 @@ def test_parameters_of_a_linear_machine_come_out_among_features_that_say_nothing
     truth = np.array([0.3, -0.5, 0.8])
     measured = np.concatenate([SLOPES @ truth, rng.standard_normal(100)])
     error = np.array([0.03] * 3 + [1.0] * 100)
-    found, left = estimate(parameters, features, measured, PRIOR, error, 10_000)
+    found, covariance = estimate(parameters, features, measured, PRIOR, error, 10_000)
+    left = np.sqrt(np.diag(covariance))
     assert found[:2] == pytest.approx(truth[:2], abs=0.06)
     assert max(left[:2]) < 0.08
     # Nothing shows the third: the estimate stays at the prior, and says so.
@@ -72,8 +74,8 @@ def test_the_estimate_is_that_of_bayes_and_its_error_is_said() -> None:
     for one in truth:
         measured = SLOPES @ one + 0.01 * rng.standard_normal(3) + (
             error * rng.standard_normal(3))
-        found, left = estimate(parameters, features, measured, PRIOR, error, 10_000)
-        wanted.append((found - one) / left)
+        found, covariance = estimate(parameters, features, measured, PRIOR, error, 10_000)
+        wanted.append((found - one) / np.sqrt(np.diag(covariance)))
     spread = np.std(wanted, axis=0)
     assert spread == pytest.approx([1.0, 1.0, 1.0], abs=0.12)
 
@@ -85,6 +87,22 @@ def test_a_feature_that_no_parameter_explains_moves_none() -> None:
     measured = SLOPES @ truth + [0.0, 0.0, 20.0]  # 400 of its errors, of the weak third feature
     found, _ = estimate(parameters, features, measured, PRIOR, np.full(3, 0.05), 10_000)
     assert found[:2] == pytest.approx(truth[:2], abs=0.1)
+
+
+def test_what_is_known_of_two_parameters_together_is_known_in_each_draw() -> None:
+    # The records tell the sum of two logarithms, and of neither alone more than the prior.
+    covariance = np.array([[0.04, -0.0396], [-0.0396, 0.04]])
+    names = ("motor.dynamic_friction", "motor.viscous_friction")
+    calibration = Calibration(actuator=ACTUATOR, changes=dict.fromkeys(names, 1.0),
+                              covariance=covariance, names=(), before=np.empty(0),
+                              after=np.empty(0))
+    assert calibration.open == pytest.approx(dict.fromkeys(names, 0.2))
+    rng = np.random.default_rng(5)
+    drawn = [calibration.draw(rng).motor for _ in range(400)]
+    steps = np.log([[m.dynamic_friction, m.viscous_friction] for m in drawn]) - np.log(
+        [ACTUATOR.motor.dynamic_friction, ACTUATOR.motor.viscous_friction])
+    assert steps.std(axis=0) == pytest.approx([0.2, 0.2], rel=0.15)
+    assert steps.sum(axis=1).std() == pytest.approx(np.sqrt(covariance.sum()), rel=0.15)
 
 
 def test_what_is_not_known_of_the_type_is_part_of_its_tolerances() -> None:
