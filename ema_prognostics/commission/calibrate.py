@@ -69,6 +69,8 @@ DRAWS = (150, 120, 120)
 """Simulated tests of each round."""
 NARROWER = 2.0
 """Of what a round leaves open: the spread of the next."""
+REACH = 2.0
+"""Standard deviations within which parameters are drawn."""
 CLIP = 4.0
 """Robust deviations beyond which features of a test are taken as those that far off."""
 CONDITIONS = ("temperature", "bus_voltage")
@@ -104,10 +106,17 @@ class Calibration:
         """Return the type as it may be.
 
         The parameters are drawn together: what the records tell of several, such as dry and
-        viscous friction, but of neither alone, is known in each draw.
+        viscous friction, but of neither alone, is known in each draw. Those of which they tell
+        next to nothing stay, and the others are as known beside these; all within the two
+        deviations over which the slopes were measured.
         """
-        steps = rng.multivariate_normal(np.zeros(len(self.changes)), self.covariance)
-        return _candidate(self.actuator, list(self.changes), steps)
+        names, total = list(self.changes), self.covariance
+        told = np.array([self.open[n] < UNTOLD * PRIORS[n] for n in names])
+        among, beside = total[np.ix_(told, told)], total[np.ix_(told, ~told)]
+        known = among - beside @ np.linalg.solve(total[np.ix_(~told, ~told)], beside.T)
+        steps = np.linalg.cholesky(known) @ np.clip(
+            rng.standard_normal(len(known)), -REACH, REACH)
+        return _candidate(self.actuator, [n for n, t in zip(names, told) if t], steps)
 
 
 def changed(actuator: Actuator, name: str, step: float) -> Actuator:
@@ -242,7 +251,7 @@ def calibrate(
     rng = np.random.default_rng([seed, 3])
     chunk = 8
     for turn, count in enumerate(DRAWS):
-        steps = x + wide * np.clip(rng.standard_normal((count, len(x))), -2.0, 2.0)
+        steps = x + wide * np.clip(rng.standard_normal((count, len(x))), -REACH, REACH)
         runs = [(_candidate(usual, chosen, row[:-1]),
                  _settings(conditions, actuator, float(row[-1])), int(rng.integers(2**31)))
                 for row in steps]

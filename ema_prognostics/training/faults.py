@@ -15,7 +15,7 @@ import numpy as np
 from ema_prognostics.cascade.classes import FAULTS, OUTPUTS, scale_of
 
 SEVERITY: dict[str, tuple[float, float]] = {
-    "turn_short": (1e-3, 0.4), "rotor_eccentricity": (5e-4, 0.4), "friction": (0.01, 4.0),
+    "turn_short": (1e-3, 0.4), "rotor_eccentricity": (5e-4, 0.2), "friction": (0.01, 4.0),
     "backlash": (0.2, 40.0),
 }
 """Least and largest severity, drawn evenly in its logarithm, in `classes.scale_of`: friction up to
