@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
-from scipy.stats import beta
 
 from benchmarks.decisions.judging import Row, outcome, resolved, right_port
+from ema_prognostics.training.rates import rate_of
 
 Rows = Mapping[str, Sequence[Row]]
 OWN_WORLD = ("own, nothing", "own, one effect", "own, two effects",
@@ -17,12 +17,11 @@ accepted units also those with everything off."""
 
 
 def interval(count: int, of: int) -> str:
-    """Return a count with the bounds of its share by Clopper and Pearson (1934), 90 %."""
+    """Return a count with the exact bounds of its share, 95 %."""
     if not of:
         return "-"
-    low = beta.ppf(0.05, count, of - count + 1) if count else 0.0
-    high = beta.ppf(0.95, count + 1, of - count) if count < of else 1.0
-    return f"{count} ({100 * low:.3g}-{100 * high:.3g} %)"
+    found = rate_of(count, of)
+    return f"{count} ({100 * found.lower:.3g}-{100 * found.upper:.3g} %)"
 
 
 def _of(count: int, of: int, target: str) -> str:

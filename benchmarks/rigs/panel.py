@@ -8,14 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from scipy.stats import beta
-
 from benchmarks.ledger import Ledger, Row
 from benchmarks.rigs.kinds import MOTIONS, case_of
 from benchmarks.rigs.wrong import SAYS, coupled_record, wrong_record
 from ema_identification.result import Identification
 from ema_identification.rig.verdict import MOST_UNEXPLAINED
 from ema_identification.rig.workflow import identify_rig
+from ema_prognostics.training.rates import rate_of
 from ema_record.errors import EmaError
 
 MORE_OF_ONE_WAY = {"coulomb_friction": "offset", "offset": "coulomb_friction"}
@@ -135,9 +134,9 @@ def share(hits: int, total: int) -> str:
     """Return a share with its 95 % interval (Clopper and Pearson)."""
     if total == 0:
         return "none done"
-    low = float(beta.ppf(0.025, hits, total - hits + 1)) if hits else 0.0
-    high = float(beta.ppf(0.975, hits + 1, total - hits)) if hits < total else 1.0
-    return f"{hits} of {total}: {100 * hits / total:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
+    found = rate_of(hits, total)
+    return (f"{hits} of {total}: {100 * found.value:.1f} % "
+            f"({100 * found.lower:.1f} to {100 * found.upper:.1f})")
 
 
 def table(

@@ -27,13 +27,17 @@ class Rate(NamedTuple):
 
 def rate(hits: Sequence[bool] | np.ndarray) -> Rate:
     """Return the rate of `hits`, shape (n,)."""
+    return rate_of(int(np.sum(hits)), len(hits))
+
+
+def rate_of(hits: int, total: int) -> Rate:
+    """Return the rate of so many hits of a total."""
     from scipy.stats import binomtest
 
-    k, n = int(np.sum(hits)), len(hits)
-    if n == 0:
+    if total == 0:
         return Rate(0, 0, 0.0, 1.0)
-    bounds = binomtest(k, n).proportion_ci(LEVEL, method="exact")
-    return Rate(k, n, float(bounds.low), float(bounds.high))
+    bounds = binomtest(hits, total).proportion_ci(LEVEL, method="exact")
+    return Rate(hits, total, float(bounds.low), float(bounds.high))
 
 
 class DetectionCurve(NamedTuple):

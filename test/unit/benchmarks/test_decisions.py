@@ -86,7 +86,7 @@ def test_sets_and_the_tests_that_resolve_them():
     assert (outcome(one), is_set(one), resolved(one)) == ("right", False, True)
     assert (outcome(many), is_set(many), resolved(many)) == ("right", True, False)
     text = numbers({"own, one effect": [one, many]}, {"own, one effect": [(many, one)]})
-    assert "1 (5-100 %) of 1, >= 85 %; 1 sets, 1 with a command" in text
+    assert "1 (2.5-100 %) of 1, >= 85 %; 1 sets, 1 with a command" in text
 
 
 def test_tables_of_what_there_is():
@@ -95,10 +95,10 @@ def test_tables_of_what_there_is():
     rows = {"own, nothing": [row([], "no disagreement", ())] * 200,
             "own, one effect": [row([["backlash"]], sizes=[size])],
             "second, one effect": [row([["backlash"]], sizes=[{**size, "inside": None}])]}
-    assert interval(0, 200) == "0 (0-1.49 %)"
+    assert interval(0, 200) == "0 (0-1.83 %)"
     assert "| own, nothing | 200 |" in table(rows)
-    assert "0 (0-1.49 %) of 200, <= 1 %" in numbers(rows, {})
-    assert "| backlash | 1 (5-100 %) of 1, 10 % | - of 0; 1 of another mode |" in sizes(rows)
+    assert "0 (0-1.83 %) of 200, <= 1 %" in numbers(rows, {})
+    assert "| backlash | 1 (2.5-100 %) of 1, 10 % | - of 0; 1 of another mode |" in sizes(rows)
     assert "| all | 202 | 1.0 | 2.0 | 2.0 |" in seconds(rows)
 
 
