@@ -29,8 +29,8 @@ padding:0 1rem}h1{font-size:1.5rem;margin:0 0 .3rem}h2{font-size:1.05rem;margin:
 table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}
 .wide{overflow-x:auto}td,th{text-align:right;padding:.22rem 0 .22rem .7rem;
 border-bottom:1px solid #d5d5d5}td{white-space:nowrap}.name,td:first-child{text-align:left;
-padding-left:0}th{font-weight:600;vertical-align:bottom}th[colspan]{text-align:center}
-td:has(+.line),th:has(+.line){padding-right:.7rem}
+padding-left:0;white-space:normal}th{font-weight:600;vertical-align:bottom}
+th[colspan]{text-align:center}td:has(+.line),th:has(+.line){padding-right:.7rem}
 .line{border-left:1px solid #d5d5d5}p{margin:.3rem 0}.note{color:#555;font-size:.9rem}
 .small{font-size:.86rem;color:#555}ul{margin:.2rem 0;padding:0;list-style:none;
 columns:3 15rem;column-gap:1.6rem}li{display:flex;justify-content:space-between;
@@ -58,7 +58,7 @@ type, with what was assumed below; 95 % bounds in brackets.</p>
 <td>{{ percent(held[view]["healthy called unknown"]) }}</td>{% endfor %}<td></td></tr>
 <tr><td>acceptance records called unknown</td>
 <td>{{ unknown }} of {{ v.records|length }}</td><td></td><td>{{ most_unknown }} %</td></tr>
-{% if held.fleet["strangers told"] %}<tr><td>of all sizes of what is no fault of these
+{% if held.fleet["strangers told"] %}<tr><td>what is no fault of these, of any size
 (weak magnets, one resistance, ...) called unknown</td>{% for view, _ in views %}
 <td>{{ percent(held[view]["strangers told"], 0) }}</td>{% endfor %}<td></td></tr>{% endif %}
 </table></div>
