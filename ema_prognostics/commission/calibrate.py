@@ -32,9 +32,8 @@ from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
 
 PRIORS: dict[str, float] = {
-    "motor.dynamic_friction": 0.4, "motor.static_friction": 0.2, "motor.viscous_friction": 0.7,
-    "surface.dynamic_friction": 0.4, "surface.static_friction": 0.2, "shaft.stiffness": 0.3,
-    "shaft.damping": 0.5, "shaft.backlash": 0.5, "motor.inertia": 0.15,
+    "motor.dynamic_friction": 0.4, "motor.viscous_friction": 0.7, "surface.dynamic_friction": 0.4,
+    "shaft.stiffness": 0.3, "shaft.damping": 0.5, "shaft.backlash": 0.5, "motor.inertia": 0.15,
     "motor.back_emf_constant": 0.05, "motor.phase_resistance": 0.1,
     "motor.phase_inductance": 0.15, "control.position_gain": 0.1, "control.speed_limit": 0.01,
     "control.proportional_gain": 0.1, "control.integral_gain": 0.2, "inverter.hysteresis": 0.1,
@@ -43,7 +42,8 @@ PRIORS: dict[str, float] = {
 }
 """Standard deviation of what a description says: of the logarithm, of latencies in periods. A
 data sheet gives motor constants within their tolerance; friction and stiffness are assumed. Static
-friction varies beside the dynamic one, which moves both."""
+over dynamic friction stays as described: it acts only where the motor sticks, so no slope tells
+it, and what other laws of friction leave was taken for it."""
 UNTOLD = 0.75
 """Part of the prior that is left where the records tell next to nothing of a parameter."""
 TOLERANCE_OF = {
@@ -51,7 +51,6 @@ TOLERANCE_OF = {
     "back_emf": ("motor.back_emf_constant",), "flat_top": ("motor.flat_top",),
     "motor_friction": ("motor.dynamic_friction",),
     "surface_friction": ("surface.dynamic_friction",),
-    "static_ratio": ("motor.static_friction", "surface.static_friction"),
     "viscous_factor": ("motor.viscous_friction",), "inertia": ("motor.inertia",),
     "stiffness": ("shaft.stiffness",), "damping": ("shaft.damping",),
     "backlash": ("shaft.backlash",), "hysteresis": ("inverter.hysteresis",),
@@ -134,8 +133,6 @@ def changed(actuator: Actuator, name: str, step: float) -> Actuator:
     elif field == "dynamic_friction":
         part = part._replace(dynamic_friction=value * factor,
                              static_friction=part.static_friction * factor)
-    elif field == "static_friction":
-        part = part._replace(static_friction=max(value * factor, part.dynamic_friction))
     else:
         part = part._replace(**{field: value * factor})
     return actuator._replace(**{section: part})
