@@ -186,9 +186,7 @@ def test_ctrl_c_in_the_middle_is_one_line(tmp_path):
         out, err = process.communicate(timeout=120)
     finally:
         process.kill()
-    assert process.returncode == 130
-    assert out == ""
-    assert err == "ema: interrupted\n"
+    assert (process.returncode, out, err) == (130, "", "ema: interrupted\n")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["long.yaml"]
 
 
