@@ -190,7 +190,7 @@ class Cascade:
             guard, known = self.guard.scores(u, kind, exact=exact)
         strange = Strange(np.zeros(len(x)), ("",) * len(x), np.ones(len(x)))
         if self._strangers is not None and self.guard is not None and exact:
-            strange = self._strangers([self.guard.residuals(one) for one in turned], kind)
+            strange = self._strangers(self.guard.bounded(turned), kind)
             known = np.minimum(known, probability_known(strange.rate))
         found = []
         for row, outputs in enumerate(outputs_of):

@@ -7,10 +7,11 @@ ideal machine and recorder have none of (errors, scatter, noise, rounding) is ju
 side only: a record better than expected is not suspicious for it.
 
 Strangers, which befall actuators and are no fault of the classes, are told by matched filters on
-what is left when the guard has taken off what a fault of any size explains. A small shift of many
-of these residuals is hard to see in the scatter of known records, unless they are weighted by its
-inverse covariance (R. A. Fisher, Ann. Eugenics 7 (1936) 179). A filter for each kind needs only
-its mean direction, which few examples give; a network would have to learn the covariance too.
+the inputs. A small shift of many of these is hard to see in the scatter of known records, unless
+they are weighted by its inverse covariance (R. A. Fisher, Ann. Eugenics 7 (1936) 179). It is
+another one where a fault is found, of which the size is not known, so each kind of stranger has a
+filter for each of `KINDS_FOUND`. A filter needs only a mean direction, which few examples give; a
+network would have to learn the covariance too.
 """
 
 from __future__ import annotations
@@ -74,8 +75,8 @@ BEYOND, MOST_BEYOND = 0.5, 1.0
 seen, where what is expected of the features is but a continuation; and the most of it."""
 BESIDE_OWN = 1.25
 """Bound of the scores without the baseline, where there is one and its guard judges too."""
-STRANGER_RATE = 0.003
-"""Part of the known records of which a stranger may be said: a tenth of what may be unknown."""
+STRANGER_RATE = 0.01
+"""Part of the known records of which a stranger may be said: a third of what may be unknown."""
 SQUEEZE, GROUP_SQUEEZE = 3.0, 8.0
 """Scaled residual beyond which a single feature adds little to the distance of all, of a group."""
 
@@ -193,6 +194,10 @@ class Guard:
         outside = np.maximum(self.seen[:, 0] - there, there - self.seen[:, 1])
         return 1.0 + np.clip(BEYOND * outside.max(axis=1, initial=0.0), 0.0, MOST_BEYOND)
 
+    def bounded(self, turned: list[np.ndarray]) -> list[np.ndarray]:
+        """Return squashed inputs, as seen from each phase, less where limits grow."""
+        return [u / self.beyond(u)[:, None] for u in turned]
+
     def scores(
         self, u: np.ndarray, kind: np.ndarray, *, exact: bool = True
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -262,18 +267,19 @@ class StrangerFilters:
     def __init__(self, part: StrangersPart) -> None:
         """Keep the weights as arrays."""
         self._kinds = tuple(part.filters)
-        self._weights = np.array([one.weights for one in part.filters.values()]).T
+        self._weights = np.array([one.weights for one in part.filters.values()])
         self._turned = np.array([one.turns == 3 for one in part.filters.values()])
         self._limits = np.array([one.limits for one in part.filters.values()])
 
-    def outputs(self, turned: list[np.ndarray]) -> np.ndarray:
+    def outputs(self, turned: list[np.ndarray], found: int) -> np.ndarray:
         """Return the size of each filter's output, shape (n, kinds), from any phase.
 
         Parameters
         ----------
-        turned : of ndarray, shape (n, m). The guard's residuals as seen from each phase.
+        turned : of ndarray, shape (n, d). Squashed inputs as seen from each phase.
+        found : in the records, of `KINDS_FOUND`.
         """
-        size = np.abs([squeeze(z, GROUP_SQUEEZE) @ self._weights for z in turned])
+        size = np.abs([z @ self._weights[:, found].T for z in turned])
         return np.where(self._turned, size.max(axis=0), size[0])
 
     def __call__(self, turned: list[np.ndarray], kind: np.ndarray) -> Strange:
@@ -284,7 +290,10 @@ class StrangerFilters:
         turned : as in `outputs`.
         kind : ndarray of int, shape (n,). What is found in each, of `KINDS_FOUND`.
         """
-        ratio = self.outputs(turned) / self._limits[:, kind].T
+        ratio = np.empty((len(kind), len(self._kinds)))
+        for k in np.unique(kind):
+            mine = kind == k
+            ratio[mine] = self.outputs([z[mine] for z in turned], k) / self._limits[:, k]
         best = ratio.argmax(axis=1)
         score = ratio[np.arange(len(ratio)), best]
         return Strange(score, tuple(self._kinds[k] for k in best), STRANGER_RATE ** (score**2))

@@ -267,15 +267,15 @@ class GuardPart(Part):
 
 
 class FilterPart(Part):
-    """A filter for one kind of stranger, see `strangers`."""
+    """The filters for one kind of stranger, see `guard`: one for each of `KINDS_FOUND`."""
 
-    weights: Vector
-    """Of the guard's residuals; the filter's variance over known records is 1."""
+    weights: Annotated[Matrix, Field(min_length=len(KINDS_FOUND), max_length=len(KINDS_FOUND))]
+    """Of the squashed inputs; a filter's variance over known records is 1."""
     turns: Literal[1, 3]
     """3: it may be of any phase, so the record is looked at from each."""
     limits: Annotated[list[Positive], Field(
         min_length=len(KINDS_FOUND), max_length=len(KINDS_FOUND))]
-    """Largest usual size of the filter's output, by what is found, as `classes.KINDS_FOUND`."""
+    """Largest usual size of each filter's output."""
 
 
 class StrangersPart(Part):
@@ -312,10 +312,9 @@ class ViewPart(Part):
         for part in (self.lines, self.absolute_lines):
             if part is not None and len(part.weight) != len(speeds):
                 raise ValueError("the filters of the lines do not fit the features")
-        checked = 0 if self.guard is None else len(self.guard.checked)
         if self.strangers is not None and any(
-                len(one.weights) != checked for one in self.strangers.filters.values()):
-            raise ValueError("a filter of the strangers does not fit the guard")
+                len(row) != d for one in self.strangers.filters.values() for row in one.weights):
+            raise ValueError("a filter of the strangers does not fit the inputs")
         if self.guard is not None and not {*self.guard.drivers, *self.guard.checked} <= {
                 *input_names(self.names)}:
             raise ValueError("the guard names inputs that the view does not have")

@@ -88,8 +88,8 @@ def test_filters_tell_as_much_as_the_best_linear_detector() -> None:
     strange = known(150) + np.array([
         np.concatenate([np.roll(row[:6], 2 * one.phase), row[6:]])
         for row, one in zip(of_phase_a, what)])
-    part = train_strangers(turned, known(4000), strange, what, known(4000), known(4000),
-                           np.arange(4000) % len(KINDS_FOUND))
+    part = train_strangers(turned, known(4000), np.arange(4000) % len(KINDS_FOUND), strange, what,
+                           known(4000), known(4000), np.arange(4000) % len(KINDS_FOUND))
     assert part is not None
     assert {name: one.turns for name, one in part.filters.items()} == {
         "phase_resistance": 3, "sag": 1}
@@ -99,15 +99,39 @@ def test_filters_tell_as_much_as_the_best_linear_detector() -> None:
         STRANGER_RATE, abs=0.002)
     healthy = turned(known(20_000))[0]
     for name, one in part.filters.items():
-        weights = np.array(one.weights)
-        distance = weights @ shift[name] / (healthy @ weights).std()
         best = np.linalg.norm(np.linalg.solve(root, shift[name]))
-        assert 0.95 * best < distance < 1.02 * best
+        for weights in np.array(one.weights):
+            distance = weights @ shift[name] / (healthy @ weights).std()
+            assert 0.95 * best < distance < 1.02 * best
     for phase in range(3):
         moved = -2.5 * np.concatenate([np.roll(shift["phase_resistance"][:6], 2 * phase), [0, 0]])
         found = filters(turned(0.1 * known(50) + moved), kind[:50])
         assert set(found.kind) == {"phase_resistance"}
         assert (found.score > 1.0).all()
+
+
+def test_where_a_fault_is_found_its_size_is_left_out() -> None:
+    """A fault of any size scatters along its own direction: there no stranger can be told."""
+    rng = np.random.default_rng(9)
+    fault, stranger = np.array([0.0, 0, 0, 0, 0, 0, 1, 1]), np.array([0.0, 0, 0, 0, 0, 0, 2, 1])
+
+    def records(kind: np.ndarray) -> np.ndarray:
+        size = 20.0 * rng.uniform(size=(len(kind), 1)) * (kind[:, None] == 2)
+        return rng.standard_normal((len(kind), 8)) + size * fault
+
+    kind = np.repeat(np.arange(len(KINDS_FOUND)), 2000)
+    strange = rng.standard_normal((60, 8)) + 3.0 * stranger
+    part = train_strangers(turned, records(kind), kind, strange, [Stranger("sag")] * 60,
+                           records(np.zeros(4000, dtype=int)), records(kind), kind)
+    assert part is not None
+    healthy, mechanical = np.array(part.filters["sag"].weights)[[0, 2]]
+    assert abs(mechanical @ fault) < 0.05 * abs(mechanical @ stranger)
+    assert healthy @ fault > 0.5 * healthy @ stranger  # nothing is found: it is told in full
+    filters = StrangerFilters(part)
+    both = turned(records(kind) + 12.0 * stranger)
+    assert (filters(both, kind).score > 1.0).mean() > 0.99
+    known = filters(turned(records(kind)), kind).score > 1.0
+    assert known.mean() < 2.0 * STRANGER_RATE
 
 
 def shifted(fleet: FleetFeatures, name: str, by: float) -> FleetFeatures:
