@@ -185,9 +185,9 @@ def train_view(
     )
     judge = build_guard(part, guard)
     strange = None if strangers is None else train_strangers(
-        lambda rows: judge.bounded([inputs(rotate(rows, names, k)) for k in range(3)]), xs,
-        kind_found(ys), view_inputs(strangers, view)[1], [s for s in strangers.strangers if s is not None],
-        sound, x[~fit], kind_found(y[~fit]))
+        lambda rows: judge.bounded([inputs(rotate(rows, names, k)) for k in range(3)]),
+        xs, kind_found(ys), view_inputs(strangers, view)[1],
+        [s for s in strangers.strangers if s is not None], sound, x[~fit], kind_found(y[~fit]))
     part = part.model_copy(update={"strangers": strange})
     sure = [f.healthy for f in Cascade(part).find(sound)]
     doubt = -tail_quantile(-np.array(sure), min(DOUBT, sum(rates.values())))
