@@ -291,7 +291,7 @@ class StrangerFilters:
         kind : ndarray of int, shape (n,). What is found in each, of `KINDS_FOUND`.
         """
         ratio = np.empty((len(kind), len(self._kinds)))
-        for k in np.unique(kind):
+        for k in set(kind.tolist()):
             mine = kind == k
             ratio[mine] = self.outputs([z[mine] for z in turned], k) / self._limits[:, k]
         best = ratio.argmax(axis=1)
