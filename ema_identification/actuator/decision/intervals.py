@@ -1,7 +1,7 @@
 """Intervals of what was named: its coordinates and the unit's numbers, with a covariance.
 
 A fit gives one point; how far off it may be, the simulator tells. Runs of the named model are
-drawn over all that it may be (first the whole bands, then twice the spread that those leave), a
+drawn over all that it may be (first the whole bands, then thrice the spread that those leave), a
 plane through them gives mean and slopes, and what they leave of it the noise: that of repeats and
 of all that is not straight, measured where the law is (statistical linearisation: Garcia-Fernandez
 et al., IEEE Trans. Signal Process. 63, 2015). No slope is taken from where no law is.
@@ -27,7 +27,7 @@ QUANTILE = 1.645
 DRAWS = 400
 RUNS, ROUNDS, WIDER = 5, 2, 3.0
 """Budget: runs of a round, a coordinate; rounds; spread of the later ones, of what the one before
-leaves."""
+leaves: with so few runs, slopes over twice it drown in noise."""
 LAW_SPREAD, UNKNOWN_SPREAD, FAR = 0.3, 0.3, 10.0
 """Spread of the first round about a law, of its size, or where the library does not know the
 coordinate; beyond so many of it the law is not expected."""
