@@ -24,7 +24,7 @@ from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence, stages_of
 from ema_identification.actuator.decision.fit import TestedUnit
@@ -91,7 +91,7 @@ def p_nothing(score: Sequence[float], healthy: np.ndarray) -> float:
 
 def share_of(as_rare: int, units: int) -> float:
     """Return the largest share that is compatible, with `SURE`, with so many of `units`."""
-    return float(beta.ppf(SURE, as_rare + 1, units - as_rare)) if as_rare < units else 1.0
+    return float(betaincinv(as_rare + 1, units - as_rare, SURE)) if as_rare < units else 1.0
 
 
 class _Decision:
@@ -185,7 +185,7 @@ class _Decision:
         alone = bool(singles) and self.explains(singles[0])
         for one in singles[:1 if alone else PAIRED]:
             more = linear_gains(self.unit, one, self.white, self.signatures)
-            more += ripples(self.unit, one, self.white, self.without)
+            more += ripples(self.unit, one, self.white, (*self.without, *one.names))
             better = [p for p in sorted(more, key=lambda p: p.cost)
                       if p.signature.variant.effect not in one.names and not (
                           alone and rank(gain_of(one.cost, p.cost, self.unit.size),

@@ -20,12 +20,7 @@ from functools import partial
 import numpy as np
 from scipy.linalg import cholesky
 
-from ema_identification.actuator.decision.fleet import (
-    OF_DAY,
-    SIZE,
-    conditions_of,
-    fleet_features,
-)
+from ema_identification.actuator.decision.fleet import OF_DAY, SIZE, conditions_of, fleet_features
 from ema_identification.actuator.decision.slopes import (
     bounded_least_squares,
     law_slopes,
@@ -86,6 +81,8 @@ class TestedUnit:
     simulator: Callable[..., np.ndarray] = fleet_features
     record: Record | None = None
     _whiteners: dict[tuple[int, bytes], Whitener] = field(
+        init=False, repr=False, compare=False, default_factory=dict)
+    _runs: dict[tuple[Effects, bytes, int], np.ndarray] = field(
         init=False, repr=False, compare=False, default_factory=dict)
 
     @property
@@ -172,8 +169,11 @@ class TestedUnit:
 
         def one(job: tuple[Effects, np.ndarray, int]) -> np.ndarray:
             effects, z, seed = job
-            return self.simulator(library.model, library.spread, library.fmap, z,
-                                  self.conditions, seed, effects)
+            key = effects, z.tobytes(), seed
+            if key not in self._runs:  # a descent may begin where another one ended
+                self._runs[key] = self.simulator(library.model, library.spread, library.fmap, z,
+                                                 self.conditions, seed, effects)
+            return self._runs[key]
 
         # Compiled code leaves the interpreter's lock: two threads work nearly as two processes.
         with ThreadPoolExecutor(self.workers) as pool:

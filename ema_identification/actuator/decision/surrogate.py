@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from sklearn.covariance import ledoit_wolf_shrinkage
 
 from ema_identification.actuator.decision.fleet import (
     SIZE,
@@ -125,6 +124,15 @@ class NoiseLaw:
                         correlation=self.correlation)
 
 
+def shrunk(x: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the covariance of rows about zero, times 1 - s, and s (Ledoit and Wolf 2004)."""
+    found = x.T @ x / len(x)
+    power = float((found**2).sum())
+    error = (((x**2).sum(axis=1) ** 2).mean() - power) / len(x)
+    share = min(max(error / max(power - np.trace(found) ** 2 / len(found), 1e-300), 0.0), 1.0)
+    return (1.0 - share) * found, share
+
+
 def noise_law(rest: np.ndarray, noise: np.ndarray, floor: np.ndarray) -> NoiseLaw:
     """Return the law of residuals of many records.
 
@@ -141,8 +149,7 @@ def noise_law(rest: np.ndarray, noise: np.ndarray, floor: np.ndarray) -> NoiseLa
     quiet = np.maximum(quiet, floor)
     x = bent(rest / np.sqrt(quiet + slope * noise[:, None] ** 2))
     x /= np.maximum(np.sqrt((x**2).mean(axis=0)), 1e-9)  # a feature may be constant
-    share = float(ledoit_wolf_shrinkage(x, assume_centered=True))
-    correlation = (1.0 - share) * (x.T @ x) / len(x)
+    correlation, _ = shrunk(x)
     np.fill_diagonal(correlation, 1.0)
     return NoiseLaw(quiet=quiet, noisy=slope, correlation=correlation)
 
