@@ -128,8 +128,9 @@ def shrunk(x: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the covariance of rows about zero, times 1 - s, and s (Ledoit and Wolf 2004)."""
     found = x.T @ x / len(x)
     power = float((found**2).sum())
-    error = (((x**2).sum(axis=1) ** 2).mean() - power) / len(x)
-    share = min(max(error / max(power - np.trace(found) ** 2 / len(found), 1e-300), 0.0), 1.0)
+    apart = max(power - float(np.trace(found)) ** 2 / len(found), 0.0)  # from a multiple of one
+    error = (float(((x**2).sum(axis=1) ** 2).mean()) - power) / len(x)
+    share = min(max(error, 0.0), apart) / max(apart, 1e-300)
     return (1.0 - share) * found, share
 
 

@@ -6,6 +6,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
+from sklearn.covariance import ledoit_wolf_shrinkage
 
 from ema_identification.__main__ import main
 from ema_identification.actuator.decision import fit, library
@@ -36,6 +37,7 @@ from ema_identification.actuator.decision.surrogate import (
     fit_mean,
     flattening,
     noise_law,
+    shrunk,
 )
 from ema_identification.actuator.measure.features import feature_map
 from ema_identification.actuator.measure.runs import spread_out
@@ -248,6 +250,16 @@ def test_law_of_the_noise_is_found():
     assert law.noisy[1] == pytest.approx(1.0, rel=0.15)
     assert law.quiet[1] < 0.15
     assert np.isfinite(law.covariance(1.0)).all()
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(400, 6), (60, 90), (40, 1)])
+def test_shrinkage_is_that_of_scikit_learn(rows, columns):
+    rng = np.random.default_rng(rows)
+    x = rng.normal(size=(rows, columns)) @ rng.normal(size=(columns, columns))
+    expected = ledoit_wolf_shrinkage(x, assume_centered=True)
+    covariance, share = shrunk(x)
+    assert share == pytest.approx(expected, rel=1e-9, abs=1e-12)
+    assert covariance == pytest.approx((1.0 - share) * (x.T @ x) / rows, rel=1e-9)
 
 
 def test_large_residuals_count_by_their_logarithm():
