@@ -125,7 +125,10 @@ class NoiseLaw:
 
 
 def shrunk(x: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the covariance of rows about zero, times 1 - s, and s (Ledoit and Wolf 2004)."""
+    """Return the covariance of rows about zero, times 1 - s, and s (Ledoit and Wolf 2004).
+
+    As scikit-learn's, which takes longer to load than a record without an effect to judge.
+    """
     found = x.T @ x / len(x)
     power = float((found**2).sum())
     apart = max(power - float(np.trace(found)) ** 2 / len(found), 0.0)  # from a multiple of one
