@@ -26,7 +26,7 @@ from ema_prognostics.cascade.guard_groups import group_columns
 from ema_prognostics.cascade.inputs import SURFACE, input_names
 from ema_prognostics.cascade.lines import DERIVED
 from ema_prognostics.cascade.model_body import GuardPart, LimitPart, StrangersPart, ViewPart
-from ema_prognostics.features.vector import ABSOLUTE
+from ema_prognostics.features.vector import ABSOLUTE, SWINGS
 from ema_prognostics.networks.network import Network
 
 RECORDER = ("noise_speed", "noise_current_least", "position_step", "speed_step")
@@ -39,10 +39,10 @@ DRIVERS = (*(f"quarter_even_m{h}_" for h in (1, 2, 3, 4)), "torque_quarter", "ga
 STEP_DRIVERS = (*(f"full_even_m{h}_" for h in (1, 2, 3, 4)), "torque_", "temp", "bus_voltage",
                 "speed_full", *RECORDER)
 """Features that faults move, and `ALONE`."""
-NOT_CHECKED = ("gap_width_difference", "overshoot", "dry_torque")
-"""The peak of the speed depends on what the supply can still drive at full speed, and grows
-tenfold where that is little: a low bus, a hot winding. Inertia and rise time tell the rest. The
-dry torque is made of other torques."""
+NOT_CHECKED = ("gap_width_difference", "overshoot", "dry_torque", *SWINGS.values())
+"""A unit that swings is no stranger. The peak of the speed depends on what the supply
+can still drive at full speed, and grows tenfold where that is little: a low bus, a hot winding.
+Inertia and rise time tell the rest. The dry torque is made of other torques."""
 FLOOR = 0.02
 """Least scatter, in the squashed unit."""
 
@@ -75,8 +75,8 @@ BEYOND, MOST_BEYOND = 0.5, 1.0
 seen, where what is expected of the features is but a continuation; and the most of it."""
 BESIDE_OWN = 1.25
 """Bound of the scores without the baseline, where there is one and its guard judges too."""
-STRANGER_RATE = 0.01
-"""Part of the known records of which a stranger may be said: a third of what may be unknown."""
+STRANGER_RATE = 0.004
+"""Part of the known records of which a stranger may be said: as many as may be doubtful."""
 SQUEEZE, GROUP_SQUEEZE = 3.0, 8.0
 """Scaled residual beyond which a single feature adds little to the distance of all, of a group."""
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ema_prognostics.cascade.classes import scale_of
 from ema_prognostics.cascade.lines import DERIVED, NOISE, LineFilter
-from ema_prognostics.features.vector import ABSOLUTE, squash
+from ema_prognostics.features.vector import ABSOLUTE, squash, steady
 from ema_record.actuator import load_actuator
 
 SURFACE = "surface_torque"
@@ -171,6 +171,7 @@ class Inputs:
 
     def raw(self, x: np.ndarray) -> np.ndarray:
         """Return all inputs in their units, shape (n, inputs), of features `x`."""
+        x = steady(self.names, x, self.center[:len(self.names)])
         return derive(self.names, x, self._lines, self._absolute)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:

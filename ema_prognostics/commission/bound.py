@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from ema_prognostics.cascade.classes import CLASS_OF, FAULTS, OUTPUTS
+from ema_prognostics.features.vector import steady
 from ema_prognostics.training.fleet import FleetFeatures
 
 FALSE_ALARMS = 0.01
@@ -31,9 +32,11 @@ def linear_bound(faults: FleetFeatures, healthy: FleetFeatures, *, own: bool) ->
     from scipy.stats import norm
     from sklearn.covariance import ledoit_wolf
 
-    sound, rows = healthy.record, faults.record
+    names, middle = healthy.names, np.median(healthy.record, axis=0)
+    sound, rows = (steady(names, fleet.record, middle) for fleet in (healthy, faults))
     if own:
-        sound, rows = sound - healthy.baseline, rows - faults.baseline
+        sound = sound - steady(names, healthy.baseline, middle)
+        rows = rows - steady(names, faults.baseline, middle)
     center, scale = np.median(sound, axis=0), np.maximum(sound.std(axis=0), 1e-9)
     sound = (sound - center) / scale
     covariance, _ = ledoit_wolf(sound[::2])  # the others tell how far a healthy test is from it

@@ -22,6 +22,7 @@ from ema_prognostics.commission.estimate import estimate
 from ema_prognostics.commission.quality import fleet_spread
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import ProfileKind
+from ema_prognostics.features.vector import SWINGS, steady
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_record.actuator import RELAY, TRAPEZOID, Actuator
 from ema_record.errors import EmaError, UsageError
@@ -233,6 +234,8 @@ def calibrate(
     from joblib import Parallel, delayed
 
     names, rows = acceptance.features(actuator)
+    sigma = fleet_spread(names, fleet)
+    rows = steady(names, rows, np.median(fleet.both(names), axis=0))
     units = acceptance.units
     mean = np.mean([rows[units == unit].mean(axis=0) for unit in np.unique(units)], axis=0)
     profile, kind = acceptance.records[0].profile, acceptance.kind
@@ -240,8 +243,7 @@ def calibrate(
     chosen = parameters_of(actuator)
     prior = np.array([*(PRIORS[name] for name in chosen), LOAD_SPREAD])
     x, wide = np.zeros(len(prior)), prior
-    used = np.array([n not in CONDITIONS for n in names])
-    sigma = fleet_spread(names, fleet)
+    used = np.array([n not in (*CONDITIONS, *SWINGS.values()) for n in names])
     root = np.sqrt(len(np.unique(units)))
     usual = _usual(actuator, tolerances)
     least = np.array([-_value(usual, n) if n in LATENCIES else -np.inf for n in [*chosen, LOAD]])

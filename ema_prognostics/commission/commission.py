@@ -43,6 +43,7 @@ from ema_prognostics.commission.quality import (
     too_many_alarms,
 )
 from ema_prognostics.commission.report import write_report
+from ema_prognostics.features.vector import steady
 from ema_prognostics.training.evaluation import evaluate
 from ema_prognostics.training.fleet import (
     DrawFault,
@@ -216,6 +217,7 @@ class _Work:
         healthy = fleets.healthy
         (names, rows), units = self._acceptance.features(actuator), self._acceptance.units
         model, spread = expected(healthy, names, rows), fleet_spread(names, healthy)
+        rows = steady(names, rows, model)
         check_described(names, rows, model, spread)
         discrepancy = fit_discrepancy(names, rows, units, model, spread)
         self._progress("training", 0.70)

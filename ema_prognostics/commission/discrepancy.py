@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ema_prognostics.cascade.model_body import DiscrepancyPart, LimitPart, ViewPart, rounded
+from ema_prognostics.features.vector import steady
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_record.spread import left_over
 
@@ -51,7 +52,8 @@ def expected(fleet: FleetFeatures, names: list[str], rows: np.ndarray) -> np.nda
     names : of the features, (d,).
     rows : ndarray, shape (n, d). Features of the others.
     """
-    own = np.vstack([fleet.baseline, fleet.record])[:, [fleet.names.index(n) for n in names]]
+    own = fleet.both(names)
+    own = steady(names, own, np.median(own, axis=0))
     given = [k for k, n in enumerate(names) if n.startswith(CONDITIONS)]
     center = own[:, given].mean(axis=0)
     design = np.column_stack([np.ones(len(own)), own[:, given] - center])

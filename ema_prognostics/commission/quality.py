@@ -9,6 +9,7 @@ import numpy as np
 
 from ema_prognostics.cascade.find import Cascade
 from ema_prognostics.commission.discrepancy import NOT_SHIFTED, fit_discrepancy
+from ema_prognostics.features.vector import steady
 from ema_prognostics.training.evaluation import outcome_of
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_prognostics.verdict.diagnose import corrected_row
@@ -51,12 +52,12 @@ def check_described(
 
 def fleet_spread(names: list[str], fleet: FleetFeatures) -> np.ndarray:
     """Return the standard deviation of features over healthy tests, shape (d,), never 0."""
-    place = {name: k for k, name in enumerate(fleet.names)}
-    missing = [n for n in names if n not in place]
+    missing = [n for n in names if n not in fleet.names]
     if missing:
         raise UsageError(f"the records hold {missing[0]!r}, the model does not: does the "
                          "description say which channels are recorded?")
-    rows = np.vstack([fleet.baseline, fleet.record])[:, [place[n] for n in names]]
+    rows = fleet.both(names)
+    rows = steady(names, rows, np.median(rows, axis=0))
     low, high = np.quantile(rows, [0.16, 0.84], axis=0)
     return np.asarray(np.maximum.reduce([
         0.5 * (high - low), 0.5 * rows.std(axis=0), 1e-3 + 1e-3 * np.abs(rows).mean(axis=0)]))

@@ -21,6 +21,8 @@ BINS = 360
 BANDS = {"low": 12, "mid": 20, "top": 36}
 """Highest line of each band of those that no fault class excites; cogging, gear mesh and
 saturation do."""
+CELLS = 12
+"""Parts of an electrical turn in which what is not of the rotor is looked for: up to line 6."""
 DRIVEN = 0.01
 """Share of the torque of nominal friction below which the motor was driven from outside."""
 
@@ -60,6 +62,9 @@ class Balance(NamedTuple):
     """Mean speed along the sense of rotation (rad/s)."""
     high: dict[str, float]
     """Largest |m_h| of the lines `other_orders`, in each of `BANDS`; empty: not asked for."""
+    swing: float
+    """Amplitude of what is in the speed beside the mean and no turn of the rotor repeats, in
+    parts of the mean; 0 where there is but one turn."""
 
 
 def _other_lines(
@@ -79,6 +84,23 @@ def _other_lines(
     known = np.exp(1j * np.outer(angle, line_orders(pole_pairs)))
     rest = mean - weight * (low[0].real + (known @ low[1:]).real)
     return 2.0 * np.exp(-1j * np.outer(other_orders(pole_pairs), angle)) @ rest
+
+
+def _swing(turns: Turns, speed: np.ndarray, pole_pairs: int) -> float:
+    """Return `Balance.swing`: what the average over the turns of the rotor leaves."""
+    revolutions = turns.count // pole_pairs
+    if revolutions < 2:
+        return 0.0
+    travelled = np.abs(turns.theta - turns.theta[0]) * (CELLS / TURN)
+    cell = np.minimum(travelled.astype(int), CELLS * turns.count - 1)
+    covered = np.bincount(cell, turns.weight, minlength=CELLS * turns.count)
+    mean = np.bincount(cell, turns.weight * speed, minlength=len(covered)) / np.maximum(
+        covered, 1e-12)
+    drift = np.arange(len(mean)) - 0.5 * (len(mean) - 1)
+    mean -= mean.mean() + drift * (drift @ mean) / (drift @ drift)
+    rest = mean.reshape(revolutions, -1) - mean.reshape(revolutions, -1).mean(axis=0)
+    variance = float((rest**2).mean()) * revolutions / (revolutions - 1.0)
+    return float(np.sqrt(2.0 * variance) / abs(turns.weight @ speed))
 
 
 def torque_balance(
@@ -122,4 +144,5 @@ def torque_balance(
         inside = (h[HARMONICS:] > least) & (h[HARMONICS:] <= most)
         largest[band], least = float(np.abs(residual[HARMONICS:][inside]).max()), most
     return Balance(
-        residual[:HARMONICS], float(k2 * abs(mean)), float(abs(mean_speed)), largest)
+        residual[:HARMONICS], float(k2 * abs(mean)), float(abs(mean_speed)), largest,
+        _swing(turns, signal[:, 0], pairs))

@@ -28,8 +28,6 @@ UNTOLD = 0.1
 FILTERED = 1.5
 """Variance of white noise less the mean of its neighbours, over that of the noise."""
 TINY = 1e-9
-FLOOR = 0.02
-"""Delay below which all are alike (ms)."""
 
 
 def _command(signals: Signals, part: slice) -> np.ndarray:
@@ -47,6 +45,8 @@ def _command(signals: Signals, part: slice) -> np.ndarray:
 
 def control_loop(signals: Signals, windows: tuple[tuple[float, float], ...]) -> dict[str, float]:
     """Return the delay of the control, log of ms, and its gain, log of that of the model.
+
+    Delays below a period of the control are alike: a digital control acts once a period.
 
     Parameters
     ----------
@@ -78,5 +78,5 @@ def control_loop(signals: Signals, windows: tuple[tuple[float, float], ...]) -> 
     total = max(float(strength.sum()), 1e-9)
     delay = float(strength @ np.arange(lags + 1)) / total / signals.rate
     gain = np.sqrt(total) / control.proportional_gain
-    return {"control_delay": float(np.log(1e3 * delay + FLOOR)),
+    return {"control_delay": float(np.log(1e3 * (delay + control.period))),
             "control_gain": float(np.log(gain))}

@@ -14,6 +14,7 @@ import numpy as np
 
 from ema_prognostics.features.balance import Balance
 from ema_prognostics.features.signals import Signals
+from ema_prognostics.features.vector import SWING
 
 LEAST = 1e-3
 """Floor of the dry friction, part of the torque at the lowest speed."""
@@ -36,8 +37,12 @@ def dry_and_viscous(speed: Sequence[float], torque: Sequence[float]) -> tuple[fl
 def dry_friction(
     signals: Signals, balances: Mapping[str, Balance], ramps: Sequence[tuple[float, float]],
     ramp_torque: float,
-) -> dict[str, float]:
+) -> tuple[dict[str, float], dict[str, Balance]]:
     """Return the dry torque, a logarithm of N m, and what viscous friction takes at full speed.
+
+    Where the quarter-speed slew swings its mean torque lies between the dynamic and the static
+    level and is no friction at that speed: the other two speeds count, and the slew is given the
+    torque between theirs.
 
     Parameters
     ----------
@@ -45,13 +50,27 @@ def dry_friction(
     balances : of the slews ``full``, ``quarter`` and those back.
     ramps : begin and end of the slow ramps (s after the first command).
     ramp_torque : mean torque along the ramps (N m).
+
+    Returns
+    -------
+    The two features by name; the balances, with that torque.
     """
-    speed, torque = [], []
+    speed, torque, swing = [], [], []
     for name in ("full", "quarter"):
         pair = balances[name], balances[f"{name}_back"]
         speed.append(float(np.mean([b.speed for b in pair])))
         torque.append(float(np.mean([b.torque for b in pair])))
+        swing.append(max(b.swing for b in pair))
     slow = [abs(float(signals.speed[signals.between(*w)].mean())) for w in ramps]
-    dry, slope = dry_and_viscous([*speed, float(np.mean(slow))], [*torque, ramp_torque])
+    speed.append(float(np.mean(slow)))
+    torque.append(ramp_torque)
+    found = dict(balances)
+    if swing[1] > SWING >= swing[0]:
+        dry, slope = dry_and_viscous(speed[::2], torque[::2])
+        more = dry + slope * speed[1] - torque[1]
+        for name in ("quarter", "quarter_back"):
+            found[name] = found[name]._replace(torque=max(found[name].torque + more, 1e-9))
+    else:
+        dry, slope = dry_and_viscous(speed, torque)
     return {"dry_torque": float(np.log(max(dry, LEAST * ramp_torque, 1e-9))),
-            "viscous_share": slope * speed[0] / max(ramp_torque, 1e-9)}
+            "viscous_share": slope * speed[0] / max(ramp_torque, 1e-9)}, found

@@ -15,6 +15,7 @@ from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.features.reversal import LostMotion, reversal_gap
 from ema_prognostics.features.signals import Signals, prepare
 from ema_prognostics.features.start import start_features
+from ema_prognostics.features.vector import SWINGS
 from ema_prognostics.features.winding import rise, winding
 from ema_record.actuator import FOC, RELAY, Actuator
 from ema_record.channels import median
@@ -40,6 +41,7 @@ def _pair(found: dict[str, float], speed: str, ahead: Balance, back: Balance) ->
     _lines(found, f"{speed}_odd", 0.5 * (ahead.residual - back.residual))
     found[f"torque_{speed}"] = float(np.log(0.5 * (ahead.torque + back.torque)))
     found[f"load_{speed}"] = 0.5 * (ahead.torque - back.torque)
+    found[SWINGS[speed]] = max(ahead.swing, back.swing)
     for band, high in ahead.high.items():
         found[f"high_{band}_{speed}"] = float(np.log(max(high, back.high[band]) + 1e-5))
 
@@ -138,11 +140,12 @@ def extract(
     }
     found: dict[str, float] = {}
     if wide:
+        slow = _slow(signals, plan)
+        ramps = [window for window in (plan.ramp, plan.ramp_back) if window is not None]
+        dry, balances = dry_friction(signals, balances, ramps, exp(slow["torque_ramp"]))
         for speed in ("full", "quarter"):
             _pair(found, speed, balances[speed], balances[f"{speed}_back"])
-        found |= _slow(signals, plan)
-        ramps = [window for window in (plan.ramp, plan.ramp_back) if window is not None]
-        found |= dry_friction(signals, balances, ramps, exp(found["torque_ramp"]))
+        found |= slow | dry
         found["torque_full_over_quarter"] = found["torque_full"] - found["torque_quarter"]
         found["torque_quarter_over_ramp"] = found["torque_quarter"] - found["torque_ramp"]
     else:

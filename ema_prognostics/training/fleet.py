@@ -82,6 +82,11 @@ class FleetFeatures:
         """Return the number of pairs of records."""
         return len(self.record)
 
+    def both(self, names: Sequence[str]) -> np.ndarray:
+        """Return the features `names` of all records, those when new first, shape (2 n, d)."""
+        columns = [self.names.index(n) for n in names]
+        return np.vstack([self.baseline, self.record])[:, columns]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _UnitPlan:
