@@ -4,8 +4,10 @@ Of healthy tests of the type the features have covariance Σ; a stranger moves t
 fault k by a multiple of f_k. A detector that knew the stranger beforehand, and its size, could at
 best tell it by the distance d² = min over a of (s − F a)ᵀ Σ⁻¹ (s − F a), healthy alone with a = 0
 (Neyman and Pearson 1933; the faults that might be there instead are nuisance). It finds the part
-Φ(d − z(1 − 0.03)) where 3 % of the known may be called unknown. The guard knows no stranger
+Φ(d − z(1 − u)) where u of the known may be called unknown. The guard knows no stranger
 beforehand, so it finds less. Shifts are means over pairs of runs of one unit, with and without.
+Units are those of the type, as if it were known, or as commissioned, of what the records leave
+open of it.
 
     python -m benchmarks.any_actuator.strangers KIT...
 """
@@ -38,7 +40,7 @@ from ema_sim.simulate import simulate
 
 KIND, SEED = "extended", 660_000
 UNKNOWN = 0.03
-"""Part of the known records that may be called unknown."""
+"""Part of the known records that may be called unknown: the requirement."""
 LEAST_SPREAD = 1e-2
 """Floor of a feature's spread: what never varies in a simulation does in a machine."""
 STEP = 0.5
@@ -128,13 +130,15 @@ def distances(healthy: np.ndarray, shifts: np.ndarray, faults: np.ndarray,
     return np.linalg.norm(s, axis=1), np.linalg.norm(left, axis=1)
 
 
-def rows_of(kit: Path, units: int, pairs: int, jobs: int) -> list[list[str]]:
+def rows_of(kit: Path, units: int, pairs: int, jobs: int, *, commissioned: bool = False,
+            unknown: float = UNKNOWN) -> list[list[str]]:
     """Return the rows of the table for one kit."""
     with using_kit(kit):
         a, discrepancy = load_actuator(), load_model().body.discrepancy.get(KIND)
         # Of a machine of this benchmark those of its units alone, as if its type were known.
         name = kit.parent.name
-        spread = load_machine(name).spread if name in machine_names() else load_spread()
+        described = name in machine_names() and not commissioned
+        spread = load_machine(name).spread if described else load_spread()
         tolerances = spread.tolerances
     strangers, known = strangers_of(a), known_of(a)
     cases = [*strangers.values(), *known.values()]
@@ -150,7 +154,7 @@ def rows_of(kit: Path, units: int, pairs: int, jobs: int) -> list[list[str]]:
     alone, among = distances(healthy, shifts[:len(strangers)], shifts[len(strangers):], more)
     from scipy.stats import norm
 
-    limit = norm.ppf(1.0 - UNKNOWN)
+    limit = norm.ppf(1.0 - unknown)
     return [[kit.parent.name, name, *("> 99" if d > 99.0 else f"{d:.1f}" for d in both),
              *(f"{100 * norm.cdf(d - limit):.0f} %" for d in both)]
             for name, *both in zip(strangers, alone, among)]
@@ -163,6 +167,10 @@ def main() -> None:
     parser.add_argument("--units", type=int, default=500)
     parser.add_argument("--pairs", type=int, default=24)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--commissioned", action="store_true",
+                        help="units as the kit draws them, not as if the type were known")
+    parser.add_argument("--unknown", type=float, default=UNKNOWN,
+                        help="part of the known that may be called unknown")
     o = parser.parse_args()
     for kit in o.kit:
         if not (kit / CASCADE).is_file():
@@ -171,7 +179,8 @@ def main() -> None:
                        "kit", "stranger", "d, healthy", "d, known", "told, healthy",
                        "told, known")
     for kit in o.kit:
-        for row in rows_of(kit.resolve(), o.units, o.pairs, o.jobs):
+        for row in rows_of(kit.resolve(), o.units, o.pairs, o.jobs,
+                           commissioned=o.commissioned, unknown=o.unknown):
             table.add_row(*row)
     Console(width=120).print(table)
 

@@ -78,12 +78,22 @@ def swings(names: Sequence[str], x: np.ndarray) -> np.ndarray:
     return np.array(found, dtype=bool).reshape(-1, len(x)).T
 
 
+def untold(names: Sequence[str], x: np.ndarray, instead: np.ndarray) -> np.ndarray:
+    """Return which slews tell nothing of windings and rotor; arguments and shape as `steady`.
+
+    Those that swing, unless all do, or those of usual units.
+    """
+    off = swings(names, x)
+    return np.asarray(off & ~off.all(axis=1, keepdims=True) & ~swings(
+        names, np.broadcast_to(instead, x.shape)))
+
+
 def steady(names: Sequence[str], x: np.ndarray, instead: np.ndarray) -> np.ndarray:
     """Return features, shape (n, d), with `instead` where a slew that swings tells nothing.
 
     A limit cycle has lines of its own, near some of the rotor's; what they hide is not known. The
-    other slews count then, since a fault of the windings or the rotor shows in each. Where all
-    swing, or usual units do, the features stay. By how much a slew swings is no feature.
+    other slews count then, since a fault of the windings or the rotor shows in each. By how much
+    a slew swings is no feature.
 
     Parameters
     ----------
@@ -92,9 +102,7 @@ def steady(names: Sequence[str], x: np.ndarray, instead: np.ndarray) -> np.ndarr
     instead : ndarray, shape (d,) or (n, d). What is expected of a healthy unit.
     """
     instead = np.broadcast_to(instead, x.shape)
-    off = swings(names, x)
-    off &= ~off.all(axis=1, keepdims=True) & ~swings(names, instead)
-    out = x.copy()
+    off, out = untold(names, x, instead), x.copy()
     for k, speed in enumerate(s for s, name in SWINGS.items() if name in names):
         columns = np.array([disturbed(name, speed) for name in names])
         place = off[:, k, None] & columns

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_prognostics.cascade.inputs import Inputs
-from ema_prognostics.features.vector import ABSOLUTE
+from ema_prognostics.features.vector import ABSOLUTE, untold
 from ema_prognostics.verdict.verdict import Symptom
 from ema_prognostics.words import feature_words
 
@@ -77,6 +77,12 @@ class Measured(NamedTuple):
     """What they take, shape (d,); with a baseline the differences, then the features."""
     fleet: Inputs
     """Of those of the type, without a baseline."""
+
+    @property
+    def swings(self) -> bool:
+        """Whether a slew swings, so that it does not count."""
+        names = self.inputs.names
+        return bool(untold(names, self.x[None], self.inputs.center[:len(names)]).any())
 
     def evidence(self, place: int, z: np.ndarray) -> Symptom:
         """Return the evidence of the input at `place`; `z`: all in healthy spreads."""

@@ -82,6 +82,10 @@ GREASE_CAVEAT = (
     "one speed does not tell dry friction from grease that is twice as stiff: only the extended "
     "profile rules a growth of the friction out"
 )
+SWING_CAVEAT = (
+    "a slew swings by itself (stick-slip of the surface), so what it says of windings and rotor "
+    "does not count: shorts and eccentricities are found later than in a steady unit"
+)
 SAME_LINES = {
     "rotor_eccentricity": (
         "a rotor off centre in a fixed direction (static eccentricity), along the axis of that "
@@ -151,8 +155,9 @@ def verdict_of_detection(
     probabilities = detection.class_probability
     if detection.doubtful:
         return _doubt(measured, probabilities, small=bool((detection.margin > 0.0).any()))
+    swing = [SWING_CAVEAT] if measured.swings else []
     if not detection.outputs:
-        reasons = ["no feature lies outside what the healthy fleet shows"]
+        reasons = ["no feature lies outside what the healthy fleet shows", *swing]
         if kind == "step":
             reasons += [GAP_CAVEAT, GREASE_CAVEAT]
         return Verdict(
@@ -181,7 +186,7 @@ def verdict_of_detection(
         alternatives = ("rotor_eccentricity",)
     elif static and "turn_short" not in named:
         alternatives = ("turn_short",)
-    reasons += [SAME_LINES[name] for name in alternatives]
+    reasons += [*(SAME_LINES[name] for name in alternatives), *swing]
     return Verdict(
         outcome="fault", faults=tuple(faults), reasons=tuple(reasons),
         probabilities=probabilities, alternatives=alternatives, side=side,
