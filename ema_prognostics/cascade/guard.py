@@ -183,10 +183,14 @@ class Guard:
     seen: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
 
     def residuals(self, u: np.ndarray) -> np.ndarray:
-        """Return the scaled residuals, shape (n, m), of squashed inputs, shape (n, d)."""
-        x = u[:, self.drivers]
-        z = (u[:, self.checked] - self.mean(x)) / (np.exp(self.scale(x)) + FLOOR)
-        return np.where(self.signed, z, np.maximum(z, 0.0)) / self.beyond(u)[:, None]
+        """Return the scaled residuals, shape (n, m), of squashed inputs, shape (n, d).
+
+        What is exactly a healthy unit's was not measured (`vector.steady`) and is not judged.
+        """
+        x, checked = u[:, self.drivers], u[:, self.checked]
+        z = (checked - self.mean(x)) / (np.exp(self.scale(x)) + FLOOR)
+        z = np.where(self.signed, z, np.maximum(z, 0.0)) / self.beyond(u)[:, None]
+        return np.where(checked == 0.0, 0.0, z)
 
     def beyond(self, u: np.ndarray) -> np.ndarray:
         """Return by what the limits grow, shape (n,): 1 within the measured conditions seen."""

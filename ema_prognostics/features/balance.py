@@ -7,6 +7,7 @@ residual when the actuator turns round; what the speed sensor makes up changes i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from ema_prognostics.features.signals import Signals
 from ema_prognostics.features.turns import TURN, Turns, rotor_lines, whole_turns
+from ema_record.channels import TIME
 from ema_record.errors import IncompleteRecordError
 
 HARMONICS = 6
@@ -23,6 +25,11 @@ BANDS = {"low": 12, "mid": 20, "top": 36}
 saturation do."""
 CELLS = 12
 """Parts of an electrical turn in which what is not of the rotor is looked for: up to line 6."""
+LOWEST = 0.3
+"""Least multiple of the electrical frequency of a limit cycle that is sought."""
+SWING = 0.01
+"""Part of its speed from which a slew swings: steady ones of seven machines do by 0.001 to 0.003,
+limit cycles (stick-slip of the surface on the shaft) by 0.015 to 0.2."""
 DRIVEN = 0.01
 """Share of the torque of nominal friction below which the motor was driven from outside."""
 
@@ -64,7 +71,9 @@ class Balance(NamedTuple):
     """Largest |m_h| of the lines `other_orders`, in each of `BANDS`; empty: not asked for."""
     swing: float
     """Amplitude of what is in the speed beside the mean and no turn of the rotor repeats, in
-    parts of the mean; 0 where there is but one turn."""
+    parts of the mean, of the median turn; 0 where the rotor made but one."""
+    told: np.ndarray
+    """Which lines are measured, bool, shape (6,): those that no limit cycle falls onto."""
 
 
 def _other_lines(
@@ -86,11 +95,8 @@ def _other_lines(
     return 2.0 * np.exp(-1j * np.outer(other_orders(pole_pairs), angle)) @ rest
 
 
-def _swing(turns: Turns, speed: np.ndarray, pole_pairs: int) -> float:
-    """Return `Balance.swing`: what the average over the turns of the rotor leaves."""
-    revolutions = turns.count // pole_pairs
-    if revolutions < 2:
-        return 0.0
+def _cells(turns: Turns, speed: np.ndarray, pole_pairs: int) -> np.ndarray:
+    """Return what no turn of the rotor repeats of the speed, shape (turns, CELLS) (rad/s)."""
     travelled = np.abs(turns.theta - turns.theta[0]) * (CELLS / TURN)
     cell = np.minimum(travelled.astype(int), CELLS * turns.count - 1)
     covered = np.bincount(cell, turns.weight, minlength=CELLS * turns.count)
@@ -98,9 +104,62 @@ def _swing(turns: Turns, speed: np.ndarray, pole_pairs: int) -> float:
         covered, 1e-12)
     drift = np.arange(len(mean)) - 0.5 * (len(mean) - 1)
     mean -= mean.mean() + drift * (drift @ mean) / (drift @ drift)
-    rest = mean.reshape(revolutions, -1) - mean.reshape(revolutions, -1).mean(axis=0)
-    variance = float((rest**2).mean()) * revolutions / (revolutions - 1.0)
-    return float(np.sqrt(2.0 * variance) / abs(turns.weight @ speed))
+    revolutions = mean.reshape(turns.count // pole_pairs, -1)
+    rest = revolutions - revolutions.mean(axis=0)
+    return np.asarray(rest.reshape(turns.count, CELLS) * np.sqrt(
+        len(revolutions) / max(len(revolutions) - 1.0, 1.0)))
+
+
+def _without_cycle(
+    turns: Turns, signal: np.ndarray, orders: Sequence[float], pole_pairs: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return a signal without what a limit cycle makes of it, see `Balance`.
+
+    A slew may swing: static friction and a soft shaft make a limit cycle, whose frequency is not
+    the rotor's. Its fundamental, sought where the speed is off the mean over the turns of the
+    rotor, and its overtones are fitted together with the rotor's lines and taken off. A line that
+    an overtone falls onto is not told from it.
+
+    Returns
+    -------
+    The signal, shape (n, m); which lines are told, bool, shape (lines,); `Balance.swing`.
+    """
+    speed, told = signal[:, 0], np.ones(len(orders), dtype=bool)
+    rest = _cells(turns, speed, pole_pairs)
+    # The median turn: a single jolt is no limit cycle.
+    swing = float(np.sqrt(2.0 * np.median((rest**2).mean(axis=1))) / abs(turns.weight @ speed))
+    if swing <= SWING:
+        return signal, told, swing
+    time = turns.samples[:, TIME] - turns.samples[0, TIME]
+    length = 8 * rest.size
+    power = np.abs(np.fft.rfft(rest.ravel() * np.hanning(rest.size), length))
+    order = np.arange(len(power)) * (CELLS / length)
+    power[(order < LOWEST) | (order > HARMONICS)] = 0.0
+    away = turns.weight * (speed - turns.weight @ speed)
+
+    def lower(order: float) -> float:
+        return -abs(complex(away @ np.exp(-1j * TURN * turns.frequency * order * time)))
+
+    from scipy.optimize import minimize_scalar  # not for steady records: `ema check` is quick
+
+    found, half = float(order[np.argmax(power)]), 1.0 / turns.count
+    found = float(minimize_scalar(lower, bounds=(found - half, found + half),
+                                  method="bounded").x)
+    columns = []
+    for k in range(1, int(HARMONICS / found) + 1):
+        near = np.abs(np.asarray(orders) - k * found) < half
+        told &= ~near
+        if not near.any():
+            wave = np.exp(1j * TURN * turns.frequency * k * found * time)
+            columns += [wave.real, wave.imag]
+    if not columns:
+        return signal, told, swing
+    waves = np.exp(1j * np.outer(orders, turns.theta))
+    drift = np.linspace(-1.0, 1.0, len(time))
+    design = np.vstack([columns, np.ones_like(drift), drift, waves.real, waves.imag])
+    weighted = design * turns.weight
+    fit = np.linalg.lstsq(weighted @ design.T, weighted @ signal, rcond=None)[0]
+    return signal - np.array(columns).T @ fit[:len(columns)], told, swing
 
 
 def torque_balance(
@@ -125,6 +184,7 @@ def torque_balance(
     turns = replace(turns, theta=turns.theta + TURN * before)
     signal = np.column_stack([signals.speed[part], signals.torque_current[part]])
     orders = line_orders(pairs)
+    signal, told, swing = _without_cycle(turns, signal, orders, pairs)
     lines = rotor_lines(turns, signal, orders)
     h = np.array(orders)
     if high:
@@ -145,4 +205,4 @@ def torque_balance(
         largest[band], least = float(np.abs(residual[HARMONICS:][inside]).max()), most
     return Balance(
         residual[:HARMONICS], float(k2 * abs(mean)), float(abs(mean_speed)), largest,
-        _swing(turns, signal[:, 0], pairs))
+        swing, told)

@@ -37,8 +37,9 @@ def _lines(found: dict[str, float], name: str, residual: np.ndarray) -> None:
 
 def _pair(found: dict[str, float], speed: str, ahead: Balance, back: Balance) -> None:
     """Add what a pair of slews, forward and back, tells."""
-    _lines(found, f"{speed}_even", 0.5 * (ahead.residual + back.residual))
-    _lines(found, f"{speed}_odd", 0.5 * (ahead.residual - back.residual))
+    told = ahead.told & back.told  # a line that is not says nothing, as in a healthy unit
+    _lines(found, f"{speed}_even", 0.5 * told * (ahead.residual + back.residual))
+    _lines(found, f"{speed}_odd", 0.5 * told * (ahead.residual - back.residual))
     found[f"torque_{speed}"] = float(np.log(0.5 * (ahead.torque + back.torque)))
     found[f"load_{speed}"] = 0.5 * (ahead.torque - back.torque)
     found[SWINGS[speed]] = max(ahead.swing, back.swing)
@@ -149,7 +150,7 @@ def extract(
         found["torque_full_over_quarter"] = found["torque_full"] - found["torque_quarter"]
         found["torque_quarter_over_ramp"] = found["torque_quarter"] - found["torque_ramp"]
     else:
-        _lines(found, "full_even", balances["full"].residual)
+        _lines(found, "full_even", balances["full"].told * balances["full"].residual)
         found["torque_full"] = float(np.log(balances["full"].torque))
         for band, high in balances["full"].high.items():
             found[f"high_{band}_full"] = float(np.log(high + 1e-5))

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ema_prognostics.features.balance import SWING
 from ema_record.actuator import load_actuator
 
 ABSOLUTE = "absolute_"
 """Marks a feature itself beside its difference to the baseline."""
 SWINGS = {speed: f"swing_{speed}" for speed in ("quarter", "full")}
 """Feature that says how much a slew swings by itself, see `balance.Balance`."""
-SWING = 0.01
-"""Of its speed, from which a slew swings: steady ones of seven machines do by 0.001 to 0.003,
-limit cycles (stick-slip of the surface on the shaft) by 0.015 to 0.2."""
 START = "start_position"
 START_TOLERANCE = 0.6
 """How far from its start a test may begin, of the wind-up under static friction, which holds the
@@ -54,12 +52,11 @@ def start_allowed(x: np.ndarray, names: Sequence[str]) -> np.ndarray:
 
 
 def disturbed(name: str, speed: str) -> bool:
-    """Whether a limit cycle in a slew makes a feature something else: lines, scatter, rise."""
+    """Whether a limit cycle in a slew makes a feature something else: scatter, rise, agreement."""
     bare = name.removeprefix(ABSOLUTE)
-    return bare.startswith((f"{speed}_even", f"{speed}_odd")) or (
-        bare.startswith(("high_", "position_rms_", "speed_rms_", "torque_rms_", "rise_",
-                         "speed_over_angle_", "position_over_angle_"))
-        and bare.endswith((speed, f"{speed}_back")))
+    return bare.startswith(("position_rms_", "speed_rms_", "torque_rms_", "rise_",
+                            "speed_over_angle_", "position_over_angle_")) and bare.endswith(
+                                (speed, f"{speed}_back"))
 
 
 def swings(names: Sequence[str], x: np.ndarray) -> np.ndarray:
@@ -79,7 +76,7 @@ def swings(names: Sequence[str], x: np.ndarray) -> np.ndarray:
 
 
 def untold(names: Sequence[str], x: np.ndarray, instead: np.ndarray) -> np.ndarray:
-    """Return which slews tell nothing of windings and rotor; arguments and shape as `steady`.
+    """Return which slews tell nothing of the sensors; arguments and shape as `steady`.
 
     Those that swing, unless all do, or those of usual units.
     """
@@ -91,9 +88,8 @@ def untold(names: Sequence[str], x: np.ndarray, instead: np.ndarray) -> np.ndarr
 def steady(names: Sequence[str], x: np.ndarray, instead: np.ndarray) -> np.ndarray:
     """Return features, shape (n, d), with `instead` where a slew that swings tells nothing.
 
-    A limit cycle has lines of its own, near some of the rotor's; what they hide is not known. The
-    other slews count then, since a fault of the windings or the rotor shows in each. By how much
-    a slew swings is no feature.
+    What a limit cycle makes of scatter and agreement of the sensors is not theirs. By how much a
+    slew swings is no feature.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -29,7 +29,7 @@ from ema_prognostics.features.vector import (
     differences,
     rotate,
     start_allowed,
-    swings,
+    steady,
 )
 from ema_prognostics.networks.fitting import MEMBERS, as_classifier, fit_classifier, fit_regressor
 from ema_prognostics.networks.network import Network, logit
@@ -56,8 +56,6 @@ DOUBT = 0.004
 of all families together may be announced."""
 LEAST_SPREAD, LEAST_SIZE_SPREAD = 1e-3, 0.25
 """Floor of a feature's spread, in its own unit; of sizes that are logarithms."""
-FEWEST = 50
-"""Steady tests that the filters of the lines are made of, else all."""
 HELD_BACK = 5
 """One unit in this many calibrates instead of training."""
 
@@ -149,7 +147,7 @@ def train_view(
         reference = np.vstack([reference, extra])
     else:
         itself = differences(accepted, accepted)
-    reference = without_swings(names, reference)
+    reference = steady(names, reference, np.median(reference, axis=0))
     lines, absolute = _filters(names, reference, x[fit], y[fit], view)
     raw = derive(names, reference, lines, absolute)
     least = np.where([n.removeprefix(ABSOLUTE).startswith(LOG_SIZES) for n in input_names(names)],
@@ -196,12 +194,6 @@ def train_view(
     sure = [f.healthy for f in Cascade(part).find(sound)]
     doubt = -tail_quantile(-np.array(sure), min(DOUBT, sum(rates.values())))
     return part.model_copy(update={"doubt": float(np.clip(float(f"{doubt:.6g}"), 0.0, 1.0))})
-
-
-def without_swings(names: Sequence[str], x: np.ndarray) -> np.ndarray:
-    """Return the rows of features, shape (n, d), whose slews are steady; all where few are."""
-    still = ~swings(names, x).any(axis=1)
-    return x[still] if np.count_nonzero(still) >= FEWEST else x
 
 
 class TrainingRecords(NamedTuple):
@@ -335,9 +327,6 @@ def _filters(
     rows = [one & (y[:, k] > 0.0) for k in range(3)]
     shorted = np.vstack([rotate(x[r], names, k) for k, r in enumerate(rows)])
     fraction = np.concatenate([y[r, k] for k, r in enumerate(rows)])
-    still = ~swings(names, shorted).any(axis=1)
-    if np.count_nonzero(still) >= FEWEST:
-        shorted, fraction = shorted[still], fraction[still]
     lines = LinePart.of(fit_line_filter(names, healthy, shorted, fraction)).build()
     if view == "fleet":
         return lines, None

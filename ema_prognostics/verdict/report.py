@@ -83,8 +83,8 @@ GREASE_CAVEAT = (
     "profile rules a growth of the friction out"
 )
 SWING_CAVEAT = (
-    "a slew swings by itself (stick-slip of the surface), so what it says of windings and rotor "
-    "does not count: shorts and eccentricities are found later than in a steady unit"
+    "a slew swings by itself (the surface sticks and slips): the limit cycle was taken off what "
+    "counts of it"
 )
 SAME_LINES = {
     "rotor_eccentricity": (
