@@ -337,11 +337,9 @@ class TestedUnit:
             for t in terms)])
         lower = np.append(np.maximum(low - u, -reach), -1.0 - z)
         upper = np.append(np.minimum(high - u, reach), 1.0 - z)
-        curve = np.sqrt(damping * ((columns**2).sum(axis=0) + weight))
         return bounded_least_squares(
-            np.vstack([columns, np.diag(curve)]), np.append(target, np.zeros(len(curve))),
-            np.minimum(lower, -1e-9), np.maximum(upper, 1e-9), weight,
-            np.append(u, z - self.centre))
+            columns, target, np.minimum(lower, -1e-9), np.maximum(upper, 1e-9), weight,
+            np.append(u, z - self.centre), damping)
 
 
 def _sizes(terms: Sequence[EffectTerm]) -> np.ndarray:
