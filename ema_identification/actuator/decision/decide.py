@@ -39,7 +39,7 @@ from ema_identification.actuator.decision.proposals import (
     selectable,
     sized,
 )
-from ema_identification.actuator.decision.surrogate import SETTLED_RUNS
+from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS
 from ema_identification.actuator.laws.terms import LawFit, LawGap, moved
 from ema_identification.actuator.measure.runs import Progress, silent
 from ema_identification.result import after_validation

@@ -20,18 +20,18 @@ from functools import partial
 import numpy as np
 from scipy.linalg import cholesky
 
-from ema_identification.actuator.decision.fleet import OF_DAY, SIZE, conditions_of, fleet_features
 from ema_identification.actuator.decision.slopes import (
     bounded_least_squares,
     law_slopes,
     simulated_slopes,
 )
-from ema_identification.actuator.decision.surrogate import (
+from ema_identification.actuator.fleet.surrogate import (
     FleetLibrary,
     Whitener,
     least_size,
     mended,
 )
+from ema_identification.actuator.fleet.units import OF_DAY, SIZE, conditions_of, fleet_features
 from ema_identification.actuator.laws.terms import (
     EffectTerm,
     LawFit,

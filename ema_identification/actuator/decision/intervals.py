@@ -16,7 +16,7 @@ from scipy.linalg import cho_factor, cho_solve, cholesky
 
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.slopes import bounded_least_squares
-from ema_identification.actuator.decision.surrogate import BEND, shrunk
+from ema_identification.actuator.fleet.surrogate import BEND, shrunk
 from ema_identification.actuator.laws.terms import LawFit, Posterior, bounds, coordinates, moved
 from ema_identification.result import Parameter
 from ema_sim.effects import EFFECTS

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.surrogate import Whitener, worst
+from ema_identification.actuator.fleet.surrogate import Whitener, worst
 from ema_identification.actuator.laws.catalogue import Signature, Variant, ripple
 from ema_identification.actuator.laws.terms import EffectTerm, LawFit
 

@@ -291,7 +291,8 @@ def _moving(signals: DriveSignals, segment: MotionSegment, actuator: Actuator) -
     if turns_planned * signals.pole_pairs >= LEAST_TURNS:
         yield from _locked(signals, segment, part, actuator)
     if turns_planned >= LEAST_TURNS and signals.pole_pairs > 1:
-        yield from rotor_lines(signals, part, actuator)
+        yield from rotor_lines(
+            signals.theta, signals.torque_current, signals.speed, part, actuator)
 
 
 LEAST_TURNS = 1.2

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ema_identification.actuator.measure.signals import TURN, DriveSignals
 from ema_record.actuator import Actuator
+from ema_sim.machine import TURN
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -141,20 +141,20 @@ def _folded(
 
 
 def rotor_lines(
-    signals: DriveSignals, part: slice, actuator: Actuator
+    theta: np.ndarray, current: np.ndarray, speed: np.ndarray, part: slice, actuator: Actuator
 ) -> Iterator[tuple[dict[str, tuple[str, str]], list[float]]]:
     """Yield signal and abscissa by key, and values, of each line that is not an electrical one.
 
     Eccentricity and run-out come once a turn and beside the windings' even lines (as
     `ema_prognostics.features.balance` has them), the teeth of a wheel at any whole number.
     """
-    pairs = signals.pole_pairs
+    pairs = actuator.motor.pole_pairs
     orders = [h for h in (*range(1, 2 * pairs + 2), 4 * pairs - 1, 4 * pairs + 1) if h % pairs]
-    turns = turns_of(signals.theta / pairs, part)
+    turns = turns_of(theta / pairs, part)
     if turns is None:
         found = np.zeros((4 * pairs + 2, 2), dtype=complex)
     else:
-        stack = np.column_stack([signals.torque_current[turns.part], signals.speed[turns.part]])
+        stack = np.column_stack([current[turns.part], speed[turns.part]])
         found = lines(turns, stack, 4 * pairs + 1)
     accelerating = 1j * np.arange(len(found)) * actuator.motor.inertia * found[0, 1].real
     torque = 2.0 * actuator.motor.back_emf_constant * found[:, 0] - accelerating * found[:, 1]

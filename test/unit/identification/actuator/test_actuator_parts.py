@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from ema_identification.actuator.decision.gap import worst
 from ema_identification.actuator.decision.slopes import bounded_least_squares
+from ema_identification.actuator.gap import worst
 from ema_identification.actuator.laws.catalogue import Signature, variants
 from ema_identification.actuator.laws.signatures import stacked
 from ema_identification.actuator.laws.terms import EffectTerm, choices_of
@@ -134,7 +134,7 @@ def test_the_cache_keeps_arrays_and_forgets_damage(tmp_path, monkeypatch):
 
 
 def test_the_key_follows_the_model_and_the_numerical_packages(monkeypatch):
-    module = "ema_identification.actuator.decision.library"
+    module = "ema_identification.actuator.library.build"
     first = cache.key_of("model", module=module)
     assert first == cache.key_of("model", module=module)
     assert first != cache.key_of("other", module=module)
@@ -206,7 +206,7 @@ def test_a_measured_temperature_is_used_beside_another_magnet_coefficient():
 
 
 def test_a_library_depends_on_the_catalogue_and_not_on_the_report():
-    found = sources_of("ema_identification.actuator.decision.library")
+    found = sources_of("ema_identification.actuator.library.build")
     assert {f"ema_identification.actuator.{name}" for name in (
         "laws.catalogue", "laws.signatures", "decision.proposals")} <= set(found)
     assert "ema_sim.effects.turn_short" in found

@@ -9,8 +9,18 @@ import pytest
 from sklearn.covariance import ledoit_wolf_shrinkage
 
 from ema_identification.__main__ import main
-from ema_identification.actuator.decision import fit, library
-from ema_identification.actuator.decision.fleet import (
+from ema_identification.actuator.decision import fit
+from ema_identification.actuator.fleet.surrogate import (
+    FleetLibrary,
+    NoiseLaw,
+    bent,
+    design,
+    fit_mean,
+    flattening,
+    noise_law,
+    shrunk,
+)
+from ema_identification.actuator.fleet.units import (
     FULL,
     NAMES,
     SIZE,
@@ -21,23 +31,14 @@ from ema_identification.actuator.decision.fleet import (
     fleet_runs,
     fleet_unit,
 )
-from ema_identification.actuator.decision.gap import HeldOut
-from ema_identification.actuator.decision.library import (
+from ema_identification.actuator.gap import HeldOut
+from ema_identification.actuator.library import build as library_build
+from ema_identification.actuator.library.build import (
     agrees,
     as_arrays,
     from_arrays,
     probed,
     title,
-)
-from ema_identification.actuator.decision.surrogate import (
-    FleetLibrary,
-    NoiseLaw,
-    bent,
-    design,
-    fit_mean,
-    flattening,
-    noise_law,
-    shrunk,
 )
 from ema_identification.actuator.measure.features import feature_map
 from ema_identification.actuator.measure.runs import spread_out
@@ -129,10 +130,10 @@ def test_the_shipped_library_is_of_this_code(shipped):
 
 def test_units_set_aside_are_ranked_alike_by_any_number_of_workers(shipped):
     known, _ = shipped
-    alone, shared = (np.concatenate(spread_out(partial(library._ranked, known), [(0, 3), (3, 5)],
-                                               workers=n)) for n in (1, 2))
+    alone, shared = (np.concatenate(spread_out(
+        partial(library_build._ranked, known), [(0, 3), (3, 5)], workers=n)) for n in (1, 2))
     assert np.array_equal(alone, shared)
-    assert alone == pytest.approx(known.healthy[:5], rel=library.SAME[1])
+    assert alone == pytest.approx(known.healthy[:5], rel=library_build.SAME[1])
 
 
 def test_the_shipped_gaps_are_of_the_shipped_libraries(tmp_path, monkeypatch):
@@ -182,11 +183,11 @@ def test_a_damaged_library_is_made_anew(damage, tmp_path, monkeypatch):
         kept = dict(array_cache.load(path.stem, path.parent))
         damage(kept)
         array_cache.save(path.stem, kept, tmp_path)
-    monkeypatch.setattr(library, "kit_path", lambda _: tmp_path)
-    monkeypatch.setattr(library, "_built", built)
+    monkeypatch.setattr(library_build, "kit_path", lambda _: tmp_path)
+    monkeypatch.setattr(library_build, "_built", built)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     with pytest.raises(MadeAnewError):
-        library.fleet_library(load_model_file(), load_profile("step"))
+        library_build.fleet_library(load_model_file(), load_profile("step"))
 
 
 def test_conditions_of_healthy_units_are_those_that_their_records_tell():

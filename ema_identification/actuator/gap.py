@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
-from ema_identification.actuator.decision.fleet import OF_DAY, SIZE
-from ema_identification.actuator.decision.joint import kept_of
-from ema_identification.actuator.decision.surrogate import worst
+from ema_identification.actuator.fleet.kept import kept_of
+from ema_identification.actuator.fleet.surrogate import worst
+from ema_identification.actuator.fleet.units import OF_DAY, SIZE
 from ema_identification.actuator.laws.terms import LawFit, LawGap
 
 RUNS = 8
