@@ -176,10 +176,11 @@ def with_baselines(
     return replace(plain, healthy=found["healthy"]), float(found["apart"])
 
 
-def _pairs(library: FleetLibrary, rows: np.ndarray) -> list[ChangedUnit]:
-    """Return healthy units on another day beside themselves, without `apart`."""
+def _pairs(library: FleetLibrary, rows: np.ndarray, part: slice) -> list[ChangedUnit]:
+    """Return some of the healthy units on another day beside themselves, without `apart`."""
     found = []
-    for row, given, values in zip(rows, *library.aside):
+    conditions, features = library.aside
+    for row, given, values in zip(rows[part], conditions[part], features[part]):
         if np.isfinite(row).all() and np.isfinite(values).all():
             later, before = (
                 TestedUnit(library=library, values=y, conditions=conditions_of(c))
@@ -191,9 +192,8 @@ def _pairs(library: FleetLibrary, rows: np.ndarray) -> list[ChangedUnit]:
 def _ranked(library: FleetLibrary, rows: np.ndarray, apart: float, first: int, last: int
             ) -> np.ndarray:
     """Return the scores of some of the units, shape (n, 3)."""
-    aside = tuple(part[first:last] for part in library.aside)
     with threadpool_limits(limits=1):
-        units = _pairs(replace(library, aside=aside), rows[first:last])
+        units = _pairs(library, rows, slice(first, last))
         found = [healthy_scores(replace(unit, apart=apart)) for unit in units]
     return np.array(found).reshape(-1, 3)
 
@@ -201,8 +201,7 @@ def _ranked(library: FleetLibrary, rows: np.ndarray, apart: float, first: int, l
 def _judged(
     library: FleetLibrary, rows: np.ndarray, progress: Progress, workers: int = 1
 ) -> dict[str, np.ndarray]:
-    every = slice(None, None, 10)
-    some = _pairs(replace(library, aside=tuple(x[every] for x in library.aside)), rows[every])
+    some = _pairs(library, rows, slice(None, None, 10))
 
     def excess(apart: float) -> float:
         tried = [replace(unit, apart=apart) for unit in some]

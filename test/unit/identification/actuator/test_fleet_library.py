@@ -10,6 +10,8 @@ from sklearn.covariance import ledoit_wolf_shrinkage
 
 from ema_identification.__main__ import main
 from ema_identification.actuator.decision import fit
+from ema_identification.actuator.decision.joint import joint_unit
+from ema_identification.actuator.decision.proposals import healthy_scores
 from ema_identification.actuator.fleet.surrogate import (
     FleetLibrary,
     NoiseLaw,
@@ -33,6 +35,7 @@ from ema_identification.actuator.fleet.units import (
 )
 from ema_identification.actuator.gap import HeldOut
 from ema_identification.actuator.library import build as library_build
+from ema_identification.actuator.library.baseline import with_baselines
 from ema_identification.actuator.library.build import (
     agrees,
     as_arrays,
@@ -136,8 +139,8 @@ def test_units_set_aside_are_ranked_alike_by_any_number_of_workers(shipped):
     assert alone == pytest.approx(known.healthy[:5], rel=library_build.SAME[1])
 
 
-def test_the_shipped_gaps_are_of_the_shipped_libraries(tmp_path, monkeypatch):
-    """The first use of a held-out record need not fit all healthy units anew."""
+def test_what_is_shipped_of_healthy_units_is_of_the_shipped_libraries(tmp_path, monkeypatch):
+    """The first use of held-out, accepted or several records need not fit them all anew."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     units = []
     for path in sorted((shipped_kit() / LIBRARY).glob("library_*.npz")):
@@ -152,7 +155,13 @@ def test_the_shipped_gaps_are_of_the_shipped_libraries(tmp_path, monkeypatch):
     for held, fitted in permutations(units, 2):
         gaps = HeldOut(unit=held, fitted=fitted).healthy
         assert len(gaps) == FULL.set_aside and 1.0 < np.median(gaps) < 4.0
-    assert not list(tmp_path.rglob("gaps*"))  # python -m ema_identification step extended
+        both = joint_unit([held, fitted], healthy_scores).library
+        assert both.healthy.shape == (FULL.set_aside, 3)
+    for unit in units:
+        changed, apart = with_baselines(unit.library, FULL)
+        assert changed.healthy.shape == (FULL.set_aside, 3) and 0.0 < apart < 2.0
+    made = [path.name for path in tmp_path.rglob("*.npz") if not path.name.startswith("agreed_")]
+    assert made == []  # python -m ema_identification step extended
 
 
 def test_a_library_of_another_model_test_or_code_has_another_name(shipped):
