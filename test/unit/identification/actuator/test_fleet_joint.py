@@ -125,7 +125,7 @@ def test_what_healthy_units_leave_is_kept_and_judged_by_the_first_ones(
     def kept(factor=1.0, folder=None):
         asked.clear()
         rows = kept_module.kept_of(libraries, "gaps1", [1.0, 2.0, 3.0, 4.0, 5.0],
-                                    lambda x: scored(x, factor), folder)
+                                   lambda x: scored(x, factor), folder)
         return rows[:, 0].tolist(), len(asked)
 
     assert kept(folder=tmp_path / "kit") == ([1.0, 2.0, 3.0, 4.0, 5.0], 5)
