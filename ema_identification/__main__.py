@@ -1,8 +1,9 @@
 """Make libraries of `ema identify` for the present kit: ``python -m ema_identification TEST...``.
 
-They are put into the kit's folder, in place of those of the same tests, with the gaps that
-healthy units leave on each test when another one was fitted. So the shipped ones are made:
-``python -m ema_identification step extended``, some minutes of one core.
+They are put into the kit's folder, in place of those of the same tests, with what healthy units
+leave beside their own earlier records, on two tests together, and on each test when another one
+was fitted. So the shipped ones are made: ``python -m ema_identification step extended``, some
+minutes of one core.
 """
 
 from __future__ import annotations
@@ -13,9 +14,12 @@ from itertools import permutations
 from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.fleet import conditions_of
-from ema_identification.actuator.decision.gap import HeldOut
-from ema_identification.actuator.decision.library import fleet_library
+from ema_identification.actuator.decision.joint import joint_unit
+from ema_identification.actuator.decision.proposals import healthy_scores
+from ema_identification.actuator.fleet.units import FULL, conditions_of
+from ema_identification.actuator.gap import HeldOut
+from ema_identification.actuator.library.baseline import with_baselines
+from ema_identification.actuator.library.build import fleet_library
 from ema_record import array_cache as cache
 from ema_record.errors import EmaError
 from ema_record.kit import LIBRARY, kit_path
@@ -46,10 +50,14 @@ def main() -> None:
                     path.unlink()
             row, values = (known[0] for known in library.aside)
             units.append(TestedUnit(library=library, values=values, conditions=conditions_of(row)))
-        for path in folder.glob("gaps*.npz"):
+        for path in (path for what in ("changed", "gaps", "joint")
+                     for path in folder.glob(f"{what}*.npz")):
             path.unlink()
-        for held, fitted in permutations(units, 2):
-            HeldOut(unit=held, fitted=fitted).kept(folder)
+        for unit in units:
+            with_baselines(unit.library, FULL, workers=given.workers, folder=folder)
+        for first, second in permutations(units, 2):
+            HeldOut(unit=first, fitted=second).kept(folder)
+            joint_unit([first, second], healthy_scores, folder)
 
 
 if __name__ == "__main__":

@@ -95,8 +95,8 @@ def build_library(
     """
     from threadpoolctl import threadpool_limits
 
-    from ema_identification.actuator.decision.acceptance import keep_acceptance
-    from ema_identification.actuator.decision.library import fleet_library
+    from ema_identification.actuator.library.acceptance import keep_acceptance
+    from ema_identification.actuator.library.build import fleet_library
     from ema_identification.actuator.measure.features import nominal_rate
     from ema_identification.actuator.measure.recorder import recorded_alike
     from ema_identification.actuator.measure.runs import silent

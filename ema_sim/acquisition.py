@@ -101,7 +101,10 @@ class SensorNoise:
 
     def inside(self, n: int) -> np.ndarray:
         """Return noise of speed (rad/s) and position (rad), shape (n, 2), one a period."""
-        return self._inside.take((n, 2)) * self._inside_sigma
+        found = self._inside.take((n, 2)).copy()
+        found[:, 0] *= self._inside_sigma[0]
+        found[:, 1] *= self._inside_sigma[1]
+        return found
 
     def currents(self, n: int) -> np.ndarray:
         """Return noise of the phase currents, shape (n, 3) (A), a sample each."""

@@ -13,7 +13,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from benchmarks.decisions.units import HiddenUnit
-from ema_identification.actuator.decision.library import fleet_library
+from ema_identification.actuator.library.build import fleet_library
 from ema_identification.identify import identify
 from ema_identification.result import Identification
 from ema_record.kit import ACTUATOR, LIBRARY, PROFILES, using_kit

@@ -19,7 +19,7 @@ from benchmarks.any_actuator.machines import FOLDER
 from benchmarks.any_actuator.records import record_of
 from benchmarks.any_actuator.units import draw_test
 from benchmarks.blind_panel.truth.hidden import HIDEABLE, draw_effect, draw_pair
-from ema_identification.actuator.decision.fleet import (
+from ema_identification.actuator.fleet.units import (
     OF_DAY,
     UNLISTED,
     draw_fleet_conditions,

@@ -8,10 +8,11 @@ import numpy as np
 
 from ema_identification.actuator.decision.answer import FleetAnswer
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.fleet import SIZE, fleet_record
+from ema_identification.actuator.fleet.units import SIZE, fleet_record
 from ema_identification.actuator.laws.terms import LawFit, LawGap, with_terms
 from ema_identification.actuator.measure.features import FeatureMap
-from ema_identification.actuator.measure.signals import TURN, DriveSignals, drive_signals, turns_of
+from ema_identification.actuator.measure.lines import turns_of
+from ema_identification.actuator.measure.signals import TURN, DriveSignals, drive_signals
 from ema_identification.actuator.residuals import residual_of
 from ema_identification.result import Curve, Panel
 from ema_record.errors import InvalidRecordError, SimulationError

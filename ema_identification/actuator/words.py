@@ -8,12 +8,12 @@ import numpy as np
 
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence, order_of
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.fleet import deviations
 from ema_identification.actuator.decision.intervals import (
     QUANTILE,
     parameters_of,
     posterior_of,
 )
+from ema_identification.actuator.fleet.units import deviations
 from ema_identification.actuator.laws.terms import LawFit, LawGap, Posterior, choices_of
 from ema_identification.actuator.measure.control_law import ControlLaw
 from ema_identification.actuator.residuals import (

@@ -9,24 +9,24 @@ from dataclasses import replace
 from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.checks import check_records
-from ema_identification.actuator.decision.acceptance import with_acceptance
 from ema_identification.actuator.decision.answer import FleetAnswer, stages_of
-from ema_identification.actuator.decision.baseline import changed_unit, with_baselines
 from ema_identification.actuator.decision.decide import decide
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.fleet import FULL, SIZE, LibrarySizes, fleet_unit
-from ema_identification.actuator.decision.gap import HeldOut, fitted_gap
 from ema_identification.actuator.decision.joint import joint_unit
-from ema_identification.actuator.decision.library import fleet_library
-from ema_identification.actuator.decision.next_test import separating_test
 from ema_identification.actuator.decision.proposals import healthy_scores
+from ema_identification.actuator.fleet.units import FULL, SIZE, LibrarySizes, fleet_unit
+from ema_identification.actuator.gap import HeldOut, fitted_gap
 from ema_identification.actuator.laws.terms import LawFit, with_terms
+from ema_identification.actuator.library.acceptance import with_acceptance
+from ema_identification.actuator.library.baseline import changed_unit, with_baselines
+from ema_identification.actuator.library.build import fleet_library
 from ema_identification.actuator.measure.control_law import control_law
 from ema_identification.actuator.measure.features import nominal_rate
 from ema_identification.actuator.measure.recorder import recorded_alike, whole
 from ema_identification.actuator.measure.runs import Progress, silent
 from ema_identification.actuator.measure.tolerances import RecordConditions, align
 from ema_identification.actuator.model_file import model_file_text
+from ema_identification.actuator.next_test import separating_test
 from ema_identification.actuator.panels import panels_of, record_of
 from ema_identification.actuator.ports import unknown_shape
 from ema_identification.actuator.residuals import groups_of, residual_of

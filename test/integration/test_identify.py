@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from ema_cli.main import build_app, run
 from ema_identification.actuator import workflow
-from ema_identification.actuator.decision.fleet import LibrarySizes
+from ema_identification.actuator.fleet.units import LibrarySizes
 from ema_identification.actuator.laws import signatures
 from ema_identification.actuator.laws.catalogue import variants
 from ema_identification.identify import identify

@@ -1,1 +1,1 @@
-"""From a record to a name: healthy fleet, likelihood, proposals, decision."""
+"""From a record to a name: likelihood, fits, proposals, evidence, intervals."""

@@ -9,7 +9,7 @@
    independent numbers of a record. This is the likelihood of a scale that is not known, with the
    price of Schwarz (1978) on each coordinate.
 3. A model *explains* if its cost is usual among healthy units; each law in it must have a gain
-   of its own beyond the useless ones'. The answer is the smallest set of names with `COVERED` of
+   of its own beyond the useless ones'. The answer is the smallest set of names with `SURE` of
    the evidence, the simplest model in it; more than `LARGEST_SET`, or no model that explains, is
    unknown.
 4. What is named is measured anew, by runs over all that it may be (`intervals`).
@@ -39,26 +39,22 @@ from ema_identification.actuator.decision.proposals import (
     selectable,
     sized,
 )
-from ema_identification.actuator.decision.surrogate import SETTLED_RUNS
-from ema_identification.actuator.laws.terms import LawFit, LawGap, moved
+from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS
+from ema_identification.actuator.laws.terms import SURE, LawFit, LawGap, moved
 from ema_identification.actuator.measure.runs import Progress, silent
 from ema_identification.result import after_validation
 
 LEVEL = 0.01
 """Requirement: names on nothing, at most 1 %. Of every test."""
-SURE = 0.95
-"""Statistic: confidence that the units set aside prove the level."""
-COVERED = 0.95
-"""Requirement: evidence that a set of names holds."""
 LARGEST_SET = 3
 """Requirement: more names are no answer."""
-SCREENED, PROPOSED, SECONDS, PAIRED, TESTED = 16, 6, 3, 3, 2
-"""Budget: laws fitted on the library; with the simulator; second laws fitted beside one; first
-laws that get a second; pairs whose laws are each fitted alone."""
-ROUNDS = ((2, 4, 4), (4, 3, 3))
+SCREENED, PROPOSED, FEW = 16, 6, 3
+"""Budget: laws fitted on the library; with the simulator; first laws that get a second, second
+ones fitted beside each, pairs whose laws are each fitted alone."""
+ROUNDS = ((SETTLED_RUNS // 4, 4, 4), (SETTLED_RUNS // 2, FEW, FEW))
 """Budget: runs, steps, and how many go on."""
-FURTHER, FALL = 6, 0.1
-"""Budget: most steps of the best models where none explains, while each lowers the cost by this
+FALL = 0.1
+"""Budget: where none explains the best models take steps while each lowers the cost by this
 share: one that is still on its way is not judged."""
 
 
@@ -143,7 +139,7 @@ class _Decision:
         return min(fit, self._refitted(replace(fit, z=self.unit.centre)), key=lambda f: f.cost)
 
     def _refitted(self, fit: LawFit) -> LawFit:
-        there = self.unit.refitted(fit, self.before, runs=ROUNDS[-1][0], steps=FURTHER, fall=FALL)
+        there = self.unit.refitted(fit, self.before, runs=ROUNDS[-1][0], fall=FALL)
         return self.unit.settled(there, self.before, SETTLED_RUNS)
 
     def measured(self, answer: FleetAnswer) -> FleetAnswer:
@@ -183,14 +179,14 @@ class _Decision:
         """
         found: list[LawFit] = []
         alone = bool(singles) and self.explains(singles[0])
-        for one in singles[:1 if alone else PAIRED]:
+        for one in singles[:1 if alone else FEW]:
             more = linear_gains(self.unit, one, self.white, self.signatures)
             more += ripples(self.unit, one, self.white, (*self.without, *one.names))
             better = [p for p in sorted(more, key=lambda p: p.cost)
                       if p.signature.variant.effect not in one.names and not (
                           alone and rank(gain_of(one.cost, p.cost, self.unit.size),
                                          self.library.healthy[:, 1]) > LEVEL)]
-            found += self.screened(_alternating((better,), SECONDS), one)
+            found += self.screened(_alternating((better,), FEW), one)
         found.sort(key=lambda f: f.cost)
         return self.fitted(found[:PROPOSED]) if found else []
 
@@ -288,7 +284,7 @@ def _named(case: _Decision, answer: FleetAnswer, explaining: list[LawFit]) -> Fl
         (fit, (case.p_own(fit, case.null.cost),), (case.null,))
         for fit in explaining if len(fit.terms) == 1]
     best = max((case.evidence(f) for f, *_ in tested), default=-np.inf)
-    for pair in [f for f in explaining if len(f.terms) == 2 and case.evidence(f) > best][:TESTED]:
+    for pair in [f for f in explaining if len(f.terms) == 2 and case.evidence(f) > best][:FEW]:
         less = tuple(case.each_alone(pair, answer.fits)[::-1])  # of each law, without it
         tested.append((pair, tuple(case.p_own(pair, f.cost) for f in less), less))
         tested += [(f, (case.p_own(f, case.null.cost),), (case.null,))
@@ -304,7 +300,7 @@ def _named(case: _Decision, answer: FleetAnswer, explaining: list[LawFit]) -> Fl
         weights[key] = max(weights.get(key, 0.0), float(np.exp(case.evidence(fit) - top)))
     ordered = sorted(weights, key=lambda k: -weights[k])
     share = np.cumsum([weights[k] for k in ordered]) / sum(weights.values())
-    kept = ordered[:int(np.searchsorted(share, COVERED)) + 1]
+    kept = ordered[:int(np.searchsorted(share, SURE)) + 1]
     chosen, p_value, less = min(  # a second law only where the evidence rules one alone out
         (row for row in good if frozenset(row[0].names) in kept),
         key=lambda row: (len(row[0].terms), -case.evidence(row[0])))

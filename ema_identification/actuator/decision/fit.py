@@ -15,23 +15,23 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 from scipy.linalg import cholesky
 
-from ema_identification.actuator.decision.fleet import OF_DAY, SIZE, conditions_of, fleet_features
 from ema_identification.actuator.decision.slopes import (
     bounded_least_squares,
     law_slopes,
     simulated_slopes,
 )
-from ema_identification.actuator.decision.surrogate import (
+from ema_identification.actuator.fleet.surrogate import (
     FleetLibrary,
     Whitener,
     least_size,
     mended,
 )
+from ema_identification.actuator.fleet.units import OF_DAY, SIZE, conditions_of, fleet_features
 from ema_identification.actuator.laws.terms import (
     EffectTerm,
     LawFit,
@@ -53,6 +53,12 @@ QUADRATIC_STEPS, DAMPINGS, STEP_DAMPINGS = 20, 4, (0.0, 0.03, 0.3, 3.0)
 """Most steps of a descent without runs, dampings tried a step; those tried on runs."""
 LOUDEST = 4.0
 """Noise factor up to which the law of the noise is believed."""
+
+
+@cache
+def _threads(workers: int) -> ThreadPoolExecutor:
+    """Return threads, which live on, each with its room; two work nearly as two processes."""
+    return ThreadPoolExecutor(workers)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,9 +181,7 @@ class TestedUnit:
                                                  self.conditions, seed, effects)
             return self._runs[key]
 
-        # Compiled code leaves the interpreter's lock: two threads work nearly as two processes.
-        with ThreadPoolExecutor(self.workers) as pool:
-            rows = np.array(list(pool.map(one, jobs)))
+        rows = np.array(list(_threads(self.workers).map(one, jobs)))
         left = 0.0 if library.left is None else library.left.mean
         return list(rows.reshape(len(models), runs, -1).mean(axis=1) + left)
 
@@ -267,8 +271,8 @@ class TestedUnit:
         mean = self.run(fit.terms, fit.z, runs)
         if not np.isfinite(mean).all():
             return replace(fit, cost=np.inf)
-        own = law_slopes(self, fit, mean, white.deviation, runs, 0)
-        slopes = np.hstack([own, fit.slopes[:, fit.free:]])
+        slopes = np.hstack([law_slopes(self, fit, mean, white.deviation, runs, 0),
+                            fit.slopes[:, fit.free:]])
         point = replace(fit, mean=mean, slopes=slopes, runs=runs,
                         cost=self.cost(white, mean, fit.z))
         damping = 1e-3
@@ -296,19 +300,18 @@ class TestedUnit:
         return point
 
     def refitted(
-        self, fit: LawFit, before: np.ndarray, *, runs: int, steps: int, fall: float
+        self, fit: LawFit, before: np.ndarray, *, runs: int, fall: float
     ) -> LawFit:
         """Return a fit of lower cost, with slopes to all numbers simulated at each step.
 
-        Of several dampings the best counts; the descent ends once the cost no longer
-        falls by the share `fall`.
+        Of several dampings the best counts; it ends once the cost falls by less than `fall`.
         """
         white = self.whitener(runs, before)
         mean = self.run(fit.terms, fit.z, runs)
         if not np.isfinite(mean).all():
             return replace(fit, cost=np.inf)
         point = replace(fit, mean=mean, runs=runs, cost=self.cost(white, mean, fit.z))
-        for _ in range(steps):
+        while True:
             slopes = np.hstack([law_slopes(self, point, point.mean, white.deviation, runs, 0),
                                 simulated_slopes(self, point, runs // 2)])
             moves = [self._step(white, point.mean, slopes, point.z, point.terms, damping)
@@ -321,8 +324,7 @@ class TestedUnit:
                      if np.isfinite(mean).all()]
             last, point = point.cost, min([point, *found], key=lambda f: f.cost)
             if point.cost >= (1.0 - fall) * last:
-                break
-        return point
+                return point
 
     def _step(
         self, white: Whitener, mean: np.ndarray, slopes: np.ndarray, z: np.ndarray,
@@ -332,16 +334,13 @@ class TestedUnit:
         columns, target = both[:, :-1], both[:, -1]
         u, (low, high) = coordinates(terms), bounds(terms)
         weight = np.append(np.zeros(len(u)), self.weight)
-        reach = np.concatenate([np.zeros(0), *(
-            np.full(t.variant.size, max(float(np.linalg.norm(t.u)), 2.0 * least_size(t.signature)))
-            for t in terms)])
+        reach = np.maximum(_sizes(terms), [
+            2.0 * least_size(t.signature) for t in terms for _ in range(t.variant.size)])
         lower = np.append(np.maximum(low - u, -reach), -1.0 - z)
         upper = np.append(np.minimum(high - u, reach), 1.0 - z)
-        curve = np.sqrt(damping * ((columns**2).sum(axis=0) + weight))
         return bounded_least_squares(
-            np.vstack([columns, np.diag(curve)]), np.append(target, np.zeros(len(curve))),
-            np.minimum(lower, -1e-9), np.maximum(upper, 1e-9), weight,
-            np.append(u, z - self.centre))
+            columns, target, np.minimum(lower, -1e-9), np.maximum(upper, 1e-9), weight,
+            np.append(u, z - self.centre), damping)
 
 
 def _sizes(terms: Sequence[EffectTerm]) -> np.ndarray:

@@ -16,7 +16,7 @@ from scipy.linalg import cho_factor, cho_solve, cholesky
 
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.slopes import bounded_least_squares
-from ema_identification.actuator.decision.surrogate import BEND, shrunk
+from ema_identification.actuator.fleet.surrogate import BEND, shrunk
 from ema_identification.actuator.laws.terms import LawFit, Posterior, bounds, coordinates, moved
 from ema_identification.result import Parameter
 from ema_sim.effects import EFFECTS
@@ -28,9 +28,9 @@ DRAWS = 400
 RUNS, ROUNDS, WIDER = 5, 2, 3.0
 """Budget: runs of a round, a coordinate; rounds; spread of the later ones, of what the one before
 leaves: with so few runs, slopes over twice it drown in noise."""
-LAW_SPREAD, UNKNOWN_SPREAD, FAR = 0.3, 0.3, 10.0
-"""Spread of the first round about a law, of its size, or where the library does not know the
-coordinate; beyond so many of it the law is not expected."""
+LAW_SPREAD, FAR = 0.3, 10.0
+"""Spread of the first round about a law, of its size, in itself where the library does not know
+the coordinate; beyond so many of it the law is not expected."""
 STRETCH = 1.3
 """Of intervals: nine in ten of 51 values of simulated units were within, with 256 runs a round
 (split conformal: Lei et al., J. Amer. Statist. Assoc. 113, 2018); 23 of 24 new ones are with
@@ -71,7 +71,7 @@ def posterior_of(unit: TestedUnit, fit: LawFit) -> Posterior:
 def simulated_posterior(unit: TestedUnit, fit: LawFit) -> Posterior:
     """Return what runs of a model tell of its laws and of the unit's numbers, see the module."""
     sizes = [max(float(np.linalg.norm(t.u)), 1e-12) for t in fit.terms]
-    spread = np.array([LAW_SPREAD * size if len(levels) > 1 else UNKNOWN_SPREAD
+    spread = np.array([LAW_SPREAD * (size if len(levels) > 1 else 1.0)
                        for t, size in zip(fit.terms, sizes) for levels in t.signature.levels])
     low, high = (np.append(end, np.full(len(fit.z), side))
                  for end, side in zip(bounds(fit.terms), (-1.0, 1.0)))

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
-from ema_identification.actuator.decision.fleet import OF_DAY, SIZE
-from ema_identification.actuator.decision.surrogate import FleetLibrary
+from ema_identification.actuator.fleet.kept import kept_of
+from ema_identification.actuator.fleet.surrogate import FleetLibrary
+from ema_identification.actuator.fleet.units import OF_DAY, SIZE
 from ema_identification.actuator.laws.catalogue import Signature
 from ema_identification.actuator.laws.signatures import stacked
 from ema_identification.actuator.laws.terms import EffectTerm
-from ema_record import array_cache as cache
-from ema_record.kit import LIBRARY, kit_path
 
-T = TypeVar("T")
 DAYS = int(OF_DAY.sum())
-AGAIN, ALIKE = 3, 0.01
-"""Units whose numbers are made again of what other code kept; their relative error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,11 +112,12 @@ def _together(units: Sequence[TestedUnit], library: FleetLibrary) -> JointUnit:
 def joint_unit(
     units: Sequence[TestedUnit],
     scored: Callable[[TestedUnit], tuple[float, ...]] | None = None,
+    folder: Path | None = None,
 ) -> TestedUnit:
     """Return records of one unit as one; a single one as it is.
 
     `scored` : gives the scores of healthy units, which are ranked on all tests together; a record
-    that only judges needs none.
+    that only judges needs none. `folder` : where new ones are kept, default the cache.
     """
     if len(units) == 1:
         return units[0]
@@ -138,29 +133,6 @@ def joint_unit(
     unit = _together(units, library)
     if scored is None:
         return unit
-    healthy = kept_of(libraries, "joint", [u for u in unit.set_aside() if u is not None], scored)
+    healthy = kept_of(libraries, "joint", [u for u in unit.set_aside() if u is not None], scored,
+                      folder)
     return replace(unit, library=replace(library, healthy=healthy))
-
-
-def kept_of(
-    libraries: Sequence[FleetLibrary], what: str, units: Sequence[T],
-    scored: Callable[[T], tuple[float, ...]], folder: Path | None = None,
-) -> np.ndarray:
-    """Return what healthy units of several libraries leave, shape (n, numbers of `scored`).
-
-    From where it is kept, the present kit's `library/` or the cache, if the first units leave it
-    by the present code too; else made now and kept in `folder`, default the cache.
-    """
-    digest = hashlib.sha256(b"".join(
-        np.ascontiguousarray(x).tobytes() for library in libraries
-        for x in (library.weights, library.aside[1], library.healthy)))
-    name, code = f"{what}_{digest.hexdigest()[:32]}", np.array(cache.key_of(module=__name__))
-    for place in (kit_path(LIBRARY), None):
-        kept = cache.load(name, place)
-        if kept is not None and kept.keys() >= {"rows", "made_by"} and (
-                len(kept["rows"]) == len(units)) and (kept["made_by"] == code or np.allclose(
-                    [scored(unit) for unit in units[:AGAIN]], kept["rows"][:AGAIN], rtol=ALIKE)):
-            return kept["rows"]
-    rows = np.array([scored(unit) for unit in units])
-    cache.save(name, {"rows": rows, "made_by": code}, folder)
-    return rows

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.surrogate import Whitener, worst
+from ema_identification.actuator.fleet.surrogate import Whitener, worst
 from ema_identification.actuator.laws.catalogue import Signature, Variant, ripple
 from ema_identification.actuator.laws.terms import EffectTerm, LawFit
 
@@ -81,10 +81,10 @@ def linear_gains(
     others = white.columns(fit.slopes[:, inside], rest)
     weight = np.append(np.zeros(fit.free), unit.weight)[inside]
     normal = others.T @ others + np.diag(weight + 1e-9)
-    rows = [(s, u, row) for s in signatures for u, row in _directions(s)]
-    if not rows:
+    places = [_directions(s) for s in signatures]
+    if not any(places):
         return []
-    columns = white.columns(np.array([row for _, _, row in rows]).T, rest)
+    columns = white.columns(np.array([row for known in places for _, row in known]).T, rest)
     across = others.T @ columns
     at = np.append(np.zeros(fit.free), fit.z - unit.centre)[inside]
     owed = np.linalg.solve(normal, others.T @ target - weight * at)  # a last step of the others
@@ -92,13 +92,12 @@ def linear_gains(
     square = (columns**2).sum(axis=0) - (across * np.linalg.solve(normal, across)).sum(axis=0)
     found: dict[str, LawProposal] = {}
     start = 0
-    for signature in signatures:
-        n = len(_directions(signature))
-        part = slice(start, start + n)
-        start += n
-        u, gain = _largest_gain(signature, [rows[i][1] for i in range(start - n, start)],
-                                pull[part], np.maximum(square[part], 1e-12),
-                                columns[:, part], across[:, part], normal)
+    for signature, known in zip(signatures, places):
+        part = slice(start, start + len(known))
+        start += len(known)
+        u, gain = _largest_gain(signature, [u for u, _ in known], pull[part],
+                                np.maximum(square[part], 1e-12), columns[:, part],
+                                across[:, part], normal)
         found[signature.variant.name] = LawProposal(signature, u, fit.z, fit.cost - gain)
     return sorted(found.values(), key=lambda p: p.cost)
 
@@ -196,8 +195,8 @@ def gain_of(cost: float, lower: float, size: int) -> float:
     return (cost - lower) / max(lower / size, 1e-9)
 
 
-ORDERS = range(3, 25)
-"""Periods a turn at which ripple is looked for; lower ones belong to windings."""
+LOWEST = 3
+"""Periods a turn from which on ripple is looked for, in all lines; lower ones are windings'."""
 RIPPLE_RUNS = 4
 
 
@@ -211,7 +210,7 @@ def ripples(
     for feature, x in zip(unit.library.fmap.features, rest):
         kind, line, of = feature.name.rpartition(".")[2].rpartition("torque_line_")
         order = int(of.split("_")[0]) if line else 0
-        if (kind == "turn_" and order >= ORDERS.start) or (kind == "" and order in ORDERS):
+        if kind in ("turn_", "") and order >= LOWEST:
             periods = order if kind else order * pairs  # of the rotor's turn, of the electrical
             power[periods] = power.get(periods, 0.0) + min(float(x) ** 2, 100.0)
     if not power:

@@ -82,7 +82,7 @@ def simulated_slopes(unit: _Runs, fit: LawFit, runs: int, salt: int = 61) -> np.
 
 def bounded_least_squares(
     columns: np.ndarray, target: np.ndarray, low: np.ndarray, high: np.ndarray,
-    weight: np.ndarray, centre: np.ndarray,
+    weight: np.ndarray, centre: np.ndarray, damping: float = 0.0,
 ) -> np.ndarray:
     """Return the step within bounds that leaves least.
 
@@ -93,15 +93,20 @@ def bounded_least_squares(
     low, high : ndarrays, shape (m,). Bounds of the step; low < high.
     weight : ndarray, shape (m,). Of the squares of ``centre + step``, added to the sum.
     centre : ndarray, shape (m,). Where the step begins.
+    damping : share of what the sum has of the square of each part of the step, added to it.
 
     Returns
     -------
     ndarray, shape (m,).
     """
-    root = np.sqrt(weight)
-    rows, rest = np.vstack([columns, np.diag(root)]), np.append(target, -root * centre)
-    scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-12)
-    basis, triangle = np.linalg.qr(rows / scale)
-    found = lsq_linear(triangle, basis.T @ rest, bounds=(low * scale, high * scale),
-                       method="bvls")
-    return np.clip(np.asarray(found.x) / scale, low, high)
+    normal = columns.T @ columns + np.diag(weight)
+    power = np.diag(normal) * (1.0 + damping)
+    scale = np.maximum(np.sqrt(power), 1e-12)
+    normal = normal / np.outer(scale, scale)
+    np.fill_diagonal(normal, power / scale**2 + 1e-12)  # a law may do nothing
+    root = np.linalg.cholesky(normal)
+    pull = np.linalg.solve(root, (columns.T @ target - weight * centre) / scale)
+    step = np.linalg.solve(root.T, pull)
+    if (step < low * scale).any() or (step > high * scale).any():
+        step = lsq_linear(root.T, pull, bounds=(low * scale, high * scale), method="bvls").x
+    return np.clip(np.asarray(step) / scale, low, high)

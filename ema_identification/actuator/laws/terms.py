@@ -12,6 +12,9 @@ from ema_identification.actuator.laws.catalogue import Signature, Variant
 from ema_sim.effects import EFFECTS, Effects
 from ema_sim.effects.base import Choice
 
+SURE = 0.95
+"""Requirement: confidence in what is said, of the level, of a set of names, of a gap's bound."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectTerm:
@@ -77,8 +80,8 @@ class LawGap:
 
     @property
     def bound(self) -> float:
-        """What 95 % of them stay within."""
-        return float(np.quantile(self.healthy, 0.95, method="higher"))
+        """What `SURE` of them stay within."""
+        return float(np.quantile(self.healthy, SURE, method="higher"))
 
 
 class Posterior(NamedTuple):

@@ -11,7 +11,7 @@ any profile.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from ema_identification.actuator.measure.lines import lines, rotor_lines, slip_of, turns_of
 from ema_identification.actuator.measure.segments import (
     SLOW,
     MotionPlan,
@@ -27,16 +28,15 @@ from ema_identification.actuator.measure.segments import (
     plan,
 )
 from ema_identification.actuator.measure.signals import (
+    TINY,
     TURN,
     DriveSignals,
+    between_edges,
     drive_signals,
     kept_room,
-    lines,
-    rotor_lines,
-    roughness,
-    slip_of,
+    section_numbers,
+    spreads,
     travels,
-    turns_of,
 )
 from ema_record.actuator import Actuator
 from ema_record.profile import Profile
@@ -83,26 +83,22 @@ def _log_step(found: float, nominal: float) -> float:
     return float(np.log2(max(found / nominal, LEAST_STEP)))
 
 
-def consistency(record: Record, signals: DriveSignals, actuator: Actuator) -> dict[str, float]:
+def consistency(record: Record, signals: DriveSignals, actuator: Actuator) -> list[float]:
     """Return the features of `CONSISTENCY`."""
     c = actuator.converters
     off = np.searchsorted(signals.time, record.profile.inverter_off)
     start = signals.position[:max(off, 1)].mean()
     travel = signals.theta[-1] - signals.theta[0]
     read, length = travels(signals.time, signals.speed, signals.theta)
-    return {
-        "offset_a": float(signals.offset[0]), "offset_b": float(signals.offset[1]),
-        "offset_c": float(signals.offset[2]),
-        "gain_ab": float(signals.gain[0] - signals.gain[1]),
-        "gain_ac": float(signals.gain[0] - signals.gain[2]),
-        "position_step": _log_step(converter_step(signals.position),
-                                   c.position_range / 2.0**c.position_bits),
-        "speed_step": _log_step(converter_step(signals.speed),
-                                c.speed_range / 2.0**c.speed_bits),
-        "position_at_start": 1e3 * (float(start) - record.profile.start),
-        "bus_slope": _bus_slope(record),
-        "slip": 1e3 * (read * signals.pole_pairs - travel) / (length + 1.0),
-    }
+    return [
+        *signals.offset.tolist(),
+        float(signals.gain[0] - signals.gain[1]), float(signals.gain[0] - signals.gain[2]),
+        _log_step(converter_step(signals.position), c.position_range / 2.0**c.position_bits),
+        _log_step(converter_step(signals.speed), c.speed_range / 2.0**c.speed_bits),
+        1e3 * (float(start) - record.profile.start),
+        _bus_slope(record),
+        1e3 * (read * signals.pole_pairs - travel) / (length + 1.0),
+    ]
 
 
 STEP_EDGES = 1e-3 * np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 12.0,
@@ -117,14 +113,24 @@ LOOK = (-0.010, 0.040)
 LEAST_ROOM = 5e-3
 """A transition with less time before the next one gives no features (s)."""
 
-Entry = tuple[str, str, str, float]
+Table = Mapping[str, tuple[str, str]]
+"""Signal and abscissa of features by key, in their order."""
+Block = tuple[Table, Sequence[float] | np.ndarray]
+"""Some features, and their values."""
 LAG = "motor travel minus surface position"
+RUNNING = (("speed", "motor speed", 1.0), ("current", "motor torque", 1.0), ("lag", LAG, 1e3))
+"""Key, signal and scale of what is read in steps of time."""
+
+
+@cache
+def _steps(kinds: tuple[tuple[str, str], ...], count: int, against: str) -> Table:
+    return {f"{key}_{k}": (signal, against) for key, signal in kinds for k in range(count)}
 
 
 def transition_features(
     signals: DriveSignals, transition: Transition, actuator: Actuator
-) -> Iterator[Entry]:
-    """Yield (name, signal, against, value)."""
+) -> Iterator[Block]:
+    """Yield the features of a change."""
     if transition.room < LEAST_ROOM:
         return
     slow = abs(transition.before) < SLOW and abs(transition.after) < SLOW
@@ -134,30 +140,14 @@ def transition_features(
     edges = (STEP_EDGES if transition.stepped else
              STOP_EDGES if transition.kind == "stop" else START_EDGES)
     edges = edges[edges <= transition.room + 1e-9] + transition.time
-    for name, values, signal, scale in (
-        ("speed", signals.speed, "motor speed", 1.0),
-        ("current", signals.torque_current, "motor torque", 1.0),
-        ("lag", signals.lag, LAG, 1e3),
-    ):
-        for index, mean in enumerate(_means(signals.time, values, edges, 0.0)):
-            yield f"{name}_{index}", signal, "test phase", scale * mean
+    bounds = np.searchsorted(signals.time, edges)
+    rows = (signals.speed, signals.torque_current, signals.lag)
+    yield _steps(tuple(kind[:2] for kind in RUNNING), len(edges) - 1, "test phase"), [
+        scale * mean for values, (*_, scale) in zip(rows, RUNNING)
+        for mean in between_edges(values, bounds, False).tolist()]
 
 
-def _means(
-    x: np.ndarray, values: np.ndarray, edges: np.ndarray, empty: float | None = None
-) -> Iterator[float]:
-    """Yield means of `values` between edges of `x`; of none `empty`, else the mean before."""
-    bounds = np.searchsorted(x, edges)
-    total = np.concatenate([[0.0], np.cumsum(values[bounds[0]:bounds[-1]])])
-    last = float(values[0]) if empty is None and len(values) else 0.0
-    bounds = bounds - bounds[0]
-    for a, b in zip(bounds, bounds[1:]):
-        found = float((total[b] - total[a]) / (b - a)) if b > a else last
-        last = found if empty is None else empty
-        yield found
-
-
-def _gap(signals: DriveSignals, transition: Transition, actuator: Actuator) -> Iterator[Entry]:
+def _gap(signals: DriveSignals, transition: Transition, actuator: Actuator) -> Iterator[Block]:
     sense = 1.0 if transition.after > 0.0 else -1.0
     ratio = actuator.gear.ratio * actuator.motor.pole_pairs
     near = signals.between(transition.time + LOOK[0], transition.time + LOOK[1])
@@ -170,13 +160,15 @@ def _gap(signals: DriveSignals, transition: Transition, actuator: Actuator) -> I
         sense * (signals.theta[part] - signals.theta[turning]) / ratio)
     moved = 1e3 * sense * (signals.position[part] - signals.position[turning])
     current = sense * signals.torque_current[part]
-    for name, values, signal in (
-        ("gap_current", current, "motor torque"), ("gap_position", moved, "surface position"),
-    ):
-        for index, mean in enumerate(_means(travel, values, TRAVEL_EDGES)):
-            yield f"{name}_{index}", signal, "position", mean
-    yield "turning_time", "motor speed", "test phase", 1e3 * float(
-        signals.time[turning] - transition.time)
+    bounds = np.searchsorted(travel, TRAVEL_EDGES)
+    yield _steps((("gap_current", "motor torque"), ("gap_position", "surface position")),
+                 len(bounds) - 1, "position"), [
+        *between_edges(current, bounds, True).tolist(),
+        *between_edges(moved, bounds, True).tolist()]
+    yield TURNING, [1e3 * float(signals.time[turning] - transition.time)]
+
+
+TURNING = {"turning_time": ("motor speed", "test phase")}
 
 
 class Feature(NamedTuple):
@@ -204,7 +196,6 @@ RAMP = Lines(24, 2, 3)
 BANDS = ((25, 40), (41, 64))
 """Bands of higher lines of the torque, from which the largest is kept."""
 THIRD = np.exp(2j * np.pi / 3.0 * np.arange(3))
-TINY = 1e-12
 WHOLE = "record"
 """Place of a feature of the record as a whole."""
 
@@ -222,7 +213,8 @@ class FeatureMap:
 
     def extract(self, record: Record) -> np.ndarray:
         """Return the feature vector of a record, shape (d,)."""
-        return np.array([entry[3] for _, entry in _walk(record, self.plan, self.actuator)])
+        return np.concatenate([values for _, _, values in _walk(
+            record, self.plan, self.actuator)])
 
 
 def nominal_rate(record: Record) -> float:
@@ -235,66 +227,72 @@ def feature_map(profile: Profile, actuator: Actuator, example: Record) -> Featur
     steps = plan(profile, actuator)
     features = tuple(
         Feature(key if place == WHOLE else f"{place}.{key}", place, signal, against)
-        for place, (key, signal, against, _) in _walk(example, steps, actuator))
+        for place, table, _ in _walk(example, steps, actuator)
+        for key, (signal, against) in table.items())
     return FeatureMap(profile=profile, actuator=actuator, rate=nominal_rate(example),
                       plan=steps, features=features)
 
 
-def _walk(record: Record, steps: MotionPlan, actuator: Actuator) -> Iterator[tuple[str, Entry]]:
-    """Yield place and entry of each feature."""
+def _walk(
+    record: Record, steps: MotionPlan, actuator: Actuator
+) -> Iterator[tuple[str, Table, Sequence[float] | np.ndarray]]:
+    """Yield place, names and values of some features after others."""
     signals = drive_signals(record, actuator, kept_room(len(record)))
-    for key, value in consistency(record, signals, actuator).items():
-        yield WHOLE, (key, *CONSISTENCY[key], value)
+    yield WHOLE, CONSISTENCY, consistency(record, signals, actuator)
     for segment in steps.segments:
         source = _hold(record, signals, segment) if segment.kind == "hold" else _moving(
             signals, segment, actuator)
-        for entry in source:
-            yield segment.name, entry
+        for block in source:
+            yield segment.name, *block
     for transition in steps.transitions:
-        for entry in transition_features(signals, transition, actuator):
-            yield transition.name, entry
+        for block in transition_features(signals, transition, actuator):
+            yield transition.name, *block
 
 
 def _log(value: float) -> float:
     return float(np.log(value + TINY))
 
 
-def _hold(record: Record, signals: DriveSignals, segment: MotionSegment) -> Iterator[Entry]:
-    part = signals.between(segment.begin, segment.end)
-    q, speed, lag = signals.torque_current[part], signals.speed[part], signals.lag[part]
-    goal = record.profile.command(signals.time[part])
-    yield "current", "motor torque", "test phase", float(q.mean())
-    yield "current_spread", "motor torque", "test phase", _log(q.std())
-    yield "speed_spread", "motor speed", "test phase", _log(speed.std())
-    yield "lag", "motor travel minus surface position", "test phase", 1e3 * float(lag.mean())
-    yield "error", "surface position", "test phase", 1e3 * float(
-        (signals.position[part] - goal).mean())
+HOLD = {
+    "current": ("motor torque", "test phase"),
+    "current_spread": ("motor torque", "test phase"),
+    "speed_spread": ("motor speed", "test phase"),
+    "lag": (LAG, "test phase"),
+    "error": ("surface position", "test phase"),
+}
+MOVING = {
+    "current": ("motor torque", "speed"),
+    "speed": ("motor speed", "speed"),
+    "lag": (LAG, "load"),
+    "slope": ("motor torque", "position"),
+    "lag_slope": (LAG, "position"),
+    "current_ripple": ("motor torque", "frequency"),
+    "speed_ripple": ("motor speed", "frequency"),
+    "speed_hunting": ("motor speed", "frequency"),
+    **{f"ripple_{phase}": (f"phase current {phase}", "frequency") for phase in "abc"},
+}
 
 
-def _moving(signals: DriveSignals, segment: MotionSegment, actuator: Actuator) -> Iterator[Entry]:
+def _hold(record: Record, signals: DriveSignals, segment: MotionSegment) -> Iterator[Block]:
     part = signals.between(segment.begin, segment.end)
     q, speed = signals.torque_current[part], signals.speed[part]
-    position, lag = signals.position[part], signals.lag[part]
-    yield "current", "motor torque", "speed", float(q.mean())
-    yield "speed", "motor speed", "speed", float(speed.mean())
-    yield "lag", "motor travel minus surface position", "load", 1e3 * float(lag.mean())
-    centred = position - position.mean()
-    yield "slope", "motor torque", "position", float(
-        (centred @ (q - q.mean())) / (centred @ centred + TINY))
-    yield "lag_slope", "motor travel minus surface position", "position", 1e3 * float(
-        (centred @ (lag - lag.mean())) / (centred @ centred + TINY))
-    yield "current_ripple", "motor torque", "frequency", _log(roughness(q))
-    yield "speed_ripple", "motor speed", "frequency", _log(roughness(speed))
-    smooth = np.add.reduceat(speed[:len(speed) // 8 * 8], np.arange(0, len(speed) // 8 * 8, 8))
-    yield "speed_hunting", "motor speed", "frequency", _log(roughness(smooth) / 8.0)
-    for k, phase in enumerate("abc"):
-        yield (f"ripple_{phase}", f"phase current {phase}", "frequency",
-               _log(roughness(signals.error[part, k])))
+    goal = record.profile.command(signals.time[part])
+    yield HOLD, [
+        float(q.mean()), _log(q.std()), _log(speed.std()), 1e3 * float(signals.lag[part].mean()),
+        1e3 * float((signals.position[part] - goal).mean())]
+
+
+def _moving(signals: DriveSignals, segment: MotionSegment, actuator: Actuator) -> Iterator[Block]:
+    part = signals.between(segment.begin, segment.end)
+    q, speed, lag, slope, lag_slope = section_numbers(signals.rows, part.start, part.stop)
+    ripple = np.log(spreads(signals.rows, part.start, part.stop) + TINY)
+    yield MOVING, [q, speed, 1e3 * lag, slope, 1e3 * lag_slope, *ripple.tolist()]
     turns_planned = abs(segment.speed) * (segment.end - segment.begin) / TURN
     if turns_planned * signals.pole_pairs >= LEAST_TURNS:
         yield from _locked(signals, segment, part, actuator)
     if turns_planned >= LEAST_TURNS and signals.pole_pairs > 1:
-        yield from rotor_lines(signals, part, actuator)
+        yield from rotor_lines(
+            signals.theta, signals.torque_current, signals.speed, part, actuator)
 
 
 LEAST_TURNS = 1.2
@@ -303,7 +301,7 @@ LEAST_TURNS = 1.2
 
 def _locked(
     signals: DriveSignals, segment: MotionSegment, part: slice, actuator: Actuator
-) -> Iterator[Entry]:
+) -> Iterator[Block]:
     """Yield lines locked to the rotor angle."""
     wanted = RAMP if segment.kind == "ramp" else MIDDLE if abs(segment.speed) < 400.0 else FAST
     top = BANDS[-1][1] if wanted is not FAST else wanted.current
@@ -313,38 +311,39 @@ def _locked(
     else:
         p = turns.part
         slip = slip_of(signals.time[p], signals.speed[p], turns.theta, signals.pole_pairs)
-        stack = np.column_stack([signals.torque_current[p], signals.speed[p],
-                                 signals.error[p], signals.total[p], slip])
-        found = lines(turns, stack, top)
+        stack = np.vstack([signals.torque_current[p], signals.speed[p], signals.error[p].T,
+                           signals.total[p], slip])
+        found = lines(turns, stack.T, top)
     k2 = 2.0 * actuator.motor.back_emf_constant
     h = np.arange(top + 1)
     accelerating = 1j * h * actuator.motor.inertia * found[0, 1].real * signals.pole_pairs
     torque = k2 * found[:, 0] - accelerating * found[:, 1]
-    yield from _complex("torque_line", range(1, wanted.torque + 1), torque, 1e3, "motor torque")
-    yield from _complex("speed_line", range(1, wanted.speed + 1), found[:, 1], 1.0, "motor speed")
-    yield from _complex("slip_line", range(1, 3), found[:, 6], 1e3,
-                        "measured speed minus speed of the rotor angle")
-    yield from _complex("sum_line", range(1, 3), found[:, 5], 1e3, "sum of the phase currents")
-    yield "sum_mean", "sum of the phase currents", "test phase", 1e3 * float(found[0, 5].real)
-    forward = 2.0 / 3.0 * found[:wanted.current + 1, 2:5] @ THIRD
-    backward = 2.0 / 3.0 * found[:wanted.current + 1, 2:5].conj() @ THIRD
-    yield from _complex("error_line", range(wanted.current + 1), forward, 1e3, "phase currents")
-    yield from _complex("error_line_back", range(1, wanted.current + 1), backward, 1e3,
-                        "phase currents")
+    error = found[:wanted.current + 1, 2:5]
+    yield _complex("torque_line", 1, torque[:wanted.torque + 1], 1e3, "motor torque")
+    yield _complex("speed_line", 1, found[:wanted.speed + 1, 1], 1.0, "motor speed")
+    yield _complex("slip_line", 1, found[:3, 6], 1e3,
+                   "measured speed minus speed of the rotor angle")
+    yield _complex("sum_line", 1, found[:3, 5], 1e3, "sum of the phase currents")
+    yield SUM_MEAN, [1e3 * float(found[0, 5].real)]
+    yield _complex("error_line", 0, 2.0 / 3.0 * error @ THIRD, 1e3, "phase currents")
+    yield _complex("error_line_back", 1, 2.0 / 3.0 * error.conj() @ THIRD, 1e3, "phase currents")
     if wanted is not FAST:
-        for low, high in BANDS:
-            yield (f"torque_band_{low}_{high}", "motor torque", "rotor angle",
-                   _log(1e3 * float(np.abs(torque[low:high + 1]).max()) + 1e-2))
+        yield BAND_LINES, [_log(1e3 * float(np.abs(torque[low:high + 1]).max()) + 1e-2)
+                           for low, high in BANDS]
 
 
-def _complex(
-    name: str, orders: range, values: np.ndarray, scale: float, signal: str
-) -> Iterator[Entry]:
-    parts = scale * np.ascontiguousarray(values[orders.start:orders.stop]).view(float)
-    for key, value in zip(_line_names(name, orders), parts.tolist()):
-        yield key, signal, "rotor angle", value
+SUM_MEAN = {"sum_mean": ("sum of the phase currents", "test phase")}
+BAND_LINES = {f"torque_band_{low}_{high}": ("motor torque", "rotor angle")
+              for low, high in BANDS}
+
+
+def _complex(name: str, first: int, values: np.ndarray, scale: float, signal: str) -> Block:
+    """Return lines from order `first` on; `values` : from order 0."""
+    parts = scale * np.ascontiguousarray(values[first:]).view(float)
+    return _line_table(name, first, len(values), signal), parts
 
 
 @cache
-def _line_names(name: str, orders: range) -> list[str]:
-    return [f"{name}_{h}_{part}" for h in orders for part in ("re", "im")]
+def _line_table(name: str, first: int, end: int, signal: str) -> Table:
+    return {f"{name}_{h}_{part}": (signal, "rotor angle")
+            for h in range(first, end) for part in ("re", "im")}

@@ -1,17 +1,14 @@
-"""Signals of a record on the actuator's own scale, and their lines in rotor angle.
+"""Signals of a record on the actuator's own scale, and means and spreads of their sections.
 
-Errors of the current sensors are removed; torque current, travel and lag follow. Lines are
-complex amplitudes against the rotor angle, seen through a Hann window in angle: it keeps drift and
-decaying transients out, so that the lines do not depend on the angle at which a segment begins.
+Errors of the current sensors are removed; torque current, travel and lag follow. All that goes
+over the samples is compiled: some six hundred runs are made for one record.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -36,6 +33,11 @@ OFF_GUARD = 1e-3
 CURRENT, REFERENCE = PHASE_CURRENTS.start, REFERENCE_CURRENTS.start
 ROOM = 10
 """Rows of signals that are computed of a record."""
+SPEED, POSITION, Q, LAG, ERROR = 1, 3, 5, 6, 7
+"""Some of them."""
+EIGHT = 8
+"""Samples over which the hunting of the speed is smoothed."""
+TINY = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,6 +57,7 @@ class DriveSignals:
     offset : of the current sensors, read while the inverter is off, shape (3,) (A).
     gain : of the current sensors relative to their mean, shape (3,).
     pole_pairs : 1.
+    rows : all of them that have shape (n,), one below another, shape (10, n).
     """
 
     time: np.ndarray
@@ -68,6 +71,7 @@ class DriveSignals:
     offset: np.ndarray
     gain: np.ndarray
     pole_pairs: int
+    rows: np.ndarray
 
     def between(self, begin: float, end: float) -> slice:
         """Return the samples between two times (s)."""
@@ -92,6 +96,7 @@ def _signals(
     The angle is that of `numpy.unwrap`, the trapezoid is read in a table.
     """
     n, third = len(table), len(table) // 3
+    per_a, per_b, per_c = 1.0 / gain[0], 1.0 / gain[1], 1.0 / gain[2]
     correction = 0.0
     for i in range(len(samples)):
         if i > 0:
@@ -102,15 +107,19 @@ def _signals(
                     wrapped = np.pi
                 correction += wrapped - step
         theta = samples[i, ROTOR_ANGLE] + correction
-        place = int(np.floor(theta * (n / TURN))) % n
-        q = total = 0.0
-        for k in range(3):
-            read = samples[i, CURRENT + k]
-            out[7 + k, i] = read - samples[i, REFERENCE + k]
-            current = read - offset[k]
-            total += current
-            q += table[place] * (current / gain[k])
-            place += n - third if place < third else -third
+        place = np.floor(theta * (n / TURN))
+        at_a = int(place - n * np.floor(place / n))
+        at_b = at_a - third if at_a >= third else at_a - third + n
+        at_c = at_b - third if at_b >= third else at_b - third + n
+        read_a, read_b = samples[i, CURRENT], samples[i, CURRENT + 1]
+        read_c = samples[i, CURRENT + 2]
+        i_a, i_b, i_c = read_a - offset[0], read_b - offset[1], read_c - offset[2]
+        q = (table[at_a] * (i_a * per_a) + table[at_b] * (i_b * per_b)
+             + table[at_c] * (i_c * per_c))
+        out[ERROR, i] = read_a - samples[i, REFERENCE]
+        out[ERROR + 1, i] = read_b - samples[i, REFERENCE + 1]
+        out[ERROR + 2, i] = read_c - samples[i, REFERENCE + 2]
+        total = i_a + i_b + i_c
         out[0, i], out[1, i], out[2, i] = samples[i, TIME], samples[i, MOTOR_SPEED], theta
         out[3, i], out[4, i], out[5, i] = samples[i, SURFACE_POSITION], total, q
         out[6, i] = theta * travel - samples[i, SURFACE_POSITION]
@@ -158,7 +167,8 @@ def drive_signals(
     lag -= lag[:max(int(np.searchsorted(time, record.profile.inverter_off)), 1)].mean()
     return DriveSignals(
         time=time, speed=speed, theta=theta, position=position, error=room[7:].T, total=total,
-        torque_current=q, offset=offset, gain=gain, lag=lag, pole_pairs=pairs)
+        torque_current=q, offset=offset, gain=gain, lag=lag, pole_pairs=pairs,
+        rows=room)
 
 
 _kept = threading.local()
@@ -196,148 +206,62 @@ def roughness(values: np.ndarray) -> float:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def slip_of(time: np.ndarray, speed: np.ndarray, theta: np.ndarray, pairs: int) -> np.ndarray:
-    """Return measured travel less that of the rotor angle, (n,) (rad), from 0 to 0.
+def section_numbers(
+    rows: np.ndarray, begin: int, end: int
+) -> tuple[float, float, float, float, float]:
+    """Return means of q (A), ω (rad/s) and lag (rad), slopes of q and lag over the position.
 
-    The speed counts with half the time between its neighbours.
+    `rows` : as in `DriveSignals`, of which samples `begin` to `end` count.
     """
-    n, travel = len(time), 0.0
-    found = np.empty(n)
-    for i in range(n):
-        before, after = max(i - 1, 0), min(i + 1, n - 1)
-        travel += speed[i] * ((time[after] - time[before]) / (after - before))
-        found[i] = travel * pairs - theta[i]
-    first, rise = found[0], (found[n - 1] - found[0]) / (n - 1)
-    for i in range(n):
-        found[i] -= first + rise * i
+    n = end - begin
+    q = speed = lag = position = 0.0
+    for i in range(begin, end):
+        q, speed = q + rows[Q, i], speed + rows[SPEED, i]
+        lag, position = lag + rows[LAG, i], position + rows[POSITION, i]
+    q, speed, lag, position = q / n, speed / n, lag / n, position / n
+    power = q_slope = lag_slope = 0.0
+    for i in range(begin, end):
+        beyond = rows[POSITION, i] - position
+        power += beyond * beyond
+        q_slope += beyond * (rows[Q, i] - q)
+        lag_slope += beyond * (rows[LAG, i] - lag)
+    return q, speed, lag, q_slope / (power + TINY), lag_slope / (power + TINY)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def spreads(rows: np.ndarray, begin: int, end: int) -> np.ndarray:
+    """Return the standard deviations of the differences of neighbours, shape (6,).
+
+    Of q, of ω, of means of ω over `EIGHT` samples, and of the errors of the three currents.
+    `rows` : as in `DriveSignals`, of which samples `begin` to `end` count.
+    """
+    found = np.empty(6)
+    smooth = np.zeros((end - begin) // EIGHT)
+    for i in range(len(smooth) * EIGHT):
+        smooth[i // EIGHT] += rows[SPEED, begin + i]
+    found[0], found[1] = roughness(rows[Q, begin:end]), roughness(rows[SPEED, begin:end])
+    found[2] = roughness(smooth) / EIGHT
+    for k in range(3):
+        found[3 + k] = roughness(rows[ERROR + k, begin:end])
     return found
 
 
-BINS = 2048
-"""Angles are rounded to this part of a turn; line 64 loses 0.2 % by it."""
-FEWEST = 40
-"""Fewest samples for lines."""
-
-
-class RotorTurns(NamedTuple):
-    """Samples of whole turns (of all, if there are fewer than two), and their weights."""
-
-    part: slice
-    theta: np.ndarray
-    """rad, unwrapped."""
-    share: np.ndarray
-    """Of the angle; sums to 1."""
-    window: np.ndarray
-    """Hann in angle times share; sums to 1."""
-
-
-def turns_of(theta: np.ndarray, part: slice) -> RotorTurns | None:
-    """Return the last whole turns of `part`, or all of it below two; None if it hardly moves."""
-    angle = theta[part]
-    if len(angle) < FEWEST:
-        return None
-    travel = float(angle[-1] - angle[0])
-    if abs(travel) < 0.8 * TURN or len(angle) < 16 * abs(travel) / TURN:
-        return None
-    sense = np.sign(travel)
-    if abs(travel) >= 2.0 * TURN:
-        begin = angle[-1] - sense * TURN * int(abs(travel) / TURN)
-        first = int(np.argmax(sense * (angle - begin) >= 0.0))
-        part = slice(part.start + first, part.stop)
-        angle = angle[first:]
-        travel = float(angle[-1] - angle[0])
-    share, window = _weights(angle)
-    return RotorTurns(part, angle, share, window)
-
-
 @njit(cache=True, error_model="numpy", nogil=True)
-def _weights(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return share and window of `RotorTurns`."""
-    n, whole = len(angle), 0.0
-    share, window = np.empty(n), np.empty(n)
-    per = 1.0 / (angle[n - 1] - angle[0])
-    for i in range(n):
-        low = angle[0] if i == 0 else 0.5 * (angle[i] + angle[i - 1])
-        high = angle[i] if i == n - 1 else 0.5 * (angle[i + 1] + angle[i])
-        share[i] = (high - low) * per
-        window[i] = share[i] * (1.0 - np.cos(TURN * (angle[i] - angle[0]) * per))
-        whole += window[i]
-    return share, window / whole
+def between_edges(values: np.ndarray, bounds: np.ndarray, carried: bool) -> np.ndarray:
+    """Return the means of `values` from each bound to the next, shape (len(bounds) - 1,).
 
-
-def lines(turns: RotorTurns, signals: np.ndarray, highest: int) -> np.ndarray:
-    """Return the weighted means of x e^{-jhθ}, shape (highest + 1, m), complex.
-
-    Line 0 is the mean over the angle; the others are of the signal without mean and slope.
-
-    Parameters
-    ----------
-    turns : the turns.
-    signals : ndarray, shape (n, m), real, of the samples of the turns.
-    highest : h runs from 0 to it.
+    Of none it is 0; if `carried` the mean before, at first the first value.
     """
-    folded, mean = _folded(signals, turns.theta, turns.share, turns.window)
-    found = np.fft.rfft(folded, axis=0)[:highest + 1]
-    found[0] = mean
-    return np.asarray(found)
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _folded(
-    signals: np.ndarray, theta: np.ndarray, share: np.ndarray, window: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the windowed signals, without mean and slope, summed in bins, (BINS, m); means, (m,).
-
-    All is summed in one pass over the samples: mean and slope are taken off the bins.
-    """
-    n, m = signals.shape
-    found, mean = np.zeros((BINS, m)), np.zeros(m)
-    weight, arm = np.zeros(BINS), np.zeros(BINS)
-    level, tilt = np.zeros(m), np.zeros(m)
-    first = square = 0.0
-    for i in range(n):
-        place = int(np.floor(theta[i] * (BINS / TURN) + 0.5)) % BINS
-        beyond = theta[i] - theta[0]
-        part = window[i] * beyond
-        weight[place] += window[i]
-        arm[place] += part
-        first += part
-        square += part * beyond
-        for k in range(m):
-            x = signals[i, k]
-            mean[k] += share[i] * x
-            level[k] += window[i] * x
-            tilt[k] += part * x
-            found[place, k] += window[i] * x
-    for k in range(m):
-        slope = (tilt[k] - first * level[k]) / (square - first * first)
-        for place in range(BINS):
-            found[place, k] -= level[k] * weight[place] + slope * (
-                arm[place] - first * weight[place])
-    return found, mean
-
-
-def rotor_lines(
-    signals: DriveSignals, part: slice, actuator: Actuator
-) -> Iterator[tuple[str, str, str, float]]:
-    """Yield key, signal, abscissa and value of each line that is not an electrical one.
-
-    Eccentricity and run-out come once a turn and beside the windings' even lines (as
-    `ema_prognostics.features.balance` has them), the teeth of a wheel at any whole number.
-    """
-    pairs = signals.pole_pairs
-    orders = [h for h in (*range(1, 2 * pairs + 2), 4 * pairs - 1, 4 * pairs + 1) if h % pairs]
-    turns = turns_of(signals.theta / pairs, part)
-    if turns is None:
-        found = np.zeros((4 * pairs + 2, 2), dtype=complex)
-    else:
-        stack = np.column_stack([signals.torque_current[turns.part], signals.speed[turns.part]])
-        found = lines(turns, stack, 4 * pairs + 1)
-    accelerating = 1j * np.arange(len(found)) * actuator.motor.inertia * found[0, 1].real
-    torque = 2.0 * actuator.motor.back_emf_constant * found[:, 0] - accelerating * found[:, 1]
-    for h in orders:
-        for half, of in (("re", np.real), ("im", np.imag)):
-            yield (f"turn_torque_line_{h}_{half}", "motor torque", "rotor angle",
-                   1e3 * float(of(torque[h])))
-            yield (f"turn_speed_line_{h}_{half}", "motor speed", "rotor angle",
-                   float(of(found[h, 1])))
+    found = np.zeros(len(bounds) - 1)
+    last = values[0] if carried and len(values) > 0 else 0.0
+    for k in range(len(found)):
+        first, end = bounds[k], bounds[k + 1]
+        if end > first:
+            last = 0.0
+            for i in range(first, end):
+                last += values[i]
+            last /= end - first
+        elif not carried:
+            last = 0.0
+        found[k] = last
+    return found

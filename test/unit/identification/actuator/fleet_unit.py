@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.fleet import SIZE
 from ema_identification.actuator.decision.proposals import scores
-from ema_identification.actuator.decision.surrogate import FleetLibrary, NoiseLaw, design
+from ema_identification.actuator.fleet.surrogate import FleetLibrary, NoiseLaw, design
+from ema_identification.actuator.fleet.units import SIZE
 from ema_identification.actuator.laws.catalogue import variants
 from ema_identification.actuator.laws.signatures import unpack
 from ema_identification.actuator.measure.features import FeatureMap

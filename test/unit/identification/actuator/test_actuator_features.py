@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 
 from ema_identification.actuator.measure.features import converter_step, feature_map
+from ema_identification.actuator.measure.lines import lines, slip_of, turns_of
 from ema_identification.actuator.measure.segments import plan
 from ema_identification.actuator.measure.signals import (
     TURN,
+    between_edges,
     drive_signals,
-    lines,
     roughness,
-    slip_of,
+    section_numbers,
+    spreads,
     travels,
-    turns_of,
 )
 from ema_record.actuator import load_actuator
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
@@ -81,6 +82,42 @@ def test_signals_are_those_of_plain_formulas(runs, nominal):
     assert read == pytest.approx(
         0.5 * (found.speed[1:] + found.speed[:-1]) @ np.diff(found.time))
     assert length == pytest.approx(np.abs(np.diff(theta)).sum())
+
+
+def test_numbers_of_a_section_are_those_of_plain_formulas(runs, nominal):
+    found = drive_signals(runs[""], nominal)
+    part = slice(20_000, 22_005)
+    q, speed, lag = found.torque_current[part], found.speed[part], found.lag[part]
+    slopes = [np.polyfit(found.position[part] - found.position[part].mean(), x, 1)[0]
+              for x in (q, lag)]
+    assert section_numbers(found.rows, part.start, part.stop) == pytest.approx(
+        (q.mean(), speed.mean(), lag.mean(), *slopes), rel=1e-9)
+    smooth = speed[:2000].reshape(-1, 8).mean(axis=1)
+    assert spreads(found.rows, part.start, part.stop) == pytest.approx(
+        [np.diff(x).std() for x in (q, speed, smooth, *found.error[part].T)], rel=1e-9)
+
+
+def test_means_between_edges_are_carried_over_empty_steps():
+    values, bounds = np.array([1.0, 2.0, 4.0, 8.0]), np.array([0, 0, 2, 2, 4])
+    assert between_edges(values, bounds, True).tolist() == [1.0, 1.5, 1.5, 6.0]
+    assert between_edges(values, bounds, False).tolist() == [0.0, 1.5, 0.0, 6.0]
+
+
+def test_lines_of_several_signals_are_those_of_plain_sums():
+    """Folding into bins of a turn and one transform give the sums, but for the bins' width."""
+    rng = np.random.default_rng(0)
+    theta = np.cumsum(rng.uniform(0.5, 1.5, 6000)) * TURN / 2048.0
+    turns = turns_of(np.round(theta * 2048.0 / TURN) * TURN / 2048.0, slice(0, 6000))
+    values = rng.normal(size=(len(turns.theta), 3)) + np.cos(turns.theta)[:, None]
+    beyond = turns.theta - turns.theta[0]
+    middle = turns.window @ beyond
+    slope = turns.window @ ((beyond - middle)[:, None] * values) / (
+        turns.window @ (beyond - middle) ** 2)
+    rest = values - turns.window @ values - (beyond - middle)[:, None] * slope
+    plain = [np.exp(-1j * h * turns.theta) @ (turns.window[:, None] * rest) for h in range(1, 9)]
+    found = lines(turns, values, 8)
+    assert np.abs(found[1:] - plain).max() < 1e-9
+    assert np.abs(found[0] - turns.share @ values).max() < 1e-9
 
 
 def test_too_little_travel_has_no_lines():

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from fleet_unit import unit
 
-from ema_identification.actuator.decision import next_test
+from ema_identification.actuator import next_test
 from ema_identification.actuator.decision.decide import decide
-from ema_identification.actuator.decision.next_test import (
+from ema_identification.actuator.next_test import (
     inseparable,
     phase_constants,
     separating_test,

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
-from ema_identification.actuator.decision.gap import worst
 from ema_identification.actuator.decision.slopes import bounded_least_squares
+from ema_identification.actuator.gap import worst
 from ema_identification.actuator.laws.catalogue import Signature, variants
 from ema_identification.actuator.laws.signatures import stacked
 from ema_identification.actuator.laws.terms import EffectTerm, choices_of
@@ -133,7 +134,7 @@ def test_the_cache_keeps_arrays_and_forgets_damage(tmp_path, monkeypatch):
 
 
 def test_the_key_follows_the_model_and_the_numerical_packages(monkeypatch):
-    module = "ema_identification.actuator.decision.library"
+    module = "ema_identification.actuator.library.build"
     first = cache.key_of("model", module=module)
     assert first == cache.key_of("model", module=module)
     assert first != cache.key_of("other", module=module)
@@ -149,6 +150,27 @@ def test_bounded_least_squares_stays_within_its_bounds():
     held = bounded_least_squares(columns, np.array([2.0, 3.0]), np.full(2, -9.0),
                                  np.array([9.0, 1.0]), np.zeros(2), np.zeros(2))
     assert held == pytest.approx([1.0, 1.0], abs=1e-6)
+
+
+def test_bounded_least_squares_is_that_of_the_whole_system():
+    """The normal equations give what a solver of all rows gives, free and at a bound, damped."""
+    rng = np.random.default_rng(0)
+    columns, target = rng.normal(size=(200, 6)) * 10.0 ** np.arange(-2, 4), rng.normal(size=200)
+    weight, centre, damping = np.array([0.0, 0.0, 3.0, 3.0, 3.0, 3.0]), rng.normal(size=6), 0.3
+    power = np.diag(damping * ((columns**2).sum(axis=0) + weight)) ** 0.5
+    rows = np.vstack([columns, np.diag(weight**0.5), power])
+    rest = np.concatenate([target, -(weight**0.5) * centre, np.zeros(6)])
+    for width in (9.0, 1e-3):
+        found = bounded_least_squares(columns, target, np.full(6, -width), np.full(6, width),
+                                      weight, centre, damping)
+        plain = lsq_linear(rows, rest, (-width, width), method="bvls", tol=1e-14).x
+        assert found == pytest.approx(plain, rel=1e-9, abs=1e-9)
+
+
+def test_bounded_least_squares_leaves_alone_what_does_nothing():
+    step = bounded_least_squares(np.array([[1.0, 0.0], [1.0, 0.0]]), np.ones(2), np.full(2, -9.0),
+                                 np.full(2, 9.0), np.zeros(2), np.zeros(2))
+    assert step == pytest.approx([1.0, 0.0])
 
 
 def test_bounded_least_squares_weighs_where_it_ends_and_not_its_step():
@@ -184,7 +206,7 @@ def test_a_measured_temperature_is_used_beside_another_magnet_coefficient():
 
 
 def test_a_library_depends_on_the_catalogue_and_not_on_the_report():
-    found = sources_of("ema_identification.actuator.decision.library")
+    found = sources_of("ema_identification.actuator.library.build")
     assert {f"ema_identification.actuator.{name}" for name in (
         "laws.catalogue", "laws.signatures", "decision.proposals")} <= set(found)
     assert "ema_sim.effects.turn_short" in found

@@ -20,9 +20,9 @@ from fleet_unit import (
 from ema_identification.actuator.decision import decide as decision
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
 from ema_identification.actuator.decision.decide import LEVEL, decide, p_nothing, rank, share_of
-from ema_identification.actuator.decision.fleet import SIZE
 from ema_identification.actuator.decision.intervals import parameters_of, simulated_posterior
 from ema_identification.actuator.decision.proposals import scores
+from ema_identification.actuator.fleet.units import CHUNK, FULL, SIZE
 from ema_identification.actuator.laws.terms import EffectTerm, LawFit, LawGap
 
 VISCOUS = UNITS["viscous_friction", "coefficient"]
@@ -49,6 +49,11 @@ def test_nineteen_of_twenty_libraries_keep_the_level():
     kept = (shares <= LEVEL).mean()
     assert 0.94 < kept < 0.97
     assert shares.mean() > 0.2 * LEVEL
+
+
+def test_as_many_units_are_ranked_as_the_level_asks_for():
+    """The fewest, in whole chunks, of which the second still proves it."""
+    assert share_of(1, FULL.set_aside) <= LEVEL < share_of(1, FULL.set_aside - CHUNK)
 
 
 def test_looking_at_cost_gain_and_gap_is_paid_for():
@@ -162,7 +167,7 @@ def test_a_large_effect_of_which_the_library_knows_half_is_fitted_with_simulated
     term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([10 * VISCOUS]))
     near, before = u.on_library((term,), [np.zeros(SIZE)]), u.without_law().mean
     with_mended = u.descended(near, before, runs=4, steps=4)
-    anew = u.refitted(replace(near, z=u.centre), before, runs=4, steps=6, fall=0.1)
+    anew = u.refitted(replace(near, z=u.centre), before, runs=4, fall=0.1)
     assert anew.cost < 1.5 * FEATURES < with_mended.cost
     assert anew.terms[0].u[0] == pytest.approx(20 * VISCOUS, rel=0.02)
     assert np.abs(anew.z - z).mean() < np.abs(with_mended.z - z).mean()

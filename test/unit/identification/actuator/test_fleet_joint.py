@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from fleet_unit import FEATURES, effects_of, features_of, judged, run, unit
 
-from ema_identification.actuator.decision import fit, gap
-from ema_identification.actuator.decision import joint as joint_module
+from ema_identification.actuator import gap
+from ema_identification.actuator.decision import fit
 from ema_identification.actuator.decision.answer import order_of, stages_of
 from ema_identification.actuator.decision.decide import decide
-from ema_identification.actuator.decision.fleet import OF_DAY, SIZE
 from ema_identification.actuator.decision.joint import DAYS, joint_unit
 from ema_identification.actuator.decision.proposals import healthy_scores
+from ema_identification.actuator.fleet import kept as kept_module
+from ema_identification.actuator.fleet.units import OF_DAY, SIZE
 from ema_identification.actuator.laws.terms import LawGap
 from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_identification.actuator.words import reasons_of
@@ -114,7 +115,7 @@ def test_what_healthy_units_leave_is_kept_and_judged_by_the_first_ones(
 ):
     """Other code that finds the same keeps it, in the kit's folder or the cache; else all anew."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(joint_module, "kit_path", lambda _: tmp_path / "kit")
+    monkeypatch.setattr(kept_module, "kit_path", lambda _: tmp_path / "kit")
     asked = []
 
     def scored(x, factor=1.0):
@@ -123,15 +124,17 @@ def test_what_healthy_units_leave_is_kept_and_judged_by_the_first_ones(
 
     def kept(factor=1.0, folder=None):
         asked.clear()
-        rows = joint_module.kept_of(libraries, "gaps1", [1.0, 2.0, 3.0, 4.0, 5.0],
-                                    lambda x: scored(x, factor), folder)
+        rows = kept_module.kept_of(libraries, "gaps1", [1.0, 2.0, 3.0, 4.0, 5.0],
+                                   lambda x: scored(x, factor), folder)
         return rows[:, 0].tolist(), len(asked)
 
     assert kept(folder=tmp_path / "kit") == ([1.0, 2.0, 3.0, 4.0, 5.0], 5)
     assert kept() == ([1.0, 2.0, 3.0, 4.0, 5.0], 0)
-    monkeypatch.setattr(joint_module.cache, "key_of", lambda *_, **__: "other code")
-    assert kept(1.001) == ([1.0, 2.0, 3.0, 4.0, 5.0], joint_module.AGAIN)
-    assert kept(1.1)[1] == joint_module.AGAIN + 5
+    monkeypatch.setattr(kept_module.cache, "key_of", lambda *_, **__: "other code")
+    assert kept(1.001) == ([1.0, 2.0, 3.0, 4.0, 5.0], kept_module.AGAIN)
+    assert kept(1.001) == ([1.0, 2.0, 3.0, 4.0, 5.0], 0)  # asked once
+    monkeypatch.setattr(kept_module.cache, "key_of", lambda *_, **__: "a third code")
+    assert kept(1.1)[1] == kept_module.AGAIN + 5
     assert kept(1.1)[0][4] == pytest.approx(5.5)
 
 

@@ -9,8 +9,20 @@ import pytest
 from sklearn.covariance import ledoit_wolf_shrinkage
 
 from ema_identification.__main__ import main
-from ema_identification.actuator.decision import fit, library
-from ema_identification.actuator.decision.fleet import (
+from ema_identification.actuator.decision import fit
+from ema_identification.actuator.decision.joint import joint_unit
+from ema_identification.actuator.decision.proposals import healthy_scores
+from ema_identification.actuator.fleet.surrogate import (
+    FleetLibrary,
+    NoiseLaw,
+    bent,
+    design,
+    fit_mean,
+    flattening,
+    noise_law,
+    shrunk,
+)
+from ema_identification.actuator.fleet.units import (
     FULL,
     NAMES,
     SIZE,
@@ -21,23 +33,15 @@ from ema_identification.actuator.decision.fleet import (
     fleet_runs,
     fleet_unit,
 )
-from ema_identification.actuator.decision.gap import HeldOut
-from ema_identification.actuator.decision.library import (
+from ema_identification.actuator.gap import HeldOut
+from ema_identification.actuator.library import build as library_build
+from ema_identification.actuator.library.baseline import with_baselines
+from ema_identification.actuator.library.build import (
     agrees,
     as_arrays,
     from_arrays,
     probed,
     title,
-)
-from ema_identification.actuator.decision.surrogate import (
-    FleetLibrary,
-    NoiseLaw,
-    bent,
-    design,
-    fit_mean,
-    flattening,
-    noise_law,
-    shrunk,
 )
 from ema_identification.actuator.measure.features import feature_map
 from ema_identification.actuator.measure.runs import spread_out
@@ -129,14 +133,14 @@ def test_the_shipped_library_is_of_this_code(shipped):
 
 def test_units_set_aside_are_ranked_alike_by_any_number_of_workers(shipped):
     known, _ = shipped
-    alone, shared = (np.concatenate(spread_out(partial(library._ranked, known), [(0, 3), (3, 5)],
-                                               workers=n)) for n in (1, 2))
+    alone, shared = (np.concatenate(spread_out(
+        partial(library_build._ranked, known), [(0, 3), (3, 5)], workers=n)) for n in (1, 2))
     assert np.array_equal(alone, shared)
-    assert alone == pytest.approx(known.healthy[:5], rel=library.SAME[1])
+    assert alone == pytest.approx(known.healthy[:5], rel=library_build.SAME[1])
 
 
-def test_the_shipped_gaps_are_of_the_shipped_libraries(tmp_path, monkeypatch):
-    """The first use of a held-out record need not fit all healthy units anew."""
+def test_what_is_shipped_of_healthy_units_is_of_the_shipped_libraries(tmp_path, monkeypatch):
+    """The first use of held-out, accepted or several records need not fit them all anew."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     units = []
     for path in sorted((shipped_kit() / LIBRARY).glob("library_*.npz")):
@@ -151,7 +155,13 @@ def test_the_shipped_gaps_are_of_the_shipped_libraries(tmp_path, monkeypatch):
     for held, fitted in permutations(units, 2):
         gaps = HeldOut(unit=held, fitted=fitted).healthy
         assert len(gaps) == FULL.set_aside and 1.0 < np.median(gaps) < 4.0
-    assert not list(tmp_path.rglob("gaps*"))  # python -m ema_identification step extended
+        both = joint_unit([held, fitted], healthy_scores).library
+        assert both.healthy.shape == (FULL.set_aside, 3)
+    for unit in units:
+        changed, apart = with_baselines(unit.library, FULL)
+        assert changed.healthy.shape == (FULL.set_aside, 3) and 0.0 < apart < 2.0
+    made = [path.name for path in tmp_path.rglob("*.npz") if not path.name.startswith("agreed_")]
+    assert made == []  # python -m ema_identification step extended
 
 
 def test_a_library_of_another_model_test_or_code_has_another_name(shipped):
@@ -182,11 +192,11 @@ def test_a_damaged_library_is_made_anew(damage, tmp_path, monkeypatch):
         kept = dict(array_cache.load(path.stem, path.parent))
         damage(kept)
         array_cache.save(path.stem, kept, tmp_path)
-    monkeypatch.setattr(library, "kit_path", lambda _: tmp_path)
-    monkeypatch.setattr(library, "_built", built)
+    monkeypatch.setattr(library_build, "kit_path", lambda _: tmp_path)
+    monkeypatch.setattr(library_build, "_built", built)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     with pytest.raises(MadeAnewError):
-        library.fleet_library(load_model_file(), load_profile("step"))
+        library_build.fleet_library(load_model_file(), load_profile("step"))
 
 
 def test_conditions_of_healthy_units_are_those_that_their_records_tell():

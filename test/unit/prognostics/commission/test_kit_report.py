@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from ema_cli.main import run
 from ema_identification import identify
-from ema_identification.actuator.decision import library as decision_library
+from ema_identification.actuator.library import build as library_build
 from ema_prognostics.cascade.classes import FAULTS, OUTPUTS
 from ema_prognostics.commission import commission as commissioning
 from ema_prognostics.commission.bound import FALSE_ALARMS, linear_bound
@@ -180,7 +180,7 @@ def test_a_library_is_made_for_the_records_test_rate_and_channels(
     record.samples[:, 9] = np.nan
     seen: dict[str, Any] = {}
     monkeypatch.setattr(
-        decision_library, "fleet_library",
+        library_build, "fleet_library",
         lambda model, profile, **options: seen.update(model=model, profile=profile, **options))
     identify.build_library([record], tmp_path / LIBRARY, workers=2)
     assert seen["folder"] == tmp_path / LIBRARY and seen["workers"] == 2

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.fleet import conditions_of
 from ema_identification.actuator.decision.proposals import scores
-from ema_identification.actuator.decision.surrogate import Discrepancy, FleetLibrary
+from ema_identification.actuator.fleet.surrogate import Discrepancy, FleetLibrary
+from ema_identification.actuator.fleet.units import conditions_of
 from ema_identification.actuator.measure.features import FeatureMap, feature_map, nominal_rate
 from ema_identification.actuator.measure.recorder import recorded_alike, whole
 from ema_identification.actuator.measure.tolerances import align

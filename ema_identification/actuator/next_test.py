@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.fleet import SIZE
+from ema_identification.actuator.fleet.units import SIZE
 from ema_identification.actuator.laws.terms import LawFit, with_terms
 from ema_identification.actuator.measure.features import feature_map
 from ema_identification.actuator.measure.recorder import whole

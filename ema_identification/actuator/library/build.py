@@ -21,7 +21,15 @@ from scipy.optimize import brentq
 from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.fleet import (
+from ema_identification.actuator.decision.proposals import healthy_scores
+from ema_identification.actuator.fleet.surrogate import (
+    SETTLED_RUNS,
+    FleetLibrary,
+    NoiseLaw,
+    bent,
+    fitted_library,
+)
+from ema_identification.actuator.fleet.units import (
     CHUNK,
     FULL,
     SIZE,
@@ -29,14 +37,6 @@ from ema_identification.actuator.decision.fleet import (
     LibrarySizes,
     conditions_of,
     fleet_runs,
-)
-from ema_identification.actuator.decision.proposals import healthy_scores
-from ema_identification.actuator.decision.surrogate import (
-    SETTLED_RUNS,
-    FleetLibrary,
-    NoiseLaw,
-    bent,
-    fitted_library,
 )
 from ema_identification.actuator.laws.catalogue import Signature
 from ema_identification.actuator.laws.signatures import (
@@ -59,7 +59,7 @@ from ema_sim.simulate import simulate
 
 VERSION = 1
 """To be raised where `library.judged_library` makes something else of the same runs."""
-MADE_BY = "ema_identification.actuator.decision.library"
+MADE_BY = "ema_identification.actuator.library.build"
 """What a library depends on is what this module imports."""
 PROBED = LibrarySizes(units=8, repeated=0, scaled=0, set_aside=0)
 RANKED = 3

@@ -9,15 +9,20 @@ which healthy units, tested on two days, tell; they also give the ranks.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from pathlib import Path
 
 import numpy as np
 from scipy.optimize import brentq
+from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.decision.fit import LOUDEST, PRIOR, TestedUnit
-from ema_identification.actuator.decision.fleet import (
+from ema_identification.actuator.decision.proposals import healthy_scores
+from ema_identification.actuator.fleet.kept import AGAIN, ALIKE, kept_arrays
+from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, FleetLibrary
+from ema_identification.actuator.fleet.units import (
     CHUNK,
     OF_DAY,
     SIZE,
@@ -27,12 +32,10 @@ from ema_identification.actuator.decision.fleet import (
     draw_fleet_unit,
     fleet_record,
 )
-from ema_identification.actuator.decision.proposals import scores
-from ema_identification.actuator.decision.surrogate import SETTLED_RUNS, FleetLibrary
 from ema_identification.actuator.laws.terms import EffectTerm
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.runs import Progress, silent, spread_out
-from ema_identification.actuator.measure.tolerances import RecordConditions, align
+from ema_identification.actuator.measure.tolerances import align
 from ema_record import array_cache as cache
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.spread import TypeSpread
@@ -147,41 +150,58 @@ def _days(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first: 
 
 def with_baselines(
     library: FleetLibrary, sizes: LibrarySizes, *, seed: int = 0, workers: int = 1,
-    progress: Progress = silent,
+    progress: Progress = silent, folder: Path | None = None,
 ) -> tuple[FleetLibrary, float]:
     """Return the library with the scores of healthy units beside their own earlier records.
 
     And the share of `ChangedUnit.apart`, at which every tenth of them leaves a cost of 1 a
-    feature on average.
+    feature on average. `folder` : where they are kept if they are new, default the cache.
     """
-    name = cache.key_of(repr(library.model), repr(library.spread), repr(library.fmap.profile),
-                        str(library.fmap.rate), repr(tuple(sizes)), str(seed), module=__name__)
-    found = cache.load(f"changed_{name}")
-    if found is None:
-        part = f"part_changed_{name}"
+    plain = replace(library, left=None)
+
+    def make() -> dict[str, np.ndarray]:
         first = sizes.total - len(library.aside[0])
+        of = (library.model, library.spread, library.fmap.profile, library.fmap.rate,
+              tuple(sizes), seed)
+        part = f"part_changed_{cache.key_of(*map(repr, of), module=__name__)}"
         rows = np.concatenate(spread_out(
             partial(_days, library.model, library.spread, library.fmap, seed),
             [(k, min(k + CHUNK, sizes.total)) for k in range(first, sizes.total, CHUNK)],
             workers=workers, progress=progress, what="healthy runs of another day", keep=part))
-        found = _judged(library, rows, progress)
-        cache.save(f"changed_{name}", found)
+        found = _judged(plain, rows, progress, workers)
         cache.forget(part)
-    return replace(library, left=None, healthy=found["healthy"]), float(found["apart"])
+        return found
+
+    found = kept_arrays([plain], "changed", make, partial(_agrees, plain), folder)
+    return replace(plain, healthy=found["healthy"]), float(found["apart"])
 
 
-def _judged(library: FleetLibrary, rows: np.ndarray, progress: Progress
-            ) -> dict[str, np.ndarray]:
-    plain = replace(library, left=None)
+def _pairs(library: FleetLibrary, rows: np.ndarray, part: slice) -> list[ChangedUnit]:
+    """Return some of the healthy units on another day beside themselves, without `apart`."""
+    found = []
+    conditions, features = library.aside
+    for row, given, values in zip(rows[part], conditions[part], features[part]):
+        if np.isfinite(row).all() and np.isfinite(values).all():
+            later, before = (
+                TestedUnit(library=library, values=y, conditions=conditions_of(c))
+                for y, c in ((row[:-4], row[-4:]), (values, given)))
+            found.append(changed_unit(later, [before], 0.0))
+    return found
 
-    def unit_of(values: np.ndarray, conditions: RecordConditions) -> TestedUnit:
-        return TestedUnit(library=plain, values=values, conditions=conditions)
 
-    pairs = [(unit_of(row[:-4], conditions_of(row[-4:])), unit_of(values, conditions_of(given)))
-             for row, given, values in zip(rows, *library.aside)
-             if np.isfinite(row).all() and np.isfinite(values).all()]
-    units = [changed_unit(later, [before], 0.0) for later, before in pairs]
-    some = units[::10]
+def _ranked(library: FleetLibrary, rows: np.ndarray, apart: float, first: int, last: int
+            ) -> np.ndarray:
+    """Return the scores of some of the units, shape (n, 3)."""
+    with threadpool_limits(limits=1):
+        units = _pairs(library, rows, slice(first, last))
+        found = [healthy_scores(replace(unit, apart=apart)) for unit in units]
+    return np.array(found).reshape(-1, 3)
+
+
+def _judged(
+    library: FleetLibrary, rows: np.ndarray, progress: Progress, workers: int = 1
+) -> dict[str, np.ndarray]:
+    some = _pairs(library, rows, slice(None, None, 10))
 
     def excess(apart: float) -> float:
         tried = [replace(unit, apart=apart) for unit in some]
@@ -189,9 +209,16 @@ def _judged(library: FleetLibrary, rows: np.ndarray, progress: Progress
 
     apart = 0.0 if excess(0.0) <= 0.0 else 2.0 if excess(2.0) > 0.0 else float(
         brentq(excess, 0.0, 2.0, xtol=0.02))
-    ranked = [replace(unit, apart=apart) for unit in units]
-    healthy = []
-    for k, unit in enumerate(ranked):
-        healthy.append(scores(unit, unit.without_law(), 0))
-        progress("healthy units since acceptance", (k + 1) / len(ranked))
-    return {"healthy": np.array(healthy), "apart": np.array(apart)}
+    healthy = spread_out(
+        partial(_ranked, library, rows, apart),
+        [(k, k + CHUNK) for k in range(0, len(rows), CHUNK)], workers=workers,
+        progress=progress, what="healthy units since acceptance")
+    return {"healthy": np.concatenate(healthy), "apart": np.array(apart), "days": rows[:AGAIN]}
+
+
+def _agrees(library: FleetLibrary, kept: Mapping[str, np.ndarray]) -> bool:
+    """Return whether the present code ranks the first units as they are kept."""
+    if not kept.keys() >= {"healthy", "apart", "days"}:
+        return False
+    again = _ranked(library, kept["days"], float(kept["apart"]), 0, AGAIN)
+    return bool(np.allclose(again, kept["healthy"][:len(again)], rtol=ALIKE))

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from ema_identification.actuator.decision.fleet import (
+from ema_identification.actuator.fleet.units import (
     SIZE,
     FleetRuns,
     LibrarySizes,

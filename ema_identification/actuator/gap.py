@@ -14,13 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
-from ema_identification.actuator.decision.fleet import OF_DAY, SIZE
-from ema_identification.actuator.decision.joint import kept_of
-from ema_identification.actuator.decision.surrogate import worst
+from ema_identification.actuator.fleet.kept import kept_of
+from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, worst
+from ema_identification.actuator.fleet.units import OF_DAY, SIZE
 from ema_identification.actuator.laws.terms import LawFit, LawGap
-
-RUNS = 8
-"""Of a prediction with a law."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +37,7 @@ class HeldOut:
         if len(models) == 1:
             gap = quadratic_gap(unit, self.fitted, null)
             return LawGap(values=(gap.values[0],), healthy=self.healthy, rest=gap.rest)
-        means = [unit.run(m.terms, _predicted(unit, m), RUNS, salt=21) for m in models]
+        means = [unit.run(m.terms, _predicted(unit, m), SETTLED_RUNS, salt=21) for m in models]
         return replace(_left(unit, _yardstick(self.fitted), _predicted(unit, null), means),
                        healthy=self.healthy)
 

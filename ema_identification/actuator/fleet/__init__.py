@@ -1,0 +1,1 @@
+"""Healthy units of a type: how they differ, what their records look like, what is kept of them."""
