@@ -54,8 +54,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 """Beginnings of the names of the inputs of each network."""
 SIZES = {
-    "eccentricity": ("amplitude_", "third_line_along", "third_line_across", "short_unlike",
-                     "odd_amplitude", *_SCATTER),
+    "eccentricity": ("amplitude_", "third_line_along", "third_line_across", "third_line_size",
+                     "short_unlike", "odd_amplitude", *_SCATTER),
 }
 """The same, of networks that say how much and see other inputs than those that say whether."""
 

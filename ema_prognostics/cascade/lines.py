@@ -23,6 +23,9 @@ HARMONICS = 6
 SPEEDS = ("quarter", "full")
 SHORT_LINES = (2, 4)
 ECCENTRIC_LINES = (1, 3)
+ACROSS = 3.0
+"""How much weaker line 3 of an eccentricity across the phase is than along it, where the phases
+see the gap each at its own angle: so weighed, its size alone tells the eccentricity's."""
 NOISE, CURRENT_NOISE = "noise_speed", "noise_current_least"
 """Features that tell the noise of speed and current sensors, as logarithms."""
 TWO_OF_THREE = 0.7
@@ -35,7 +38,7 @@ DERIVED = (
     "short_like_a", "short_like_b", "short_like_c", "short_like_best", "short_unlike",
     "odd_amplitude", "winding_like_a", "winding_like_b", "winding_like_c", "winding_like_best",
     "lines_and_winding_best", "winding_unlike", "third_line_along", "third_line_across",
-    "first_line_strength", "third_line_strength",
+    "third_line_size", "first_line_strength", "third_line_strength",
 )
 """Names of what `LineFilter.derive` returns, in order."""
 
@@ -126,7 +129,8 @@ class LineFilter:
             np.abs(lines), like, best, np.sqrt(rest), run_out / self.deviation.min(),
             wound, np.maximum(wound.max(axis=1), 0.0), np.maximum(both.max(axis=1), 0.0),
             wound_rest / np.sqrt(1.0 + (np.abs(measured) ** 2).sum(axis=1)),
-            np.abs(lines[:, 2].real), np.abs(lines[:, 2].imag), self._strength(names, x),
+            np.abs(lines[:, 2].real), np.abs(lines[:, 2].imag),
+            np.hypot(lines[:, 2].real, ACROSS * lines[:, 2].imag), self._strength(names, x),
         ])
 
     def _strength(self, names: Sequence[str], x: np.ndarray) -> np.ndarray:

@@ -78,5 +78,5 @@ def control_loop(signals: Signals, windows: tuple[tuple[float, float], ...]) -> 
     total = max(float(strength.sum()), 1e-9)
     delay = float(strength @ np.arange(lags + 1)) / total / signals.rate
     gain = np.sqrt(total) / control.proportional_gain
-    return {"control_delay": float(np.log(1e3 * (delay + control.period))),
+    return {"control_delay": float(np.log(1e3 * max(delay, control.period))),
             "control_gain": float(np.log(gain))}

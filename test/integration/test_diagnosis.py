@@ -35,10 +35,6 @@ def test_healthy(model, profile, seed):
     assert verdict.probabilities["healthy"] > 0.5
 
 
-MISSED = ("step", "physical", "b", 0.03)
-"""The one short that is outside its interval of 90 %: that begins at 3.03 % of the turns."""
-
-
 @pytest.mark.parametrize("profile", PROFILES)
 @pytest.mark.parametrize("mode", ["paper", "physical"])
 @pytest.mark.parametrize("phase", ["a", "b", "c"])
@@ -55,7 +51,7 @@ def test_turn_short_with_its_phase_and_size(model, profile, mode, phase, fractio
     assert found["severity"] == pytest.approx(fraction, rel=0.15, abs=0.008)
     low, high = found["severity_interval"]
     assert low <= found["severity"] <= high
-    assert (low <= fraction <= high) == ((profile, mode, phase, fraction) != MISSED)
+    assert low <= fraction <= high
     assert found["level"] == {0.03: "small", 0.10: "medium", 0.25: "large"}[fraction]
     assert "rotor_eccentricity" in found["alternatives"]
     assert verdict.exit_status == 1

@@ -40,13 +40,7 @@ RECORDERS = {
 }
 
 
-NOT_YET = pytest.mark.xfail(strict=True, reason=(
-    "rounded but without any noise, which no converter is: what answers the rounding looks like a "
-    "delay of the controller of 0.015 ms, beyond its bound (docs/limits.md)"))
-
-
-@pytest.mark.parametrize("what", [
-    pytest.param(what, marks=NOT_YET) if what == "no noise" else what for what in RECORDERS])
+@pytest.mark.parametrize("what", RECORDERS)
 def test_healthy_whatever_the_recorder(what: str) -> None:
     actuator, noise = RECORDERS[what]
     record = simulate(load_profile("extended"), actuator=actuator, noise=noise, seed=21)

@@ -140,4 +140,5 @@ def test_third_line_along_and_across_the_phase(found: LineFilter) -> None:
     values = dict(zip(DERIVED, found.derive(NAMES, features(lines))[0]))
     assert values["third_line_along"] == pytest.approx(3.0 / found.deviation[2])
     assert values["third_line_across"] == pytest.approx(4.0 / found.deviation[2])
+    assert values["third_line_size"] == pytest.approx(np.hypot(3.0, 12.0) / found.deviation[2])
     assert values["amplitude_3"] == pytest.approx(5.0 / found.deviation[2])

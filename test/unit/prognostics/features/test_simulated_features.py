@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from ema_prognostics.cascade.lines import ACROSS
 from ema_prognostics.features.extract import extract
 from ema_record.errors import IncompleteRecordError
 from ema_record.profile import load_profile
@@ -45,6 +46,15 @@ def test_eccentricity_gives_odd_lines() -> None:
     found = features(DEFAULT, "rotor_eccentricity.zeta=0.02", "rotor_eccentricity.mode=common")
     assert abs(line(found, 1) - line(healthy, 1)) == pytest.approx(0.02, rel=0.1)
     assert abs(line(found, 2) - line(healthy, 2)) < 1e-3
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.8, 1.57])
+def test_third_line_across_is_a_third_of_that_along(angle: float) -> None:
+    found = features(DEFAULT, "rotor_eccentricity.zeta=0.08", "rotor_eccentricity.mode=shifted",
+                     f"rotor_eccentricity.angle={angle}")
+    third = line(found, 3)
+    assert np.hypot(third.real, ACROSS * third.imag) == pytest.approx(0.6 * 0.08, rel=0.03)
+    assert abs(third.imag) == pytest.approx(0.2 * 0.08 * np.sin(angle), abs=1e-3)
 
 
 @both_machines

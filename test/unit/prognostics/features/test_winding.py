@@ -55,7 +55,7 @@ def test_a_nominal_winding_is_nominal(
     ("inverter_voltage_drop.drop=4", "switch_drop", 4.0, 0.9),
     ("hall_misalignment.angle=0.05", "sensor_angle", 50.0, 10.0),
     ("phase_resistance_imbalance.increase=0.5", "resistance_m1_re", 50.0, 4.0),
-    ("control_delay.delay=0.0003", "control_delay", float(np.log(0.35)), 0.1),
+    ("control_delay.delay=0.0003", "control_delay", float(np.log(0.3)), 0.1),
     ("inertia_change.motor=0.3", "inertia", float(np.log(1.3)), 0.06),
     ("bus_voltage_sag.resistance=1.0", "bus_sag", float(np.log(1.05)), 0.05),
 ])
