@@ -217,8 +217,7 @@ class _Work:
         healthy = fleets.healthy
         (names, rows), units = self._acceptance.features(actuator), self._acceptance.units
         model, spread = expected(healthy, names, rows), fleet_spread(names, healthy)
-        rows = steady(names, rows, model)
-        check_described(names, rows, model, spread)
+        check_described(names, rows := steady(names, rows, model), model, spread)
         discrepancy = fit_discrepancy(names, rows, units, model, spread)
         self._progress("training", 0.70)
         views = self._views(fleets, discrepancy)
@@ -266,9 +265,8 @@ class _Work:
         if self._library is None:
             return False
         begin, end = LIBRARY_SHARE
-        self._library(
-            self._acceptance.records, self._draft / LIBRARY,
-            lambda what, share: self._progress(what, begin + (end - begin) * share))
+        self._library(self._acceptance.records, self._draft / LIBRARY, lambda what, share:
+                      self._progress(what, begin + (end - begin) * share))
         return True
 
     def _write_actuator(self, actuator: Actuator, tolerances: UnitTolerances | None = None

@@ -15,6 +15,7 @@ import numpy as np
 
 from ema_prognostics.features.signals import Signals
 from ema_prognostics.features.turns import TURN, Turns, rotor_lines, whole_turns
+from ema_prognostics.features.vector import SWING
 from ema_record.channels import TIME
 from ema_record.errors import IncompleteRecordError
 
@@ -27,9 +28,6 @@ CELLS = 12
 """Parts of an electrical turn in which what is not of the rotor is looked for: up to line 6."""
 LOWEST = 0.3
 """Least multiple of the electrical frequency of a limit cycle that is sought."""
-SWING = 0.01
-"""Part of its speed from which a slew swings: steady ones of seven machines do by 0.001 to 0.003,
-limit cycles (stick-slip of the surface on the shaft) by 0.015 to 0.2."""
 DRIVEN = 0.01
 """Share of the torque of nominal friction below which the motor was driven from outside."""
 

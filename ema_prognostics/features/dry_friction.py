@@ -12,8 +12,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ema_prognostics.features.balance import SWING, Balance
+from ema_prognostics.features.balance import Balance
 from ema_prognostics.features.signals import Signals
+from ema_prognostics.features.vector import SWING
 
 LEAST = 1e-3
 """Floor of the dry friction, part of the torque at the lowest speed."""

@@ -6,13 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_prognostics.features.balance import SWING
 from ema_record.actuator import load_actuator
 
 ABSOLUTE = "absolute_"
 """Marks a feature itself beside its difference to the baseline."""
 SWINGS = {speed: f"swing_{speed}" for speed in ("quarter", "full")}
 """Feature that says how much a slew swings by itself, see `balance.Balance`."""
+SWING = 0.01
+"""Part of its speed from which a slew swings: steady ones of seven machines do by 0.001 to 0.003,
+limit cycles (stick-slip of the surface on the shaft) by 0.015 to 0.2."""
 START = "start_position"
 START_TOLERANCE = 0.6
 """How far from its start a test may begin, of the wind-up under static friction, which holds the

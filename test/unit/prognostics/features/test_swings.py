@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ema_prognostics.features.balance import SWING, torque_balance
+from ema_prognostics.features.balance import torque_balance
 from ema_prognostics.features.dry_friction import dry_friction
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.signals import prepare
-from ema_prognostics.features.vector import difference_names, differences, steady, swings
+from ema_prognostics.features.vector import SWING, difference_names, differences, steady, swings
 from ema_record.actuator import load_actuator
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
