@@ -16,7 +16,7 @@ import numpy as np
 from ema_prognostics.features.signals import Signals
 from ema_prognostics.features.turns import TURN, Turns, rotor_lines, whole_turns
 from ema_prognostics.features.vector import SWING
-from ema_record.channels import TIME
+from ema_record.channels import TIME, median
 from ema_record.errors import IncompleteRecordError
 
 HARMONICS = 6
@@ -125,7 +125,7 @@ def _without_cycle(
     speed, told = signal[:, 0], np.ones(len(orders), dtype=bool)
     rest = _cells(turns, speed, pole_pairs)
     # The median turn: a single jolt is no limit cycle.
-    swing = float(np.sqrt(2.0 * np.median((rest**2).mean(axis=1))) / abs(turns.weight @ speed))
+    swing = float(np.sqrt(2.0 * median((rest**2).mean(axis=1))) / abs(turns.weight @ speed))
     if swing <= SWING:
         return signal, told, swing
     time = turns.samples[:, TIME] - turns.samples[0, TIME]
