@@ -61,6 +61,8 @@ VERSION = 1
 """To be raised where `library.judged_library` makes something else of the same runs."""
 MADE_BY = "ema_identification.actuator.library.build"
 """What a library depends on is what this module imports."""
+BANDS = 1.3
+"""Requirement: bands of the fleet, in the kit's. A unit a little beyond these lacks no effect."""
 PROBED = LibrarySizes(units=8, repeated=0, scaled=0, set_aside=0)
 RANKED = 3
 """Units set aside that are ranked again."""
@@ -75,8 +77,7 @@ FINER = 4.0
 CORRELATION = 2.0**-14
 """Step of correlations."""
 SHARES = {True: (0.0, 0.3, 0.8, 1.0), False: (0.0, 0.0, 0.7, 1.0)}
-"""Of the time: until the catalogue, the healthy runs and the units set aside are done; with and
-without a catalogue."""
+"""Of the time: until catalogue, healthy runs, units set aside are done; with a catalogue or not."""
 SCALED_SHARE = 0.4
 """Of the time of the units set aside, that of those that set the scale."""
 
@@ -151,7 +152,7 @@ def fleet_library(
     is simulated and kept in `folder`, default the cache. A building that was stopped goes on
     where it was.
     """
-    spread = load_spread()
+    spread = load_spread().widened(BANDS)
     rate = model.actuator.acquisition.rate if rate is None else rate
     fmap = feature_map(profile, model.actuator, whole(simulate(
         profile, actuator=model.actuator, effects=model.effects, seed=seed, rate=rate),
