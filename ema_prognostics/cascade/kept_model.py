@@ -1,8 +1,8 @@
 """The model of a kit as arrays in the cache: it is read and checked once, then only looked up.
 
 What is kept is a model that `load_model` found good, beside the SHA-256 of the file that it was
-read from. It holds for that file, this version of the software and these fields alone; whatever
-else lies in its place, damaged or of another layout, counts as absent. It judges as the file does
+read from. It holds for that file, this version of the software, its inputs and these fields
+alone; whatever else lies in its place, damaged or of another layout, counts as absent. It judges as the file does
 (the numbers are the same doubles), but is not written to a file again: its lists are arrays.
 """
 
@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from ema_prognostics.cascade.find import Cascade
+from ema_prognostics.cascade.lines import DERIVED
 from ema_prognostics.cascade.model_body import Part, ViewPart
 from ema_prognostics.cascade.model_file import (
     MAX_BYTES,
@@ -97,7 +98,7 @@ def _hash_of(path: Path) -> str | None:
 
 def _layout(file: str) -> list[str]:
     """Return what a kept model must have been kept for."""
-    return [file, VERSION]
+    return [file, VERSION, *DERIVED]
 
 
 class _Packed:
