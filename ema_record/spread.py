@@ -66,15 +66,6 @@ class TypeSpread(NamedTuple):
     tolerances: UnitTolerances
     conditions: Conditions
 
-    def widened(self, by: float) -> TypeSpread:
-        """Return the spread of units whose bands are `by` times as wide; tests stay as they are.
-
-        A factor up and down is raised to that power, within what a description may say.
-        """
-        return self._replace(tolerances=UnitTolerances(**{
-            name: min(x**by if name == "viscous_factor" else by * x, most_of(name))
-            for name, x in self.tolerances._asdict().items()}))
-
 
 def most_of(name: str) -> float:
     """Return the largest value of one of `UnitTolerances`."""

@@ -2,8 +2,9 @@
 
 What is kept is a model that `load_model` found good, beside the SHA-256 of the file that it was
 read from. It holds for that file, this version of the software, its inputs and these fields
-alone; whatever else lies in its place, damaged or of another layout, counts as absent. It judges as the file does
-(the numbers are the same doubles), but is not written to a file again: its lists are arrays.
+alone; whatever else lies in its place, damaged or of another layout, counts as absent. It judges
+as the file does (the numbers are the same doubles), but is not written to a file again: its lists
+are arrays.
 """
 
 from __future__ import annotations
