@@ -3,10 +3,7 @@
 A fault changes the torque constants, so line h of the torque residual is the same part of the
 torque at every speed: the lines of the slews are averaged with the weights
 that scatter least over healthy units, and counted in healthy deviations σ_h. A short in phase k
-has lines 2 and 4 in fixed proportion, turned by −h k 120°. So has any change of the phases' own
-constants, c_k in phase k: lines w p₂ and w* p₄ with w = Σ c_k exp(j k 120°). A wrong scale of a
-current that the control believes has others, since the current that is rebuilt from it is wrong
-too; what of these lines no constants make is what it leaves. An eccentricity has lines 1 and 3 in
+has lines 2 and 4 in fixed proportion, turned by −h k 120°; an eccentricity has lines 1 and 3 in
 any direction, so there the amplitude is what tells; no tolerance of a unit makes them, so it is
 weighed against the scatter that control and sensor noise of the very record give them. A short
 also takes turns from its winding: resistance and inductance of the phases then differ, in the
@@ -41,7 +38,7 @@ DERIVED = (
     "short_like_a", "short_like_b", "short_like_c", "short_like_best", "short_unlike",
     "odd_amplitude", "winding_like_a", "winding_like_b", "winding_like_c", "winding_like_best",
     "lines_and_winding_best", "winding_unlike", "third_line_along", "third_line_across",
-    "third_line_size", "first_line_strength", "third_line_strength", "constants_unlike",
+    "third_line_size", "first_line_strength", "third_line_strength",
 )
 """Names of what `LineFilter.derive` returns, in order."""
 
@@ -121,13 +118,9 @@ class LineFilter:
         turns = np.exp(-2j * np.pi / 3.0 * np.outer(np.arange(3), SHORT_LINES))
         patterns = turns * self.template / self.deviation[pick]
         strength = np.sqrt((np.abs(patterns) ** 2).sum(axis=1))[0]
-        power = (np.abs(measured) ** 2).sum(axis=1)
         like = (measured @ patterns.conj().T).real / strength
         best = np.maximum(like.max(axis=1), 0.0)
-        rest = np.maximum(power - best**2, 0.0)
-        two, four = (measured * patterns[0].conj()).T
-        of_constants = np.abs(two + four.conj()) ** 2 / strength**2
-        unlike = np.sqrt(np.maximum(power - of_constants, 0.0) / (1.0 + power))
+        rest = np.maximum((np.abs(measured) ** 2).sum(axis=1) - best**2, 0.0)
         odd = even_lines(names, x, "odd")
         run_out = (np.abs(odd).max(axis=(1, 2)) if odd.shape[1] else np.zeros(len(x)))
         wound, wound_strength, wound_rest = self._winding_like(names, x)
@@ -135,10 +128,9 @@ class LineFilter:
         return np.column_stack([
             np.abs(lines), like, best, np.sqrt(rest), run_out / self.deviation.min(),
             wound, np.maximum(wound.max(axis=1), 0.0), np.maximum(both.max(axis=1), 0.0),
-            wound_rest / np.sqrt(1.0 + power),
+            wound_rest / np.sqrt(1.0 + (np.abs(measured) ** 2).sum(axis=1)),
             np.abs(lines[:, 2].real), np.abs(lines[:, 2].imag),
             np.hypot(lines[:, 2].real, ACROSS * lines[:, 2].imag), self._strength(names, x),
-            unlike,
         ])
 
     def _strength(self, names: Sequence[str], x: np.ndarray) -> np.ndarray:

@@ -159,7 +159,7 @@ def train_guard(
 
     def limits(first: np.ndarray, z: np.ndarray, found: str, least: np.ndarray) -> LimitPart:
         wound = WOUND_MARGIN if found in ("electrical", "both") else TAIL_MARGIN
-        each = np.array([wound if n.startswith(WOUND) and n not in NO_FAULT_MOVES else 1.0
+        each = np.array([wound if n.startswith(WOUND) and n != NO_FAULT_MOVES else 1.0
                          for n in checked])
         return _limits(first, z, checked, least, MARGINS[found] * each, MARGINS[found])
 

@@ -18,8 +18,6 @@ LEAST_VARIANCE = 0.5
 simulation does in a machine."""
 FEWEST = 5
 """Examples of a kind that give its direction."""
-PARTS = 40
-"""In which the rate of what may be turned away is shared out."""
 Turned = Callable[[np.ndarray], list[np.ndarray]]
 
 
@@ -59,14 +57,12 @@ def train_strangers(
         return None
     filters = StrangerFilters(StrangersPart(filters=found))
     sounds, others, limits = turned(sound), turned(other), []
-    own = [[one.kind == name for one in what] for name in found]
     for k, name in enumerate(KINDS_FOUND):  # healthy records are of more units: none is below
-        strangers = [column[rows] for column, rows in zip(filters.outputs(views, k).T, own)]
-        limit = _limits(filters.outputs(sounds, k), strangers)
+        limit = _limits(filters.outputs(sounds, k))
         if k:
             mine = np.isin(kind, within[k])
             limit = MARGINS[name] * np.maximum(
-                limit, _limits(filters.outputs([z[mine] for z in others], k), strangers))
+                limit, _limits(filters.outputs([z[mine] for z in others], k)))
         limits.append(limit)
     return StrangersPart(filters={
         name: one.model_copy(update={"limits": rounded(np.array(limits)[:, k])})
@@ -81,27 +77,13 @@ def _covariance(inputs: np.ndarray) -> np.ndarray:
     return covariance + np.diag(np.maximum(LEAST_VARIANCE - np.diag(covariance), 0.0))
 
 
-def _limits(size: np.ndarray, strangers: Sequence[np.ndarray]) -> np.ndarray:
+def _limits(size: np.ndarray) -> np.ndarray:
     """Return limits, shape (kinds,), that `STRANGER_RATE` of the records exceed with any filter.
-
-    The rate is spent where it tells most strangers (Neyman and Pearson 1933, of a mixture):
-    nothing is to be had of a kind that no record shows, nor of one that all show.
 
     Parameters
     ----------
     size : ndarray, shape (n, kinds). Of the filters' outputs.
-    strangers : by kind, shape (s,). Output of its filter for strangers of the kind.
     """
-    limits = np.array([[max(tail_quantile(column, STRANGER_RATE * (k + 1) / PARTS), 1e-3)
-                        for k in range(PARTS)] for column in size.T])
-    told = np.array([(row[:, None] > limit).mean(axis=0) for row, limit in zip(strangers, limits)])
-    spent = np.zeros(len(told), dtype=int)
-    while spent.sum() < PARTS - 1:
-        gain = [max(((row[k] - row[at]) / (k - at) for k in range(at + 1, PARTS)), default=0.0)
-                for row, at in zip(told, spent)]
-        if max(gain) <= 0.0:
-            break
-        spent[np.argmax(gain)] += 1
-    each = limits[np.arange(len(limits)), spent]
+    each = np.array([max(tail_quantile(column, STRANGER_RATE), 1e-3) for column in size.T])
     worst = tail_quantile((size / each).max(axis=1), STRANGER_RATE)
     return np.array(rounded(each * worst))
