@@ -28,7 +28,7 @@ from ema_identification.actuator.measure.tolerances import (
 from ema_record.actuator import Actuator
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.record import Record
-from ema_record.spread import TypeSpread, UnitTolerances, most_of
+from ema_record.spread import TypeSpread
 from ema_sim.effects import Effects
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
@@ -45,16 +45,6 @@ SIZE = len(NAMES)
 OF_DAY = np.array([n.startswith(("current_sensor", "surface_load")) for n in NAMES])
 """What differs from test to test."""
 _LISTED = len(TOLERANCES)
-
-
-def widened(spread: TypeSpread, by: float) -> TypeSpread:
-    """Return the spread of units whose bands are `by` times as wide; tests stay as they are.
-
-    A factor up and down is raised to that power; no bound exceeds what a description may say.
-    """
-    return spread._replace(tolerances=UnitTolerances(**{
-        name: min(x**by if name == "viscous_factor" else by * x, most_of(name))
-        for name, x in spread.tolerances._asdict().items()}))
 
 
 def _factors(spread: TypeSpread) -> np.ndarray:

@@ -37,7 +37,6 @@ from ema_identification.actuator.fleet.units import (
     LibrarySizes,
     conditions_of,
     fleet_runs,
-    widened,
 )
 from ema_identification.actuator.laws.catalogue import Signature
 from ema_identification.actuator.laws.signatures import (
@@ -62,8 +61,6 @@ VERSION = 1
 """To be raised where `library.judged_library` makes something else of the same runs."""
 MADE_BY = "ema_identification.actuator.library.build"
 """What a library depends on is what this module imports."""
-BANDS = 1.3
-"""Requirement: bands of the fleet, in the kit's. A unit a little beyond these lacks no effect."""
 PROBED = LibrarySizes(units=8, repeated=0, scaled=0, set_aside=0)
 RANKED = 3
 """Units set aside that are ranked again."""
@@ -73,12 +70,15 @@ SAME = 1e-6, 0.01
 """Relative error of the same statistics; of the same ranks."""
 ROUND = 64.0
 """Parts of a deviation to which features are kept."""
-FINER, CORRELATION = 4.0, 2.0**-14
-"""Times finer are the weights kept, of which many add up; step of correlations."""
+FINER = 4.0
+"""Times finer are the weights kept, of which many add up."""
+CORRELATION = 2.0**-14
+"""Step of correlations."""
 SHARES = {True: (0.0, 0.3, 0.8, 1.0), False: (0.0, 0.0, 0.7, 1.0)}
-"""Of the time until catalogue, healthy runs, units set aside are done; with a catalogue or not."""
+"""Of the time: until the catalogue, the healthy runs and the units set aside are done; with and
+without a catalogue."""
 SCALED_SHARE = 0.4
-"""Of that of the units set aside, that of those that set the scale."""
+"""Of the time of the units set aside, that of those that set the scale."""
 
 
 def judged_library(
@@ -151,7 +151,7 @@ def fleet_library(
     is simulated and kept in `folder`, default the cache. A building that was stopped goes on
     where it was.
     """
-    spread = widened(load_spread(), BANDS)
+    spread = load_spread()
     rate = model.actuator.acquisition.rate if rate is None else rate
     fmap = feature_map(profile, model.actuator, whole(simulate(
         profile, actuator=model.actuator, effects=model.effects, seed=seed, rate=rate),
