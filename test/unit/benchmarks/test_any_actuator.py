@@ -22,6 +22,7 @@ from benchmarks.any_actuator.described import Damage, Own
 from benchmarks.any_actuator.machines import load_machine, machine_names
 from benchmarks.any_actuator.physics import run
 from benchmarks.any_actuator.records import BenchTest, record_of
+from benchmarks.any_actuator.strangers import told_together
 from benchmarks.any_actuator.table import is_right, markdown, rates
 from benchmarks.any_actuator.units import (
     draw_own,
@@ -273,3 +274,16 @@ def test_a_type_is_off_its_description():
     assert all(t.motor.static_friction / t.motor.dynamic_friction == pytest.approx(
         a.motor.static_friction / a.motor.dynamic_friction) for t in types)
     assert all(t.gear == a.gear and t.control == a.control for t in types)
+
+
+def test_the_bound_of_one_stranger_is_the_closed_one_and_of_several_is_less():
+    from scipy.stats import norm
+
+    one = np.array([[0.0, 2.0, 0.0]])
+    closed = norm.cdf(2.0 - norm.ppf(0.97))
+    assert told_together(one, np.ones(1), 0.03)[0] == pytest.approx(closed, abs=0.01)
+    several = told_together(2.0 * np.eye(3), np.ones(3), 0.03)
+    assert (several < closed - 0.1).all()
+    assert several == pytest.approx(np.full(3, several.mean()), abs=0.02)  # by symmetry
+    far = told_together(np.vstack([one, [[90.0, 0.0, 0.0]]]), np.ones(2), 0.03)
+    assert far == pytest.approx([closed, 1.0], abs=0.02)
