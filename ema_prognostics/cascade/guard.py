@@ -11,7 +11,8 @@ the inputs. A small shift of many of these is hard to see in the scatter of know
 they are weighted by its inverse covariance (R. A. Fisher, Ann. Eugenics 7 (1936) 179). It is
 another one where a fault is found, of which the size is not known, so each kind of stranger has a
 filter for each of `KINDS_FOUND`. A filter needs only a mean direction, which few examples give; a
-network would have to learn the covariance too.
+network would have to learn the covariance too. What no direction tells, since its sign or its
+phase is part of it, is told by a single input that nothing known moves: `PATTERNS`.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ import numpy as np
 from ema_prognostics.cascade.classes import KINDS_FOUND, probability_known, tail_probability
 from ema_prognostics.cascade.guard_groups import group_columns
 from ema_prognostics.cascade.inputs import SURFACE, input_names
-from ema_prognostics.cascade.lines import DERIVED
+from ema_prognostics.cascade.lines import DERIVED, NO_CONSTANTS
 from ema_prognostics.cascade.model_body import GuardPart, LimitPart, StrangersPart, ViewPart
 from ema_prognostics.features.vector import ABSOLUTE, SWINGS
 from ema_prognostics.networks.network import Network
@@ -77,6 +78,8 @@ BESIDE_OWN = 1.25
 """Bound of the scores without the baseline, where there is one and its guard judges too."""
 STRANGER_RATE = 0.004
 """Part of the known records of which a stranger may be said: as many as may be doubtful."""
+PATTERNS = {"current_scale": NO_CONSTANTS}
+"""Strangers that one input tells: a current whose scale is wrong, where none contradicts it."""
 SQUEEZE, GROUP_SQUEEZE = 3.0, 8.0
 """Scaled residual beyond which a single feature adds little to the distance of all, of a group."""
 
@@ -273,6 +276,7 @@ class StrangerFilters:
         self._kinds = tuple(part.filters)
         self._weights = np.array([one.weights for one in part.filters.values()])
         self._turned = np.array([one.turns == 3 for one in part.filters.values()])
+        self._both = np.array([one.both for one in part.filters.values()])
         self._limits = np.array([one.limits for one in part.filters.values()])
 
     def outputs(self, turned: list[np.ndarray], found: int) -> np.ndarray:
@@ -283,7 +287,8 @@ class StrangerFilters:
         turned : of ndarray, shape (n, d). Squashed inputs as seen from each phase.
         found : in the records, of `KINDS_FOUND`.
         """
-        size = np.abs([z @ self._weights[:, found].T for z in turned])
+        output = np.array([z @ self._weights[:, found].T for z in turned])
+        size = np.where(self._both, np.abs(output), np.maximum(output, 0.0))
         return np.where(self._turned, size.max(axis=0), size[0])
 
     def __call__(self, turned: list[np.ndarray], kind: np.ndarray) -> Strange:

@@ -3,9 +3,12 @@
 A fault changes the torque constants, so line h of the torque residual is the same part of the
 torque at every speed: the lines of the slews are averaged with the weights
 that scatter least over healthy units, and counted in healthy deviations σ_h. A short in phase k
-has lines 2 and 4 in fixed proportion, turned by −h k 120°; an eccentricity has lines 1 and 3 in
-any direction, so there the amplitude is what tells; no tolerance of a unit makes them, so it is
-weighed against the scatter that control and sensor noise of the very record give them. A short
+has lines 2 and 4 in fixed proportion, turned by −h k 120°. So has any change of the phases' own
+constants, c_k in phase k: lines w p₂ and w* p₄ with w = Σ c_k exp(j k 120°). A wrong scale of a
+current that the control believes has others, since the current that is rebuilt from it is wrong
+too: what of these lines no constants make. An eccentricity has lines 1 and 3 in any direction, so
+there the amplitude is what tells; no tolerance of a unit makes them, so it is weighed against the
+scatter that control and sensor noise of the very record give them. A short
 also takes turns from its winding: resistance and inductance of the phases then differ, in the
 direction of the phase (line 1).
 """
@@ -33,12 +36,14 @@ TWO_OF_THREE = 0.7
 WINDING = ("resistance_m1", "inductance_m1")
 """How the windings of the phases differ, complex."""
 FLOOR = 1e-6
+NO_CONSTANTS = "constants_unlike"
+"""Of lines 2 and 4 what no constants of the phases make, in healthy deviations."""
 DERIVED = (
     *(f"amplitude_{h}" for h in range(1, HARMONICS + 1)),
     "short_like_a", "short_like_b", "short_like_c", "short_like_best", "short_unlike",
     "odd_amplitude", "winding_like_a", "winding_like_b", "winding_like_c", "winding_like_best",
     "lines_and_winding_best", "winding_unlike", "third_line_along", "third_line_across",
-    "third_line_size", "first_line_strength", "third_line_strength",
+    "third_line_size", "first_line_strength", "third_line_strength", NO_CONSTANTS,
 )
 """Names of what `LineFilter.derive` returns, in order."""
 
@@ -120,7 +125,10 @@ class LineFilter:
         strength = np.sqrt((np.abs(patterns) ** 2).sum(axis=1))[0]
         like = (measured @ patterns.conj().T).real / strength
         best = np.maximum(like.max(axis=1), 0.0)
-        rest = np.maximum((np.abs(measured) ** 2).sum(axis=1) - best**2, 0.0)
+        power = (np.abs(measured) ** 2).sum(axis=1)
+        rest = np.maximum(power - best**2, 0.0)
+        two, four = (measured * patterns[0].conj()).T
+        unlike = np.maximum(power - np.abs(two + four.conj()) ** 2 / strength**2, 0.0)
         odd = even_lines(names, x, "odd")
         run_out = (np.abs(odd).max(axis=(1, 2)) if odd.shape[1] else np.zeros(len(x)))
         wound, wound_strength, wound_rest = self._winding_like(names, x)
@@ -128,9 +136,10 @@ class LineFilter:
         return np.column_stack([
             np.abs(lines), like, best, np.sqrt(rest), run_out / self.deviation.min(),
             wound, np.maximum(wound.max(axis=1), 0.0), np.maximum(both.max(axis=1), 0.0),
-            wound_rest / np.sqrt(1.0 + (np.abs(measured) ** 2).sum(axis=1)),
+            wound_rest / np.sqrt(1.0 + power),
             np.abs(lines[:, 2].real), np.abs(lines[:, 2].imag),
             np.hypot(lines[:, 2].real, ACROSS * lines[:, 2].imag), self._strength(names, x),
+            np.sqrt(unlike),
         ])
 
     def _strength(self, names: Sequence[str], x: np.ndarray) -> np.ndarray:

@@ -273,6 +273,8 @@ class FilterPart(Part):
     """Of the squashed inputs; a filter's variance over known records is 1."""
     turns: Literal[1, 3]
     """3: it may be of any phase, so the record is looked at from each."""
+    both: bool
+    """Whether it may be of either sign; else the output is positive."""
     limits: Annotated[list[Positive], Field(
         min_length=len(KINDS_FOUND), max_length=len(KINDS_FOUND))]
     """Largest usual size of each filter's output."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ema_prognostics.cascade.classes import KINDS_FOUND
-from ema_prognostics.cascade.guard import STRANGER_RATE, StrangerFilters
+from ema_prognostics.cascade.guard import PATTERNS, STRANGER_RATE, StrangerFilters
 from ema_prognostics.cascade.model_body import FilterPart, StrangersPart, rounded
 from ema_prognostics.training.calibration import tail_quantile
 from ema_prognostics.training.faults import Stranger
@@ -22,13 +22,15 @@ Turned = Callable[[np.ndarray], list[np.ndarray]]
 
 
 def train_strangers(
-    turned: Turned, known: np.ndarray, known_kind: np.ndarray, strange: np.ndarray,
-    what: Sequence[Stranger], sound: np.ndarray, other: np.ndarray, kind: np.ndarray,
+    names: Sequence[str], turned: Turned, known: np.ndarray, known_kind: np.ndarray,
+    strange: np.ndarray, what: Sequence[Stranger], sound: np.ndarray, other: np.ndarray,
+    kind: np.ndarray,
 ) -> StrangersPart | None:
     """Return the filters; None where there are too few examples.
 
     Parameters
     ----------
+    names : of the inputs.
     turned : gives the squashed inputs of features, as seen from each phase.
     known : ndarray, shape (n, d). Features with and without faults; their scatter.
     known_kind : ndarray of int, shape (n,). Of the known: which of `KINDS_FOUND`.
@@ -49,20 +51,27 @@ def train_strangers(
         # Each as if of phase a, and of positive sign.
         mean = np.mean([what[k].sign * views[what[k].phase][k] for k in rows], axis=0)
         directions = [np.linalg.solve(covariance, mean) for covariance in scatter]
-        of_phase = any(what[k].phase for k in rows)
         found[name] = FilterPart(
             weights=rounded(np.array([w / np.sqrt(w @ mean) for w in directions])),
-            turns=3 if of_phase else 1, limits=[1.0] * len(KINDS_FOUND))
+            turns=3 if any(what[k].phase for k in rows) else 1,
+            both=any(what[k].sign < 0.0 for k in rows), limits=[1.0] * len(KINDS_FOUND))
     if not found:
         return None
+    for name, of in PATTERNS.items():
+        if of in names:
+            found[name] = FilterPart(
+                weights=[[float(n == of) for n in names]] * len(KINDS_FOUND), turns=1, both=False,
+                limits=[1.0] * len(KINDS_FOUND))
     filters = StrangerFilters(StrangersPart(filters=found))
     sounds, others, limits = turned(sound), turned(other), []
+    alone = np.isin(list(found), list(PATTERNS))
     for k, name in enumerate(KINDS_FOUND):  # healthy records are of more units: none is below
         limit = _limits(filters.outputs(sounds, k))
         if k:
             mine = np.isin(kind, within[k])
-            limit = MARGINS[name] * np.maximum(
-                limit, _limits(filters.outputs([z[mine] for z in others], k)))
+            limit = np.maximum(limit, _limits(filters.outputs([z[mine] for z in others], k)))
+            more = MARGINS[name]  # a single input is not squashed for it
+            limit = np.where(alone, np.arcsinh(more * np.sinh(limit)), more * limit)
         limits.append(limit)
     return StrangersPart(filters={
         name: one.model_copy(update={"limits": rounded(np.array(limits)[:, k])})

@@ -187,6 +187,7 @@ def train_view(
     )
     judge = build_guard(part, guard)
     strange = None if strangers is None else train_strangers(
+        inputs.input_names,
         lambda rows: judge.bounded([inputs(rotate(rows, names, k)) for k in range(3)]),
         xs, kind_found(ys), view_inputs(strangers, view)[1],
         [s for s in strangers.strangers if s is not None], sound, x[~fit], kind_found(y[~fit]))

@@ -59,6 +59,39 @@ def test_short_is_seen_in_its_phase_only(found: LineFilter, phase: int) -> None:
     assert values["amplitude_1"] < 1e-6
 
 
+def test_no_constants_of_the_phases_make_the_lines_of_a_wrong_current() -> None:
+    """Torque that the windings make less than what the recorder's currents would.
+
+    Currents a and b are recorded, c is what makes the sum zero: of a wrong scale g of a the torque
+    is off by g i_a (t_c - t_a); of other constants by sum c_k t_k i_k.
+    """
+    angle = np.linspace(0.0, 2.0 * np.pi, 3600, endpoint=False)
+    shape = [np.clip(np.arcsin(np.sin(angle - 2.0 * np.pi / 3.0 * k)) * 3.0 / np.pi * 2.0, -1, 1)
+             for k in range(3)]
+    current = [np.where(np.abs(t) > 0.999, np.sign(t), 0.0) for t in shape]
+
+    def lines(torque: np.ndarray) -> np.ndarray:
+        row = [2.0 * np.mean(torque * np.exp(-1j * h * angle)) for h in range(1, 7)]
+        return 1000.0 * np.array([[row, row]])
+
+    fraction = np.linspace(0.01, 0.1, 40)
+    rng = np.random.default_rng(4)
+    filters = fit_line_filter(
+        NAMES, features(rng.normal(size=(4000, 2, 6, 2)) @ np.array([1.0, 1.0j])),
+        features(np.vstack([lines(-x * shape[0] * current[0]) for x in fraction])), fraction)
+
+    def unlike(torque: np.ndarray) -> float:
+        found = dict(zip(DERIVED, filters.derive(NAMES, features(lines(torque)))[0]))
+        size = np.hypot(found["amplitude_2"], found["amplitude_4"])
+        assert size > 10.0
+        return float(found["constants_unlike"] / size)
+
+    for constants in ((0.1, 0, 0), (0, -0.1, 0), (0.05, -0.02, 0.08), (-0.1, 0.05, 0.05)):
+        assert unlike(sum(c * t * i for c, t, i in zip(constants, shape, current))) < 0.01
+    for scale in (-0.1, 0.1):
+        assert unlike(scale * current[0] * (shape[2] - shape[0])) > 0.3
+
+
 def test_odd_line_is_no_short(found: LineFilter) -> None:
     lines = np.zeros((1, 2, 6), complex)
     lines[0, :, 2] = 10.0j

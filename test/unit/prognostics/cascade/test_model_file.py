@@ -131,8 +131,8 @@ def test_one_changed_digit_is_noticed(text):
         ("", "not JSON"), ("{", "not JSON"),
         ("[]", "not a model file"), ("{}", "not a model file"),
         ('{"format": "ema_phm model", "version": 99}', "version 99"),
-        ('{"format": "ema_phm model", "version": 5, "body": {}, "sha256": "0"}', "hash"),
-        ('{"format": "ema_phm model", "version": 5, "body": NaN}', "not JSON"),
+        ('{"format": "ema_phm model", "version": 6, "body": {}, "sha256": "0"}', "hash"),
+        ('{"format": "ema_phm model", "version": 6, "body": NaN}', "not JSON"),
         ("[" * 100_000, "not JSON"),
     ],
 )

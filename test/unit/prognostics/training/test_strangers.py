@@ -22,6 +22,7 @@ from ema_record.actuator import load_actuator
 from ema_record.kit import using_kit
 from ema_sim.effects import EFFECTS, parse_effects
 
+NAMES = [*(f"x{k}" for k in range(7)), "constants_unlike"]
 MACHINES = Path(__file__).parents[4] / "benchmarks" / "any_actuator" / "machines"
 
 
@@ -88,26 +89,34 @@ def test_filters_tell_as_much_as_the_best_linear_detector() -> None:
     strange = known(150) + np.array([
         np.concatenate([np.roll(row[:6], 2 * one.phase), row[6:]])
         for row, one in zip(of_phase_a, what)])
-    part = train_strangers(turned, known(4000), np.arange(4000) % len(KINDS_FOUND), strange, what,
-                           known(4000), known(4000), np.arange(4000) % len(KINDS_FOUND))
+    kinds = np.arange(4000) % len(KINDS_FOUND)
+    part = train_strangers(NAMES, turned, known(4000), kinds, strange, what, known(4000),
+                           known(4000), kinds)
     assert part is not None
-    assert {name: one.turns for name, one in part.filters.items()} == {
-        "phase_resistance": 3, "sag": 1}
+    assert {name: (one.turns, one.both) for name, one in part.filters.items()} == {
+        "phase_resistance": (3, True), "sag": (1, False), "current_scale": (1, False)}
     filters = StrangerFilters(part)
     kind = np.zeros(20_000, dtype=int)
     assert np.mean(filters(turned(known(20_000)), kind).score > 1.0) == pytest.approx(
         STRANGER_RATE, abs=0.002)
     healthy = turned(known(20_000))[0]
-    for name, one in part.filters.items():
-        best = np.linalg.norm(np.linalg.solve(root, shift[name]))
-        for weights in np.array(one.weights):
-            distance = weights @ shift[name] / (healthy @ weights).std()
+    for name, along in shift.items():
+        best = np.linalg.norm(np.linalg.solve(root, along))
+        for weights in np.array(part.filters[name].weights):
+            distance = weights @ along / (healthy @ weights).std()
             assert 0.95 * best < distance < 1.02 * best
     for phase in range(3):
         moved = -2.5 * np.concatenate([np.roll(shift["phase_resistance"][:6], 2 * phase), [0, 0]])
         found = filters(turned(0.1 * known(50) + moved), kind[:50])
         assert set(found.kind) == {"phase_resistance"}
         assert (found.score > 1.0).all()
+    # No supply sags upwards; an input that nothing known moves tells by itself, upwards.
+    last, alone = list(part.filters)[1:], np.array([0.0, 0, 0, 0, 0, 0, 0, 8.0])
+    assert last == ["sag", "current_scale"]
+    rows = 0.1 * known(50)
+    assert filters.outputs(turned(rows + alone), 0)[:, 2] == pytest.approx(8.0, abs=1.0)
+    for k, less in ((1, -3.0 * shift["sag"]), (2, -alone)):
+        assert (filters.outputs(turned(rows + less), 0)[:, k] == 0.0).all()
 
 
 def test_where_a_fault_is_found_its_size_is_left_out() -> None:
@@ -121,7 +130,7 @@ def test_where_a_fault_is_found_its_size_is_left_out() -> None:
 
     kind = np.repeat(np.arange(len(KINDS_FOUND)), 2000)
     strange = rng.standard_normal((60, 8)) + 3.0 * stranger
-    part = train_strangers(turned, records(kind), kind, strange, [Stranger("sag")] * 60,
+    part = train_strangers(NAMES, turned, records(kind), kind, strange, [Stranger("sag")] * 60,
                            records(np.zeros(4000, dtype=int)), records(kind), kind)
     assert part is not None
     healthy, mechanical = np.array(part.filters["sag"].weights)[[0, 2]]
