@@ -20,6 +20,7 @@ from fleet_unit import (
 from ema_identification.actuator.decision import decide as decision
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
 from ema_identification.actuator.decision.decide import LEVEL, decide, p_nothing, rank, share_of
+from ema_identification.actuator.decision.fit import EDGE
 from ema_identification.actuator.decision.intervals import parameters_of, simulated_posterior
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.fleet.units import CHUNK, FULL, SIZE
@@ -81,6 +82,14 @@ def test_level_of_nothing_on_healthy_units():
     assert (found <= 0.05).sum() <= 14  # at most 6 expected; the healthy ones scatter too
     assert (found <= LEVEL).sum() <= 4
     assert 0.35 < found.mean() < 0.7
+
+
+def test_a_unit_a_little_beyond_its_bands_lacks_nothing():
+    """Bands are what people write down; far beyond them something is missing."""
+    rng = np.random.default_rng(11)
+    for bands, least, most in ((EDGE, 17, 20), (2.0, 0, 0)):
+        found = [p_of(unit(seed=k, z=bands * rng.uniform(-1.0, 1.0, SIZE))) for k in range(20)]
+        assert least <= sum(p > LEVEL for p in found) <= most
 
 
 def test_likelihood_is_to_scale_on_healthy_units():
