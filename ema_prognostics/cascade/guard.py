@@ -276,6 +276,7 @@ class StrangerFilters:
         self._kinds = tuple(part.filters)
         self._weights = np.array([one.weights for one in part.filters.values()])
         self._turned = np.array([one.turns == 3 for one in part.filters.values()])
+        self._alone = np.array([name in PATTERNS for name in part.filters])
         self._both = np.array([one.both for one in part.filters.values()])
         self._limits = np.array([one.limits for one in part.filters.values()])
 
@@ -288,6 +289,7 @@ class StrangerFilters:
         found : in the records, of `KINDS_FOUND`.
         """
         output = np.array([z @ self._weights[:, found].T for z in turned])
+        output = np.where(self._alone, np.sinh(output), output)  # one input, in deviations
         size = np.where(self._both, np.abs(output), np.maximum(output, 0.0))
         return np.where(self._turned, size.max(axis=0), size[0])
 

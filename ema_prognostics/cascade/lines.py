@@ -35,9 +35,12 @@ TWO_OF_THREE = 0.7
 """Noise of the torque current over that of a phase: half the sum of two."""
 WINDING = ("resistance_m1", "inductance_m1")
 """How the windings of the phases differ, complex."""
+STRONG = 10.0
+"""Healthy deviations from which on lines are a short's own."""
 FLOOR = 1e-6
 NO_CONSTANTS = "constants_unlike"
-"""Of lines 2 and 4 what no constants of the phases make, in healthy deviations."""
+"""Of lines 2 and 4 what no constants of the phases make, over what healthy units and shorts
+leave."""
 DERIVED = (
     *(f"amplitude_{h}" for h in range(1, HARMONICS + 1)),
     "short_like_a", "short_like_b", "short_like_c", "short_like_best", "short_unlike",
@@ -105,6 +108,7 @@ class LineFilter:
     precision : ndarray, shape (2, 2). Inverse covariance of `WINDING` over healthy units.
     floor, by_noise : ndarray, shape (2, speeds). Healthy standard deviation of `ECCENTRIC_LINES`
         at each speed: what is always there, and what comes with a unit of sensor noise.
+    share : of lines 2 and 4 of a short, what no constants make: its template is not exact.
     """
 
     weight: np.ndarray
@@ -114,6 +118,7 @@ class LineFilter:
     precision: np.ndarray
     floor: np.ndarray
     by_noise: np.ndarray
+    share: float
 
     def derive(self, names: Sequence[str], x: np.ndarray) -> np.ndarray:
         """Return `DERIVED` for features `x`, shape (n, d), in healthy deviations."""
@@ -127,8 +132,6 @@ class LineFilter:
         best = np.maximum(like.max(axis=1), 0.0)
         power = (np.abs(measured) ** 2).sum(axis=1)
         rest = np.maximum(power - best**2, 0.0)
-        two, four = (measured * patterns[0].conj()).T
-        unlike = np.maximum(power - np.abs(two + four.conj()) ** 2 / strength**2, 0.0)
         odd = even_lines(names, x, "odd")
         run_out = (np.abs(odd).max(axis=(1, 2)) if odd.shape[1] else np.zeros(len(x)))
         wound, wound_strength, wound_rest = self._winding_like(names, x)
@@ -139,7 +142,7 @@ class LineFilter:
             wound_rest / np.sqrt(1.0 + power),
             np.abs(lines[:, 2].real), np.abs(lines[:, 2].imag),
             np.hypot(lines[:, 2].real, ACROSS * lines[:, 2].imag), self._strength(names, x),
-            np.sqrt(unlike),
+            _no_constants(measured, patterns[0]) / np.sqrt(1.0 + self.share**2 * power),
         ])
 
     def _strength(self, names: Sequence[str], x: np.ndarray) -> np.ndarray:
@@ -197,16 +200,33 @@ def fit_line_filter(
         inverse = np.linalg.solve(covariance, np.ones(speeds))
         weight[:, h] = inverse / inverse.sum()
         deviation[h] = np.sqrt(weight[:, h] @ covariance @ weight[:, h])
-    lines = (even_lines(names, shorted) * weight).sum(axis=1)[:, [h - 1 for h in SHORT_LINES]]
+    pick = [h - 1 for h in SHORT_LINES]
+    lines = (even_lines(names, shorted) * weight).sum(axis=1)[:, pick]
     small = fraction < 0.15
     power = max(float((fraction[small] ** 2).sum()), FLOOR)
+    template = (fraction[small] @ lines[small]) / power
+    in_deviations = lines / deviation[pick]
+    size = np.sqrt((np.abs(in_deviations) ** 2).sum(axis=1))
+    share = _no_constants(in_deviations, template / deviation[pick])[size > STRONG] / size[
+        size > STRONG]
     unlike = winding_differences(names, healthy)
     covariance = (unlike.conj().T @ unlike).real / len(unlike) + FLOOR * np.eye(len(WINDING))
     return LineFilter(
-        weight=weight, deviation=deviation, template=(fraction[small] @ lines[small]) / power,
+        weight=weight, deviation=deviation, template=template,
+        share=float(np.median(share)) if len(share) else 0.0,
         winding=fraction[small] @ winding_differences(names, shorted)[small] / power,
         precision=np.linalg.inv(covariance), **_scatter(sound, sensor_noise(names, healthy)),
     )
+
+
+def _no_constants(lines: np.ndarray, pattern: np.ndarray) -> np.ndarray:
+    """Return the size of what no constants make, shape (n,), of lines 2 and 4, (n, 2).
+
+    `pattern`: those of a short in phase a; all in healthy deviations.
+    """
+    two, four = (lines * pattern.conj()).T
+    of_constants = np.abs(two + four.conj()) ** 2 / (np.abs(pattern) ** 2).sum()
+    return np.sqrt(np.maximum((np.abs(lines) ** 2).sum(axis=1) - of_constants, 0.0))
 
 
 def _scatter(lines: np.ndarray, noise: np.ndarray) -> dict[str, np.ndarray]:

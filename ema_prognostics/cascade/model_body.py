@@ -166,6 +166,7 @@ class LinePart(Part):
     precision: Matrix
     floor: Matrix
     by_noise: Matrix
+    share: Annotated[float, Field(ge=0.0, le=1.0)]
 
     @classmethod
     def of(cls, found: LineFilter) -> LinePart:
@@ -175,7 +176,8 @@ class LinePart(Part):
                    template_im=rounded(found.template.imag),
                    winding_re=rounded(found.winding.real),
                    winding_im=rounded(found.winding.imag), precision=rounded(found.precision),
-                   floor=rounded(found.floor), by_noise=rounded(found.by_noise))
+                   floor=rounded(found.floor), by_noise=rounded(found.by_noise),
+                   share=float(f"{found.share:.6g}"))
 
     def build(self) -> LineFilter:
         """Return the filters as arrays."""
@@ -184,7 +186,7 @@ class LinePart(Part):
             template=np.array(self.template_re) + 1j * np.array(self.template_im),
             winding=np.array(self.winding_re) + 1j * np.array(self.winding_im),
             precision=np.array(self.precision), floor=np.array(self.floor),
-            by_noise=np.array(self.by_noise))
+            by_noise=np.array(self.by_noise), share=self.share)
 
     @model_validator(mode="after")
     def _shapes(self) -> LinePart:

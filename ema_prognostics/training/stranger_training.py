@@ -64,14 +64,12 @@ def train_strangers(
                 limits=[1.0] * len(KINDS_FOUND))
     filters = StrangerFilters(StrangersPart(filters=found))
     sounds, others, limits = turned(sound), turned(other), []
-    alone = np.isin(list(found), list(PATTERNS))
     for k, name in enumerate(KINDS_FOUND):  # healthy records are of more units: none is below
         limit = _limits(filters.outputs(sounds, k))
         if k:
             mine = np.isin(kind, within[k])
-            limit = np.maximum(limit, _limits(filters.outputs([z[mine] for z in others], k)))
-            more = MARGINS[name]  # a single input is not squashed for it
-            limit = np.where(alone, np.arcsinh(more * np.sinh(limit)), more * limit)
+            limit = MARGINS[name] * np.maximum(
+                limit, _limits(filters.outputs([z[mine] for z in others], k)))
         limits.append(limit)
     return StrangersPart(filters={
         name: one.model_copy(update={"limits": rounded(np.array(limits)[:, k])})

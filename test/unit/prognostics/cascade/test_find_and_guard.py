@@ -161,7 +161,7 @@ def severity_of(u: np.ndarray, names: list[str], **more: list[float]) -> np.ndar
     )
     filters = LineFilter(weight=np.empty((0, 6)), deviation=np.ones(6), template=np.ones(2),
                          winding=np.ones(2), precision=np.eye(2), floor=np.ones((2, 0)),
-                         by_noise=np.ones((2, 0)))
+                         by_noise=np.ones((2, 0)), share=0.0)
     size = len(input_names(names))
     inputs = Inputs(names, filters, None, np.zeros(size), np.ones(size))
     rows = np.zeros((len(u), size))
