@@ -10,7 +10,7 @@ from ros_processes import MONITOR, PROGNOSTICS, SIMULATOR
 
 from ema_monitor.moves import step_to
 from ema_record.profile import load_profile
-from ema_record.wire.topics import BIT_RECORD, SAMPLES, TOPICS
+from ema_record.wire.topics import SAMPLES, TOPICS
 from ema_ros.messages import qos_profile
 from ema_sim.effects import EFFECTS
 
@@ -29,10 +29,9 @@ def test_every_topic_of_the_table_with_its_type_and_qos(nodes, watcher, tmp_path
     nodes.start(MONITOR, output_directory=str(tmp_path))
     watcher.wait_for_simulator()
     watcher.wait(lambda: not watcher.node.missing(), 60.0, "all nodes")
-    watcher.wait(lambda: watcher.node.count_publishers(BIT_RECORD), what=BIT_RECORD)
-    for topic in TOPICS.values():
+    for topic in TOPICS.values():  # each endpoint is discovered by itself
+        watcher.wait(lambda t=topic: watcher.node.count_publishers(t.name), what=topic.name)
         infos = watcher.node.get_publishers_info_by_topic(topic.name)
-        assert infos, topic.name
         for info in infos:
             assert info.topic_type == topic.type, topic.name
             qos = info.qos_profile
