@@ -3,7 +3,8 @@
 1. *Nothing* unless the misfit, the largest useless gain or the gap, each in units of what the
    share `LEVEL` of healthy units exceeds, is surely rarer than `LEVEL` among them (rank among
    some that built nothing of the library, with the bound that holds for these very ones, Vovk
-   2012), on its quadratic and again on runs.
+   2012), on its quadratic and again on runs; nor where that is so once the unit's numbers may
+   leave their bands a little (`EDGE`), nor a law that gains little over such a unit.
 2. Laws are proposed from the library (wide, cheap), fitted with the simulator (`ROUNDS`), and
    compared by one evidence: log E = -½ ν ln J - ½ k ln ν, J the cost, k coordinates, ν the
    independent numbers of a record. This is the likelihood of a scale that is not known, with the
@@ -27,7 +28,7 @@ import numpy as np
 from scipy.special import betaincinv
 
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence, stages_of
-from ema_identification.actuator.decision.fit import TestedUnit
+from ema_identification.actuator.decision.fit import EDGE, TestedUnit
 from ema_identification.actuator.decision.intervals import simulated_posterior
 from ema_identification.actuator.decision.proposals import (
     LawProposal,
@@ -99,6 +100,14 @@ class _Decision:
         first = unit.settled(null, self.before, 3, salt=3)
         self.null = unit.settled(first, self.before, SETTLED_RUNS, salt=4)
         self.white = unit.whitener(SETTLED_RUNS, self.before)
+        self.nothing = self.null.cost
+        """What no law leaves at least, also beyond the bands."""
+
+    def p_without(self) -> float:
+        """Return `p_nothing` of the unit on runs."""
+        again = linear_gains(self.unit, self.null, self.white, self.signatures)
+        lower = again[0].cost if again else self.null.cost
+        return p_nothing(scores_of(self.unit, self.null, lower), self.library.healthy)
 
     def explains(self, fit: LawFit) -> bool:
         """Whether a healthy unit leaves as much."""
@@ -248,11 +257,16 @@ def decide(
         return _nothing(null, p, held)
     progress("name", 0.1)
     case = _Decision(unit, null, without)
-    again = linear_gains(unit, case.null, case.white, case.signatures)
-    lower = again[0].cost if again else case.null.cost
-    p = max(p, p_nothing(scores_of(unit, case.null, lower), library.healthy))
+    p = max(p, case.p_without())
     if p > LEVEL:
         return _nothing(null, p, held)
+    beyond = replace(unit, edge=EDGE)
+    far = beyond.without_law()
+    wide = _Decision(beyond, far, without)
+    case.nothing = min(case.nothing, wide.null.cost)
+    p_far = max(p_nothing(scores(beyond, far, 0), library.healthy), wide.p_without())
+    if p_far > LEVEL:
+        return _nothing(far, p_far, held, BEYOND)
     singles = case.singles()
     progress("name", 0.5)
     pairs = case.pairs(singles)
@@ -264,9 +278,12 @@ def decide(
     return answer if held is None else _validated(answer, held)
 
 
-def _nothing(null: LawFit, p: float, held: LawJudge | None) -> FleetAnswer:
+BEYOND = f"numbers of the unit are up to {EDGE - 1.0:.0%} of their half band beyond it; "
+
+
+def _nothing(null: LawFit, p: float, held: LawJudge | None, where: str = "") -> FleetAnswer:
     """Return silence, unless the held-out record is off by more than the model's own runs."""
-    said = f"of healthy units, up to {p:.2g} are as far off"
+    said = f"{where}of healthy units, up to {p:.2g} are as far off"
     answer = FleetAnswer(verdict="no disagreement", null=null, p_nothing=p, reasons=(said,))
     if held is None:
         return answer
@@ -281,13 +298,13 @@ def _nothing(null: LawFit, p: float, held: LawJudge | None) -> FleetAnswer:
 def _named(case: _Decision, answer: FleetAnswer, explaining: list[LawFit]) -> FleetAnswer:
     """Return the answer with the names that the evidence leaves."""
     tested: list[tuple[LawFit, tuple[float, ...], tuple[LawFit, ...]]] = [
-        (fit, (case.p_own(fit, case.null.cost),), (case.null,))
+        (fit, (case.p_own(fit, case.nothing),), (case.null,))
         for fit in explaining if len(fit.terms) == 1]
     best = max((case.evidence(f) for f, *_ in tested), default=-np.inf)
     for pair in [f for f in explaining if len(f.terms) == 2 and case.evidence(f) > best][:FEW]:
         less = tuple(case.each_alone(pair, answer.fits)[::-1])  # of each law, without it
         tested.append((pair, tuple(case.p_own(pair, f.cost) for f in less), less))
-        tested += [(f, (case.p_own(f, case.null.cost),), (case.null,))
+        tested += [(f, (case.p_own(f, case.nothing),), (case.null,))
                    for f in less if case.explains(f)]
     good = [row for row in tested if max(row[1]) <= LEVEL]
     if not good:

@@ -2,11 +2,12 @@
 
 A model is judged by the cost
 
-    J = |C^-1/2 b((y - f) / s)|² + sum w_j (z_j - c_j)²,   |z_j| <= `EDGE`,
+    J = |C^-1/2 b((y - f) / s)|² + sum w_j (z_j - c_j)²,   |z_j| <= edge,
 
 y the features, f the prediction, s and C deviations and correlation of their noise as measured
 (`surrogate.NoiseLaw`), b a logarithm beyond five deviations, z all in which healthy units differ,
 of a unit of which nothing else is known w = 3, the inverse variance of an even number, and c = 0.
+The edge is 1, the band that the description allows, or `EDGE`.
 First f is the quadratic of the library; then the mean of runs at the point reached.
 """
 
@@ -48,8 +49,8 @@ from ema_sim.effects import Effects
 PRIOR = 3.0
 """1 / variance of a number that is uniform from -1 to 1."""
 EDGE = 1.3
-"""Most of a number, in half widths of its band: a unit that little beyond what its description
-allows lacks no effect (requirement)."""
+"""Half widths of its band up to which a number may be off before an effect is missing: bands are
+what people write down."""
 LAW_ERROR = 0.02
 """Relative error of what a simulated law adds (steps of the solver, end of the descent)."""
 QUADRATIC_STEPS, DAMPINGS, STEP_DAMPINGS = 20, 4, (0.0, 0.03, 0.3, 3.0)
@@ -78,6 +79,7 @@ class TestedUnit:
     centre, weight : ndarrays, shape (width,). Where the unit is expected, and how surely.
     simulator : gives the features of a run; its arguments are those of `fleet_features`.
     record : itself, for pictures.
+    edge : half widths of its band that a number may be off.
     """
 
     library: FleetLibrary
@@ -89,6 +91,7 @@ class TestedUnit:
     weight: np.ndarray = field(default_factory=partial(np.full, SIZE, PRIOR))
     simulator: Callable[..., np.ndarray] = fleet_features
     record: Record | None = None
+    edge: float = 1.0
     _whiteners: dict[tuple[int, bytes], Whitener] = field(
         init=False, repr=False, compare=False, default_factory=dict)
     _runs: dict[tuple[Effects, bytes, int], np.ndarray] = field(
@@ -236,7 +239,7 @@ class TestedUnit:
             slopes = self._known_slopes(terms, z)
             for _ in range(DAMPINGS):
                 step = self._step(white, mean, slopes, z, terms, damping)
-                there = np.clip(z + step[free:], -EDGE, EDGE)
+                there = np.clip(z + step[free:], -self.edge, self.edge)
                 laws = moved(terms, coordinates(terms) + step[:free])
                 found = self._known(laws, there)
                 lower = self.cost(white, found, there)
@@ -282,7 +285,7 @@ class TestedUnit:
         for _ in range(steps):
             step = self._step(white, point.mean, point.slopes, point.z, point.terms, damping)
             terms = moved(point.terms, coordinates(point.terms) + step[:fit.free])
-            z = np.clip(point.z + step[fit.free:], -EDGE, EDGE)
+            z = np.clip(point.z + step[fit.free:], -self.edge, self.edge)
             mean = self.run(terms, z, runs)
             if not np.isfinite(mean).all():
                 damping = max(10.0 * damping, 0.1)
@@ -320,7 +323,7 @@ class TestedUnit:
             moves = [self._step(white, point.mean, slopes, point.z, point.terms, damping)
                      for damping in STEP_DAMPINGS]
             tried = [(moved(point.terms, coordinates(point.terms) + move[:fit.free]),
-                      np.clip(point.z + move[fit.free:], -EDGE, EDGE)) for move in moves]
+                      np.clip(point.z + move[fit.free:], -self.edge, self.edge)) for move in moves]
             found = [replace(point, terms=terms, z=z, mean=mean, slopes=slopes,
                              cost=self.cost(white, mean, z))
                      for (terms, z), mean in zip(tried, self.run_all(tried, runs))
@@ -339,8 +342,8 @@ class TestedUnit:
         weight = np.append(np.zeros(len(u)), self.weight)
         reach = np.maximum(_sizes(terms), [
             2.0 * least_size(t.signature) for t in terms for _ in range(t.variant.size)])
-        lower = np.append(np.maximum(low - u, -reach), -EDGE - z)
-        upper = np.append(np.minimum(high - u, reach), EDGE - z)
+        lower = np.append(np.maximum(low - u, -reach), -self.edge - z)
+        upper = np.append(np.minimum(high - u, reach), self.edge - z)
         return bounded_least_squares(
             columns, target, np.minimum(lower, -1e-9), np.maximum(upper, 1e-9), weight,
             np.append(u, z - self.centre), damping)

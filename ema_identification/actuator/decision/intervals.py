@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky
 
-from ema_identification.actuator.decision.fit import EDGE, TestedUnit
+from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.slopes import bounded_least_squares
 from ema_identification.actuator.fleet.surrogate import BEND, shrunk
 from ema_identification.actuator.laws.terms import LawFit, Posterior, bounds, coordinates, moved
@@ -74,7 +74,7 @@ def simulated_posterior(unit: TestedUnit, fit: LawFit) -> Posterior:
     spread = np.array([LAW_SPREAD * (size if len(levels) > 1 else 1.0)
                        for t, size in zip(fit.terms, sizes) for levels in t.signature.levels])
     low, high = (np.append(end, np.full(len(fit.z), side))
-                 for end, side in zip(bounds(fit.terms), (-EDGE, EDGE)))
+                 for end, side in zip(bounds(fit.terms), (-1.0, 1.0)))
     centre = np.append(coordinates(fit.terms), unit.centre)
     weight = np.append((FAR * spread) ** -2.0, unit.weight)
     found = Posterior(centre, np.diag(np.append(spread**2, 1.0 / unit.weight)))

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_identification.actuator.decision.fit import EDGE, TestedUnit
+from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.fleet.surrogate import Whitener, worst
 from ema_identification.actuator.laws.catalogue import Signature, Variant, ripple
 from ema_identification.actuator.laws.terms import EffectTerm, LawFit
@@ -145,7 +145,7 @@ def sized(unit: TestedUnit, signatures: Sequence[Signature]) -> list[LawProposal
     z = np.tile(centre, (1, len(points)))
     for _ in range(CHORDS):
         rest = plain.residual(wanted - unit.means(z.T).T)
-        z = np.clip(z + inverse @ (columns.T @ rest - weight * (z - centre)), -EDGE, EDGE)
+        z = np.clip(z + inverse @ (columns.T @ rest - weight * (z - centre)), -1.0, 1.0)
     left = white.residual(wanted - unit.means(z.T).T)
     cost = (left**2).sum(axis=0) + (weight * (z - centre) ** 2).sum(axis=0)
     best: dict[str, LawProposal] = {}

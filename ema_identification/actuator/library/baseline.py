@@ -101,7 +101,7 @@ class ChangedUnit(TestedUnit):
     ) -> list[np.ndarray]:
         """Return the mean features of runs, less what runs of the accepted unit are off."""
         found = super().run_all(models, runs, salt, apart=apart)
-        return [mean + self._shift - self._ahead(np.clip(z, -1.0, 1.0)[None])[0]
+        return [mean + self._shift - self._ahead(np.clip(z, -self.edge, self.edge)[None])[0]
                 for mean, (_, z) in zip(found, models)]
 
 

@@ -88,8 +88,10 @@ def test_a_unit_a_little_beyond_its_bands_lacks_nothing():
     """Bands are what people write down; far beyond them something is missing."""
     rng = np.random.default_rng(11)
     for bands, least, most in ((EDGE, 17, 20), (2.0, 0, 0)):
-        found = [p_of(unit(seed=k, z=bands * rng.uniform(-1.0, 1.0, SIZE))) for k in range(20)]
-        assert least <= sum(p > LEVEL for p in found) <= most
+        units = [unit(seed=k, z=bands * rng.uniform(-1.0, 1.0, SIZE)) for k in range(20)]
+        assert least <= sum(p_of(replace(u, edge=EDGE)) > LEVEL for u in units) <= most
+        said = [decide(u).verdict for u in units[:6]]
+        assert ("no disagreement" in said, "explained" in said) == (most > 0, False)
 
 
 def test_likelihood_is_to_scale_on_healthy_units():
@@ -151,7 +153,8 @@ def test_two_are_named_only_where_the_evidence_rules_one_alone_out(lead, named):
 
     null, one = model(-50.0), model(-lead, "a")
     pair, alone = model(0.0, "a", "b"), [one, model(-40.0, "b")]
-    case = SimpleNamespace(null=null, evidence=lambda f: f.log, explains=lambda f: f.log > -10.0,
+    case = SimpleNamespace(nothing=null.cost, null=null, evidence=lambda f: f.log,
+                           explains=lambda f: f.log > -10.0,
                            p_own=lambda *_: 0.0, each_alone=lambda *_: alone)
     found = decision._named(case, FleetAnswer(verdict="unknown effect", null=null), [pair])
     assert found.fit.names == named
