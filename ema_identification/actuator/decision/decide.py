@@ -28,7 +28,7 @@ import numpy as np
 from scipy.special import betaincinv
 
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence, stages_of
-from ema_identification.actuator.decision.fit import EDGE, TestedUnit
+from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.intervals import simulated_posterior
 from ema_identification.actuator.decision.proposals import (
     LawProposal,
@@ -47,6 +47,8 @@ from ema_identification.result import after_validation
 
 LEVEL = 0.01
 """Requirement: names on nothing, at most 1 %. Of every test."""
+EDGE = 1.3
+"""Requirement: half widths of its band up to which a number may be off and nothing is missing."""
 LARGEST_SET = 3
 """Requirement: more names are no answer."""
 SCREENED, PROPOSED, FEW = 16, 6, 3

@@ -7,7 +7,6 @@ A model is judged by the cost
 y the features, f the prediction, s and C deviations and correlation of their noise as measured
 (`surrogate.NoiseLaw`), b a logarithm beyond five deviations, z all in which healthy units differ,
 of a unit of which nothing else is known w = 3, the inverse variance of an even number, and c = 0.
-The edge is 1, the band that the description allows, or `EDGE`.
 First f is the quadratic of the library; then the mean of runs at the point reached.
 """
 
@@ -48,9 +47,6 @@ from ema_sim.effects import Effects
 
 PRIOR = 3.0
 """1 / variance of a number that is uniform from -1 to 1."""
-EDGE = 1.3
-"""Half widths of its band up to which a number may be off before an effect is missing: bands are
-what people write down."""
 LAW_ERROR = 0.02
 """Relative error of what a simulated law adds (steps of the solver, end of the descent)."""
 QUADRATIC_STEPS, DAMPINGS, STEP_DAMPINGS = 20, 4, (0.0, 0.03, 0.3, 3.0)
@@ -79,7 +75,7 @@ class TestedUnit:
     centre, weight : ndarrays, shape (width,). Where the unit is expected, and how surely.
     simulator : gives the features of a run; its arguments are those of `fleet_features`.
     record : itself, for pictures.
-    edge : half widths of its band that a number may be off.
+    edge : half widths of its band that a number may be off, 1 by the description.
     """
 
     library: FleetLibrary
@@ -337,7 +333,6 @@ class TestedUnit:
         terms: tuple[EffectTerm, ...], damping: float,
     ) -> np.ndarray:
         both = white.system(slopes, self.values - mean)
-        columns, target = both[:, :-1], both[:, -1]
         u, (low, high) = coordinates(terms), bounds(terms)
         weight = np.append(np.zeros(len(u)), self.weight)
         reach = np.maximum(_sizes(terms), [
@@ -345,7 +340,7 @@ class TestedUnit:
         lower = np.append(np.maximum(low - u, -reach), -self.edge - z)
         upper = np.append(np.minimum(high - u, reach), self.edge - z)
         return bounded_least_squares(
-            columns, target, np.minimum(lower, -1e-9), np.maximum(upper, 1e-9), weight,
+            both[:, :-1], both[:, -1], np.minimum(lower, -1e-9), np.maximum(upper, 1e-9), weight,
             np.append(u, z - self.centre), damping)
 
 

@@ -19,8 +19,14 @@ from fleet_unit import (
 
 from ema_identification.actuator.decision import decide as decision
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
-from ema_identification.actuator.decision.decide import LEVEL, decide, p_nothing, rank, share_of
-from ema_identification.actuator.decision.fit import EDGE
+from ema_identification.actuator.decision.decide import (
+    EDGE,
+    LEVEL,
+    decide,
+    p_nothing,
+    rank,
+    share_of,
+)
 from ema_identification.actuator.decision.intervals import parameters_of, simulated_posterior
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.fleet.units import CHUNK, FULL, SIZE
