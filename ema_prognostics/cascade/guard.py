@@ -289,7 +289,7 @@ class StrangerFilters:
         found : in the records, of `KINDS_FOUND`.
         """
         output = np.array([z @ self._weights[:, found].T for z in turned])
-        output = np.where(self._alone, np.sinh(output), output)  # one input, in deviations
+        output[..., self._alone] = np.sinh(output[..., self._alone])  # one input, in deviations
         size = np.where(self._both, np.abs(output), np.maximum(output, 0.0))
         return np.where(self._turned, size.max(axis=0), size[0])
 

@@ -116,6 +116,8 @@ def test_filters_tell_as_much_as_the_best_linear_detector() -> None:
     rows = 0.1 * known(50)
     found = np.arcsinh(filters.outputs(turned(rows + alone), 0)[:, 2])
     assert found == pytest.approx(8.0, abs=1.0)
+    with np.errstate(all="raise"):  # however far off all other inputs are
+        filters.outputs(turned(rows + 1e4 * np.array([1.0, 1, 1, 1, 1, 1, 1, 0])), 0)
     for k, less in ((1, -3.0 * shift["sag"]), (2, -alone)):
         assert (filters.outputs(turned(rows + less), 0)[:, k] == 0.0).all()
 
