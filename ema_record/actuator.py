@@ -58,10 +58,12 @@ def _choice(names: tuple[str, ...], text: str) -> tuple[object, object]:
         json_schema_extra={"unit": "1", "choices": list(names)})
 
 
-DRIVES = ("relay", "pwm", "foc")
-RELAY, PWM, FOC = range(len(DRIVES))
+DRIVES = ("relay", "pwm", "foc", "pwm_independent")
+RELAY, PWM, FOC, PWM_INDEPENDENT = range(len(DRIVES))
 """Kinds of drive: a hysteresis relay a phase, or pulse width modulation with a PI current
-control, a phase with six-step references or in the rotor's d and q axes with sinusoidal ones."""
+control, a phase with six-step references or in the rotor's d and q axes with sinusoidal ones. The
+three of `PWM` share the voltage and leave out what the errors have in common, those of
+`PWM_INDEPENDENT` know their own phase alone."""
 BACK_EMFS = ("trapezoid", "harmonics")
 TRAPEZOID, HARMONICS = range(len(BACK_EMFS))
 SAMPLINGS = ("mean", "instant")

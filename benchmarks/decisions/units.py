@@ -20,11 +20,11 @@ from benchmarks.any_actuator.records import record_of
 from benchmarks.any_actuator.units import draw_test
 from benchmarks.blind_panel.truth.hidden import HIDEABLE, draw_effect, draw_pair
 from ema_identification.actuator.fleet.units import (
-    OF_DAY,
-    UNLISTED,
     draw_fleet_conditions,
     draw_fleet_unit,
     fleet_unit,
+    of_day,
+    unlisted,
 )
 from ema_record.actuator import Actuator, load_actuator
 from ema_record.kit import using_kit
@@ -53,7 +53,6 @@ transforms the torque with dθ_out/dθ, as virtual work asks) nor the shaft's da
 LISTED_DAMAGES = tuple(name for name in DAMAGES if name not in OTHER_LAW)
 STRANGE = tuple(name for name, hidden in HIDEABLE.items() if hidden.without is not None)
 STRANGE_DAMAGES = tuple(name for name in DAMAGES if name in STRANGE)
-LISTED_SIZE = len(UNLISTED)
 PWM = FOLDER / "joint_48v"
 """Kit of a machine whose currents are controlled by a carrier."""
 RANGE = 1.3
@@ -86,9 +85,10 @@ def own_unit(
     """
     model, spread = load_model_file(), load_spread()
     rng = np.random.default_rng([seed, 77, k])
-    z = bands * draw_fleet_unit(rng)
+    z = bands * draw_fleet_unit(rng, model.actuator)
     if listed:
-        z[-LISTED_SIZE:] = [-1.0 if "latency" in name else 0.0 for name in UNLISTED]
+        names = unlisted(model.actuator)
+        z[-len(names):] = [-1.0 if "latency" in name else 0.0 for name in names]
     pool = STRANGE if strange else tuple(HIDEABLE)
     order = np.random.default_rng([seed, 76]).permutation(len(pool))
     names: tuple[str, ...] = ()
@@ -99,7 +99,7 @@ def own_unit(
         settings |= draw_effect(name, 1 + int(rng.integers(2)), rng)
 
     def tested(profile: Profile, given: Mapping[str, float | str] = settings) -> Record:
-        today = np.where(OF_DAY, rng.uniform(-1.0, 1.0, len(z)), z)
+        today = np.where(of_day(len(z)), rng.uniform(-1.0, 1.0, len(z)), z)
         day = draw_fleet_conditions(rng, spread)
         actuator, effects = fleet_unit(model, spread, today, day, parse_effects(
             [f"{a}={b}" for a, b in given.items()], model.effects))

@@ -16,7 +16,6 @@ import numpy as np
 from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
 from ema_identification.actuator.fleet.kept import kept_of
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, worst
-from ema_identification.actuator.fleet.units import OF_DAY, SIZE
 from ema_identification.actuator.laws.terms import LawFit, LawGap
 
 
@@ -78,16 +77,18 @@ def fitted_gap(unit: TestedUnit, models: Sequence[LawFit]) -> LawGap:
 def _predicted(unit: TestedUnit, fit: LawFit) -> np.ndarray:
     """Return what a fit expects of held-out records: the unit's own numbers, none of the day."""
     z = np.zeros(len(unit.centre))
-    z[:SIZE] = np.clip(fit.z[:SIZE], -1.0, 1.0)
+    own = slice(unit.library.width)
+    z[own] = np.clip(fit.z[own], -1.0, 1.0)
     return np.where(unit.day, 0.0, z)
 
 
 def _yardstick(fitted: TestedUnit, null: LawFit | None = None) -> np.ndarray:
-    """Return the covariance of the fitted unit, shape (SIZE, SIZE); of the day: none."""
+    """Return the covariance of the fitted unit, shape (width, width); of the day: none."""
     null = fitted.without_law() if null is None or null.runs else null
     columns = fitted.whitener(0).columns(null.slopes, fitted.values - null.mean)
-    found = np.linalg.inv(columns.T @ columns + PRIOR * np.eye(columns.shape[1]))[:SIZE, :SIZE]
-    found[OF_DAY] = found[:, OF_DAY] = 0.0
+    own, day = slice(fitted.library.width), fitted.library.of_day
+    found = np.linalg.inv(columns.T @ columns + PRIOR * np.eye(columns.shape[1]))[own, own]
+    found[day] = found[:, day] = 0.0
     return np.asarray(found)
 
 
@@ -95,7 +96,7 @@ def _left(unit: TestedUnit, covariance: np.ndarray, z: np.ndarray, means: Sequen
           ) -> LawGap:
     """Return the gap of each prediction, on the scale of the first at `z`."""
     slope = unit.slope(z)
-    own = slope[:, :SIZE]
+    own = slope[:, :len(covariance)]
     root = np.sqrt(np.diag(unit.covariance(0)) + np.einsum("ij,jk,ik->i", own, covariance, own))
     day = slope[:, unit.day] / root[:, None]
     solve = np.linalg.inv(day.T @ day + PRIOR * np.eye(day.shape[1])) @ day.T

@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.fleet.units import SIZE
 from ema_identification.actuator.laws.terms import LawFit, with_terms
 from ema_identification.actuator.measure.features import feature_map
 from ema_identification.actuator.measure.recorder import whole
@@ -127,8 +126,8 @@ def _separation(
     fmap = feature_map(profile, model.actuator, example)
     runs = [
         np.array([
-            unit.simulator(model, library.spread, fmap, fit.z[:SIZE], unit.conditions, int(s),
-                           with_terms(fit.terms, model.effects))
+            unit.simulator(model, library.spread, fmap, fit.z[:library.width], unit.conditions,
+                           int(s), with_terms(fit.terms, model.effects))
             for s in rng.integers(2**31, size=TEST_RUNS)])
         for fit in fits]
     spread = np.sqrt(np.mean([r.var(axis=0, ddof=1) for r in runs], axis=0))

@@ -8,7 +8,7 @@ import numpy as np
 
 from ema_identification.actuator.decision.answer import FleetAnswer
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.fleet.units import SIZE, fleet_record
+from ema_identification.actuator.fleet.units import fleet_record
 from ema_identification.actuator.laws.terms import LawFit, LawGap, with_terms
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.lines import turns_of
@@ -49,7 +49,7 @@ def record_of(unit: TestedUnit, fit: LawFit) -> Record | None:
     """Return a run of a fitted model; None outside the simulator's domain."""
     library = unit.library
     try:
-        return fleet_record(library.model, library.spread, library.fmap, fit.z[:SIZE],
+        return fleet_record(library.model, library.spread, library.fmap, fit.z[:library.width],
                             unit.conditions, unit.seed + 7,
                             with_terms(fit.terms, library.model.effects))
     except (SimulationError, InvalidRecordError):

@@ -95,7 +95,8 @@ def recalibrated_of(
     low_z, high_z = mean - QUANTILE * spread, mean + QUANTILE * spread
     ends = [np.clip(z, -1.0, 1.0)
             for z in (np.minimum(low_z, fit.z), fit.z, np.maximum(high_z, fit.z))]
-    low, value, high = (deviations(unit.library.spread, z) for z in ends)
+    library = unit.library
+    low, value, high = (deviations(library.model.actuator, library.spread, z) for z in ends)
     return tuple(Parameter(name=name, value=x, low=low[name][0], high=high[name][0], unit=of)
                  for name, (x, of) in value.items())
 

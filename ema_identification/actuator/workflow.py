@@ -14,7 +14,7 @@ from ema_identification.actuator.decision.decide import decide
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.joint import joint_unit
 from ema_identification.actuator.decision.proposals import healthy_scores
-from ema_identification.actuator.fleet.units import FULL, SIZE, LibrarySizes, fleet_unit
+from ema_identification.actuator.fleet.units import FULL, LibrarySizes, fleet_unit
 from ema_identification.actuator.gap import HeldOut, fitted_gap
 from ema_identification.actuator.laws.terms import LawFit, with_terms
 from ema_identification.actuator.library.acceptance import with_acceptance
@@ -169,5 +169,5 @@ def _rivals(answer: FleetAnswer) -> list[LawFit]:
 def _model_text(unit: TestedUnit, fit: LawFit, model: Model) -> str:
     """Return the model file: the hardware as recalibrated, and the effects."""
     actuator, _ = fleet_unit(  # conditions and sensor errors stay out
-        model, unit.library.spread, fit.z[:SIZE], RecordConditions(), model.effects)
+        model, unit.library.spread, fit.z[:unit.library.width], RecordConditions(), model.effects)
     return model_file_text(actuator, with_terms(fit.terms, model.effects))

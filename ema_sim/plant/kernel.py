@@ -16,7 +16,7 @@ from functools import cache
 import numpy as np
 from numba import njit
 
-from ema_record.actuator import FOC, RELAY, Actuator
+from ema_record.actuator import FOC, PWM_INDEPENDENT, RELAY, Actuator
 from ema_record.sources import source_hash
 from ema_sim.effects.registry import Effects
 from ema_sim.plant import ports, sensor_ports
@@ -25,7 +25,7 @@ from ema_sim.plant.control import delayed, quantise, reference_current
 from ema_sim.plant.currents import MOST_SWITCHES, SAME_TIME, advance_currents, circuit_of
 from ema_sim.plant.electrical import TURN, of_phases, reference_signs, sector_ahead
 from ema_sim.plant.mechanics import load_at, move
-from ema_sim.plant.modulation import field_control, phase_control
+from ema_sim.plant.modulation import field_control, independent_control, phase_control
 from ema_sim.plant.parts import Legs, Load
 from ema_sim.plant.prepared import (
     constants_of_phases,
@@ -57,6 +57,7 @@ def kernel(kind: int = RELAY, switching: bool = False) -> Callable[..., int]:
 @cache
 def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
     relays, field = kind == RELAY, kind == FOC
+    control_phases = independent_control if kind == PWM_INDEPENDENT else phase_control
 
     @njit(cache=True, error_model="numpy", nogil=True)
     def advance(
@@ -129,8 +130,7 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
             load = Load(
                 state[st.SHAFT_TORQUE], state[st.MOTOR_LOAD], load.surface, load.slope)
         sign_a, sign_b, sign_c = reference_signs(sector)
-        aim_a = aim_b = aim_c = 0.0
-        ref_a = ref_b = ref_c = ref_a1 = ref_b1 = ref_c1 = 0.0
+        aim_a = aim_b = aim_c = ref_a = ref_b = ref_c = ref_a1 = ref_b1 = ref_c1 = 0.0
         changed = True
 
         for row in range(len(out)):
@@ -188,7 +188,7 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                             i_c * x.gain_c + x.offset_c, x_a, x_b,
                         )
                     else:
-                        s_a, s_b, s_c, x_a, x_b, x_c = phase_control(
+                        s_a, s_b, s_c, x_a, x_b, x_c = control_phases(
                             drive, w.rail, (aim_a - i_a) * x.gain_a,
                             (aim_b - i_b) * x.gain_b, (aim_c - i_c) * x.gain_c, x_a, x_b, x_c,
                         )

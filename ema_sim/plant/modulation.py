@@ -4,11 +4,14 @@ The currents are sampled, and the legs' mean states set, once a period of the ca
 begins (all legs at the negative rail, the middle of the ripple); they act at once. (Symmetrical
 regular sampling with one update a period: Holmes and Lipo, Pulse Width Modulation for Power
 Converters, 2003.) The legs are centred between the rails, which no current answers to and which
-lets the whole voltage be used, and the control knows its bus as it is without load. Integrals
-stop while the voltage is limited and the errors drive it further.
+lets the whole voltage be used, but for controls that know their own phase alone. The control
+knows its bus as it is without load. Integrals stop while the voltage is limited and the errors
+drive it further.
 """
 
 from __future__ import annotations
+
+import math
 
 from ema_record.actuator import Drive
 from ema_sim.effects.compile import law
@@ -67,6 +70,34 @@ def phase_control(
     m_a, m_b, m_c, limited = modulated(u_a, u_b, u_c, rail)
     if limited and error_a * u_a + error_b * u_b + error_c * u_c > 0.0:
         return m_a, m_b, m_c, x_a, x_b, x_c
+    return m_a, m_b, m_c, n_a, n_b, n_c
+
+
+@law
+def leg_control(d: Drive, rail: float, error: float, x: float) -> tuple[float, float]:
+    """Return the mean state of a leg and the new integral (V): a PI control of its phase alone."""
+    new = x + d.integral_gain / d.pwm_frequency * error
+    asked = d.proportional_gain * error + new
+    if abs(asked) <= rail:
+        return asked / rail, new
+    if error * asked > 0.0:
+        new = x
+    return math.copysign(1.0, asked), new
+
+
+@law
+def independent_control(
+    d: Drive, rail: float, error_a: float, error_b: float, error_c: float,
+    x_a: float, x_b: float, x_c: float,
+) -> tuple[float, float, float, float, float, float]:  # fmt: skip
+    """Return what `phase_control` does, of three controls each of which knows its phase alone.
+
+    To what the sensors' offsets have in common no current answers: the integrals run away with
+    K_i times it, and the middle of the voltages with them, until a leg stays at its rail.
+    """
+    m_a, n_a = leg_control(d, rail, error_a, x_a)
+    m_b, n_b = leg_control(d, rail, error_b, x_b)
+    m_c, n_c = leg_control(d, rail, error_c, x_c)
     return m_a, m_b, m_c, n_a, n_b, n_c
 
 

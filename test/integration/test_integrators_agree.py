@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from ema_record.actuator import FOC, HARMONICS, PWM, load_actuator
+from ema_record.actuator import FOC, HARMONICS, PWM, PWM_INDEPENDENT, load_actuator
 from ema_record.profile import Profile
 from ema_record.record import Record
 from ema_sim.effects import EFFECTS, parse_effects
@@ -185,9 +185,9 @@ def test_features_agree_with_four_pole_pairs(names):
 
 @pytest.mark.parametrize("pairs", [1, 4])
 @pytest.mark.parametrize(("kind", "shape"), [
-    (PWM, {}), (FOC, {}), (FOC, {"back_emf": HARMONICS, "harmonic_3": 0.1, "harmonic_5": -0.04,
-                                 "harmonic_7": 0.02})],
-    ids=["pwm", "foc", "foc harmonics"])
+    (PWM, {}), (PWM_INDEPENDENT, {}), (FOC, {}),
+    (FOC, {"back_emf": HARMONICS, "harmonic_3": 0.1, "harmonic_5": -0.04, "harmonic_7": 0.02})],
+    ids=["pwm", "pwm_independent", "foc", "foc harmonics"])
 @pytest.mark.parametrize("settings", [
     [], ["turn_short.fraction=0.1", "current_sensor_gain.phase_b=0.05",
          "hall_misalignment.angle=0.1", "bus_voltage_sag.resistance=0.2"]],
@@ -208,7 +208,7 @@ def test_drives_with_a_carrier_agree_as_waveforms(kind, shape, pairs, settings):
     options = {"actuator": a, "noise": 0.0, "seed": 2, "effects": parse_effects(settings)}
     one, other = simulate(profile, switching=True, **options), simulate_reference(
         profile, **options)
-    speed, current = (3e-3, 0.1) if kind == PWM else (1e-3, 0.01)
+    speed, current = (1e-3, 0.01) if kind == FOC else (3e-3, 0.1)
     for k, share in enumerate([speed, *[current] * 6], start=1):
         error = one.samples[:, k] - other.samples[:, k]
         scale = np.sqrt(np.mean(other.samples[:, k] ** 2))

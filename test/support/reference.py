@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 from numba import njit
 
-from ema_record.actuator import FOC, RELAY, Actuator, Drive, load_actuator
+from ema_record.actuator import FOC, PWM_INDEPENDENT, RELAY, Actuator, Drive, load_actuator
 from ema_record.channels import N_CHANNELS
 from ema_record.errors import SimulationError, UsageError
 from ema_record.profile import Profile
@@ -62,6 +62,15 @@ def current_control(
         error -= 2.0 / 3.0 * turn @ sensed
     else:
         error += wanted - sensed
+    if drive.kind == PWM_INDEPENDENT:
+        for j in range(3):
+            asked_j = integral[j] + (drive.proportional_gain
+                                     + drive.integral_gain / drive.pwm_frequency) * error[j]
+            mean[j] = min(max(asked_j / rail, -1.0), 1.0)
+            if abs(asked_j) <= rail or error[j] * asked_j <= 0.0:
+                integral[j] += drive.integral_gain / drive.pwm_frequency * error[j]
+        return
+    if axes == 3:
         error -= error.mean()
     new = integral[:axes] + drive.integral_gain / drive.pwm_frequency * error
     asked = drive.proportional_gain * error + new

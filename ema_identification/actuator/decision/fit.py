@@ -31,12 +31,13 @@ from ema_identification.actuator.fleet.surrogate import (
     least_size,
     mended,
 )
-from ema_identification.actuator.fleet.units import OF_DAY, SIZE, conditions_of, fleet_features
+from ema_identification.actuator.fleet.units import conditions_of, fleet_features
 from ema_identification.actuator.laws.terms import (
     EffectTerm,
     LawFit,
     bounds,
     coordinates,
+    law_sizes,
     library_slopes,
     moved,
     with_terms,
@@ -83,8 +84,8 @@ class TestedUnit:
     conditions: RecordConditions
     seed: int = 0
     workers: int = 1
-    centre: np.ndarray = field(default_factory=partial(np.zeros, SIZE))
-    weight: np.ndarray = field(default_factory=partial(np.full, SIZE, PRIOR))
+    centre: np.ndarray = field(default_factory=partial(np.zeros, 0))
+    weight: np.ndarray = field(default_factory=partial(np.zeros, 0))
     simulator: Callable[..., np.ndarray] = fleet_features
     record: Record | None = None
     edge: float = 1.0
@@ -92,6 +93,11 @@ class TestedUnit:
         init=False, repr=False, compare=False, default_factory=dict)
     _runs: dict[tuple[Effects, bytes, int], np.ndarray] = field(
         init=False, repr=False, compare=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not len(self.centre):  # nothing else is known of the unit
+            object.__setattr__(self, "centre", np.zeros(self.library.width))
+            object.__setattr__(self, "weight", np.full(self.library.width, PRIOR))
 
     @property
     def size(self) -> int:
@@ -106,7 +112,7 @@ class TestedUnit:
     @property
     def day(self) -> np.ndarray:
         """Return which numbers belong to the day of a test, shape (width,), bool."""
-        return OF_DAY
+        return self.library.of_day
 
     def split(self, values: np.ndarray) -> list[np.ndarray]:
         """Return features, shape (d,), record by record."""
@@ -210,11 +216,11 @@ class TestedUnit:
                       slopes=self._known_slopes(terms, z))
 
     def means(self, z: np.ndarray) -> np.ndarray:
-        """Return what the quadratic predicts for units without a law, (n, SIZE) -> (n, d)."""
+        """Return what the quadratic predicts for units without a law, (n, width) -> (n, d)."""
         return self.library.means(z, self.conditions)
 
     def slope(self, z: np.ndarray) -> np.ndarray:
-        """Return the derivative of `means`, shape (d, SIZE)."""
+        """Return the derivative of `means`, shape (d, width)."""
         return self.library.slope(z, self.conditions)
 
     def _known(self, terms: Sequence[EffectTerm], z: np.ndarray) -> np.ndarray:
@@ -288,7 +294,7 @@ class TestedUnit:
                 continue
             done = np.append(coordinates(terms) - coordinates(point.terms), z - point.z)
             slopes = mended(point.slopes, done, mean - point.mean,
-                            np.append(_sizes(point.terms), np.ones(len(z))))
+                            np.append(law_sizes(point.terms), np.ones(len(z))))
             cost = self.cost(white, mean, z)
             if cost < point.cost:
                 small = point.cost - cost < 0.5 * cost / self.size
@@ -335,16 +341,10 @@ class TestedUnit:
         both = white.system(slopes, self.values - mean)
         u, (low, high) = coordinates(terms), bounds(terms)
         weight = np.append(np.zeros(len(u)), self.weight)
-        reach = np.maximum(_sizes(terms), [
+        reach = np.maximum(law_sizes(terms), [
             2.0 * least_size(t.signature) for t in terms for _ in range(t.variant.size)])
         lower = np.append(np.maximum(low - u, -reach), -self.edge - z)
         upper = np.append(np.minimum(high - u, reach), self.edge - z)
         return bounded_least_squares(
             both[:, :-1], both[:, -1], np.minimum(lower, -1e-9), np.maximum(upper, 1e-9), weight,
             np.append(u, z - self.centre), damping)
-
-
-def _sizes(terms: Sequence[EffectTerm]) -> np.ndarray:
-    """Return the size of the law of each coordinate."""
-    return np.concatenate([np.zeros(0), *(
-        np.full(t.variant.size, max(float(np.linalg.norm(t.u)), 1e-12)) for t in terms)])

@@ -13,12 +13,10 @@ from scipy.linalg import block_diag
 from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
 from ema_identification.actuator.fleet.kept import kept_of
 from ema_identification.actuator.fleet.surrogate import FleetLibrary
-from ema_identification.actuator.fleet.units import OF_DAY, SIZE
+from ema_identification.actuator.fleet.units import DAYS
 from ema_identification.actuator.laws.catalogue import Signature
 from ema_identification.actuator.laws.signatures import stacked
 from ema_identification.actuator.laws.terms import EffectTerm
-
-DAYS = int(OF_DAY.sum())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +40,7 @@ class JointUnit(TestedUnit):
     @property
     def day(self) -> np.ndarray:
         """Return which numbers belong to the day of a test, shape (width,), bool."""
-        return np.append(OF_DAY, np.ones((len(self.each) - 1) * DAYS, dtype=bool))
+        return np.append(self.library.of_day, np.ones((len(self.each) - 1) * DAYS, dtype=bool))
 
     @property
     def _plain(self) -> bool:
@@ -50,12 +48,12 @@ class JointUnit(TestedUnit):
 
     @cached_property
     def _places(self) -> list[np.ndarray]:
-        """Return where the numbers of each record stand in `z`, shape (SIZE,)."""
-        found = []
+        """Return where the numbers of each record stand in `z`, shape (width,)."""
+        found, width = [], self.library.width
         for k in range(len(self.each)):
-            places = np.arange(SIZE)
+            places = np.arange(width)
             if k:
-                places[OF_DAY] = SIZE + (k - 1) * DAYS + np.arange(DAYS)
+                places[self.library.of_day] = width + (k - 1) * DAYS + np.arange(DAYS)
             found.append(places)
         return found
 
@@ -100,7 +98,7 @@ class JointUnit(TestedUnit):
 
 
 def _together(units: Sequence[TestedUnit], library: FleetLibrary) -> JointUnit:
-    width = SIZE + (len(units) - 1) * DAYS
+    width = library.width + (len(units) - 1) * DAYS
     first = units[0]
     return JointUnit(
         library=library, each=tuple(units), values=np.concatenate([u.values for u in units]),

@@ -16,10 +16,11 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from ema_identification.actuator.fleet.units import (
-    SIZE,
     FleetRuns,
     LibrarySizes,
     conditions_of,
+    of_day,
+    unit_numbers,
 )
 from ema_identification.actuator.laws.catalogue import Signature
 from ema_identification.actuator.measure.features import FeatureMap
@@ -40,7 +41,6 @@ WORST = 0.1
 """Part of the features that the gap looks at: most effects show in few."""
 LARGEST_RESIDUAL = 1e4
 """Most that one feature counts (standard deviations)."""
-_UPPER = np.triu_indices(SIZE + 3)
 FLOORS = {"position_step": 0.05, "speed_step": 0.05, "bus_slope": 2e-3}
 """Least standard deviation of features that repeat exactly."""
 FLOOR = 2e-4
@@ -49,8 +49,9 @@ FLOOR = 2e-4
 
 def design(v: np.ndarray) -> np.ndarray:
     """Return constant, linear and all second-order terms of `v`, shape (n, m) -> (n, c)."""
-    return np.hstack([np.ones((len(v), 1)), v, v[:, _UPPER[0]] * v[:, _UPPER[1]]
-                      - np.where(_UPPER[0] == _UPPER[1], 1.0 / 3.0, 0.0)])
+    one, other = np.triu_indices(v.shape[1])
+    return np.hstack([np.ones((len(v), 1)), v, v[:, one] * v[:, other]
+                      - np.where(one == other, 1.0 / 3.0, 0.0)])
 
 
 def arguments(z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
@@ -225,25 +226,36 @@ class FleetLibrary:
         return self.means(z[None], conditions)[0]
 
     def means(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
-        """Return the mean features of several units, shape (n, SIZE) -> (n, d)."""
+        """Return the mean features of several units, shape (n, width) -> (n, d)."""
         rows = np.hstack([z, np.tile(conditions.regressors(), (len(z), 1))])
         left = 0.0 if self.left is None else self.left.mean
         return np.asarray(design(rows) @ self.weights + left)
 
     def slope(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
-        """Return their derivative to `z`, shape (d, SIZE): exact, of a quadratic."""
+        """Return their derivative to `z`, shape (d, width): exact, of a quadratic."""
         row = np.append(1.0, arguments(z, conditions))
-        return np.asarray((row @ self._bends).reshape(SIZE, -1)).T
+        return np.asarray((row @ self._bends).reshape(len(z), -1)).T
 
     @cached_property
     def _bends(self) -> np.ndarray:
-        """Weights of the derivative to each number of the unit, shape (1 + m, SIZE × d)."""
-        m = _UPPER[0].max() + 1
-        place = np.zeros((m, m), dtype=int)
-        place[_UPPER] = place.T[_UPPER] = 1 + m + np.arange(len(_UPPER[0]))
-        found = self.weights[np.column_stack([1 + np.arange(SIZE), place[:SIZE]])]
-        found[np.arange(SIZE), 1 + np.arange(SIZE)] *= 2.0
+        """Weights of the derivative to each number of the unit, shape (1 + m, width × d)."""
+        n = self.width
+        m = n + len(conditions_of(np.ones(4)).regressors())
+        upper, place = np.triu_indices(m), np.zeros((m, m), dtype=int)
+        place[upper] = place.T[upper] = 1 + m + np.arange(len(upper[0]))
+        found = self.weights[np.column_stack([1 + np.arange(n), place[:n]])]
+        found[np.arange(n), 1 + np.arange(n)] *= 2.0
         return np.ascontiguousarray(found.swapaxes(0, 1)).reshape(1 + m, -1)
+
+    @cached_property
+    def width(self) -> int:
+        """Numbers of a unit on some day."""
+        return len(unit_numbers(self.model.actuator))
+
+    @cached_property
+    def of_day(self) -> np.ndarray:
+        """Return which of them differ from test to test, shape (width,), bool."""
+        return of_day(self.width)
 
     @cached_property
     def root(self) -> np.ndarray:

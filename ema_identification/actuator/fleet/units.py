@@ -25,7 +25,7 @@ from ema_identification.actuator.measure.tolerances import (
     align,
     realise,
 )
-from ema_record.actuator import Actuator
+from ema_record.actuator import RELAY, Actuator
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.record import Record
 from ema_record.spread import TypeSpread
@@ -33,18 +33,33 @@ from ema_sim.effects import Effects
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
 
-UNLISTED = (
+_UNLISTED = (
     "motor.static_ratio", "surface.static_ratio", "motor.viscous_friction",
     "surface.viscous_friction", "motor.flat_top", "shaft.damping", "control.position_gain",
-    "control.proportional_gain", "control.integral_gain", "inverter.hysteresis",
-    "acquisition.command_latency", "acquisition.reference_latency", "shaft.backlash",
-)
-"""Beside `TOLERANCES`; lost motion is spread as the stiffness of the same shaft."""
-NAMES = (*(t.name for t in TOLERANCES), *UNLISTED)
-SIZE = len(NAMES)
-OF_DAY = np.array([n.startswith(("current_sensor", "surface_load")) for n in NAMES])
-"""What differs from test to test."""
+    "control.proportional_gain", "control.integral_gain",
+), ("acquisition.command_latency", "acquisition.reference_latency", "shaft.backlash")
+"""Before and behind those of the current control; lost motion is spread as the stiffness is."""
+_RELAY, _CARRIER = ("inverter.hysteresis",), ("drive.proportional_gain", "drive.integral_gain")
 _LISTED = len(TOLERANCES)
+_OF_DAY = [t.name.startswith(("current_sensor", "surface_load")) for t in TOLERANCES]
+DAYS = sum(_OF_DAY)
+"""How many numbers differ from test to test."""
+
+
+def unlisted(a: Actuator) -> tuple[str, ...]:
+    """Return the names of what differs beside `TOLERANCES`, by the kind of drive."""
+    before, behind = _UNLISTED
+    return *before, *(_RELAY if a.drive.kind == RELAY else _CARRIER), *behind
+
+
+def unit_numbers(a: Actuator) -> tuple[str, ...]:
+    """Return the names of all numbers of a unit of a type on some day, shape (width,)."""
+    return *(t.name for t in TOLERANCES), *unlisted(a)
+
+
+def of_day(width: int) -> np.ndarray:
+    """Return which of so many numbers of a unit differ from test to test, shape (width,), bool."""
+    return np.array(_OF_DAY + [False] * (width - _LISTED))
 
 
 def _factors(spread: TypeSpread) -> np.ndarray:
@@ -56,18 +71,20 @@ def _factors(spread: TypeSpread) -> np.ndarray:
     return np.array([w / known.half_width for w, known in zip(kit, TOLERANCES)])
 
 
-def deviations(spread: TypeSpread, z: np.ndarray) -> dict[str, tuple[float, str]]:
+def deviations(
+    a: Actuator, spread: TypeSpread, z: np.ndarray
+) -> dict[str, tuple[float, str]]:
     """Return how far a unit and its day are from the type, and the unit of that, by name.
 
     Relative (unit 1) but for sensors, load, angles and latencies. `z` : half widths, shape
-    (SIZE,) or longer.
+    (width,) or longer.
     """
     t = spread.tolerances
     found = {known.name: (float(known.half_width * factor * x), known.unit)
              for known, factor, x in zip(TOLERANCES, _factors(spread), z)}
     half = {"static_ratio": t.static_ratio, "damping": t.damping, "hysteresis": t.hysteresis,
             "backlash": t.backlash}
-    for name, x in zip(UNLISTED, map(float, z[_LISTED:])):
+    for name, x in zip(unlisted(a), map(float, z[_LISTED:])):
         kind = name.split(".")[1]
         if kind == "viscous_friction":
             found[name] = t.viscous_factor**x - 1.0, "1"
@@ -80,9 +97,9 @@ def deviations(spread: TypeSpread, z: np.ndarray) -> dict[str, tuple[float, str]
     return found
 
 
-def draw_fleet_unit(rng: np.random.Generator) -> np.ndarray:
-    """Return a healthy unit on some day, shape (SIZE,), in half widths."""
-    return rng.uniform(-1.0, 1.0, SIZE)
+def draw_fleet_unit(rng: np.random.Generator, a: Actuator) -> np.ndarray:
+    """Return a healthy unit of a type on some day, shape (width,), in half widths."""
+    return rng.uniform(-1.0, 1.0, len(unit_numbers(a)))
 
 
 def draw_fleet_conditions(rng: np.random.Generator, spread: TypeSpread) -> RecordConditions:
@@ -104,17 +121,17 @@ def fleet_unit(
     Parameters
     ----------
     model, spread : the type.
-    z : ndarray, shape (SIZE,), in half widths.
+    z : ndarray, shape (width,), in half widths.
     conditions : of the test.
     effects : in place of those of the model.
     """
     t = spread.tolerances
     a, e = realise(model, z[:_LISTED] * _factors(spread), conditions, effects)
-    x = dict(zip(UNLISTED, map(float, z[_LISTED:])))
+    x = dict(zip(unlisted(a), map(float, z[_LISTED:])))
     m, s, c, q = a.motor, a.surface, a.control, a.acquisition
 
     def near(name: str, half: float) -> float:
-        return 1.0 + half * x[name]
+        return 1.0 + half * x.get(name, 0.0)
 
     def late(what: str) -> float:
         """Return periods; no rounding of a bound makes it act before its time."""
@@ -141,8 +158,11 @@ def fleet_unit(
         reference_latency=q.reference_latency + late("reference"))
     inverter = a.inverter._replace(
         hysteresis=a.inverter.hysteresis * near("inverter.hysteresis", t.hysteresis))
+    drive = a.drive._replace(
+        proportional_gain=a.drive.proportional_gain * near(_CARRIER[0], t.control_gain),
+        integral_gain=a.drive.integral_gain * near(_CARRIER[1], t.control_gain))
     return a._replace(motor=m, surface=s, control=c, shaft=shaft, acquisition=q,
-                      inverter=inverter), e
+                      inverter=inverter, drive=drive), e
 
 
 def fleet_record(
@@ -201,7 +221,7 @@ class FleetRuns:
 
     Attributes
     ----------
-    z : ndarray, shape (n, SIZE).
+    z : ndarray, shape (n, width).
     conditions : ndarray, shape (n, 4). Temperature, bus, noise, start angle, as the records tell.
     features : ndarray, shape (n, d).
     again : ndarray, shape (m, d). Second runs of the first m units.
@@ -228,15 +248,15 @@ def _chunk(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first:
     with threadpool_limits(limits=1):
         for k in range(first, last):
             rng = np.random.default_rng([seed, 7, k])  # the same unit in every test
-            z, given = draw_fleet_unit(rng), draw_fleet_conditions(rng, spread)
-            seeds = rng.integers(2**31, size=2)
-            row = np.full(SIZE + 4 + 2 * len(fmap.features), np.nan)
-            row[:SIZE] = z
+            z, given = draw_fleet_unit(rng, model.actuator), draw_fleet_conditions(rng, spread)
+            seeds, n = rng.integers(2**31, size=2), len(z)
+            row = np.full(n + 4 + 2 * len(fmap.features), np.nan)
+            row[:n] = z
             try:
                 record = fleet_record(model, spread, fmap, z, given, int(seeds[0]))
                 c = align(record, model)
-                row[SIZE:SIZE + 4] = c.temperature, c.bus, c.noise, c.start_angle
-                row[SIZE + 4:SIZE + 4 + len(fmap.features)] = fmap.extract(record)
+                row[n:n + 4] = c.temperature, c.bus, c.noise, c.start_angle
+                row[n + 4:n + 4 + len(fmap.features)] = fmap.extract(record)
             except (SimulationError, InvalidRecordError):  # left out
                 pass
             if k < repeated:
@@ -254,11 +274,11 @@ def fleet_runs(
 
     `keep` : name under which parts are kept, so that a run that was stopped goes on.
     """
-    n, d = sizes.total, len(fmap.features)
+    n, d, width = sizes.total, len(fmap.features), len(unit_numbers(model.actuator))
     rows = np.concatenate(spread_out(
         partial(_chunk, model, spread, fmap, seed),
         [(k, min(k + CHUNK, n), sizes.repeated) for k in range(0, n, CHUNK)],
         workers=workers, progress=progress, what="healthy runs", keep=keep))
-    return FleetRuns(z=rows[:, :SIZE], conditions=rows[:, SIZE:SIZE + 4],
-                     features=rows[:, SIZE + 4:SIZE + 4 + d],
-                     again=rows[:sizes.repeated, SIZE + 4 + d:])
+    return FleetRuns(z=rows[:, :width], conditions=rows[:, width:width + 4],
+                     features=rows[:, width + 4:width + 4 + d],
+                     again=rows[:sizes.repeated, width + 4 + d:])

@@ -33,7 +33,7 @@ class LawFit:
     Attributes
     ----------
     terms : the laws at their coordinates.
-    z : ndarray, shape (width,). Of a single record width = SIZE.
+    z : ndarray, shape (width,). Of a single record width = that of the library.
     mean : ndarray, shape (d,). Features as predicted.
     slopes : ndarray, shape (d, coordinates + width).
     cost : J.
@@ -118,6 +118,12 @@ def moved(terms: Sequence[EffectTerm], u: np.ndarray) -> tuple[EffectTerm, ...]:
         found.append(EffectTerm(variant=term.variant, signature=term.signature, u=part))
         k += n
     return tuple(found)
+
+
+def law_sizes(terms: Sequence[EffectTerm]) -> np.ndarray:
+    """Return the size of the law of each coordinate."""
+    return np.concatenate([np.zeros(0), *(
+        np.full(t.variant.size, max(float(np.linalg.norm(t.u)), 1e-12)) for t in terms)])
 
 
 def library_slopes(terms: Sequence[EffectTerm]) -> np.ndarray:

@@ -24,13 +24,12 @@ from ema_identification.actuator.fleet.kept import AGAIN, ALIKE, kept_arrays
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, FleetLibrary
 from ema_identification.actuator.fleet.units import (
     CHUNK,
-    OF_DAY,
-    SIZE,
     LibrarySizes,
     conditions_of,
     draw_fleet_conditions,
     draw_fleet_unit,
     fleet_record,
+    of_day,
 )
 from ema_identification.actuator.laws.terms import EffectTerm
 from ema_identification.actuator.measure.features import FeatureMap
@@ -49,7 +48,7 @@ class ChangedUnit(TestedUnit):
     Attributes
     ----------
     accepted : the accepted records, at least one.
-    at : their fits, shape (SIZE,) each.
+    at : their fits, shape (width,) each.
     before : ndarray, shape (d,). What the quadratic says of them there, the mean.
     apart : share of the quadratic's error that two tests of one unit do not share.
     """
@@ -80,8 +79,8 @@ class ChangedUnit(TestedUnit):
         return np.asarray(self.before - np.mean(runs, axis=0))
 
     def _ahead(self, z: np.ndarray) -> np.ndarray:
-        """Return how far the accepted records of other units are, shape (n, SIZE) -> (n, d)."""
-        found = [u.library.means(np.where(OF_DAY, at, z), u.conditions)
+        """Return how far the accepted records of other units are, shape (n, width) -> (n, d)."""
+        found = [u.library.means(np.where(self.library.of_day, at, z), u.conditions)
                  for u, at in zip(self.accepted, self.at)]
         return np.asarray(np.mean(found, axis=0) - self.before)
 
@@ -90,10 +89,10 @@ class ChangedUnit(TestedUnit):
         return super().means(z) - self._ahead(z)
 
     def slope(self, z: np.ndarray) -> np.ndarray:
-        """Return the derivative of `means`, shape (d, SIZE)."""
-        before = np.mean([u.library.slope(np.where(OF_DAY, at, z), u.conditions)
+        """Return the derivative of `means`, shape (d, width)."""
+        before = np.mean([u.library.slope(np.where(self.library.of_day, at, z), u.conditions)
                           for u, at in zip(self.accepted, self.at)], axis=0)
-        return super().slope(z) - np.where(OF_DAY, 0.0, before)
+        return super().slope(z) - np.where(self.library.of_day, 0.0, before)
 
     def run_all(
         self, models: Sequence[tuple[Sequence[EffectTerm], np.ndarray]], runs: int, salt: int = 0,
@@ -113,19 +112,20 @@ def changed_unit(
     The unit's own numbers are the mean of those that the accepted records give.
     """
     fits = [u.without_law() for u in accepted]
-    own, spread = np.mean([f.z for f in fits], axis=0), np.zeros(SIZE)
+    own, day = np.mean([f.z for f in fits], axis=0), unit.library.of_day
+    spread = np.zeros(len(own))
     for u, fit in zip(accepted, fits):
         columns = u.whitener(0).columns(fit.slopes, u.values - fit.mean)
-        spread += np.diag(np.linalg.inv(columns.T @ columns + PRIOR * np.eye(SIZE)))
-    at = tuple(np.where(OF_DAY, f.z, own) for f in fits)
+        spread += np.diag(np.linalg.inv(columns.T @ columns + PRIOR * np.eye(len(own))))
+    at = tuple(np.where(day, f.z, own) for f in fits)
     before = np.mean([u.library.mean(z, u.conditions) for u, z in zip(accepted, at)], axis=0)
     return ChangedUnit(
         library=replace(unit.library, left=None), conditions=unit.conditions, seed=unit.seed,
         values=unit.values - np.mean([u.values for u in accepted], axis=0) + before,
         workers=unit.workers, simulator=unit.simulator, record=unit.record,
         accepted=tuple(accepted), at=at,
-        before=before, apart=apart, centre=np.where(OF_DAY, 0.0, own),
-        weight=np.where(OF_DAY, PRIOR, len(accepted) ** 2 / spread))
+        before=before, apart=apart, centre=np.where(day, 0.0, own),
+        weight=np.where(day, PRIOR, len(accepted) ** 2 / spread))
 
 
 def _days(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first: int, last: int
@@ -133,9 +133,9 @@ def _days(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first: 
     """Return rows of features and conditions of units on another day; NaN where that failed."""
     rows = []
     for k in range(first, last):
-        z = draw_fleet_unit(np.random.default_rng([seed, 7, k]))  # as in the library
+        z = draw_fleet_unit(np.random.default_rng([seed, 7, k]), model.actuator)  # as there
         rng = np.random.default_rng([seed, 9, k])
-        z = np.where(OF_DAY, draw_fleet_unit(rng), z)
+        z = np.where(of_day(len(z)), draw_fleet_unit(rng, model.actuator), z)
         row = np.full(len(fmap.features) + 4, np.nan)
         try:
             record = fleet_record(model, spread, fmap, z, draw_fleet_conditions(rng, spread),

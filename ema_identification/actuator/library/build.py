@@ -32,7 +32,6 @@ from ema_identification.actuator.fleet.surrogate import (
 from ema_identification.actuator.fleet.units import (
     CHUNK,
     FULL,
-    SIZE,
     FleetRuns,
     LibrarySizes,
     conditions_of,
@@ -277,8 +276,8 @@ def _statistics(library: FleetLibrary) -> np.ndarray:
     """Return what is fitted to numbers that are always the same."""
     rng = np.random.default_rng(5)
     sizes = LibrarySizes(units=400, repeated=100, scaled=0, set_aside=0)
-    n, d = sizes.units, 3
-    runs = FleetRuns(z=rng.uniform(-1.0, 1.0, (n, SIZE)), features=rng.normal(size=(n, d)),
+    n, d, width = sizes.units, 3, library.width
+    runs = FleetRuns(z=rng.uniform(-1.0, 1.0, (n, width)), features=rng.normal(size=(n, d)),
                      conditions=np.column_stack([rng.uniform(-1.0, 1.0, (n, 2)),
                                                  rng.uniform(0.3, 2.0, (n, 2))]),
                      again=rng.normal(size=(sizes.repeated, d)))

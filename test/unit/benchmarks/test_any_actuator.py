@@ -31,7 +31,15 @@ from benchmarks.any_actuator.units import (
     draw_type,
     draw_unit,
 )
-from ema_record.actuator import FOC, HARMONICS, INSTANT, PWM, RELAY, load_actuator
+from ema_record.actuator import (
+    FOC,
+    HARMONICS,
+    INSTANT,
+    PWM,
+    PWM_INDEPENDENT,
+    RELAY,
+    load_actuator,
+)
 from ema_record.profile import load_profile_dict
 from ema_record.spread import load_spread
 
@@ -53,8 +61,8 @@ def share_step(a, seconds, hold):
 def test_six_machines_as_the_issue_wants_them(loaded):
     actuators = [m.actuator for m in loaded.values()]
     assert len(actuators) == 6
-    for kind in (RELAY, PWM, FOC):
-        assert sum(a.drive.kind == kind for a in actuators) == 2
+    for kind, machines in ((RELAY, 2), (PWM, 1), (PWM_INDEPENDENT, 1), (FOC, 2)):
+        assert sum(a.drive.kind == kind for a in actuators) == machines
     supplies = {2.0 * a.inverter.bus_voltage: a for a in actuators}
     assert (supplies[12.0].motor.pole_pairs, supplies[12.0].gear.ratio) == (4, 30.0)
     assert supplies[270.0].gear.ratio == 1200.0

@@ -9,7 +9,7 @@ import numpy as np
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.fleet.surrogate import FleetLibrary, NoiseLaw, design
-from ema_identification.actuator.fleet.units import SIZE
+from ema_identification.actuator.fleet.units import of_day, unit_numbers
 from ema_identification.actuator.laws.catalogue import variants
 from ema_identification.actuator.laws.signatures import unpack
 from ema_identification.actuator.measure.features import FeatureMap
@@ -25,6 +25,8 @@ UNITS = {
 """Sizes at which each feature is off by three standard deviations, rms."""
 VARIANTS = tuple(v for v in variants() if v.effect in {name for name, _ in UNITS})
 MODEL = load_model_file()
+SIZE = len(unit_numbers(MODEL.actuator))
+OF_DAY = of_day(SIZE)
 _rng = np.random.default_rng(7)
 BASE = _rng.normal(size=FEATURES)
 _rng.normal(size=18 * FEATURES)

@@ -4,13 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fleet_unit import CONDITIONS, STRANGE, effects_of, features_of, judged, run, unit
+from fleet_unit import (
+    CONDITIONS,
+    OF_DAY,
+    SIZE,
+    STRANGE,
+    effects_of,
+    features_of,
+    judged,
+    run,
+    unit,
+)
 
 from ema_identification.actuator import gap
 from ema_identification.actuator.decision import fit
 from ema_identification.actuator.decision.decide import LEVEL, decide, p_nothing, share_of
 from ema_identification.actuator.decision.proposals import scores
-from ema_identification.actuator.fleet.units import OF_DAY, SIZE
 from ema_identification.actuator.library import acceptance, baseline
 from ema_identification.actuator.library.baseline import changed_unit
 from ema_record.kit import LIBRARY

@@ -9,6 +9,7 @@ from fleet_unit import (
     FEATURES,
     HEALTHY,
     MODEL,
+    SIZE,
     UNITS,
     effects_of,
     features_of,
@@ -29,7 +30,7 @@ from ema_identification.actuator.decision.decide import (
 )
 from ema_identification.actuator.decision.intervals import parameters_of, simulated_posterior
 from ema_identification.actuator.decision.proposals import scores
-from ema_identification.actuator.fleet.units import CHUNK, FULL, SIZE
+from ema_identification.actuator.fleet.units import CHUNK, FULL
 from ema_identification.actuator.laws.terms import EffectTerm, LawFit, LawGap
 
 VISCOUS = UNITS["viscous_friction", "coefficient"]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fleet_unit import FEATURES, effects_of, features_of, judged, run, unit
+from fleet_unit import FEATURES, OF_DAY, SIZE, effects_of, features_of, judged, run, unit
 
 from ema_identification.actuator import gap
 from ema_identification.actuator.decision import fit
@@ -13,7 +13,6 @@ from ema_identification.actuator.decision.decide import decide
 from ema_identification.actuator.decision.joint import DAYS, joint_unit
 from ema_identification.actuator.decision.proposals import healthy_scores
 from ema_identification.actuator.fleet import kept as kept_module
-from ema_identification.actuator.fleet.units import OF_DAY, SIZE
 from ema_identification.actuator.laws.terms import LawGap
 from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_identification.actuator.words import reasons_of

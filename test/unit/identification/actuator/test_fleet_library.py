@@ -24,14 +24,13 @@ from ema_identification.actuator.fleet.surrogate import (
 )
 from ema_identification.actuator.fleet.units import (
     FULL,
-    NAMES,
-    SIZE,
     LibrarySizes,
     conditions_of,
     draw_fleet_conditions,
     draw_fleet_unit,
     fleet_runs,
     fleet_unit,
+    unit_numbers,
 )
 from ema_identification.actuator.gap import HeldOut
 from ema_identification.actuator.library import build as library_build
@@ -47,6 +46,7 @@ from ema_identification.actuator.measure.features import feature_map
 from ema_identification.actuator.measure.runs import spread_out
 from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_record import array_cache
+from ema_record.actuator import FOC, PWM, PWM_INDEPENDENT, RELAY
 from ema_record.kit import LIBRARY, shipped_kit
 from ema_record.profile import load_profile
 from ema_record.spread import load_spread
@@ -56,11 +56,13 @@ from ema_sim.simulate import simulate
 MODEL, SPREAD = load_model_file(), load_spread()
 
 
-def at(**moved):
-    z = np.zeros(SIZE)
+def at(kind=RELAY, **moved):
+    a = MODEL.actuator._replace(drive=MODEL.actuator.drive._replace(kind=kind))
+    names = unit_numbers(a)
+    z = np.zeros(len(names))
     for name, value in moved.items():
-        z[NAMES.index(name.replace("__", "."))] = value
-    return fleet_unit(MODEL, SPREAD, z, RecordConditions())[0]
+        z[names.index(name.replace("__", "."))] = value
+    return fleet_unit(MODEL._replace(actuator=a), SPREAD, z, RecordConditions())[0]
 
 
 def test_runs_that_were_stopped_go_on_where_they_were(tmp_path, monkeypatch):
@@ -205,7 +207,7 @@ def test_conditions_of_healthy_units_are_those_that_their_records_tell():
     fmap = feature_map(profile, MODEL.actuator, simulate(profile, seed=1))
     runs = fleet_runs(MODEL, SPREAD, fmap, LibrarySizes(1, 1, 0, 1))
     drawn = np.random.default_rng([0, 7, 0])
-    z, given = draw_fleet_unit(drawn), draw_fleet_conditions(drawn, SPREAD)
+    z, given = draw_fleet_unit(drawn, MODEL.actuator), draw_fleet_conditions(drawn, SPREAD)
     assert runs.z[0].tolist() == z.tolist()
     assert runs.conditions[0, 2] == pytest.approx(given.noise, rel=0.05)
     assert runs.conditions[0, 2] != given.noise
@@ -226,6 +228,10 @@ def test_bands_are_those_of_the_kit():
             a.acquisition.command_latency + 0.5 * (1.0 + sign) * t.latency)
         assert at(control__integral_gain=sign).control.integral_gain == pytest.approx(
             a.control.integral_gain * (1.0 + sign * t.control_gain))
+        for kind in (PWM, FOC, PWM_INDEPENDENT):
+            assert at(kind, drive__integral_gain=sign).drive.integral_gain == pytest.approx(
+                a.drive.integral_gain * (1.0 + sign * t.control_gain))
+            assert "inverter.hysteresis" not in unit_numbers(at(kind))
     assert at(motor__static_ratio=-1.0).motor.static_friction >= a.motor.dynamic_friction
 
 
@@ -238,7 +244,7 @@ def test_conditions_are_within_the_kits():
 
 def test_residuals_of_units_left_out_are_those_of_refits():
     rng = np.random.default_rng(2)
-    v = rng.uniform(-1.0, 1.0, (700, SIZE + 3))
+    v = rng.uniform(-1.0, 1.0, (700, 34))
     features = np.column_stack([v[:, 0] + v[:, 1] * v[:, 2] + 0.1 * rng.normal(size=700),
                                 rng.normal(size=700)])
     weights, rest = fit_mean(v, features)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ema_record.actuator import FOC, HARMONICS, PWM, RELAY, Actuator
+from ema_record.actuator import FOC, HARMONICS, PWM, PWM_INDEPENDENT, RELAY, Actuator
 from ema_record.profile import step_profile
 from ema_sim.effects import parse_effects
 from ema_sim.plant import state as st
@@ -19,6 +19,8 @@ from support.plant import lines, run, state_of
 LOCKED = {"static_friction": 1e9, "dynamic_friction": 1e9}
 CURRENT = 7.0
 SINE = {"back_emf": HARMONICS}
+CARRIERS = {"pwm": PWM, "foc": FOC, "pwm_independent": PWM_INDEPENDENT}
+of_carriers = pytest.mark.parametrize("kind", CARRIERS.values(), ids=CARRIERS)
 both_ways = pytest.mark.parametrize("switching", [False, True], ids=["averaged", "switched"])
 
 
@@ -42,7 +44,7 @@ def steady(a: Actuator, omega: float, duration: float, switching: bool, *setting
 
 
 @both_ways
-@pytest.mark.parametrize("kind", [PWM, FOC], ids=["pwm", "foc"])
+@of_carriers
 def test_steady_current_of_resistance_under_a_proportional_control(kind, switching):
     """Rotor locked: i = K_p i_ref / (K_p + R) of each phase, the legs' mean voltage is u.
 
@@ -151,7 +153,7 @@ def test_a_sensor_turned_by_an_angle_costs_its_cosine():
         CURRENT * np.sin(found.out[-1000:, 8]), abs=0.01 * CURRENT)
 
 
-@pytest.mark.parametrize("kind", [PWM, FOC], ids=["pwm", "foc"])
+@of_carriers
 def test_a_voltage_that_cannot_be_had_does_not_wind_up(kind):
     """Against a back-EMF above the bus the currents fall back; released, they settle at once.
 
@@ -177,9 +179,32 @@ def test_offsets_of_the_sensors_do_not_run_away_in_the_zero_sequence():
     assert found.out[-1, 2:5] - 0.5 == pytest.approx([CURRENT, -CURRENT, 0.0], abs=1e-3)
 
 
+def test_controls_that_know_their_phase_alone_run_away_together():
+    """Offsets move all three integrals by K_i times their mean until a leg stays at its rail.
+
+    The currents do not feel it before: they are those of the line voltages.
+    """
+    offset, integral = 0.5, 300.0
+    a = drive_of(DEFAULT.actuator, PWM_INDEPENDENT, motor=LOCKED,
+                 inverter={"current_limit": CURRENT}, drive={"integral_gain": integral})
+    offsets = parse_effects([f"current_sensor_offset.phase_{p}={offset}" for p in "abc"])
+    rail = a.inverter.bus_voltage
+    for duration, free in ((0.2, True), (1.0, False)):
+        found = run(a, state_of(a, angle=1.2), duration, inverter_on=0.0, command=0.4,
+                    effects=offsets)
+        moved = -found.state[[st.U_A, st.U_B, st.U_C]].mean()
+        assert found.out[-1, 2:5] - offset == pytest.approx(
+            [CURRENT - offset, -CURRENT - offset, -offset], abs=3e-3) or not free
+        if free:  # the mean error is what the offsets have in common
+            assert moved == pytest.approx(integral * offset * duration, rel=0.01)
+        else:
+            assert moved < integral * offset * duration / 2 and moved < 1.1 * rail
+
+
 @pytest.mark.parametrize("machine", [DEFAULT, OTHER], ids=["default", "other"])
-@pytest.mark.parametrize(("kind", "shape"), [(PWM, {}), (FOC, {}), (FOC, SINE)],
-                         ids=["pwm", "foc trapezoid", "foc sine"])
+@pytest.mark.parametrize(("kind", "shape"), [
+    (PWM, {}), (PWM_INDEPENDENT, {}), (FOC, {}), (FOC, SINE)],
+    ids=["pwm", "pwm_independent", "foc trapezoid", "foc sine"])
 def test_averaged_and_switched_agree(kind, shape, machine):
     """Averaged and switched voltages give the same motion.
 
@@ -201,7 +226,7 @@ def test_averaged_and_switched_agree(kind, shape, machine):
 
 
 @both_ways
-@pytest.mark.parametrize("kind", [RELAY, PWM, FOC], ids=["relay", "pwm", "foc"])
+@pytest.mark.parametrize("kind", [RELAY, *CARRIERS.values()], ids=["relay", *CARRIERS])
 def test_blocks_of_any_size_give_the_same_bytes(kind, switching):
     """All that a step keeps for the next is in the state."""
     a = changed(drive={"kind": kind}, motor={"back_emf": HARMONICS, "harmonic_5": 0.05})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ema_record.actuator import FOC, HARMONICS, PWM, Actuator
+from ema_record.actuator import FOC, HARMONICS, PWM, PWM_INDEPENDENT, Actuator
 from ema_record.profile import step_profile
 from ema_sim.plant import state as st
 from ema_sim.simulate import simulate_traced
@@ -13,8 +13,8 @@ from support.actuators import both_machines, changed
 from support.plant import run, state_of
 
 SHAPE = {"back_emf": HARMONICS, "harmonic_3": 0.1, "harmonic_5": 0.05, "harmonic_7": -0.03}
-CASES = [(PWM, {}), (PWM, SHAPE), (FOC, {}), (FOC, SHAPE)]
-IDS = ["pwm trapezoid", "pwm harmonics", "foc trapezoid", "foc harmonics"]
+CASES = [(PWM, {}), (PWM, SHAPE), (PWM_INDEPENDENT, {}), (FOC, {}), (FOC, SHAPE)]
+IDS = ["pwm trapezoid", "pwm harmonics", "pwm_independent", "foc trapezoid", "foc harmonics"]
 
 
 @both_machines
@@ -56,7 +56,8 @@ def final_state(actuator: Actuator, kind: int, switching: bool, max_step: float)
 
 @both_machines
 @pytest.mark.parametrize("switching", [False, True], ids=["averaged", "switched"])
-@pytest.mark.parametrize("kind", [PWM, FOC], ids=["pwm", "foc"])
+@pytest.mark.parametrize("kind", [PWM, PWM_INDEPENDENT, FOC],
+                         ids=["pwm", "pwm_independent", "foc"])
 def test_order_of_convergence_is_two(kind, switching, machine):
     """With the control between; 1e-3 of the state at 20 µs."""
     exact = final_state(machine.actuator, kind, switching, 0.2e-6)

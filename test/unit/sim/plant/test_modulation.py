@@ -12,7 +12,13 @@ from ema_record.errors import UsageError
 from ema_record.profile import step_profile
 from ema_sim.drives import check_drive, most_gain
 from ema_sim.plant.electrical import harmonics, of_phases
-from ema_sim.plant.modulation import leg_now, modulated, rotor_currents
+from ema_sim.plant.modulation import (
+    independent_control,
+    leg_now,
+    modulated,
+    phase_control,
+    rotor_currents,
+)
 from ema_sim.simulate import simulate
 from support.actuators import changed
 
@@ -60,6 +66,27 @@ def test_a_voltage_beyond_the_bus_keeps_its_direction():
         for amplitude, beyond in ((1.154 * 48.0, False), (1.18 * 48.0, None)):
             found = modulated(*(amplitude * np.sin(theta - THIRDS)), 48.0)[3]
             assert beyond is None or found is beyond
+
+
+def test_controls_of_the_phases_differ_in_the_middle_of_the_voltages_alone():
+    """As long as no leg is limited and the errors have no mean: the line voltages are the same."""
+    d, errors = changed(drive={"kind": PWM}).drive, (3.0, -2.0, -1.0)
+    one = phase_control(d, 48.0, *errors, 5.0, -5.0, 0.0)
+    other = independent_control(d, 48.0, *errors, 5.0, -5.0, 0.0)
+    assert np.diff(one[:3]) == pytest.approx(np.diff(other[:3])) and one[3:] == other[3:]
+    assert max(one[:3]) == pytest.approx(-min(one[:3]))
+    assert max(other[:3]) != pytest.approx(-min(other[:3]))
+
+
+@pytest.mark.parametrize(("error", "kept"), [(30.0, True), (-1.0, False)])
+def test_an_independent_leg_is_limited_alone_and_does_not_wind_up(error, kept):
+    d = changed(drive={"kind": PWM}).drive
+    step = d.integral_gain / d.pwm_frequency
+    found = independent_control(d, 48.0, error, 1.0, -1.0, 60.0, 0.0, 0.0)
+    assert found[0] == 1.0
+    assert found[3] == (60.0 if kept else pytest.approx(60.0 + step * error))
+    assert found[1:3] == pytest.approx(
+        np.array([1.0, -1.0]) * (d.proportional_gain + step) / 48.0)
 
 
 @pytest.mark.parametrize("mean", [-1.0, -0.4, 0.0, 0.7, 1.0])
