@@ -1,10 +1,10 @@
-"""Whether a drive with a carrier can work: enough of its periods a turn, a stable control."""
+"""Drives with a carrier: whether they can work, and whether a record shows the carrier."""
 
 from __future__ import annotations
 
 import math
 
-from ema_record.actuator import RELAY, Actuator
+from ema_record.actuator import INSTANT, RELAY, Actuator
 from ema_record.errors import UsageError
 
 LEAST_PERIODS = 12.0
@@ -21,6 +21,21 @@ def most_gain(a: Actuator) -> float:
     r = a.motor.phase_resistance
     kept = math.exp(-r / (a.motor.phase_inductance * a.drive.pwm_frequency))
     return r * (1.0 + kept) / (1.0 - kept)
+
+
+def shows_carrier(a: Actuator, rate: float) -> bool:
+    """Return whether samples at a rate (1/s) see the carrier, so that its edges matter.
+
+    A mean over whole periods does not, nor do instants where a period begins or in its middle:
+    there the ripple of centred pulses crosses its mean.
+    """
+    if a.drive.kind == RELAY:
+        return False
+    q = a.acquisition
+    places = [a.drive.pwm_frequency / rate]
+    if q.sampling == INSTANT:
+        places.append(2.0 * q.time_at * places[0])
+    return places[0] < 0.5 or any(abs(x - round(x)) > 1e-6 for x in places)
 
 
 def check_drive(a: Actuator) -> None:

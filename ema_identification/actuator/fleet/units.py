@@ -29,6 +29,7 @@ from ema_record.actuator import RELAY, Actuator
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.record import Record
 from ema_record.spread import TypeSpread
+from ema_sim.drives import shows_carrier
 from ema_sim.effects import Effects
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
@@ -174,8 +175,8 @@ def fleet_record(
     # The conditions hold what the sensor of the rotor angle reads.
     angle = conditions.start_angle - effects.hall_misalignment.angle
     return whole(simulate(fmap.profile, actuator=actuator, effects=effects, seed=seed,
-                          noise=conditions.noise, rate=fmap.rate, start_angle=angle % TURN),
-                 model.actuator)
+                          noise=conditions.noise, rate=fmap.rate, start_angle=angle % TURN,
+                          switching=shows_carrier(actuator, fmap.rate)), model.actuator)
 
 
 def fleet_features(

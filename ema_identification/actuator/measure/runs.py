@@ -15,6 +15,7 @@ from ema_identification.actuator.measure.tolerances import RecordConditions, rea
 from ema_record import array_cache as cache
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.kit import kit_folder, using_kit
+from ema_sim.drives import shows_carrier
 from ema_sim.effects import Effects
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
@@ -50,6 +51,7 @@ def run_case(model: Model, case: UnitRun, fmap: FeatureMap) -> np.ndarray:
         return fmap.extract(whole(simulate(
             fmap.profile, actuator=actuator, effects=effects, seed=case.seed,
             noise=case.conditions.noise, rate=fmap.rate, start_angle=angle % TURN,
+            switching=shows_carrier(actuator, fmap.rate),
         ), model.actuator))
     except (SimulationError, InvalidRecordError):  # the latter: nothing to rebuild from
         return np.full(len(fmap.features), np.nan)

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from ema_record.actuator import FOC, PWM
+from ema_record.actuator import FOC, INSTANT, MEAN, PWM, RELAY
 from ema_record.errors import UsageError
 from ema_record.profile import step_profile
-from ema_sim.drives import check_drive, most_gain
+from ema_sim.drives import check_drive, most_gain, shows_carrier
 from ema_sim.plant.electrical import harmonics, of_phases
 from ema_sim.plant.modulation import (
     independent_control,
@@ -122,6 +122,25 @@ def test_the_bound_of_the_gains_is_where_the_control_gets_unstable(integral, sha
     else:
         with pytest.raises(UsageError, match="not stable at pwm_frequency 20000 /s"):
             check_drive(a)
+
+
+@pytest.mark.parametrize(("kind", "sampling", "time_at", "rate", "shows"), [
+    (PWM, MEAN, 1.0, 20e3, False), (FOC, MEAN, 0.5, 10e3, False), (FOC, MEAN, 1.0, 8e3, True),
+    (PWM, MEAN, 1.0, 50e3, True), (PWM, INSTANT, 0.0, 20e3, False),
+    (PWM, INSTANT, 0.5, 20e3, False), (PWM, INSTANT, 0.3, 20e3, True),
+    (RELAY, MEAN, 1.0, 8e3, False)])
+def test_samples_show_the_carrier_where_averages_differ_from_edges(
+        kind, sampling, time_at, rate, shows):
+    """Held against records of both, the rotor turning: at 20 kHz the carrier has its period."""
+    a = changed(drive={"kind": kind}, acquisition={"sampling": sampling, "time_at": time_at})
+    assert shows_carrier(a, rate) == shows
+    if kind == RELAY:
+        return
+    mean, edges = (simulate(step_profile(0.1, start=-0.1, duration=0.1), actuator=a, noise=0.0,
+                            seed=2, rate=rate, switching=switching).samples[:, 2]
+                   for switching in (False, True))
+    apart = np.median(np.abs(edges - mean)[len(mean) // 2:])  # 1 to 2 mA, or 6 to 120
+    assert (apart > 4e-3) == shows, apart
 
 
 @pytest.mark.parametrize(("drive", "message"), [
