@@ -53,8 +53,8 @@ transforms the torque with dθ_out/dθ, as virtual work asks) nor the shaft's da
 LISTED_DAMAGES = tuple(name for name in DAMAGES if name not in OTHER_LAW)
 STRANGE = tuple(name for name, hidden in HIDEABLE.items() if hidden.without is not None)
 STRANGE_DAMAGES = tuple(name for name in DAMAGES if name in STRANGE)
-PWM = FOLDER / "joint_48v"
-"""Kit of a machine whose currents are controlled by a carrier."""
+PWM, FOC = FOLDER / "joint_48v", FOLDER / "valve_12v"
+"""Kits of machines whose currents are controlled by a carrier, in blocks or in the rotor's axes."""
 RANGE = 1.3
 """Of bands that are wider than the description says."""
 
@@ -207,4 +207,7 @@ STRATA: dict[str, Callable[..., HiddenUnit]] = {
     "pwm, own, nothing": partial(of_kit, PWM, own_unit),
     "pwm, second, nothing": partial(of_kit, PWM, second_unit),
     "pwm, second, one effect": partial(of_kit, PWM, second_unit, hidden=1),
+    "foc, own, nothing": partial(of_kit, FOC, own_unit),
+    "foc, second, nothing": partial(of_kit, FOC, second_unit),
+    "foc, second, one effect": partial(of_kit, FOC, second_unit, hidden=1),
 }
