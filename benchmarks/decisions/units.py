@@ -54,7 +54,7 @@ LISTED_DAMAGES = tuple(name for name in DAMAGES if name not in OTHER_LAW)
 STRANGE = tuple(name for name, hidden in HIDEABLE.items() if hidden.without is not None)
 STRANGE_DAMAGES = tuple(name for name in DAMAGES if name in STRANGE)
 PWM, FOC = FOLDER / "joint_48v", FOLDER / "valve_12v"
-"""Kits of machines whose currents are controlled by a carrier, in blocks or in the rotor's axes."""
+"""Kits of machines with a carrier: currents in blocks, and in the rotor's axes."""
 RANGE = 1.3
 """Of bands that are wider than the description says."""
 

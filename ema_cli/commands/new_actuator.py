@@ -54,9 +54,10 @@ def new_actuator(
         "--shape", metavar="sine|trapezoid", rich_help_panel=MOTOR, show_default="sine",
         help="Of the back-EMF.")] = "",
     drive: Annotated[str, typer.Option(
-        "--drive", metavar="relay|pwm|foc", rich_help_panel=DRIVE,
+        "--drive", metavar="relay|pwm|pwm_independent|foc", rich_help_panel=DRIVE,
         show_default="foc with a sine, pwm with a trapezoid",
-        help="Hysteresis a phase; six-step with PI control; field oriented.")] = "",
+        help="Hysteresis a phase; six-step with PI control, which share a voltage or know their "
+        "phase alone; field oriented.")] = "",
     without: Annotated[list[str] | None, typer.Option(
         "--without", metavar="CHANNEL", rich_help_panel=RECORDER,
         help="Not recorded: phase_current_c, reference_currents, rotor_angle, "
