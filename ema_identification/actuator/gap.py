@@ -26,18 +26,18 @@ class HeldOut:
     unit: TestedUnit
     fitted: TestedUnit
 
-    def gap(self, models: Sequence[LawFit]) -> LawGap:
+    def gap(self, models: Sequence[LawFit], edge: float = 1.0) -> LawGap:
         """Return the gap of each model, the first without a law.
 
-        Alone it is predicted as those of healthy units are, by the quadratic; beside others all
-        are means of runs.
+        A fit on the quadratic is predicted as healthy units are, by the quadratic; fits on runs
+        are by means of runs. `edge` : half widths of its band that a number may be off.
         """
         unit, null = self.unit, models[0]
-        if len(models) == 1:
-            gap = quadratic_gap(unit, self.fitted, null)
-            return LawGap(values=(gap.values[0],), healthy=self.healthy, rest=gap.rest)
-        means = [unit.run(m.terms, _predicted(unit, m), SETTLED_RUNS, salt=21) for m in models]
-        return replace(_left(unit, _yardstick(self.fitted), _predicted(unit, null), means),
+        if not null.runs and len(models) == 1:
+            return replace(quadratic_gap(unit, self.fitted, null, edge), healthy=self.healthy)
+        means = [unit.run(m.terms, _predicted(unit, m, edge), SETTLED_RUNS, salt=21)
+                 for m in models]
+        return replace(_left(unit, _yardstick(self.fitted), _predicted(unit, null, edge), means),
                        healthy=self.healthy)
 
     @cached_property
@@ -60,9 +60,11 @@ def _healthy_gap(pair: tuple[TestedUnit, TestedUnit]) -> tuple[float, ...]:
     return quadratic_gap(held, fitted, fitted.without_law()).values
 
 
-def quadratic_gap(unit: TestedUnit, fitted: TestedUnit, null: LawFit) -> LawGap:
+def quadratic_gap(
+    unit: TestedUnit, fitted: TestedUnit, null: LawFit, edge: float = 1.0
+) -> LawGap:
     """Return the gap of a unit without a law on `unit`, its quadratic at the fit to `fitted`."""
-    z = _predicted(unit, null)
+    z = _predicted(unit, null, edge)
     return _left(unit, _yardstick(fitted, null), z, list(unit.means(z[None])))
 
 
@@ -74,11 +76,11 @@ def fitted_gap(unit: TestedUnit, models: Sequence[LawFit]) -> LawGap:
                   rest=tuple(rests))
 
 
-def _predicted(unit: TestedUnit, fit: LawFit) -> np.ndarray:
+def _predicted(unit: TestedUnit, fit: LawFit, edge: float) -> np.ndarray:
     """Return what a fit expects of held-out records: the unit's own numbers, none of the day."""
     z = np.zeros(len(unit.centre))
     own = slice(unit.library.width)
-    z[own] = np.clip(fit.z[own], -1.0, 1.0)
+    z[own] = np.clip(fit.z[own], -edge, edge)
     return np.where(unit.day, 0.0, z)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -64,3 +65,10 @@ def log_evidence(fit: LawFit, freedom: float) -> float:
     if not np.isfinite(fit.cost):
         return -np.inf
     return -0.5 * freedom * float(np.log(fit.cost)) - 0.5 * fit.free * float(np.log(freedom))
+
+
+def instead_of(fit: LawFit, name: str, kept: Sequence[frozenset[str]]) -> tuple[str, ...]:
+    """Return names that stand in the place of one, all else equal."""
+    others = set(fit.names) - {name}
+    return tuple(sorted({next(iter(k - others)) for k in kept
+                         if len(k) == len(fit.names) and others <= k and name not in k}))

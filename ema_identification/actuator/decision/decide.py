@@ -27,7 +27,12 @@ from typing import Protocol
 import numpy as np
 from scipy.special import betaincinv
 
-from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence, stages_of
+from ema_identification.actuator.decision.answer import (
+    FleetAnswer,
+    instead_of,
+    log_evidence,
+    stages_of,
+)
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.intervals import simulated_posterior
 from ema_identification.actuator.decision.proposals import (
@@ -64,7 +69,7 @@ share: one that is still on its way is not judged."""
 class LawJudge(Protocol):
     """Held-out records."""
 
-    def gap(self, models: Sequence[LawFit]) -> LawGap:
+    def gap(self, models: Sequence[LawFit], edge: float = 1.0) -> LawGap:
         """Return the gap of each model, the first without a law."""
 
 
@@ -93,14 +98,19 @@ def share_of(as_rare: int, units: int) -> float:
     return float(betaincinv(as_rare + 1, units - as_rare, SURE)) if as_rare < units else 1.0
 
 
+def _settled(unit: TestedUnit, null: LawFit) -> LawFit:
+    """Return the fit of no law on runs, from that on the quadratic."""
+    first = unit.settled(null, null.mean, 3, salt=3)
+    return unit.settled(first, null.mean, SETTLED_RUNS, salt=4)
+
+
 class _Decision:
     def __init__(self, unit: TestedUnit, null: LawFit, without: Sequence[str]) -> None:
         self.unit, self.library = unit, unit.library
         self.quadratic, self.before = null, null.mean
         self.signatures = selectable(unit, without)
         self.without = tuple(without)
-        first = unit.settled(null, self.before, 3, salt=3)
-        self.null = unit.settled(first, self.before, SETTLED_RUNS, salt=4)
+        self.null = _settled(unit, null)
         self.white = unit.whitener(SETTLED_RUNS, self.before)
         self.nothing = self.null.cost
         """What no law leaves at least, also beyond the bands."""
@@ -256,42 +266,40 @@ def decide(
     library, null = unit.library, unit.without_law()
     p = p_nothing(scores(unit, null, 0), library.healthy)
     if p > LEVEL:
-        return _nothing(null, p, held)
+        return _nothing(unit, null, p, held)
     progress("name", 0.1)
     case = _Decision(unit, null, without)
     p = max(p, case.p_without())
     if p > LEVEL:
-        return _nothing(null, p, held)
+        return _nothing(unit, null, p, held)
     beyond = replace(unit, edge=EDGE)
     far = beyond.without_law()
     wide = _Decision(beyond, far, without)
     case.nothing = min(case.nothing, wide.null.cost)
     p_far = max(p_nothing(scores(beyond, far, 0), library.healthy), wide.p_without())
     if p_far > LEVEL:
-        return _nothing(far, p_far, held, BEYOND)
+        return _nothing(beyond, far, p_far, held)
     singles = case.singles()
     progress("name", 0.5)
     pairs = case.pairs(singles)
     progress("name", 0.9)
     fits = case.finished([*singles, *pairs])
-    answer = FleetAnswer(verdict="unknown effect", null=case.null, p_nothing=p,
-                         fits=tuple(fits))
+    answer = FleetAnswer(verdict="unknown effect", null=case.null, p_nothing=p, fits=tuple(fits))
     answer = case.measured(_named(case, answer, [f for f in fits if case.explains(f)]))
     return answer if held is None else _validated(answer, held)
 
 
-BEYOND = f"numbers of the unit are up to {EDGE - 1.0:.0%} of their half band beyond it; "
-
-
-def _nothing(null: LawFit, p: float, held: LawJudge | None, where: str = "") -> FleetAnswer:
-    """Return silence, unless the held-out record is off by more than the model's own runs."""
-    said = f"{where}of healthy units, up to {p:.2g} are as far off"
+def _nothing(unit: TestedUnit, null: LawFit, p: float, held: LawJudge | None) -> FleetAnswer:
+    """Return silence, unless the held-out record is off on the quadratic and again on runs."""
+    where = f"numbers of the unit are up to {EDGE - 1.0:.0%} of their half band beyond it; "
+    said = f"{where if unit.edge > 1.0 else ''}of healthy units, up to {p:.2g} are as far off"
     answer = FleetAnswer(verdict="no disagreement", null=null, p_nothing=p, reasons=(said,))
     if held is None:
         return answer
-    gap = held.gap([null])
-    if share_of(int((gap.healthy >= gap.values[0]).sum()), len(gap.healthy)) > LEVEL:
-        return replace(answer, gap=gap)
+    for fit in (lambda: null, lambda: _settled(unit, null)):
+        gap = held.gap([fit()], unit.edge)
+        if share_of(int((gap.healthy >= gap.values[0]).sum()), len(gap.healthy)) > LEVEL:
+            return replace(answer, gap=gap)
     return replace(answer, gap=gap, verdict="unknown effect", reasons=(
         said, f"the held-out record is off by {gap.values[0]:.3g}; healthy units by up to "
         f"{gap.bound:.3g} (95 %)"))
@@ -323,7 +331,7 @@ def _named(case: _Decision, answer: FleetAnswer, explaining: list[LawFit]) -> Fl
     chosen, p_value, less = min(  # a second law only where the evidence rules one alone out
         (row for row in good if frozenset(row[0].names) in kept),
         key=lambda row: (len(row[0].terms), -case.evidence(row[0])))
-    equivalent = tuple(_instead(chosen, name, kept) for name in chosen.names)
+    equivalent = tuple(instead_of(chosen, name, kept) for name in chosen.names)
     if max(len(e) for e in equivalent) >= LARGEST_SET:
         return replace(answer, equivalent=(tuple(sorted(set().union(*kept))),), reasons=(
             f"{len(kept)} explanations are equally good",))
@@ -332,13 +340,6 @@ def _named(case: _Decision, answer: FleetAnswer, explaining: list[LawFit]) -> Fl
     return replace(answer, verdict="explained", fit=chosen, equivalent=equivalent,
                    p_value=p_value, closed=closed,
                    alone=less[::-1] if len(less) > 1 else ())
-
-
-def _instead(fit: LawFit, name: str, kept: Sequence[frozenset[str]]) -> tuple[str, ...]:
-    """Return names that stand in the place of one, all else equal."""
-    others = set(fit.names) - {name}
-    return tuple(sorted({next(iter(k - others)) for k in kept
-                         if len(k) == len(fit.names) and others <= k and name not in k}))
 
 
 def _validated(answer: FleetAnswer, held: LawJudge) -> FleetAnswer:

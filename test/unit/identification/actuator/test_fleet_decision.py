@@ -227,10 +227,12 @@ def test_intervals_hold_nine_in_ten(simulator):
 class Held:
     """A held-out record with gaps that are given."""
 
-    def __init__(self, *values):
-        self.values = values
+    def __init__(self, *values, again=()):
+        self.values, self.again = values, again
 
-    def gap(self, models):
+    def gap(self, models, edge=1.0):
+        if len(models) == 1 and models[0].runs and self.again:
+            return LawGap(values=self.again, healthy=np.linspace(0.5, 1.5, 480))
         return LawGap(values=self.values[:len(models)], healthy=np.linspace(0.5, 1.5, 480))
 
 
@@ -244,3 +246,4 @@ def test_held_out_records_only_judge():
     silent = decide(unit(seed=3), Held(5.0))
     assert silent.verdict == "unknown effect"
     assert "5" in silent.reasons[1]
+    assert decide(unit(seed=3), Held(5.0, again=(1.2,))).verdict == "no disagreement"
