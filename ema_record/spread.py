@@ -13,6 +13,7 @@ of few units it is known but badly, and a hundred features together tell how bad
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -45,6 +46,19 @@ class UnitTolerances(NamedTuple):
     hysteresis: Annotated[float, quantity("1", 0.0, 0.5, "band of the relay")]
     backlash: Annotated[float, quantity("1", 0.0, 0.8, "lost motion of the gear")]
     latency: Annotated[float, quantity("1", 0.0, 20.0, "control periods, 0 up to this")]
+
+
+def harmonic_spread(order: int, flat_top: float) -> float:
+    """Return by what a harmonic of a back-EMF varies where a flat top varies by `flat_top` (rad).
+
+    A trapezoid that is flat over 2/3 pi has harmonics sin(h x) / (h² sin x) of the first, with x
+    the half of a ramp, pi/6; a wider top makes x half as much shorter. So the windings of sound
+    units differ as much, whatever shape their back-EMF is described by.
+    """
+    x = math.pi / 6.0
+    slope = (order * math.cos(order * x) * math.sin(x) - math.sin(order * x) * math.cos(x)) / (
+        order * math.sin(x)) ** 2
+    return abs(0.5 * flat_top * slope)
 
 
 class Conditions(NamedTuple):

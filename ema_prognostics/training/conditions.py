@@ -15,7 +15,7 @@ import numpy as np
 
 from ema_prognostics.training.faults import InjectedFault
 from ema_record.actuator import INSTANT, MEAN, Actuator, Converters
-from ema_record.spread import Conditions, UnitTolerances
+from ema_record.spread import Conditions, UnitTolerances, harmonic_spread
 from ema_sim.effects import Effects, parse_effects
 
 RecorderKind = Literal["declared", "exact", "coarse", "sampled"]
@@ -136,19 +136,6 @@ def draw_unit(rng: np.random.Generator, spread: UnitTolerances) -> Unit:
                    fifth * harmonic_spread(5, spread.flat_top),
                    seventh * harmonic_spread(7, spread.flat_top)),
     )
-
-
-def harmonic_spread(order: int, flat_top: float) -> float:
-    """Return by what a harmonic of a back-EMF varies where a flat top varies by `flat_top` (rad).
-
-    A trapezoid that is flat over 2/3 pi has harmonics sin(h x) / (h² sin x) of the first, with x
-    the half of a ramp, pi/6; a wider top makes x half as much shorter. So the windings of sound
-    units differ as much, whatever shape their back-EMF is described by.
-    """
-    x = math.pi / 6.0
-    slope = (order * math.cos(order * x) * math.sin(x) - math.sin(order * x) * math.cos(x)) / (
-        order * math.sin(x)) ** 2
-    return abs(0.5 * flat_top * slope)
 
 
 def draw_conditions(rng: np.random.Generator, spread: Conditions) -> RunConditions:

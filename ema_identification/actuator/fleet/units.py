@@ -25,22 +25,18 @@ from ema_identification.actuator.measure.tolerances import (
     align,
     realise,
 )
-from ema_record.actuator import RELAY, Actuator
+from ema_record.actuator import RELAY, TRAPEZOID, Actuator
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.record import Record
-from ema_record.spread import TypeSpread
+from ema_record.spread import TypeSpread, harmonic_spread
 from ema_sim.drives import shows_carrier
 from ema_sim.effects import Effects
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
 
-_UNLISTED = (
-    "motor.static_ratio", "surface.static_ratio", "motor.viscous_friction",
-    "surface.viscous_friction", "motor.flat_top", "shaft.damping", "control.position_gain",
-    "control.proportional_gain", "control.integral_gain",
-), ("acquisition.command_latency", "acquisition.reference_latency", "shaft.backlash")
-"""Before and behind those of the current control; lost motion is spread as the stiffness is."""
 _RELAY, _CARRIER = ("inverter.hysteresis",), ("drive.proportional_gain", "drive.integral_gain")
+_TRAPEZOID, _HARMONICS = ("motor.flat_top",), ("motor.harmonic_5", "motor.harmonic_7")
+"""No current answers to a third harmonic: it is the same in all phases of a star."""
 _LISTED = len(TOLERANCES)
 _OF_DAY = [t.name.startswith(("current_sensor", "surface_load")) for t in TOLERANCES]
 DAYS = sum(_OF_DAY)
@@ -48,9 +44,17 @@ DAYS = sum(_OF_DAY)
 
 
 def unlisted(a: Actuator) -> tuple[str, ...]:
-    """Return the names of what differs beside `TOLERANCES`, by the kind of drive."""
-    before, behind = _UNLISTED
-    return *before, *(_RELAY if a.drive.kind == RELAY else _CARRIER), *behind
+    """Return the names of what differs beside `TOLERANCES`, by back-EMF and kind of drive.
+
+    Lost motion is spread as the stiffness of the same shaft.
+    """
+    return (
+        "motor.static_ratio", "surface.static_ratio", "motor.viscous_friction",
+        "surface.viscous_friction",
+        *(_TRAPEZOID if a.motor.back_emf == TRAPEZOID else _HARMONICS), "shaft.damping",
+        "control.position_gain", "control.proportional_gain", "control.integral_gain",
+        *(_RELAY if a.drive.kind == RELAY else _CARRIER), "acquisition.command_latency",
+        "acquisition.reference_latency", "shaft.backlash")
 
 
 def unit_numbers(a: Actuator) -> tuple[str, ...]:
@@ -91,6 +95,8 @@ def deviations(
             found[name] = t.viscous_factor**x - 1.0, "1"
         elif kind == "flat_top":
             found[name] = t.flat_top * x, "rad"
+        elif kind.startswith("harmonic"):
+            found[name] = harmonic_spread(int(kind[-1]), t.flat_top) * x, "1"
         elif kind.endswith("latency"):
             found[name] = 0.5 * t.latency * (1.0 + x), "periods"
         else:
@@ -142,7 +148,9 @@ def fleet_unit(
         static_friction=max(m.static_friction * near("motor.static_ratio", t.static_ratio),
                             m.dynamic_friction),
         viscous_friction=m.viscous_friction * t.viscous_factor**x["motor.viscous_friction"],
-        flat_top=float(np.clip(m.flat_top + t.flat_top * x["motor.flat_top"], 0.0, math.pi)))
+        flat_top=float(np.clip(m.flat_top + t.flat_top * x.get(_TRAPEZOID[0], 0.0), 0.0, math.pi)),
+        **{f"harmonic_{h}": getattr(m, f"harmonic_{h}") + harmonic_spread(h, t.flat_top) * x.get(
+            f"motor.harmonic_{h}", 0.0) for h in (5, 7)})
     s = s._replace(
         static_friction=max(s.static_friction * near("surface.static_ratio", t.static_ratio),
                             s.dynamic_friction),

@@ -46,18 +46,19 @@ from ema_identification.actuator.measure.features import feature_map
 from ema_identification.actuator.measure.runs import spread_out
 from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_record import array_cache
-from ema_record.actuator import FOC, PWM, PWM_INDEPENDENT, RELAY
+from ema_record.actuator import FOC, HARMONICS, PWM, PWM_INDEPENDENT, RELAY, TRAPEZOID
 from ema_record.kit import LIBRARY, shipped_kit
 from ema_record.profile import load_profile
-from ema_record.spread import load_spread
+from ema_record.spread import harmonic_spread, load_spread
 from ema_sim.model_file import load_model_file
 from ema_sim.simulate import simulate
 
 MODEL, SPREAD = load_model_file(), load_spread()
 
 
-def at(kind=RELAY, **moved):
-    a = MODEL.actuator._replace(drive=MODEL.actuator.drive._replace(kind=kind))
+def at(kind=RELAY, shape=TRAPEZOID, **moved):
+    a = MODEL.actuator._replace(drive=MODEL.actuator.drive._replace(kind=kind),
+                                motor=MODEL.actuator.motor._replace(back_emf=shape))
     names = unit_numbers(a)
     z = np.zeros(len(names))
     for name, value in moved.items():
@@ -232,6 +233,11 @@ def test_bands_are_those_of_the_kit():
             assert at(kind, drive__integral_gain=sign).drive.integral_gain == pytest.approx(
                 a.drive.integral_gain * (1.0 + sign * t.control_gain))
             assert "inverter.hysteresis" not in unit_numbers(at(kind))
+        for order in (5, 7):
+            name = f"harmonic_{order}"
+            assert getattr(at(FOC, HARMONICS, **{f"motor__{name}": sign}).motor, name) == (
+                pytest.approx(sign * harmonic_spread(order, t.flat_top)))
+        assert "motor.flat_top" not in unit_numbers(at(FOC, HARMONICS))
     assert at(motor__static_ratio=-1.0).motor.static_friction >= a.motor.dynamic_friction
 
 
