@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from ema_identification.actuator.fleet.surrogate import bent
 from ema_identification.actuator.laws.terms import (
     EffectTerm,
     LawFit,
@@ -18,8 +19,10 @@ from ema_identification.actuator.laws.terms import (
 )
 
 STRONG, PART, UNKNOWN = 1.2, 0.2, 0.3
-"""Effect (deviations, rms) from which its slope is simulated; the step, of its size, and where
-the library does not know the coordinate."""
+"""Effect (deviations, rms) from which its slope is simulated, and which a step need not exceed;
+the step, of its size, and where the library does not know the coordinate."""
+FINEST = PART / 4
+"""Step, of its size, from which on noise would be more than what a law bends."""
 HALF = 0.5
 """Step by which slopes to the unit's numbers are simulated (half widths)."""
 
@@ -57,7 +60,7 @@ def law_slopes(
             known = len(levels) > 1
             if strong or not known:
                 there = u.copy()
-                step = PART * size if known else UNKNOWN
+                step = _step(term, deviation) * size if known else UNKNOWN
                 there[k] += step if u[k] + step <= high[k] else -step
                 if low[k] <= there[k] and there[k] != u[k]:
                     asked.append((k, there))
@@ -67,6 +70,17 @@ def law_slopes(
         if np.isfinite(f).all():
             found[:, k] = (f - mean) / (there[k] - u[k])
     return found
+
+
+def _step(term: EffectTerm, deviation: np.ndarray) -> float:
+    """Return the step for the slope of a law, of its size: the least that shows clearly."""
+    step, here = PART, term.signature.at(term.u)
+    while step > FINEST:
+        change = bent((term.signature.at((1.0 + 0.5 * step) * term.u) - here) / deviation)
+        if np.sqrt(np.mean(change**2)) < STRONG:
+            break
+        step *= 0.5
+    return step
 
 
 def simulated_slopes(unit: _Runs, fit: LawFit, runs: int, salt: int = 61) -> np.ndarray:
