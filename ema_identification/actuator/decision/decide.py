@@ -145,9 +145,8 @@ class _Decision:
     def finished(self, fits: Sequence[LawFit]) -> list[LawFit]:
         """Return the models, most evidence first; where none explains the best go on.
 
-        The best single one and the best pair, from the middle of the fleet and with slopes to all
-        numbers simulated at each step: beside a large law the library's quadratic, by which they
-        came, leads the unit's own numbers to their bounds.
+        The best single one and the best pair, all slopes simulated, from where they are, else from
+        the middle of the fleet: beside a large law the library's quadratic leads to bounds.
         """
         found = sorted(fits, key=lambda f: -self.evidence(f))
         if any(self.explains(f) for f in found):
@@ -157,7 +156,9 @@ class _Decision:
         return sorted(found, key=lambda f: -self.evidence(f))
 
     def _further(self, fit: LawFit) -> LawFit:
-        return min(fit, self._refitted(replace(fit, z=self.unit.centre)), key=lambda f: f.cost)
+        near = min(fit, self._refitted(fit), key=lambda f: f.cost)
+        return near if self.explains(near) else min(
+            near, self._refitted(replace(fit, z=self.unit.centre)), key=lambda f: f.cost)
 
     def _refitted(self, fit: LawFit) -> LawFit:
         there = self.unit.refitted(fit, self.before, runs=ROUNDS[-1][0], fall=FALL)
@@ -188,8 +189,7 @@ class _Decision:
         near = linear_gains(self.unit, self.null, self.white, self.signatures)
         far = sized(self.unit, self.signatures)
         extra = ripples(self.unit, self.null, self.white, self.without)
-        chosen = _alternating((near, far, extra), SCREENED)
-        return self.fitted(self.screened(chosen, None)[:PROPOSED])
+        return self.fitted(self.screened(_alternating((near, far, extra), SCREENED), None)[:PROPOSED])
 
     def pairs(self, singles: Sequence[LawFit]) -> list[LawFit]:
         """Return the fits of two laws.
