@@ -186,10 +186,10 @@ class _Decision:
 
     def singles(self) -> list[LawFit]:
         """Return the fits of single laws."""
-        near = linear_gains(self.unit, self.null, self.white, self.signatures)
-        far = sized(self.unit, self.signatures)
-        extra = ripples(self.unit, self.null, self.white, self.without)
-        return self.fitted(self.screened(_alternating((near, far, extra), SCREENED), None)[:PROPOSED])
+        lists = (linear_gains(self.unit, self.null, self.white, self.signatures),
+                 sized(self.unit, self.signatures),
+                 ripples(self.unit, self.null, self.white, self.without))
+        return self.fitted(self.screened(_alternating(lists, SCREENED), None)[:PROPOSED])
 
     def pairs(self, singles: Sequence[LawFit]) -> list[LawFit]:
         """Return the fits of two laws.
