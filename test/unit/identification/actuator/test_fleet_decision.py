@@ -30,6 +30,7 @@ from ema_identification.actuator.decision.decide import (
 )
 from ema_identification.actuator.decision.intervals import parameters_of, simulated_posterior
 from ema_identification.actuator.decision.proposals import scores
+from ema_identification.actuator.decision.slopes import law_slopes
 from ema_identification.actuator.fleet.units import CHUNK, FULL
 from ema_identification.actuator.laws.terms import EffectTerm, LawFit, LawGap
 
@@ -168,6 +169,7 @@ def test_two_are_named_only_where_the_evidence_rules_one_alone_out(lead, named):
     assert found.verdict == "explained"
 
 
+BEND_OF = np.random.default_rng(11).normal(scale=3.0, size=FEATURES)
 BESIDE = np.random.default_rng(9).normal(scale=0.4 / np.sqrt(SIZE), size=(FEATURES, SIZE))
 
 
@@ -190,6 +192,21 @@ def test_a_large_effect_of_which_the_library_knows_half_is_fitted_with_simulated
     assert anew.cost < 1.5 * FEATURES < with_mended.cost
     assert anew.terms[0].u[0] == pytest.approx(20 * VISCOUS, rel=0.02)
     assert np.abs(anew.z - z).mean() < np.abs(with_mended.z - z).mean()
+
+
+@pytest.mark.parametrize(("size", "step"), [(20.0, 0.05), (0.5, 0.2)])
+def test_the_slope_of_a_law_that_bends_is_over_the_least_step_that_shows(size, step):
+    """Of x + x²/10 the secant over a share s of x is off by s x/10: noise allows no less."""
+    def bending(*_, effects):
+        x = effects.viscous_friction.coefficient / VISCOUS
+        return BEND_OF * (x + 0.1 * x**2)
+
+    u = replace(unit(seed=3), simulator=lambda *given: bending(effects=given[-1]))
+    term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([size * VISCOUS]))
+    fit = LawFit(terms=(term,), z=np.zeros(SIZE), mean=np.zeros(FEATURES), cost=0.0, runs=1,
+                 slopes=np.zeros((FEATURES, 1 + SIZE)))
+    found = law_slopes(u, fit, u.run((term,), fit.z, 1), np.ones(FEATURES), 1, 0)[:, 0] * VISCOUS
+    assert found == pytest.approx(BEND_OF * (1.0 + 0.2 * size + 0.1 * step * size))
 
 
 def test_runs_are_the_same_in_any_number_of_threads():
