@@ -95,6 +95,8 @@ def deviations(
             found[name] = t.viscous_factor**x - 1.0, "1"
         elif kind == "flat_top":
             found[name] = t.flat_top * x, "rad"
+        elif name == _CARRIER[0]:
+            found[name] = _proportional(a, t.control_gain, x) - 1.0, "1"
         elif kind.startswith("harmonic"):
             found[name] = harmonic_spread(int(kind[-1]), t.flat_top) * x, "1"
         elif kind.endswith("latency"):
@@ -102,6 +104,17 @@ def deviations(
         else:
             found[name] = half.get(kind, t.control_gain) * x, "1"
     return found
+
+
+def _proportional(a: Actuator, band: float, x: float) -> float:
+    """Return by what factor a unit's current control is stiffer than described, `x` half widths.
+
+    Whether the integral holds the error that has just been read (as here: backward Euler) or that
+    a period later (forward) no description says. The latter is as if K_p were less by K_i T.
+    """
+    d = a.drive
+    share = d.integral_gain / (d.pwm_frequency * d.proportional_gain)
+    return (1.0 + band * x) * (1.0 + share) ** (0.5 * x - 0.5)
 
 
 def draw_fleet_unit(rng: np.random.Generator, a: Actuator) -> np.ndarray:
@@ -167,9 +180,12 @@ def fleet_unit(
         reference_latency=q.reference_latency + late("reference"))
     inverter = a.inverter._replace(
         hysteresis=a.inverter.hysteresis * near("inverter.hysteresis", t.hysteresis))
-    drive = a.drive._replace(
-        proportional_gain=a.drive.proportional_gain * near(_CARRIER[0], t.control_gain),
-        integral_gain=a.drive.integral_gain * near(_CARRIER[1], t.control_gain))
+    drive = a.drive
+    if drive.kind != RELAY:
+        drive = drive._replace(
+            proportional_gain=drive.proportional_gain * _proportional(
+                a, t.control_gain, x[_CARRIER[0]]),
+            integral_gain=drive.integral_gain * near(_CARRIER[1], t.control_gain))
     return a._replace(motor=m, surface=s, control=c, shaft=shaft, acquisition=q,
                       inverter=inverter, drive=drive), e
 

@@ -232,6 +232,10 @@ def test_bands_are_those_of_the_kit():
         for kind in (PWM, FOC, PWM_INDEPENDENT):
             assert at(kind, drive__integral_gain=sign).drive.integral_gain == pytest.approx(
                 a.drive.integral_gain * (1.0 + sign * t.control_gain))
+            share = a.drive.integral_gain / a.drive.pwm_frequency / a.drive.proportional_gain
+            assert at(kind, drive__proportional_gain=sign).drive.proportional_gain == (
+                pytest.approx(a.drive.proportional_gain * (1.0 + sign * t.control_gain)
+                              / (1.0 if sign > 0.0 else 1.0 + share)))
             assert "inverter.hysteresis" not in unit_numbers(at(kind))
         for order in (5, 7):
             name = f"harmonic_{order}"
