@@ -60,10 +60,9 @@ def _choice(names: tuple[str, ...], text: str) -> tuple[object, object]:
 
 DRIVES = ("relay", "pwm", "foc", "pwm_independent")
 RELAY, PWM, FOC, PWM_INDEPENDENT = range(len(DRIVES))
-"""Kinds of drive: a hysteresis relay a phase, or pulse width modulation with a PI current
-control, a phase with six-step references or in the rotor's d and q axes with sinusoidal ones. The
-three of `PWM` share the voltage and leave out what the errors have in common, those of
-`PWM_INDEPENDENT` know their own phase alone."""
+"""Kinds of drive: a hysteresis relay a phase, or pulse width modulation with PI current controls:
+of the phases with six-step references, which share the voltage and leave out what their errors
+have in common (`PWM`) or not, or of the rotor's axes with sinusoidal references."""
 BACK_EMFS = ("trapezoid", "harmonics")
 TRAPEZOID, HARMONICS = range(len(BACK_EMFS))
 SAMPLINGS = ("mean", "instant")
