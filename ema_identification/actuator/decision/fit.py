@@ -279,7 +279,7 @@ class TestedUnit:
         mean = self.run(fit.terms, fit.z, runs)
         if not np.isfinite(mean).all():
             return replace(fit, cost=np.inf)
-        slopes = np.hstack([law_slopes(self, fit, mean, white.deviation, runs, 0),
+        slopes = np.hstack([law_slopes(self, fit, mean, white, runs, 0),
                             fit.slopes[:, fit.free:]])
         point = replace(fit, mean=mean, slopes=slopes, runs=runs,
                         cost=self.cost(white, mean, fit.z))
@@ -320,7 +320,7 @@ class TestedUnit:
             return replace(fit, cost=np.inf)
         point = replace(fit, mean=mean, runs=runs, cost=self.cost(white, mean, fit.z))
         while True:
-            slopes = np.hstack([law_slopes(self, point, point.mean, white.deviation, runs, 0),
+            slopes = np.hstack([law_slopes(self, point, point.mean, white, runs, 0),
                                 simulated_slopes(self, point, runs // 2)])
             moves = [self._step(white, point.mean, slopes, point.z, point.terms, damping)
                      for damping in STEP_DAMPINGS]

@@ -8,7 +8,6 @@ from typing import Protocol
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from ema_identification.actuator.fleet.surrogate import bent
 from ema_identification.actuator.laws.terms import (
     EffectTerm,
     LawFit,
@@ -33,8 +32,14 @@ class _Runs(Protocol):
     ) -> list[np.ndarray]: ...
 
 
+class _Scale(Protocol):
+    deviation: np.ndarray
+
+    def bent(self, rest: np.ndarray) -> np.ndarray: ...
+
+
 def law_slopes(
-    unit: _Runs, fit: LawFit, mean: np.ndarray, deviation: np.ndarray, runs: int, salt: int
+    unit: _Runs, fit: LawFit, mean: np.ndarray, scale: _Scale, runs: int, salt: int
 ) -> np.ndarray:
     """Return the slopes to the coordinates of the laws, shape (d, coordinates).
 
@@ -45,7 +50,8 @@ def law_slopes(
     ----------
     unit : makes the runs.
     fit : where.
-    mean, deviation : ndarrays, shape (d,). Features there, and what they may be off.
+    mean : ndarray, shape (d,). Features there.
+    scale : what they may be off.
     runs, salt : of the features.
     """
     found = library_slopes(fit.terms)
@@ -53,14 +59,14 @@ def law_slopes(
     low, high = bounds(fit.terms)
     asked, k = [], 0
     for term in fit.terms:
-        added = term.signature.at(term.u) / deviation
+        added = term.signature.at(term.u) / scale.deviation
         strong = float(np.sqrt(np.mean(added**2))) > STRONG
         size = float(np.linalg.norm(term.u))
         for levels in term.signature.levels:
             known = len(levels) > 1
             if strong or not known:
                 there = u.copy()
-                step = _step(term, deviation) * size if known else UNKNOWN
+                step = _step(term, scale) * size if known else UNKNOWN
                 there[k] += step if u[k] + step <= high[k] else -step
                 if low[k] <= there[k] and there[k] != u[k]:
                     asked.append((k, there))
@@ -72,11 +78,11 @@ def law_slopes(
     return found
 
 
-def _step(term: EffectTerm, deviation: np.ndarray) -> float:
+def _step(term: EffectTerm, scale: _Scale) -> float:
     """Return the step for the slope of a law, of its size: the least that shows clearly."""
     step, here = PART, term.signature.at(term.u)
     while step > FINEST:
-        change = bent((term.signature.at((1.0 + 0.5 * step) * term.u) - here) / deviation)
+        change = scale.bent(term.signature.at((1.0 + 0.5 * step) * term.u) - here)
         if np.sqrt(np.mean(change**2)) < STRONG:
             break
         step *= 0.5

@@ -82,6 +82,10 @@ class Whitener:
         scale = self.deviation.reshape((-1,) + (1,) * (rest.ndim - 1))
         return self._white(rest / scale if self.straight else bent(rest / scale))
 
+    def bent(self, rest: np.ndarray) -> np.ndarray:
+        """Return residuals, shape (d,), standardised and bent, with their correlation."""
+        return bent(rest / self.deviation)
+
     def columns(self, slopes: np.ndarray, rest: np.ndarray) -> np.ndarray:
         """Return slopes, shape (d, m), as `residual` sees them about `rest`."""
         return self.system(slopes, rest)[:, :-1]

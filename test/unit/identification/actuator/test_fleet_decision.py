@@ -31,6 +31,7 @@ from ema_identification.actuator.decision.decide import (
 from ema_identification.actuator.decision.intervals import parameters_of, simulated_posterior
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.slopes import law_slopes
+from ema_identification.actuator.fleet.surrogate import Whitener
 from ema_identification.actuator.fleet.units import CHUNK, FULL
 from ema_identification.actuator.laws.terms import EffectTerm, LawFit, LawGap
 
@@ -169,6 +170,7 @@ def test_two_are_named_only_where_the_evidence_rules_one_alone_out(lead, named):
     assert found.verdict == "explained"
 
 
+SCALE = Whitener(deviation=np.ones(FEATURES), root=np.eye(FEATURES))
 BEND_OF = np.random.default_rng(11).normal(scale=3.0, size=FEATURES)
 BESIDE = np.random.default_rng(9).normal(scale=0.4 / np.sqrt(SIZE), size=(FEATURES, SIZE))
 
@@ -205,7 +207,7 @@ def test_the_slope_of_a_law_that_bends_is_over_the_least_step_that_shows(size, s
     term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([size * VISCOUS]))
     fit = LawFit(terms=(term,), z=np.zeros(SIZE), mean=np.zeros(FEATURES), cost=0.0, runs=1,
                  slopes=np.zeros((FEATURES, 1 + SIZE)))
-    found = law_slopes(u, fit, u.run((term,), fit.z, 1), np.ones(FEATURES), 1, 0)[:, 0] * VISCOUS
+    found = law_slopes(u, fit, u.run((term,), fit.z, 1), SCALE, 1, 0)[:, 0] * VISCOUS
     assert found == pytest.approx(BEND_OF * (1.0 + 0.2 * size + 0.1 * step * size))
 
 
