@@ -25,7 +25,7 @@ from ema_sim.plant.control import delayed, quantise, reference_current
 from ema_sim.plant.currents import MOST_SWITCHES, SAME_TIME, advance_currents, circuit_of
 from ema_sim.plant.electrical import TURN, of_phases, reference_signs, sector_ahead
 from ema_sim.plant.mechanics import load_at, move
-from ema_sim.plant.modulation import field_control, independent_control, phase_control
+from ema_sim.plant.modulation import control_phases, field_control
 from ema_sim.plant.parts import Legs, Load
 from ema_sim.plant.prepared import (
     constants_of_phases,
@@ -56,8 +56,7 @@ def kernel(kind: int = RELAY, switching: bool = False) -> Callable[..., int]:
 
 @cache
 def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
-    relays, field = kind == RELAY, kind == FOC
-    control_phases = independent_control if kind == PWM_INDEPENDENT else phase_control
+    relays, field, alone = kind == RELAY, kind == FOC, kind == PWM_INDEPENDENT
 
     @njit(cache=True, error_model="numpy", nogil=True)
     def advance(
@@ -189,7 +188,7 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                         )
                     else:
                         s_a, s_b, s_c, x_a, x_b, x_c = control_phases(
-                            drive, w.rail, (aim_a - i_a) * x.gain_a,
+                            alone, drive, w.rail, (aim_a - i_a) * x.gain_a,
                             (aim_b - i_b) * x.gain_b, (aim_c - i_c) * x.gain_c, x_a, x_b, x_c,
                         )
                     carrier += 1

@@ -102,6 +102,17 @@ def independent_control(
 
 
 @law
+def control_phases(
+    alone: bool, d: Drive, rail: float, error_a: float, error_b: float, error_c: float,
+    x_a: float, x_b: float, x_c: float,
+) -> tuple[float, float, float, float, float, float]:  # fmt: skip
+    """Return `independent_control`, or `phase_control` unless each phase is `alone`."""
+    if alone:
+        return independent_control(d, rail, error_a, error_b, error_c, x_a, x_b, x_c)
+    return phase_control(d, rail, error_a, error_b, error_c, x_a, x_b, x_c)
+
+
+@law
 def rotor_currents(
     sine: float, cosine: float, i_a: float, i_b: float, i_c: float
 ) -> tuple[float, float]:

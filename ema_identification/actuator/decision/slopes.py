@@ -33,7 +33,8 @@ class _Runs(Protocol):
 
 
 class _Scale(Protocol):
-    deviation: np.ndarray
+    @property
+    def deviation(self) -> np.ndarray: ...
 
     def bent(self, rest: np.ndarray) -> np.ndarray: ...
 
