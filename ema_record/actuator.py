@@ -7,13 +7,11 @@ nowhere else.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
-import yaml
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from ema_record.channels import (
@@ -63,6 +61,9 @@ RELAY, PWM, FOC, PWM_INDEPENDENT = range(len(DRIVES))
 """Kinds of drive: a hysteresis relay a phase, or pulse width modulation with PI current controls:
 of the phases with six-step references, which share the voltage and leave out what their errors
 have in common (`PWM`) or not, or of the rotor's axes with sinusoidal references."""
+MODULATIONS = ("hexagon", "circle", "sine")
+HEXAGON, CIRCLE, SINE = range(len(MODULATIONS))
+"""Voltages of `PWM`, `FOC`: all that centred legs can make, the circle in it, or legs' sines."""
 BACK_EMFS = ("trapezoid", "harmonics")
 TRAPEZOID, HARMONICS = range(len(BACK_EMFS))
 SAMPLINGS = ("mean", "instant")
@@ -71,10 +72,11 @@ MEAN, INSTANT = range(len(SAMPLINGS))
 
 def _yes(text: str) -> object:
     """Return the pydantic field of a yes or no, 1 or 0 in the kernel (YAML: true, false)."""
-    return Field(ge=0, le=1, description=text, json_schema_extra={"unit": "1"})
+    return _count(0, 1, text)
 
 
 _DRIVE = _choice(DRIVES, "kind of current control")
+_MODULATION = _choice(MODULATIONS, "voltages that the legs can make together")
 _BACK_EMF = _choice(BACK_EMFS, "shape of the back-EMF over the electrical angle")
 _SAMPLING = _choice(SAMPLINGS, "what a sample is: the mean over its interval, or one instant")
 
@@ -86,6 +88,7 @@ class Drive(NamedTuple):
     pwm_frequency: Annotated[float, quantity("1/s", 1e3, 5e5, "of the carrier")]
     proportional_gain: Annotated[float, quantity("V/A", 0.0, 1e3, "of the current control")]
     integral_gain: Annotated[float, quantity("V/(A s)", 0.0, 1e7, "of the current control")]
+    modulation: Annotated[int, _MODULATION[0], _MODULATION[1]] = HEXAGON
 
 
 class Inverter(NamedTuple):
@@ -271,10 +274,11 @@ def load_actuator(path: str | Path | None = None) -> Actuator:
 
 @cache
 def _of_kit(path: Path, _changed: int) -> Actuator:
-    """Return the actuator of a kit's file, in which every parameter stands."""
+    """Return the actuator of a kit's file: every parameter stands there, but for the defaults."""
     data = sections_of(path)
     missing = [f"{section}.{name}" for section, part in PARTS.items()
-               for name in part._fields if name not in (data.get(section) or {})]
+               for name in part._fields
+               if name not in (data.get(section) or {}) and name not in part._field_defaults]
     if missing:
         raise UsageError(f"{path}: {missing[0]} is missing: every parameter stands there")
     return Actuator(**{name: _checked(name, data[name], str(path)) for name in PARTS})
@@ -316,35 +320,3 @@ def _checked(section: str, values: Mapping[str, Any], where: str) -> Any:
     except ValidationError as error:
         text = first_problem(error, f"{where}: {section}", section, f"see {NOMINAL}")
         raise UsageError(text) from None
-
-
-def with_values(text: str, actuator: Actuator, tolerances: NamedTuple | None = None) -> str:
-    """Return the text of an `actuator.yaml` with the values of `actuator`, comments kept.
-
-    A parameter stands on a line of its own, ``  name: value  # comment``; values that are equal
-    are left as they are written, and `tolerances` where they are not given.
-    """
-    section, lines = "", []
-    for line in text.splitlines():
-        heading = re.match(r"([a-z_]+):\s*(#.*)?$", line)
-        section = heading.group(1) if heading else section
-        entry = re.match(r"(\s+)([a-z_0-9]+):(\s*)([^#\s]+)(\s*)(#.*)?$", line)
-        if entry and (section in PARTS or (section == "tolerances" and tolerances is not None)):
-            indent, name, gap, old, space, comment = entry.groups()
-            if section in PARTS:
-                part: NamedTuple = getattr(actuator, section)
-                given = getattr(_checked(section, {**part._asdict(), name: yaml.safe_load(old)},
-                                         "text"), name)
-            else:
-                assert tolerances is not None
-                part, given = tolerances, float(old)
-            value = getattr(part, name)
-            if given != value:
-                new = f"{value:.6g}" if isinstance(value, float) else str(value)
-                new = str(bool(value)).lower() if old in ("true", "false") else new
-                written = old + space if comment else old
-                lines.append(f"{indent}{name}:{gap}{new.ljust(len(written) - 1)} "
-                             f"{comment or ''}".rstrip())
-                continue
-        lines.append(line)
-    return "\n".join(lines) + "\n"

@@ -11,8 +11,13 @@ from ema_record.kit import ACTUATOR, kit_name, kit_path
 
 
 def actuator_hash() -> str:
-    """Return what names the present kit's actuator in records: of its parameters, 16 digits."""
-    parts = {name: part._asdict() for name, part in load_actuator()._asdict().items()}
+    """Return what names the present kit's actuator in records: of its parameters, 16 digits.
+
+    A parameter that has a default is of no account at it, so that one more renames no actuator.
+    """
+    parts = {name: {key: value for key, value in part._asdict().items()
+                    if part._field_defaults.get(key) != value}
+             for name, part in load_actuator()._asdict().items()}
     text = json.dumps(parts, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 

@@ -49,6 +49,7 @@ def current_gains(put: Put, sheet: DataSheet, actuator: Actuator, period: float)
         f"bandwidth {bandwidth:.4g} rad/s, the carrier over {CURRENT:g}, times L")
     put("drive.integral_gain", float(f"{bandwidth * motor.phase_resistance:.4g}"), DERIVED,
         "the same times R")
+    put("drive.modulation", "circle", ASSUMED, "usual; of pwm and foc: hexagon, circle or sine")
 
 
 def relay_band(put: Put, sheet: DataSheet, actuator: Actuator, drive: str) -> None:

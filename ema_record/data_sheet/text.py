@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
-from typing import Any, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
+import yaml
+
+from ema_record.actuator import PARTS, Actuator, actuator_from
 from ema_record.data_sheet.derive import Description, bounds_of
 from ema_record.data_sheet.sheet import DataSheet
 from ema_record.spread import Conditions, UnitTolerances
@@ -86,3 +90,35 @@ def _line(name: str, value: Any, comment: str) -> str:
     else:
         text = str(value)
     return f"  {name + ': ' + text:35} # {comment}"
+
+
+def with_values(text: str, actuator: Actuator, tolerances: NamedTuple | None = None) -> str:
+    """Return the text of an `actuator.yaml` with the values of `actuator`, comments kept.
+
+    A parameter stands on a line of its own, ``  name: value  # comment``; values that are equal
+    are left as they are written, and `tolerances` where they are not given.
+    """
+    section, lines = "", []
+    for line in text.splitlines():
+        heading = re.match(r"([a-z_]+):\s*(#.*)?$", line)
+        section = heading.group(1) if heading else section
+        entry = re.match(r"(\s+)([a-z_0-9]+):(\s*)([^#\s]+)(\s*)(#.*)?$", line)
+        if entry and (section in PARTS or (section == "tolerances" and tolerances is not None)):
+            indent, name, gap, old, space, comment = entry.groups()
+            if section in PARTS:
+                part: NamedTuple = getattr(actuator, section)
+                old_one = actuator_from({section: {name: yaml.safe_load(old)}}, "text", actuator)
+                given = getattr(getattr(old_one, section), name)
+            else:
+                assert tolerances is not None
+                part, given = tolerances, float(old)
+            value = getattr(part, name)
+            if given != value:
+                new = f"{value:.6g}" if isinstance(value, float) else str(value)
+                new = str(bool(value)).lower() if old in ("true", "false") else new
+                written = old + space if comment else old
+                lines.append(f"{indent}{name}:{gap}{new.ljust(len(written) - 1)} "
+                             f"{comment or ''}".rstrip())
+                continue
+        lines.append(line)
+    return "\n".join(lines) + "\n"

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_record.actuator import FOC, TRAPEZOID, Actuator
+from ema_record.actuator import FOC, PWM, SINE, TRAPEZOID, Actuator
 from ema_record.errors import UsageError
 
 SPEEDS = 400
@@ -84,9 +84,8 @@ def friction_at(actuator: Actuator, speed: np.ndarray) -> np.ndarray:
 def torque_at(actuator: Actuator, speed: np.ndarray) -> np.ndarray:
     """Return the largest torque (N m) at motor speeds, shape (n,), >= 0 (rad/s)."""
     motor, limit = actuator.motor, actuator.inverter
-    k, r, v = torque_constant(actuator), motor.phase_resistance, limit.bus_voltage
+    k, r, v = torque_constant(actuator), motor.phase_resistance, voltage_reach(actuator)
     if actuator.drive.kind == FOC:
-        v *= CENTRED
         e = k * speed / 1.5
         x = motor.pole_pairs * speed * motor.phase_inductance
         z = r * r + x * x
@@ -95,6 +94,14 @@ def torque_at(actuator: Actuator, speed: np.ndarray) -> np.ndarray:
     else:
         current = np.maximum(v - 0.5 * k * speed, 0.0) / r
     return np.minimum(motor.torque_limit, k * np.minimum(current, limit.current_limit))
+
+
+def voltage_reach(actuator: Actuator) -> float:
+    """Return the most that a phase gets of six steps, or the amplitude of sinusoidal ones (V)."""
+    drive, v = actuator.drive, actuator.inverter.bus_voltage
+    if drive.modulation == SINE and drive.kind in (PWM, FOC):
+        v /= CENTRED
+    return v * CENTRED if drive.kind == FOC else v
 
 
 def turnable(actuator: Actuator) -> dict[str, float]:
@@ -117,8 +124,8 @@ def turnable(actuator: Actuator) -> dict[str, float]:
 
 def free_speed(actuator: Actuator) -> float:
     """Return the motor's speed (rad/s) at which its back-EMF takes the whole bus."""
-    k, v = torque_constant(actuator), actuator.inverter.bus_voltage
-    return 1.5 * CENTRED * v / k if actuator.drive.kind == FOC else 2.0 * v / k
+    k, v = torque_constant(actuator), voltage_reach(actuator)
+    return (1.5 if actuator.drive.kind == FOC else 2.0) * v / k
 
 
 def motion(actuator: Actuator) -> Capability:

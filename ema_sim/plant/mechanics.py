@@ -66,6 +66,18 @@ def load_at(
 
 
 @law
+def time_after_rest(h: float, omega: float, alpha: float) -> float:
+    """Return what is left of a step of length h (s) when a body has come to rest in it.
+
+    `omega` and `alpha` are its speed and acceleration at the begin. There dry friction turns, or
+    holds the body; the rest of the step is not lost.
+    """
+    if (omega + h * alpha) * omega < 0.0:
+        return h + omega / alpha
+    return 0.0
+
+
+@law
 def move(
     a: Actuator, e: AllEffects, m: Masses, h: float, torque: float, torque1: float,
     w_m: float, w_p: float, w_s: float, ws_p: float, q_s: float, load: Load, load1: Load,
@@ -95,13 +107,13 @@ def move(
     al_s1 = m.inverse_j_s * net_torque(
         ws_p, load1.shaft - load1.surface - viscous * ws_p, m.dynamic_s, m.static_s)
     w_m1, w_s1 = w_m + 0.5 * h * (al_m + al_m1), w_s + 0.5 * h * (al_s + al_s1)
-    if w_m1 * w_m < 0.0:
-        w_m1 = 0.0
+    if (w_m + h * al_m) * w_m < 0.0 or w_m1 * w_m < 0.0:
         al_m1 = m.inverse_j_m * net_torque(0.0, torque1 - load1.motor, dynamic, static)
-    if w_s1 * w_s < 0.0:
-        w_s1 = 0.0
+        w_m1 = al_m1 * time_after_rest(h, w_m, al_m)
+    if (w_s + h * al_s) * w_s < 0.0 or w_s1 * w_s < 0.0:
         al_s1 = m.inverse_j_s * net_torque(
             0.0, load1.shaft - load1.surface, m.dynamic_s, m.static_s)
+        w_s1 = al_s1 * time_after_rest(h, w_s, al_s)
     if abs(q_s) >= a.surface.end_stop and q_s * w_s1 > 0.0:
         q_s = math.copysign(a.surface.end_stop, q_s)
         w_s1 = al_s1 = 0.0

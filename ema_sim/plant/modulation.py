@@ -4,7 +4,8 @@ The currents are sampled, and the legs' mean states set, once a period of the ca
 begins (all legs at the negative rail, the middle of the ripple); they act at once. (Symmetrical
 regular sampling with one update a period: Holmes and Lipo, Pulse Width Modulation for Power
 Converters, 2003.) The legs are centred between the rails, which no current answers to and which
-lets the whole voltage be used, but for controls that know their own phase alone. The control
+lets the whole voltage be used, but for a sine's modulation and for controls that know their own
+phase alone. The control
 knows its bus as it is without load. Integrals stop while the voltage is limited and the errors
 drive it further.
 """
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import math
 
-from ema_record.actuator import Drive
+from ema_record.actuator import CIRCLE, SINE, Drive
 from ema_sim.effects.compile import law
 from ema_sim.plant.electrical import of_phases
 
@@ -24,20 +25,26 @@ SAME_TIME = 1e-12
 
 @law
 def modulated(
-    u_a: float, u_b: float, u_c: float, rail: float
+    u_a: float, u_b: float, u_c: float, rail: float, modulation: int
 ) -> tuple[float, float, float, bool]:
     """Return mean states of the legs, -1 to 1, and whether the voltages were limited.
 
     Parameters
     ----------
-    u_a, u_b, u_c : phase voltages asked for (V), shortened alike if they cannot be had.
+    u_a, u_b, u_c : phase voltages asked for (V), of sum 0; shortened alike if they cannot be had.
     rail : voltage of a leg without load, + and - (V).
+    modulation : of `MODULATIONS`: legs that are centred reach the hexagon, and the circle of
+        radius 2 rail / √3 in it; others, for every direction, the circle of radius rail.
     """
     top = max(u_b, u_a)
     top = max(top, u_c)
     bottom = min(u_b, u_a)
     bottom = min(bottom, u_c)
     middle, reach = 0.5 * (top + bottom), 0.5 * (top - bottom)
+    if modulation == CIRCLE:
+        reach = math.sqrt(0.5 * (u_a * u_a + u_b * u_b + u_c * u_c))
+    elif modulation == SINE:
+        middle, reach = 0.0, math.sqrt(TWO_THIRDS * (u_a * u_a + u_b * u_b + u_c * u_c))
     limited = reach > rail
     share = 1.0 / rail
     if limited:
@@ -67,7 +74,7 @@ def phase_control(
     u_a = d.proportional_gain * error_a + n_a
     u_b = d.proportional_gain * error_b + n_b
     u_c = d.proportional_gain * error_c + n_c
-    m_a, m_b, m_c, limited = modulated(u_a, u_b, u_c, rail)
+    m_a, m_b, m_c, limited = modulated(u_a, u_b, u_c, rail, d.modulation)
     if limited and error_a * u_a + error_b * u_b + error_c * u_c > 0.0:
         return m_a, m_b, m_c, x_a, x_b, x_c
     return m_a, m_b, m_c, n_a, n_b, n_c
@@ -150,7 +157,7 @@ def field_control(
     n_d, n_q = x_d + step * error_d, x_q + step * error_q
     u_d, u_q = d.proportional_gain * error_d + n_d, d.proportional_gain * error_q + n_q
     u_a, u_b, u_c = of_phases(u_q * sine + u_d * cosine, u_q * cosine - u_d * sine)
-    m_a, m_b, m_c, limited = modulated(u_a, u_b, u_c, rail)
+    m_a, m_b, m_c, limited = modulated(u_a, u_b, u_c, rail, d.modulation)
     if limited and error_d * u_d + error_q * u_q > 0.0:
         return m_a, m_b, m_c, x_d, x_q
     return m_a, m_b, m_c, n_d, n_q

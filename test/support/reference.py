@@ -15,7 +15,16 @@ from functools import cache
 import numpy as np
 from numba import njit
 
-from ema_record.actuator import FOC, PWM_INDEPENDENT, RELAY, Actuator, Drive, load_actuator
+from ema_record.actuator import (
+    FOC,
+    HEXAGON,
+    PWM_INDEPENDENT,
+    RELAY,
+    SINE,
+    Actuator,
+    Drive,
+    load_actuator,
+)
 from ema_record.channels import N_CHANNELS
 from ema_record.errors import SimulationError, UsageError
 from ema_record.profile import Profile
@@ -75,10 +84,13 @@ def current_control(
     new = integral[:axes] + drive.integral_gain / drive.pwm_frequency * error
     asked = drive.proportional_gain * error + new
     volts = turn.T @ asked
-    volts -= 0.5 * (volts.max() + volts.min())
-    if volts.max() <= rail or np.sum(error * asked) <= 0.0:
+    size = math.sqrt(2.0 / 3.0 * np.sum(volts**2))
+    if drive.modulation != SINE:
+        volts -= 0.5 * (volts.max() + volts.min())
+        size = volts.max() if drive.modulation == HEXAGON else size * math.cos(math.pi / 6.0)
+    if size <= rail or np.sum(error * asked) <= 0.0:
         integral[:axes] = new
-    mean[:] = volts / max(rail, volts.max())
+    mean[:] = volts / max(rail, size)
 
 
 @cache

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from ema_record.actuator import FOC
 from ema_record.profile import Profile
 from ema_sim.effects import parse_effects
 from ema_sim.plant import state as st
-from ema_sim.simulate import simulate
+from ema_sim.plant.kernel import MAX_STEP
+from ema_sim.simulate import simulate, simulate_traced
 from support.actuators import both_machines, changed
 from support.plant import run, state_of
 
@@ -71,6 +73,38 @@ def test_surface_sticks_below_its_static_torque_and_slides_above(sign):
     final = (1.01 * s.static_friction - s.dynamic_friction) / s.viscous_friction
     expected = final * (0.01 - tau * (1.0 - math.exp(-0.01 / tau)))
     assert -sign * found.state[st.THETA_S] == pytest.approx(expected, rel=5e-3)
+
+
+@pytest.mark.parametrize("begin", [1.1, 1.23, 1.37])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_surface_turns_round_without_loss_of_time(sign, begin):
+    """Under a load L: slower by (L + T) / J until it is at rest, then faster by (L - T) / J."""
+    a = changed(shaft=FREE, surface={"viscous_friction": 0.0})
+    s, load = a.surface, 4.0 * a.surface.static_friction
+    down, up = (load + s.dynamic_friction) / s.inertia, (load - s.dynamic_friction) / s.inertia
+    start = state_of(a, omega_s=sign * begin, alpha_s=-sign * down)
+    effects = parse_effects([f"surface_load.constant={sign * load}"])
+    found = run(a, start, 4e-3, effects=effects)
+    rest = begin / down
+    assert 1e-4 < rest < 3e-3
+    assert -sign * found.state[st.OMEGA_S] == pytest.approx(up * (4e-3 - rest), rel=1e-6)
+    travel = 0.5 * begin * rest - 0.5 * up * (4e-3 - rest) ** 2
+    assert sign * found.state[st.THETA_S] == pytest.approx(travel, abs=begin * MAX_STEP)
+
+
+def test_motor_turns_round_alike_at_any_step():
+    """A slew back: what the motor has reached a millisecond after it was at rest."""
+    a = changed(drive={"kind": FOC}, noise={"speed": 0.0, "current": 0.0, "position": 0.0})
+    points = ((0.0, -0.2), (0.002, 0.2), (0.03, 0.2), (0.031, -0.2), (0.04, -0.2))
+    profile = Profile(name="there-and-back", points=points)
+    speeds = []
+    for step in (MAX_STEP, 1e-6):
+        samples = simulate_traced(profile, actuator=a, max_step=step).record.samples
+        back = int(np.argmax((samples[:, 0] > 0.03) & (samples[:, 1] < 0.0)))
+        assert back
+        speeds.append(samples[back + 10:back + 30, 1].mean())
+        at = samples[back, 0]
+    assert speeds[0] == pytest.approx(speeds[1], abs=0.5), (speeds, at)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ema_record.actuator import FOC, INSTANT, MEAN, PWM, RELAY
+from ema_record.actuator import CIRCLE, FOC, HEXAGON, INSTANT, MEAN, PWM, RELAY, SINE
 from ema_record.errors import UsageError
 from ema_record.profile import step_profile
 from ema_sim.drives import check_drive, most_gain, shows_carrier
@@ -50,7 +50,7 @@ def test_rotor_currents_turn_back_what_q_and_d_are(d, q):
 @pytest.mark.parametrize("volts", [(30.0, -30.0, 0.0), (40.0, -8.0, -32.0), (48.0, -48.0, 0.0)])
 def test_legs_make_the_line_voltages_that_are_asked_for(volts):
     rail = 48.0
-    a, b, c, limited = modulated(*volts, rail)
+    a, b, c, limited = modulated(*volts, rail, HEXAGON)
     assert not limited
     assert (rail * (a - b), rail * (b - c)) == pytest.approx(
         (volts[0] - volts[1], volts[1] - volts[2]))
@@ -59,13 +59,28 @@ def test_legs_make_the_line_voltages_that_are_asked_for(volts):
 
 def test_a_voltage_beyond_the_bus_keeps_its_direction():
     """And a sine has the bus over the root of 3, 15 % more than without centring."""
-    a, b, c, limited = modulated(90.0, -60.0, -30.0, 48.0)
+    a, b, c, limited = modulated(90.0, -60.0, -30.0, 48.0, HEXAGON)
     assert limited and (a - b) / (b - c) == pytest.approx(150.0 / -30.0)
     assert max(a, b, c) == 1.0 and min(a, b, c) == -1.0
     for theta in np.linspace(0.0, 6.0, 30):
         for amplitude, beyond in ((1.154 * 48.0, False), (1.18 * 48.0, None)):
-            found = modulated(*(amplitude * np.sin(theta - THIRDS)), 48.0)[3]
+            found = modulated(*(amplitude * np.sin(theta - THIRDS)), 48.0, HEXAGON)[3]
             assert beyond is None or found is beyond
+
+
+@pytest.mark.parametrize(("modulation", "radius"), [(CIRCLE, 2.0 / math.sqrt(3.0)), (SINE, 1.0)])
+def test_a_circle_limits_every_direction_alike(modulation, radius):
+    """That of centred legs touches the hexagon in the middle of its sides."""
+    for theta in np.linspace(0.0, 6.0, 30):
+        wave = np.sin(theta - THIRDS)
+        inside = modulated(*(0.999 * radius * 48.0 * wave), 48.0, modulation)
+        beyond = modulated(*(3.0 * radius * 48.0 * wave), 48.0, modulation)
+        assert inside[3] is False and beyond[3] is True
+        assert np.diff(inside[:3]) == pytest.approx(np.diff(0.999 * radius * wave), abs=1e-12)
+        assert np.diff(beyond[:3]) == pytest.approx(np.diff(radius * wave), abs=1e-12)
+        assert max(map(abs, beyond[:3])) <= 1.0 + 1e-12
+        if modulation == SINE:
+            assert beyond[:3] == pytest.approx(wave)
 
 
 def test_controls_of_the_phases_differ_in_the_middle_of_the_voltages_alone():
