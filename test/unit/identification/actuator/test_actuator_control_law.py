@@ -43,6 +43,16 @@ def test_other_gains_are_measured(gain, integral):
     assert found.integral == pytest.approx(integral, rel=0.15)
 
 
+@pytest.mark.parametrize(("command", "reference"), [(0.4, 0.0), (2.0, 0.0), (1.3, 1.7)])
+def test_latencies_change_no_gain(command, reference):
+    acquisition = MODEL.actuator.acquisition._replace(
+        command_latency=command, reference_latency=reference)
+    late = simulate(PROFILE, actuator=MODEL.actuator._replace(acquisition=acquisition), seed=3)
+    found = measured_gains(late, MODEL.actuator)
+    assert found.proportional == pytest.approx(0.30, rel=0.1)
+    assert found.integral == pytest.approx(60.0, rel=0.15)
+
+
 def test_a_record_of_another_rate_too_short_or_without_references_tells_nothing():
     actuator = MODEL.actuator
     faster = simulate(PROFILE, actuator=actuator, seed=1, rate=40e3)
