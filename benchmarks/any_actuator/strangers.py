@@ -46,6 +46,9 @@ UNKNOWN = 0.03
 """Part of the known records that may be called unknown: the requirement."""
 LEAST_SPREAD = 1e-2
 """Floor of a feature's spread: what never varies in a simulation does in a machine."""
+RIDGE = 1e-6
+LEAST_UNITS = 4
+"""Healthy tests a feature, for the covariance."""
 STEP = 0.5
 """Size of the faults whose direction is taken, of the usual ones."""
 GAIN = "current gain"
@@ -123,21 +126,33 @@ def whitened_shifts(healthy: np.ndarray, shifts: np.ndarray, faults: np.ndarray,
                     more: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return how far shifts are from healthy, and from healthy or any fault, shape (k, d) each.
 
+    Each has the length that the halves of the pairs have in common: the length of a mean holds
+    its own error too, which at two deviations is as large. The inverse of a covariance that is
+    estimated is too large by (n - 1)/(n - d - 2) (the mean of the inverse Wishart law).
+
     Parameters
     ----------
     healthy : ndarray, shape (n, d). Features of healthy tests.
-    shifts : ndarray, shape (k, d). Of the strangers.
-    faults : ndarray, shape (f, d). Directions of the faults.
+    shifts : ndarray, shape (p, k, d). Of the strangers, in each pair of runs.
+    faults : ndarray, shape (p, f, d). Of small faults, the same; their means are directions.
     more : ndarray, shape (d,). Standard deviation that the kit adds to each feature.
     """
-    from sklearn.covariance import ledoit_wolf
-
+    n, d = healthy.shape
     scale = np.maximum(np.sqrt(healthy.var(axis=0) + more**2), LEAST_SPREAD)
-    covariance, _ = ledoit_wolf((healthy - healthy.mean(axis=0)) / scale)
-    root = np.linalg.cholesky(np.linalg.inv(covariance + np.diag((more / scale) ** 2)))
-    s, f = shifts / scale @ root, faults / scale @ root
-    left = s - (np.linalg.lstsq(f.T, s.T, rcond=None)[0].T @ f)
-    return s, left
+    covariance = np.cov((healthy / scale).T) + np.diag((more / scale) ** 2 + RIDGE)
+    root = np.linalg.cholesky(np.linalg.inv(covariance) * (n - d - 2) / (n - 1))
+    f = faults.mean(axis=0) / scale @ root
+
+    def across(s: np.ndarray) -> np.ndarray:
+        return np.asarray(s - (np.linalg.lstsq(f.T, s.T, rcond=None)[0].T @ f))
+
+    found = []
+    for of in (np.asarray, across):
+        one, other, all_of_them = (
+            of(s.mean(axis=0) / scale @ root) for s in (shifts[::2], shifts[1::2], shifts))
+        length = np.sqrt(np.maximum((one * other).sum(axis=1), 0.0))
+        found.append(all_of_them * (length / np.linalg.norm(all_of_them, axis=1))[:, None])
+    return found[0], found[1]
 
 
 def told_together(shifts: np.ndarray, often: np.ndarray, unknown: float) -> np.ndarray:
@@ -191,10 +206,14 @@ def rows_of(kit: Path, units: int, pairs: int, jobs: int, *, commissioned: bool 
         for k, s in enumerate(streams))
     tests = [t for t in found if t is not None]
     paired = np.array([t for t in tests if len(t) > 1])
-    shifts = (paired[:, 1:] - paired[:, :1]).mean(axis=0)
+    shifts = paired[:, 1:] - paired[:, :1]
     healthy = np.array([t[0] for t in tests])
+    if len(healthy) < LEAST_UNITS * healthy.shape[1]:
+        raise SystemExit(f"{len(healthy)} healthy tests for {healthy.shape[1]} features: "
+                         f"{LEAST_UNITS} times as many or more (--units)")
     more = np.zeros(healthy.shape[1]) if discrepancy is None else np.array(discrepancy.spread)
-    found = whitened_shifts(healthy, shifts[:len(strangers)], shifts[len(strangers):], more)
+    found = whitened_shifts(
+        healthy, shifts[:, :len(strangers)], shifts[:, len(strangers):], more)
     from scipy.stats import norm
 
     limit = norm.ppf(1.0 - unknown)
@@ -212,8 +231,8 @@ def main() -> None:
     """Simulate and print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("kit", nargs="+", type=Path)
-    parser.add_argument("--units", type=int, default=500)
-    parser.add_argument("--pairs", type=int, default=24)
+    parser.add_argument("--units", type=int, default=1500)
+    parser.add_argument("--pairs", type=int, default=100)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--commissioned", action="store_true",
                         help="units as the kit draws them, not as if the type were known")
