@@ -27,10 +27,7 @@ STRONG_FEATURE = 8.0
 SENSOR_SHARE = 0.3
 """Least residual of a sensor's features, of the largest of all, at which the sensor is given: a
 large effect elsewhere moves them too, since it takes the recalibration astray."""
-STEPS = (24, 0.05)
-"""An order of the torque, and its least power, of that of the sixth, by which the torque steps
-at the commutations instead of running smoothly: they come at another angle."""
-COMMUTATION = 6
+COMMUTATION, MULTIPLES = 6, (6, 12, 18, 24)
 """Periods a turn of the commutation: ripple of windings has its multiples, and lower orders."""
 NEAR = 0.5
 """Part of the misfit that an entry must explain for its port to be given first."""
@@ -80,15 +77,13 @@ def _ports(
         found += ["controller", *(["sensor"] if "sensor" not in found else [])]
     if line is not None and line[0] > COMMUTATION and line[0] % COMMUTATION:
         found += ["motor torque", "transmission"]
+    if _turns_commutation(values) > 2.0 * STRONG_FEATURE**2:
+        found.append("commutation")
     near = [f for f in fits if np.isfinite(f.cost) and f.cost < (1.0 - NEAR) * null_cost]
     for fit in near:
         nearest = str(EFFECTS[fit.terms[0].variant.effect].port)
         if nearest not in found:
             found.append(nearest)
-    order, share = STEPS
-    high, first = _line_power(values, order), _line_power(values, COMMUTATION)
-    if high > max(2.0 * STRONG_FEATURE**2, share * first):
-        found.append("commutation")
     for port in _by_physics(values, groups):
         if port not in found and not (port == "controller" and law is not None and law.holds):
             found.append(port)
@@ -125,9 +120,21 @@ def _by_physics(values: dict[str, float], groups: Sequence[ResidualGroup]) -> li
     return [port for port, _ in sorted(score.items(), key=lambda item: -item[1])]
 
 
-def _line_power(values: dict[str, float], order: int) -> float:
-    """Return the sum of squares of the torque lines of one order (standard deviations)."""
-    return sum(x**2 for name, x in values.items() if f".torque_line_{order}_" in name)
+def _turns_commutation(values: dict[str, float]) -> float:
+    """Return how far the torque's lines at the commutations are turned with the direction.
+
+    With commutations midway between the phases the torque of windings that are alike, whatever
+    their shape, is even about the middle of each sector: its lines are in phase with the sectors.
+    Commutations that come late at one direction come early at the other, so that quadratures of
+    opposite sign are theirs alone; a torque that belongs to the angle has the same both ways.
+    """
+    total = 0.0
+    segments = sorted({n.split(".")[0] for n in values if ".torque_line_" in n})
+    for a, b in zip(segments, segments[1:]):
+        for order in MULTIPLES:
+            x, y = (values.get(f"{s}.torque_line_{order}_im", 0.0) for s in (a, b))
+            total -= float(np.clip(x, -30, 30) * np.clip(y, -30, 30))
+    return total
 
 
 def _turns_with_direction(values: dict[str, float]) -> float:

@@ -105,8 +105,9 @@ def test_a_sensor_is_given_only_where_its_own_features_lead():
     assert not port_of(20.0 * lines, 60.0).startswith("sensor")
 
 
-def test_torque_that_steps_at_another_angle_is_commutation():
-    smooth = np.stack([np.full(4, LINE) * np.sign(SPEEDS), QUIET], axis=1)
-    steps = np.stack([np.full(4, LINE), np.full(4, 0.6 * LINE)], axis=1)
-    assert "commutation" not in port_of(smooth, 0.0)
-    assert "commutation" in port_of(steps, 0.0)
+@pytest.mark.parametrize(("line", "turned"), [
+    (12j * np.sign(SPEEDS), True),  # late forward is early back
+    (12j * np.ones(4), False),  # of the angle alone, as cogging
+    (12.0 * np.ones(4), False), (12.0 * np.sign(SPEEDS), False)])  # windings, whatever their shape
+def test_quadratures_that_turn_with_the_direction_are_the_commutation(line, turned):
+    assert ("commutation" in port_of(np.stack([line, QUIET], axis=1), 0.0)) is turned
