@@ -80,12 +80,6 @@ STRANGER_RATE = 0.004
 """Part of the known records of which a stranger may be said: as many as may be doubtful."""
 PATTERNS = {"current_scale": NO_CONSTANTS}
 """Strangers that one input tells: a current whose scale is wrong, where none contradicts it."""
-BEND, LARGEST = 5.0, 30.0
-"""Deviations beyond which the filters take an input by its logarithm. The networks' bend is at one:
-there inputs that move together are no longer straight functions of each other, and a third of
-what differs from them is lost (weak magnets of trim_28v: 2.8 deviations, 3.4 with five, 3.2
-without any bend; cogging 19, 34 and 67, but records of other simulators have long tails).
-Squashed inputs above `LARGEST` are taken for that."""
 SQUEEZE, GROUP_SQUEEZE = 3.0, 8.0
 """Scaled residual beyond which a single feature adds little to the distance of all, of a group."""
 
@@ -114,11 +108,6 @@ def signed(names: list[str]) -> np.ndarray:
 def squeeze(z: np.ndarray, bound: float = SQUEEZE) -> np.ndarray:
     """Return scaled residuals, bounded so that one alone does not make the distance."""
     return bound * np.tanh(z / bound)
-
-
-def bent(u: np.ndarray) -> np.ndarray:
-    """Return squashed inputs as the filters take them, in deviations where they are near."""
-    return BEND * np.arcsinh(np.sinh(np.clip(u, -LARGEST, LARGEST)) / BEND)
 
 
 class GroupLimit(NamedTuple):
@@ -299,9 +288,8 @@ class StrangerFilters:
         turned : of ndarray, shape (n, d). Squashed inputs as seen from each phase.
         found : in the records, of `KINDS_FOUND`.
         """
-        output = np.array([bent(z) @ self._weights[:, found].T for z in turned])
-        alone = output[..., self._alone]  # one input, in deviations
-        output[..., self._alone] = BEND * np.sinh(alone / BEND)
+        output = np.array([z @ self._weights[:, found].T for z in turned])
+        output[..., self._alone] = np.sinh(output[..., self._alone])  # one input, in deviations
         size = np.where(self._both, np.abs(output), np.maximum(output, 0.0))
         return np.where(self._turned, size.max(axis=0), size[0])
 

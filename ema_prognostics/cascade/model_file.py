@@ -36,7 +36,7 @@ from ema_record.files import new_file, read_bounded
 from ema_record.kit import CASCADE, kit_name, kit_path
 
 FORMAT = "ema_phm model"
-VERSION = 7
+VERSION = 6
 MAX_BYTES = 16 << 20
 BODY = '"body":'
 NO_NUMBERS = ("NaN", "Infinity")

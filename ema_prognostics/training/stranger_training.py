@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ema_prognostics.cascade.classes import KINDS_FOUND
-from ema_prognostics.cascade.guard import PATTERNS, STRANGER_RATE, StrangerFilters, bent
+from ema_prognostics.cascade.guard import PATTERNS, STRANGER_RATE, StrangerFilters
 from ema_prognostics.cascade.model_body import FilterPart, StrangersPart, rounded
 from ema_prognostics.training.calibration import tail_quantile
 from ema_prognostics.training.faults import Stranger
@@ -40,7 +40,7 @@ def train_strangers(
     other : ndarray, shape (f, d). Others with and without faults; they set those of faults.
     kind : ndarray of int, shape (f,). Of the others: which of `KINDS_FOUND`.
     """
-    inputs, views = bent(turned(known)[0]), [bent(z) for z in turned(strange)]
+    inputs, views = turned(known)[0], turned(strange)
     within = [WITHIN.get(name, (0,)) for name in KINDS_FOUND]
     scatter = [_covariance(inputs[np.isin(known_kind, kinds)]) for kinds in within]
     found = {}
@@ -77,7 +77,7 @@ def train_strangers(
 
 
 def _covariance(inputs: np.ndarray) -> np.ndarray:
-    """Return the covariance of bent inputs, shape (n, d), about the healthy centre."""
+    """Return the covariance of squashed inputs, shape (n, d), about the healthy centre."""
     from sklearn.covariance import ledoit_wolf
 
     covariance: np.ndarray = ledoit_wolf(inputs, assume_centered=True)[0]
