@@ -234,8 +234,8 @@ class ActuatorSession:
     def _commanded(self, first: int, periods: int) -> np.ndarray:
         """Return the position that acts at control periods from `first` on, shape (periods,).
 
-        The profile is read once for all that is left of it. Its latency is counted in control
-        periods, parts of one linear between two.
+        The profile is read once for all that is left of it. The control takes it at its periods,
+        so that it acts from the one on that is nearest to its latency.
         """
         assert self._profile is not None
         begin, read = self._read
@@ -243,10 +243,8 @@ class ActuatorSession:
             period = self.actuator.control.period
             latency = self.actuator.acquisition.command_latency
             end = math.ceil((self._begin + self._profile.duration) / period)
-            begin, n, whole = first, max(periods, end - first), int(latency)
-            read = self._undelayed(first - whole, n)
-            if latency > whole:
-                read = read + (latency - whole) * (self._undelayed(first - whole - 1, n) - read)
+            begin, n = first, max(periods, end - first)
+            read = self._undelayed(first - math.floor(latency + 0.5), n)
             read.flags.writeable = False  # else numba takes it for another type, and compiles
             self._read = begin, read
         return read[first - begin:first - begin + periods]

@@ -19,7 +19,7 @@ EFFECT = Effect(
     parameters=ControlDelay,
     port="controller",
     severity=("delay",),
-    equation="I_ref(t) -> I_ref(t - delay), linear between control periods",
+    equation="I_ref(t) -> I_ref(t - delay)",
     reference="Åström and Wittenmark, Computer-Controlled Systems (computational delay)",
 )
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ema_record.actuator import Control
 from ema_sim.effects.compile import law
 
+NEVER = math.inf
 
 @law
 def clip(value: float, limit: float) -> float:
@@ -62,19 +65,23 @@ def reference_current(
 
 
 @law
-def delayed(history: np.ndarray, tick: int, newest: float, periods: float) -> float:
-    """Return the value of `periods` control periods ago, linear between two.
+def arriving(
+    history: np.ndarray, tick: int, whole: int, part: float, now: float, present: float
+) -> tuple[float, float, float]:
+    """Return a late value of this control period: what holds, what follows, and when (s).
+
+    A delay is a shift in time: what is a whole number of periods and a `part` late takes the
+    place of the present value within the period.
 
     Parameters
     ----------
-    history : ring of past values, shape (n,), ``n > periods + 1``; `newest` is put in.
+    history : ring of past values, shape (n,), ``n > whole``, that of this period included.
     tick : number of this period.
-    newest : value of this period.
-    periods : delay.
+    whole, part : delay in periods, and what is left of it (s).
+    now : begin of the period (s).
+    present : the value until now.
     """
-    if periods == 0.0:
-        return newest
-    n, late = len(history), int(periods)
-    history[tick % n] = newest
-    newer, older = history[(tick - late) % n], history[(tick - late - 1) % n]
-    return newer + (periods - late) * (older - newer)
+    newest = history[(tick - whole) % len(history)]
+    if part == 0.0:
+        return newest, newest, NEVER
+    return present, newest, now + part

@@ -21,7 +21,7 @@ from ema_record.sources import source_hash
 from ema_sim.effects.registry import Effects
 from ema_sim.plant import ports, sensor_ports
 from ema_sim.plant import state as st
-from ema_sim.plant.control import delayed, quantise, reference_current
+from ema_sim.plant.control import NEVER, arriving, quantise, reference_current
 from ema_sim.plant.currents import MOST_SWITCHES, SAME_TIME, advance_currents, circuit_of
 from ema_sim.plant.electrical import TURN, of_phases, reference_signs, sector_ahead
 from ema_sim.plant.mechanics import load_at, move
@@ -60,30 +60,19 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
 
     @njit(cache=True, error_model="numpy", nogil=True)
     def advance(
-        a: Actuator,
-        e: Effects,
-        state: np.ndarray,
-        command: np.ndarray,
-        noise: np.ndarray,
-        inverter_on: float,
-        rate: float,
-        max_step: float,
-        out: np.ndarray,
-        trace: np.ndarray,
-        bus: np.ndarray,
-        block: int,
-    ) -> int:
+        a: Actuator, e: Effects, state: np.ndarray, command: np.ndarray, noise: np.ndarray,
+        inverter_on: float, rate: float, max_step: float, out: np.ndarray, trace: np.ndarray,
+        bus: np.ndarray, block: int,
+    ) -> int:  # fmt: skip
         """Advance `state` by ``len(out)`` samples.
 
         Parameters
         ----------
         a, e : parameters of the actuator and of the effects.
         state : ndarray, shape (N_STATE,), in and out.
-        command : ndarray, shape (m,), surface position commanded at each control period (rad),
-            the first one at the present period.
+        command : ndarray, shape (m,), surface positions (rad) at this and the next periods.
         noise : ndarray, shape (m, 2), added to measured speed (rad/s) and position (rad).
-        inverter_on : time from which the inverter drives (s).
-        rate : samples a second. max_step : longest step (s).
+        inverter_on : from when the inverter drives (s). rate : 1/s. max_step : longest step (s).
         out : ndarray, shape (n, 10), filled: means over each sample, or instants in it, without
             converters and without the current noise.
         trace : ndarray, shape (n, 3) or (0, 3), filled: means of `TRACE_NAMES`.
@@ -95,11 +84,13 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
         fixed = circuit_of(w.r_a, w.r_b, w.r_c, w.g_a, w.g_b, w.g_c)
         max_angle = largest_angle(a, e)
         motor, control, drive = a.motor, a.control, a.drive
-        viscous_s = a.surface.viscous_friction
         pairs, keep_trace = w.pairs, len(trace) > 0
         inv_a, inv_b, inv_c = 1.0 / x.gain_a, 1.0 / x.gain_b, 1.0 / x.gain_c
         band = a.inverter.hysteresis
-        latency = a.acquisition.reference_latency
+        late = x.delay + a.acquisition.reference_latency
+        set_periods, act_periods = int(x.delay), int(late)
+        set_part = (x.delay - set_periods) * control.period
+        act_part = (late - act_periods) * control.period
         carrier_period, time_at = 1.0 / drive.pwm_frequency, a.acquisition.time_at
 
         t = state[st.TIME]
@@ -111,6 +102,8 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
         al_m, al_s = state[st.ALPHA_M], state[st.ALPHA_S]
         i_set, i_act = state[st.I_SET], state[st.I_ACT]
         x_a, x_b, x_c = state[st.U_A], state[st.U_B], state[st.U_C]
+        set_next, set_at = state[st.SET_NEXT], state[st.SET_AT]
+        act_next, act_at = state[st.ACT_NEXT], state[st.ACT_AT]
         history = state[st.HISTORY:]
         n_w, n_q = state[st.SPEED_NOISE], state[st.POSITION_NOISE]
         tick, sample, carrier = int(state[st.TICK]), int(state[st.SAMPLE]), int(state[st.CARRIER])
@@ -139,6 +132,10 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
             while True:
                 # Events that are due: control period, commutation, carrier.
                 on = t >= inverter_on - SAME_TIME
+                if t >= set_at - SAME_TIME:
+                    i_set, set_at, changed = set_next, NEVER, True
+                if t >= act_at - SAME_TIME:
+                    i_act, act_at, changed = act_next, NEVER, True
                 if t >= t_tick - SAME_TIME:
                     index = min(tick - first_tick, len(command) - 1)
                     n_w, n_q = noise[index, 0], noise[index, 1]
@@ -157,8 +154,11 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                             state[st.INTEGRAL],
                         )
                     state[st.INTEGRAL] = integral
-                    i_set = delayed(history, tick, i_ref, x.delay)
-                    i_act = delayed(history, tick, i_ref, x.delay + latency)
+                    history[tick % len(history)] = i_ref
+                    i_set, set_next, set_at = arriving(
+                        history, tick, set_periods, set_part, t, i_set)
+                    i_act, act_next, act_at = arriving(
+                        history, tick, act_periods, act_part, t, i_act)
                     changed = True
                 if field:
                     wave = sine * x.cosine + cosine * x.sine
@@ -195,7 +195,7 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                     t_carrier = carrier * carrier_period
 
                 # Length of the step, to the next event.
-                h = min(max_step, t_edge - t, t_tick - t)
+                h = min(max_step, t_edge - t, t_tick - t, set_at - t, act_at - t)
                 if not relays:
                     h = min(h, t_carrier - t)
                 if not on:
@@ -275,7 +275,8 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                         + ports.motor_viscous_friction(e, motor, moving_m)
                     )
                     e_friction_s += h * moving_s * (
-                        math.copysign(m.dynamic_s, moving_s) + viscous_s * moving_s)
+                        math.copysign(m.dynamic_s, moving_s)
+                        + a.surface.viscous_friction * moving_s)
                     e_shaft += 0.5 * h * moving_m * (
                         load.shaft * load.slope + load1.shaft * load1.slope)
                     e_shaft -= 0.5 * h * (load.shaft + load1.shaft) * moving_s
@@ -299,15 +300,13 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                 m_a, m_b, m_ra, m_rb, m_rc = i_a, i_b, ref_a1, ref_b1, ref_c1
             sample += 1
             steps += steps_here
-            m_c = -m_a - m_b
-            whole = 1.0 if x.instant else rate
-            half = 1.0 if x.instant else 0.5 * rate
+            whole, half = (1.0, 1.0) if x.instant else (rate, 0.5 * rate)
             theta_r = m_e * half + q_0
             out[row, 0] = t_at
             out[row, 1] = m_w * half * sensor_ports.speed_factor(e, theta_r) + m_n * whole
             out[row, 2] = m_a * whole * x.gain_a + x.offset_a
             out[row, 3] = m_b * whole * x.gain_b + x.offset_b
-            out[row, 4] = m_c * whole * x.gain_c + x.offset_c
+            out[row, 4] = (-m_a - m_b) * whole * x.gain_c + x.offset_c
             out[row, 5] = m_ra * half
             out[row, 6] = m_rb * half
             out[row, 7] = m_rc * half
@@ -330,6 +329,8 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
         state[st.LEG_A], state[st.LEG_B], state[st.LEG_C] = s_a, s_b, s_c
         state[st.ALPHA_M], state[st.ALPHA_S] = al_m, al_s
         state[st.I_SET], state[st.I_ACT] = i_set, i_act
+        state[st.SET_NEXT], state[st.SET_AT] = set_next, set_at
+        state[st.ACT_NEXT], state[st.ACT_AT] = act_next, act_at
         state[st.U_A], state[st.U_B], state[st.U_C] = x_a, x_b, x_c
         state[st.SECTOR], state[st.EDGE], state[st.DIRECTION] = sector, gap, direction
         state[st.SHAFT_TORQUE], state[st.MOTOR_LOAD] = load.shaft, load.motor

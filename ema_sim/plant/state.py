@@ -10,9 +10,11 @@ from ema_record.actuator import Actuator
     TIME, I_A, I_B, I_C, OMEGA_M, THETA_M, OMEGA_S, THETA_S, THETA_E, LEG_A, LEG_B, LEG_C,
     ALPHA_M, ALPHA_S, I_SET, INTEGRAL, SPEED_NOISE, POSITION_NOISE, TICK, SAMPLE, THETA_0,
     STEPS, CHARGE, E_TERMINAL, E_COPPER, E_MOTOR, E_FRICTION_M, E_FRICTION_S, E_SHAFT, E_LOAD,
-    I_ACT, SECTOR, EDGE, DIRECTION, SHAFT_TORQUE, MOTOR_LOAD, CARRIER, U_A, U_B, U_C, HISTORY,
-) = range(41)  # fmt: skip
-"""`I_SET` is the reference current as recorded, `I_ACT` as it acts. `SECTOR`, `EDGE`, `DIRECTION`
+    I_ACT, SECTOR, EDGE, DIRECTION, SHAFT_TORQUE, MOTOR_LOAD, CARRIER, U_A, U_B, U_C,
+    SET_NEXT, SET_AT, ACT_NEXT, ACT_AT, HISTORY,
+) = range(45)  # fmt: skip
+"""`I_SET` is the reference current as recorded, `I_ACT` as it acts; what follows each, and when
+(infinite: in this control period nothing). `SECTOR`, `EDGE`, `DIRECTION`
 are of the commutation, the angle to its next edge 0 where that is not known yet. The torques of
 the shaft (N m), on the surface and on the motor, are not numbers before the first step. With a
 carrier the states of the legs are their means over its period, `CARRIER` counts those that have
@@ -40,6 +42,7 @@ def initial_state(actuator: Actuator, position: float, start_angle: float) -> np
     state[THETA_0] = state[THETA_E] / actuator.motor.pole_pairs - state[THETA_M]
     state[[LEG_A, LEG_B, LEG_C]] = 1.0
     state[[SHAFT_TORQUE, MOTOR_LOAD]] = np.nan
+    state[[SET_AT, ACT_AT]] = np.inf
     return state
 
 

@@ -140,8 +140,9 @@ def _build(sources: str) -> Callable[..., None]:
         dynamic_s, static_s = ports.surface_dry_friction(e, a.surface)
         stiffness, backlash = ports.shaft_stiffness(e, shaft), ports.lost_motion(e, shaft)
         delay = sensor_ports.delay_periods(e, a)
+        acts = delay + a.acquisition.reference_latency
         asked = np.zeros(len(command))
-        integral, i_set, noise_w, noise_q = 0.0, 0.0, 0.0, 0.0
+        integral, noise_w, noise_q = 0.0, 0.0, 0.0
 
         period, row, left = 0, 0, steps_a_sample
         for n in range(len(out) * steps_a_sample):
@@ -169,10 +170,8 @@ def _build(sources: str) -> Callable[..., None]:
                         omega_ref - speed, integral, control.proportional_gain,
                         control.integral_gain, control.period, a.inverter.current_limit,
                     )
-                whole = int(delay)
-                newer = asked[p - whole] if p >= whole else 0.0
-                older = asked[p - whole - 1] if p >= whole + 1 else 0.0
-                i_set = newer + (delay - whole) * (older - newer)
+            ago = [math.floor(n / steps_a_period - late + 1e-9) for late in (delay, acts)]
+            i_set, i_act = [asked[p] if p >= 0 else 0.0 for p in ago]
 
             # Commutation; relays or carrier.
             sensor = theta_e + sensor_ports.commutation_angle(e)
@@ -184,16 +183,16 @@ def _build(sources: str) -> Callable[..., None]:
             for j in range(3):
                 sensed[j] = i[j] * gain[j] + offset[j]
                 if relays:
-                    if sensed[j] >= signs[j] * i_set + a.inverter.hysteresis:
+                    if sensed[j] >= signs[j] * i_act + a.inverter.hysteresis:
                         legs[j] = -1.0
-                    elif sensed[j] <= signs[j] * i_set - a.inverter.hysteresis:
+                    elif sensed[j] <= signs[j] * i_act - a.inverter.hysteresis:
                         legs[j] = 1.0
             if not relays:
                 place = n % steps_a_carrier
                 if place == 0 and n >= inverter_on:
                     current_control(
-                        a.drive, ports.leg_voltage(e, a.inverter.bus_voltage), sensor, i_set,
-                        signs * i_set, sensed, integrals, duty)
+                        a.drive, ports.leg_voltage(e, a.inverter.bus_voltage), sensor, i_act,
+                        signs * i_act, sensed, integrals, duty)
                 triangle = abs(2.0 * (place + 0.5) / steps_a_carrier - 1.0)
                 for j in range(3):
                     legs[j] = 1.0 if triangle < 0.5 * (1.0 + duty[j]) else -1.0

@@ -33,8 +33,8 @@ than at once say nothing: there e is the limit less the speed."""
 MIXED = (0.02, 2e-3)
 """Third phase in units of the largest, and in A, from which a sample holds a commutation."""
 OUTLIER, SWEEPS = 2.0, 5
-"""Residual in robust standard deviations beyond which a sum counts less and less (Cauchy's weights:
-one may be far off in error and speed at once), and rounds of that."""
+"""Residual in robust standard deviations beyond which a sum counts less and less (Cauchy:
+one may be far off in error and current at once), and rounds of that."""
 OFF = (0.25, 0.3)
 """Relative deviation from which a gain is another one, proportional and integral; those 200 units,
 tolerances of 0.1 included, are up to 0.13 and 0.19 off."""

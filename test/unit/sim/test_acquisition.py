@@ -117,13 +117,14 @@ def test_a_command_acts_its_latency_later(periods):
             noise=1.0, profile=Profile(name="now", points=points)).samples)
 
 
-def test_parts_of_a_period_are_linear_between_two():
-    a = changed(acquisition={"command_latency": 2.25})
+@pytest.mark.parametrize(("latency", "late"), [(2.25, 2), (1.5, 2), (0.4, 0)])
+def test_a_command_acts_from_the_nearest_period_on(latency, late):
+    a = changed(acquisition={"command_latency": latency})
     session = ActuatorSession(a, position=0.0)
     session.command(Profile(name="jump", points=((0.0, 0.0), (0.03, 0.0), (0.03, 0.4),
                                                  (0.05, 0.4))))
     first = round(0.03 / a.control.period)
-    assert session._commanded(first, 5) == pytest.approx([0.0, 0.0, 0.3, 0.4, 0.4])
+    assert session._commanded(first, 5) == pytest.approx([0.0] * late + [0.4] * (5 - late))
 
 
 def test_the_latency_goes_on_over_a_new_command():
@@ -169,9 +170,23 @@ def test_a_reference_is_recorded_after_its_delay_and_acts_after_its_latency_too(
     assert np.all(wanted[:whole] == 0.0)
     assert wanted[whole] == pytest.approx(7.0 * (1.0 - (asked - whole)), rel=1e-6)
     assert wanted[whole + 1] == pytest.approx(7.0, rel=1e-6)
-    acts = math.floor(asked + latency)
+    acts = math.ceil(asked + latency)  # where the next period of the carrier begins
     assert np.all(np.abs(current[:acts]) < 1e-12)
     assert current[acts] > 0.02
+
+
+@pytest.mark.parametrize("latency", [0.3, 0.5, 1.74])
+def test_a_delay_is_a_shift_in_time(latency):
+    """Whatever is limited: a relay's current starts so much later, at the same slope."""
+    a = changed(motor={"static_friction": 1e9, "dynamic_friction": 1e9},
+                acquisition={"reference_latency": latency})
+    now = changed(a, acquisition={"reference_latency": 0.0})
+    late, at_once = (
+        np.abs(run(x, state_of(x, angle=math.pi / 2), 0.011, inverter_on=0.01, command=0.4,
+                   rate=1e6).out[:, 2:5]).max(axis=1) for x in (a, now))
+    shift = round(latency * a.control.period * 1e6)
+    assert late[10_000 + shift:10_600] == pytest.approx(at_once[10_000:10_600 - shift], abs=0.02)
+    assert late[10_000 + shift - 2] < 1e-9 < late[10_000 + shift + 2]
 
 
 def test_the_longest_delay_is_kept():
