@@ -71,9 +71,8 @@ from ema_sim.model_file import Model
 
 FULL = TrainingSettings(units=700, healthy=900, strangers=350, validation=150,
                         validation_healthy=400, validation_strangers=50)
-QUICK = TrainingSettings(units=120, healthy=200, strangers=60, validation=40,
-                         validation_healthy=100, validation_strangers=10, hidden=12,
-                         iterations=120)
+QUICK = TrainingSettings(units=120, healthy=200, strangers=60, validation=40, hidden=12,
+                         validation_healthy=100, validation_strangers=10, iterations=120)
 ALARMS = 5e-4
 """Most of the rate of false alarms of a family on its own fleet: one of some 1800 healthy tests,
 the least that these tell. A type is known from few units, and one at an end of its tolerances is
@@ -84,7 +83,7 @@ LIBRARY_SHARE = 0.80, 0.98
 """Of the whole, for the library; it has so many parts."""
 Progress = Callable[[str, float], None]
 MakeLibrary = Callable[[Sequence[Record], Path, Progress], None]
-"""Makes the library of the present kit for such records in a folder, and goes on where it was."""
+"""Makes the present kit's library for such records in a folder; goes on where it was."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

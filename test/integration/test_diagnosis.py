@@ -133,7 +133,7 @@ def test_baseline_finds_what_the_fleet_model_does_not(model):
     assert [f.fault_class for f in verdict.faults] == ["friction"]
     again = record_of("extended", seed=77_042, **unit)
     assert diagnose(again, model, baseline=base).outcome == "healthy"
-    little = record_of("extended", "motor_friction.increase=0.018", seed=77_043, **unit)
+    little = record_of("extended", "motor_friction.increase=0.025", seed=77_043, **unit)
     verdict = diagnose(little, model, baseline=base)
     assert verdict.outcome == "unknown"
     assert verdict.alternatives == ("friction",)

@@ -93,7 +93,7 @@ def test_read_write_and_diagnose(bag, record, tmp_path):
     assert (again.samples == record.samples).all()
     verdict = ema.diagnose(record)
     assert verdict == ema.diagnose(str(bag))
-    assert repr(verdict) == "<Verdict FAULT: turn short, phase b 9.74 % (8.9 to 10.7)>"
+    assert repr(verdict) == "<Verdict FAULT: turn short, phase b 9.62 % (8.69 to 10.6)>"
     assert ema.to_json(bag)["faults"] == verdict.to_dict()["faults"]
     assert ema.diagnose("nowhere").outcome == "invalid"
 
