@@ -11,6 +11,7 @@ from ema_sim.effects.compile import law
 
 NEVER = math.inf
 
+
 @law
 def clip(value: float, limit: float) -> float:
     """Return `value` limited to ±`limit`."""

