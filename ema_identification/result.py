@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,20 +15,20 @@ from ema_record.record import html_of
 
 Outcome = Literal[
     "no disagreement", "explained", "partly explained", "unknown effect", "contradicted"]
-"""``contradicted``: what explains the fitted records makes the held-out ones worse
-(`after_validation`)."""
+"""``contradicted``: what explains the fitted records makes the held-out ones worse, or hardly
+better (`after_validation`)."""
 INTERVAL_LEVEL = 0.9
 """Probability that the interval of a parameter is meant to hold."""
 
 
 def after_validation(
-    verdict: Outcome, before: float, after: float, bound: float, whose: str
+    verdict: Outcome, before: float, after: float, bound: float, whose: str, least: float = 0.0
 ) -> tuple[Outcome, tuple[str, ...]]:
     """Return what validation records leave of a verdict, and what there is to say of their gap.
 
     A gap within what the model's own runs leave says nothing of the effects that were added,
-    whether it grew or fell. Beyond that, one that grew contradicts them, and a record is only
-    explained where it fell.
+    whether it grew or fell. Beyond that, one that grew contradicts them, or that lost less than
+    the share that it should, and a record is only explained where it fell.
 
     Parameters
     ----------
@@ -35,8 +36,13 @@ def after_validation(
     before, after : gap on the validation records, of the model as given and with what was found.
     bound : what the model's own runs leave in 95 % of all cases; NaN where that is not known.
     whose : noise `bound` is, in words.
+    least : share of the gap, of its squares, that what was found should close.
     """
-    if verdict not in ("explained", "partly explained") or after < before:
+    named = verdict in ("explained", "partly explained")
+    if named and bound < after <= before and after > math.sqrt(1.0 - least) * before:
+        return "contradicted", (f"the gap on the held-out records fell from {before:.3g} to "
+                                f"{after:.3g} only; the noise of {whose} reaches {bound:.3g}",)
+    if not named or after < before:
         return verdict, ()
     grew = f"the gap on the held-out records grew from {before:.3g} to {after:.3g}"
     if after <= bound:

@@ -83,7 +83,8 @@ class ActuatorSession:
         self._converters = effective_converters(actuator.converters, self.effects)
         self._noise = SensorNoise(actuator, seed, noise, rate)
         if start_angle is None:
-            start_angle = float(np.random.default_rng([seed, 1]).uniform(0.0, 2.0 * math.pi))
+            start_angle = float(np.random.default_rng([seed, 1]).uniform(
+                0.0, 2.0 * math.pi * actuator.motor.pole_pairs))
         self._state = st.initial_state(actuator, position, start_angle)
         self._profile: Profile | None = None
         self._begin = 0.0

@@ -156,8 +156,8 @@ def _print(found: Identification) -> None:
 
     console = stdout()
     console.print(styled((found.verdict, "bold")))
-    grew = f"grew from {found.gap_before:.3g} to {found.gap_after:.3g}"
-    gap = grew if found.verdict == "contradicted" else (
+    grew = found.verdict == "contradicted" and found.gap_after > found.gap_before
+    gap = f"grew from {found.gap_before:.3g} to {found.gap_after:.3g}" if grew else (
         f"{found.gap_before:.3g} before, {found.gap_after:.3g} after")
     console.print(f"gap {gap}, floor {found.noise_floor:.3g}: {found.gap_unit}")
     if found.unexplained is not None:

@@ -14,9 +14,15 @@ from pathlib import Path
 import numpy as np
 
 from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
+from ema_identification.actuator.decision.slopes import bounded_least_squares
 from ema_identification.actuator.fleet.kept import kept_of
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, worst
+from ema_identification.actuator.laws.catalogue import OF_THE_ROTOR
 from ema_identification.actuator.laws.terms import LawFit, LawGap
+from ema_identification.actuator.measure.signals import TURN
+
+DAY_STEPS = 2
+"""Of a fit of what belongs to the day, in which the quadratic is nearly straight."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +41,7 @@ class HeldOut:
         unit, null = self.unit, models[0]
         if not null.runs and len(models) == 1:
             return replace(quadratic_gap(unit, self.fitted, null, edge), healthy=self.healthy)
-        means = [unit.run(m.terms, _predicted(unit, m, edge), SETTLED_RUNS, salt=21)
+        means = [np.concatenate([_nearest_turn(part, m, edge) for part in unit.parts])
                  for m in models]
         return replace(_left(unit, _yardstick(self.fitted), _predicted(unit, null, edge), means),
                        healthy=self.healthy)
@@ -84,6 +90,20 @@ def _predicted(unit: TestedUnit, fit: LawFit, edge: float) -> np.ndarray:
     return np.where(unit.day, 0.0, z)
 
 
+def _nearest_turn(unit: TestedUnit, fit: LawFit, edge: float) -> np.ndarray:
+    """Return the mean of runs of a fit on one held-out record.
+
+    The rotor starts in any of the electrical turns that make a mechanical one, and no record says
+    in which; of laws that know the mechanical angle the nearest one counts.
+    """
+    z, laws = _predicted(unit, fit, edge), {t.variant.effect for t in fit.terms}
+    turns = unit.library.model.actuator.motor.pole_pairs if laws & OF_THE_ROTOR else 1
+    angle, white = unit.conditions.start_angle, unit.whitener(SETTLED_RUNS)
+    means = [replace(unit, conditions=replace(unit.conditions, start_angle=angle + k * TURN)).run(
+        fit.terms, z, SETTLED_RUNS, salt=21) for k in range(turns)]
+    return min(means, key=lambda mean: unit.cost(white, mean, z))
+
+
 def _yardstick(fitted: TestedUnit, null: LawFit | None = None) -> np.ndarray:
     """Return the covariance of the fitted unit, shape (width, width); of the day: none."""
     null = fitted.without_law() if null is None or null.runs else null
@@ -97,11 +117,24 @@ def _yardstick(fitted: TestedUnit, null: LawFit | None = None) -> np.ndarray:
 def _left(unit: TestedUnit, covariance: np.ndarray, z: np.ndarray, means: Sequence[np.ndarray]
           ) -> LawGap:
     """Return the gap of each prediction, on the scale of the first at `z`."""
-    slope = unit.slope(z)
-    own = slope[:, :len(covariance)]
+    own = unit.slope(z)[:, :len(covariance)]
     root = np.sqrt(np.diag(unit.covariance(0)) + np.einsum("ij,jk,ik->i", own, covariance, own))
-    day = slope[:, unit.day] / root[:, None]
-    solve = np.linalg.inv(day.T @ day + PRIOR * np.eye(day.shape[1])) @ day.T
-    rests = [(unit.values - mean) / root for mean in means]
-    rests = [rest - day @ np.clip(solve @ rest, -1.0, 1.0) for rest in rests]
+    rests = [_less_day(unit, z, mean, root) for mean in means]
     return LawGap(values=tuple(worst(rests)), healthy=np.zeros(0), rest=tuple(rests))
+
+
+def _less_day(unit: TestedUnit, z: np.ndarray, mean: np.ndarray, root: np.ndarray) -> np.ndarray:
+    """Return what is left of a record, in deviations, once what belongs to the day is fitted.
+
+    Within its bands, by what the quadratic says that it adds to `mean` at `z`.
+    """
+    there, rest = z, unit.values - mean
+    for _ in range(DAY_STEPS):
+        given = there[unit.day]
+        step = bounded_least_squares(
+            unit.slope(there)[:, unit.day] / root[:, None], rest / root, -1.0 - given,
+            1.0 - given, np.full(len(given), PRIOR), given)
+        there = there.copy()
+        there[unit.day] += step
+        rest = unit.values - mean - np.diff(unit.means(np.array([z, there])), axis=0)[0]
+    return np.asarray(rest / root)

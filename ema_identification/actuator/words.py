@@ -8,11 +8,7 @@ import numpy as np
 
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence, order_of
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.intervals import (
-    QUANTILE,
-    parameters_of,
-    posterior_of,
-)
+from ema_identification.actuator.decision.intervals import posterior_of
 from ema_identification.actuator.fleet.units import deviations
 from ema_identification.actuator.laws.terms import LawFit, LawGap, Posterior, choices_of
 from ema_identification.actuator.measure.control_law import ControlLaw
@@ -33,6 +29,11 @@ from ema_identification.result import (
     Step,
 )
 from ema_sim.effects import EFFECTS
+from ema_sim.effects.base import Quantity
+
+QUANTILE = 1.645
+"""Of the normal distribution, for an interval of 90 %."""
+DRAWS = 400
 
 
 def candidates_of(unit: TestedUnit, answer: FleetAnswer) -> tuple[Candidate, ...]:
@@ -46,6 +47,29 @@ def candidates_of(unit: TestedUnit, answer: FleetAnswer) -> tuple[Candidate, ...
                 p_value=1.0, reason=f"fitted: as {fit.terms[0].variant.name}, cost "
                                     f"{fit.cost / unit.size:.2f} a feature"))
     return tuple(found.values())
+
+
+def parameters_of(fit: LawFit, known: Posterior, index: int) -> tuple[Parameter, ...]:
+    """Return the parameters of a law with intervals of 90 %, by draws of its coordinates."""
+    begin = sum(t.variant.size for t in fit.terms[:index])
+    term = fit.terms[index]
+    part = slice(begin, begin + term.variant.size)
+    draws = np.random.default_rng(0).multivariate_normal(
+        known.mean[part], known.covariance[part, part], size=DRAWS)
+    draws = np.clip(draws, term.variant.low, term.variant.high)
+    kinds = {f.name: f.kind for f in EFFECTS[term.variant.effect].fields}
+    found = []
+    for name, value in term.variant.settings(term.u).items():
+        kind, middle = kinds[name], float(value)
+        if not isinstance(kind, Quantity):
+            continue
+        values = np.array([float(term.variant.settings(u)[name]) for u in draws])
+        if kind.unit == "rad" and name in ("phase", "angle"):
+            values = middle + np.angle(np.exp(1j * (values - middle)))
+        low, high = (float(x) for x in np.quantile(values, (0.05, 0.95)))
+        found.append(Parameter(name=f"{term.variant.effect}.{name}", value=middle,
+                               low=min(low, middle), high=max(high, middle), unit=kind.unit))
+    return tuple(found)
 
 
 def findings_of(unit: TestedUnit, answer: FleetAnswer, gap: LawGap) -> tuple[NamedEffect, ...]:

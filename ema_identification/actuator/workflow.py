@@ -81,7 +81,7 @@ def identify_actuator(
         if not baseline:
             return found
         changed = _changed(case, units[0], baseline)
-        since = decide(changed, without=without, progress=progress)
+        since = decide(changed, witness=held, without=without, progress=progress)
         return replace(found, since=_said(changed, since, model))
 
 

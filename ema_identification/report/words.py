@@ -111,9 +111,11 @@ def verdict_sentence(identification: Identification) -> str:
         return (f"Model and measurement agree: the gap on {data} is {before}, with a "
                 f"noise floor of {floor}. Nothing is missing that these data can show.")
     if identification.verdict == "contradicted":
+        grew = identification.gap_after > identification.gap_before
+        way, only = ("grew", "") if grew else ("fell", " only")
         return (f"The fitted data ask for {listed(identification)}, and the held-out data speak "
-                f"against it: their gap grew from {before} to {after}, with a noise floor of "
-                f"{floor}.")
+                f"against it: their gap {way} from {before} to {after}{only}, with a noise floor "
+                f"of {floor}.")
     if identification.verdict == "explained":
         return f"The model lacked {listed(identification)}; with it {gap_change(identification)}."
     if identification.verdict == "partly explained":

@@ -33,13 +33,14 @@ def initial_state(actuator: Actuator, position: float, start_angle: float) -> np
     ----------
     actuator : parameters.
     position : surface position (rad).
-    start_angle : electrical rotor angle (rad).
+    start_angle : electrical rotor angle (rad), of one of the turns that make a mechanical one.
     """
     state = np.zeros(N_STATE)
     state[THETA_S] = position
     state[THETA_M] = position * actuator.gear.ratio
-    state[THETA_E] = start_angle % (2.0 * np.pi)
-    state[THETA_0] = state[THETA_E] / actuator.motor.pole_pairs - state[THETA_M]
+    turn, pairs = 2.0 * np.pi, actuator.motor.pole_pairs
+    state[THETA_E] = start_angle % turn
+    state[THETA_0] = start_angle % (turn * pairs) / pairs - state[THETA_M]
     state[[LEG_A, LEG_B, LEG_C]] = 1.0
     state[[SHAFT_TORQUE, MOTOR_LOAD]] = np.nan
     state[[SET_AT, ACT_AT]] = np.inf

@@ -76,7 +76,7 @@ class TestedUnit:
     centre, weight : ndarrays, shape (width,). Where the unit is expected, and how surely.
     simulator : gives the features of a run; its arguments are those of `fleet_features`.
     record : itself, for pictures.
-    edge : half widths of its band that a number may be off, 1 by the description.
+    edge : half widths of its band that a number may be off, 1 by the description; of each or all.
     """
 
     library: FleetLibrary
@@ -88,7 +88,7 @@ class TestedUnit:
     weight: np.ndarray = field(default_factory=partial(np.zeros, 0))
     simulator: Callable[..., np.ndarray] = fleet_features
     record: Record | None = None
-    edge: float = 1.0
+    edge: float | np.ndarray = 1.0
     _whiteners: dict[tuple[int, bytes], Whitener] = field(
         init=False, repr=False, compare=False, default_factory=dict)
     _runs: dict[tuple[Effects, bytes, int], np.ndarray] = field(

@@ -18,13 +18,7 @@ from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.slopes import bounded_least_squares
 from ema_identification.actuator.fleet.surrogate import BEND, shrunk
 from ema_identification.actuator.laws.terms import LawFit, Posterior, bounds, coordinates, moved
-from ema_identification.result import Parameter
-from ema_sim.effects import EFFECTS
-from ema_sim.effects.base import Quantity
 
-QUANTILE = 1.645
-"""Of the normal distribution, for an interval of 90 %."""
-DRAWS = 400
 RUNS, ROUNDS, WIDER = 5, 2, 3.0
 """Budget: runs of a round, a coordinate; rounds; spread of the later ones, of what the one before
 leaves: with so few runs, slopes over twice it drown in noise."""
@@ -149,26 +143,3 @@ def _solved(
     noise = weighed.T @ extra @ weighed + (
         scatter @ scatter.T * ((1.0 + here @ plane.design @ here) / plane.freedom))
     return Posterior(x, inverse @ (noise + np.diag(weight)) @ inverse)
-
-
-def parameters_of(fit: LawFit, known: Posterior, index: int) -> tuple[Parameter, ...]:
-    """Return the parameters of a law with intervals of 90 %, by draws of its coordinates."""
-    begin = sum(t.variant.size for t in fit.terms[:index])
-    term = fit.terms[index]
-    part = slice(begin, begin + term.variant.size)
-    draws = np.random.default_rng(0).multivariate_normal(
-        known.mean[part], known.covariance[part, part], size=DRAWS)
-    draws = np.clip(draws, term.variant.low, term.variant.high)
-    kinds = {f.name: f.kind for f in EFFECTS[term.variant.effect].fields}
-    found = []
-    for name, value in term.variant.settings(term.u).items():
-        kind, middle = kinds[name], float(value)
-        if not isinstance(kind, Quantity):
-            continue
-        values = np.array([float(term.variant.settings(u)[name]) for u in draws])
-        if kind.unit == "rad" and name in ("phase", "angle"):
-            values = middle + np.angle(np.exp(1j * (values - middle)))
-        low, high = (float(x) for x in np.quantile(values, (0.05, 0.95)))
-        found.append(Parameter(name=f"{term.variant.effect}.{name}", value=middle,
-                               low=min(low, middle), high=max(high, middle), unit=kind.unit))
-    return tuple(found)

@@ -253,3 +253,22 @@ def _flat(variant: Variant, level: float, size: int) -> Signature:
     none = np.zeros((3, size))
     return Signature(variant=variant, levels=(np.array([-level, 0.0, level]),) * 2,
                      values=(none, none))
+
+
+def alternating(lists: Sequence[Sequence[LawProposal]], most: int) -> list[LawProposal]:
+    """Return the first of each list in turn, at most two variants of one effect."""
+    found: list[LawProposal] = []
+    names: dict[str, int] = {}
+    seen = set()
+    for row in range(max((len(x) for x in lists), default=0)):
+        for proposals in lists:
+            if row >= len(proposals) or len(found) >= most:
+                continue
+            p = proposals[row]
+            key = p.signature.variant.name
+            if key in seen or names.get(p.signature.variant.effect, 0) >= 2 or not np.any(p.u):
+                continue
+            seen.add(key)
+            names[p.signature.variant.effect] = names.get(p.signature.variant.effect, 0) + 1
+            found.append(p)
+    return found

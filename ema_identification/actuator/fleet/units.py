@@ -199,7 +199,7 @@ def fleet_record(
     # The conditions hold what the sensor of the rotor angle reads.
     angle = conditions.start_angle - effects.hall_misalignment.angle
     return whole(simulate(fmap.profile, actuator=actuator, effects=effects, seed=seed,
-                          noise=conditions.noise, rate=fmap.rate, start_angle=angle % TURN,
+                          noise=conditions.noise, rate=fmap.rate, start_angle=angle,
                           switching=shows_carrier(actuator, fmap.rate)), model.actuator)
 
 

@@ -25,6 +25,10 @@ DIGITS = 2
 LARGEST_DELAY = 0.8
 """rad of the electrical turn at the highest speed; beyond, a delay turns the torque around."""
 
+OF_THE_ROTOR = frozenset({
+    "rotor_eccentricity", "cogging_torque", "gear_mesh_ripple", "speed_sensor_runout"})
+"""Effects that know the mechanical angle, of which a record tells the part of a pole pair."""
+
 
 class Scales(NamedTuple):
     """Units in which effects of an actuator are small or large."""

@@ -83,6 +83,12 @@ class LawGap:
         """What `SURE` of them stay within."""
         return float(np.quantile(self.healthy, SURE, method="higher"))
 
+    def closes(self, share: float) -> bool:
+        """Whether the last model closes this share, of squares, of a gap beyond the bound."""
+        before, after = self.values[0], self.values[-1]
+        return before > self.bound and after <= max(
+            self.bound, float(np.sqrt(1.0 - share)) * before)
+
 
 class Posterior(NamedTuple):
     """Laws' coordinates, then the unit's numbers: shape (m,), and covariance, shape (m, m)."""

@@ -109,14 +109,17 @@ def changed_unit(
 ) -> ChangedUnit:
     """Return a record beside accepted ones of the same test and unit.
 
-    The unit's own numbers are the mean of those that the accepted records give.
+    The unit's own numbers are the mean of those that the accepted records give. What belongs to
+    the day of these is known no better than they tell: from there the later one may be as far
+    again (gains common to all current sensors, which no single test tells from the motor's).
     """
     fits = [u.without_law() for u in accepted]
     own, day = np.mean([f.z for f in fits], axis=0), unit.library.of_day
-    spread = np.zeros(len(own))
+    unsure = np.zeros(len(own))
     for u, fit in zip(accepted, fits):
         columns = u.whitener(0).columns(fit.slopes, u.values - fit.mean)
-        spread += np.diag(np.linalg.inv(columns.T @ columns + PRIOR * np.eye(len(own))))
+        unsure += np.diag(np.linalg.inv(columns.T @ columns + PRIOR * np.eye(len(own))))
+    unsure /= len(accepted) ** 2
     at = tuple(np.where(day, f.z, own) for f in fits)
     before = np.mean([u.library.mean(z, u.conditions) for u, z in zip(accepted, at)], axis=0)
     return ChangedUnit(
@@ -125,7 +128,8 @@ def changed_unit(
         workers=unit.workers, simulator=unit.simulator, record=unit.record,
         accepted=tuple(accepted), at=at,
         before=before, apart=apart, centre=np.where(day, 0.0, own),
-        weight=np.where(day, PRIOR, len(accepted) ** 2 / spread))
+        weight=1.0 / (unsure + np.where(day, 1.0 / PRIOR, 0.0)),
+        edge=np.where(day, 2.0, 1.0))
 
 
 def _days(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first: int, last: int

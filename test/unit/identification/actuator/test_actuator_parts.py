@@ -6,9 +6,10 @@ from scipy.optimize import lsq_linear
 
 from ema_identification.actuator.decision.slopes import bounded_least_squares
 from ema_identification.actuator.gap import worst
-from ema_identification.actuator.laws.catalogue import Signature, variants
+from ema_identification.actuator.laws.catalogue import OF_THE_ROTOR, Signature, variants
 from ema_identification.actuator.laws.signatures import stacked
 from ema_identification.actuator.laws.terms import EffectTerm, choices_of
+from ema_identification.actuator.measure.signals import TURN
 from ema_identification.actuator.measure.tolerances import (
     N_TOLERANCES,
     TOLERANCES,
@@ -18,9 +19,11 @@ from ema_identification.actuator.measure.tolerances import (
 from ema_identification.actuator.model_file import model_file_text
 from ema_record import array_cache as cache
 from ema_record.kit import using_kit
+from ema_record.profile import load_profile
 from ema_record.sources import sources_of
 from ema_sim.effects import EFFECTS, Effects, parse_effects
 from ema_sim.model_file import load_model_file
+from ema_sim.simulate import simulate
 from support.simulations import make_kit
 
 
@@ -61,6 +64,22 @@ def test_a_variant_is_absent_at_zero_and_present_at_its_levels(variant):
             assert not EFFECTS[variant.effect].is_neutral(getattr(found, variant.effect))
             rest = {n for n in EFFECTS if getattr(found, n) != getattr(base, n)}
             assert rest == {variant.effect}
+
+
+def test_what_knows_the_mechanical_angle_differs_from_turn_to_turn():
+    """Five pole pairs: the same electrical angle at the start, in the first turn or the second."""
+    model = load_model_file()
+    actuator = model.actuator._replace(motor=model.actuator.motor._replace(pole_pairs=5))
+    profile, differ = load_profile("step"), set()
+    for variant in variants(actuator):
+        u = np.zeros(variant.size)
+        u[0] = max(variant.levels[0] or variant.high[:1], key=abs)
+        first, second = (simulate(profile, actuator=actuator, seed=1, start_angle=1.0 + turn,
+                                  effects=variant.effects(u, model.effects)).samples
+                         for turn in (0.0, TURN))
+        if np.abs(first - second).max() > 1e-6:
+            differ.add(variant.effect)
+    assert differ == OF_THE_ROTOR
 
 
 def test_every_effect_of_the_catalogue_is_a_candidate():

@@ -18,8 +18,9 @@ from fleet_unit import (
 
 from ema_identification.actuator import gap
 from ema_identification.actuator.decision import fit
-from ema_identification.actuator.decision.decide import LEVEL, decide, p_nothing, share_of
+from ema_identification.actuator.decision.decide import decide
 from ema_identification.actuator.decision.proposals import scores
+from ema_identification.actuator.decision.ranks import LEVEL, p_nothing, share_of
 from ema_identification.actuator.library import acceptance, baseline
 from ema_identification.actuator.library.baseline import changed_unit
 from ema_record.kit import LIBRARY
@@ -95,6 +96,26 @@ def test_a_change_within_the_band_shows_beside_the_accepted_record_only(ranked):
     # Beyond all in cost; the healthy unit of the largest gain is as rare, and so many units prove
     # no more than this (480 do).
     assert p_of(changed_unit(second, [first], apart)) <= share_of(1, PAIRS) < 0.016
+
+
+def test_what_no_test_tells_from_the_unit_may_change_from_end_to_end():
+    """A number of the day that does what one of the unit does (a gain, the motor constant)."""
+    day, own = int(np.flatnonzero(OF_DAY)[0]), int(np.flatnonzero(~OF_DAY)[0])
+    plain = judged()
+    weights = plain.weights.copy()
+    weights[1 + day] = weights[1 + own]
+    library, costs = replace(plain, weights=weights), []
+    for seed in range(6):
+        rng = np.random.default_rng([seed, 55])
+        records = []
+        for end in (-0.95, 0.95):
+            z = np.where(OF_DAY, rng.uniform(-1.0, 1.0, SIZE), 0.3)
+            z[day] = end
+            values = weights[0] + weights[1:SIZE + 1].T @ z + rng.normal(size=len(STRANGE))
+            records.append(fit.TestedUnit(library=library, values=values, conditions=CONDITIONS))
+        changed = changed_unit(records[1], records[:1], 0.0)
+        costs.append(changed.without_law().cost / changed.size)
+    assert np.mean(costs) < 1.2
 
 
 def test_discrepancy_of_a_type_is_taken_off(tmp_path, monkeypatch):

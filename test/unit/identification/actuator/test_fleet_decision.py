@@ -20,20 +20,15 @@ from fleet_unit import (
 
 from ema_identification.actuator.decision import decide as decision
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
-from ema_identification.actuator.decision.decide import (
-    EDGE,
-    LEVEL,
-    decide,
-    p_nothing,
-    rank,
-    share_of,
-)
-from ema_identification.actuator.decision.intervals import parameters_of, simulated_posterior
+from ema_identification.actuator.decision.decide import EDGE, MOST, decide
+from ema_identification.actuator.decision.intervals import simulated_posterior
 from ema_identification.actuator.decision.proposals import scores
+from ema_identification.actuator.decision.ranks import LEVEL, p_nothing, rank, share_of
 from ema_identification.actuator.decision.slopes import law_slopes
 from ema_identification.actuator.fleet.surrogate import Whitener
 from ema_identification.actuator.fleet.units import CHUNK, FULL
 from ema_identification.actuator.laws.terms import EffectTerm, LawFit, LawGap
+from ema_identification.actuator.words import parameters_of
 
 VISCOUS = UNITS["viscous_friction", "coefficient"]
 (SIGNATURE,) = (s for s in plain_library().signatures if s.variant.name == "viscous_friction")
@@ -266,3 +261,24 @@ def test_held_out_records_only_judge():
     assert silent.verdict == "unknown effect"
     assert "5" in silent.reasons[1]
     assert decide(unit(seed=3), Held(5.0, again=(1.2,))).verdict == "no disagreement"
+    far = decide(unit(seed=3, backlash=2.0), Held(5.0, 5.0 * np.sqrt(1.0 - MOST) + 0.1))
+    assert far.verdict == "contradicted"  # a name that the held-out record hardly knows
+    assert "fell from 5 to 2.6 only" in far.reasons[0]
+
+
+@pytest.mark.parametrize(("after", "verdict"), [
+    (10.0 * np.sqrt(1.0 - MOST), "partly explained"),
+    (10.0 * np.sqrt(1.0 - MOST) + 0.1, "unknown effect")])
+def test_a_law_beside_which_something_remains_needs_a_witness(after, verdict):
+    """Most of the misfit is the law's, the rest nobody's: the held-out record decides."""
+    both = unit(seed=3, backlash=4.0, strange=1.0)
+    assert decide(both).verdict == "unknown effect"
+    found = decide(both, Held(10.0, after))
+    assert found.verdict == verdict
+    if verdict == "partly explained":
+        assert found.fit.names == ("backlash",)
+        assert MOST < found.closed[0] < 1.0
+        assert "something remains" in found.reasons[-1]
+    small = decide(both, Held(1.2, 0.5))  # nothing to see on the held-out record
+    assert small.verdict == "unknown effect"
+    assert decide(unit(seed=3, strange=2.0), Held(10.0, 1.0)).verdict == "unknown effect"

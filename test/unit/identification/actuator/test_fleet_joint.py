@@ -4,7 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fleet_unit import FEATURES, OF_DAY, SIZE, effects_of, features_of, judged, run, unit
+from fleet_unit import (
+    BASE,
+    FEATURES,
+    MODEL,
+    OF_DAY,
+    SIZE,
+    STRANGE,
+    effects_of,
+    features_of,
+    judged,
+    run,
+    unit,
+)
+from scipy.optimize import lsq_linear
 
 from ema_identification.actuator import gap
 from ema_identification.actuator.decision import fit
@@ -13,7 +26,9 @@ from ema_identification.actuator.decision.decide import decide
 from ema_identification.actuator.decision.joint import DAYS, joint_unit
 from ema_identification.actuator.decision.proposals import healthy_scores
 from ema_identification.actuator.fleet import kept as kept_module
-from ema_identification.actuator.laws.terms import LawGap
+from ema_identification.actuator.laws.catalogue import Signature, variants
+from ema_identification.actuator.laws.terms import EffectTerm, LawGap, with_terms
+from ema_identification.actuator.measure.signals import TURN
 from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_identification.actuator.words import reasons_of
 
@@ -107,6 +122,48 @@ def test_the_gap_of_a_joint_record_is_ranked_among_joint_units(joint):
     assert found.healthy.shape == (40,)
     assert found.values[0] < 1.2 * found.healthy.max()
     assert found.rest[0].shape == (2 * FEATURES,)
+
+
+def test_what_belongs_to_the_day_of_a_held_out_record_is_fitted_within_its_bands(joint):
+    """All of it at once: a number at its bound leaves the others to be fitted beside it."""
+    held = joint(9005).parts[1]
+    z = np.where(OF_DAY, 0.0, two_days(9005)[0])
+    held = replace(held, values=held.values + 6.0 * held.slope(z)[:, OF_DAY].sum(axis=1))
+    root = np.full(FEATURES, 2.0)
+    columns = held.slope(z)[:, OF_DAY] / 2.0
+    rest = (held.values - held.means(z[None])[0]) / 2.0
+    known = lsq_linear(np.vstack([columns, np.sqrt(fit.PRIOR) * np.eye(DAYS)]),
+                       np.append(rest, np.zeros(DAYS)), bounds=(-1.0, 1.0)).x
+    assert np.abs(known).max() == pytest.approx(1.0)
+    found = gap._less_day(held, z, held.means(z[None])[0], root)
+    assert found == pytest.approx(rest - columns @ known, abs=1e-6)
+
+
+def test_a_held_out_record_begins_in_any_turn_of_the_rotor():
+    """Three pole pairs; an eccentricity is seen from the turn that fits best."""
+    motor = MODEL.actuator.motor._replace(pole_pairs=3)
+    library = judged()
+    library = replace(library, model=MODEL._replace(
+        actuator=MODEL.actuator._replace(motor=motor)))
+
+    def simulator(_model, _spread, _fmap, z, conditions, _seed, effects):
+        e = effects.rotor_eccentricity
+        turned = e.angle - conditions.start_angle / 3.0
+        return features_of(z, MODEL.effects) + 100.0 * e.zeta * (
+            np.cos(turned) * BASE + np.sin(turned) * STRANGE)
+
+    (shifted,) = (v for v in variants() if v.name == "rotor_eccentricity shifted")
+    law = EffectTerm(variant=shifted, u=np.array([0.05, 0.0]), signature=Signature(
+        variant=shifted, levels=((), ()), values=(np.zeros((0, FEATURES)),) * 2))
+    z = np.zeros(SIZE)
+    fitted = fit.LawFit(terms=(law,), z=z, mean=BASE, slopes=np.zeros((FEATURES, SIZE + 2)),
+                        cost=1.0, runs=10)
+    for turn in range(3):
+        now = RecordConditions(start_angle=TURN * turn)
+        values = simulator(None, None, None, z, now, 0, with_terms([law], MODEL.effects))
+        held = fit.TestedUnit(library=library, values=values, conditions=RecordConditions(),
+                              simulator=simulator)
+        assert gap._nearest_turn(held, fitted, 1.0) == pytest.approx(values, abs=1e-9)
 
 
 def test_what_healthy_units_leave_is_kept_and_judged_by_the_first_ones(

@@ -78,3 +78,9 @@ def test_what_validation_leaves_of_a_verdict(verdict, before, after, bound, expe
     found, reasons = after_validation(verdict, before, after, bound, "the runs")
     assert found == expected
     assert [said in r for r in reasons] == ([True] if said else [])
+
+
+@pytest.mark.parametrize(("after", "expected"), [
+    (3.0, "explained"), (3.1, "contradicted"), (6.0, "contradicted"), (2.3, "explained")])
+def test_a_gap_may_have_to_fall_by_a_share(after, expected):
+    assert after_validation("explained", 6.0, after, 2.3, "the runs", least=0.75)[0] == expected

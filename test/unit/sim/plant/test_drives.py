@@ -209,13 +209,13 @@ def test_averaged_and_switched_agree(kind, shape, machine):
     """Averaged and switched voltages give the same motion.
 
     Waveform by waveform, a step of the surface: means over samples as long as the carrier's
-    period. To 1 % of the current's rms and 0.1 % of the speed's: what an edge's place in its
-    period does is of second order in the ripple.
+    period. To 2 % of the current's rms and 0.1 % of the speed's: what an edge's place in its
+    period does is of second order in the ripple. That is so where edges fall alike; see below.
     """
     a = drive_of(machine.actuator, kind, motor=shape)
     mean, switched = (
         simulate_traced(step_profile(0.12, start=-0.1, duration=0.1), actuator=a, noise=0.0,
-                        seed=2, rate=machine.rate, switching=switching)
+                        seed=2, rate=machine.rate, switching=switching, start_angle=2.62)
         for switching in (False, True))
     for name, share in (("motor_speed", 1e-3), ("phase_current_a", 0.02),
                         ("phase_current_b", 0.02), ("reference_current_c", 0.02)):
@@ -223,6 +223,23 @@ def test_averaged_and_switched_agree(kind, shape, machine):
         assert np.sqrt(np.mean((one - other) ** 2)) < share * np.sqrt(np.mean(other**2)), name
     power = [x.record.dc_bus[-1, 2] for x in (mean, switched)]
     assert power[0] == pytest.approx(power[1], rel=0.02)
+
+
+@pytest.mark.parametrize("angle", np.linspace(0.02, 6.0, 8).round(2))
+def test_averaged_and_switched_move_alike_from_any_start_angle(angle):
+    """Blocks, four pole pairs: an edge inside a period of the carrier acts in it or in the next.
+
+    Phase currents part after some commutations (of 60 angles by up to 16 % of the rms, median
+    1.4 %), the speed by up to 0.28 %.
+    """
+    a = drive_of(OTHER.actuator, PWM, motor={})
+    mean, switched = (
+        simulate_traced(step_profile(0.12, start=-0.1, duration=0.1), actuator=a, noise=0.0,
+                        seed=2, rate=OTHER.rate, switching=switching, start_angle=angle).record
+        for switching in (False, True))
+    one, other = mean.channel("motor_speed"), switched.channel("motor_speed")
+    assert np.sqrt(np.mean((one - other) ** 2)) < 4e-3 * np.sqrt(np.mean(other**2))
+    assert mean.dc_bus[-1, 2] == pytest.approx(switched.dc_bus[-1, 2], rel=0.02)
 
 
 @both_ways
