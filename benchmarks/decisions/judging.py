@@ -6,16 +6,18 @@ import math
 import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
 from threadpoolctl import threadpool_limits
 
 from benchmarks.decisions.units import HiddenUnit
+from ema_identification.actuator.laws.catalogue import OF_THE_ROTOR
 from ema_identification.actuator.library.build import fleet_library
 from ema_identification.identify import identify
 from ema_identification.result import Identification
+from ema_record.actuator import load_actuator
 from ema_record.kit import ACTUATOR, LIBRARY, PROFILES, using_kit
 from ema_record.profile import load_profile
 from ema_record.profiles.text import write_profiles
@@ -104,13 +106,27 @@ def sizes_of(found: Identification, unit: HiddenUnit) -> list[Row]:
         fixed = {p.name: p.value for p in finding.parameters if p not in fitted}
         alike = all(truth.get(name) == value
                     for name, value in (*finding.choices.items(), *fixed.items()))
+        turn = turn_of(unit, finding.effect, fixed)
         for p in fitted:
             true, turning = truth.get(p.name), p.name.rpartition(".")[2] in ("phase", "angle")
             rows.append({
                 "name": p.name, "true": true, "value": p.value, "low": p.low, "high": p.high,
-                "inside": holds(p.low, p.high, true, turning and p.unit == "rad")
+                "inside": holds(p.low, p.high, true, turn if turning and p.unit == "rad" else 0.0)
                 if alike and isinstance(true, float) else None})
     return rows
+
+
+def turn_of(unit: HiddenUnit, effect: str, fixed: Mapping[str, float]) -> float:
+    """Return by what angles of a law differ that a record cannot tell apart (rad).
+
+    Of `periods` a mechanical turn, which the rotor may begin in any of its electrical ones.
+    """
+    if effect not in OF_THE_ROTOR:
+        return 2.0 * math.pi
+    with nullcontext() if unit.kit is None else using_kit(unit.kit):
+        pairs = load_actuator().motor.pole_pairs
+    periods = round(fixed.get(f"{effect}.periods", 1.0))
+    return 2.0 * math.pi * math.gcd(periods, pairs) / pairs
 
 
 def as_written(truth: Mapping[str, float | str], effect: str) -> dict[str, float | str]:
@@ -131,11 +147,11 @@ def as_written(truth: Mapping[str, float | str], effect: str) -> dict[str, float
     return found
 
 
-def holds(low: float, high: float, true: float, turning: bool) -> bool:
-    """Return whether an interval holds a value; `turning`: an angle, whole turns apart."""
-    if turning:
+def holds(low: float, high: float, true: float, turn: float = 0.0) -> bool:
+    """Return whether an interval holds a value; of an angle it is the same a `turn` further."""
+    if turn:
         middle = 0.5 * (low + high)
-        true = middle + math.remainder(true - middle, 2.0 * math.pi)
+        true = middle + math.remainder(true - middle, turn)
     return low <= true <= high
 
 

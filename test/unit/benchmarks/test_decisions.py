@@ -6,9 +6,17 @@ import numpy as np
 import pytest
 
 from benchmarks.any_actuator.described import Damage
-from benchmarks.decisions.judging import as_written, holds, is_set, outcome, resolved, sizes_of
+from benchmarks.decisions.judging import (
+    as_written,
+    holds,
+    is_set,
+    outcome,
+    resolved,
+    sizes_of,
+    turn_of,
+)
 from benchmarks.decisions.table import interval, numbers, seconds, sizes, table
-from benchmarks.decisions.units import DAMAGES, STRATA, catalogued
+from benchmarks.decisions.units import DAMAGES, PWM, STRATA, catalogued
 from ema_identification.result import Parameter
 from ema_record.actuator import load_actuator
 from ema_record.profile import load_profile
@@ -24,7 +32,7 @@ def found(effect, choices=(), **numbers):
 
 
 def unit(*names, **truth):
-    return SimpleNamespace(names=names, without=(), truth={
+    return SimpleNamespace(names=names, without=(), kit=None, truth={
         f"{names[0]}.{name}": value for name, value in truth.items()})
 
 
@@ -33,8 +41,8 @@ def insides(answer, of):
 
 
 def test_an_angle_is_the_same_whole_turns_away():
-    assert holds(3.0, 3.3, 3.2 - 2.0 * np.pi, turning=True)
-    assert not holds(3.0, 3.3, 3.2 - 2.0 * np.pi, turning=False)
+    assert holds(3.0, 3.3, 3.2 - 2.0 * np.pi, 2.0 * np.pi)
+    assert not holds(3.0, 3.3, 3.2 - 2.0 * np.pi)
 
 
 def test_an_eccentricity_of_the_other_sign_points_the_other_way():
@@ -112,3 +120,13 @@ def test_one_more_test_of_a_unit_is_of_the_same_unit_on_another_day():
         assert np.array_equal(more.samples, again.again(profile).samples)
         assert not np.array_equal(more.samples, made.records[0].samples)
         assert more.provenance.serial_number == made.records[0].provenance.serial_number
+
+
+def test_with_several_pole_pairs_an_angle_is_the_same_from_each_turn_on():
+    of = SimpleNamespace(kit=PWM)  # five of them
+    turn = 2.0 * np.pi / 5.0
+    assert turn_of(of, "rotor_eccentricity", {}) == pytest.approx(turn)
+    cogging, mesh = {"cogging_torque.periods": 30.0}, {"gear_mesh_ripple.periods": 17.0}
+    assert turn_of(of, "cogging_torque", cogging) == pytest.approx(5.0 * turn)
+    assert turn_of(of, "gear_mesh_ripple", mesh) == pytest.approx(turn)
+    assert turn_of(of, "hall_misalignment", {}) == pytest.approx(2.0 * np.pi)
