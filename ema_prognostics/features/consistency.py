@@ -117,14 +117,18 @@ def consistency(
         time = signals.time[part] - signals.time[part].mean()
         turning = float(time @ signals.motor_angle[part] / (time @ time))
         moving = float(time @ signals.position[part] / (time @ time))
-        mean = float(signals.speed[part].mean())
+        speed, angle = signals.speed[part], signals.motor_angle[part]
+        # Between the same two readings: a line through all would weigh the middle, and a motor
+        # that still gains speed would be off its own angle.
+        turned = float(angle[-1] - angle[0]) / float(time[-1] - time[0])
+        mean = float(np.trapezoid(speed, time)) / float(time[-1] - time[0])
         if name == "full":
             if signals.has_position:
                 found["position_step"] = _log(
                     resolution(signals.position[part]), least["position_step"])
             found["speed_step"] = _log(resolution(signals.speed[part]), least["speed_step"])
         scale = max(abs(turning), 1.0)
-        found[f"speed_over_angle_{name}"] = 1e3 * (mean - turning) / scale
+        found[f"speed_over_angle_{name}"] = 1e3 * (mean - turned) / scale
         if signals.has_position:
             found[f"position_over_angle_{name}"] = 1e3 * (moving * ratio - turning) / scale
         residual = signals.position[part] - moving * time - signals.position[part].mean()

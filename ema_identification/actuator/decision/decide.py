@@ -14,9 +14,9 @@
    the evidence, the simplest model in it; more than `LARGEST_SET`, or no model that explains, is
    unknown.
 4. What is named is measured anew, by runs over all that it may be (`intervals`).
-5. Held-out records judge: what does not close most of their gap (`MOST`) is contradicted, and
-   there is no silence where it is large. Where no model explains, a single law that closes most
-   of the misfit and of their gap too is named, and that something remains beside it.
+5. Held-out records judge: names that do not lower their gap (`FALL`) are contradicted, and there
+   is no silence where it is large. Where no model explains, a single law that closes most of the
+   misfit and of their gap too (`MOST`) is named, and that something remains beside it.
 """
 
 from __future__ import annotations
@@ -57,16 +57,16 @@ EDGE = 1.3
 LARGEST_SET = 3
 """Requirement: more names are no answer."""
 MOST = 0.75
-"""Requirement: share of the squares that a named law closes, of a held-out gap beyond its noise
-and, where something remains beside it, of the misfit."""
+"""Requirement: share of the squares that a law closes beside which something remains, of the
+misfit and of a held-out gap beyond its noise."""
 SCREENED, PROPOSED, FEW = 16, 6, 3
 """Budget: laws fitted on the library; with the simulator; first laws that get a second, second
 ones fitted beside each, pairs whose laws are each fitted alone."""
 ROUNDS = ((SETTLED_RUNS // 4, 4, 4), (SETTLED_RUNS // 2, FEW, FEW))
 """Budget: runs, steps, and how many go on."""
 FALL = 0.1
-"""Budget: where none explains the best models take steps while each lowers the cost by this
-share: one that is still on its way is not judged."""
+"""Budget: a fall of squares by less is none. Where no model explains the best take steps while
+each lowers the cost by this share; names must lower a held-out gap beyond its noise by it."""
 
 
 class LawJudge(Protocol):
@@ -337,5 +337,5 @@ def _validated(answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
     """Return the answer as held-out records leave it."""
     gap = held.gap(stages_of(answer))
     verdict, said = after_validation(
-        answer.verdict, gap.values[0], gap.values[-1], gap.bound, "healthy units", least=MOST)
+        answer.verdict, gap.values[0], gap.values[-1], gap.bound, "healthy units", least=FALL)
     return replace(answer, gap=gap, verdict=verdict, reasons=(*said, *answer.reasons))

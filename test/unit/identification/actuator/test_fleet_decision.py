@@ -20,7 +20,7 @@ from fleet_unit import (
 
 from ema_identification.actuator.decision import decide as decision
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
-from ema_identification.actuator.decision.decide import EDGE, MOST, decide
+from ema_identification.actuator.decision.decide import EDGE, FALL, MOST, decide
 from ema_identification.actuator.decision.intervals import simulated_posterior
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.ranks import LEVEL, p_nothing, rank, share_of
@@ -261,9 +261,10 @@ def test_held_out_records_only_judge():
     assert silent.verdict == "unknown effect"
     assert "5" in silent.reasons[1]
     assert decide(unit(seed=3), Held(5.0, again=(1.2,))).verdict == "no disagreement"
-    far = decide(unit(seed=3, backlash=2.0), Held(5.0, 5.0 * np.sqrt(1.0 - MOST) + 0.1))
-    assert far.verdict == "contradicted"  # a name that the held-out record hardly knows
-    assert "fell from 5 to 2.6 only" in far.reasons[0]
+    far = decide(unit(seed=3, backlash=2.0), Held(5.0, 5.0 * np.sqrt(1.0 - FALL) + 0.06))
+    assert far.verdict == "contradicted"  # a name of which the held-out record knows nothing
+    assert "fell from 5 to 4.8 only" in far.reasons[0]
+    assert decide(unit(seed=3, backlash=2.0), Held(5.0, 4.7)).verdict == "explained"
 
 
 @pytest.mark.parametrize(("after", "verdict"), [

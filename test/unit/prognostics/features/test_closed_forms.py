@@ -145,6 +145,16 @@ def test_sensors_that_disagree_show_by_how_much(direction: float) -> None:
         assert found[f"position_over_angle_{window}"] == pytest.approx(-3.0 * direction, rel=1e-6)
 
 
+def test_a_motor_that_still_gains_speed_agrees_with_its_own_angle() -> None:
+    """A heavy friction at a low bus: the slew has begun and the speed is not reached yet."""
+    since = times("extended")
+    late = 40.0 * np.exp(-since / 0.08)
+    found = consistency(signals_of(
+        since, 300.0 * since + 0.08 * late, 300.0 - late, profile="extended"),
+        EXTENDED.segments)
+    assert found["speed_over_angle_full"] == pytest.approx(0.0, abs=1e-3)
+
+
 def test_noise_offsets_and_sums_of_the_currents() -> None:
     since = times()
     sign = np.where(np.arange(len(since)) % 2, 1.0, -1.0)
