@@ -137,6 +137,7 @@ def _said(
     rivals = _rivals(answer)
     proposed = separating_test(unit, rivals, seed=unit.seed) if len(rivals) > 1 else None
     fit = answer.null if answer.fit is None else answer.fit
+    something = answer.verdict in ("unknown effect", "partly explained")
     found = Identification(
         verdict=answer.verdict, gap_before=gap.values[0], gap_after=gap.values[-1],
         noise_floor=gap.floor, held_out=answer.gap is not None,
@@ -145,8 +146,8 @@ def _said(
         next_test=None if proposed is None else proposed.text,
         next_profile=None if proposed is None else proposed.profile,
         recalibrated=recalibrated_of(unit, fit, answer.known), reasons=reasons_of(answer, gap),
-        unknown=unknown_shape(unit, residual, answer.fits, answer.null.cost, law)
-        if answer.verdict == "unknown effect" else None,
+        unknown=unknown_shape(unit, residual_of(unit, fit), answer.fits, fit.cost, law)
+        if something else None,
         model_text="" if answer.verdict == "contradicted" else _model_text(unit, fit, model))
     return replace(
         found, steps=steps_of(unit, answer, law, groups, found, gap),
