@@ -53,7 +53,8 @@ def simulate(
     seed : of noise and start angle; the same seed gives the same bytes.
     noise : factor on the sensor noise, 0 for none.
     rate : samples a second, default that of the actuator's acquisition.
-    start_angle : electrical rotor angle at the start (rad), default drawn from the seed.
+    start_angle : electrical rotor angle at the start (rad), default drawn from the seed; a pole
+        pair further it is another mechanical one.
     serial_number : of the actuator, for the record.
     start_time : acceptance of the command (ns since the epoch), for the record.
     switching : simulate the edges of a carrier (drives pwm and foc), not means of its periods.

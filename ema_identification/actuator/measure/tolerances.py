@@ -75,7 +75,7 @@ class RecordConditions:
     noise: float = 1.0
     """Factor on the sensor noise."""
     start_angle: float = 0.0
-    """Electrical rotor angle at the start (rad)."""
+    """Electrical rotor angle at the start (rad); of a record, in the first pole pair."""
     measured: frozenset[str] = field(default_factory=frozenset)
     """Which of ``temperature`` and ``bus`` the record measures."""
 
