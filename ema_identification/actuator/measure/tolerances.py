@@ -71,7 +71,9 @@ class RecordConditions:
     temperature: float = REFERENCE_TEMPERATURE
     """Of the winding (degC)."""
     bus: float = 0.0
-    """Relative deviation of the bus voltage without load."""
+    """Relative deviation of the bus voltage at `bus_current`."""
+    bus_current: float = 0.0
+    """What the inverter draws at that voltage (A): 0, unless the record tells no slope."""
     noise: float = 1.0
     """Factor on the sensor noise."""
     start_angle: float = 0.0
@@ -132,7 +134,9 @@ def realise(
         e = e._replace(winding_temperature=e.winding_temperature._replace(
             temperature=conditions.temperature))
     if "bus" in conditions.measured or _neutral(e, "bus_voltage_change"):
-        e = e._replace(bus_voltage_change=e.bus_voltage_change._replace(change=conditions.bus))
+        drop = e.bus_voltage_sag.resistance * conditions.bus_current
+        e = e._replace(bus_voltage_change=e.bus_voltage_change._replace(
+            change=conditions.bus + drop / (2.0 * a.inverter.bus_voltage)))
     return a, e
 
 
@@ -151,26 +155,31 @@ def align(record: Record, model: Model) -> RecordConditions:
     if len(record.winding_temperature):
         temperature = float(np.mean(record.winding_temperature[:, 1]))
         measured.add("temperature")
-    bus = 0.0
+    bus = drawn = 0.0
     if len(record.dc_bus):
-        bus = _open_circuit(record) / (2.0 * model.actuator.inverter.bus_voltage) - 1.0
+        voltage, drawn = _supply(record)
+        bus = voltage / (2.0 * model.actuator.inverter.bus_voltage) - 1.0
         measured.add("bus")
     off = record.time < record.profile.inverter_off - OFF_GUARD
     still = off if off.any() else np.arange(len(record)) < 20
     turned = np.exp(1j * record.channel("rotor_angle")[still]).mean()
     return RecordConditions(
-        temperature=temperature, bus=bus, noise=_noise(record, model, off),
+        temperature=temperature, bus=bus, bus_current=drawn, noise=_noise(record, model, off),
         start_angle=float(np.angle(turned)) % TURN, measured=frozenset(measured),
     )
 
 
-def _open_circuit(record: Record) -> float:
-    """Return the voltage between the rails at no current (V)."""
+def _supply(record: Record) -> tuple[float, float]:
+    """Return a voltage between the rails (V) and the current that is drawn at it (A).
+
+    Where currents differ enough that at none, else the means.
+    """
     voltage, current = record.dc_bus[:, 1], record.dc_bus[:, 2]
-    if len(voltage) < 3 or float(np.ptp(current)) < 0.5:
-        return float(voltage.mean())
-    slope, level = np.polyfit(current, voltage, 1)
-    return float(level) if abs(slope) < 2.0 else float(voltage.mean())
+    if len(voltage) >= 3 and float(np.ptp(current)) >= 0.5:
+        slope, level = np.polyfit(current, voltage, 1)
+        if abs(slope) < 2.0:
+            return float(level), 0.0
+    return float(voltage.mean()), float(current.mean())
 
 
 def _noise(record: Record, model: Model, off: np.ndarray) -> float:

@@ -14,6 +14,7 @@ from ema_identification.actuator.measure.tolerances import (
     N_TOLERANCES,
     TOLERANCES,
     RecordConditions,
+    align,
     realise,
 )
 from ema_identification.actuator.model_file import model_file_text
@@ -114,6 +115,20 @@ def test_sizes_stay_within_what_an_effect_may_be():
         for k, levels in enumerate(variant.levels):
             assert all(variant.low[k] <= x <= variant.high[k] and x != 0.0 for x in levels)
             assert len(set(levels)) == len(levels)
+
+
+@pytest.mark.parametrize("profile", ["step", "extended"])
+def test_the_voltage_without_load_is_found_beside_a_weak_supply(profile):
+    """A short test draws nearly the same current all the time: the law says what that costs."""
+    model = load_model_file()
+    sag = parse_effects(["bus_voltage_sag.resistance=1.15", "bus_voltage_change.change=-0.02"],
+                        model.effects)
+    record = simulate(load_profile(profile), actuator=model.actuator, effects=sag, seed=2)
+    found = align(record, model)
+    law = parse_effects(["bus_voltage_sag.resistance=1.15"], model.effects)
+    _, there = realise(model, np.zeros(N_TOLERANCES), found, law)
+    assert there.bus_voltage_change.change == pytest.approx(-0.02, abs=1e-3)
+    assert (found.bus_current > 5.0) == (profile == "step")
 
 
 def test_the_load_and_the_errors_of_sensors_are_those_of_the_kit(tmp_path):
