@@ -98,10 +98,11 @@ def _nearest_turn(unit: TestedUnit, fit: LawFit, edge: float) -> np.ndarray:
     """
     z, laws = _predicted(unit, fit, edge), {t.variant.effect for t in fit.terms}
     turns = unit.library.model.actuator.motor.pole_pairs if laws & OF_THE_ROTOR else 1
-    angle, white = unit.conditions.start_angle, unit.whitener(SETTLED_RUNS)
+    angle, root = unit.conditions.start_angle, np.sqrt(np.diag(unit.covariance(SETTLED_RUNS)))
     means = [replace(unit, conditions=replace(unit.conditions, start_angle=angle + k * TURN)).run(
         fit.terms, z, SETTLED_RUNS, salt=21) for k in range(turns)]
-    return min(means, key=lambda mean: unit.cost(white, mean, z))
+    return min(means, key=lambda mean: float(
+        np.log1p(_less_day(unit, z, mean, root) ** 2).sum()))
 
 
 def _yardstick(fitted: TestedUnit, null: LawFit | None = None) -> np.ndarray:
