@@ -15,8 +15,8 @@
    unknown.
 4. What is named is measured anew, by runs over all that it may be (`intervals`).
 5. Held-out records judge: names that do not lower their gap (`FALL`) are contradicted, and there
-   is no silence where it is large. Where no model explains, a single law that closes most of the
-   misfit and of their gap too (`MOST`) is named, and that something remains beside it.
+   is no silence where it is large: laws are tried then too. Where no model explains, a single law
+   that closes most of misfit and gap (`MOST`) is named, and that something remains beside it.
 """
 
 from __future__ import annotations
@@ -225,20 +225,23 @@ def decide(
     """
     library, null = unit.library, unit.without_law()
     p = p_nothing(scores(unit, null, 0), library.healthy)
-    if p > LEVEL:
-        return _nothing(unit, null, p, held)
+    usual = _usual(unit, null, p, held)
+    if usual is not None and usual.verdict == "no disagreement":
+        return usual
     progress("name", 0.1)
     case = _Decision(unit, null, without)
     p = max(p, case.p_without())
-    if p > LEVEL:
-        return _nothing(unit, null, p, held)
+    usual = usual or _usual(unit, null, p, held)
+    if usual is not None and usual.verdict == "no disagreement":
+        return usual
     beyond = replace(unit, edge=EDGE * unit.edge)
     far = beyond.without_law()
     wide = _Decision(beyond, far, without)
     case.nothing = min(case.nothing, wide.null.cost)
     p_far = max(p_nothing(scores(beyond, far, 0), library.healthy), wide.p_without())
-    if p_far > LEVEL:
-        return _nothing(beyond, far, p_far, held, EDGE)
+    usual = usual or _usual(beyond, far, p_far, held, EDGE)
+    if usual is not None and usual.verdict == "no disagreement":
+        return usual
     singles = case.singles()
     progress("name", 0.5)
     pairs = case.pairs(singles)
@@ -246,6 +249,8 @@ def decide(
     fits = case.finished([*singles, *pairs])
     answer = FleetAnswer(verdict="unknown effect", null=case.null, p_nothing=p, fits=tuple(fits))
     answer = _named(case, answer, [f for f in fits if case.explains(f)])
+    if usual is not None and answer.fit is None:
+        return usual
     witness = witness or held
     if witness is not None and answer.verdict == "unknown effect" and not answer.equivalent:
         answer = _in_part(case, answer, witness)
@@ -253,10 +258,15 @@ def decide(
     return answer if held is None else _validated(answer, held)
 
 
-def _nothing(
+def _usual(
     unit: TestedUnit, null: LawFit, p: float, held: LawJudge | None, edge: float = 1.0
-) -> FleetAnswer:
-    """Return silence, unless the held-out record is off on the quadratic and again on runs."""
+) -> FleetAnswer | None:
+    """Return silence where `p` is usual; unknown where the held-out record is off all the same.
+
+    That is on the quadratic and again on runs. None where `p` is not usual.
+    """
+    if p <= LEVEL:
+        return None
     where = f"numbers of the unit are up to {EDGE - 1.0:.0%} of their half band beyond it; "
     said = f"{where if edge > 1.0 else ''}of healthy units, up to {p:.2g} are as far off"
     answer = FleetAnswer(verdict="no disagreement", null=null, p_nothing=p, reasons=(said,))
@@ -309,10 +319,7 @@ def _named(case: _Decision, answer: FleetAnswer, explaining: list[LawFit]) -> Fl
 
 
 def _in_part(case: _Decision, answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
-    """Return the answer with the law, or the set, that closes most of the misfit.
-
-    Only where it does so on held-out records too: no law that is wrong has been seen to.
-    """
+    """Return the answer with the law, or the set, that closes most of misfit and held-out gap."""
     singles = [f for f in answer.fits if len(f.terms) == 1 and np.isfinite(f.cost)]
     usual = float(np.median(case.library.healthy[:, 0])) * case.unit.size
     if not singles:

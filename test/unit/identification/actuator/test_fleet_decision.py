@@ -267,6 +267,17 @@ def test_held_out_records_only_judge():
     assert decide(unit(seed=3, backlash=2.0), Held(5.0, 4.7)).verdict == "explained"
 
 
+def test_laws_are_tried_where_only_the_held_out_record_is_off():
+    """A small effect that one record in twenty healthy ones would leave too."""
+    small = unit(seed=7, backlash=0.12)
+    assert decide(small).verdict == "no disagreement"
+    found = decide(small, Held(5.0, 1.0))
+    assert found.verdict == "explained"
+    assert found.fit.names == ("backlash",)
+    assert found.p_nothing > LEVEL >= max(found.p_value)
+    assert decide(small, Held(5.0, 5.0)).verdict == "contradicted"
+
+
 @pytest.mark.parametrize(("after", "verdict"), [
     (10.0 * np.sqrt(1.0 - MOST), "partly explained"),
     (10.0 * np.sqrt(1.0 - MOST) + 0.1, "unknown effect")])
