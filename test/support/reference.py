@@ -300,7 +300,8 @@ def simulate_reference(
     rate = a.acquisition.rate if rate is None else rate
     steps_a_sample = _steps("sample", 1.0 / rate, step)
     if start_angle is None:
-        start_angle = float(np.random.default_rng([seed, 1]).uniform(0.0, 2.0 * math.pi))
+        start_angle = float(np.random.default_rng([seed, 1]).uniform(
+            0.0, 2.0 * math.pi * a.motor.pole_pairs))
     n = round(profile.duration * rate)
     periods = -(-n * steps_a_sample // steps_a_period)
     sensor_noise = SensorNoise(a, seed, noise, rate)
