@@ -85,6 +85,8 @@ class ActuatorSession:
         if start_angle is None:
             start_angle = float(np.random.default_rng([seed, 1]).uniform(
                 0.0, 2.0 * math.pi * actuator.motor.pole_pairs))
+        if not math.isfinite(start_angle):
+            raise UsageError(f"start angle {start_angle}: must be a finite number (rad)")
         self._state = st.initial_state(actuator, position, start_angle)
         self._profile: Profile | None = None
         self._begin = 0.0

@@ -127,8 +127,11 @@ def _left(unit: TestedUnit, covariance: np.ndarray, z: np.ndarray, means: Sequen
 def _less_day(unit: TestedUnit, z: np.ndarray, mean: np.ndarray, root: np.ndarray) -> np.ndarray:
     """Return what is left of a record, in deviations, once what belongs to the day is fitted.
 
-    Within its bands, by what the quadratic says that it adds to `mean` at `z`.
+    Within its bands, by what the quadratic says that it adds to `mean` at `z`; infinite of a
+    model that the simulator cannot run.
     """
+    if not np.isfinite(mean).all():
+        return np.full_like(mean, np.inf)
     there, rest = z, unit.values - mean
     for _ in range(DAY_STEPS):
         given = there[unit.day]

@@ -26,6 +26,7 @@ from ema_identification.actuator.decision.decide import decide
 from ema_identification.actuator.decision.joint import DAYS, joint_unit
 from ema_identification.actuator.decision.proposals import healthy_scores
 from ema_identification.actuator.fleet import kept as kept_module
+from ema_identification.actuator.fleet.surrogate import LARGEST_RESIDUAL
 from ema_identification.actuator.laws.catalogue import Signature, variants
 from ema_identification.actuator.laws.terms import EffectTerm, LawGap, with_terms
 from ema_identification.actuator.measure.signals import TURN
@@ -137,6 +138,13 @@ def test_what_belongs_to_the_day_of_a_held_out_record_is_fitted_within_its_bands
     assert np.abs(known).max() == pytest.approx(1.0)
     found = gap._less_day(held, z, held.means(z[None])[0], root)
     assert found == pytest.approx(rest - columns @ known, abs=1e-6)
+
+
+def test_a_model_that_cannot_be_run_on_a_held_out_record_is_as_far_off_as_can_be(joint):
+    held = joint(9006).parts[1]
+    nowhere, fine = np.full(FEATURES, np.nan), held.means(np.zeros((1, SIZE)))[0]
+    found = gap._left(held, np.zeros((SIZE, SIZE)), np.zeros(SIZE), [fine, nowhere])
+    assert found.values[1] == LARGEST_RESIDUAL > found.values[0]
 
 
 def test_a_held_out_record_begins_in_any_turn_of_the_rotor():
