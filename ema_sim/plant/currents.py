@@ -42,7 +42,7 @@ def circuit_of(
 @law
 def advance_currents(
     relays: bool, switching: bool, traced: bool, on: bool, e: AllEffects, w: Winding,
-    limit: float, fixed: Circuit, legs: Legs, now: float, length: float, per: float,
+    rail: float, limit: float, fixed: Circuit, legs: Legs, now: float, length: float, per: float,
     i_a: float, i_b: float,
     k_a: float, k_b: float, k_c: float, omega: float,
     k_a1: float, k_b1: float, k_c1: float, omega1: float,
@@ -54,7 +54,7 @@ def advance_currents(
     relays, switching : kind of drive: hysteresis; edges of a carrier (else mean voltages).
     traced : whether energies are counted.
     on : whether the inverter drives; the currents stand still where it does not.
-    e, w, legs : parameters. limit : of the torque (N m).
+    e, w, legs : parameters. rail : voltage of a leg (V). limit : of the torque (N m).
     fixed : the circuit without saturation.
     now, length, per : begin of the step, its length (s) and the inverse of that.
     i_a, i_b : currents at its begin (A).
@@ -98,7 +98,7 @@ def advance_currents(
                 s_c, to_c = leg_now(legs.s_c, legs.begin, legs.period, now)
                 h = min(h, to_a, to_b, to_c)
             v_a, v_b, v_c = ports.leg_voltages(
-                e, w.rail, s_a, s_b, s_c, i_a, i_b, -i_a - i_b, w.ideal)
+                e, rail, s_a, s_b, s_c, i_a, i_b, -i_a - i_b, w.ideal)
             d_a = c.a_a * v_a + c.a_b * v_b + c.a_c * v_c - n_a - (c.a_0 * i_a + c.a_1 * i_b)
             d_b = c.b_a * v_a + c.b_b * v_b + c.b_c * v_c - n_b - (c.b_0 * i_a + c.b_1 * i_b)
             c_a = -dn_a - (c.a_0 * d_a + c.a_1 * d_b)

@@ -100,7 +100,7 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
         q_e, q_0 = state[st.THETA_E], state[st.THETA_0]
         s_a, s_b, s_c = state[st.LEG_A], state[st.LEG_B], state[st.LEG_C]
         al_m, al_s = state[st.ALPHA_M], state[st.ALPHA_S]
-        i_set, i_act = state[st.I_SET], state[st.I_ACT]
+        i_set, i_act, drawn = state[st.I_SET], state[st.I_ACT], state[st.I_BUS]
         x_a, x_b, x_c = state[st.U_A], state[st.U_B], state[st.U_C]
         set_next, set_at = state[st.SET_NEXT], state[st.SET_AT]
         act_next, act_at = state[st.ACT_NEXT], state[st.ACT_AT]
@@ -108,9 +108,9 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
         n_w, n_q = state[st.SPEED_NOISE], state[st.POSITION_NOISE]
         tick, sample, carrier = int(state[st.TICK]), int(state[st.SAMPLE]), int(state[st.CARRIER])
         sector, gap, direction = int(state[st.SECTOR]), state[st.EDGE], state[st.DIRECTION]
-        first_tick, steps = tick, 0
         t_tick, t_carrier = tick * control.period, carrier * carrier_period
-        reading, before, begun, charge = 0, 0.0, 0, 0.0
+        first_tick, steps, reading, before, begun, charge = tick, 0, 0, 0.0, 0, 0.0
+        rail = w.rail - ports.rail_drop(e, drawn)
         e_terminal = e_copper = e_motor = e_friction_m = e_friction_s = e_shaft = e_load = 0.0
 
         sine = cosine = sine1 = cosine1 = 0.0
@@ -182,13 +182,13 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                         s_a = s_b = s_c = x_a = x_b = x_c = 0.0
                     elif field:
                         s_a, s_b, s_c, x_a, x_b = field_control(
-                            drive, w.rail, wave, quadrature, i_act,
+                            drive, rail, wave, quadrature, i_act,
                             i_a * x.gain_a + x.offset_a, i_b * x.gain_b + x.offset_b,
                             i_c * x.gain_c + x.offset_c, x_a, x_b,
                         )
                     else:
                         s_a, s_b, s_c, x_a, x_b, x_c = control_phases(
-                            alone, drive, w.rail, (aim_a - i_a) * x.gain_a,
+                            alone, drive, rail, (aim_a - i_a) * x.gain_a,
                             (aim_b - i_b) * x.gain_b, (aim_c - i_c) * x.gain_c, x_a, x_b, x_c,
                         )
                     carrier += 1
@@ -229,7 +229,7 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                 k_a1, k_b1, k_c1 = constants_of_phases(w, a, e, q_e1, sine1, cosine1, q_r1)
                 per = 1.0 / h
                 f = advance_currents(
-                    relays, switching, keep_trace, on, e, w, motor.torque_limit, fixed,
+                    relays, switching, keep_trace, on, e, w, rail, motor.torque_limit, fixed,
                     Legs(s_a, s_b, s_c, aim_a, aim_b, aim_c, band * inv_a, band * inv_b,
                          band * inv_c, t_carrier - carrier_period, carrier_period),
                     t, h, per, i_a, i_b, k_a, k_b, k_c, w_m, k_a1, k_b1, k_c1, w_p,
@@ -261,7 +261,9 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                     m_rc += h * (ref_c + ref_c1)
                     m_e += h * (q_m + q_m1)
                     m_s += h * (q_s + n.q_s + 2.0 * n_q)
-                charge += f.bus_charge
+                drawn, supplied = ports.supply(e, drawn, f.bus_charge, h)
+                charge += supplied
+                rail = w.rail - ports.rail_drop(e, drawn)
                 if keep_trace:
                     moving_m, moving_s = 0.5 * (w_m + n.w_m), 0.5 * (w_s + n.w_s)
                     m_t += f.impulse + 0.5 * h * (added + added1)
@@ -298,8 +300,7 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
             if x.instant and t_at >= t - SAME_TIME:
                 m_w, m_n, m_e, m_s = w_m, n_w, q_m, q_s + n_q
                 m_a, m_b, m_ra, m_rb, m_rc = i_a, i_b, ref_a1, ref_b1, ref_c1
-            sample += 1
-            steps += steps_here
+            sample, steps = sample + 1, steps + steps_here
             whole, half = (1.0, 1.0) if x.instant else (rate, 0.5 * rate)
             theta_r = m_e * half + q_0
             out[row, 0] = t_at
@@ -322,13 +323,12 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
             if not math.isfinite(m_w + m_a + m_s):
                 return NOT_FINITE
 
-        state[st.TIME] = t
         state[st.I_A], state[st.I_B], state[st.I_C] = i_a, i_b, i_c
         state[st.OMEGA_M], state[st.THETA_M], state[st.THETA_E] = w_m, q_m, q_e
-        state[st.OMEGA_S], state[st.THETA_S] = w_s, q_s
+        state[st.TIME], state[st.OMEGA_S], state[st.THETA_S] = t, w_s, q_s
         state[st.LEG_A], state[st.LEG_B], state[st.LEG_C] = s_a, s_b, s_c
         state[st.ALPHA_M], state[st.ALPHA_S] = al_m, al_s
-        state[st.I_SET], state[st.I_ACT] = i_set, i_act
+        state[st.I_SET], state[st.I_ACT], state[st.I_BUS] = i_set, i_act, drawn
         state[st.SET_NEXT], state[st.SET_AT] = set_next, set_at
         state[st.ACT_NEXT], state[st.ACT_AT] = act_next, act_at
         state[st.U_A], state[st.U_B], state[st.U_C] = x_a, x_b, x_c

@@ -5,9 +5,8 @@ begins (all legs at the negative rail, the middle of the ripple); they act at on
 regular sampling with one update a period: Holmes and Lipo, Pulse Width Modulation for Power
 Converters, 2003.) The legs are centred between the rails, which no current answers to and which
 lets the whole voltage be used, but for a sine's modulation and for controls that know their own
-phase alone. The control
-knows its bus as it is without load. Integrals stop while the voltage is limited and the errors
-drive it further.
+phase alone. The control measures its bus. Integrals stop while the voltage is limited and the
+errors drive it further.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ def modulated(
     Parameters
     ----------
     u_a, u_b, u_c : phase voltages asked for (V), of sum 0; shortened alike if they cannot be had.
-    rail : voltage of a leg without load, + and - (V).
+    rail : voltage of a leg, + and - (V).
     modulation : of `MODULATIONS`: legs that are centred reach the hexagon, and the circle of
         radius 2 rail / √3 in it; others, for every direction, the circle of radius rail.
     """

@@ -283,9 +283,15 @@ def leg_voltage(e: AllEffects, nominal: float) -> float:
 
 
 @law
-def rail_drop(e: AllEffects, bus_current: float) -> float:
-    """Fall of each rail (V) at the bus current (A)."""
-    return bus_voltage_sag.rail_drop(e.bus_voltage_sag, bus_current)
+def rail_drop(e: AllEffects, current: float) -> float:
+    """Fall of each rail (V) at the current of the source (A)."""
+    return bus_voltage_sag.rail_drop(e.bus_voltage_sag, current)
+
+
+@law
+def supply(e: AllEffects, current: float, charge: float, h: float) -> tuple[float, float]:
+    """Return current (A) and charge (A s) of the source once `charge` was drawn in `h` s."""
+    return bus_voltage_sag.supply(e.bus_voltage_sag, current, charge, h)
 
 
 @law
@@ -296,13 +302,11 @@ def switch_drop(e: AllEffects, current: float) -> float:
 
 @law
 def leg_voltages(
-    e: AllEffects, v_leg: float, s_a: float, s_b: float, s_c: float,
+    e: AllEffects, rail: float, s_a: float, s_b: float, s_c: float,
     i_a: float, i_b: float, i_c: float, ideal: bool,
 ) -> tuple[float, float, float]:  # fmt: skip
     """Voltages of the legs (V) at their states ±1 and currents (A); `ideal`: without drops."""
+    v_a, v_b, v_c = rail * s_a, rail * s_b, rail * s_c
     if ideal:
-        return v_leg * s_a, v_leg * s_b, v_leg * s_c
-    v = v_leg - rail_drop(e, 0.5 * (s_a * i_a + s_b * i_b + s_c * i_c))
-    return (
-        v * s_a - switch_drop(e, i_a), v * s_b - switch_drop(e, i_b), v * s_c - switch_drop(e, i_c)
-    )
+        return v_a, v_b, v_c
+    return v_a - switch_drop(e, i_a), v_b - switch_drop(e, i_b), v_c - switch_drop(e, i_c)

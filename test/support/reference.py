@@ -143,6 +143,9 @@ def _build(sources: str) -> Callable[..., None]:
         acts = delay + a.acquisition.reference_latency
         asked = np.zeros(len(command))
         integral, noise_w, noise_q = 0.0, 0.0, 0.0
+        sag, source_current = e.bus_voltage_sag, 0.0
+        source_time = sag.resistance * sag.capacitance
+        rail = ports.leg_voltage(e, a.inverter.bus_voltage)
 
         period, row, left = 0, 0, steps_a_sample
         for n in range(len(out) * steps_a_sample):
@@ -191,7 +194,7 @@ def _build(sources: str) -> Callable[..., None]:
                 place = n % steps_a_carrier
                 if place == 0 and n >= inverter_on:
                     current_control(
-                        a.drive, ports.leg_voltage(e, a.inverter.bus_voltage), sensor, i_act,
+                        a.drive, rail, sensor, i_act,
                         signs * i_act, sensed, integrals, duty)
                 triangle = abs(2.0 * (place + 0.5) / steps_a_carrier - 1.0)
                 for j in range(3):
@@ -203,8 +206,11 @@ def _build(sources: str) -> Callable[..., None]:
                 k[j] = ports.back_emf_constant(e, motor, top, j, theta_e, theta_r, i[j])
             if n >= inverter_on:
                 bus_current = 0.5 * (legs[0] * i[0] + legs[1] * i[1] + legs[2] * i[2])
+                if source_time > 0.0:  # the capacitor gives the rest
+                    source_current += dt / source_time * (bus_current - source_current)
+                    bus_current = source_current
                 rail = ports.leg_voltage(e, a.inverter.bus_voltage)
-                rail -= ports.rail_drop(e, bus_current)
+                rail -= 0.5 * sag.resistance * bus_current
                 above, below = 0.0, 0.0
                 for j in range(3):
                     v = rail * legs[j] - ports.switch_drop(e, i[j])

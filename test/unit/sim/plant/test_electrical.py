@@ -96,3 +96,28 @@ def test_phase_model_equals_the_papers_line_to_line_equations():
     assert found.state[st.OMEGA_M] == pytest.approx(omega, rel=1e-4)
     assert found.state[[st.I_A, st.I_B, st.I_C]] == pytest.approx(paper, rel=1e-3)
     assert found.state[[st.I_A, st.I_B, st.I_C]].sum() == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_weak_source_and_its_capacitor():
+    """Legs fixed, motor locked: windings, source and capacitor as one linear circuit."""
+    a = changed(motor=LOCKED, inverter={"hysteresis": 1e6}, control={"period": 1e-3})
+    resistance, capacitance, legs = 1.5, 0.8e-3, np.array([1.0, -1.0, 1.0])
+    e = parse_effects([f"bus_voltage_sag.resistance={resistance}",
+                       f"bus_voltage_sag.capacitance={capacitance}"])
+    m, v = a.motor, a.inverter.bus_voltage
+
+    def derivative(t, x):
+        leg = (v - 0.5 * resistance * x[3]) * legs - m.phase_resistance * x[:3]
+        drawn = 0.5 * legs @ x[:3]
+        return [*(leg - leg.mean()) / m.phase_inductance,
+                (drawn - x[3]) / (resistance * capacitance)]
+
+    exact = solve_ivp(derivative, (0.0, 4e-3), np.zeros(4), rtol=1e-10, atol=1e-10).y[:, -1]
+    for step, error in ((1e-6, 1e-3), (50e-6, 2e-2)):
+        found = run(a, state_of(a, angle=0.4, leg_b=-1.0), 4e-3, effects=e, inverter_on=0.0,
+                    max_step=step)
+        assert found.state[[st.I_A, st.I_B, st.I_C, st.I_BUS]] == pytest.approx(exact, rel=error)
+        stored = capacitance * resistance * found.state[st.I_BUS]  # less than when it began
+        drawn = solve_ivp(lambda t, x: [*derivative(t, x), 0.5 * legs @ x[:3]], (0.0, 4e-3),
+                          np.zeros(5), rtol=1e-10, atol=1e-10).y[4, -1]
+        assert found.state[st.CHARGE] == pytest.approx(drawn - stored, rel=error)
