@@ -128,6 +128,14 @@ def _largest_gain(
     return u, float(max(part @ pull[least], 0.0))
 
 
+def at_known_sizes(proposals: Sequence[LawProposal]) -> list[LawProposal]:
+    """Return each law in its direction at each size that the library knows."""
+    return [p._replace(u=np.clip(p.u * size / np.linalg.norm(p.u), p.signature.variant.low,
+                                 p.signature.variant.high))
+            for p in proposals if np.any(p.u)
+            for size in np.unique(np.abs(np.concatenate(p.signature.levels))) if size > 0.0]
+
+
 def sized(unit: TestedUnit, signatures: Sequence[Signature]) -> list[LawProposal]:
     """Return each law at the library's size that comes nearest, all else fitted to it roughly.
 

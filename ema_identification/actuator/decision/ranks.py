@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -36,3 +37,9 @@ def p_nothing(score: Sequence[float], healthy: np.ndarray) -> float:
 def share_of(as_rare: int, units: int) -> float:
     """Return the largest share that is compatible, with `SURE`, with so many of `units`."""
     return float(betaincinv(as_rare + 1, units - as_rare, SURE)) if as_rare < units else 1.0
+
+
+def both_of(one: float, other: float) -> float:
+    """Return how often two independent p-values are as small together (Fisher, 1925)."""
+    product = one * other
+    return product * (1.0 - math.log(product))

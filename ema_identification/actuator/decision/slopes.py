@@ -55,6 +55,8 @@ def law_slopes(
     scale : what they may be off.
     runs, salt : of the features.
     """
+    if not fit.terms:
+        return np.zeros((len(mean), 0))
     found = library_slopes(fit.terms)
     u = coordinates(fit.terms)
     low, high = bounds(fit.terms)

@@ -53,6 +53,11 @@ class LawFit:
         return tuple(t.variant.effect for t in self.terms)
 
     @property
+    def variants(self) -> tuple[str, ...]:
+        """Return the names of their variants."""
+        return tuple(t.variant.name for t in self.terms)
+
+    @property
     def free(self) -> int:
         """Number of coordinates of the laws."""
         return sum(t.variant.size for t in self.terms)

@@ -19,6 +19,7 @@ from fleet_unit import (
 )
 
 from ema_identification.actuator.decision import decide as decision
+from ema_identification.actuator.decision import models
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
 from ema_identification.actuator.decision.decide import EDGE, FALL, MOST, decide
 from ema_identification.actuator.decision.intervals import simulated_posterior
@@ -140,7 +141,7 @@ def test_second_effects_are_tried_though_a_linear_gain_proves_nothing():
     """Beside a fit that is far off; where one explains, only what useless effects do not gain."""
     def pairs(**hidden):
         one = unit(seed=3, **hidden)
-        case = decision._Decision(one, one.without_law(), ())
+        case = models.Models(one, one.without_law(), ())
         useless = case.library.healthy.copy()
         useless[:, 1] = 1e9
         case.library = replace(case.library, healthy=useless)

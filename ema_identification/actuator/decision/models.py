@@ -1,0 +1,196 @@
+"""Models of one record: proposed from the library, fitted with the simulator, compared.
+
+Laws are proposed wide and cheap; the one that gains most also begins at each size that the
+library knows, since about a small one its cost has other minima. Of each the best goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
+from ema_identification.actuator.decision.fit import TestedUnit
+from ema_identification.actuator.decision.intervals import simulated_posterior
+from ema_identification.actuator.decision.proposals import (
+    LawProposal,
+    alternating,
+    at_known_sizes,
+    gain_of,
+    linear_gains,
+    ripples,
+    scores_of,
+    selectable,
+    sized,
+)
+from ema_identification.actuator.decision.ranks import LEVEL, p_nothing, rank
+from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS
+from ema_identification.actuator.laws.terms import LawFit, library_slopes, moved
+
+SCREENED, PROPOSED, FEW = 16, 6, 3
+"""Budget: laws fitted on the library; with the simulator; first laws that get a second, second
+ones fitted beside each, pairs whose laws are each fitted alone."""
+ROUNDS = ((SETTLED_RUNS // 4, 4, 4), (SETTLED_RUNS // 2, FEW, FEW))
+"""Budget: runs, steps, and how many go on."""
+FALL = 0.1
+"""Budget: a fall of squares by less is none. Where no model explains the best take steps while
+each lowers the cost by this share; names must lower a held-out gap beyond its noise by it."""
+
+
+def settled_null(unit: TestedUnit, null: LawFit) -> LawFit:
+    """Return the fit of no law on runs, from that on the quadratic."""
+    first = unit.settled(null, null.mean, 3, salt=3)
+    return unit.settled(first, null.mean, SETTLED_RUNS, salt=4)
+
+
+class Models:
+    """Fits of a record, of no law, one and two."""
+
+    def __init__(self, unit: TestedUnit, null: LawFit, without: Sequence[str]) -> None:
+        self.unit, self.library = unit, unit.library
+        self.quadratic, self.before = null, null.mean
+        self.signatures = selectable(unit, without)
+        self.without = tuple(without)
+        self.null = settled_null(unit, null)
+        self.white = unit.whitener(SETTLED_RUNS, self.before)
+        self.nothing = self.null.cost
+        """What no law leaves at least, also beyond the bands."""
+
+    def p_without(self) -> float:
+        """Return `p_nothing` of the unit on runs."""
+        again = linear_gains(self.unit, self.null, self.white, self.signatures)
+        lower = again[0].cost if again else self.null.cost
+        return p_nothing(scores_of(self.unit, self.null, lower), self.library.healthy)
+
+    def explains(self, fit: LawFit) -> bool:
+        """Whether a healthy unit leaves as much."""
+        return rank(fit.cost / self.unit.size, self.library.healthy[:, 0]) > LEVEL
+
+    def p_own(self, fit: LawFit, less: float) -> float:
+        """Return how often the best useless law gains as much as from the cost `less`."""
+        return rank(gain_of(less, fit.cost, self.unit.size), self.library.healthy[:, 1])
+
+    def evidence(self, fit: LawFit) -> float:
+        """Return `log_evidence` with the price of laws: of 1 / `LEVEL` units one has any."""
+        names = len({s.variant.effect for s in self.library.signatures})
+        return log_evidence(fit, self.library.freedom) - len(fit.terms) * float(
+            np.log(names / LEVEL))
+
+    def fitted(self, starts: Sequence[LawFit]) -> list[LawFit]:
+        """Return the models fitted with the simulator, most evidence first."""
+        points = list(starts)
+        for runs, steps, keep in ROUNDS:
+            points = sorted((self.unit.descended(p, self.before, runs=runs, steps=steps)
+                             for p in points), key=lambda f: -self.evidence(f))
+            best: dict[tuple[str, ...], LawFit] = {}
+            for p in points:
+                best.setdefault(p.variants, p)
+            points = [p for p in best.values() if np.isfinite(p.cost)][:keep]
+        return sorted((self.unit.settled(p, self.before, SETTLED_RUNS) for p in points),
+                      key=lambda f: -self.evidence(f))
+
+    def finished(self, fits: Sequence[LawFit]) -> list[LawFit]:
+        """Return the models, most evidence first; where none explains the best go on.
+
+        The best single one and the best pair, all slopes simulated, from where they are, else from
+        the middle of the fleet: beside a large law the library's quadratic leads to bounds.
+        """
+        found = sorted(fits, key=lambda f: -self.evidence(f))
+        if any(self.explains(f) for f in found):
+            return found
+        for k in {len(f.terms): k for k, f in reversed(list(enumerate(found)))}.values():
+            found[k] = self._further(found[k])
+        return sorted(found, key=lambda f: -self.evidence(f))
+
+    def _further(self, fit: LawFit) -> LawFit:
+        near = min(fit, self._refitted(fit), key=lambda f: f.cost)
+        return near if self.explains(near) else min(
+            near, self._refitted(replace(fit, z=self.unit.centre)), key=lambda f: f.cost)
+
+    def _refitted(self, fit: LawFit) -> LawFit:
+        there = self.unit.refitted(fit, self.before, runs=ROUNDS[-1][0], fall=FALL)
+        return self.unit.settled(there, self.before, SETTLED_RUNS)
+
+    def measured(self, answer: FleetAnswer) -> FleetAnswer:
+        """Return the answer with what runs tell of the model named: values and intervals.
+
+        The values are those of the fit where runs there do not leave as little as healthy units.
+        """
+        if answer.fit is None:
+            return answer
+        fit, known = answer.fit, simulated_posterior(self.unit, answer.fit)
+        terms, z = moved(fit.terms, known.mean[:fit.free]), known.mean[fit.free:]
+        mean = self.unit.run(terms, z, SETTLED_RUNS, salt=8)
+        there = replace(fit, terms=terms, z=z, mean=mean, cost=self.unit.cost(
+            self.white, mean, z) if np.isfinite(mean).all() else np.inf)
+        return replace(answer, known=known, fit=there if self.explains(there) else fit)
+
+    def screened(self, proposals: Sequence[LawProposal], beside: LawFit | None) -> list[LawFit]:
+        """Return the models of proposals, fitted without a run, lowest cost first."""
+        terms, also = ((), self.quadratic.z) if beside is None else (beside.terms, beside.z)
+        return sorted((self.unit.on_library((*terms, p.term), [p.z, also]) for p in proposals),
+                      key=lambda f: f.cost)
+
+    def singles(self) -> list[LawFit]:
+        """Return the fits of single laws."""
+        gains = linear_gains(self.unit, self.null, self.white, self.signatures)
+        lists = (gains, sized(self.unit, self.signatures),
+                 ripples(self.unit, self.null, self.white, self.without))
+        starts = self.screened(alternating(lists, SCREENED), None)[:PROPOSED]
+        return self.fitted([*starts, *(self.beside_null(p) for p in at_known_sizes(gains[:1]))])
+
+    def beside_null(self, proposal: LawProposal) -> LawFit:
+        """Return a law beside the unit as it is without one, not fitted."""
+        terms = (proposal.term,)
+        return replace(self.null, terms=terms, cost=np.inf,
+                       slopes=np.hstack([library_slopes(terms), self.null.slopes]))
+
+    def likely(self, fit: LawFit) -> bool:
+        """Whether a model is likelier than none, which is fitted as hard as can be."""
+        there = replace(fit, terms=(), slopes=fit.slopes[:, fit.free:])
+        nothing = [*self.fitted([self.null]), *self.fitted([there]),
+                   replace(self.null, cost=self.nothing)]
+        nothing.append(self._refitted(min(nothing, key=lambda f: f.cost)))
+        return max(map(self.evidence, (fit, self._refitted(fit)))) > max(
+            map(self.evidence, nothing))
+
+    def pairs(self, singles: Sequence[LawFit]) -> list[LawFit]:
+        """Return the fits of two laws.
+
+        Where a single law explains: beside that one only, and where a second one gains more than
+        useless ones do. Elsewhere the linear gain about a fit that is far off ranks second laws,
+        but proves nothing, nor the contrary.
+        """
+        found: list[LawFit] = []
+        alone = bool(singles) and self.explains(singles[0])
+        for one in singles[:1 if alone else FEW]:
+            more = linear_gains(self.unit, one, self.white, self.signatures)
+            more += ripples(self.unit, one, self.white, (*self.without, *one.names))
+            better = [p for p in sorted(more, key=lambda p: p.cost)
+                      if p.signature.variant.effect not in one.names and not (
+                          alone and rank(gain_of(one.cost, p.cost, self.unit.size),
+                                         self.library.healthy[:, 1]) > LEVEL)]
+            found += self.screened(alternating((better,), FEW), one)
+        found.sort(key=lambda f: f.cost)
+        return self.fitted(found[:PROPOSED]) if found else []
+
+    def each_alone(self, pair: LawFit, fits: Sequence[LawFit]) -> list[LawFit]:
+        """Return the best fits of each law of a pair alone, by law; `fits`: those there are.
+
+        Where one of them explains too it is fitted as hard as can be before a second is named.
+        """
+        found = []
+        ends = np.cumsum([t.variant.size for t in pair.terms])[:-1]
+        parts = np.split(np.arange(pair.free), ends)
+        for term, own in zip(pair.terms, parts):
+            columns = np.append(own, np.arange(pair.free, pair.slopes.shape[1]))
+            start = replace(pair, terms=(term,), slopes=pair.slopes[:, columns])
+            known = [f for f in fits if f.names == (term.variant.effect,)]
+            best = min([*self.fitted([start]), *known, replace(start, cost=np.inf)],
+                       key=lambda f: f.cost)
+            if self.explains(best):
+                best = min(best, self._refitted(best), key=lambda f: f.cost)
+            found.append(best)
+        return found
