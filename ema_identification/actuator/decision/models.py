@@ -139,13 +139,13 @@ class Models:
         lists = (gains, sized(self.unit, self.signatures),
                  ripples(self.unit, self.null, self.white, self.without))
         starts = self.screened(alternating(lists, SCREENED), None)[:PROPOSED]
-        return self.fitted([*starts, *(self.beside_null(p) for p in at_known_sizes(gains[:1]))])
+        return self.fitted([*starts, *self.beside(self.null, gains)])
 
-    def beside_null(self, proposal: LawProposal) -> LawFit:
-        """Return a law beside the unit as it is without one, not fitted."""
-        terms = (proposal.term,)
-        return replace(self.null, terms=terms, cost=np.inf,
-                       slopes=np.hstack([library_slopes(terms), self.null.slopes]))
+    def beside(self, fit: LawFit, gains: Sequence[LawProposal]) -> list[LawFit]:
+        """Return the law that gains most at each known size beside a fit, not fitted."""
+        return [replace(fit, terms=(*fit.terms, p.term), cost=np.inf, slopes=np.insert(
+                    fit.slopes, [fit.free], library_slopes((p.term,)), axis=1))
+                for p in at_known_sizes(gains[:1])]
 
     def likely(self, fit: LawFit) -> bool:
         """Whether a model is likelier than none, which is fitted as hard as can be."""
@@ -164,6 +164,7 @@ class Models:
         but proves nothing, nor the contrary.
         """
         found: list[LawFit] = []
+        known: list[LawFit] = []
         alone = bool(singles) and self.explains(singles[0])
         for one in singles[:1 if alone else FEW]:
             more = linear_gains(self.unit, one, self.white, self.signatures)
@@ -173,8 +174,9 @@ class Models:
                           alone and rank(gain_of(one.cost, p.cost, self.unit.size),
                                          self.library.healthy[:, 1]) > LEVEL)]
             found += self.screened(alternating((better,), FEW), one)
+            known += [] if known else self.beside(one, better)
         found.sort(key=lambda f: f.cost)
-        return self.fitted(found[:PROPOSED]) if found else []
+        return self.fitted([*found[:PROPOSED], *known]) if found else []
 
     def each_alone(self, pair: LawFit, fits: Sequence[LawFit]) -> list[LawFit]:
         """Return the best fits of each law of a pair alone, by law; `fits`: those there are.
