@@ -127,18 +127,17 @@ class Models:
             self.white, mean, z) if np.isfinite(mean).all() else np.inf)
         return replace(answer, known=known, fit=there if self.explains(there) else fit)
 
-    def screened(self, proposals: Sequence[LawProposal], beside: LawFit | None) -> list[LawFit]:
-        """Return the models of proposals, fitted without a run, lowest cost first."""
-        terms, also = ((), self.quadratic.z) if beside is None else (beside.terms, beside.z)
-        return sorted((self.unit.on_library((*terms, p.term), [p.z, also]) for p in proposals),
-                      key=lambda f: f.cost)
+    def screened(self, proposals: Sequence[LawProposal], fit: LawFit) -> list[LawFit]:
+        """Return proposals beside a fit, fitted without a run, lowest cost first."""
+        return sorted((self.unit.on_library((*fit.terms, p.term), [p.z, fit.z])
+                       for p in proposals), key=lambda f: f.cost)
 
     def singles(self) -> list[LawFit]:
         """Return the fits of single laws."""
         gains = linear_gains(self.unit, self.null, self.white, self.signatures)
         lists = (gains, sized(self.unit, self.signatures),
                  ripples(self.unit, self.null, self.white, self.without))
-        starts = self.screened(alternating(lists, SCREENED), None)[:PROPOSED]
+        starts = self.screened(alternating(lists, SCREENED), self.quadratic)[:PROPOSED]
         return self.fitted([*starts, *self.beside(self.null, gains)])
 
     def beside(self, fit: LawFit, gains: Sequence[LawProposal]) -> list[LawFit]:

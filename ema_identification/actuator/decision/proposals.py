@@ -16,7 +16,7 @@ import numpy as np
 
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.fleet.surrogate import Whitener, worst
-from ema_identification.actuator.laws.catalogue import Signature, Variant, ripple
+from ema_identification.actuator.laws.catalogue import Signature, ripple
 from ema_identification.actuator.laws.terms import EffectTerm, LawFit
 
 ANGLES, CHORDS = 8, 3
@@ -224,43 +224,26 @@ def ripples(
     if not power:
         return []
     periods = max(power, key=lambda k: power[k])
-    found = []
-    for effect, level in (("cogging_torque", COGGING * _torque(unit)),
-                          ("gear_mesh_ripple", COGGING * _twist(unit))):
+    a, found = unit.library.model.actuator, []
+    for effect, level in (
+            ("cogging_torque", COGGING * a.motor.dynamic_friction),
+            ("gear_mesh_ripple", COGGING * 0.5 * a.surface.dynamic_friction / a.shaft.stiffness)):
         if effect in without:
             continue
-        variant = ripple(effect, periods, level)
-        known = EffectTerm(variant=variant, signature=_flat(variant, level, unit.size),
-                           u=np.zeros(2))
-        steps = [replace(known, u=level * x) for x in np.eye(2)]
+        variant, none = ripple(effect, periods, level), np.zeros((3, unit.size))
+        flat = Signature(variant=variant, levels=(np.array([-level, 0.0, level]),) * 2,
+                         values=(none, none))
+        steps = [EffectTerm(variant=variant, signature=flat, u=level * x) for x in np.eye(2)]
         base, *there = unit.run_all([(fit.terms, fit.z), *(
             ((*fit.terms, t), fit.z) for t in steps)], RIPPLE_RUNS, 17)
         if np.isfinite([base, *there]).all():
-            signature = Signature(
-                variant=variant, levels=(np.array([-level, 0.0, level]),) * 2,
-                values=tuple(np.array([base - f, np.zeros(unit.size), f - base])
-                             for f in there))
-            found += linear_gains(unit, fit, white, [signature])
+            found += linear_gains(unit, fit, white, [replace(flat, values=tuple(
+                np.array([base - f, none[0], f - base]) for f in there))])
     return found
 
 
 COGGING = 0.05
 """Size at which a ripple is simulated, of dry friction or of its twist of the shaft."""
-
-
-def _torque(unit: TestedUnit) -> float:
-    return unit.library.model.actuator.motor.dynamic_friction
-
-
-def _twist(unit: TestedUnit) -> float:
-    a = unit.library.model.actuator
-    return 0.5 * a.surface.dynamic_friction / a.shaft.stiffness
-
-
-def _flat(variant: Variant, level: float, size: int) -> Signature:
-    none = np.zeros((3, size))
-    return Signature(variant=variant, levels=(np.array([-level, 0.0, level]),) * 2,
-                     values=(none, none))
 
 
 def alternating(lists: Sequence[Sequence[LawProposal]], most: int) -> list[LawProposal]:

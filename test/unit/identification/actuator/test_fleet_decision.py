@@ -23,8 +23,14 @@ from ema_identification.actuator.decision import models
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
 from ema_identification.actuator.decision.decide import EDGE, FALL, MOST, decide
 from ema_identification.actuator.decision.intervals import simulated_posterior
-from ema_identification.actuator.decision.proposals import scores
-from ema_identification.actuator.decision.ranks import LEVEL, p_nothing, rank, share_of
+from ema_identification.actuator.decision.proposals import LawProposal, at_known_sizes, scores
+from ema_identification.actuator.decision.ranks import (
+    LEVEL,
+    both_of,
+    p_nothing,
+    rank,
+    share_of,
+)
 from ema_identification.actuator.decision.slopes import law_slopes
 from ema_identification.actuator.fleet.surrogate import Whitener
 from ema_identification.actuator.fleet.units import CHUNK, FULL
@@ -164,6 +170,51 @@ def test_two_are_named_only_where_the_evidence_rules_one_alone_out(lead, named):
     found = decision._named(case, FleetAnswer(verdict="unknown effect", null=null), [pair])
     assert found.fit.names == named
     assert found.verdict == "explained"
+
+
+def test_each_law_has_its_price():
+    """One unit in 1 / `LEVEL` has any, all alike: a law that gains less is not likelier."""
+    case = models.Models(unit(seed=3), unit(seed=3).without_law(), ())
+    names = {s.variant.effect for s in case.library.signatures}
+    none = replace(case.null, cost=100.0)
+    term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([VISCOUS]))
+    freedom = case.library.freedom
+    for above, likelier in ((0.1, True), (-0.1, False)):
+        log = np.log(len(names) / LEVEL) + 0.5 * np.log(freedom) + above
+        for count in (1, 2):
+            laws = replace(none, terms=(term,) * count,
+                           cost=100.0 * np.exp(-2.0 * count * log / freedom))
+            assert (case.evidence(laws) > case.evidence(none)) == likelier
+
+
+def test_what_is_rarer_than_one_in_twenty_is_named_only_if_it_is_likely():
+    """Where every law is known as it is on the unit, hardly more than the ranks name."""
+    hidden = [unit(seed=k, backlash=0.12) for k in range(40, 70)]
+    between = [u for u in hidden if LEVEL < p_of(u) <= 0.05]
+    assert len(between) >= 5
+    said = [decide(u) for u in between]
+    assert {f.fit.names for f in said if f.fit is not None} == {("backlash",)}
+    assert sum(f.verdict == "no disagreement" for f in said) >= 4
+    assert [decide(unit(seed=600 + k)).verdict for k in range(30)] == ["no disagreement"] * 30
+
+
+def test_the_law_that_gains_most_begins_at_each_size():
+    (two,) = (s for s in plain_library().signatures if s.variant.size == 1
+              and s.variant.name == "viscous_friction")
+    far = LawProposal(two, np.array([0.3 * VISCOUS]), np.zeros(SIZE), 1.0)
+    sizes = [p.u[0] for p in at_known_sizes([far])]
+    known = np.abs(two.levels[0])
+    assert sizes == pytest.approx(np.clip(np.unique(known[known > 0.0]), two.variant.low[0],
+                                          two.variant.high[0]))
+    assert at_known_sizes([far._replace(u=np.zeros(1))]) == []
+
+
+def test_two_tests_together_are_as_rare_as_fisher_says():
+    rng = np.random.default_rng(5)
+    together = np.array([both_of(*p) for p in rng.uniform(size=(20_000, 2))])
+    for level in (0.01, 0.1, 0.5):
+        assert (together <= level).mean() == pytest.approx(level, abs=4 * np.sqrt(level / 20_000))
+    assert both_of(0.03, 0.03) < LEVEL < both_of(0.05, 0.05)
 
 
 SCALE = Whitener(deviation=np.ones(FEATURES), root=np.eye(FEATURES))
