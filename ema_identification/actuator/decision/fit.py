@@ -275,35 +275,26 @@ class TestedUnit:
 
         Slopes to the laws are simulated where these are strong, and mended by what a step did.
         """
-        white = self.whitener(runs, before)
-        mean = self.run(fit.terms, fit.z, runs)
-        if not np.isfinite(mean).all():
-            return replace(fit, cost=np.inf)
-        slopes = np.hstack([law_slopes(self, fit, mean, white, runs, 0),
-                            fit.slopes[:, fit.free:]])
-        point = replace(fit, mean=mean, slopes=slopes, runs=runs,
-                        cost=self.cost(white, mean, fit.z))
-        damping = 1e-3
+        white, damping = self.whitener(runs, before), 1e-3
+        point = self._begun(fit, white, runs)
+        if not np.isfinite(point.cost):
+            return point
+        point = replace(point, slopes=np.hstack([
+            law_slopes(self, fit, point.mean, white, runs, 0), fit.slopes[:, fit.free:]]))
         for _ in range(steps):
-            step = self._step(white, point.mean, point.slopes, point.z, point.terms, damping)
-            terms = moved(point.terms, coordinates(point.terms) + step[:fit.free])
-            z = np.clip(point.z + step[fit.free:], -self.edge, self.edge)
-            mean = self.run(terms, z, runs)
-            if not np.isfinite(mean).all():
-                damping = max(10.0 * damping, 0.1)
-                continue
-            done = np.append(coordinates(terms) - coordinates(point.terms), z - point.z)
-            slopes = mended(point.slopes, done, mean - point.mean,
-                            np.append(law_sizes(point.terms), np.ones(len(z))))
-            cost = self.cost(white, mean, z)
-            if cost < point.cost:
-                small = point.cost - cost < 0.5 * cost / self.size
-                point = replace(point, terms=terms, z=z, mean=mean, slopes=slopes, cost=cost)
-                damping *= 0.3
-                if small:
+            for there in self._moves(point, (damping,), white, runs):
+                done = np.append(
+                    coordinates(there.terms) - coordinates(point.terms), there.z - point.z)
+                slopes = mended(point.slopes, done, there.mean - point.mean,
+                                np.append(law_sizes(point.terms), np.ones(len(there.z))))
+                gained = point.cost - there.cost
+                if gained > 0.0:
+                    point, damping = replace(there, slopes=slopes), 0.3 * damping
+                    if gained < 0.5 * there.cost / self.size:
+                        return point
                     break
-            else:
                 point = replace(point, slopes=slopes)
+            else:
                 damping = max(10.0 * damping, 0.1)
         return point
 
@@ -315,24 +306,32 @@ class TestedUnit:
         Of several dampings the best counts; it ends once the cost falls by less than `fall`.
         """
         white = self.whitener(runs, before)
-        mean = self.run(fit.terms, fit.z, runs)
-        if not np.isfinite(mean).all():
-            return replace(fit, cost=np.inf)
-        point = replace(fit, mean=mean, runs=runs, cost=self.cost(white, mean, fit.z))
-        while True:
+        point, last = self._begun(fit, white, runs), np.inf
+        while point.cost < (1.0 - fall) * last:
             slopes = np.hstack([law_slopes(self, point, point.mean, white, runs, 0),
                                 simulated_slopes(self, point, runs // 2)])
-            moves = [self._step(white, point.mean, slopes, point.z, point.terms, damping)
-                     for damping in STEP_DAMPINGS]
-            tried = [(moved(point.terms, coordinates(point.terms) + move[:fit.free]),
-                      np.clip(point.z + move[fit.free:], -self.edge, self.edge)) for move in moves]
-            found = [replace(point, terms=terms, z=z, mean=mean, slopes=slopes,
-                             cost=self.cost(white, mean, z))
-                     for (terms, z), mean in zip(tried, self.run_all(tried, runs))
-                     if np.isfinite(mean).all()]
-            last, point = point.cost, min([point, *found], key=lambda f: f.cost)
-            if point.cost >= (1.0 - fall) * last:
-                return point
+            last, found = point.cost, self._moves(
+                replace(point, slopes=slopes), STEP_DAMPINGS, white, runs)
+            point = min([point, *found], key=lambda f: f.cost)
+        return point
+
+    def _begun(self, fit: LawFit, white: Whitener, runs: int) -> LawFit:
+        """Return a fit with what runs at its point leave."""
+        mean = self.run(fit.terms, fit.z, runs)
+        return replace(fit, mean=mean, runs=runs, cost=self.cost(white, mean, fit.z)
+                       if np.isfinite(mean).all() else np.inf)
+
+    def _moves(
+        self, point: LawFit, dampings: Sequence[float], white: Whitener, runs: int
+    ) -> list[LawFit]:
+        """Return where steps of each damping lead, those that can be run."""
+        steps = [self._step(white, point.mean, point.slopes, point.z, point.terms, damping)
+                 for damping in dampings]
+        tried = [(moved(point.terms, coordinates(point.terms) + step[:point.free]),
+                  np.clip(point.z + step[point.free:], -self.edge, self.edge)) for step in steps]
+        return [replace(point, terms=terms, z=z, mean=mean, cost=self.cost(white, mean, z))
+                for (terms, z), mean in zip(tried, self.run_all(tried, runs))
+                if np.isfinite(mean).all()]
 
     def _step(
         self, white: Whitener, mean: np.ndarray, slopes: np.ndarray, z: np.ndarray,

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -17,6 +16,10 @@ from ema_identification.actuator.laws.terms import (
     moved,
 )
 
+if TYPE_CHECKING:
+    from ema_identification.actuator.decision.fit import TestedUnit
+    from ema_identification.actuator.fleet.surrogate import Whitener
+
 STRONG, PART, UNKNOWN = 1.2, 0.2, 0.3
 """Effect (deviations, rms) from which its slope is simulated, and which a step need not exceed;
 the step, of its size, and where the library does not know the coordinate."""
@@ -26,21 +29,8 @@ HALF = 0.5
 """Step by which slopes to the unit's numbers are simulated (half widths)."""
 
 
-class _Runs(Protocol):
-    def run_all(
-        self, models: Sequence[tuple[Sequence[EffectTerm], np.ndarray]], runs: int, salt: int = 0
-    ) -> list[np.ndarray]: ...
-
-
-class _Scale(Protocol):
-    @property
-    def deviation(self) -> np.ndarray: ...
-
-    def bent(self, rest: np.ndarray) -> np.ndarray: ...
-
-
 def law_slopes(
-    unit: _Runs, fit: LawFit, mean: np.ndarray, scale: _Scale, runs: int, salt: int
+    unit: TestedUnit, fit: LawFit, mean: np.ndarray, scale: Whitener, runs: int, salt: int
 ) -> np.ndarray:
     """Return the slopes to the coordinates of the laws, shape (d, coordinates).
 
@@ -81,7 +71,7 @@ def law_slopes(
     return found
 
 
-def _step(term: EffectTerm, scale: _Scale) -> float:
+def _step(term: EffectTerm, scale: Whitener) -> float:
     """Return the step for the slope of a law, of its size: the least that shows clearly."""
     step, here = PART, term.signature.at(term.u)
     while step > FINEST:
@@ -92,7 +82,7 @@ def _step(term: EffectTerm, scale: _Scale) -> float:
     return step
 
 
-def simulated_slopes(unit: _Runs, fit: LawFit, runs: int, salt: int = 61) -> np.ndarray:
+def simulated_slopes(unit: TestedUnit, fit: LawFit, runs: int, salt: int = 61) -> np.ndarray:
     """Return the slopes to the unit's numbers, simulated where the fit is, shape (d, width)."""
     steps = [fit.z + row for row in np.diag(np.where(fit.z > 0.0, -HALF, HALF))]
     here, *there = unit.run_all([(fit.terms, z) for z in (fit.z, *steps)], runs, salt)
