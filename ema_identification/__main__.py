@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.joint import joint_unit
-from ema_identification.actuator.decision.proposals import healthy_scores
+from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.fleet.units import FULL, conditions_of
 from ema_identification.actuator.gap import HeldOut
 from ema_identification.actuator.library.baseline import with_baselines
@@ -57,7 +57,7 @@ def main() -> None:
             with_baselines(unit.library, FULL, workers=given.workers, folder=folder)
         for first, second in permutations(units, 2):
             HeldOut(unit=first, fitted=second).kept(folder)
-            joint_unit([first, second], healthy_scores, folder)
+            joint_unit([first, second], scores, folder)
 
 
 if __name__ == "__main__":

@@ -171,12 +171,12 @@ def _recalibrate(unit: TestedUnit, answer: FleetAnswer) -> Step:
 
 def _name(unit: TestedUnit, answer: FleetAnswer, law: ControlLaw | None) -> Step:
     rows = [("candidate", "coordinates", "misfit a feature", "log evidence")]
-    best = max((log_evidence(f, unit.library.freedom) for f in answer.fits), default=0.0)
+    best = max((log_evidence(f, unit.library) for f in answer.fits), default=0.0)
     for fit in answer.fits[:SHOWN]:
         rows.append((", ".join(t.variant.name for t in fit.terms),
                      "; ".join(", ".join(f"{x:.4g}" for x in t.u) for t in fit.terms),
                      f"{fit.cost / unit.size:.2f}",
-                     f"{log_evidence(fit, unit.library.freedom) - best:+.1f}"))
+                     f"{log_evidence(fit, unit.library) - best:+.1f}"))
     text = (f"Of healthy units, up to {answer.p_nothing:.2g} are as far off; "
             + ("nothing is named. " if not answer.fits else
                f"{len(answer.fits)} models were fitted with the simulator. ")

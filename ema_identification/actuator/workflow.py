@@ -13,7 +13,7 @@ from ema_identification.actuator.decision.answer import FleetAnswer, stages_of
 from ema_identification.actuator.decision.decide import decide
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.joint import joint_unit
-from ema_identification.actuator.decision.proposals import healthy_scores
+from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.fleet.units import FULL, LibrarySizes, fleet_unit
 from ema_identification.actuator.gap import HeldOut, fitted_gap
 from ema_identification.actuator.laws.terms import LawFit, with_terms
@@ -73,7 +73,7 @@ def identify_actuator(
                   case.model, without)
     with threadpool_limits(limits=1):  # sums in one order: the last digit grows in limit cycles
         units = [case.unit(record) for record in measured]
-        unit, held = joint_unit(units, healthy_scores), None
+        unit, held = joint_unit(units, scores), None
         if validate:
             other = [case.unit(record, signatures=False) for record in validate]
             held = HeldOut(unit=joint_unit(other), fitted=unit)

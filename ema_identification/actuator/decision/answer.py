@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ema_identification.actuator.decision.ranks import LEVEL
+from ema_identification.actuator.fleet.surrogate import FleetLibrary
 from ema_identification.actuator.laws.terms import LawFit, LawGap, Posterior
 from ema_identification.result import Outcome
 
@@ -60,11 +62,13 @@ def order_of(answer: FleetAnswer) -> list[int]:
     return [int(k) for k in np.argsort(costs)] if costs else [0]
 
 
-def log_evidence(fit: LawFit, freedom: float) -> float:
-    """Return log E, see the module; -inf for a model that could not be run."""
+def log_evidence(fit: LawFit, library: FleetLibrary) -> float:
+    """Return log E, see `decide`; -inf for a model that could not be run."""
     if not np.isfinite(fit.cost):
         return -np.inf
-    return -0.5 * freedom * float(np.log(fit.cost)) - 0.5 * fit.free * float(np.log(freedom))
+    nu, names = library.freedom, len({s.variant.effect for s in library.signatures})
+    return -float(0.5 * nu * np.log(fit.cost) + 0.5 * fit.free * np.log(nu)
+                  + (len(fit.terms) * np.log(names / LEVEL) if fit.terms else 0.0))
 
 
 def instead_of(fit: LawFit, name: str, kept: Sequence[frozenset[str]]) -> tuple[str, ...]:

@@ -8,9 +8,10 @@
    rarer than 1 - `SURE` only is nothing too, unless a law is more likely by far: these scores
    see a law as it is on the middle of the fleet, a fit as it is on the unit.
 2. Laws are proposed from the library (wide, cheap), fitted with the simulator (`ROUNDS`), and
-   compared by one evidence: log E = -½ ν ln J - ½ k ln ν, J the cost, k coordinates, ν the
-   independent numbers of a record. This is the likelihood of a scale that is not known, with the
-   price of Schwarz (1978) on each coordinate.
+   compared by one evidence: log E = -½ ν ln J - ½ k ln ν - m ln(N / `LEVEL`), J the cost, k
+   coordinates, ν the independent numbers of a record, m laws of N. This is the likelihood of a
+   scale that is not known, with the price of Schwarz (1978) on each coordinate and that of laws
+   which one in 1 / `LEVEL` units has, any alike.
 3. A model *explains* if its cost is usual among healthy units; each law in it must have a gain
    of its own beyond the useless ones'. The answer is the smallest set of names with `SURE` of
    the evidence, the simplest model in it; more than `LARGEST_SET`, or no model that explains, is
@@ -25,18 +26,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ema_identification.actuator.decision.answer import FleetAnswer, instead_of, stages_of
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.models import FALL, FEW, Models, settled_null
+from ema_identification.actuator.decision.models import FALL, FEW, Models
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.ranks import LEVEL, both_of, p_nothing, share_of
-from ema_identification.actuator.laws.terms import SURE, LawFit, LawGap
+from ema_identification.actuator.laws.terms import SURE, LawFit
 from ema_identification.actuator.measure.runs import Progress, silent
 from ema_identification.result import after_validation
+
+if TYPE_CHECKING:
+    from ema_identification.actuator.gap import HeldOut
 
 EDGE = 1.3
 """Requirement: half widths of its band up to which a number may be off and nothing is missing."""
@@ -47,15 +51,8 @@ MOST = 0.75
 misfit and of a held-out gap beyond its noise."""
 
 
-class LawJudge(Protocol):
-    """Held-out records."""
-
-    def gap(self, models: Sequence[LawFit], edge: float = 1.0) -> LawGap:
-        """Return the gap of each model, the first without a law."""
-
-
 def decide(
-    unit: TestedUnit, held: LawJudge | None = None, *, witness: LawJudge | None = None,
+    unit: TestedUnit, held: HeldOut | None = None, *, witness: HeldOut | None = None,
     without: Sequence[str] = (), progress: Progress = silent,
 ) -> FleetAnswer:
     """Return the answer to a record.
@@ -68,21 +65,18 @@ def decide(
     without : effects that are not to be considered.
     progress : called with what is being done and how much of it is.
     """
-    library, null = unit.library, unit.without_law()
-    case = Models(unit, null, without)
-    both = p_nothing(scores(unit, null, 0), library.healthy), case.p_without()
+    case, healthy = Models(unit, without), unit.library.healthy
+    both = p_nothing(scores(unit), healthy), case.p_without()
     p, look = max(both), both[0] <= 1.0 - SURE or both[1] <= LEVEL
-    usual = _usual(unit, null, p, held)
+    usual = _usual(case, p, held)
     if usual is not None and usual.verdict == "no disagreement" and not look:
         return usual
     progress("name", 0.1)
-    beyond = replace(unit, edge=EDGE * unit.edge)
-    far = beyond.without_law()
-    wide = Models(beyond, far, without)
-    case.nothing = min(case.nothing, wide.null.cost)
-    p_far = max(p_nothing(scores(beyond, far, 0), library.healthy), wide.p_without())
+    beyond = Models(replace(unit, edge=EDGE * unit.edge), without)
+    case.nothing = min(case.nothing, beyond.null.cost)
     if usual is None:
-        usual = _usual(beyond, far, p_far, held, EDGE)
+        far = max(p_nothing(scores(beyond.unit), healthy), beyond.p_without())
+        usual = _usual(beyond, far, held, EDGE)
         if usual is not None and usual.verdict == "no disagreement":
             return usual
     singles = case.singles()
@@ -103,22 +97,22 @@ def decide(
 
 
 def _usual(
-    unit: TestedUnit, null: LawFit, p: float, held: LawJudge | None, edge: float = 1.0
+    case: Models, p: float, held: HeldOut | None, edge: float = 1.0
 ) -> FleetAnswer | None:
     """Return silence where `p` is usual; unknown where the held-out record is off all the same.
 
-    By itself, or both together. That is on the quadratic and again on runs. None where `p` is not
-    usual.
+    By itself or both together, on the quadratic and again on runs. None where `p` is not usual.
     """
     if p <= LEVEL:
         return None
     where = f"numbers of the unit are up to {EDGE - 1.0:.0%} of their half band beyond it; "
     said = f"{where if edge > 1.0 else ''}of healthy units, up to {p:.2g} are as far off"
-    answer = FleetAnswer(verdict="no disagreement", null=null, p_nothing=p, reasons=(said,))
+    answer = FleetAnswer(verdict="no disagreement", null=case.quadratic, p_nothing=p,
+                         reasons=(said,))
     if held is None:
         return answer
-    for fit in (lambda: null, lambda: settled_null(unit, null)):
-        gap = held.gap([fit()], edge)
+    for fit in (case.quadratic, case.null):
+        gap = held.gap([fit], edge)
         own = share_of(int((gap.healthy >= gap.values[0]).sum()), len(gap.healthy))
         if min(own, both_of(p, own)) > LEVEL:
             return replace(answer, gap=gap)
@@ -164,7 +158,7 @@ def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit]) -> Fleet
                    alone=less[::-1] if len(less) > 1 else ())
 
 
-def _in_part(case: Models, answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
+def _in_part(case: Models, answer: FleetAnswer, held: HeldOut) -> FleetAnswer:
     """Return the answer with the law, or the set, that closes most of misfit and held-out gap."""
     singles = [f for f in answer.fits if len(f.terms) == 1 and np.isfinite(f.cost)]
     usual = float(np.median(case.library.healthy[:, 0])) * case.unit.size
@@ -186,7 +180,7 @@ def _in_part(case: Models, answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
             "beside it something remains that no law of the catalogue explains",))
 
 
-def _validated(answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
+def _validated(answer: FleetAnswer, held: HeldOut) -> FleetAnswer:
     """Return the answer as held-out records leave it."""
     gap = held.gap(stages_of(answer))
     verdict, said = after_validation(

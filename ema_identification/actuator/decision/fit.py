@@ -56,10 +56,8 @@ LOUDEST = 4.0
 """Noise factor up to which the law of the noise is believed."""
 
 
-@cache
-def _threads(workers: int) -> ThreadPoolExecutor:
-    """Return threads, which live on, each with its room; two work nearly as two processes."""
-    return ThreadPoolExecutor(workers)
+_threads = cache(ThreadPoolExecutor)
+"""Threads, which live on, each with its room; two work nearly as two processes."""
 
 
 @dataclass(frozen=True, kw_only=True)

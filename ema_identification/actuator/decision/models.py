@@ -1,8 +1,4 @@
-"""Models of one record: proposed from the library, fitted with the simulator, compared.
-
-Laws are proposed wide and cheap; the one that gains most also begins at each size that the
-library knows, since about a small one its cost has other minima. Of each the best goes on.
-"""
+"""Models of one record: proposed from the library, fitted with the simulator, compared."""
 
 from __future__ import annotations
 
@@ -39,21 +35,16 @@ FALL = 0.1
 each lowers the cost by this share; names must lower a held-out gap beyond its noise by it."""
 
 
-def settled_null(unit: TestedUnit, null: LawFit) -> LawFit:
-    """Return the fit of no law on runs, from that on the quadratic."""
-    first = unit.settled(null, null.mean, 3, salt=3)
-    return unit.settled(first, null.mean, SETTLED_RUNS, salt=4)
-
-
 class Models:
     """Fits of a record, of no law, one and two."""
 
-    def __init__(self, unit: TestedUnit, null: LawFit, without: Sequence[str]) -> None:
+    def __init__(self, unit: TestedUnit, without: Sequence[str] = ()) -> None:
         self.unit, self.library = unit, unit.library
-        self.quadratic, self.before = null, null.mean
-        self.signatures = selectable(unit, without)
-        self.without = tuple(without)
-        self.null = settled_null(unit, null)
+        self.signatures, self.without = selectable(unit, without), tuple(without)
+        self.quadratic = unit.without_law()
+        self.before = self.quadratic.mean
+        first = unit.settled(self.quadratic, self.before, 3, salt=3)
+        self.null = unit.settled(first, self.before, SETTLED_RUNS, salt=4)
         self.white = unit.whitener(SETTLED_RUNS, self.before)
         self.nothing = self.null.cost
         """What no law leaves at least, also beyond the bands."""
@@ -68,15 +59,13 @@ class Models:
         """Whether a healthy unit leaves as much."""
         return rank(fit.cost / self.unit.size, self.library.healthy[:, 0]) > LEVEL
 
-    def p_own(self, fit: LawFit, less: float) -> float:
+    def p_own(self, fit: LawFit | LawProposal, less: float) -> float:
         """Return how often the best useless law gains as much as from the cost `less`."""
         return rank(gain_of(less, fit.cost, self.unit.size), self.library.healthy[:, 1])
 
     def evidence(self, fit: LawFit) -> float:
-        """Return `log_evidence` with the price of laws: of 1 / `LEVEL` units one has any."""
-        names = len({s.variant.effect for s in self.library.signatures})
-        return log_evidence(fit, self.library.freedom) - len(fit.terms) * float(
-            np.log(names / LEVEL))
+        """Return `log_evidence`."""
+        return log_evidence(fit, self.library)
 
     def fitted(self, starts: Sequence[LawFit]) -> list[LawFit]:
         """Return the models fitted with the simulator, most evidence first."""
@@ -101,13 +90,10 @@ class Models:
         if any(self.explains(f) for f in found):
             return found
         for k in {len(f.terms): k for k, f in reversed(list(enumerate(found)))}.values():
-            found[k] = self._further(found[k])
+            for start in (found[k], replace(found[k], z=self.unit.centre)):
+                if not self.explains(found[k]):
+                    found[k] = min(found[k], self._refitted(start), key=lambda f: f.cost)
         return sorted(found, key=lambda f: -self.evidence(f))
-
-    def _further(self, fit: LawFit) -> LawFit:
-        near = min(fit, self._refitted(fit), key=lambda f: f.cost)
-        return near if self.explains(near) else min(
-            near, self._refitted(replace(fit, z=self.unit.centre)), key=lambda f: f.cost)
 
     def _refitted(self, fit: LawFit) -> LawFit:
         there = self.unit.refitted(fit, self.before, runs=ROUNDS[-1][0], fall=FALL)
@@ -141,7 +127,7 @@ class Models:
         return self.fitted([*starts, *self.beside(self.null, gains)])
 
     def beside(self, fit: LawFit, gains: Sequence[LawProposal]) -> list[LawFit]:
-        """Return the law that gains most at each known size beside a fit, not fitted."""
+        """Return the law that gains most, at each known size: its cost has several minima."""
         return [replace(fit, terms=(*fit.terms, p.term), cost=np.inf, slopes=np.insert(
                     fit.slopes, [fit.free], library_slopes((p.term,)), axis=1))
                 for p in at_known_sizes(gains[:1])]
@@ -169,9 +155,8 @@ class Models:
             more = linear_gains(self.unit, one, self.white, self.signatures)
             more += ripples(self.unit, one, self.white, (*self.without, *one.names))
             better = [p for p in sorted(more, key=lambda p: p.cost)
-                      if p.signature.variant.effect not in one.names and not (
-                          alone and rank(gain_of(one.cost, p.cost, self.unit.size),
-                                         self.library.healthy[:, 1]) > LEVEL)]
+                      if p.signature.variant.effect not in one.names
+                      and not (alone and self.p_own(p, one.cost) > LEVEL)]
             found += self.screened(alternating((better,), FEW), one)
             known += [] if known else self.beside(one, better)
         found.sort(key=lambda f: f.cost)

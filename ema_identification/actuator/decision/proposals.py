@@ -180,11 +180,11 @@ def _points(signature: Signature) -> list[np.ndarray]:
     return found
 
 
-def scores(unit: TestedUnit, fit: LawFit, runs: int) -> Scores:
-    """Return the three numbers in which a unit without a law may be rare."""
-    found = linear_gains(unit, fit, unit.whitener(runs), selectable(unit, ()))
-    lower = found[0].cost if found else fit.cost
-    return scores_of(unit, fit, lower)
+def scores(unit: TestedUnit) -> Scores:
+    """Return the three numbers in which a unit without a law may be rare, on the quadratic."""
+    fit = unit.without_law()
+    found = linear_gains(unit, fit, unit.whitener(0), selectable(unit, ()))
+    return scores_of(unit, fit, found[0].cost if found else fit.cost)
 
 
 def scores_of(unit: TestedUnit, fit: LawFit, lower: float) -> Scores:
@@ -193,19 +193,14 @@ def scores_of(unit: TestedUnit, fit: LawFit, lower: float) -> Scores:
     return Scores(fit.cost / unit.size, gain_of(fit.cost, lower, unit.size), worst([rest])[0])
 
 
-def healthy_scores(unit: TestedUnit) -> Scores:
-    """Return `scores` of a unit that is judged as a healthy one."""
-    return scores(unit, unit.without_law(), 0)
-
-
 def gain_of(cost: float, lower: float, size: int) -> float:
     """Return a fall of the cost in units of what is left a feature."""
     return (cost - lower) / max(lower / size, 1e-9)
 
 
-LOWEST = 3
-"""Periods a turn from which on ripple is looked for, in all lines; lower ones are windings'."""
-RIPPLE_RUNS = 4
+LOWEST, RIPPLE_RUNS, COGGING = 3, 4, 0.05
+"""Periods a turn from which on ripple is looked for, in all lines; lower ones are windings'. Runs
+at a size, of dry friction or of its twist of the shaft."""
 
 
 def ripples(
@@ -242,24 +237,14 @@ def ripples(
     return found
 
 
-COGGING = 0.05
-"""Size at which a ripple is simulated, of dry friction or of its twist of the shaft."""
-
-
 def alternating(lists: Sequence[Sequence[LawProposal]], most: int) -> list[LawProposal]:
     """Return the first of each list in turn, at most two variants of one effect."""
     found: list[LawProposal] = []
-    names: dict[str, int] = {}
-    seen = set()
-    for row in range(max((len(x) for x in lists), default=0)):
-        for proposals in lists:
-            if row >= len(proposals) or len(found) >= most:
-                continue
-            p = proposals[row]
-            key = p.signature.variant.name
-            if key in seen or names.get(p.signature.variant.effect, 0) >= 2 or not np.any(p.u):
-                continue
-            seen.add(key)
-            names[p.signature.variant.effect] = names.get(p.signature.variant.effect, 0) + 1
+    rows = range(max((len(x) for x in lists), default=0))
+    for p in (x[row] for row in rows for x in lists if row < len(x)):
+        alike = [f.signature.variant for f in found
+                 if f.signature.variant.effect == p.signature.variant.effect]
+        known = p.signature.variant.name in {v.name for v in alike}
+        if len(found) < most and len(alike) < 2 and not known and np.any(p.u):
             found.append(p)
     return found

@@ -92,6 +92,6 @@ def with_discrepancy(library: FleetLibrary, left: Discrepancy, *, seed: int = 0)
     if ranked is None:
         units = [TestedUnit(library=found, values=values, conditions=conditions_of(row))
                  for row, values in zip(conditions, features) if np.isfinite(values).all()]
-        ranked = {"healthy": np.array([scores(u, u.without_law(), 0) for u in units])}
+        ranked = {"healthy": np.array([scores(u) for u in units])}
         cache.save(name, ranked)
     return replace(found, healthy=ranked["healthy"])

@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.decision.fit import LOUDEST, PRIOR, TestedUnit
-from ema_identification.actuator.decision.proposals import healthy_scores
+from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.fleet.kept import AGAIN, ALIKE, kept_arrays
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, FleetLibrary
 from ema_identification.actuator.fleet.units import (
@@ -198,7 +198,7 @@ def _ranked(library: FleetLibrary, rows: np.ndarray, apart: float, first: int, l
     """Return the scores of some of the units, shape (n, 3)."""
     with threadpool_limits(limits=1):
         units = _pairs(library, rows, slice(first, last))
-        found = [healthy_scores(replace(unit, apart=apart)) for unit in units]
+        found = [scores(replace(unit, apart=apart)) for unit in units]
     return np.array(found).reshape(-1, 3)
 
 

@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.proposals import healthy_scores
+from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.fleet.surrogate import (
     SETTLED_RUNS,
     FleetLibrary,
@@ -115,7 +115,7 @@ def judged_library(
 def _ranked(library: FleetLibrary, first: int, last: int) -> np.ndarray:
     """Return the scores of some of the units set aside, shape (n, 3); of failed runs none."""
     with threadpool_limits(limits=1):
-        found = [healthy_scores(TestedUnit(library=library, values=values,
+        found = [scores(TestedUnit(library=library, values=values,
                                            conditions=conditions_of(row)))
                  for row, values in zip(*(part[first:last] for part in library.aside))
                  if np.isfinite(values).all()]
@@ -318,7 +318,7 @@ def agrees(
     fit, ranks = SAME
     power = np.sqrt((kept["probed_fit"] ** 2).mean())
     units = [(c, y) for c, y in zip(*library.aside) if np.isfinite(y).all()][:RANKED]
-    ranked = [healthy_scores(TestedUnit(library=library, values=y, conditions=conditions_of(c)))
+    ranked = [scores(TestedUnit(library=library, values=y, conditions=conditions_of(c)))
               for c, y in units]
     return (np.abs(found["probed_fit"] - kept["probed_fit"]).max() <= fit * power
             and np.allclose(ranked, library.healthy[:RANKED], rtol=ranks)

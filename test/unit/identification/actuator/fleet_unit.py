@@ -85,7 +85,7 @@ def judged():
     library, healthy = plain_library(), []
     for seed in range(HEALTHY):
         u = unit(seed=10_000 + seed, library=library)
-        healthy.append(scores(u, u.without_law(), 0))
+        healthy.append(scores(u))
     return replace(library, healthy=np.array(healthy))
 
 

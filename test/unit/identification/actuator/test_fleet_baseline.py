@@ -33,7 +33,7 @@ PAIRS = 300
 
 def p_of(one):
     """Return the share of healthy units that are as far off."""
-    return p_nothing(scores(one, one.without_law(), 0), one.library.healthy)
+    return p_nothing(scores(one), one.library.healthy)
 
 
 def two_days(seed):

@@ -42,7 +42,7 @@ VISCOUS = UNITS["viscous_friction", "coefficient"]
 
 
 def p_of(u):
-    return p_nothing(scores(u, u.without_law(), 0), u.library.healthy)
+    return p_nothing(scores(u), u.library.healthy)
 
 
 def test_rank_of_exchangeable_scores_is_uniform():
@@ -147,7 +147,7 @@ def test_second_effects_are_tried_though_a_linear_gain_proves_nothing():
     """Beside a fit that is far off; where one explains, only what useless effects do not gain."""
     def pairs(**hidden):
         one = unit(seed=3, **hidden)
-        case = models.Models(one, one.without_law(), ())
+        case = models.Models(one)
         useless = case.library.healthy.copy()
         useless[:, 1] = 1e9
         case.library = replace(case.library, healthy=useless)
@@ -174,7 +174,7 @@ def test_two_are_named_only_where_the_evidence_rules_one_alone_out(lead, named):
 
 def test_each_law_has_its_price():
     """One unit in 1 / `LEVEL` has any, all alike: a law that gains less is not likelier."""
-    case = models.Models(unit(seed=3), unit(seed=3).without_law(), ())
+    case = models.Models(unit(seed=3))
     names = {s.variant.effect for s in case.library.signatures}
     none = replace(case.null, cost=100.0)
     term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([VISCOUS]))
@@ -269,9 +269,11 @@ def test_runs_are_the_same_in_any_number_of_threads():
 def test_evidence_charges_each_coordinate():
     one = LawFit(terms=(), z=np.zeros(1), mean=np.zeros(1), slopes=np.zeros((1, 1)), cost=100.0,
                  runs=1)
-    two = SimpleNamespace(cost=100.0, free=1)
-    assert log_evidence(one, 50.0) - log_evidence(two, 50.0) == pytest.approx(0.5 * np.log(50.0))
-    assert log_evidence(SimpleNamespace(cost=np.inf, free=1), 50.0) == -np.inf
+    two = SimpleNamespace(cost=100.0, free=1, terms=())
+    library = SimpleNamespace(freedom=50.0, signatures=())
+    assert log_evidence(one, library) - log_evidence(two, library) == pytest.approx(
+        0.5 * np.log(50.0))
+    assert log_evidence(SimpleNamespace(cost=np.inf, free=1), library) == -np.inf
 
 
 @pytest.mark.parametrize("simulator", [run, curved], ids=["linear", "curved"])

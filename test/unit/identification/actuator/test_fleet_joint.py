@@ -24,7 +24,7 @@ from ema_identification.actuator.decision import fit
 from ema_identification.actuator.decision.answer import order_of, stages_of
 from ema_identification.actuator.decision.decide import decide
 from ema_identification.actuator.decision.joint import DAYS, joint_unit
-from ema_identification.actuator.decision.proposals import healthy_scores
+from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.fleet import kept as kept_module
 from ema_identification.actuator.fleet.surrogate import LARGEST_RESIDUAL
 from ema_identification.actuator.laws.catalogue import Signature, variants
@@ -72,7 +72,7 @@ def joint(libraries, tmp_path, monkeypatch):
         known = [replace(x, aside=tuple(rows[:healthy] for rows in x.aside)) for x in libraries]
         return joint_unit([record_of(library, 7000 + 10 * seed + day, z, **sizes)
                            for day, (library, z) in enumerate(zip(known, two_days(seed)))],
-                          scored=healthy_scores if ranked else None)
+                          scored=scores if ranked else None)
     return make
 
 

@@ -11,7 +11,7 @@ from sklearn.covariance import ledoit_wolf_shrinkage
 from ema_identification.__main__ import main
 from ema_identification.actuator.decision import fit
 from ema_identification.actuator.decision.joint import joint_unit
-from ema_identification.actuator.decision.proposals import healthy_scores
+from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.fleet.surrogate import (
     FleetLibrary,
     NoiseLaw,
@@ -158,7 +158,7 @@ def test_what_is_shipped_of_healthy_units_is_of_the_shipped_libraries(tmp_path, 
     for held, fitted in permutations(units, 2):
         gaps = HeldOut(unit=held, fitted=fitted).healthy
         assert len(gaps) == FULL.set_aside and 1.0 < np.median(gaps) < 4.0
-        both = joint_unit([held, fitted], healthy_scores).library
+        both = joint_unit([held, fitted], scores).library
         assert both.healthy.shape == (FULL.set_aside, 3)
     for unit in units:
         changed, apart = with_baselines(unit.library, FULL)
