@@ -4,14 +4,12 @@
    share `LEVEL` of healthy units exceeds, is surely rarer than `LEVEL` among them (rank among
    some that built nothing of the library, with the bound that holds for these very ones, Vovk
    2012), on its quadratic and again on runs; nor where that is so once the unit's numbers may
-   leave their bands a little (`EDGE`), nor a law that gains little over such a unit. What is
-   rarer than 1 - `SURE` only is nothing too, unless a law is more likely by far: these scores
-   see a law as it is on the middle of the fleet, a fit as it is on the unit.
+   leave their bands a little (`EDGE`), nor a law that gains little over such a unit. What is not
+   even rarer than 1 - `SURE` ends here; else a law must be likelier than nothing (2).
 2. Laws are proposed from the library (wide, cheap), fitted with the simulator (`ROUNDS`), and
    compared by one evidence: log E = -½ ν ln J - ½ k ln ν - m ln(N / `LEVEL`), J the cost, k
    coordinates, ν the independent numbers of a record, m laws of N. This is the likelihood of a
-   scale that is not known, with the price of Schwarz (1978) on each coordinate and that of laws
-   which one in 1 / `LEVEL` units has, any alike.
+   scale that is not known, with prices of a coordinate (Schwarz 1978) and of a law.
 3. A model *explains* if its cost is usual among healthy units; each law in it must have a gain
    of its own beyond the useless ones'. The answer is the smallest set of names with `SURE` of
    the evidence, the simplest model in it; more than `LARGEST_SET`, or no model that explains, is

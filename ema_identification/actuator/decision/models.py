@@ -51,9 +51,8 @@ class Models:
 
     def p_without(self) -> float:
         """Return `p_nothing` of the unit on runs."""
-        again = linear_gains(self.unit, self.null, self.white, self.signatures)
-        lower = again[0].cost if again else self.null.cost
-        return p_nothing(scores_of(self.unit, self.null, lower), self.library.healthy)
+        gains = linear_gains(self.unit, self.null, self.white, self.signatures)
+        return p_nothing(scores_of(self.unit, self.null, gains), self.library.healthy)
 
     def explains(self, fit: LawFit) -> bool:
         """Whether a healthy unit leaves as much."""

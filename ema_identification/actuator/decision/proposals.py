@@ -182,15 +182,15 @@ def _points(signature: Signature) -> list[np.ndarray]:
 
 def scores(unit: TestedUnit) -> Scores:
     """Return the three numbers in which a unit without a law may be rare, on the quadratic."""
-    fit = unit.without_law()
-    found = linear_gains(unit, fit, unit.whitener(0), selectable(unit, ()))
-    return scores_of(unit, fit, found[0].cost if found else fit.cost)
+    fit, white = unit.without_law(), unit.whitener(0)
+    return scores_of(unit, fit, linear_gains(unit, fit, white, selectable(unit, ())))
 
 
-def scores_of(unit: TestedUnit, fit: LawFit, lower: float) -> Scores:
-    """Return the scores where `lower` is the least cost with a law."""
+def scores_of(unit: TestedUnit, fit: LawFit, gains: Sequence[LawProposal]) -> Scores:
+    """Return the scores of a fit without a law, of which `gains` are those of laws."""
     rest = (unit.values - fit.mean) / np.sqrt(np.diag(unit.covariance(fit.runs)))
-    return Scores(fit.cost / unit.size, gain_of(fit.cost, lower, unit.size), worst([rest])[0])
+    gain = gain_of(fit.cost, gains[0].cost, unit.size) if gains else 0.0
+    return Scores(fit.cost / unit.size, gain, worst([rest])[0])
 
 
 def gain_of(cost: float, lower: float, size: int) -> float:
