@@ -84,9 +84,14 @@ def decide(
     fits = case.finished([*singles, *pairs])
     answer = FleetAnswer(verdict="unknown effect", null=case.null, p_nothing=p, fits=tuple(fits))
     answer = _named(case, answer, [f for f in fits if case.explains(f)])
-    silence = usual is not None and usual.verdict == "no disagreement"
-    if usual is not None and (answer.fit is None or (silence and not case.likely(answer.fit))):
-        return usual
+    if usual is not None:  # a name must be likelier than none, or close a held-out gap
+        gap = None if held is None or answer.fit is None else held.gap([case.null, answer.fit])
+        if answer.fit is None or (usual.verdict != "no disagreement" and not (
+                gap is not None and gap.closes(MOST))):
+            return usual
+        if usual.verdict == "no disagreement" and not (
+                (gap is None or gap.falls) and case.likely(answer.fit, fits)):
+            return usual
     witness = witness or held
     if witness is not None and answer.verdict == "unknown effect" and not answer.equivalent:
         answer = _in_part(case, answer, witness)

@@ -131,12 +131,12 @@ class Models:
                     fit.slopes, [fit.free], library_slopes((p.term,)), axis=1))
                 for p in at_known_sizes(gains[:1])]
 
-    def likely(self, fit: LawFit) -> bool:
-        """Whether a model is likelier than none, which is fitted as hard as can be."""
-        there = replace(fit, terms=(), slopes=fit.slopes[:, fit.free:])
-        nothing = [*self.fitted([self.null]), *self.fitted([there]),
-                   replace(self.null, cost=self.nothing)]
-        nothing.append(self._refitted(min(nothing, key=lambda f: f.cost)))
+    def likely(self, fit: LawFit, fits: Sequence[LawFit]) -> bool:
+        """Whether a model is likelier than none, fitted as hard, also from where `fits` are."""
+        starts = [replace(f, terms=(), slopes=f.slopes[:, f.free:]) for f in fits]
+        nothing = [replace(self.null, cost=self.nothing), *(
+            found for start in (self.null, *starts) for found in self.fitted([start]))]
+        nothing.append(self._refitted(min(nothing[1:], key=lambda f: f.cost)))
         return max(map(self.evidence, (fit, self._refitted(fit)))) > max(
             map(self.evidence, nothing))
 

@@ -329,7 +329,8 @@ def test_laws_are_tried_where_only_the_held_out_record_is_off():
     assert found.verdict == "explained"
     assert found.fit.names == ("backlash",)
     assert found.p_nothing > LEVEL >= max(found.p_value)
-    assert decide(small, Held(5.0, 5.0)).verdict == "contradicted"
+    for after in (5.0, 4.0):  # all of that gap is not closed by what is named
+        assert decide(small, Held(5.0, after)).verdict == "unknown effect"
 
 
 @pytest.mark.parametrize(("after", "verdict"), [
