@@ -89,8 +89,8 @@ def decide(
         if answer.fit is None or (usual.verdict != "no disagreement" and not (
                 gap is not None and gap.closes(MOST))):
             return usual
-        if usual.verdict == "no disagreement" and not (
-                (gap is None or gap.falls) and case.likely(answer.fit, fits)):
+        lower = gap is None or gap.values[-1] < gap.values[0]
+        if usual.verdict == "no disagreement" and not (lower and case.likely(answer.fit, fits)):
             return usual
     witness = witness or held
     if witness is not None and answer.verdict == "unknown effect" and not answer.equivalent:

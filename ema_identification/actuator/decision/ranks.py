@@ -41,5 +41,4 @@ def share_of(as_rare: int, units: int) -> float:
 
 def both_of(one: float, other: float) -> float:
     """Return how often two independent p-values are as small together (Fisher, 1925)."""
-    product = one * other
-    return product * (1.0 - math.log(product))
+    return one * other * (1.0 - math.log(one * other))

@@ -88,11 +88,6 @@ class LawGap:
         """What `SURE` of them stay within."""
         return float(np.quantile(self.healthy, SURE, method="higher"))
 
-    @property
-    def falls(self) -> bool:
-        """Whether the last model leaves less than the first."""
-        return self.values[-1] < self.values[0]
-
     def closes(self, share: float) -> bool:
         """Whether the last model closes this share, of squares, of a gap beyond the bound."""
         before, after = self.values[0], self.values[-1]
