@@ -195,6 +195,9 @@ def test_what_is_rarer_than_one_in_twenty_is_named_only_if_it_is_likely():
     said = [decide(u) for u in between]
     assert {f.fit.names for f in said if f.fit is not None} == {("backlash",)}
     assert sum(f.verdict == "no disagreement" for f in said) >= 4
+    named = next(u for u, f in zip(between, said) if f.fit is not None)
+    assert decide(named, Held(1.3, 1.2)).verdict == "explained"
+    assert decide(named, Held(1.3, 1.4)).verdict == "no disagreement"  # and none that grows
     assert [decide(unit(seed=600 + k)).verdict for k in range(30)] == ["no disagreement"] * 30
 
 
