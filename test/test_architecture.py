@@ -41,7 +41,7 @@ ONE_FILE_AN_ENTRY = {"ema_sim/effects", "ema_cli/commands"}
 """Catalogues: each file is one effect, with its parameters, bounds and source; or one command,
 with its options and help. Stay."""
 KNOWN_DEPTH = {
-    "ema_identification": 9, "ema_prognostics": 10, "ema_record": 9}
+    "ema_identification": 10, "ema_prognostics": 10, "ema_record": 9}
 KNOWN_NAMES: set[str] = set()
 DISTINCTIVE = (
     "inverter.bus_voltage", "inverter.current_limit", "motor.phase_resistance",

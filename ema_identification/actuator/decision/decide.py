@@ -24,7 +24,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,12 +32,9 @@ from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.models import FALL, FEW, Models
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.ranks import LEVEL, both_of, p_nothing, share_of
-from ema_identification.actuator.laws.terms import SURE, LawFit
+from ema_identification.actuator.laws.terms import SURE, LawFit, LawJudge
 from ema_identification.actuator.measure.runs import Progress, silent
 from ema_identification.result import after_validation
-
-if TYPE_CHECKING:
-    from ema_identification.actuator.gap import HeldOut
 
 EDGE = 1.3
 """Requirement: half widths of its band up to which a number may be off and nothing is missing."""
@@ -50,7 +46,7 @@ misfit and of a held-out gap beyond its noise."""
 
 
 def decide(
-    unit: TestedUnit, held: HeldOut | None = None, *, witness: HeldOut | None = None,
+    unit: TestedUnit, held: LawJudge | None = None, *, witness: LawJudge | None = None,
     without: Sequence[str] = (), progress: Progress = silent,
 ) -> FleetAnswer:
     """Return the answer to a record.
@@ -100,7 +96,7 @@ def decide(
 
 
 def _usual(
-    case: Models, p: float, held: HeldOut | None, edge: float = 1.0
+    case: Models, p: float, held: LawJudge | None, edge: float = 1.0
 ) -> FleetAnswer | None:
     """Return silence where `p` is usual; unknown where the held-out record is off all the same.
 
@@ -161,7 +157,7 @@ def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit]) -> Fleet
                    alone=less[::-1] if len(less) > 1 else ())
 
 
-def _in_part(case: Models, answer: FleetAnswer, held: HeldOut) -> FleetAnswer:
+def _in_part(case: Models, answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
     """Return the answer with the law, or the set, that closes most of misfit and held-out gap."""
     singles = [f for f in answer.fits if len(f.terms) == 1 and np.isfinite(f.cost)]
     usual = float(np.median(case.library.healthy[:, 0])) * case.unit.size
@@ -183,7 +179,7 @@ def _in_part(case: Models, answer: FleetAnswer, held: HeldOut) -> FleetAnswer:
             "beside it something remains that no law of the catalogue explains",))
 
 
-def _validated(answer: FleetAnswer, held: HeldOut) -> FleetAnswer:
+def _validated(answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
     """Return the answer as held-out records leave it."""
     gap = held.gap(stages_of(answer))
     verdict, said = after_validation(

@@ -278,7 +278,7 @@ class TestedUnit:
         if not np.isfinite(point.cost):
             return point
         point = replace(point, slopes=np.hstack([
-            law_slopes(self, fit, point.mean, white, runs, 0), fit.slopes[:, fit.free:]]))
+            law_slopes(self.run_all, fit, point.mean, white, runs, 0), fit.slopes[:, fit.free:]]))
         for _ in range(steps):
             for there in self._moves(point, (damping,), white, runs):
                 done = np.append(
@@ -306,8 +306,8 @@ class TestedUnit:
         white = self.whitener(runs, before)
         point, last = self._begun(fit, white, runs), np.inf
         while point.cost < (1.0 - fall) * last:
-            slopes = np.hstack([law_slopes(self, point, point.mean, white, runs, 0),
-                                simulated_slopes(self, point, runs // 2)])
+            slopes = np.hstack([law_slopes(self.run_all, point, point.mean, white, runs, 0),
+                                simulated_slopes(self.run_all, point, runs // 2)])
             last, found = point.cost, self._moves(
                 replace(point, slopes=slopes), STEP_DAMPINGS, white, runs)
             point = min([point, *found], key=lambda f: f.cost)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -16,10 +17,7 @@ from ema_identification.actuator.laws.terms import (
     moved,
 )
 
-if TYPE_CHECKING:
-    from ema_identification.actuator.decision.fit import TestedUnit
-    from ema_identification.actuator.fleet.surrogate import Whitener
-
+RunAll = Callable[..., list[np.ndarray]]
 STRONG, PART, UNKNOWN = 1.2, 0.2, 0.3
 """Effect (deviations, rms) from which its slope is simulated, and which a step need not exceed;
 the step, of its size, and where the library does not know the coordinate."""
@@ -29,8 +27,15 @@ HALF = 0.5
 """Step by which slopes to the unit's numbers are simulated (half widths)."""
 
 
+class _Scale(Protocol):
+    @property
+    def deviation(self) -> np.ndarray: ...
+
+    def bent(self, rest: np.ndarray) -> np.ndarray: ...
+
+
 def law_slopes(
-    unit: TestedUnit, fit: LawFit, mean: np.ndarray, scale: Whitener, runs: int, salt: int
+    run_all: RunAll, fit: LawFit, mean: np.ndarray, scale: _Scale, runs: int, salt: int
 ) -> np.ndarray:
     """Return the slopes to the coordinates of the laws, shape (d, coordinates).
 
@@ -39,7 +44,7 @@ def law_slopes(
 
     Parameters
     ----------
-    unit : makes the runs.
+    run_all : `TestedUnit.run_all`.
     fit : where.
     mean : ndarray, shape (d,). Features there.
     scale : what they may be off.
@@ -64,14 +69,14 @@ def law_slopes(
                 if low[k] <= there[k] and there[k] != u[k]:
                     asked.append((k, there))
             k += 1
-    means = unit.run_all([(moved(fit.terms, u1), fit.z) for _, u1 in asked], runs, salt)
+    means = run_all([(moved(fit.terms, u1), fit.z) for _, u1 in asked], runs, salt)
     for (k, there), f in zip(asked, means):
         if np.isfinite(f).all():
             found[:, k] = (f - mean) / (there[k] - u[k])
     return found
 
 
-def _step(term: EffectTerm, scale: Whitener) -> float:
+def _step(term: EffectTerm, scale: _Scale) -> float:
     """Return the step for the slope of a law, of its size: the least that shows clearly."""
     step, here = PART, term.signature.at(term.u)
     while step > FINEST:
@@ -82,10 +87,10 @@ def _step(term: EffectTerm, scale: Whitener) -> float:
     return step
 
 
-def simulated_slopes(unit: TestedUnit, fit: LawFit, runs: int, salt: int = 61) -> np.ndarray:
+def simulated_slopes(run_all: RunAll, fit: LawFit, runs: int, salt: int = 61) -> np.ndarray:
     """Return the slopes to the unit's numbers, simulated where the fit is, shape (d, width)."""
     steps = [fit.z + row for row in np.diag(np.where(fit.z > 0.0, -HALF, HALF))]
-    here, *there = unit.run_all([(fit.terms, z) for z in (fit.z, *steps)], runs, salt)
+    here, *there = run_all([(fit.terms, z) for z in (fit.z, *steps)], runs, salt)
     slopes = fit.slopes[:, fit.free:].copy()
     for k, (mean, z) in enumerate(zip(there, steps)):
         if np.isfinite(mean).all() and np.isfinite(here).all():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -93,6 +93,13 @@ class LawGap:
         before, after = self.values[0], self.values[-1]
         return before > self.bound and after <= max(
             self.bound, float(np.sqrt(1.0 - share)) * before)
+
+
+class LawJudge(Protocol):
+    """Held-out records."""
+
+    def gap(self, models: Sequence[LawFit], edge: float = 1.0) -> LawGap:
+        """Return the gap of each model, the first without a law."""
 
 
 class Posterior(NamedTuple):
