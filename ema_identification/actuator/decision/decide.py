@@ -106,8 +106,8 @@ def _usual(
         return None
     where = f"numbers of the unit are up to {EDGE - 1.0:.0%} of their half band beyond it; "
     said = f"{where if edge > 1.0 else ''}of healthy units, up to {p:.2g} are as far off"
-    answer = FleetAnswer(verdict="no disagreement", null=case.quadratic, p_nothing=p,
-                         reasons=(said,))
+    answer = FleetAnswer(
+        verdict="no disagreement", null=case.quadratic, p_nothing=p, reasons=(said,))
     if held is None:
         return answer
     for fit in (case.quadratic, case.null):
@@ -133,8 +133,8 @@ def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit]) -> Fleet
                    for f in less if case.explains(f)]
     good = [row for row in tested if max(row[1]) <= LEVEL]
     if not good:
-        why = "no law of the catalogue, nor two, leave what a healthy unit leaves"
-        return replace(answer, reasons=(why,))
+        return replace(answer, reasons=(
+            "no law of the catalogue, nor two, leave what a healthy unit leaves",))
     weights: dict[frozenset[str], float] = {}
     top = max(case.evidence(row[0]) for row in good)
     for fit, *_ in good:

@@ -115,8 +115,7 @@ def judged_library(
 def _ranked(library: FleetLibrary, first: int, last: int) -> np.ndarray:
     """Return the scores of some of the units set aside, shape (n, 3); of failed runs none."""
     with threadpool_limits(limits=1):
-        found = [scores(TestedUnit(library=library, values=values,
-                                           conditions=conditions_of(row)))
+        found = [scores(TestedUnit(library=library, values=values, conditions=conditions_of(row)))
                  for row, values in zip(*(part[first:last] for part in library.aside))
                  if np.isfinite(values).all()]
     return np.array(found).reshape(-1, 3)
