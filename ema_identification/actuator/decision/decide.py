@@ -16,8 +16,10 @@
    unknown.
 4. What is named is measured anew, by runs over all that it may be (`intervals`).
 5. Held-out records judge: names that do not lower their gap (`FALL`) are contradicted, and there
-   is no silence where it is large: laws are tried then too. Where no model explains, a single law
-   that closes most of misfit and gap (`MOST`) is named, and that something remains beside it.
+   is no silence where it is large: laws are tried then too. Where the fitted record is usual, a
+   name must lower the gap and be likelier than nothing, or close most of it (`MOST`). Where no
+   model explains, a single law that closes most of misfit and gap is named, and that something
+   remains beside it.
 """
 
 from __future__ import annotations
@@ -80,19 +82,22 @@ def decide(
     fits = case.finished([*singles, *pairs])
     answer = FleetAnswer(verdict="unknown effect", null=case.null, p_nothing=p, fits=tuple(fits))
     answer = _named(case, answer, [f for f in fits if case.explains(f)])
-    if usual is not None:  # a name must be likelier than none, or close a held-out gap
-        gap = None if held is None or answer.fit is None else held.gap([case.null, answer.fit])
-        if answer.fit is None or (usual.verdict != "no disagreement" and not (
-                gap is not None and gap.closes(MOST))):
-            return usual
-        lower = gap is None or gap.values[-1] < gap.values[0]
-        if usual.verdict == "no disagreement" and not (lower and case.likely(answer.fit, fits)):
-            return usual
+    if usual is not None and (answer.fit is None or not (
+            (held is not None and held.gap([case.null, answer.fit]).closes(MOST))
+            or case.likely(answer.fit, fits))):
+        return usual
     witness = witness or held
     if witness is not None and answer.verdict == "unknown effect" and not answer.equivalent:
         answer = _in_part(case, answer, witness)
     answer = case.measured(answer)
-    return answer if held is None else _validated(answer, held)
+    if held is None:
+        return answer
+    gap = held.gap(stages_of(answer))
+    verdict, said = after_validation(
+        answer.verdict, gap.values[0], gap.values[-1], gap.bound, "healthy units", least=FALL)
+    if usual is not None and (verdict == "contradicted" or gap.values[-1] >= gap.values[0]):
+        return usual
+    return replace(answer, gap=gap, verdict=verdict, reasons=(*said, *answer.reasons))
 
 
 def _usual(
@@ -160,11 +165,10 @@ def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit]) -> Fleet
 def _in_part(case: Models, answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
     """Return the answer with the law, or the set, that closes most of misfit and held-out gap."""
     singles = [f for f in answer.fits if len(f.terms) == 1 and np.isfinite(f.cost)]
-    usual = float(np.median(case.library.healthy[:, 0])) * case.unit.size
     if not singles:
         return answer
     best = singles[0]
-    closed = (case.null.cost - best.cost) / max(case.null.cost - usual, 1e-9)
+    closed = (case.null.cost - best.cost) / max(case.null.cost - case.usual, 1e-9)
     p = case.p_own(best, case.nothing)
     if closed < MOST or p > LEVEL:
         return answer
@@ -177,11 +181,3 @@ def _in_part(case: Models, answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
         answer, verdict="partly explained", fit=best, equivalent=(tuple(sorted(names)),),
         p_value=(p,), closed=(float(closed),), reasons=(
             "beside it something remains that no law of the catalogue explains",))
-
-
-def _validated(answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
-    """Return the answer as held-out records leave it."""
-    gap = held.gap(stages_of(answer))
-    verdict, said = after_validation(
-        answer.verdict, gap.values[0], gap.values[-1], gap.bound, "healthy units", least=FALL)
-    return replace(answer, gap=gap, verdict=verdict, reasons=(*said, *answer.reasons))

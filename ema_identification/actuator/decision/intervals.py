@@ -9,6 +9,7 @@ et al., IEEE Trans. Signal Process. 63, 2015). No slope is taken from where no l
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -34,20 +35,18 @@ SOLUTIONS = 4
 
 
 class _Plane(NamedTuple):
-    """A plane through runs, features = middle + slopes (x - at), and what they leave of it."""
+    """A plane through runs, features = middle + slopes (x - at), and what they leave of it.
+
+    `rest` : shape (runs, d). `design` : inverse of the squares of the columns, of the middle, then
+    of each slope. `freedom` : runs that the plane leaves free.
+    """
 
     at: np.ndarray
     middle: np.ndarray
     slopes: np.ndarray
     rest: np.ndarray
-    """Shape (runs, d)."""
     design: np.ndarray
-    """Inverse of the squares of the columns: of the middle, then of each slope."""
-
-    @property
-    def freedom(self) -> int:
-        """Runs that the plane leaves free."""
-        return len(self.rest) - len(self.design)
+    freedom: int
 
 
 def posterior_of(unit: TestedUnit, fit: LawFit) -> Posterior:
@@ -78,8 +77,7 @@ def simulated_posterior(unit: TestedUnit, fit: LawFit) -> Posterior:
         root = cholesky(found.covariance, lower=True) * (WIDER if k else 1.0)
         points = np.clip(found.mean + np.vstack([half, -half]) @ root.T, low, high)
         rows = np.array(unit.run_all(
-            [(moved(fit.terms, x[:fit.free]), x[fit.free:]) for x in points], 1, salt=70 + k,
-            apart=True))
+            [(f.terms, f.z) for f in (at(fit, x) for x in points)], 1, salt=70 + k, apart=True))
         good = np.isfinite(rows).all(axis=1)
         if good.sum() < 2 * len(centre):  # beside what the simulator can do
             return posterior_of(unit, fit) if k == 0 else found
@@ -88,12 +86,18 @@ def simulated_posterior(unit: TestedUnit, fit: LawFit) -> Posterior:
     return found._replace(covariance=STRETCH**2 * found.covariance)
 
 
+def at(fit: LawFit, x: np.ndarray) -> LawFit:
+    """Return a model at other coordinates and numbers."""
+    return replace(fit, terms=moved(fit.terms, x[:fit.free]), z=x[fit.free:])
+
+
 def _plane(points: np.ndarray, rows: np.ndarray) -> _Plane:
     at = points.mean(axis=0)
     columns = np.hstack([np.ones((len(points), 1)), points - at])
     design = np.linalg.pinv(columns.T @ columns)
     found = design @ (columns.T @ rows)
-    return _Plane(at, found[0], found[1:].T, rows - columns @ found, design)
+    return _Plane(at, found[0], found[1:].T, rows - columns @ found, design,
+                  len(rows) - len(design))
 
 
 def _solved(

@@ -9,7 +9,7 @@ import numpy as np
 
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.intervals import simulated_posterior
+from ema_identification.actuator.decision.intervals import at, simulated_posterior
 from ema_identification.actuator.decision.proposals import (
     LawProposal,
     alternating,
@@ -23,7 +23,7 @@ from ema_identification.actuator.decision.proposals import (
 )
 from ema_identification.actuator.decision.ranks import LEVEL, p_nothing, rank
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS
-from ema_identification.actuator.laws.terms import LawFit, library_slopes, moved
+from ema_identification.actuator.laws.terms import LawFit, library_slopes
 
 SCREENED, PROPOSED, FEW = 16, 6, 3
 """Budget: laws fitted on the library; with the simulator; first laws that get a second, second
@@ -83,15 +83,17 @@ class Models:
         """Return the models, most evidence first; where none explains the best go on.
 
         The best single one and the best pair, all slopes simulated, from where they are, else from
-        the middle of the fleet: beside a large law the library's quadratic leads to bounds.
+        where runs over all that they may be lead: a descent may end beside the true law.
         """
         found = sorted(fits, key=lambda f: -self.evidence(f))
         if any(self.explains(f) for f in found):
             return found
         for k in {len(f.terms): k for k, f in reversed(list(enumerate(found)))}.values():
-            for start in (found[k], replace(found[k], z=self.unit.centre)):
-                if not self.explains(found[k]):
-                    found[k] = min(found[k], self._refitted(start), key=lambda f: f.cost)
+            start, last = found[k], np.inf
+            while not self.explains(found[k]) and found[k].cost < (1.0 - FALL) * last:
+                last = found[k].cost
+                found[k] = min(found[k], self._refitted(start), key=lambda f: f.cost)
+                start = at(found[k], simulated_posterior(self.unit, found[k]).mean)
         return sorted(found, key=lambda f: -self.evidence(f))
 
     def _refitted(self, fit: LawFit) -> LawFit:
@@ -105,12 +107,17 @@ class Models:
         """
         if answer.fit is None:
             return answer
-        fit, known = answer.fit, simulated_posterior(self.unit, answer.fit)
-        terms, z = moved(fit.terms, known.mean[:fit.free]), known.mean[fit.free:]
-        mean = self.unit.run(terms, z, SETTLED_RUNS, salt=8)
-        there = replace(fit, terms=terms, z=z, mean=mean, cost=self.unit.cost(
-            self.white, mean, z) if np.isfinite(mean).all() else np.inf)
-        return replace(answer, known=known, fit=there if self.explains(there) else fit)
+        known = simulated_posterior(self.unit, answer.fit)
+        there = at(answer.fit, known.mean)
+        mean = self.unit.run(there.terms, there.z, SETTLED_RUNS, salt=8)
+        there = replace(there, mean=mean, cost=self.unit.cost(self.white, mean, there.z)
+                        if np.isfinite(mean).all() else np.inf)
+        return replace(answer, known=known, fit=there if self.explains(there) else answer.fit)
+
+    @property
+    def usual(self) -> float:
+        """Return the cost that half of the healthy units leave at most."""
+        return float(np.median(self.library.healthy[:, 0])) * self.unit.size
 
     def screened(self, proposals: Sequence[LawProposal], fit: LawFit) -> list[LawFit]:
         """Return proposals beside a fit, fitted without a run, lowest cost first."""

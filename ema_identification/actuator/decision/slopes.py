@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -11,6 +10,7 @@ from scipy.optimize import lsq_linear
 from ema_identification.actuator.laws.terms import (
     EffectTerm,
     LawFit,
+    NoiseScale,
     bounds,
     coordinates,
     library_slopes,
@@ -27,15 +27,8 @@ HALF = 0.5
 """Step by which slopes to the unit's numbers are simulated (half widths)."""
 
 
-class _Scale(Protocol):
-    @property
-    def deviation(self) -> np.ndarray: ...
-
-    def bent(self, rest: np.ndarray) -> np.ndarray: ...
-
-
 def law_slopes(
-    run_all: RunAll, fit: LawFit, mean: np.ndarray, scale: _Scale, runs: int, salt: int
+    run_all: RunAll, fit: LawFit, mean: np.ndarray, scale: NoiseScale, runs: int, salt: int
 ) -> np.ndarray:
     """Return the slopes to the coordinates of the laws, shape (d, coordinates).
 
@@ -76,7 +69,7 @@ def law_slopes(
     return found
 
 
-def _step(term: EffectTerm, scale: _Scale) -> float:
+def _step(term: EffectTerm, scale: NoiseScale) -> float:
     """Return the step for the slope of a law, of its size: the least that shows clearly."""
     step, here = PART, term.signature.at(term.u)
     while step > FINEST:

@@ -102,6 +102,15 @@ class LawJudge(Protocol):
         """Return the gap of each model, the first without a law."""
 
 
+class NoiseScale(Protocol):
+    """What features may be off: deviations, shape (d,), and residuals in these, bent."""
+
+    @property
+    def deviation(self) -> np.ndarray: ...
+
+    def bent(self, rest: np.ndarray) -> np.ndarray: ...
+
+
 class Posterior(NamedTuple):
     """Laws' coordinates, then the unit's numbers: shape (m,), and covariance, shape (m, m)."""
 
