@@ -103,12 +103,14 @@ class LawJudge(Protocol):
 
 
 class NoiseScale(Protocol):
-    """What features may be off: deviations, shape (d,), and residuals in these, bent."""
+    """What features may be off."""
 
     @property
-    def deviation(self) -> np.ndarray: ...
+    def deviation(self) -> np.ndarray:
+        """Return the deviations, shape (d,)."""
 
-    def bent(self, rest: np.ndarray) -> np.ndarray: ...
+    def bent(self, rest: np.ndarray) -> np.ndarray:
+        """Return residuals, in deviations, of which far ones count by their logarithm."""
 
 
 class Posterior(NamedTuple):
