@@ -245,6 +245,24 @@ def test_a_large_effect_of_which_the_library_knows_half_is_fitted_with_simulated
     assert np.abs(anew.z - z).mean() < np.abs(with_mended.z - z).mean()
 
 
+def test_a_fit_in_another_minimum_begins_anew_where_runs_lead():
+    """Waves along an effect stop a descent; a plane through runs over 30 % of it sees none."""
+    def wavy(_model, _spread, _fmap, z, _conditions, seed, effects):
+        x = effects.viscous_friction.coefficient / VISCOUS
+        return (features_of(z, MODEL.effects) + BEND_OF * (x + np.sin(np.pi * x))
+                + np.random.default_rng(seed).normal(size=FEATURES))
+
+    u = replace(unit(seed=3), simulator=wavy, values=wavy(
+        None, None, None, np.full(SIZE, 0.3), None, 1, effects_of(viscous_friction=20.0)))
+    case = models.Models(u)
+    term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([17 * VISCOUS]))
+    start = replace(u.on_library((term,), [np.zeros(SIZE)]), terms=(term,), cost=1e9)
+    assert not case.explains(case._refitted(start))
+    (found,) = case.finished([start])
+    assert case.explains(found)
+    assert found.terms[0].u[0] == pytest.approx(20 * VISCOUS, rel=0.02)
+
+
 @pytest.mark.parametrize(("size", "step"), [(20.0, 0.05), (0.5, 0.2)])
 def test_the_slope_of_a_law_that_bends_is_over_the_least_step_that_shows(size, step):
     """Of x + x²/10 the secant over a share s of x is off by s x/10: noise allows no less."""
