@@ -16,10 +16,9 @@
    unknown.
 4. What is named is measured anew, by runs over all that it may be (`intervals`).
 5. Held-out records judge: names that do not lower their gap (`FALL`) are contradicted, and there
-   is no silence where it is large: laws are tried then too. Where the fitted record is usual, a
-   name must lower the gap and be likelier than nothing, or close most of it (`MOST`). Where no
-   model explains, a single law that closes most of misfit and gap is named, and that something
-   remains beside it.
+   is no silence where it is large: laws are tried then too. What is named on a usual record must
+   be likelier than nothing, or close most of the gap (`MOST`). Where no model explains, a single
+   law that closes most of misfit and gap is named, and that something remains beside it.
 """
 
 from __future__ import annotations

@@ -28,8 +28,7 @@ LAW_SPREAD, FAR = 0.3, 10.0
 the coordinate; beyond so many of it the law is not expected."""
 STRETCH = 1.3
 """Of intervals: nine in ten of 51 values of simulated units were within, with 256 runs a round
-(split conformal: Lei et al., J. Amer. Statist. Assoc. 113, 2018); 23 of 24 new ones are with
-these. Where features outnumber runs these say too little."""
+(split conformal: Lei et al., J. Amer. Statist. Assoc. 113, 2018); 23 of 24 new ones with these."""
 SOLUTIONS = 4
 """Steps in which features that are off by more than `BEND` deviations lose weight."""
 

@@ -23,11 +23,7 @@ from ema_identification.actuator.laws.terms import EffectTerm
 class JointUnit(TestedUnit):
     """Records of one unit, their features one after another.
 
-    `z` is that of the first record, then what belongs to the day of each further one.
-
-    Attributes
-    ----------
-    each : the records.
+    `z` is that of the first record, then what belongs to the day of each further one of `each`.
     """
 
     each: tuple[TestedUnit, ...]

@@ -82,10 +82,12 @@ class Models:
     def finished(self, fits: Sequence[LawFit]) -> list[LawFit]:
         """Return the models, most evidence first; where none explains the best go on.
 
-        The best single one and the best pair, all slopes simulated, from where they are, else from
-        where runs over all that they may be lead: a descent may end beside the true law.
+        Each law of the best pair gets another one. Then the best single one and the best pair, all
+        slopes simulated, from where they are, else from where runs over all that they may be lead.
         """
         found = sorted(fits, key=lambda f: -self.evidence(f))
+        if not any(self.explains(f) for f in found):
+            found = sorted([*found, *self.exchanged(found)], key=lambda f: -self.evidence(f))
         if any(self.explains(f) for f in found):
             return found
         for k in {len(f.terms): k for k, f in reversed(list(enumerate(found)))}.values():
@@ -167,6 +169,13 @@ class Models:
             known += [] if known else self.beside(one, better)
         found.sort(key=lambda f: f.cost)
         return self.fitted([*found[:PROPOSED], *known]) if found else []
+
+    def exchanged(self, fits: Sequence[LawFit]) -> list[LawFit]:
+        """Return fits of each law of the best pair with another beside it, where that is new."""
+        firsts = [f.names for f in fits if len(f.terms) == 1][:FEW]
+        pairs = [f for f in fits if len(f.terms) == 2][:1]
+        return [f for pair in pairs for one in self.each_alone(pair, fits)
+                if one.names not in firsts and np.isfinite(one.cost) for f in self.pairs([one])]
 
     def each_alone(self, pair: LawFit, fits: Sequence[LawFit]) -> list[LawFit]:
         """Return the best fits of each law of a pair alone, by law; `fits`: those there are.

@@ -24,14 +24,11 @@ ANGLES, CHORDS = 8, 3
 
 
 class Scores(NamedTuple):
-    """In what a unit may be rare among healthy ones."""
+    """In what a unit may be rare: cost a feature, largest gain (`gain_of`), gap (`worst`)."""
 
     cost: float
-    """A feature."""
     gain: float
-    """Largest of a law, in units of what it leaves."""
     gap: float
-    """Of the fitted record, as `surrogate.worst` says it."""
 
 
 class LawProposal(NamedTuple):
