@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
+from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import cholesky
@@ -87,6 +88,7 @@ class TestedUnit:
     simulator: Callable[..., np.ndarray] = fleet_features
     record: Record | None = None
     edge: float | np.ndarray = 1.0
+    plain: ClassVar[bool] = True
     _whiteners: dict[tuple[int, bytes], Whitener] = field(
         init=False, repr=False, compare=False, default_factory=dict)
     _runs: dict[tuple[Effects, bytes, int], np.ndarray] = field(
@@ -122,10 +124,6 @@ class TestedUnit:
                 if np.isfinite(values).all() else None
                 for row, values in zip(*self.library.aside)]
 
-    @property
-    def _plain(self) -> bool:
-        return self.library.left is None
-
     def noise(self) -> np.ndarray:
         """Return the covariance of the features of a run."""
         return self.library.repeat.covariance(min(self.conditions.noise, LOUDEST))
@@ -143,7 +141,8 @@ class TestedUnit:
     def whitener(self, runs: int, before: np.ndarray | None = None) -> Whitener:
         """Return the whitening; `before`: features without a law, to which its error belongs."""
         key = runs, b"" if before is None else before.tobytes()
-        if self._plain and not runs and before is None:  # one correlation for all records
+        if (self.plain and self.library.left is None and not runs
+                and before is None):  # one correlation for all records
             law, noise = self.library.surrogate, self.conditions.noise
             return Whitener(deviation=law.deviation(min(noise, LOUDEST)), root=self.library.root)
         if key not in self._whiteners:

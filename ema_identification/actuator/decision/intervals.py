@@ -10,7 +10,6 @@ et al., IEEE Trans. Signal Process. 63, 2015). No slope is taken from where no l
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky
@@ -31,21 +30,6 @@ STRETCH = 1.3
 (split conformal: Lei et al., J. Amer. Statist. Assoc. 113, 2018); 23 of 24 new ones with these."""
 SOLUTIONS = 4
 """Steps in which features that are off by more than `BEND` deviations lose weight."""
-
-
-class _Plane(NamedTuple):
-    """A plane through runs, features = middle + slopes (x - at), and what they leave of it.
-
-    `rest` : shape (runs, d). `design` : inverse of the squares of the columns, of the middle, then
-    of each slope. `freedom` : runs that the plane leaves free.
-    """
-
-    at: np.ndarray
-    middle: np.ndarray
-    slopes: np.ndarray
-    rest: np.ndarray
-    design: np.ndarray
-    freedom: int
 
 
 def posterior_of(unit: TestedUnit, fit: LawFit) -> Posterior:
@@ -80,7 +64,7 @@ def simulated_posterior(unit: TestedUnit, fit: LawFit) -> Posterior:
         good = np.isfinite(rows).all(axis=1)
         if good.sum() < 2 * len(centre):  # beside what the simulator can do
             return posterior_of(unit, fit) if k == 0 else found
-        found = _solved(unit, _plane(points[good], rows[good]), found.mean, (low, high),
+        found = _solved(unit, (points[good], rows[good]), found.mean, (low, high),
                         (centre, weight))
     return found._replace(covariance=STRETCH**2 * found.covariance)
 
@@ -90,32 +74,28 @@ def at(fit: LawFit, x: np.ndarray) -> LawFit:
     return replace(fit, terms=moved(fit.terms, x[:fit.free]), z=x[fit.free:])
 
 
-def _plane(points: np.ndarray, rows: np.ndarray) -> _Plane:
-    at = points.mean(axis=0)
-    columns = np.hstack([np.ones((len(points), 1)), points - at])
-    design = np.linalg.pinv(columns.T @ columns)
-    found = design @ (columns.T @ rows)
-    return _Plane(at, found[0], found[1:].T, rows - columns @ found, design,
-                  len(rows) - len(design))
-
-
 def _solved(
-    unit: TestedUnit, plane: _Plane, x: np.ndarray, ends: tuple[np.ndarray, np.ndarray],
-    expected: tuple[np.ndarray, np.ndarray],
+    unit: TestedUnit, runs: tuple[np.ndarray, np.ndarray], x: np.ndarray,
+    ends: tuple[np.ndarray, np.ndarray], expected: tuple[np.ndarray, np.ndarray],
 ) -> Posterior:
-    """Return where the plane meets the record, and how surely.
+    """Return where a plane through `runs` (points, features) meets the record, and how surely.
 
     The noise of the slopes is taken off the information (errors in variables with a variance that
     is known: Fuller, Measurement Error Models, 1987, section 2.2). The runs' own scatter gives the
     noise of the result, whatever correlation it was weighed by; to it comes what the record is off
     beyond a run.
     """
-    (low, high), (centre, weight) = ends, expected
+    (points, rows), (low, high), (centre, weight) = runs, ends, expected
+    about = points.mean(axis=0)
+    columns = np.hstack([np.ones((len(points), 1)), points - about])
+    design = np.linalg.pinv(columns.T @ columns)  # of the middle, then of each slope
+    plane = design @ (columns.T @ rows)
+    slopes, rest, freedom = plane[1:].T, rows - columns @ plane, len(rows) - len(design)
     run = unit.noise()
-    extra = unit.covariance(len(plane.rest)) - run
+    extra = unit.covariance(len(rest)) - run
     scale = np.sqrt(np.diag(run + extra))
-    deviation = np.sqrt((plane.rest**2).sum(axis=0) / plane.freedom + np.diag(extra))
-    bent, fresh = plane.rest[::2] / deviation, plane.rest[1::2]  # what weighs does not judge
+    deviation = np.sqrt((rest**2).sum(axis=0) / freedom + np.diag(extra))
+    bent, fresh = rest[::2] / deviation, rest[1::2]  # what weighs does not judge
     correlation, share = shrunk(bent)
     correlation += share * (run + extra) / np.outer(scale, scale)
     record = np.repeat(np.arange(len(unit.parts)), [p.size for p in unit.parts])
@@ -124,25 +104,25 @@ def _solved(
     correlation /= np.outer(scale, scale)
     free = len(x) - len(unit.centre)
     for k in range(SOLUTIONS):
-        off = unit.values - plane.middle - plane.slopes @ (x - plane.at)
+        off = unit.values - plane[0] - slopes @ (x - about)
         far = np.abs(off) / deviation / (BEND if k else 6.0 * BEND)  # first nearly all count
         grown = deviation * np.maximum(far, 1.0)
         factor = cho_factor(correlation * np.outer(grown, grown))
-        weighed = cho_solve(factor, plane.slopes)
-        feigned = (plane.rest.T * cho_solve(factor, plane.rest.T)).sum() / plane.freedom
-        known = plane.slopes.T @ weighed
+        weighed = cho_solve(factor, slopes)
+        feigned = (rest.T * cho_solve(factor, rest.T)).sum() / freedom
+        known = slopes.T @ weighed
         size = np.sqrt(np.append(np.diag(known)[:free], unit.weight))
         values, vectors = np.linalg.eigh(
-            (known - feigned * plane.design[1:, 1:]) / np.outer(size, size))
+            (known - feigned * design[1:, 1:]) / np.outer(size, size))
         values, vectors = values[values > 1e-9], vectors[:, values > 1e-9]
-        rows = (vectors * np.sqrt(values)).T * size
+        root = (vectors * np.sqrt(values)).T * size
         target = vectors.T @ (weighed.T @ off / size) / np.sqrt(values)
         x = np.clip(x + bounded_least_squares(
-            rows, target, np.minimum(low - x, -1e-9), np.maximum(high - x, 1e-9), weight,
+            root, target, np.minimum(low - x, -1e-9), np.maximum(high - x, 1e-9), weight,
             x - centre), low, high)
-    inverse = np.linalg.inv(rows.T @ rows + np.diag(weight))
-    here = np.append(1.0, x - plane.at)
-    scatter = weighed.T @ fresh.T * np.sqrt(len(plane.rest) / len(fresh))
+    inverse = np.linalg.inv(root.T @ root + np.diag(weight))
+    here = np.append(1.0, x - about)
+    scatter = weighed.T @ fresh.T * np.sqrt(len(rest) / len(fresh))
     noise = weighed.T @ extra @ weighed + (
-        scatter @ scatter.T * ((1.0 + here @ plane.design @ here) / plane.freedom))
+        scatter @ scatter.T * ((1.0 + here @ design @ here) / freedom))
     return Posterior(x, inverse @ (noise + np.diag(weight)) @ inverse)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -27,6 +28,7 @@ class JointUnit(TestedUnit):
     """
 
     each: tuple[TestedUnit, ...]
+    plain: ClassVar[bool] = False
 
     @property
     def parts(self) -> tuple[TestedUnit, ...]:
@@ -37,10 +39,6 @@ class JointUnit(TestedUnit):
     def day(self) -> np.ndarray:
         """Return which numbers belong to the day of a test, shape (width,), bool."""
         return np.append(self.library.of_day, np.ones((len(self.each) - 1) * DAYS, dtype=bool))
-
-    @property
-    def _plain(self) -> bool:
-        return False
 
     @cached_property
     def _places(self) -> list[np.ndarray]:

@@ -91,12 +91,18 @@ class Models:
         if any(self.explains(f) for f in found):
             return found
         for k in {len(f.terms): k for k, f in reversed(list(enumerate(found)))}.values():
-            start, last = found[k], np.inf
-            while not self.explains(found[k]) and found[k].cost < (1.0 - FALL) * last:
-                last = found[k].cost
-                found[k] = min(found[k], self._refitted(start), key=lambda f: f.cost)
-                start = at(found[k], simulated_posterior(self.unit, found[k]).mean)
+            found[k] = self._pressed(found[k])
         return sorted(found, key=lambda f: -self.evidence(f))
+
+    def _pressed(self, fit: LawFit) -> LawFit:
+        """Return a fit that has gone on, from where it is, then from where runs lead."""
+        start, last = fit, np.inf
+        while fit.cost < (1.0 - FALL) * last:
+            last, fit = fit.cost, min(fit, self._refitted(start), key=lambda f: f.cost)
+            if self.explains(fit):
+                break
+            start = at(fit, simulated_posterior(self.unit, fit).mean)
+        return fit
 
     def _refitted(self, fit: LawFit) -> LawFit:
         there = self.unit.refitted(fit, self.before, runs=ROUNDS[-1][0], fall=FALL)
@@ -174,24 +180,26 @@ class Models:
         """Return fits of each law of the best pair with another beside it, where that is new."""
         firsts = [f.names for f in fits if len(f.terms) == 1][:FEW]
         pairs = [f for f in fits if len(f.terms) == 2][:1]
-        return [f for pair in pairs for one in self.each_alone(pair, fits)
-                if one.names not in firsts and np.isfinite(one.cost) for f in self.pairs([one])]
+        return [f for pair in pairs for start in _laws_of(pair) if start.names not in firsts
+                for one in self.fitted([start]) for f in self.pairs([one])]
 
     def each_alone(self, pair: LawFit, fits: Sequence[LawFit]) -> list[LawFit]:
         """Return the best fits of each law of a pair alone, by law; `fits`: those there are.
 
-        Where one of them explains too it is fitted as hard as can be before a second is named.
+        The better one is fitted as hard as can be before a second is named.
         """
-        found = []
-        ends = np.cumsum([t.variant.size for t in pair.terms])[:-1]
-        parts = np.split(np.arange(pair.free), ends)
-        for term, own in zip(pair.terms, parts):
-            columns = np.append(own, np.arange(pair.free, pair.slopes.shape[1]))
-            start = replace(pair, terms=(term,), slopes=pair.slopes[:, columns])
-            known = [f for f in fits if f.names == (term.variant.effect,)]
-            best = min([*self.fitted([start]), *known, replace(start, cost=np.inf)],
-                       key=lambda f: f.cost)
-            if self.explains(best):
-                best = min(best, self._refitted(best), key=lambda f: f.cost)
-            found.append(best)
+        found = [min([*self.fitted([start]), *(f for f in fits if f.names == start.names), start],
+                     key=lambda f: f.cost) for start in _laws_of(pair)]
+        best = int(np.argmin([f.cost for f in found]))
+        found[best] = self._pressed(found[best])
         return found
+
+
+def _laws_of(pair: LawFit) -> list[LawFit]:
+    """Return where fits of each law alone may begin."""
+    found, begin, rest = [], 0, np.arange(pair.free, pair.slopes.shape[1])
+    for term in pair.terms:
+        columns = np.append(np.arange(begin, begin + term.variant.size), rest)
+        found.append(replace(pair, terms=(term,), slopes=pair.slopes[:, columns], cost=np.inf))
+        begin += term.variant.size
+    return found

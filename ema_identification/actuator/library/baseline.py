@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from scipy.optimize import brentq
@@ -57,10 +58,7 @@ class ChangedUnit(TestedUnit):
     at: tuple[np.ndarray, ...]
     before: np.ndarray
     apart: float = 0.0
-
-    @property
-    def _plain(self) -> bool:
-        return False
+    plain: ClassVar[bool] = False
 
     def covariance(self, runs: int) -> np.ndarray:
         """Return the covariance of what is off: of both records, see the module."""
