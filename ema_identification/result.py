@@ -26,9 +26,10 @@ def after_validation(
 ) -> tuple[Outcome, tuple[str, ...]]:
     """Return what validation records leave of a verdict, and what there is to say of their gap.
 
-    A gap within what the model's own runs leave says nothing of the effects that were added,
-    whether it grew or fell. Beyond that, one that grew contradicts them, or that lost less than
-    the share that it should, and a record is only explained where it fell.
+    Effects that should close a share of the gap are contradicted by one that grew, or that lost
+    less and is beyond what the model's own runs leave. Of others a gap within that says nothing,
+    whether it grew or fell; beyond it one that grew contradicts them, and a record is only
+    explained where it fell.
 
     Parameters
     ----------
@@ -45,7 +46,7 @@ def after_validation(
     if not named or after < before:
         return verdict, ()
     grew = f"the gap on the held-out records grew from {before:.3g} to {after:.3g}"
-    if after <= bound:
+    if after <= bound and not least:
         return verdict, (f"{grew}, within the noise of {whose} (up to {bound:.3g})",) * (
             after > before)
     if after > before:

@@ -94,7 +94,7 @@ def decide(
     gap = held.gap(stages_of(answer))
     verdict, said = after_validation(
         answer.verdict, gap.values[0], gap.values[-1], gap.bound, "healthy units", least=FALL)
-    if usual is not None and (verdict == "contradicted" or gap.values[-1] >= gap.values[0]):
+    if usual is not None and verdict != "explained":
         return usual
     return replace(answer, gap=gap, verdict=verdict, reasons=(*said, *answer.reasons))
 
