@@ -76,6 +76,7 @@ class TestedUnit:
     simulator : gives the features of a run; its arguments are those of `fleet_features`.
     record : itself, for pictures.
     edge : half widths of its band that a number may be off, 1 by the description; of each or all.
+    plain : whether its noise is that of the library as it is.
     """
 
     library: FleetLibrary

@@ -96,12 +96,12 @@ class Models:
 
     def _pressed(self, fit: LawFit) -> LawFit:
         """Return a fit that has gone on, from where it is, then from where runs lead."""
-        start, last = fit, np.inf
+        last = np.inf
         while fit.cost < (1.0 - FALL) * last:
+            start = fit if np.isinf(last) else at(fit, simulated_posterior(self.unit, fit).mean)
             last, fit = fit.cost, min(fit, self._refitted(start), key=lambda f: f.cost)
             if self.explains(fit):
                 break
-            start = at(fit, simulated_posterior(self.unit, fit).mean)
         return fit
 
     def _refitted(self, fit: LawFit) -> LawFit:
