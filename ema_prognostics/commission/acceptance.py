@@ -36,6 +36,8 @@ LEAST_SAMPLES = 16
 """Of the interval without current from which the noise is read."""
 MIN_STEPS = 6
 """Fewest different values while the inverter is off from which the noise is read."""
+NOISE_ERROR = 0.1
+"""Relative error of a measured noise: few samples, steps of the converter."""
 ROUNDED = 0.3
 """Share of repeated values in the steps of a channel from which it counts as rounded."""
 
@@ -129,12 +131,9 @@ def measured_recorder(
 ) -> Actuator:
     """Return the actuator with rate, channels, noise and converters as the records show them.
 
-    Noise is such that the median over the records of what is there while the inverter is off,
-    given for `NOISE_RATE`, lies in the middle of what `conditions` allow, in its logarithm; a
-    channel whose values repeat its steps is rounded.
+    Noise is measured while the inverter is off, see `noise_level`; a channel whose values repeat
+    its steps is rounded.
     """
-    middle = float(np.sqrt(max(conditions.noise_least, 0.01 * conditions.noise_most)
-                           * conditions.noise_most))
     there = np.min([present(record) for record in records], axis=0)
     rate = float(np.median([record.rate for record in records]))
     scale = np.sqrt(NOISE_RATE / rate)
@@ -147,7 +146,8 @@ def measured_recorder(
         found = [_noise(record, place) for record in records]
         known = [value for value in found if value is not None]
         if known:
-            noise[name] = float(np.median(known)) * float(scale) / max(middle, 1e-9)
+            noise[name] = noise_level(
+                getattr(actuator.noise, name), scale * np.array(known), conditions)
     rounded = all(_rounded(record.samples[:, MOTOR_SPEED]) for record in records)
     currents = range(PHASE_CURRENTS.start, PHASE_CURRENTS.stop)
     return actuator._replace(
@@ -159,6 +159,28 @@ def measured_recorder(
             rotor_angle=int(there[ROTOR_ANGLE]), surface_position=int(there[SURFACE_POSITION]),
         ),
     )
+
+
+def noise_level(described: float, measured: np.ndarray, conditions: Conditions) -> float:
+    """Return the noise of a channel, of which tests have `noise_least` to `noise_most` times.
+
+    The described one, where that allows all that was measured. Else such that the middle between
+    the least and the most measured is in the middle of what may be, in the logarithm: of a few
+    numbers drawn evenly between two ends the mid-range tells these best (Lloyd 1952); their
+    median, of eight, would be off by a third.
+
+    Parameters
+    ----------
+    described : for `NOISE_RATE`.
+    measured : ndarray, shape (n,). Of the records, for `NOISE_RATE`.
+    conditions : what the noise of a test may be.
+    """
+    most = max(conditions.noise_most, 1e-9)
+    least = max(conditions.noise_least, 0.01 * most)
+    low, high = float(measured.max()) / most, float(measured.min()) / least
+    if low <= (1.0 + NOISE_ERROR) * described and described <= (1.0 + NOISE_ERROR) * high:
+        return described
+    return float(np.sqrt(low * high))
 
 
 def _noise(record: Record, place: slice) -> float | None:

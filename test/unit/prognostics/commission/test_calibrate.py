@@ -11,6 +11,7 @@ import pytest
 from ema_prognostics.cascade.model_body import DiscrepancyPart
 from ema_prognostics.commission.acceptance import (
     measured_recorder,
+    noise_level,
     read_acceptance,
 )
 from ema_prognostics.commission.calibrate import (
@@ -222,8 +223,24 @@ def test_the_recorder_is_measured_and_not_assumed() -> None:
     fine = replace(fine, samples=fine.samples + 1e-6 * rng.standard_normal(fine.samples.shape))
     assert measured_recorder(ACTUATOR, [fine], always).acquisition.converters == 0
     varying = always._replace(noise_least=0.25)  # its middle is half of the most
-    assert measured_recorder(ACTUATOR, [fine], varying).noise.current == pytest.approx(
-        2.0 * found.noise.current, rel=0.01)
+    assert measured_recorder(ACTUATOR, [fine], varying).noise == ACTUATOR.noise
+    quiet = ACTUATOR._replace(noise=ACTUATOR.noise._replace(current=0.1 * ACTUATOR.noise.current))
+    assert measured_recorder(quiet, [fine], varying).noise.current == pytest.approx(
+        2.0 * ACTUATOR.noise.current, rel=0.15)
+
+
+def test_a_described_noise_stays_where_all_records_may_have_it() -> None:
+    """Tests of 0.25 to 2 times the noise: a few of them tell its middle only roughly."""
+    conditions = load_spread().conditions._replace(noise_least=0.25, noise_most=2.0)
+    rng = np.random.default_rng(4)
+    tests = 0.3 * np.exp(rng.uniform(np.log(0.25), np.log(2.0), (1000, 8)))
+    assert {noise_level(0.3, row, conditions) for row in tests} == {0.3}
+    for wrong in (0.0, 0.03, 3.0):  # by a factor of ten: what is measured counts
+        found = np.log([noise_level(wrong, row, conditions) / 0.3 for row in tests])
+        assert abs(found.mean()) < 0.02
+        assert found.std() == pytest.approx(np.log(8.0) / np.sqrt(2.0 * 9.0 * 10.0), rel=0.1)
+    quiet = conditions._replace(noise_least=0.0, noise_most=0.0)
+    assert np.isfinite(noise_level(0.0, np.array([0.1, 0.2]), quiet))
 
 
 def test_a_model_that_does_not_give_the_records_is_refused() -> None:
