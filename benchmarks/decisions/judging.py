@@ -18,6 +18,7 @@ from ema_identification.actuator.library.build import fleet_library
 from ema_identification.identify import identify
 from ema_identification.result import Identification
 from ema_record.actuator import load_actuator
+from ema_record.errors import RecordError
 from ema_record.kit import ACTUATOR, LIBRARY, PROFILES, using_kit
 from ema_record.profile import load_profile
 from ema_record.profiles.text import write_profiles
@@ -57,8 +58,13 @@ def answered(unit: HiddenUnit, work: Path, tests: Sequence[str]) -> Row:
     """Return what is said of a unit: what it has, or since its acceptance."""
     with kit_of(unit, work, tests):
         started = time.process_time(), time.perf_counter()
-        whole = identify(unit.records[:1], validate=unit.records[1:], without=unit.without,
-                         baseline=unit.accepted)
+        try:
+            whole = identify(unit.records[:1], validate=unit.records[1:], without=unit.without,
+                             baseline=unit.accepted)
+        except RecordError as error:  # a unit that no longer follows its test
+            whole = Identification(
+                verdict="unknown effect", reasons=(str(error),), gap_before=float("nan"),
+                gap_after=float("nan"), noise_floor=float("nan"), gap_unit="")
         seconds = time.process_time() - started[0], time.perf_counter() - started[1]
     found = whole if whole.since is None else whole.since
     return {"names": unit.names, "strange": bool(unit.without), **said(found),

@@ -15,10 +15,11 @@
    the evidence, the simplest model in it; more than `LARGEST_SET`, or no model that explains, is
    unknown.
 4. What is named is measured anew, by runs over all that it may be (`intervals`).
-5. Held-out records judge: names that do not lower their gap (`FALL`) are contradicted, and there
-   is no silence where it is large: laws are tried then too. What is named on a usual record must
-   be likelier than nothing, or close most of the gap (`MOST`). Where no model explains, a single
-   law that closes most of misfit and gap is named, and that something remains beside it.
+5. Held-out records judge: names that do not lower their gap, or leave it large and close less
+   than most of it (`MOST`), are contradicted, and there is no silence where it is large: laws are
+   tried then too. What is named on a usual record must be likelier than nothing, or close most of
+   the gap. Where no model explains, a single law that closes most of misfit and gap is named, and
+   that something remains beside it.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ import numpy as np
 
 from ema_identification.actuator.decision.answer import FleetAnswer, instead_of, stages_of
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.models import FALL, FEW, Models
+from ema_identification.actuator.decision.models import LARGEST_SET, Models
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.ranks import LEVEL, both_of, p_nothing, share_of
 from ema_identification.actuator.laws.terms import SURE, LawFit, LawJudge
@@ -39,11 +40,9 @@ from ema_identification.result import after_validation
 
 EDGE = 1.3
 """Requirement: half widths of its band up to which a number may be off and nothing is missing."""
-LARGEST_SET = 3
-"""Requirement: more names are no answer."""
 MOST = 0.75
-"""Requirement: share of the squares that a law closes beside which something remains, of the
-misfit and of a held-out gap beyond its noise."""
+"""Requirement: share of the squares that what is named closes where more is left than noise, of
+the misfit and of a held-out gap."""
 
 
 def decide(
@@ -93,7 +92,7 @@ def decide(
         return answer
     gap = held.gap(stages_of(answer))
     verdict, said = after_validation(
-        answer.verdict, gap.values[0], gap.values[-1], gap.bound, "healthy units", least=FALL)
+        answer.verdict, gap.values[0], gap.values[-1], gap.bound, "healthy units", least=MOST)
     if usual is not None and verdict != "explained":
         return usual
     return replace(answer, gap=gap, verdict=verdict, reasons=(*said, *answer.reasons))
@@ -130,7 +129,8 @@ def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit]) -> Fleet
         (fit, (case.p_own(fit, case.nothing),), (case.null,))
         for fit in explaining if len(fit.terms) == 1]
     best = max((case.evidence(f) for f, *_ in tested), default=-np.inf)
-    for pair in [f for f in explaining if len(f.terms) == 2 and case.evidence(f) > best][:FEW]:
+    pairs = [f for f in explaining if len(f.terms) == 2 and case.evidence(f) > best]
+    for pair in pairs[:LARGEST_SET]:
         less = tuple(case.each_alone(pair, answer.fits)[::-1])  # of each law, without it
         tested.append((pair, tuple(case.p_own(pair, f.cost) for f in less), less))
         tested += [(f, (case.p_own(f, case.nothing),), (case.null,))

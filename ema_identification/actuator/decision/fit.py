@@ -280,7 +280,8 @@ class TestedUnit:
         point = replace(point, slopes=np.hstack([
             law_slopes(self.run_all, fit, point.mean, white, runs, 0), fit.slopes[:, fit.free:]]))
         for _ in range(steps):
-            for there in self._moves(point, (damping,), white, runs):
+            moves = self._moves(point, (damping,), white, runs)
+            for there in sorted(moves, key=lambda f: f.cost):
                 done = np.append(
                     coordinates(there.terms) - coordinates(point.terms), there.z - point.z)
                 slopes = mended(point.slopes, done, there.mean - point.mean,
@@ -323,8 +324,9 @@ class TestedUnit:
         self, point: LawFit, dampings: Sequence[float], white: Whitener, runs: int
     ) -> list[LawFit]:
         """Return where steps of each damping lead, those that can be run."""
-        steps = [self._step(white, point.mean, point.slopes, point.z, point.terms, damping)
-                 for damping in dampings]
+        # Of residuals that are bent what is far off has no weight: also of them as they are.
+        steps = [self._step(scale, point.mean, point.slopes, point.z, point.terms, damping)
+                 for damping in dampings for scale in (white, replace(white, straight=True))]
         tried = [(moved(point.terms, coordinates(point.terms) + step[:point.free]),
                   np.clip(point.z + step[point.free:], -self.edge, self.edge)) for step in steps]
         return [replace(point, terms=terms, z=z, mean=mean, cost=self.cost(white, mean, z))

@@ -22,9 +22,9 @@ from ema_identification.actuator.laws.terms import LawFit, Posterior, bounds, co
 RUNS, ROUNDS, WIDER = 5, 2, 3.0
 """Budget: runs of a round, a coordinate; rounds; spread of the later ones, of what the one before
 leaves: with so few runs, slopes over twice it drown in noise."""
-LAW_SPREAD, FAR = 0.3, 10.0
-"""Spread of the first round about a law, of its size, in itself where the library does not know
-the coordinate; beyond so many of it the law is not expected."""
+LAW_SPREAD, FAR = 1.0 / WIDER, 10.0
+"""Spread of the first round about a law, so that it is wide by the law's own size; in itself where
+the library does not know the coordinate. Beyond so many of it the law is not expected."""
 STRETCH = 1.3
 """Of intervals: nine in ten of 51 values of simulated units were within, with 256 runs a round
 (split conformal: Lei et al., J. Amer. Statist. Assoc. 113, 2018); 23 of 24 new ones with these."""

@@ -25,14 +25,16 @@ from ema_identification.actuator.decision.ranks import LEVEL, p_nothing, rank
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS
 from ema_identification.actuator.laws.terms import LawFit, library_slopes
 
-SCREENED, PROPOSED, FEW = 16, 6, 3
-"""Budget: laws fitted on the library; with the simulator; first laws that get a second, second
-ones fitted beside each, pairs whose laws are each fitted alone."""
-ROUNDS = ((SETTLED_RUNS // 4, 4, 4), (SETTLED_RUNS // 2, FEW, FEW))
-"""Budget: runs, steps, and how many go on."""
+LARGEST_SET = 3
+"""Requirement: more names are no answer. So as many of anything go on: models from one round of
+fits to the next (the best one from two starts), first laws that get a second, pairs whose laws are
+each fitted alone."""
+PROPOSED, SCREENED = 2 * LARGEST_SET, 4 * LARGEST_SET
+"""Laws fitted with the simulator; on the library, of which half are left (successive halving)."""
+ROUNDS = SETTLED_RUNS // 4, SETTLED_RUNS // 2
+"""Runs of a model in each round, of `LARGEST_SET` steps."""
 FALL = 0.1
-"""Budget: a fall of squares by less is none. Where no model explains the best take steps while
-each lowers the cost by this share; names must lower a held-out gap beyond its noise by it."""
+"""A descent that lowers the cost by less stands still."""
 
 
 class Models:
@@ -69,33 +71,37 @@ class Models:
     def fitted(self, starts: Sequence[LawFit]) -> list[LawFit]:
         """Return the models fitted with the simulator, most evidence first."""
         points = list(starts)
-        for runs, steps, keep in ROUNDS:
-            points = sorted((self.unit.descended(p, self.before, runs=runs, steps=steps)
+        for runs in ROUNDS:
+            points = sorted((self.unit.descended(p, self.before, runs=runs, steps=LARGEST_SET)
                              for p in points), key=lambda f: -self.evidence(f))
-            best: dict[tuple[str, ...], LawFit] = {}
+            alike: dict[tuple[str, ...], list[LawFit]] = {}
             for p in points:
-                best.setdefault(p.variants, p)
-            points = [p for p in best.values() if np.isfinite(p.cost)][:keep]
-        return sorted((self.unit.settled(p, self.before, SETTLED_RUNS) for p in points),
+                if np.isfinite(p.cost):
+                    alike.setdefault(p.variants, []).append(p)
+            kept = list(alike.values())[:LARGEST_SET]
+            points = [p for k, group in enumerate(kept) for p in group[:1 if k else 2]]
+        return sorted((self.unit.settled(group[0], self.before, SETTLED_RUNS) for group in kept),
                       key=lambda f: -self.evidence(f))
 
     def finished(self, fits: Sequence[LawFit]) -> list[LawFit]:
-        """Return the models, most evidence first; where none explains the best go on.
+        """Return the models, most evidence first; where none explains the best pair goes on.
 
-        Each law of the best pair gets another one. Then the best single one and the best pair, all
-        slopes simulated, from where they are, else from where runs over all that they may be lead.
+        Each of its laws gets another one. Then the best pair is fitted as hard as can be.
         """
         found = sorted(fits, key=lambda f: -self.evidence(f))
         if not any(self.explains(f) for f in found):
             found = sorted([*found, *self.exchanged(found)], key=lambda f: -self.evidence(f))
         if any(self.explains(f) for f in found):
             return found
-        for k in {len(f.terms): k for k, f in reversed(list(enumerate(found)))}.values():
+        for k in [k for k, f in enumerate(found) if len(f.terms) == 2][:1]:
             found[k] = self._pressed(found[k])
         return sorted(found, key=lambda f: -self.evidence(f))
 
     def _pressed(self, fit: LawFit) -> LawFit:
-        """Return a fit that has gone on, from where it is, then from where runs lead."""
+        """Return a fit that has gone on until it explains or stands still, all slopes simulated.
+
+        From where it is, then from where runs over all that it may be lead.
+        """
         last = np.inf
         while fit.cost < (1.0 - FALL) * last:
             start = fit if np.isinf(last) else at(fit, simulated_posterior(self.unit, fit).mean)
@@ -105,7 +111,7 @@ class Models:
         return fit
 
     def _refitted(self, fit: LawFit) -> LawFit:
-        there = self.unit.refitted(fit, self.before, runs=ROUNDS[-1][0], fall=FALL)
+        there = self.unit.refitted(fit, self.before, runs=ROUNDS[-1], fall=FALL)
         return self.unit.settled(there, self.before, SETTLED_RUNS)
 
     def measured(self, answer: FleetAnswer) -> FleetAnswer:
@@ -133,12 +139,15 @@ class Models:
                        for p in proposals), key=lambda f: f.cost)
 
     def singles(self) -> list[LawFit]:
-        """Return the fits of single laws."""
+        """Return the fits of single laws; the best is fitted as hard as can be."""
         gains = linear_gains(self.unit, self.null, self.white, self.signatures)
         lists = (gains, sized(self.unit, self.signatures),
                  ripples(self.unit, self.null, self.white, self.without))
         starts = self.screened(alternating(lists, SCREENED), self.quadratic)[:PROPOSED]
-        return self.fitted([*starts, *self.beside(self.null, gains)])
+        found = self.fitted([*starts, *self.beside(self.null, gains)])
+        if found and not self.explains(found[0]):  # second laws are sought beside it
+            found[0] = self._pressed(found[0])
+        return sorted(found, key=lambda f: -self.evidence(f))
 
     def beside(self, fit: LawFit, gains: Sequence[LawProposal]) -> list[LawFit]:
         """Return the law that gains most, at each known size: its cost has several minima."""
@@ -165,20 +174,20 @@ class Models:
         found: list[LawFit] = []
         known: list[LawFit] = []
         alone = bool(singles) and self.explains(singles[0])
-        for one in singles[:1 if alone else FEW]:
+        for one in singles[:1 if alone else LARGEST_SET]:
             more = linear_gains(self.unit, one, self.white, self.signatures)
             more += ripples(self.unit, one, self.white, (*self.without, *one.names))
             better = [p for p in sorted(more, key=lambda p: p.cost)
                       if p.signature.variant.effect not in one.names
                       and not (alone and self.p_own(p, one.cost) > LEVEL)]
-            found += self.screened(alternating((better,), FEW), one)
+            found += self.screened(alternating((better,), LARGEST_SET), one)
             known += [] if known else self.beside(one, better)
         found.sort(key=lambda f: f.cost)
         return self.fitted([*found[:PROPOSED], *known]) if found else []
 
     def exchanged(self, fits: Sequence[LawFit]) -> list[LawFit]:
         """Return fits of each law of the best pair with another beside it, where that is new."""
-        firsts = [f.names for f in fits if len(f.terms) == 1][:FEW]
+        firsts = [f.names for f in fits if len(f.terms) == 1][:LARGEST_SET]
         pairs = [f for f in fits if len(f.terms) == 2][:1]
         return [f for pair in pairs for start in _laws_of(pair) if start.names not in firsts
                 for one in self.fitted([start]) for f in self.pairs([one])]

@@ -195,16 +195,16 @@ def gain_of(cost: float, lower: float, size: int) -> float:
     return (cost - lower) / max(lower / size, 1e-9)
 
 
-LOWEST, RIPPLE_RUNS, COGGING = 3, 4, 0.05
+LOWEST, RIPPLE_RUNS, COGGING, RIPPLE_SIZES = 3, 4, 0.05, (1.0, 4.0)
 """Periods a turn from which on ripple is looked for, in all lines; lower ones are windings'. Runs
-at a size, of dry friction or of its twist of the shaft."""
+at a size, of dry friction or of its twist of the shaft; sizes, in this, from which fits begin."""
 
 
 def ripples(
     unit: TestedUnit, fit: LawFit, white: Whitener, without: Sequence[str]
 ) -> list[LawProposal]:
     """Return ripple at the order whose torque lines are off most, signatures simulated."""
-    power: dict[int, float] = {}
+    power: dict[int, list[float]] = {}
     rest = (unit.values - fit.mean) / white.deviation
     pairs = unit.library.model.actuator.motor.pole_pairs
     for feature, x in zip(unit.library.fmap.features, rest):
@@ -212,25 +212,26 @@ def ripples(
         order = int(of.split("_")[0]) if line else 0
         if kind in ("turn_", "") and order >= LOWEST:
             periods = order if kind else order * pairs  # of the rotor's turn, of the electrical
-            power[periods] = power.get(periods, 0.0) + min(float(x) ** 2, 100.0)
+            power.setdefault(periods, []).append(min(float(x) ** 2, 100.0))
     if not power:
         return []
-    periods = max(power, key=lambda k: power[k])
+    periods = max(power, key=lambda k: np.mean(power[k]))
     a, found = unit.library.model.actuator, []
     for effect, level in (
             ("cogging_torque", COGGING * a.motor.dynamic_friction),
             ("gear_mesh_ripple", COGGING * 0.5 * a.surface.dynamic_friction / a.shaft.stiffness)):
         if effect in without:
             continue
-        variant, none = ripple(effect, periods, level), np.zeros((3, unit.size))
-        flat = Signature(variant=variant, levels=(np.array([-level, 0.0, level]),) * 2,
-                         values=(none, none))
+        variant = ripple(effect, periods, *(level * x for x in RIPPLE_SIZES))
+        levels = np.sort(np.append(variant.levels[0], 0.0))
+        flat = Signature(variant=variant, levels=(levels,) * 2,
+                         values=(np.zeros((len(levels), unit.size)),) * 2)
         steps = [EffectTerm(variant=variant, signature=flat, u=level * x) for x in np.eye(2)]
         base, *there = unit.run_all([(fit.terms, fit.z), *(
             ((*fit.terms, t), fit.z) for t in steps)], RIPPLE_RUNS, 17)
         if np.isfinite([base, *there]).all():
             found += linear_gains(unit, fit, white, [replace(flat, values=tuple(
-                np.array([base - f, none[0], f - base]) for f in there))])
+                np.outer(levels / level, f - base) for f in there))])
     return found
 
 

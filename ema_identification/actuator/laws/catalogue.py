@@ -217,9 +217,9 @@ def _vector(
     )
 
 
-def ripple(effect: str, periods: float, level: float) -> Variant:
-    """Return cogging or mesh ripple of `periods` a turn, near the amplitude `level`."""
-    return _vector(effect, "amplitude", "phase", (level,), label=f"{periods:g} a turn",
+def ripple(effect: str, periods: float, *levels: float) -> Variant:
+    """Return cogging or mesh ripple of `periods` a turn, of such amplitudes."""
+    return _vector(effect, "amplitude", "phase", levels, label=f"{periods:g} a turn",
                    quarter=0.5 * math.pi, periods=periods)
 
 
