@@ -15,7 +15,7 @@ import numpy as np
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import ProfileKind, profile_kind
 from ema_prognostics.verdict.judge import UNKNOWN_SERIAL, forbidden
-from ema_record.actuator import NOISE_RATE, Actuator
+from ema_record.actuator import Actuator
 from ema_record.bag.read import read_bag
 from ema_record.channels import (
     MOTOR_SPEED,
@@ -28,6 +28,7 @@ from ema_record.errors import RecordError, UsageError
 from ema_record.record import Record
 from ema_record.spread import Conditions
 from ema_sim.rebuild import present
+from ema_sim.simulate import simulate
 
 MIN_RECORDS, MIN_UNITS = 4, 2
 """Fewest acceptance records, and units: a spread needs two units, a mean two records of each."""
@@ -131,23 +132,24 @@ def measured_recorder(
 ) -> Actuator:
     """Return the actuator with rate, channels, noise and converters as the records show them.
 
-    Noise is measured while the inverter is off, see `noise_level`; a channel whose values repeat
-    its steps is rounded.
+    Noise is measured while the inverter is off, beside that of a simulated record, see
+    `noise_level`; a channel whose values repeat its steps is rounded.
     """
     there = np.min([present(record) for record in records], axis=0)
     rate = float(np.median([record.rate for record in records]))
-    scale = np.sqrt(NOISE_RATE / rate)
     columns = {"speed": slice(MOTOR_SPEED, MOTOR_SPEED + 1), "current": PHASE_CURRENTS,
                "position": slice(SURFACE_POSITION, SURFACE_POSITION + 1)}
+    found = {name: [value for value in (_noise(record, place) for record in records)
+                    if value is not None]
+             for name, place in columns.items() if there[place].all()}
+    tried = {name: float(np.median(values)) for name, values in found.items() if values}
+    own = simulate(records[0].profile, rate=rate, actuator=actuator._replace(
+        noise=actuator.noise._replace(**tried)))
     noise = {}
-    for name, place in columns.items():
-        if not there[place].all():
-            continue
-        found = [_noise(record, place) for record in records]
-        known = [value for value in found if value is not None]
-        if known:
-            noise[name] = noise_level(
-                getattr(actuator.noise, name), scale * np.array(known), conditions)
+    for name, level in tried.items():  # how much of it is seen depends on drive and recorder
+        if (seen := _noise(own, columns[name])) is not None:
+            noise[name] = noise_level(getattr(actuator.noise, name),
+                                      level / seen * np.array(found[name]), conditions)
     rounded = all(_rounded(record.samples[:, MOTOR_SPEED]) for record in records)
     currents = range(PHASE_CURRENTS.start, PHASE_CURRENTS.stop)
     return actuator._replace(
@@ -171,8 +173,8 @@ def noise_level(described: float, measured: np.ndarray, conditions: Conditions) 
 
     Parameters
     ----------
-    described : for `NOISE_RATE`.
-    measured : ndarray, shape (n,). Of the records, for `NOISE_RATE`.
+    described : as `Actuator.noise` has it.
+    measured : ndarray, shape (n,). Of the records, as it would have it.
     conditions : what the noise of a test may be.
     """
     most = max(conditions.noise_most, 1e-9)
