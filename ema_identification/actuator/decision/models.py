@@ -33,7 +33,7 @@ PROPOSED, SCREENED = 2 * LARGEST_SET, 4 * LARGEST_SET
 """Laws fitted with the simulator; on the library, of which half are left (successive halving)."""
 ROUNDS = SETTLED_RUNS // 4, SETTLED_RUNS // 2
 """Runs of a model in each round, of `LARGEST_SET` steps."""
-FALL = 0.1
+FALL = 0.03
 """A descent that lowers the cost by less stands still."""
 
 
@@ -84,17 +84,16 @@ class Models:
                       key=lambda f: -self.evidence(f))
 
     def finished(self, fits: Sequence[LawFit]) -> list[LawFit]:
-        """Return the models, most evidence first; where none explains the best pair goes on.
+        """Return the models, most evidence first.
 
-        Each of its laws gets another one. Then the best pair is fitted as hard as can be.
+        Where none explains each law of the best pair gets another, and the best one goes on.
         """
         found = sorted(fits, key=lambda f: -self.evidence(f))
-        if not any(self.explains(f) for f in found):
+        if not any(map(self.explains, found)):
             found = sorted([*found, *self.exchanged(found)], key=lambda f: -self.evidence(f))
-        if any(self.explains(f) for f in found):
-            return found
-        for k in [k for k, f in enumerate(found) if len(f.terms) == 2][:1]:
-            found[k] = self._pressed(found[k])
+        if not any(map(self.explains, found)):
+            for k in [k for k, f in enumerate(found) if len(f.terms) == 2][:1]:
+                found[k] = self._pressed(found[k])
         return sorted(found, key=lambda f: -self.evidence(f))
 
     def _pressed(self, fit: LawFit) -> LawFit:
