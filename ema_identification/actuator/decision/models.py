@@ -50,6 +50,7 @@ class Models:
         self.white = unit.whitener(SETTLED_RUNS, self.before)
         self.nothing = self.null.cost
         """What no law leaves at least, also beyond the bands."""
+        self._hard: list[LawFit] = []
 
     def p_without(self) -> float:
         """Return `p_nothing` of the unit on runs."""
@@ -101,12 +102,11 @@ class Models:
 
         From where it is, then from where runs over all that it may be lead.
         """
-        last = np.inf
-        while fit.cost < (1.0 - FALL) * last:
+        last = fit.cost if any(fit is f for f in self._hard) else np.inf
+        while fit.cost < (1.0 - FALL) * last and not (np.isfinite(last) and self.explains(fit)):
             start = fit if np.isinf(last) else at(fit, simulated_posterior(self.unit, fit).mean)
             last, fit = fit.cost, min(fit, self._refitted(start), key=lambda f: f.cost)
-            if self.explains(fit):
-                break
+        self._hard.append(fit)
         return fit
 
     def _refitted(self, fit: LawFit) -> LawFit:
