@@ -26,7 +26,12 @@ from ema_identification.actuator.decision.slopes import (
     law_slopes,
     simulated_slopes,
 )
-from ema_identification.actuator.fleet.surrogate import FleetLibrary, Whitener, least_size, mended
+from ema_identification.actuator.fleet.surrogate import (
+    FleetLibrary,
+    Whitener,
+    least_size,
+    mended,
+)
 from ema_identification.actuator.fleet.units import conditions_of, fleet_features
 from ema_identification.actuator.laws.terms import (
     EffectTerm,
@@ -46,9 +51,8 @@ PRIOR = 3.0
 """1 / variance of a number that is uniform from -1 to 1."""
 LAW_ERROR = 0.02
 """Relative error of what a simulated law adds (steps of the solver, end of the descent)."""
-QUADRATIC_STEPS, DAMPINGS = 20, 4
-STEP_DAMPINGS, SIZES = (0.0, 0.03, 0.3, 3.0), (0.5, 0.7, 1.4, 2.0)
-"""Most steps without runs, dampings tried in each; those tried on runs, and sizes of a law."""
+QUADRATIC_STEPS, DAMPINGS, STEP_DAMPINGS = 20, 4, (0.0, 0.03, 0.3, 3.0)
+"""Most steps of a descent without runs, dampings tried a step; those tried on runs."""
 LOUDEST = 4.0
 """Noise factor up to which the law of the noise is believed."""
 
@@ -201,8 +205,10 @@ class TestedUnit:
         """
         white = self.whitener(0)
         plain = replace(white, straight=True)
-        found = [self._recalibrated(white, *begun) for z in starts
-                 for begun in ((terms, z), self._recalibrated(plain, terms, z)[:2])]
+        found = []
+        for z in starts:
+            found.append(self._recalibrated(white, terms, z))
+            found.append(self._recalibrated(white, *self._recalibrated(plain, terms, z)[:2]))
         terms, z, cost = min(found, key=lambda row: row[2])
         return LawFit(terms=terms, z=z, mean=self._known(terms, z), cost=cost, runs=0,
                       slopes=self._known_slopes(terms, z))
@@ -216,7 +222,8 @@ class TestedUnit:
         return self.library.slope(z, self.conditions)
 
     def _known(self, terms: Sequence[EffectTerm], z: np.ndarray) -> np.ndarray:
-        return np.asarray(sum((t.signature.at(t.u) for t in terms), self.means(z[None])[0]))
+        mean = self.means(z[None])[0]
+        return np.asarray(sum((t.signature.at(t.u) for t in terms), mean))
 
     def _known_slopes(self, terms: Sequence[EffectTerm], z: np.ndarray) -> np.ndarray:
         own = self.slope(z)
@@ -273,7 +280,8 @@ class TestedUnit:
         point = replace(point, slopes=np.hstack([
             law_slopes(self.run_all, fit, point.mean, white, runs, 0), fit.slopes[:, fit.free:]]))
         for _ in range(steps):
-            for there in sorted(self._moves(point, (damping,), white, runs), key=lambda f: f.cost):
+            moves = self._moves(point, (damping,), white, runs)
+            for there in sorted(moves, key=lambda f: f.cost):
                 done = np.append(
                     coordinates(there.terms) - coordinates(point.terms), there.z - point.z)
                 slopes = mended(point.slopes, done, there.mean - point.mean,
@@ -289,7 +297,9 @@ class TestedUnit:
                 damping = max(10.0 * damping, 0.1)
         return point
 
-    def refitted(self, fit: LawFit, before: np.ndarray, *, runs: int, fall: float) -> LawFit:
+    def refitted(
+        self, fit: LawFit, before: np.ndarray, *, runs: int, fall: float
+    ) -> LawFit:
         """Return a fit of lower cost, with slopes to all numbers simulated at each step.
 
         Of several dampings the best counts; it ends once the cost falls by less than `fall`.
@@ -297,39 +307,28 @@ class TestedUnit:
         white = self.whitener(runs, before)
         point, last = self._begun(fit, white, runs), np.inf
         while point.cost < (1.0 - fall) * last:
-            here = replace(point, slopes=np.hstack([
-                law_slopes(self.run_all, point, point.mean, white, runs, 0),
-                simulated_slopes(self.run_all, point, runs // 2)]))
-            last, found = point.cost, self._moves(here, STEP_DAMPINGS, white, runs, SIZES)
-            point = min([here, *found], key=lambda f: f.cost)
+            slopes = np.hstack([law_slopes(self.run_all, point, point.mean, white, runs, 0),
+                                simulated_slopes(self.run_all, point, runs // 2)])
+            last, found = point.cost, self._moves(
+                replace(point, slopes=slopes), STEP_DAMPINGS, white, runs)
+            point = min([point, *found], key=lambda f: f.cost)
         return point
 
     def _begun(self, fit: LawFit, white: Whitener, runs: int) -> LawFit:
+        """Return a fit with what runs at its point leave."""
         mean = self.run(fit.terms, fit.z, runs)
         return replace(fit, mean=mean, runs=runs, cost=self.cost(white, mean, fit.z)
                        if np.isfinite(mean).all() else np.inf)
 
     def _moves(
-        self, point: LawFit, dampings: Sequence[float], white: Whitener, runs: int,
-        sizes: Sequence[float] = (),
+        self, point: LawFit, dampings: Sequence[float], white: Whitener, runs: int
     ) -> list[LawFit]:
-        """Return where steps lead, those that can be run.
-
-        Of each damping, by residuals as bent and as they are: only so what is far off counts. And
-        with each law at `sizes` of its own, all else following: its cost has several minima.
-        """
-        u = coordinates(point.terms)
+        """Return where steps of each damping lead, those that can be run."""
+        # Of residuals that are bent what is far off has no weight: also of them as they are.
         steps = [self._step(scale, point.mean, point.slopes, point.z, point.terms, damping)
                  for damping in dampings for scale in (white, replace(white, straight=True))]
-        of = np.repeat(np.arange(len(point.terms)), [t.variant.size for t in point.terms])
-        for k, size in ((k, size) for k in set(of.tolist()) for size in sizes):
-            terms = moved(point.terms, np.where(of == k, size, 1.0) * u)
-            jump = np.append(coordinates(terms) - u, np.zeros(len(point.z)))
-            steps.append(jump + self._step(
-                white, point.mean + point.slopes @ jump,
-                np.append(of != k, np.ones(len(point.z))) * point.slopes, point.z, terms, 0.0))
-        tried = [(moved(point.terms, u + step[:len(u)]),
-                  np.clip(point.z + step[len(u):], -self.edge, self.edge)) for step in steps]
+        tried = [(moved(point.terms, coordinates(point.terms) + step[:point.free]),
+                  np.clip(point.z + step[point.free:], -self.edge, self.edge)) for step in steps]
         return [replace(point, terms=terms, z=z, mean=mean, cost=self.cost(white, mean, z))
                 for (terms, z), mean in zip(tried, self.run_all(tried, runs))
                 if np.isfinite(mean).all()]

@@ -33,7 +33,7 @@ PROPOSED, SCREENED = 2 * LARGEST_SET, 4 * LARGEST_SET
 """Laws fitted with the simulator; on the library, of which half are left (successive halving)."""
 ROUNDS = SETTLED_RUNS // 4, SETTLED_RUNS // 2
 """Runs of a model in each round, of `LARGEST_SET` steps."""
-FALL = 0.03
+FALL = 0.1
 """A descent that lowers the cost by less stands still."""
 
 

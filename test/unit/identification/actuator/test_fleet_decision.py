@@ -249,13 +249,13 @@ def test_a_fit_in_another_minimum_begins_anew_where_runs_lead():
     """Waves along an effect stop a descent; a plane through runs over 30 % of it sees none."""
     def wavy(_model, _spread, _fmap, z, _conditions, seed, effects):
         x = effects.viscous_friction.coefficient / VISCOUS
-        return (features_of(z, MODEL.effects) + BEND_OF * (x + 3.0 * np.sin(np.pi * x))
+        return (features_of(z, MODEL.effects) + BEND_OF * (x + 2.0 * np.sin(np.pi * x))
                 + np.random.default_rng(seed).normal(size=FEATURES))
 
     u = replace(unit(seed=3), simulator=wavy, values=wavy(
         None, None, None, np.full(SIZE, 0.3), None, 1, effects_of(viscous_friction=20.0)))
     case = models.Models(u)
-    term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([15 * VISCOUS]))
+    term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([17 * VISCOUS]))
     start = replace(u.on_library((term,), [np.zeros(SIZE)]), terms=(term,), cost=1e9)
     assert not case.explains(case._refitted(start))
     found = case._pressed(start)
