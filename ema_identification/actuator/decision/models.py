@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -50,7 +50,7 @@ class Models:
         self.white = unit.whitener(SETTLED_RUNS, self.before)
         self.nothing = self.null.cost
         """What no law leaves at least, also beyond the bands."""
-        self._hard: list[LawFit] = []
+        self._hard: list[LawFit] = []  # that have been pressed
 
     def p_without(self) -> float:
         """Return `p_nothing` of the unit on runs."""
@@ -73,29 +73,32 @@ class Models:
         """Return the models fitted with the simulator, most evidence first."""
         points = list(starts)
         for runs in ROUNDS:
-            points = sorted((self.unit.descended(p, self.before, runs=runs, steps=LARGEST_SET)
-                             for p in points), key=lambda f: -self.evidence(f))
+            points = self._ordered(self.unit.descended(
+                p, self.before, runs=runs, steps=LARGEST_SET) for p in points)
             alike: dict[tuple[str, ...], list[LawFit]] = {}
             for p in points:
                 if np.isfinite(p.cost):
                     alike.setdefault(p.variants, []).append(p)
             kept = list(alike.values())[:LARGEST_SET]
             points = [p for k, group in enumerate(kept) for p in group[:1 if k else 2]]
-        return sorted((self.unit.settled(group[0], self.before, SETTLED_RUNS) for group in kept),
-                      key=lambda f: -self.evidence(f))
+        return self._ordered(
+            self.unit.settled(group[0], self.before, SETTLED_RUNS) for group in kept)
+
+    def _ordered(self, fits: Iterable[LawFit]) -> list[LawFit]:
+        return sorted(fits, key=lambda f: -self.evidence(f))
 
     def finished(self, fits: Sequence[LawFit]) -> list[LawFit]:
         """Return the models, most evidence first.
 
         Where none explains each law of the best pair gets another, and the best one goes on.
         """
-        found = sorted(fits, key=lambda f: -self.evidence(f))
+        found = self._ordered(fits)
         if not any(map(self.explains, found)):
-            found = sorted([*found, *self.exchanged(found)], key=lambda f: -self.evidence(f))
+            found = self._ordered([*found, *self.exchanged(found)])
         if not any(map(self.explains, found)):
             for k in [k for k, f in enumerate(found) if len(f.terms) == 2][:1]:
                 found[k] = self._pressed(found[k])
-        return sorted(found, key=lambda f: -self.evidence(f))
+        return self._ordered(found)
 
     def _pressed(self, fit: LawFit) -> LawFit:
         """Return a fit that has gone on until it explains or stands still, all slopes simulated.
@@ -146,7 +149,7 @@ class Models:
         found = self.fitted([*starts, *self.beside(self.null, gains)])
         if found and not self.explains(found[0]):  # second laws are sought beside it
             found[0] = self._pressed(found[0])
-        return sorted(found, key=lambda f: -self.evidence(f))
+        return self._ordered(found)
 
     def beside(self, fit: LawFit, gains: Sequence[LawProposal]) -> list[LawFit]:
         """Return the law that gains most, at each known size: its cost has several minima."""
