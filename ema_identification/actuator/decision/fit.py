@@ -274,7 +274,7 @@ class TestedUnit:
         Slopes to the laws are simulated where these are strong, and mended by what a step did.
         """
         white, damping = self.whitener(runs, before), 1e-3
-        point = self._begun(fit, white, runs)
+        point = self.begun(fit, white, runs)
         if not np.isfinite(point.cost):
             return point
         point = replace(point, slopes=np.hstack([
@@ -305,7 +305,7 @@ class TestedUnit:
         Of several dampings the best counts; it ends once the cost falls by less than `fall`.
         """
         white = self.whitener(runs, before)
-        point, last = self._begun(fit, white, runs), np.inf
+        point, last = self.begun(fit, white, runs), np.inf
         while point.cost < (1.0 - fall) * last:
             slopes = np.hstack([law_slopes(self.run_all, point, point.mean, white, runs, 0),
                                 simulated_slopes(self.run_all, point, runs // 2)])
@@ -314,7 +314,7 @@ class TestedUnit:
             point = min([point, *found], key=lambda f: f.cost)
         return point
 
-    def _begun(self, fit: LawFit, white: Whitener, runs: int) -> LawFit:
+    def begun(self, fit: LawFit, white: Whitener, runs: int) -> LawFit:
         """Return a fit with what runs at its point leave."""
         mean = self.run(fit.terms, fit.z, runs)
         return replace(fit, mean=mean, runs=runs, cost=self.cost(white, mean, fit.z)

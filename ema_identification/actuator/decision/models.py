@@ -96,7 +96,7 @@ class Models:
         if not any(map(self.explains, found)):
             found = self._ordered([*found, *self.exchanged(found)])
         if not any(map(self.explains, found)):
-            for k in [k for k, f in enumerate(found) if len(f.terms) == 2][:1]:
+            for k in [k for k, f in enumerate(found) if len(f.terms) == 2][:LARGEST_SET]:
                 found[k] = self._pressed(found[k])
         return self._ordered(found)
 
@@ -146,16 +146,16 @@ class Models:
         lists = (gains, sized(self.unit, self.signatures),
                  ripples(self.unit, self.null, self.white, self.without))
         starts = self.screened(alternating(lists, SCREENED), self.quadratic)[:PROPOSED]
-        found = self.fitted([*starts, *self.beside(self.null, gains)])
+        found = self.fitted([*starts, *self.beside(self.null, at_known_sizes(gains[:1]))])
         if found and not self.explains(found[0]):  # second laws are sought beside it
             found[0] = self._pressed(found[0])
         return self._ordered(found)
 
-    def beside(self, fit: LawFit, gains: Sequence[LawProposal]) -> list[LawFit]:
-        """Return the law that gains most, at each known size: its cost has several minima."""
+    def beside(self, fit: LawFit, proposals: Sequence[LawProposal]) -> list[LawFit]:
+        """Return a fit with each law added at its size, all else as it is."""
         return [replace(fit, terms=(*fit.terms, p.term), cost=np.inf, slopes=np.insert(
                     fit.slopes, [fit.free], library_slopes((p.term,)), axis=1))
-                for p in at_known_sizes(gains[:1])]
+                for p in proposals]
 
     def likely(self, fit: LawFit, fits: Sequence[LawFit]) -> bool:
         """Whether a model is likelier than none, fitted as hard, also from where `fits` are."""
@@ -173,19 +173,19 @@ class Models:
         useless ones do. Elsewhere the linear gain about a fit that is far off ranks second laws,
         but proves nothing, nor the contrary.
         """
-        found: list[LawFit] = []
-        known: list[LawFit] = []
+        starts: list[LawFit] = []
         alone = bool(singles) and self.explains(singles[0])
         for one in singles[:1 if alone else LARGEST_SET]:
             more = linear_gains(self.unit, one, self.white, self.signatures)
             more += ripples(self.unit, one, self.white, (*self.without, *one.names))
-            better = [p for p in sorted(more, key=lambda p: p.cost)
-                      if p.signature.variant.effect not in one.names
-                      and not (alone and self.p_own(p, one.cost) > LEVEL)]
-            found += self.screened(alternating((better,), LARGEST_SET), one)
-            known += [] if known else self.beside(one, better)
-        found.sort(key=lambda f: f.cost)
-        return self.fitted([*found[:PROPOSED], *known]) if found else []
+            better = alternating(([
+                p for p in sorted(more, key=lambda p: p.cost)
+                if p.signature.variant.effect not in one.names
+                and not (alone and self.p_own(p, one.cost) > LEVEL)],), LARGEST_SET)
+            for z in one.z, self.unit.centre:  # numbers that make up for a law may hide it
+                starts += self.beside(replace(one, z=z), [*better, *at_known_sizes(better[:1])])
+        begun = [self.unit.begun(start, self.white, ROUNDS[0]) for start in starts]
+        return self.fitted(sorted(begun, key=lambda f: f.cost)[:SCREENED])
 
     def exchanged(self, fits: Sequence[LawFit]) -> list[LawFit]:
         """Return fits of each law of the best pair with another beside it, where that is new."""
