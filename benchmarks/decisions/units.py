@@ -125,18 +125,22 @@ def second_unit(
     a, spread = load_actuator(), load_spread()
     rng = np.random.default_rng([seed, 78, k])
     names: tuple[str, ...] = ()
-    damage, truth = Damage(), {}
+    pool = STRANGE_DAMAGES if strange else LISTED_DAMAGES
     if hidden:
-        pool = STRANGE_DAMAGES if strange else LISTED_DAMAGES
         order = np.random.default_rng([seed, 75]).permutation(len(pool))
-        names = (pool[order[k % len(pool)]],)
-        field, size = DAMAGES[names[0]]
+        names = draw_pair(rng, pool) if hidden == 2 else (pool[order[k % len(pool)]],)
+    damage, truth = Damage(), {}
+    for name in names:
+        field, size = DAMAGES[name]
         if kit is not None and field == "backlash":  # in the machine's own measure
             size = a.wind_up / a.gear.ratio
         fields: dict[str, Any] = {field: size, "phase": int(rng.integers(3)),
                                   "angle": float(rng.uniform(-3.0, 3.0))}
-        damage = _stranger(a, field, rng) if size is None else Damage(**fields)
-        truth = catalogued(a, names[0], damage)
+        if size is None:
+            fields[field] = getattr(_stranger(a, field, rng), field)
+        damage = damage._replace(**fields)
+    for name in names:
+        truth |= catalogued(a, name, damage)
     without = (HIDEABLE[names[0]].without or ()) if strange else ()
     done = [0]
 
@@ -194,9 +198,11 @@ STRATA: dict[str, Callable[..., HiddenUnit]] = {
     "own, one effect": partial(own_unit, listed=True, hidden=1),
     "own, unlisted off, nothing": own_unit,
     "own, unlisted off, one effect": partial(own_unit, hidden=1),
+    "own, unlisted off, two effects": partial(own_unit, hidden=2),
     "own, bands x 1.3, nothing": partial(own_unit, bands=RANGE),
     "second, nothing": second_unit,
     "second, one effect": partial(second_unit, hidden=1),
+    "second, two effects": partial(second_unit, hidden=2),
     "second, outside the catalogue": partial(second_unit, hidden=1, strange=True),
     "own, two effects": partial(own_unit, listed=True, hidden=2),
     "own, outside the catalogue": partial(own_unit, listed=True, hidden=1, strange=True),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -151,9 +151,10 @@ HARD_TO_TELL = (
 """Families whose members look alike: no pair of two effects is drawn from within one."""
 
 
-def draw_pair(rng: np.random.Generator) -> tuple[str, str]:
+def draw_pair(
+    rng: np.random.Generator, names: Sequence[str] = tuple(HIDEABLE)
+) -> tuple[str, str]:
     """Return two effects that are not of one family."""
-    names = list(HIDEABLE)
     while True:
         first, second = (names[i] for i in rng.choice(len(names), 2, replace=False))
         if not any({first, second} <= family for family in HARD_TO_TELL):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.any_actuator.described import Damage
+from benchmarks.blind_panel.truth.hidden import HARD_TO_TELL
 from benchmarks.decisions.judging import (
     as_written,
     holds,
@@ -120,6 +121,14 @@ def test_one_more_test_of_a_unit_is_of_the_same_unit_on_another_day():
         assert np.array_equal(more.samples, again.again(profile).samples)
         assert not np.array_equal(more.samples, made.records[0].samples)
         assert more.provenance.serial_number == made.records[0].provenance.serial_number
+
+
+def test_two_damages_of_the_second_simulator_are_of_two_families():
+    for k in range(6):
+        unit = STRATA["second, two effects"](3, k, ("step",))
+        assert len(set(unit.names)) == 2 and set(unit.names) <= set(DAMAGES)
+        assert not any(set(unit.names) <= family for family in HARD_TO_TELL)
+        assert {key.partition(".")[0] for key in unit.truth} == set(unit.names)
 
 
 def test_with_several_pole_pairs_an_angle_is_the_same_from_each_turn_on():
