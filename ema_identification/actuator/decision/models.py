@@ -117,18 +117,18 @@ class Models:
         return self.unit.settled(there, self.before, SETTLED_RUNS)
 
     def measured(self, answer: FleetAnswer) -> FleetAnswer:
-        """Return the answer with what runs tell of the model named: values and intervals.
+        """Return the answer with intervals that runs tell, and the values that leave least there.
 
-        The values are those of the fit where runs there do not leave as little as healthy units.
+        Of the fit, of where runs over all that it may be lead, and of a linear step from that.
         """
-        if answer.fit is None:
+        if (fit := answer.fit) is None:
             return answer
-        known = simulated_posterior(self.unit, answer.fit)
-        there = at(answer.fit, known.mean)
-        mean = self.unit.run(there.terms, there.z, SETTLED_RUNS, salt=8)
-        there = replace(there, mean=mean, cost=self.unit.cost(self.white, mean, there.z)
-                        if np.isfinite(mean).all() else np.inf)
-        return replace(answer, known=known, fit=there if self.explains(there) else answer.fit)
+        known = simulated_posterior(self.unit, fit)
+        points = [self.unit.begun(f, self.white, SETTLED_RUNS) for f in (fit, at(fit, known.mean))]
+        if np.isfinite(points[1].cost):
+            step = self.unit.settled_at(points[1], points[1].mean, self.white, SETTLED_RUNS)
+            points.append(self.unit.begun(step, self.white, SETTLED_RUNS))
+        return replace(answer, known=known, fit=min(points, key=lambda f: f.cost))
 
     @property
     def usual(self) -> float:
@@ -184,7 +184,7 @@ class Models:
                 and not (alone and self.p_own(p, one.cost) > LEVEL)],), LARGEST_SET)
             for z in one.z, self.unit.centre:  # numbers that make up for a law may hide it
                 starts += self.beside(replace(one, z=z), [*better, *at_known_sizes(better[:1])])
-        begun = [self.unit.begun(start, self.white, ROUNDS[0]) for start in starts]
+        begun = (self.unit.begun(start, self.white, ROUNDS[0]) for start in starts)
         return self.fitted(sorted(begun, key=lambda f: f.cost)[:SCREENED])
 
     def exchanged(self, fits: Sequence[LawFit]) -> list[LawFit]:

@@ -22,6 +22,7 @@ from ema_identification.actuator.decision import decide as decision
 from ema_identification.actuator.decision import models
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
 from ema_identification.actuator.decision.decide import EDGE, MOST, decide
+from ema_identification.actuator.decision.intervals import at
 from ema_identification.actuator.decision.proposals import LawProposal, at_known_sizes, scores
 from ema_identification.actuator.decision.ranks import (
     LEVEL,
@@ -31,7 +32,7 @@ from ema_identification.actuator.decision.ranks import (
     share_of,
 )
 from ema_identification.actuator.decision.slopes import law_slopes
-from ema_identification.actuator.fleet.surrogate import Whitener
+from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, Whitener
 from ema_identification.actuator.fleet.units import CHUNK, FULL
 from ema_identification.actuator.laws.terms import EffectTerm, LawFit, LawGap
 from ema_identification.actuator.words import parameters_of
@@ -312,6 +313,22 @@ def test_intervals_hold_nine_in_ten(simulator):
         (p,) = parameters_of(found.fit, found.known, 0)
         inside += p.low <= size * VISCOUS <= p.high
     assert 47 <= inside <= 60  # 54 expected
+
+
+def test_values_are_those_that_leave_least_on_runs():
+    u = replace(unit(seed=7), simulator=curved, values=curved(
+        None, None, None, np.full(SIZE, 0.4), None, 5, effects_of(viscous_friction=5.0)))
+    case = models.Models(u)
+    for size in (3.0, 5.0, 6.5):  # a fit may have ended beside it
+        term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE,
+                          u=np.array([size * VISCOUS]))
+        fit = u.on_library((term,), [np.zeros(SIZE)])
+        fit = replace(fit, terms=(term,))
+        found = case.measured(FleetAnswer(verdict="explained", null=case.null, fit=fit))
+        there = u.begun(at(fit, found.known.mean), case.white, SETTLED_RUNS)
+        assert found.fit.runs == SETTLED_RUNS
+        assert found.fit.cost <= min(there.cost, u.begun(fit, case.white, SETTLED_RUNS).cost)
+        assert found.fit.terms[0].u[0] == pytest.approx(5.0 * VISCOUS, rel=0.1)
 
 
 class Held:
