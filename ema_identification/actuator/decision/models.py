@@ -27,10 +27,10 @@ from ema_identification.actuator.laws.terms import LawFit, library_slopes
 
 LARGEST_SET = 3
 """Requirement: more names are no answer. So as many of anything go on: models from one round of
-fits to the next (the best one from two starts), first laws that get a second, pairs whose laws are
-each fitted alone."""
+fits to the next (the best one from two starts), first laws that get a second, second laws of each,
+pairs that are fitted as hard as can be, pairs whose laws are each fitted alone."""
 PROPOSED, SCREENED = 2 * LARGEST_SET, 4 * LARGEST_SET
-"""Laws fitted with the simulator; on the library, of which half are left (successive halving)."""
+"""Laws fitted with the simulator; on the library, of which half are left; pairs begun so."""
 ROUNDS = SETTLED_RUNS // 4, SETTLED_RUNS // 2
 """Runs of a model in each round, of `LARGEST_SET` steps."""
 FALL = 0.1
