@@ -26,8 +26,7 @@ LAW_SPREAD, FAR = 1.0 / WIDER, 10.0
 """Spread of the first round about a law, so that it is wide by the law's own size; in itself where
 the library does not know the coordinate. Beyond so many of it the law is not expected."""
 STRETCH = 1.13
-"""Of intervals: nine in ten of 316 values of units of the panels 23 to 27 were within (split
-conformal: Lei et al., J. Amer. Statist. Assoc. 113, 2018)."""
+"""Nine in ten of 316 values of panels 23 to 27 were within (split conformal: Lei et al. 2018)."""
 SOLUTIONS = 4
 """Steps in which features that are off by more than `BEND` deviations lose weight."""
 

@@ -128,7 +128,8 @@ class Models:
         if np.isfinite(points[1].cost):
             step = self.unit.settled_at(points[1], points[1].mean, self.white, SETTLED_RUNS)
             points.append(self.unit.begun(step, self.white, SETTLED_RUNS))
-        return replace(answer, known=known, fit=min(points, key=lambda f: f.cost))
+        return replace(answer, known=known, fit=min(
+            [p for p in points if np.isfinite(p.cost)] or [fit], key=lambda f: f.cost))
 
     @property
     def usual(self) -> float:

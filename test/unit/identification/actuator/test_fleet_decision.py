@@ -329,6 +329,9 @@ def test_values_are_those_that_leave_least_on_runs():
         assert found.fit.runs == SETTLED_RUNS
         assert found.fit.cost <= min(there.cost, u.begun(fit, case.white, SETTLED_RUNS).cost)
         assert found.fit.terms[0].u[0] == pytest.approx(5.0 * VISCOUS, rel=0.1)
+    beyond = replace(u, simulator=lambda *_: np.full(u.size, np.nan))  # nothing can be run
+    case.unit = beyond
+    assert case.measured(FleetAnswer(verdict="explained", null=case.null, fit=fit)).fit is fit
 
 
 class Held:
