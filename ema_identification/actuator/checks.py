@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
+from ema_identification.actuator.measure.features import nominal_rate
 from ema_identification.actuator.measure.segments import path
 from ema_identification.actuator.measure.signals import TURN
 from ema_record.channels import CHANNEL_NAMES, PHASE_CURRENTS, REFERENCE_CURRENTS
@@ -33,7 +35,7 @@ RPM = 60.0 / TURN
 
 def check_records(
     measured: Sequence[Record], validate: Sequence[Record], model: Model,
-    without: Sequence[str],
+    without: Sequence[str], baseline: Sequence[Record] = (),
 ) -> None:
     """Refuse what cannot be identified.
 
@@ -42,20 +44,31 @@ def check_records(
     RecordError
         Too short, nothing moves, wrong units, a channel without values.
     UsageError
-        An effect that is not known, one record in both roles.
+        An effect that is not known, one record in two roles, a baseline of another test than the
+        first record's.
     """
     for name in without:
         if name not in EFFECTS:
             raise unknown_name("effect", name, EFFECTS, "'ema effects' lists them")
-    for record in (*measured, *validate):
+    for record in baseline:
+        if tuple(record.profile.points) != tuple(measured[0].profile.points) or not math.isclose(
+                nominal_rate(record), nominal_rate(measured[0])):
+            raise UsageError(f"baseline {_name(record)}: not the command and rate of the measured "
+                             "record: give one of the same test")
+    for record in (*measured, *validate, *baseline):
         _check(record, model)
-    for held in validate:
-        for record in measured:
-            if held is record or (held.samples.shape == record.samples.shape
-                                  and np.array_equal(held.samples, record.samples)):
-                raise UsageError(
-                    f"{_name(held)} is given as measured and for validation: a gap shown on the "
-                    "data of the fit proves nothing; record another test and give that")
+    for others, role, why in (
+            (validate, "for validation", "a gap shown on the data of the fit proves nothing"),
+            (baseline, "as baseline", "nothing has changed since itself")):
+        for other in others:
+            if any(_same(other, record) for record in measured):
+                raise UsageError(f"{_name(other)} is given as measured and {role}: {why}; record "
+                                 "another test and give that")
+
+
+def _same(one: Record, other: Record) -> bool:
+    return one is other or (one.samples.shape == other.samples.shape
+                            and np.array_equal(one.samples, other.samples))
 
 
 def _name(record: Record) -> str:

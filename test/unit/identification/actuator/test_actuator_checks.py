@@ -98,6 +98,19 @@ def test_the_same_record_cannot_validate(record):
         identify([record], validate=[record])
 
 
+def test_a_baseline_is_checked_before_anything_is_fitted(record):
+    told = []
+    for other, error, said in (
+            (record, UsageError, "as measured and as baseline: nothing has changed"),
+            (simulate(load_profile("extended"), seed=2), UsageError, "give one of the same test"),
+            (simulate(load_profile("step"), seed=2, rate=10_000.0), UsageError, "same test"),
+            (changed(record, part=slice(0, 6000)), IncompleteRecordError, "ends at 0.30 s")):
+        with pytest.raises(error, match=said) as caught:
+            identify([record], baseline=[other], progress=lambda *said: told.append(said))
+        assert "\n" not in str(caught.value)
+    assert told == []
+
+
 def test_an_unknown_effect_is_named_with_the_nearest(record):
     with pytest.raises(UsageError, match="did you mean 'cogging_torque'"):
         identify([record], without=["coging_torque"])
