@@ -50,13 +50,13 @@ def check_records(
     for name in without:
         if name not in EFFECTS:
             raise unknown_name("effect", name, EFFECTS, "'ema effects' lists them")
+    for record in (*measured, *validate, *baseline):
+        _check(record, model)
     for record in baseline:
         if tuple(record.profile.points) != tuple(measured[0].profile.points) or not math.isclose(
                 nominal_rate(record), nominal_rate(measured[0])):
             raise UsageError(f"baseline {_name(record)}: not the command and rate of the measured "
                              "record: give one of the same test")
-    for record in (*measured, *validate, *baseline):
-        _check(record, model)
     for others, role, why in (
             (validate, "for validation", "a gap shown on the data of the fit proves nothing"),
             (baseline, "as baseline", "nothing has changed since itself")):

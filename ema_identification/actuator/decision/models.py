@@ -90,7 +90,7 @@ class Models:
     def finished(self, fits: Sequence[LawFit]) -> list[LawFit]:
         """Return the models, most evidence first.
 
-        Where none explains each law of the best pair gets another, and the best one goes on.
+        Where none explains each law of the best pair gets another, and the best pairs go on.
         """
         found = self._ordered(fits)
         if not any(map(self.explains, found)):
@@ -136,18 +136,15 @@ class Models:
         """Return the cost that half of the healthy units leave at most."""
         return float(np.median(self.library.healthy[:, 0])) * self.unit.size
 
-    def screened(self, proposals: Sequence[LawProposal], fit: LawFit) -> list[LawFit]:
-        """Return proposals beside a fit, fitted without a run, lowest cost first."""
-        return sorted((self.unit.on_library((*fit.terms, p.term), [p.z, fit.z])
-                       for p in proposals), key=lambda f: f.cost)
-
     def singles(self) -> list[LawFit]:
         """Return the fits of single laws; the best is fitted as hard as can be."""
         gains = linear_gains(self.unit, self.null, self.white, self.signatures)
         lists = (gains, sized(self.unit, self.signatures),
                  ripples(self.unit, self.null, self.white, self.without))
-        starts = self.screened(alternating(lists, SCREENED), self.quadratic)[:PROPOSED]
-        found = self.fitted([*starts, *self.beside(self.null, at_known_sizes(gains[:1]))])
+        starts = sorted((self.unit.on_library((p.term,), [p.z, self.quadratic.z])
+                         for p in alternating(lists, SCREENED)), key=lambda f: f.cost)
+        found = self.fitted([*starts[:PROPOSED], *self.beside(
+            self.null, at_known_sizes(gains[:1]))])
         if found and not self.explains(found[0]):  # second laws are sought beside it
             found[0] = self._pressed(found[0])
         return self._ordered(found)
