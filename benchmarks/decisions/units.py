@@ -31,7 +31,7 @@ from ema_record.kit import using_kit
 from ema_record.profile import Profile, load_profile
 from ema_record.profiles.design import default_profiles
 from ema_record.record import Record
-from ema_record.spread import load_spread
+from ema_record.spread import UnitTolerances, load_spread
 from ema_sim.effects import parse_effects
 from ema_sim.model_file import load_model_file
 from ema_sim.simulate import simulate
@@ -119,10 +119,13 @@ def test_of(name: str, kit: Path | None) -> Profile:
 
 def second_unit(
     seed: int, k: int, tests: tuple[str, ...], *, hidden: int = 0, strange: bool = False,
-    accepted: bool = False, kit: Path | None = None,
+    bands: float = 1.0, accepted: bool = False, kit: Path | None = None,
 ) -> HiddenUnit:
     """Return a unit of the second simulator, all of the kit's `tolerances` off."""
     a, spread = load_actuator(), load_spread()
+    tolerances = UnitTolerances(**{
+        name: band**bands if name == "viscous_factor" else band * bands
+        for name, band in spread.tolerances._asdict().items()})
     rng = np.random.default_rng([seed, 78, k])
     names: tuple[str, ...] = ()
     pool = STRANGE_DAMAGES if strange else LISTED_DAMAGES
@@ -147,7 +150,7 @@ def second_unit(
     def tested(profile: Profile, given: Damage = damage) -> Record:
         done[0] += 1
         return record_of(draw_test(
-            a, spread.tolerances, spread.conditions, (seed + hidden + strange, k), done[0] - 1,
+            a, tolerances, spread.conditions, (seed + hidden + strange, k), done[0] - 1,
             given, own=False), profile)
 
     profiles = [test_of(test, kit) for test in tests]
@@ -200,6 +203,8 @@ STRATA: dict[str, Callable[..., HiddenUnit]] = {
     "own, unlisted off, one effect": partial(own_unit, hidden=1),
     "own, unlisted off, two effects": partial(own_unit, hidden=2),
     "own, bands x 1.3, nothing": partial(own_unit, bands=RANGE),
+    "own, bands x 1.3, one effect": partial(own_unit, bands=RANGE, hidden=1),
+    "second, bands x 1.3, nothing": partial(second_unit, bands=RANGE),
     "second, nothing": second_unit,
     "second, one effect": partial(second_unit, hidden=1),
     "second, two effects": partial(second_unit, hidden=2),

@@ -3,9 +3,9 @@
 1. *Nothing* unless the misfit, the largest useless gain or the gap, each in units of what the
    share `LEVEL` of healthy units exceeds, is surely rarer than `LEVEL` among them (rank among
    some that built nothing of the library, with the bound that holds for these very ones, Vovk
-   2012), on its quadratic and again on runs; nor where that is so once the unit's numbers may
-   leave their bands a little (`EDGE`), nor a law that gains little over such a unit. What is not
-   even rarer than 1 - `SURE` ends here; else a law must be likelier than nothing (2).
+   2012), on its quadratic and again on runs. What is not even rarer than 1 - `SURE` ends here;
+   else a law must be likelier than nothing (2). So it must where that is usual once the unit's
+   numbers may leave their bands a little (`EDGE`), likelier than such a unit fitted as hard.
 2. Laws are proposed from the library (wide, cheap), fitted with the simulator (`ROUNDS`), and
    compared by one evidence: log E = -½ ν ln J - ½ k ln ν - m ln(N / `LEVEL`), J the cost, k
    coordinates, ν the independent numbers of a record, m laws of N. This is the likelihood of a
@@ -62,7 +62,7 @@ def decide(
     case, healthy = Models(unit, without), unit.library.healthy
     both = p_nothing(scores(unit), healthy), case.p_without()
     p, look = max(both), both[0] <= 1.0 - SURE or both[1] <= LEVEL
-    usual = _usual(case, p, held)
+    usual, rival = _usual(case, p, held), case
     if usual is not None and usual.verdict == "no disagreement" and not look:
         return usual
     progress("name", 0.1)
@@ -70,19 +70,22 @@ def decide(
     case.nothing = min(case.nothing, beyond.null.cost)
     if usual is None:
         far = max(p_nothing(scores(beyond.unit), healthy), beyond.p_without())
-        usual = _usual(beyond, far, held, EDGE)
-        if usual is not None and usual.verdict == "no disagreement":
-            return usual
+        usual, rival = _usual(beyond, far, held, EDGE), beyond
     singles = case.singles()
+    wide = rival is beyond and usual is not None and usual.verdict == "no disagreement"
+    if wide and usual is not None and not any(map(case.explains, singles)):
+        return usual
     progress("name", 0.5)
     pairs = case.pairs(singles)
     progress("name", 0.9)
     fits = case.finished([*singles, *pairs])
     answer = FleetAnswer(verdict="unknown effect", null=case.null, p_nothing=p, fits=tuple(fits))
     answer = _named(case, answer, [f for f in fits if case.explains(f)])
-    if usual is not None and (answer.fit is None or not (
-            (held is not None and held.gap([case.null, answer.fit]).closes(MOST))
-            or case.likely(answer.fit, fits))):
+    if usual is not None and (
+            answer.fit is None or case.evidence(answer.fit) <= case.evidence(beyond.null) or not (
+                (held is not None and not wide
+                 and held.gap([case.null, answer.fit]).closes(MOST))
+                or rival.likely(answer.fit, fits))):
         return usual
     witness = witness or held
     if witness is not None and answer.verdict == "unknown effect" and not answer.equivalent:

@@ -8,6 +8,7 @@ import pytest
 from benchmarks.any_actuator.described import Damage
 from benchmarks.blind_panel.truth.hidden import HARD_TO_TELL
 from benchmarks.decisions.judging import (
+    answered,
     as_written,
     holds,
     is_set,
@@ -139,3 +140,12 @@ def test_with_several_pole_pairs_an_angle_is_the_same_from_each_turn_on():
     assert turn_of(of, "cogging_torque", cogging) == pytest.approx(5.0 * turn)
     assert turn_of(of, "gear_mesh_ripple", mesh) == pytest.approx(turn)
     assert turn_of(of, "hall_misalignment", {}) == pytest.approx(2.0 * np.pi)
+
+
+@pytest.mark.slow
+def test_an_effect_that_a_unit_beyond_its_bands_nearly_explains_is_named(tmp_path, monkeypatch):
+    """Hall sensors 0.1 rad off, of the second simulator: the evidence decides (section 4)."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    tests = ("extended", "step")
+    row = answered(STRATA["second, one effect"](20263341, 3, tests), tmp_path, tests)
+    assert (row["names"], outcome(row)) == (("hall_misalignment",), "right")
