@@ -6,18 +6,21 @@ panel that is cut short has as many units of each stratum, in the order of their
 accepted units ask what has changed since their acceptance (`--baseline`). Strata of another drive
 are of a described machine with a carrier (`benchmarks.any_actuator`), whose kit is made once, with
 the libraries of the tests, in `--out`. With `--next` the test that is proposed for a set of names
-is recorded on the same unit, and both records are identified together.
+is recorded on the same unit, and both records are identified together. `--visible` says which of
+the units with one effect, of the default kit, can be seen at all (`visible`).
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
 from benchmarks.decisions.judging import Row, answered, answered_again, is_set
-from benchmarks.decisions.table import numbers, seconds, sizes, table
+from benchmarks.decisions.table import markdown, numbers, seconds, sizes, table
 from benchmarks.decisions.units import STRATA
+from benchmarks.decisions.visible import gap_of, make_floor, visible_table
 from benchmarks.ledger import Ledger
 from ema_record.errors import EmaError
 from ema_record.profile import load_profile
@@ -36,6 +39,8 @@ def main() -> None:
     parser.add_argument("--strata", default="", help="only those that begin with this")
     parser.add_argument("--next", action="store_true",
                         help="record the test that is proposed for a set, identify with both")
+    parser.add_argument("--visible", action="store_true",
+                        help="which units with one effect can be seen, of the default kit")
     parser.add_argument("--table", action="store_true", help="run nothing")
     given = parser.parse_args()
     tests = tuple(given.tests.split(","))
@@ -75,6 +80,24 @@ def main() -> None:
     rows = {stratum: found for stratum, found in rows.items() if found}
     for part in (table(rows), numbers(rows, again), sizes(rows), seconds(rows)):
         print(f"\n{part}")
+    if given.visible:
+        print(f"\n{_visible(rows, ledger, given.out, given.seed, tests)}")
+
+
+def _visible(rows: Mapping[str, Sequence[Row]], ledger: Ledger, out: Path, seed: int,
+             tests: tuple[str, ...]) -> str:
+    """Return the table of what is visible, by units that are made once more."""
+    floor = make_floor(out / f"floor_{tests[0]}.npz", tests[0])
+    found = []
+    for stratum in rows:
+        if not stratum.endswith(", one effect") or not stratum.startswith(("own", "second")):
+            continue
+        for k, row in enumerate(rows[stratum]):
+            gap, _ = ledger.run(f"{seed}/{','.join(tests)}/{stratum}/{k}/visible", partial(
+                lambda s, k: gap_of(STRATA[s](seed, k, tests), floor), stratum, k))
+            found.append((stratum, row, float(gap)))
+    return markdown(("stratum", "units", "visible", "right of these", "not right, gap, outcome"),
+                 visible_table(found))
 
 
 if __name__ == "__main__":

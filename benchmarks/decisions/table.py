@@ -28,7 +28,8 @@ def _of(count: int, of: int, target: str) -> str:
     return f"{interval(count, of)} of {of}{f', {target}' if target else ''}" if of else "-"
 
 
-def _lines(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table in Markdown."""
     return "\n".join(["| " + " | ".join(map(str, row)) + " |" for row in (
         head, *([["---"] * len(head)]), *rows)])
 
@@ -36,7 +37,7 @@ def _lines(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 def table(rows: Rows) -> str:
     """Return the outcomes of all rows by stratum; seconds of CPU are the median."""
     kinds = ("right", "part", "wrong", "unknown", "silent")
-    return _lines(("stratum", "units", *kinds, "s"), (
+    return markdown(("stratum", "units", *kinds, "s"), (
         (stratum, len(found),
          *(interval(sum(outcome(r) == k for r in found), len(found)) for k in kinds),
          f"{np.median([r['seconds'] for r in found]):.1f}") for stratum, found in rows.items()))
@@ -103,7 +104,7 @@ def numbers(rows: Rows, again: Mapping[str, Sequence[tuple[Row, Row | None]]]) -
         cells.append(_of(sum(map(resolved, done)), len(done), ">= 85 %")
                      + f"; {len(sets)} sets, {len(proposed)} with a command")
     lines.append(("set resolved by the proposed test", *cells))
-    return _lines(("what", "own world", "outside"), lines)
+    return markdown(("what", "own world", "outside"), lines)
 
 
 def sizes(rows: Rows) -> str:
@@ -125,7 +126,7 @@ def sizes(rows: Rows) -> str:
                          + (f"; {len(own) - len(known)} of another mode"
                             if len(known) < len(own) else "") if own else "-")
         lines.append((effect, *cells))
-    return _lines(("effect", "own world: inside, median error", "outside"), lines)
+    return markdown(("effect", "own world: inside, median error", "outside"), lines)
 
 
 def seconds(rows: Rows) -> str:
@@ -138,7 +139,7 @@ def seconds(rows: Rows) -> str:
             since = ", with a baseline" if "accepted" in stratum else ""
             kinds.setdefault(f"{what}{since}", []).append(row)
             kinds.setdefault(f"all{since}", []).append(row)
-    return _lines(("answer", "units", "CPU, s", "wall, s", "longest wall, s"), (
+    return markdown(("answer", "units", "CPU, s", "wall, s", "longest wall, s"), (
         (kind, len(of), f"{np.median([r['seconds'] for r in of]):.1f}",
          f"{np.median([r.get('wall', np.nan) for r in of]):.1f}",
          f"{max(r.get('wall', np.nan) for r in of):.1f}") for kind, of in sorted(kinds.items())))

@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.any_actuator.cases import _stranger
 from benchmarks.any_actuator.described import Damage
 from benchmarks.any_actuator.machines import FOLDER
-from benchmarks.any_actuator.records import record_of
+from benchmarks.any_actuator.records import BenchTest, record_of
 from benchmarks.any_actuator.units import draw_test
 from benchmarks.blind_panel.truth.hidden import HIDEABLE, draw_effect, draw_pair
 from ema_identification.actuator.fleet.units import (
@@ -73,6 +73,10 @@ class HiddenUnit(NamedTuple):
     """From before something was hidden, of the first test."""
     kit: Path | None = None
     """Of another machine than the default one."""
+    both: Callable[[int], tuple[Record, Record]] | None = None
+    """The first test on one day, with what is hidden and without, the same noise."""
+    place: np.ndarray | None = None
+    """Where the unit is in its bands, half widths, if it is of our own simulator."""
 
 
 def own_unit(
@@ -98,18 +102,25 @@ def own_unit(
     for name in names:
         settings |= draw_effect(name, 1 + int(rng.integers(2)), rng)
 
-    def tested(profile: Profile, given: Mapping[str, float | str] = settings) -> Record:
+    def tested(profile: Profile, given: Mapping[str, float | str] = settings,
+               rng: np.random.Generator = rng, repeat: int | None = None) -> Record:
         today = np.where(of_day(len(z)), rng.uniform(-1.0, 1.0, len(z)), z)
         day = draw_fleet_conditions(rng, spread)
         actuator, effects = fleet_unit(model, spread, today, day, parse_effects(
             [f"{a}={b}" for a, b in given.items()], model.effects))
         return simulate(profile, actuator=actuator, effects=effects, noise=day.noise,
-                        seed=int(rng.integers(2**31)), start_angle=day.start_angle)
+                        seed=int(rng.integers(2**31)) if repeat is None else repeat,
+                        start_angle=day.start_angle)
+
+    def both(repeat: int) -> tuple[Record, Record]:
+        with_it, without = (tested(test_of(tests[0], kit), given, np.random.default_rng(
+            [seed, 79, k]), repeat) for given in (settings, {}))
+        return with_it, without
 
     before = tuple(tested(test_of(test, kit), {}) for test in tests[:accepted])
     return HiddenUnit(names, (HIDEABLE[names[0]].without or ()) if strange else (),
                       tuple(tested(test_of(test, kit)) for test in tests), tested, settings,
-                      before, kit)
+                      before, kit, both, z)
 
 
 def test_of(name: str, kit: Path | None) -> Profile:
@@ -146,17 +157,24 @@ def second_unit(
         truth |= catalogued(a, name, damage)
     without = (HIDEABLE[names[0]].without or ()) if strange else ()
     done = [0]
+    profiles = [test_of(test, kit) for test in tests]
+
+    def test_on(day: int, given: Damage) -> BenchTest:
+        return draw_test(a, tolerances, spread.conditions, (seed + hidden + strange, k), day,
+                         given, own=False)
 
     def tested(profile: Profile, given: Damage = damage) -> Record:
         done[0] += 1
-        return record_of(draw_test(
-            a, tolerances, spread.conditions, (seed + hidden + strange, k), done[0] - 1,
-            given, own=False), profile)
+        return record_of(test_on(done[0] - 1, given), profile)
 
-    profiles = [test_of(test, kit) for test in tests]
+    def both(repeat: int) -> tuple[Record, Record]:
+        with_it, without = (record_of(test_on(0, given)._replace(seed=repeat), profiles[0])
+                            for given in (damage, Damage()))
+        return with_it, without
+
     records = tuple(tested(profile) for profile in profiles)
     before = tuple(tested(profile, Damage()) for profile in profiles[:accepted])
-    return HiddenUnit(names, without, records, tested, truth, before, kit)
+    return HiddenUnit(names, without, records, tested, truth, before, kit, both)
 
 
 def catalogued(a: Actuator, name: str, d: Damage) -> dict[str, float | str]:

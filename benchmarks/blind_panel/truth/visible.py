@@ -18,6 +18,7 @@ Visible: the gap of some block is at least `THRESHOLD` floors.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -46,6 +47,8 @@ THRESHOLD = 3.0
 SEED = 990_001
 FREE = {**UNIT_SPREAD, **CONDITION_SPREAD}
 """What a recalibration may move, with half widths."""
+Null = tuple[Mapping[str, np.ndarray], np.ndarray, np.ndarray]
+"""View of an effect-free unit, its moves, what is known of its conditions."""
 
 
 def _moves(unit: Unit) -> np.ndarray:
@@ -71,34 +74,45 @@ class Floor:
     slopes: np.ndarray
     """Shape (3, free, numbers): of each move, and of each move times bus and temperature."""
 
-    def sensitivity(self, unit: Unit) -> np.ndarray:
-        """Return the sensitivity to each move under the unit's conditions."""
-        bus, warm = _known(unit)[:2]
+    def sensitivity(self, bus: float, warm: float) -> np.ndarray:
+        """Return the sensitivity to each move under a unit's conditions."""
         return np.asarray(self.slopes[0] + bus * self.slopes[1] + warm * self.slopes[2])
 
 
 def make_floor(path: Path, first: str = "extended") -> Floor:
     """Return the floor on a test, from `path` if it was made before (some two minutes)."""
+    profile = load_profile(first)
+
+    def null(k: int) -> Null:
+        unit = draw_unit(np.random.default_rng([SEED, k]))
+        return view(simulate(
+            profile, actuator=actuator_of(unit.spread), seed=k, noise=unit.noise,
+            effects=effects_from_mapping(unit.conditions))), _moves(unit), _known(unit)
+
+    return floor_of(path, null, N_NULL)
+
+
+def floor_of(path: Path, null: Callable[[int], Null], units: int) -> Floor:
+    """Return the floor of effect-free units, from `path` if it was made before.
+
+    `null` : gives the view of a unit, its moves and what is known of it; of that bus and
+    temperature come first, by which moves are multiplied too.
+    """
     if not path.exists():
         views, moves, known = [], [], []
-        profile = load_profile(first)
-        for k in range(N_NULL):
-            rng = np.random.default_rng([SEED, k])
-            unit = draw_unit(rng)
-            found = view(simulate(
-                profile, actuator=actuator_of(unit.spread),
-                effects=effects_from_mapping(unit.conditions), seed=k, noise=unit.noise))
+        for k in range(units):
+            found, place, conditions = null(k)
             views.append(np.concatenate(list(found.values())))
-            moves.append(_moves(unit))
-            known.append(_known(unit))
+            moves.append(place)
+            known.append(conditions)
         p, c = np.array(moves), np.array(known)
-        design = np.hstack([p, p * c[:, :1], p * c[:, 1:2], c, np.ones((N_NULL, 1))])
+        design = np.hstack([p, p * c[:, :1], p * c[:, 1:2], c, np.ones((units, 1))])
         y = np.array(views)
         slopes, *_ = np.linalg.lstsq(design, y, rcond=None)
         left = y - design @ slopes
-        sigma = np.sqrt(np.sum(left**2, axis=0) / (N_NULL - design.shape[1]))
+        sigma = np.sqrt(np.sum(left**2, axis=0) / (units - design.shape[1]))
         temporary = path.with_suffix(".tmp.npz")
-        np.savez(temporary, sigma=sigma, slopes=slopes[:3 * len(FREE)],
+        np.savez(temporary, sigma=sigma, slopes=slopes[:3 * p.shape[1]],
                  names=np.array(list(found)), sizes=np.array([len(v) for v in found.values()]))
         temporary.replace(path)
     with np.load(path) as data:
@@ -109,8 +123,9 @@ def make_floor(path: Path, first: str = "extended") -> Floor:
         sigma = data["sigma"].copy()
         for place in blocks.values():
             sigma[place] = np.maximum(sigma[place], 0.3 * np.median(sigma[place]))
+        slopes = data["slopes"]
         return Floor(blocks, np.maximum(sigma, 1e-9),
-                     data["slopes"].reshape(3, len(FREE), -1))
+                     slopes.reshape(3, len(slopes) // 3, -1))
 
 
 def _shift(case: Case, seed: int) -> np.ndarray:
@@ -129,9 +144,23 @@ def _shift(case: Case, seed: int) -> np.ndarray:
 def gap(case: Case, floor: Floor) -> tuple[float, str]:
     """Return the largest gap of a block in noise floors, and the block's name."""
     shifts = [_shift(case, SEED + case.seed % 100_000 + k) for k in range(PAIRS)]
+    return largest_gap(shifts, floor, floor.sensitivity(*_known(case.unit)[:2]),
+                       _moves(case.unit))
+
+
+def largest_gap(
+    shifts: Sequence[np.ndarray], floor: Floor, sensitivity: np.ndarray, place: np.ndarray
+) -> tuple[float, str]:
+    """Return what recalibration leaves of a shift in its worst block, and the block's name.
+
+    Parameters
+    ----------
+    shifts : of repeats, shape (numbers,) each.
+    sensitivity : ndarray, shape (free, numbers).
+    place : ndarray, shape (free,). Where the unit is in its tolerances, -1 to 1.
+    """
     halves = [np.mean(shifts[k::2], axis=0) / floor.sigma for k in range(2)]
-    slopes = (floor.sensitivity(case.unit) / floor.sigma).T
-    place = _moves(case.unit)
+    slopes = (sensitivity / floor.sigma).T
     low, high = np.minimum(-1.0 - place, -1e-9), np.maximum(1.0 - place, 1e-9)
     # The recalibration takes away what the tolerances can give back.
     fit = lsq_linear(slopes, 0.5 * (halves[0] + halves[1]), bounds=(low, high))

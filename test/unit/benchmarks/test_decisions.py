@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.any_actuator.described import Damage
 from benchmarks.blind_panel.truth.hidden import HARD_TO_TELL
+from benchmarks.decisions import visible
 from benchmarks.decisions.judging import (
     answered,
     as_written,
@@ -149,3 +150,16 @@ def test_an_effect_that_a_unit_beyond_its_bands_nearly_explains_is_named(tmp_pat
     tests = ("extended", "step")
     row = answered(STRATA["second, one effect"](20263341, 3, tests), tmp_path, tests)
     assert (row["names"], outcome(row)) == (("hall_misalignment",), "right")
+
+
+@pytest.mark.slow
+def test_what_is_hidden_is_visible_beside_all_that_a_unit_may_be(tmp_path, monkeypatch):
+    """Apart from the workflow; nothing hidden leaves nothing, whatever the noise."""
+    monkeypatch.setattr(visible, "UNITS", 200)  # the regression has 130 numbers
+    floor, tests = visible.make_floor(tmp_path / "floor.npz", "step"), ("step",)
+    nothing = STRATA["own, unlisted off, nothing"](1, 0, tests)
+    assert visible.gap_of(nothing, floor)[0] == 0.0
+    for stratum in ("own, one effect", "second, one effect"):
+        unit = STRATA[stratum](3, 0, tests)
+        gap, block = visible.gap_of(unit, floor)
+        assert gap > visible.THRESHOLD, (unit.names, block)
