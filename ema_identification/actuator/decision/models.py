@@ -137,7 +137,11 @@ class Models:
         return float(np.median(self.library.healthy[:, 0])) * self.unit.size
 
     def singles(self) -> list[LawFit]:
-        """Return the fits of single laws; the best is fitted as hard as can be."""
+        """Return the fits of single laws.
+
+        Where none explains the best is fitted as hard as can be, for second laws are sought beside
+        it; where several do each goes on with all slopes simulated, for they are compared.
+        """
         gains = linear_gains(self.unit, self.null, self.white, self.signatures)
         lists = (gains, sized(self.unit, self.signatures),
                  ripples(self.unit, self.null, self.white, self.without))
@@ -145,8 +149,11 @@ class Models:
                          for p in alternating(lists, SCREENED)), key=lambda f: f.cost)
         found = self.fitted([*starts[:PROPOSED], *self.beside(
             self.null, at_known_sizes(gains[:1]))])
-        if found and not self.explains(found[0]):  # second laws are sought beside it
+        if found and not self.explains(found[0]):
             found[0] = self._pressed(found[0])
+        elif sum(map(self.explains, found)) > 1:
+            found = [min(f, self._refitted(f), key=lambda f: f.cost) if self.explains(f) else f
+                     for f in found]
         return self._ordered(found)
 
     def beside(self, fit: LawFit, proposals: Sequence[LawProposal]) -> list[LawFit]:
