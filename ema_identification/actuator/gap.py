@@ -1,7 +1,8 @@
 """Gap on a held-out record: what a fitted model leaves of a test that took no part in the fit.
 
 What belongs to the day (load, errors of the current sensors) is fitted to the held-out record;
-all else is predicted. One yardstick for all models: what the model without a law may be off.
+all else is predicted, of what is named by the mean of runs over all that the fitted records leave
+open. One yardstick for all models: what the model without a law may be off.
 """
 
 from __future__ import annotations
@@ -12,17 +13,24 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from scipy.linalg import cholesky
 
 from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
+from ema_identification.actuator.decision.intervals import at
 from ema_identification.actuator.decision.slopes import bounded_least_squares
 from ema_identification.actuator.fleet.kept import kept_of
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, worst
 from ema_identification.actuator.laws.catalogue import OF_THE_ROTOR
-from ema_identification.actuator.laws.terms import LawFit, LawGap
+from ema_identification.actuator.laws.terms import LawFit, LawGap, Posterior
 from ema_identification.actuator.measure.signals import TURN
 
 DAY_STEPS = 2
 """Of a fit of what belongs to the day, in which the quadratic is nearly straight."""
+DRAWS = 3 * SETTLED_RUNS
+"""Budget: runs over what the fitted records leave open."""
+
+_Predicted = tuple[TestedUnit, np.ndarray]
+"""A held-out record and what is expected of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,18 +40,22 @@ class HeldOut:
     unit: TestedUnit
     fitted: TestedUnit
 
-    def gap(self, models: Sequence[LawFit], edge: float = 1.0) -> LawGap:
+    def gap(self, models: Sequence[LawFit], edge: float = 1.0, known: Posterior | None = None
+            ) -> LawGap:
         """Return the gap of each model, the first without a law.
 
         A fit on the quadratic is predicted as healthy units are, by the quadratic; fits on runs
-        are by means of runs. `edge` : half widths of its band that a number may be off.
+        are by means of runs. `edge` : half widths of its band that a number may be off. `known` :
+        what the fitted records tell of the last model.
         """
         unit, null = self.unit, models[0]
         if not null.runs and len(models) == 1:
             return replace(quadratic_gap(unit, self.fitted, null, edge), healthy=self.healthy)
-        means = [np.concatenate([_nearest_turn(part, m, edge) for part in unit.parts])
-                 for m in models]
-        return replace(_left(unit, _yardstick(self.fitted), _predicted(unit, null, edge), means),
+        turned = [[_nearest_turn(part, m, edge) for part in unit.parts] for m in models]
+        if known is not None:
+            turned[-1] = [_expected(one, models[-1], known, edge) for one in turned[-1]]
+        means = [np.concatenate([mean for _, mean in of]) for of in turned]
+        return replace(_left(unit, _yardstick(self.fitted), _of_the_unit(unit, null, edge), means),
                        healthy=self.healthy)
 
     @cached_property
@@ -70,7 +82,7 @@ def quadratic_gap(
     unit: TestedUnit, fitted: TestedUnit, null: LawFit, edge: float = 1.0
 ) -> LawGap:
     """Return the gap of a unit without a law on `unit`, its quadratic at the fit to `fitted`."""
-    z = _predicted(unit, null, edge)
+    z = _of_the_unit(unit, null, edge)
     return _left(unit, _yardstick(fitted, null), z, list(unit.means(z[None])))
 
 
@@ -82,7 +94,7 @@ def fitted_gap(unit: TestedUnit, models: Sequence[LawFit]) -> LawGap:
                   rest=tuple(rests))
 
 
-def _predicted(unit: TestedUnit, fit: LawFit, edge: float) -> np.ndarray:
+def _of_the_unit(unit: TestedUnit, fit: LawFit, edge: float) -> np.ndarray:
     """Return what a fit expects of held-out records: the unit's own numbers, none of the day."""
     z = np.zeros(len(unit.centre))
     own = slice(unit.library.width)
@@ -90,19 +102,34 @@ def _predicted(unit: TestedUnit, fit: LawFit, edge: float) -> np.ndarray:
     return np.where(unit.day, 0.0, z)
 
 
-def _nearest_turn(unit: TestedUnit, fit: LawFit, edge: float) -> np.ndarray:
-    """Return the mean of runs of a fit on one held-out record.
+def _expected(predicted: _Predicted, fit: LawFit, known: Posterior, edge: float) -> _Predicted:
+    """Return a prediction anew, the mean of runs over what is known (posterior predictive mean).
+
+    As it is where most of these cannot be run.
+    """
+    unit, mean = predicted
+    half = np.random.default_rng([unit.seed, 91]).standard_normal((DRAWS // 2, len(known.mean)))
+    points = known.mean + np.vstack([half, -half]) @ cholesky(known.covariance)
+    rows = np.array(unit.run_all(
+        [(model.terms, _of_the_unit(unit, model, edge))
+         for model in (at(fit, x) for x in points)], 1, salt=23, apart=True))
+    good = rows[np.isfinite(rows).all(axis=1)]
+    return unit, mean if 2 * len(good) < len(rows) else good.mean(axis=0)
+
+
+def _nearest_turn(unit: TestedUnit, fit: LawFit, edge: float) -> _Predicted:
+    """Return the mean of runs of a fit on one held-out record, which knows the turn.
 
     The rotor starts in any of the electrical turns that make a mechanical one, and no record says
     in which; of laws that know the mechanical angle the nearest one counts.
     """
-    z, laws = _predicted(unit, fit, edge), {t.variant.effect for t in fit.terms}
+    z, laws = _of_the_unit(unit, fit, edge), {t.variant.effect for t in fit.terms}
     turns = unit.library.model.actuator.motor.pole_pairs if laws & OF_THE_ROTOR else 1
     angle, root = unit.conditions.start_angle, np.sqrt(np.diag(unit.covariance(SETTLED_RUNS)))
-    means = [replace(unit, conditions=replace(unit.conditions, start_angle=angle + k * TURN)).run(
-        fit.terms, z, SETTLED_RUNS, salt=21) for k in range(turns)]
-    return min(means, key=lambda mean: float(
-        np.log1p(_less_day(unit, z, mean, root) ** 2).sum()))
+    units = [replace(unit, conditions=replace(unit.conditions, start_angle=angle + k * TURN))
+             for k in range(turns)]
+    return min(((one, one.run(fit.terms, z, SETTLED_RUNS, salt=21)) for one in units),
+               key=lambda found: float(np.log1p(_less_day(unit, z, found[1], root) ** 2).sum()))
 
 
 def _yardstick(fitted: TestedUnit, null: LawFit | None = None) -> np.ndarray:

@@ -93,7 +93,7 @@ def decide(
     answer = case.measured(answer)
     if held is None:
         return answer
-    gap = held.gap(stages_of(answer))
+    gap = held.gap(stages_of(answer), known=answer.known)
     verdict, said = after_validation(
         answer.verdict, gap.values[0], gap.values[-1], gap.bound, "healthy units", least=MOST)
     if usual is not None and verdict != "explained":

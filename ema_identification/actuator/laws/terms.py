@@ -98,7 +98,8 @@ class LawGap:
 class LawJudge(Protocol):
     """Held-out records."""
 
-    def gap(self, models: Sequence[LawFit], edge: float = 1.0) -> LawGap:
+    def gap(self, models: Sequence[LawFit], edge: float = 1.0, known: Posterior | None = None
+            ) -> LawGap:
         """Return the gap of each model, the first without a law."""
 
 

@@ -340,7 +340,7 @@ class Held:
     def __init__(self, *values, again=()):
         self.values, self.again = values, again
 
-    def gap(self, models, edge=1.0):
+    def gap(self, models, edge=1.0, known=None):
         if len(models) == 1 and models[0].runs and self.again:
             return LawGap(values=self.again, healthy=np.linspace(0.5, 1.5, 480))
         return LawGap(values=self.values[:len(models)], healthy=np.linspace(0.5, 1.5, 480))

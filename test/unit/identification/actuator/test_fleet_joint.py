@@ -173,7 +173,7 @@ def test_a_held_out_record_begins_in_any_turn_of_the_rotor():
         held = fit.TestedUnit(
             library=library, values=simulator(None, None, None, day, now, 0, effects),
             conditions=RecordConditions(), simulator=simulator)
-        assert gap._nearest_turn(held, fitted, 1.0) == pytest.approx(
+        assert gap._nearest_turn(held, fitted, 1.0)[1] == pytest.approx(
             simulator(None, None, None, z, now, 0, effects), abs=1e-9)
 
 
