@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
+from benchmarks.blind_panel.truth.visible import Floor
 from benchmarks.decisions.judging import Row, answered, answered_again, is_set
 from benchmarks.decisions.table import markdown, numbers, seconds, sizes, table
 from benchmarks.decisions.units import STRATA
@@ -84,6 +85,11 @@ def main() -> None:
         print(f"\n{_visible(rows, ledger, given.out, given.seed, tests)}")
 
 
+def _gap(stratum: str, seed: int, k: int, tests: tuple[str, ...], floor: Floor
+         ) -> tuple[float, str]:
+    return gap_of(STRATA[stratum](seed, k, tests), floor)
+
+
 def _visible(rows: Mapping[str, Sequence[Row]], ledger: Ledger, out: Path, seed: int,
              tests: tuple[str, ...]) -> str:
     """Return the table of what is visible, by units that are made once more."""
@@ -94,7 +100,7 @@ def _visible(rows: Mapping[str, Sequence[Row]], ledger: Ledger, out: Path, seed:
             continue
         for k, row in enumerate(rows[stratum]):
             gap, _ = ledger.run(f"{seed}/{','.join(tests)}/{stratum}/{k}/visible", partial(
-                lambda s, k: gap_of(STRATA[s](seed, k, tests), floor), stratum, k))
+                _gap, stratum, seed, k, tests, floor))
             found.append((stratum, row, float(gap)))
     return markdown(("stratum", "units", "visible", "right of these", "not right, gap, outcome"),
                  visible_table(found))

@@ -135,7 +135,8 @@ def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit]) -> Fleet
     pairs = [f for f in explaining if len(f.terms) == 2 and case.evidence(f) > best]
     for pair in pairs[:LARGEST_SET]:
         less = tuple(case.each_alone(pair, answer.fits)[::-1])  # of each law, without it
-        tested.append((pair, tuple(case.p_own(pair, f.cost) for f in less), less))
+        if case.evidence(pair) > max(map(case.evidence, less)):
+            tested.append((pair, tuple(case.p_own(pair, f.cost) for f in less), less))
         tested += [(f, (case.p_own(f, case.nothing),), (case.null,))
                    for f in less if case.explains(f)]
     good = [row for row in tested if max(row[1]) <= LEVEL]
