@@ -103,7 +103,7 @@ def _visible(rows: Mapping[str, Sequence[Row]], ledger: Ledger, out: Path, seed:
                 _gap, stratum, seed, k, tests, floor))
             found.append((stratum, row, float(gap)))
     return markdown(("stratum", "units", "visible", "right of these", "not right, gap, outcome"),
-                 visible_table(found))
+                    visible_table(found))
 
 
 if __name__ == "__main__":
