@@ -69,12 +69,12 @@ class HiddenUnit(NamedTuple):
     """One more test of the unit as it is now, on another day."""
     truth: dict[str, float | str]
     """Parameters of the catalogue's laws as they are hidden, dotted names."""
+    both: Callable[[int], tuple[Record, Record]]
+    """The first test on one day, with what is hidden and without, the same noise."""
     accepted: tuple[Record, ...] = ()
     """From before something was hidden, of the first test."""
     kit: Path | None = None
     """Of another machine than the default one."""
-    both: Callable[[int], tuple[Record, Record]] | None = None
-    """The first test on one day, with what is hidden and without, the same noise."""
     place: np.ndarray | None = None
     """Where the unit is in its bands, half widths, if it is of our own simulator."""
 
@@ -120,7 +120,7 @@ def own_unit(
     before = tuple(tested(test_of(test, kit), {}) for test in tests[:accepted])
     return HiddenUnit(names, (HIDEABLE[names[0]].without or ()) if strange else (),
                       tuple(tested(test_of(test, kit)) for test in tests), tested, settings,
-                      before, kit, both, z)
+                      both, before, kit, z)
 
 
 def test_of(name: str, kit: Path | None) -> Profile:
@@ -174,7 +174,7 @@ def second_unit(
 
     records = tuple(tested(profile) for profile in profiles)
     before = tuple(tested(profile, Damage()) for profile in profiles[:accepted])
-    return HiddenUnit(names, without, records, tested, truth, before, kit, both)
+    return HiddenUnit(names, without, records, tested, truth, both, before, kit)
 
 
 def catalogued(a: Actuator, name: str, d: Damage) -> dict[str, float | str]:

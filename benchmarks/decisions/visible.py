@@ -70,8 +70,6 @@ def _known(record: Record) -> tuple[float, float]:
 
 def gap_of(unit: HiddenUnit, floor: Floor) -> tuple[float, str]:
     """Return the largest gap that is left of what is hidden (noise floors), and its block."""
-    if unit.both is None:
-        raise ValueError("a unit with something hidden, of the default kit, is asked for")
     shifts, where = [], (0.0, 0.0)
     for k in range(PAIRS):
         records = unit.both(SEED + k)

@@ -28,7 +28,7 @@ from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.fleet import kept as kept_module
 from ema_identification.actuator.fleet.surrogate import LARGEST_RESIDUAL
 from ema_identification.actuator.laws.catalogue import Signature, variants
-from ema_identification.actuator.laws.terms import EffectTerm, LawGap, with_terms
+from ema_identification.actuator.laws.terms import EffectTerm, LawGap, Posterior, with_terms
 from ema_identification.actuator.measure.signals import TURN
 from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_identification.actuator.words import reasons_of
@@ -175,6 +175,24 @@ def test_a_held_out_record_begins_in_any_turn_of_the_rotor():
             conditions=RecordConditions(), simulator=simulator)
         assert gap._nearest_turn(held, fitted, 1.0)[1] == pytest.approx(
             simulator(None, None, None, z, now, 0, effects), abs=1e-9)
+
+
+def test_what_is_named_is_predicted_by_the_mean_over_what_is_left_open():
+    """Where a prediction bends it is not that of the middle; one that cannot be run stays."""
+    own = int(np.flatnonzero(~OF_DAY)[0])
+
+    def bends(_model, _spread, _fmap, z, _conditions, _seed, _effects):
+        return BASE * z[own] ** 2
+
+    point = fit.LawFit(terms=(), z=np.zeros(SIZE), mean=BASE, slopes=np.zeros((FEATURES, SIZE)),
+                       cost=1.0, runs=10)
+    known = Posterior(np.zeros(SIZE), 0.04 * np.eye(SIZE))
+    held = replace(unit(seed=1), simulator=bends)
+    _, mean = gap._expected((held, 0.0 * BASE), point, known, 1.0)
+    share = mean @ BASE / (BASE @ BASE)
+    assert mean == pytest.approx(share * BASE) and 0.02 < share < 0.08
+    lost = replace(held, simulator=lambda *_: np.full(FEATURES, np.nan))
+    assert gap._expected((lost, BASE), point, known, 1.0)[1] is BASE
 
 
 def test_what_healthy_units_leave_is_kept_and_judged_by_the_first_ones(
