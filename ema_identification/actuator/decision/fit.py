@@ -53,6 +53,8 @@ LAW_ERROR = 0.02
 """Relative error of what a simulated law adds (steps of the solver, end of the descent)."""
 QUADRATIC_STEPS, DAMPINGS, STEP_DAMPINGS = 20, 4, (0.0, 0.03, 0.3, 3.0)
 """Most steps of a descent without runs, dampings tried a step; those tried on runs."""
+FALL = 0.1
+"""A descent that lowers the cost by less stands still."""
 LOUDEST = 4.0
 """Noise factor up to which the law of the noise is believed."""
 
@@ -289,7 +291,7 @@ class TestedUnit:
                 gained = point.cost - there.cost
                 if gained > 0.0:
                     point, damping = replace(there, slopes=slopes), 0.3 * damping
-                    if gained < 0.5 * there.cost / self.size:
+                    if gained < FALL * (there.cost + gained):
                         return point
                     break
                 point = replace(point, slopes=slopes)
@@ -297,16 +299,14 @@ class TestedUnit:
                 damping = max(10.0 * damping, 0.1)
         return point
 
-    def refitted(
-        self, fit: LawFit, before: np.ndarray, *, runs: int, fall: float
-    ) -> LawFit:
+    def refitted(self, fit: LawFit, before: np.ndarray, *, runs: int) -> LawFit:
         """Return a fit of lower cost, with slopes to all numbers simulated at each step.
 
-        Of several dampings the best counts; it ends once the cost falls by less than `fall`.
+        Of several dampings the best counts; it ends once the cost falls by less than `FALL`.
         """
         white = self.whitener(runs, before)
         point, last = self.begun(fit, white, runs), np.inf
-        while point.cost < (1.0 - fall) * last:
+        while point.cost < (1.0 - FALL) * last:
             slopes = np.hstack([law_slopes(self.run_all, point, point.mean, white, runs, 0),
                                 simulated_slopes(self.run_all, point, runs // 2)])
             last, found = point.cost, self._moves(

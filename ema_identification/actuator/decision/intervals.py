@@ -9,7 +9,10 @@ et al., IEEE Trans. Signal Process. 63, 2015). No slope is taken from where no l
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import count, islice
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky
@@ -19,7 +22,7 @@ from ema_identification.actuator.decision.slopes import bounded_least_squares
 from ema_identification.actuator.fleet.surrogate import BEND, shrunk
 from ema_identification.actuator.laws.terms import LawFit, Posterior, bounds, coordinates, moved
 
-RUNS, ROUNDS, WIDER = 5, 2, 3.0
+RUNS, INTERVAL_ROUNDS, WIDER = 5, 2, 3.0
 """Budget: runs of a round, a coordinate; rounds; spread of the later ones, of what the one before
 leaves: with so few runs, slopes over twice it drown in noise."""
 LAW_SPREAD, FAR = 1.0 / WIDER, 10.0
@@ -45,6 +48,22 @@ def posterior_of(unit: TestedUnit, fit: LawFit) -> Posterior:
 
 def simulated_posterior(unit: TestedUnit, fit: LawFit) -> Posterior:
     """Return what runs of a model tell of its laws and of the unit's numbers, see the module."""
+    rounds = [r.known for r in islice(linearised(unit, fit), INTERVAL_ROUNDS)]
+    if not rounds:  # beside what the simulator can do
+        return posterior_of(unit, fit)
+    return rounds[-1]._replace(covariance=STRETCH**2 * rounds[-1].covariance)
+
+
+class Round(NamedTuple):
+    """What runs over all that a model may be tell of it, and where they were, (n, width)."""
+
+    known: Posterior
+    points: np.ndarray
+    features: np.ndarray
+
+
+def linearised(unit: TestedUnit, fit: LawFit) -> Iterator[Round]:
+    """Yield round after round, each over what the one before leaves, while they can be run."""
     sizes = [max(float(np.linalg.norm(t.u)), 1e-12) for t in fit.terms]
     spread = np.array([LAW_SPREAD * (size if len(levels) > 1 else 1.0)
                        for t, size in zip(fit.terms, sizes) for levels in t.signature.levels])
@@ -53,19 +72,19 @@ def simulated_posterior(unit: TestedUnit, fit: LawFit) -> Posterior:
     centre = np.append(coordinates(fit.terms), unit.centre)
     weight = np.append((FAR * spread) ** -2.0, unit.weight)
     found = Posterior(centre, np.diag(np.append(spread**2, 1.0 / unit.weight)))
-    for k in range(ROUNDS):
+    for k in count():
         rng = np.random.default_rng([unit.seed, 68, k])
         half = rng.standard_normal((RUNS * len(centre) // 4 * 2, len(centre)))
-        root = cholesky(found.covariance, lower=True) * (WIDER if k else 1.0)
+        root = cholesky(found.covariance, lower=True) * (WIDER if k == 1 else 1.0)
         points = np.clip(found.mean + np.vstack([half, -half]) @ root.T, low, high)
         rows = np.array(unit.run_all(
             [(f.terms, f.z) for f in (at(fit, x) for x in points)], 1, salt=70 + k, apart=True))
         good = np.isfinite(rows).all(axis=1)
-        if good.sum() < 2 * len(centre):  # beside what the simulator can do
-            return posterior_of(unit, fit) if k == 0 else found
+        if good.sum() < 2 * len(centre):
+            return
         found = _solved(unit, (points[good], rows[good]), found.mean, (low, high),
                         (centre, weight))
-    return found._replace(covariance=STRETCH**2 * found.covariance)
+        yield Round(found, points[good], rows[good])
 
 
 def at(fit: LawFit, x: np.ndarray) -> LawFit:

@@ -8,8 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
-from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.intervals import at, simulated_posterior
+from ema_identification.actuator.decision.fit import FALL, TestedUnit
+from ema_identification.actuator.decision.intervals import (
+    INTERVAL_ROUNDS,
+    at,
+    linearised,
+    simulated_posterior,
+)
 from ema_identification.actuator.decision.proposals import (
     LawProposal,
     alternating,
@@ -33,8 +38,6 @@ PROPOSED, SCREENED = 2 * LARGEST_SET, 4 * LARGEST_SET
 """Laws fitted with the simulator; on the library, of which half are left; pairs begun so."""
 ROUNDS = SETTLED_RUNS // 4, SETTLED_RUNS // 2
 """Runs of a model in each round, of `LARGEST_SET` steps."""
-FALL = 0.1
-"""A descent that lowers the cost by less stands still."""
 
 
 class Models:
@@ -70,11 +73,15 @@ class Models:
         return log_evidence(fit, self.library)
 
     def fitted(self, starts: Sequence[LawFit]) -> list[LawFit]:
-        """Return the models fitted with the simulator, most evidence first."""
+        """Return the models fitted with the simulator, most evidence first.
+
+        Once one explains, only such go on.
+        """
         points = list(starts)
         for runs in ROUNDS:
             points = self._ordered(self.unit.descended(
                 p, self.before, runs=runs, steps=LARGEST_SET) for p in points)
+            points = [p for p in points if self.explains(p)] or points
             alike: dict[tuple[str, ...], list[LawFit]] = {}
             for p in points:
                 if np.isfinite(p.cost):
@@ -90,30 +97,44 @@ class Models:
     def finished(self, fits: Sequence[LawFit]) -> list[LawFit]:
         """Return the models, most evidence first.
 
-        Where none explains each law of the best pair gets another, and the best pairs go on.
+        Where none explains each law of the best pair gets another, and the best pairs go on if
+        they are likelier than a single law.
         """
         found = self._ordered(fits)
         if not any(map(self.explains, found)):
             found = self._ordered([*found, *self.exchanged(found)])
         if not any(map(self.explains, found)):
-            for k in [k for k, f in enumerate(found) if len(f.terms) == 2][:LARGEST_SET]:
+            single = next((k for k, f in enumerate(found) if len(f.terms) == 1), len(found))
+            for k in range(min(single, LARGEST_SET)):  # pairs that are likelier than one law
                 found[k] = self._pressed(found[k])
         return self._ordered(found)
 
     def _pressed(self, fit: LawFit) -> LawFit:
         """Return a fit that has gone on until it explains or stands still, all slopes simulated.
 
-        From where it is, then from where runs over all that it may be lead.
+        From where it is, then from where rounds of runs over all that it may be lead: what goes
+        to and fro with a number has no slope over them, so that the rest shows the way first.
         """
-        last = fit.cost if any(fit is f for f in self._hard) else np.inf
-        while fit.cost < (1.0 - FALL) * last and not (np.isfinite(last) and self.explains(fit)):
-            start = fit if np.isinf(last) else at(fit, simulated_posterior(self.unit, fit).mean)
-            last, fit = fit.cost, min(fit, self._refitted(start), key=lambda f: f.cost)
-        self._hard.append(fit)
-        return fit
+        if any(fit is f for f in self._hard):
+            return fit
+        found = min(fit, self._refitted(fit), key=lambda f: f.cost)
+        if not self.explains(found):
+            best = found
+            for k, (known, points, features) in enumerate(linearised(self.unit, found), 1):
+                left = [self.unit.cost(self.white, f, x[found.free:])
+                        for x, f in zip(points, features)]
+                last, best = best.cost, min([best, *(
+                    self.unit.begun(at(found, x), self.white, ROUNDS[-1])
+                    for x in (known.mean, points[np.argmin(left)]))], key=lambda f: f.cost)
+                if k >= INTERVAL_ROUNDS and best.cost > (1.0 - FALL) * last:
+                    break
+            if best is not found:
+                found = min(found, self._refitted(best), key=lambda f: f.cost)
+        self._hard.append(found)
+        return found
 
     def _refitted(self, fit: LawFit) -> LawFit:
-        there = self.unit.refitted(fit, self.before, runs=ROUNDS[-1], fall=FALL)
+        there = self.unit.refitted(fit, self.before, runs=ROUNDS[-1])
         return self.unit.settled(there, self.before, SETTLED_RUNS)
 
     def measured(self, answer: FleetAnswer) -> FleetAnswer:
@@ -139,8 +160,9 @@ class Models:
     def singles(self) -> list[LawFit]:
         """Return the fits of single laws.
 
-        Where none explains the best is fitted as hard as can be, for second laws are sought beside
-        it; where several do each goes on with all slopes simulated, for they are compared.
+        Where none explains the best, and the best on the library, are fitted as hard as can be,
+        for second laws are sought beside them; where several do each goes on with all slopes
+        simulated, for they are compared.
         """
         gains = linear_gains(self.unit, self.null, self.white, self.signatures)
         lists = (gains, sized(self.unit, self.signatures),
@@ -151,6 +173,10 @@ class Models:
             self.null, at_known_sizes(gains[:1]))])
         if found and not self.explains(found[0]):
             found[0] = self._pressed(found[0])
+            if not self.explains(found[0]) and starts[0].names != found[0].names:
+                hard = self._pressed(starts[0])
+                found = [f for f in found if f.variants != hard.variants or f.cost < hard.cost]
+                found.append(hard)
         elif sum(map(self.explains, found)) > 1:
             found = [min(f, self._refitted(f), key=lambda f: f.cost) if self.explains(f) else f
                      for f in found]
