@@ -119,17 +119,17 @@ class Models:
             return fit
         found = min(fit, self._refitted(fit), key=lambda f: f.cost)
         if not self.explains(found):
-            best = found
+            ends: list[LawFit] = []
             for k, (known, points, features) in enumerate(linearised(self.unit, found), 1):
                 left = [self.unit.cost(self.white, f, x[found.free:])
                         for x, f in zip(points, features)]
-                last, best = best.cost, min([best, *(
-                    self.unit.begun(at(found, x), self.white, ROUNDS[-1])
-                    for x in (known.mean, points[np.argmin(left)]))], key=lambda f: f.cost)
-                if k >= INTERVAL_ROUNDS and best.cost > (1.0 - FALL) * last:
+                led = [self.unit.begun(at(found, x), self.white, ROUNDS[-1])
+                       for x in (known.mean, points[np.argmin(left)])]
+                last = min([f.cost for f in ends], default=np.inf)
+                ends = [led[0], min([*ends, *led], key=lambda f: f.cost)]
+                if k >= INTERVAL_ROUNDS and ends[-1].cost > (1.0 - FALL) * last:
                     break
-            if best is not found:
-                found = min(found, self._refitted(best), key=lambda f: f.cost)
+            found = min([found, *map(self._refitted, ends)], key=lambda f: f.cost)
         self._hard.append(found)
         return found
 
