@@ -77,19 +77,21 @@ class Models:
 
         Once one explains, only such go on.
         """
-        points = list(starts)
+        points, left = list(starts), list[LawFit]()
         for runs in ROUNDS:
             points = self._ordered(self.unit.descended(
                 p, self.before, runs=runs, steps=LARGEST_SET) for p in points)
-            points = [p for p in points if self.explains(p)] or points
             alike: dict[tuple[str, ...], list[LawFit]] = {}
             for p in points:
                 if np.isfinite(p.cost):
                     alike.setdefault(p.variants, []).append(p)
             kept = list(alike.values())[:LARGEST_SET]
+            if good := [group for group in kept if self.explains(group[0])]:
+                left += [group[0] for group in kept if not self.explains(group[0])]
+                kept = good
             points = [p for k, group in enumerate(kept) for p in group[:1 if k else 2]]
-        return self._ordered(
-            self.unit.settled(group[0], self.before, SETTLED_RUNS) for group in kept)
+        return self._ordered([*(self.unit.settled(
+            group[0], self.before, SETTLED_RUNS) for group in kept), *left])
 
     def _ordered(self, fits: Iterable[LawFit]) -> list[LawFit]:
         return sorted(fits, key=lambda f: -self.evidence(f))

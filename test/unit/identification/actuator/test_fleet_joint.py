@@ -177,12 +177,12 @@ def test_a_held_out_record_begins_in_any_turn_of_the_rotor():
             simulator(None, None, None, z, now, 0, effects), abs=1e-9)
 
 
-def test_what_is_named_is_predicted_by_the_mean_over_what_is_left_open():
-    """Where a prediction bends it is not that of the middle; one that cannot be run stays."""
+def test_what_is_named_is_predicted_by_the_median_over_what_is_left_open():
+    """Where it bends it is not that of the middle; runs that run away count as any other."""
     own = int(np.flatnonzero(~OF_DAY)[0])
 
     def bends(_model, _spread, _fmap, z, _conditions, _seed, _effects):
-        return BASE * z[own] ** 2
+        return BASE * (z[own] ** 2 if abs(z[own]) < 0.4 else 1e6)  # beyond two deviations
 
     point = fit.LawFit(terms=(), z=np.zeros(SIZE), mean=BASE, slopes=np.zeros((FEATURES, SIZE)),
                        cost=1.0, runs=10)
@@ -190,7 +190,7 @@ def test_what_is_named_is_predicted_by_the_mean_over_what_is_left_open():
     held = replace(unit(seed=1), simulator=bends)
     _, mean = gap._expected((held, 0.0 * BASE), point, known, 1.0)
     share = mean @ BASE / (BASE @ BASE)
-    assert mean == pytest.approx(share * BASE) and 0.02 < share < 0.08
+    assert mean == pytest.approx(share * BASE) and 0.008 < share < 0.045  # 0.018 expected
     lost = replace(held, simulator=lambda *_: np.full(FEATURES, np.nan))
     assert gap._expected((lost, BASE), point, known, 1.0)[1] is BASE
 
