@@ -99,15 +99,15 @@ class Models:
     def finished(self, fits: Sequence[LawFit]) -> list[LawFit]:
         """Return the models, most evidence first.
 
-        Where none explains each law of the best pair gets another, and the best pairs go on if
-        they are likelier than a single law.
+        Where none explains each law of the best pair gets another, and the best pairs go on that
+        leave less than each single law.
         """
         found = self._ordered(fits)
         if not any(map(self.explains, found)):
             found = self._ordered([*found, *self.exchanged(found)])
         if not any(map(self.explains, found)):
-            single = next((k for k, f in enumerate(found) if len(f.terms) == 1), len(found))
-            for k in range(min(single, LARGEST_SET)):  # pairs that are likelier than one law
+            one = min([f.cost for f in found if len(f.terms) == 1], default=np.inf)
+            for k in [k for k, f in enumerate(found) if f.cost < one][:LARGEST_SET]:
                 found[k] = self._pressed(found[k])
         return self._ordered(found)
 
