@@ -77,7 +77,7 @@ class Models:
 
         Once one explains, only such go on.
         """
-        points, left = list(starts), list[LawFit]()
+        points, others = list(starts), list[LawFit]()
         for runs in ROUNDS:
             points = self._ordered(self.unit.descended(
                 p, self.before, runs=runs, steps=LARGEST_SET) for p in points)
@@ -87,11 +87,11 @@ class Models:
                     alike.setdefault(p.variants, []).append(p)
             kept = list(alike.values())[:LARGEST_SET]
             if good := [group for group in kept if self.explains(group[0])]:
-                left += [group[0] for group in kept if not self.explains(group[0])]
+                others += [group[0] for group in kept if not self.explains(group[0])]
                 kept = good
             points = [p for k, group in enumerate(kept) for p in group[:1 if k else 2]]
         return self._ordered([*(self.unit.settled(
-            group[0], self.before, SETTLED_RUNS) for group in kept), *left])
+            group[0], self.before, SETTLED_RUNS) for group in kept), *others])
 
     def _ordered(self, fits: Iterable[LawFit]) -> list[LawFit]:
         return sorted(fits, key=lambda f: -self.evidence(f))
@@ -129,7 +129,7 @@ class Models:
                        for x in (known.mean, points[np.argmin(left)])]
                 last = min([f.cost for f in ends], default=np.inf)
                 ends = [led[0], min([*ends, *led], key=lambda f: f.cost)]
-                if k >= INTERVAL_ROUNDS and ends[-1].cost > (1.0 - FALL) * last:
+                if k >= INTERVAL_ROUNDS and not ends[-1].cost < (1.0 - FALL) * last:
                     break
             found = min([found, *map(self._refitted, ends)], key=lambda f: f.cost)
         self._hard.append(found)
@@ -176,7 +176,7 @@ class Models:
         if found and not self.explains(found[0]):
             found[0] = self._pressed(found[0])
             if not self.explains(found[0]) and starts[0].names != found[0].names:
-                hard = self._pressed(starts[0])
+                hard = self._pressed(self.unit.begun(starts[0], self.white, SETTLED_RUNS))
                 found = [f for f in found if f.variants != hard.variants or f.cost < hard.cost]
                 found.append(hard)
         elif sum(map(self.explains, found)) > 1:

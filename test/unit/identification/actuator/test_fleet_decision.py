@@ -288,6 +288,31 @@ def test_a_basin_that_is_too_narrow_for_slopes_is_reached_round_by_round(begin):
     assert case.explains(case._pressed(start))
 
 
+def test_no_fit_of_the_library_alone_is_pressed_or_named(monkeypatch):
+    """There a law may leave less than it does on runs."""
+    begun, press, fitted = [], models.Models._pressed, models.Models.fitted
+    monkeypatch.setattr(models.Models, "explains", lambda *_: False)
+    monkeypatch.setattr(models.Models, "_pressed", lambda self, fit: begun.append(fit) or (
+        press(self, fit)))
+    monkeypatch.setattr(models.Models, "fitted", lambda self, starts: [
+        f for f in fitted(self, starts) if f.names != starts[0].names])  # lost on runs
+    u = replace(unit(seed=3), simulator=curved, values=curved(
+        None, None, None, np.full(SIZE, 0.9), None, 3, effects_of(viscous_friction=6.0)))
+    found = models.Models(u).singles()
+    assert len(begun) == 2
+    assert all(f.runs for f in (*begun, *found))
+
+
+def test_a_model_that_cannot_be_run_where_rounds_lead_ends_them(monkeypatch):
+    case = models.Models(unit(seed=3, backlash=2.0))
+    term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([VISCOUS]))
+    start = case.unit.begun(case.unit.on_library((term,), [np.zeros(SIZE)]), case.white, 8)
+    monkeypatch.setattr(models.Models, "explains", lambda *_: False)
+    monkeypatch.setattr(models.Models, "_refitted", lambda *_: start)
+    monkeypatch.setattr(type(case.unit), "begun", lambda _, fit, *__: replace(fit, cost=np.inf))
+    assert case._pressed(start) is start
+
+
 @pytest.mark.parametrize(("size", "step"), [(20.0, 0.05), (0.5, 0.2)])
 def test_the_slope_of_a_law_that_bends_is_over_the_least_step_that_shows(size, step):
     """Of x + x²/10 the secant over a share s of x is off by s x/10: noise allows no less."""
