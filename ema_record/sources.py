@@ -59,7 +59,7 @@ def sources_of(*modules: str, root: Path = ROOT) -> dict[str, Path]:
             continue
         found[name] = path
         waiting.append(name.rpartition(".")[0])
-        waiting += _imports(path)
+        waiting += _imports(path.read_bytes())
     return found
 
 
@@ -74,14 +74,16 @@ def _file_of(name: str, root: Path) -> Path | None:
     return None
 
 
-def _imports(path: Path) -> Iterator[str]:
+@cache
+def _imports(text: bytes) -> tuple[str, ...]:
     """Return the names that a source imports, each of which may be a module."""
-    for node in _statements(ast.parse(path.read_bytes())):
+    found: list[str] = []
+    for node in _statements(ast.parse(text)):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            found += (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            found += (node.module, *(f"{node.module}.{alias.name}" for alias in node.names))
+    return tuple(found)
 
 
 def _statements(node: ast.AST) -> Iterator[ast.AST]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from ema_sim.effects.base import AllEffects
 from ema_sim.effects.compile import law
 from ema_sim.plant import ports
-from ema_sim.plant.control import clip
+from ema_sim.plant.control import NEVER, clip
 from ema_sim.plant.electrical import relay, time_to_switch
 from ema_sim.plant.modulation import SAME_TIME, leg_now
 from ema_sim.plant.parts import Circuit, Flow, Legs, Winding
@@ -63,7 +63,8 @@ def advance_currents(
     """
     s_a, s_b, s_c = legs.s_a, legs.s_b, legs.s_c
     q_a = q_b = impulse = bus = terminal = copper = 0.0
-    left, switches, c = length, 0, fixed
+    left, switches, c, change = length, 0, fixed, legs.change
+    aim_a, aim_b, aim_c = legs.aim_a, legs.aim_b, legs.aim_c
     f_a = f_b = f_c = 1.0
     if w.varies:
         f_a, f_b = ports.saturation(e, i_a), ports.saturation(e, i_b)
@@ -87,8 +88,9 @@ def advance_currents(
         turn_a = turn_b = turn_c = 1.0
         if on:
             if relays:
-                over_a, over_b = i_a - legs.aim_a, i_b - legs.aim_b
-                over_c = -i_a - i_b - legs.aim_c
+                if now >= change - SAME_TIME:
+                    change, aim_a, aim_b, aim_c = NEVER, legs.next_a, legs.next_b, legs.next_c
+                over_a, over_b, over_c = i_a - aim_a, i_b - aim_b, -i_a - i_b - aim_c
                 s_a = relay(s_a, over_a, legs.band_a)
                 s_b = relay(s_b, over_b, legs.band_b)
                 s_c = relay(s_c, over_c, legs.band_c)
@@ -107,7 +109,7 @@ def advance_currents(
                 to_a = time_to_switch(s_a, over_a, d_a, c_a, legs.band_a)
                 to_b = time_to_switch(s_b, over_b, d_b, c_b, legs.band_b)
                 to_c = time_to_switch(s_c, over_c, -d_a - d_b, -c_a - c_b, legs.band_c)
-                h = min(h, to_a, to_b, to_c)
+                h = min(h, to_a, to_b, to_c, change - now)
                 turn_a = -1.0 if to_a <= h else 1.0
                 turn_b = -1.0 if to_b <= h else 1.0
                 turn_c = -1.0 if to_c <= h else 1.0

@@ -85,8 +85,8 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
         max_angle = largest_angle(a, e)
         motor, control, drive = a.motor, a.control, a.drive
         pairs, keep_trace = w.pairs, len(trace) > 0
-        inv_a, inv_b, inv_c = 1.0 / x.gain_a, 1.0 / x.gain_b, 1.0 / x.gain_c
         band = a.inverter.hysteresis
+        band_a, band_b, band_c = band / x.gain_a, band / x.gain_b, band / x.gain_c
         late = x.delay + a.acquisition.reference_latency
         set_periods, act_periods = int(x.delay), int(late)
         set_part = (x.delay - set_periods) * control.period
@@ -121,13 +121,13 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
         if not math.isnan(state[st.SHAFT_TORQUE]):
             load = Load(
                 state[st.SHAFT_TORQUE], state[st.MOTOR_LOAD], load.surface, load.slope)
-        sign_a, sign_b, sign_c = reference_signs(sector)
-        aim_a = aim_b = aim_c = ref_a = ref_b = ref_c = ref_a1 = ref_b1 = ref_c1 = 0.0
+        sign_a, sign_b, _ = reference_signs(sector)
+        aim_a = aim_b = aim_c = next_a = next_b = next_c = ref_a = ref_b = ref_a1 = ref_b1 = 0.0
         changed = True
 
         for row in range(len(out)):
             t_edge, t_at = (sample + 1) / rate, (sample + time_at) / rate
-            m_w = m_n = m_a = m_b = m_ra = m_rb = m_rc = m_e = m_s = m_t = m_sh = m_ws = 0.0
+            m_w = m_n = m_a = m_b = m_ra = m_rb = m_e = m_s = m_t = m_sh = m_ws = 0.0
             steps_here = 0
             while True:
                 # Events that are due: control period, commutation, carrier.
@@ -163,19 +163,17 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                 if field:
                     wave = sine * x.cosine + cosine * x.sine
                     quadrature = cosine * x.cosine - sine * x.sine
-                    ref_a, ref_b, ref_c = of_phases(i_set * wave, i_set * quadrature)
+                    ref_a, ref_b, _ = of_phases(i_set * wave, i_set * quadrature)
                 else:
                     if gap < ON_EDGE or direction * w_m < 0.0:
                         direction = 1.0 if w_m >= 0.0 else -1.0
                         sector, gap = sector_ahead(q_e + x.angle, direction)
-                        sign_a, sign_b, sign_c = reference_signs(sector)
+                        sign_a, sign_b, _ = reference_signs(sector)
                         changed = True
                     if changed:
-                        ref_a, ref_b, ref_c = sign_a * i_set, sign_b * i_set, sign_c * i_set
-                        # The sensors read i gain + offset: these currents read as asked for.
-                        aim_a = (sign_a * i_act - x.offset_a) * inv_a
-                        aim_b = (sign_b * i_act - x.offset_b) * inv_b
-                        aim_c = (sign_c * i_act - x.offset_c) * inv_c
+                        ref_a, ref_b = sign_a * i_set, sign_b * i_set
+                        aim_a, aim_b, aim_c = sensor_ports.read_as(x, sign_a, sign_b, i_act)
+                        next_a, next_b, next_c = sensor_ports.read_as(x, sign_a, sign_b, act_next)
                         changed = False
                 if not relays and t >= t_carrier - SAME_TIME:
                     if not on:
@@ -195,9 +193,9 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                     t_carrier = carrier * carrier_period
 
                 # Length of the step, to the next event.
-                h = min(max_step, t_edge - t, t_tick - t, set_at - t, act_at - t)
-                if not relays:
-                    h = min(h, t_carrier - t)
+                h = min(max_step, t_edge - t, t_tick - t)
+                if not relays:  # a relay's step goes on while the currents it aims at change
+                    h = min(h, t_carrier - t, set_at - t if field else NEVER)
                 if not on:
                     h = min(h, inverter_on - t)
                 turning = abs(w_m)
@@ -208,7 +206,7 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                 if x.instant:
                     if t_at - SAME_TIME <= t <= t_at + SAME_TIME:
                         m_w, m_n, m_e, m_s = w_m, n_w, q_m, q_s + n_q
-                        m_a, m_b, m_ra, m_rb, m_rc = i_a, i_b, ref_a, ref_b, ref_c
+                        m_a, m_b, m_ra, m_rb = i_a, i_b, ref_a, ref_b
                     elif t < t_at < t + h:
                         h = t_at - t
                 h = max(SAME_TIME, h)
@@ -230,8 +228,8 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                 per = 1.0 / h
                 f = advance_currents(
                     relays, switching, keep_trace, on, e, w, rail, motor.torque_limit, fixed,
-                    Legs(s_a, s_b, s_c, aim_a, aim_b, aim_c, band * inv_a, band * inv_b,
-                         band * inv_c, t_carrier - carrier_period, carrier_period),
+                    Legs(s_a, s_b, s_c, aim_a, aim_b, aim_c, band_a, band_b, band_c, act_at,
+                         next_a, next_b, next_c, t_carrier - carrier_period, carrier_period),
                     t, h, per, i_a, i_b, k_a, k_b, k_c, w_m, k_a1, k_b1, k_c1, w_p,
                 )
                 if f.switches > MOST_SWITCHES:
@@ -250,15 +248,19 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                 if field:
                     wave = sine1 * x.cosine + cosine1 * x.sine
                     quadrature = cosine1 * x.cosine - sine1 * x.sine
-                    ref_a1, ref_b1, ref_c1 = of_phases(i_set * wave, i_set * quadrature)
+                    ref_a1, ref_b1, _ = of_phases(i_set * wave, i_set * quadrature)
+                    asked_a, asked_b = h * (ref_a + ref_a1), h * (ref_b + ref_b1)
                 else:
-                    ref_a1, ref_b1, ref_c1 = ref_a, ref_b, ref_c
+                    since = max(0.0, t + h - set_at)
+                    i_end = set_next if since > 0.0 else i_set
+                    asked = 2.0 * (h * i_set + since * (i_end - i_set))
+                    ref_a1, ref_b1 = sign_a * i_end, sign_b * i_end
+                    asked_a, asked_b = sign_a * asked, sign_b * asked
                 if not x.instant:
                     m_w += h * (w_m + n.w_m)
                     m_n += h * n_w
                     m_a, m_b = m_a + f.charge_a, m_b + f.charge_b
-                    m_ra, m_rb = m_ra + h * (ref_a + ref_a1), m_rb + h * (ref_b + ref_b1)
-                    m_rc += h * (ref_c + ref_c1)
+                    m_ra, m_rb = m_ra + asked_a, m_rb + asked_b
                     m_e += h * (q_m + q_m1)
                     m_s += h * (q_s + n.q_s + 2.0 * n_q)
                 drawn, supplied = ports.supply(e, drawn, f.bus_charge, h)
@@ -299,7 +301,7 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
 
             if x.instant and t_at >= t - SAME_TIME:
                 m_w, m_n, m_e, m_s = w_m, n_w, q_m, q_s + n_q
-                m_a, m_b, m_ra, m_rb, m_rc = i_a, i_b, ref_a1, ref_b1, ref_c1
+                m_a, m_b, m_ra, m_rb = i_a, i_b, ref_a1, ref_b1
             sample, steps = sample + 1, steps + steps_here
             whole, half = (1.0, 1.0) if x.instant else (rate, 0.5 * rate)
             theta_r = m_e * half + q_0
@@ -308,9 +310,7 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
             out[row, 2] = m_a * whole * x.gain_a + x.offset_a
             out[row, 3] = m_b * whole * x.gain_b + x.offset_b
             out[row, 4] = (-m_a - m_b) * whole * x.gain_c + x.offset_c
-            out[row, 5] = m_ra * half
-            out[row, 6] = m_rb * half
-            out[row, 7] = m_rc * half
+            out[row, 5], out[row, 6], out[row, 7] = m_ra * half, m_rb * half, (-m_ra - m_rb) * half
             out[row, 8] = theta_r * pairs + x.angle
             out[row, 9] = m_s * half + x.position_offset
             if row + 1 - begun == block or row + 1 == len(out):

@@ -107,6 +107,11 @@ class Legs(NamedTuple):
     band_a: float
     band_b: float
     band_c: float
+    change: float
+    """When they aim at other currents (s), and at which (A)."""
+    next_a: float
+    next_b: float
+    next_c: float
     begin: float
     """Begin and length of the carrier's period (s)."""
     period: float

@@ -14,6 +14,7 @@ from ema_sim.effects import (
 )
 from ema_sim.effects.base import AllEffects
 from ema_sim.effects.compile import law
+from ema_sim.plant.parts import Sensors
 
 
 @law
@@ -66,3 +67,18 @@ def commutation_angle(e: AllEffects) -> float:
 def delay_periods(e: AllEffects, a: Actuator) -> float:
     """Delay of the reference current in control periods."""
     return control_delay.periods(e.control_delay, a.control.period)
+
+
+@law
+def read_as(
+    x: Sensors, sign_a: float, sign_b: float, current: float
+) -> tuple[float, float, float]:
+    """Return the currents (A) that the sensors read as `current` times the signs of the phases.
+
+    The sensors read i gain + offset; the signs sum to zero.
+    """
+    return (
+        (sign_a * current - x.offset_a) / x.gain_a,
+        (sign_b * current - x.offset_b) / x.gain_b,
+        ((-sign_a - sign_b) * current - x.offset_c) / x.gain_c,
+    )

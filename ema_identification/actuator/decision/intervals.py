@@ -1,10 +1,11 @@
 """Intervals of what was named: its coordinates and the unit's numbers, with a covariance.
 
 A fit gives one point; how far off it may be, the simulator tells. Runs of the named model are
-drawn over all that it may be (first the whole bands, then thrice the spread that those leave), a
-plane through them gives mean and slopes, and what they leave of it the noise: that of repeats and
-of all that is not straight, measured where the law is (statistical linearisation: Garcia-Fernandez
-et al., IEEE Trans. Signal Process. 63, 2015). No slope is taken from where no law is.
+drawn over all that it may be (first the whole bands, then thrice the spread that those leave), in
+directions at right angles, each to both sides. A plane through them gives mean and slopes, what
+they leave of it the noise: that of repeats and of all that is not straight, measured where the law
+is (statistical linearisation: Garcia-Fernandez et al., IEEE Trans. Signal Process. 63, 2015).
+No slope is taken from where no law is.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from ema_identification.actuator.decision.slopes import bounded_least_squares
 from ema_identification.actuator.fleet.surrogate import BEND, shrunk
 from ema_identification.actuator.laws.terms import LawFit, Posterior, bounds, coordinates, moved
 
-RUNS, INTERVAL_ROUNDS, WIDER = 5, 2, 3.0
+RUNS, INTERVAL_ROUNDS, WIDER = 4, 2, 3.0
 """Budget: runs of a round, a coordinate; rounds; spread of the later ones, of what the one before
 leaves: with so few runs, slopes over twice it drown in noise."""
 LAW_SPREAD, FAR = 1.0 / WIDER, 10.0
@@ -75,6 +76,7 @@ def linearised(unit: TestedUnit, fit: LawFit) -> Iterator[Round]:
     for k in count():
         rng = np.random.default_rng([unit.seed, 68, k])
         half = rng.standard_normal((RUNS * len(centre) // 4 * 2, len(centre)))
+        half = np.linalg.qr(half).Q * np.sqrt(len(half))  # no slope pays for another one
         root = cholesky(found.covariance, lower=True) * (WIDER if k == 1 else 1.0)
         points = np.clip(found.mean + np.vstack([half, -half]) @ root.T, low, high)
         rows = np.array(unit.run_all(

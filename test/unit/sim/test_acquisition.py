@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ema_record.actuator import FOC, INSTANT, MEAN
+from ema_record.actuator import FOC, INSTANT, MEAN, RELAY
 from ema_record.channels import CHANNEL_NAMES
 from ema_record.profile import Profile, step_profile
 from ema_sim.effects import parse_effects
@@ -154,11 +154,13 @@ def test_the_kernel_is_given_one_type_whatever_is_commanded(latency):
         assert command.flags.c_contiguous and not command.flags.writeable
 
 
+@pytest.mark.parametrize("kind", [FOC, RELAY])
 @pytest.mark.parametrize(("delay", "latency"), [
     (0.0, 0.0), (3.0, 0.0), (0.0, 4.0), (2.0, 5.0), (0.5, 2.25)])
-def test_a_reference_is_recorded_after_its_delay_and_acts_after_its_latency_too(delay, latency):
+def test_a_reference_is_recorded_after_its_delay_and_acts_after_its_latency_too(
+        delay, latency, kind):
     """Locked rotor: the reference jumps to its limit; record and current show when."""
-    a = changed(motor={"static_friction": 1e9, "dynamic_friction": 1e9}, drive={"kind": FOC},
+    a = changed(motor={"static_friction": 1e9, "dynamic_friction": 1e9}, drive={"kind": kind},
                 inverter={"current_limit": 7.0}, acquisition={"reference_latency": latency})
     period = a.control.period
     found = run(a, state_of(a, angle=math.pi / 2), 0.02, inverter_on=0.01, command=0.4,
@@ -170,7 +172,8 @@ def test_a_reference_is_recorded_after_its_delay_and_acts_after_its_latency_too(
     assert np.all(wanted[:whole] == 0.0)
     assert wanted[whole] == pytest.approx(7.0 * (1.0 - (asked - whole)), rel=1e-6)
     assert wanted[whole + 1] == pytest.approx(7.0, rel=1e-6)
-    acts = math.ceil(asked + latency)  # where the next period of the carrier begins
+    acts = asked + latency  # a carrier's period begins with the next one
+    acts = math.ceil(acts) if kind == FOC else math.floor(acts)
     assert np.all(np.abs(current[:acts]) < 1e-12)
     assert current[acts] > 0.02
 

@@ -263,7 +263,7 @@ def test_a_fit_in_another_minimum_begins_anew_where_runs_lead():
     found = case._pressed(start)
     assert case.explains(found)
     x = found.terms[0].u[0] / VISCOUS  # one of the sizes that do the same
-    assert x + 2.0 * np.sin(np.pi * x) == pytest.approx(20.0, rel=0.02)
+    assert x + 2.0 * np.sin(np.pi * x) == pytest.approx(20.0, rel=0.03)
 
 
 @pytest.mark.parametrize("begin", [16.0, 23.0])
@@ -273,7 +273,7 @@ def test_a_basin_that_is_too_narrow_for_slopes_is_reached_round_by_round(begin):
 
     def ringing(_model, _spread, _fmap, z, _conditions, seed, effects):
         off = effects.viscous_friction.coefficient / VISCOUS - 20.0
-        return (features_of(z, MODEL.effects) + np.where(np.arange(FEATURES) % 3, 0.0, off)
+        return (features_of(z, MODEL.effects) + np.where(np.arange(FEATURES) % 2, 0.0, 2.0 * off)
                 + 10.0 * np.sin(turns * off) + np.random.default_rng(seed).normal(size=FEATURES))
 
     u = replace(unit(seed=3), simulator=ringing, values=ringing(
