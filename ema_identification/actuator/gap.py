@@ -1,10 +1,9 @@
 """Gap on a held-out record: what a fitted model leaves of a test that took no part in the fit.
 
 What belongs to the day (load, errors of the current sensors) is fitted to the held-out record;
-all else is predicted, of what is named at the fit and by the median of runs about it, over all
-that the fitted records leave open. The nearer one counts: where a law bends the fit alone may be
-far off, and where some runs run away the median is. One yardstick for all models: what the model
-without a law may be off.
+all else is predicted, of what is named by the median of runs about the fit, over all that the
+fitted records leave open: a few may run away. One yardstick for all models: what the model without
+a law may be off.
 """
 
 from __future__ import annotations
@@ -55,8 +54,7 @@ class HeldOut:
             return replace(quadratic_gap(unit, self.fitted, null, edge), healthy=self.healthy)
         turned = [[_nearest_turn(part, m, edge) for part in unit.parts] for m in models]
         if known is not None:
-            turned[-1] = [_nearest((one, _expected(one, models[-1], known, edge)),
-                                   models[-1], edge) for one in turned[-1]]
+            turned[-1] = [_expected(one, models[-1], known, edge) for one in turned[-1]]
         means = [np.concatenate([mean for _, mean in of]) for of in turned]
         return replace(_left(unit, _yardstick(self.fitted), _of_the_unit(unit, null, edge), means),
                        healthy=self.healthy)
@@ -129,22 +127,11 @@ def _nearest_turn(unit: TestedUnit, fit: LawFit, edge: float) -> _Predicted:
     """
     z, laws = _of_the_unit(unit, fit, edge), {t.variant.effect for t in fit.terms}
     turns = unit.library.model.actuator.motor.pole_pairs if laws & OF_THE_ROTOR else 1
-    angle = unit.conditions.start_angle
+    angle, root = unit.conditions.start_angle, np.sqrt(np.diag(unit.covariance(SETTLED_RUNS)))
     units = [replace(unit, conditions=replace(unit.conditions, start_angle=angle + k * TURN))
              for k in range(turns)]
-    return _nearest([(one, one.run(fit.terms, z, SETTLED_RUNS, salt=21)) for one in units],
-                    fit, edge)
-
-
-def _nearest(found: Sequence[_Predicted], fit: LawFit, edge: float) -> _Predicted:
-    """Return the prediction that leaves least of its record."""
-    def left(one: _Predicted) -> float:
-        unit, mean = one
-        root = np.sqrt(np.diag(unit.covariance(SETTLED_RUNS)))
-        rest = _less_day(unit, _of_the_unit(unit, fit, edge), mean, root)
-        return float(np.log1p(rest**2).sum())
-
-    return min(found, key=left)
+    return min(((one, one.run(fit.terms, z, SETTLED_RUNS, salt=21)) for one in units),
+               key=lambda found: float(np.log1p(_less_day(unit, z, found[1], root) ** 2).sum()))
 
 
 def _yardstick(fitted: TestedUnit, null: LawFit | None = None) -> np.ndarray:

@@ -1,6 +1,5 @@
 """Several records of one unit judged together, on linear units."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -178,7 +177,7 @@ def test_a_held_out_record_begins_in_any_turn_of_the_rotor():
             simulator(None, None, None, z, now, 0, effects), abs=1e-9)
 
 
-def test_what_is_named_is_predicted_at_the_fit_and_by_the_median_about_it():
+def test_what_is_named_is_predicted_by_the_median_about_the_fit():
     """Where it bends that is not what the fit does; runs that run away count as any other."""
     own = int(np.flatnonzero(~OF_DAY)[0])
 
@@ -194,17 +193,6 @@ def test_what_is_named_is_predicted_at_the_fit_and_by_the_median_about_it():
     assert mean == pytest.approx(share * BASE) and 0.008 < share < 0.045  # 0.018 expected
     lost = replace(held, simulator=lambda *_: np.full(FEATURES, np.nan))
     assert gap._expected((lost, BASE), point, known, 1.0)[1] is BASE
-
-
-@pytest.mark.parametrize(("first", "second", "nearer"), [
-    (0.0, 8.0, 0), (8.0, 0.0, 1), (3.0, 8.0, 0), (math.nan, 8.0, 1), (0.0, math.nan, 0)])
-def test_of_predictions_the_nearest_one_counts(first, second, nearer):
-    """Whatever belongs to the day; one that cannot be run is the farthest."""
-    point = fit.LawFit(terms=(), z=np.zeros(SIZE), mean=BASE, slopes=np.zeros((FEATURES, SIZE)),
-                       cost=1.0, runs=10)
-    held = unit(seed=1)
-    found = [(held, held.values + off * STRANGE) for off in (first, second)]
-    assert gap._nearest(found, point, 1.0) is found[nearer]
 
 
 def test_what_healthy_units_leave_is_kept_and_judged_by_the_first_ones(
