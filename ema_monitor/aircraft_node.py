@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -43,6 +44,11 @@ AT_ONCE = 1
 """Callbacks beyond the first that are done without a wait, if they are due."""
 PERIOD = 0.1
 """Interval of weight on wheels (s)."""
+ASK_AGAIN = 1.0
+"""After which a question without an answer is asked again (s).
+
+A request, and its answer, is lost where one side has found the other and not yet been found.
+"""
 
 
 @contextmanager
@@ -105,7 +111,7 @@ class AircraftNode(Node):
             name: self.create_client(GetState, f"{name}/get_state") for name in LIFECYCLE_NODES
         }
         self._monitor = f"{namespace}{'/' if namespace else ''}ema_monitor: test"
-        self._asked: dict[str, Future] = {}
+        self._asked: dict[str, tuple[Future, float]] = {}
         self._active: set[str] = set()
         if first:
             make_timer(self, PERIOD, self._on_timer)
@@ -134,9 +140,9 @@ class AircraftNode(Node):
         """
         if name in self._active:
             return ""
-        asked = self._asked.get(name)
-        if asked is not None and asked.done():
-            label = asked.result().current_state.label
+        answer, asked = self._asked.get(name, (None, 0.0))
+        if answer is not None and answer.done():
+            label = answer.result().current_state.label
             del self._asked[name]
             if label == "active":
                 self._active.add(name)
@@ -145,8 +151,11 @@ class AircraftNode(Node):
             return str(label)
         if not self._states[name].service_is_ready():
             return "starting"
-        if asked is None:
-            self._asked[name] = self._states[name].call_async(GetState.Request())
+        if answer is None or time.monotonic() - asked > ASK_AGAIN:
+            if answer is not None:
+                self._states[name].remove_pending_request(answer)
+            self._asked[name] = (
+                self._states[name].call_async(GetState.Request()), time.monotonic())
         return "loading"
 
     def waiting_for(self, with_driver: bool = False) -> str:

@@ -168,7 +168,7 @@ class Chain:
             if waiting and passed > PATIENCE and what != told:
                 self._note(f"waiting for {what}")
                 told = what
-            _bound(passed, START_TIMEOUT, what)
+            _bound(passed, START_TIMEOUT, f"{what}, see {self._supervisor.log},")
 
     def _run_all(
         self, namespaces: Sequence[str], side_by_side: int, limit: float,

@@ -4,8 +4,11 @@ import signal
 import time
 
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from diagnostic_msgs.srv import SelfTest
+from lifecycle_msgs.srv import GetState
+from rclpy.signals import SignalHandlerOptions
 from ros_processes import MONITOR, SIMULATOR
 from std_srvs.srv import Trigger
 
@@ -360,3 +363,31 @@ def test_a_driver_of_any_name_is_an_actuator(name):
                        samples_published=9000), "RIG-1")
     moving = DiagnosticArray(status=[status_of(name, state="homing")])
     assert find_actuator(moving, namespace)[0].active
+
+
+def test_a_question_that_was_lost_is_asked_again(watcher):
+    """A request is lost where its server has not yet found the client that has found it."""
+    context = rclpy.Context()
+    rclpy.init(context=context, args=[], signal_handler_options=SignalHandlerOptions.NO)
+    server = rclpy.create_node("ema_sim", context=context, start_parameter_services=False)
+    service = server.create_service(GetState, "ema_sim/get_state", lambda _, answer: answer)
+    requests = []
+
+    def is_active():
+        active = watcher.node.state("ema_sim") == ""
+        with service.handle:
+            request, header = service.handle.service_take_request(GetState.Request)
+        if request is not None:
+            requests.append(request)
+            if len(requests) > 1:  # the first one is lost
+                answer = GetState.Response()
+                answer.current_state.label = "active"
+                service.send_response(answer, header)
+        return active
+
+    try:
+        watcher.wait(is_active, what="an answer")
+    finally:
+        server.destroy_node()
+        rclpy.try_shutdown(context=context)
+    assert len(requests) == 2
