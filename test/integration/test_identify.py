@@ -196,9 +196,7 @@ def test_the_updated_model_leaves_no_disagreement(offset, tmp_path):
     assert second.gap_before < 0.5 * offset.gap_before
 
 
-@pytest.mark.parametrize("library", ["kit", pytest.param("small", marks=pytest.mark.xfail(
-    reason="on a library of 900 units two records tell less than one since runs lie at right "
-           "angles: 0.168 A for 0.124; before 0.109 for 0.123", strict=False))])
+@pytest.mark.parametrize("library", ["kit", "small"])
 def test_two_records_of_one_unit_are_judged_together(library, monkeypatch):
     """Its own numbers are shared; errors of the current sensors and the load are each day's.
 

@@ -57,8 +57,6 @@ FALL = 0.1
 """A descent that lowers the cost by less stands still."""
 LOUDEST = 4.0
 """Noise factor up to which the law of the noise is believed."""
-
-
 _threads = cache(ThreadPoolExecutor)
 """Threads, which live on, each with its room; two work nearly as two processes."""
 
@@ -113,13 +111,18 @@ class TestedUnit:
         return (self,)
 
     @property
+    def places(self) -> Sequence[np.ndarray]:
+        """Return where the numbers of each record stand in `z`."""
+        return [np.arange(len(self.centre))]
+
+    @property
     def day(self) -> np.ndarray:
         """Return which numbers belong to the day of a test, shape (width,), bool."""
         return self.library.of_day
 
     def split(self, values: np.ndarray) -> list[np.ndarray]:
-        """Return features, shape (d,), record by record."""
-        return np.split(values, np.cumsum([p.size for p in self.parts])[:-1])
+        """Return features, shape (..., d), record by record."""
+        return np.split(values, np.cumsum([p.size for p in self.parts])[:-1], axis=-1)
 
     def set_aside(self) -> list[TestedUnit | None]:
         """Return the healthy units that built nothing, in their order; None where a run failed."""
@@ -144,8 +147,7 @@ class TestedUnit:
     def whitener(self, runs: int, before: np.ndarray | None = None) -> Whitener:
         """Return the whitening; `before`: features without a law, to which its error belongs."""
         key = runs, b"" if before is None else before.tobytes()
-        if (self.plain and self.library.left is None and not runs
-                and before is None):  # one correlation for all records
+        if self.plain and self.library.left is None and not runs and before is None:  # one of all
             law, noise = self.library.surrogate, self.conditions.noise
             return Whitener(deviation=law.deviation(min(noise, LOUDEST)), root=self.library.root)
         if key not in self._whiteners:
@@ -224,8 +226,7 @@ class TestedUnit:
         return self.library.slope(z, self.conditions)
 
     def _known(self, terms: Sequence[EffectTerm], z: np.ndarray) -> np.ndarray:
-        mean = self.means(z[None])[0]
-        return np.asarray(sum((t.signature.at(t.u) for t in terms), mean))
+        return np.asarray(sum((t.signature.at(t.u) for t in terms), self.means(z[None])[0]))
 
     def _known_slopes(self, terms: Sequence[EffectTerm], z: np.ndarray) -> np.ndarray:
         own = self.slope(z)

@@ -94,11 +94,61 @@ def at(fit: LawFit, x: np.ndarray) -> LawFit:
     return replace(fit, terms=moved(fit.terms, x[:fit.free]), z=x[fit.free:])
 
 
+class _Plane(NamedTuple):
+    """A plane through the runs of one record, and what its features weigh.
+
+    Slopes are nothing to numbers that the record does not know: those of another one's day.
+    """
+
+    values: np.ndarray
+    middle: np.ndarray
+    slopes: np.ndarray
+    rest: np.ndarray
+    """Of the runs, shape (n, d)."""
+    design: np.ndarray
+    """Covariance of middle and slopes, of features of variance 1: (1 + width, 1 + width)."""
+    freedom: int
+    extra: np.ndarray
+    """Covariance of what the record is off beyond a run."""
+    deviation: np.ndarray
+    correlation: np.ndarray
+
+    @classmethod
+    def through(
+        cls, part: TestedUnit, knows: np.ndarray, offsets: np.ndarray, rows: np.ndarray
+    ) -> _Plane:
+        """Return it, of features (n, d) at offsets (n, width), of which the record knows some."""
+        shown = np.append(0, 1 + knows)
+        columns = np.hstack([np.ones((len(offsets), 1)), offsets[:, knows]])
+        design = np.zeros((1 + offsets.shape[1],) * 2)
+        design[np.ix_(shown, shown)] = inverse = np.linalg.pinv(columns.T @ columns)
+        plane = np.zeros((len(design), rows.shape[1]))
+        plane[shown] = inverse @ (columns.T @ rows)
+        rest, freedom = rows - columns @ plane[shown], len(rows) - len(shown)
+        run = part.noise()
+        extra = part.covariance(len(rest)) - run
+        scale = np.sqrt(np.diag(run + extra))
+        deviation = np.sqrt((rest**2).sum(axis=0) / freedom + np.diag(extra))
+        correlation, share = shrunk(rest[::2] / deviation)  # what weighs does not judge
+        correlation += share * (run + extra) / np.outer(scale, scale)
+        scale = np.sqrt(np.diag(correlation))
+        return cls(part.values, plane[0], plane[1:].T, rest, design, freedom, extra, deviation,
+                   correlation / np.outer(scale, scale))
+
+    def weighed(self, offset: np.ndarray, bend: float) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return what is left there, the slopes by their weight, and the scale of the noise."""
+        left = self.values - self.middle - self.slopes @ offset
+        grown = self.deviation * np.maximum(np.abs(left) / self.deviation / bend, 1.0)
+        factor = cho_factor(self.correlation * np.outer(grown, grown))
+        feigned = (self.rest.T * cho_solve(factor, self.rest.T)).sum() / self.freedom
+        return left, cho_solve(factor, self.slopes), feigned
+
+
 def _solved(
     unit: TestedUnit, runs: tuple[np.ndarray, np.ndarray], x: np.ndarray,
     ends: tuple[np.ndarray, np.ndarray], expected: tuple[np.ndarray, np.ndarray],
 ) -> Posterior:
-    """Return where a plane through `runs` (points, features) meets the record, and how surely.
+    """Return where planes through `runs` (points, features) meet the records, and how surely.
 
     The noise of the slopes is taken off the information (errors in variables with a variance that
     is known: Fuller, Measurement Error Models, 1987, section 2.2). The runs' own scatter gives the
@@ -106,43 +156,27 @@ def _solved(
     beyond a run.
     """
     (points, rows), (low, high), (centre, weight) = runs, ends, expected
-    about = points.mean(axis=0)
-    columns = np.hstack([np.ones((len(points), 1)), points - about])
-    design = np.linalg.pinv(columns.T @ columns)  # of the middle, then of each slope
-    plane = design @ (columns.T @ rows)
-    slopes, rest, freedom = plane[1:].T, rows - columns @ plane, len(rows) - len(design)
-    run = unit.noise()
-    extra = unit.covariance(len(rest)) - run
-    scale = np.sqrt(np.diag(run + extra))
-    deviation = np.sqrt((rest**2).sum(axis=0) / freedom + np.diag(extra))
-    bent, fresh = rest[::2] / deviation, rest[1::2]  # what weighs does not judge
-    correlation, share = shrunk(bent)
-    correlation += share * (run + extra) / np.outer(scale, scale)
-    record = np.repeat(np.arange(len(unit.parts)), [p.size for p in unit.parts])
-    correlation[record[:, None] != record] = 0.0  # of two records the noise is two
-    scale = np.sqrt(np.diag(correlation))
-    correlation /= np.outer(scale, scale)
-    free = len(x) - len(unit.centre)
+    about, free = points.mean(axis=0), len(x) - len(unit.centre)
+    planes = [_Plane.through(part, np.append(np.arange(free), free + places), points - about, own)
+              for part, places, own in zip(unit.parts, unit.places, unit.split(rows))]
     for k in range(SOLUTIONS):
-        off = unit.values - plane[0] - slopes @ (x - about)
-        far = np.abs(off) / deviation / (BEND if k else 6.0 * BEND)  # first nearly all count
-        grown = deviation * np.maximum(far, 1.0)
-        factor = cho_factor(correlation * np.outer(grown, grown))
-        weighed = cho_solve(factor, slopes)
-        feigned = (rest.T * cho_solve(factor, rest.T)).sum() / freedom
-        known = slopes.T @ weighed
+        bend = BEND if k else 6.0 * BEND  # first nearly all count
+        found = [(p, *p.weighed(x - about, bend)) for p in planes]
+        known = sum(p.slopes.T @ weighed for p, _, weighed, _ in found)
+        noise_of_slopes = sum(feigned * p.design[1:, 1:] for p, _, _, feigned in found)
+        pull = sum(weighed.T @ left for _, left, weighed, _ in found)
         size = np.sqrt(np.append(np.diag(known)[:free], unit.weight))
-        values, vectors = np.linalg.eigh(
-            (known - feigned * design[1:, 1:]) / np.outer(size, size))
+        values, vectors = np.linalg.eigh((known - noise_of_slopes) / np.outer(size, size))
         values, vectors = values[values > 1e-9], vectors[:, values > 1e-9]
         root = (vectors * np.sqrt(values)).T * size
-        target = vectors.T @ (weighed.T @ off / size) / np.sqrt(values)
+        target = vectors.T @ (pull / size) / np.sqrt(values)
         x = np.clip(x + bounded_least_squares(
             root, target, np.minimum(low - x, -1e-9), np.maximum(high - x, 1e-9), weight,
             x - centre), low, high)
     inverse = np.linalg.inv(root.T @ root + np.diag(weight))
     here = np.append(1.0, x - about)
-    scatter = weighed.T @ fresh.T * np.sqrt(len(rest) / len(fresh))
-    noise = weighed.T @ extra @ weighed + (
-        scatter @ scatter.T * ((1.0 + here @ design @ here) / freedom))
-    return Posterior(x, inverse @ (noise + np.diag(weight)) @ inverse)
+    noise = np.diag(weight) + sum(w.T @ p.extra @ w for p, _, w, _ in found)
+    scatter = np.sum([w.T @ p.rest[1::2].T * np.sqrt(
+        (1.0 + here @ p.design @ here) / p.freedom * len(p.rest) / len(p.rest[1::2]))
+        for p, _, w, _ in found], axis=0)
+    return Posterior(x, inverse @ (noise + scatter @ scatter.T) @ inverse)

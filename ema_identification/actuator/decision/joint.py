@@ -41,8 +41,8 @@ class JointUnit(TestedUnit):
         return np.append(self.library.of_day, np.ones((len(self.each) - 1) * DAYS, dtype=bool))
 
     @cached_property
-    def _places(self) -> list[np.ndarray]:
-        """Return where the numbers of each record stand in `z`, shape (width,)."""
+    def places(self) -> list[np.ndarray]:
+        """Return where the numbers of each record stand in `z`."""
         found, width = [], self.library.width
         for k in range(len(self.each)):
             places = np.arange(width)
@@ -65,19 +65,19 @@ class JointUnit(TestedUnit):
     ) -> list[np.ndarray]:
         """Return the mean features of runs of each model on all tests."""
         rows = [part.run_all([(terms, z[places]) for terms, z in models], runs, salt, apart=apart)
-                for part, places in zip(self.each, self._places)]
+                for part, places in zip(self.each, self.places)]
         return [np.concatenate(row) for row in zip(*rows)]
 
     def means(self, z: np.ndarray) -> np.ndarray:
         """Return what the quadratics predict for units, shape (n, width) -> (n, d)."""
         return np.hstack([part.means(z[:, places])
-                          for part, places in zip(self.each, self._places)])
+                          for part, places in zip(self.each, self.places)])
 
     def slope(self, z: np.ndarray) -> np.ndarray:
         """Return the derivative of `means`, shape (d, width)."""
         found = np.zeros((self.size, len(z)))
         begin = 0
-        for part, places in zip(self.each, self._places):
+        for part, places in zip(self.each, self.places):
             found[begin:begin + part.size, places] = part.slope(z[places])
             begin += part.size
         return found

@@ -23,6 +23,7 @@ from ema_identification.actuator import gap
 from ema_identification.actuator.decision import fit
 from ema_identification.actuator.decision.answer import order_of, stages_of
 from ema_identification.actuator.decision.decide import decide
+from ema_identification.actuator.decision.intervals import simulated_posterior
 from ema_identification.actuator.decision.joint import DAYS, joint_unit
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.fleet import kept as kept_module
@@ -106,6 +107,18 @@ def test_two_records_know_a_unit_better_than_one(joint):
         errors.append(np.abs(found.z[:SIZE] - two_days(9002)[0])[~OF_DAY].mean())
     assert errors[1] < 0.9 * errors[0]
     assert both.without_law().cost / both.size == pytest.approx(1.0, abs=0.2)
+
+
+def test_runs_of_one_record_tell_nothing_of_the_day_of_another(joint):
+    widths = []
+    for seed in range(9010, 9015):
+        both = joint(seed)
+        one = both.parts[0]
+        of_one, of_both = (
+            np.sqrt(np.diag(simulated_posterior(u, u.without_law()).covariance)) for u in (
+                one, both))
+        widths.append(of_both[:SIZE][~OF_DAY] / of_one[~OF_DAY])
+    assert np.mean(widths) == pytest.approx(np.sqrt(0.5), rel=0.1)
 
 
 @pytest.mark.slow
