@@ -35,7 +35,7 @@ def after_validation(
     ----------
     verdict : of the fitted records.
     before, after : gap on the validation records, of the model as given and with what was found.
-    bound : what the model's own runs hardly ever exceed; NaN where that is not known.
+    bound : what the model's own runs leave in 95 % of all cases; NaN where that is not known.
     whose : noise `bound` is, in words.
     least : share of the gap, of its squares, that what was found should close.
     """

@@ -15,11 +15,11 @@
    the evidence, the simplest model in it; more than `LARGEST_SET`, or no model that explains, is
    unknown.
 4. What is named is measured anew, by runs over all that it may be (`intervals`).
-5. Held-out records judge: names that do not lower their gap, or leave it rarer than `LEVEL` and
-   close less than most of it (`MOST`), are contradicted, and there is no silence where it is
-   large: laws are tried then too. What is named on a usual record must be likelier than nothing,
-   or close most of the gap. Where no model explains, a single law that closes most of misfit and
-   gap is named, and that something remains beside it.
+5. Held-out records judge: names that do not lower their gap, or leave it large and close less
+   than most of it (`MOST`), are contradicted, and there is no silence where it is large: laws are
+   tried then too. What is named on a usual record must be likelier than nothing, or close most of
+   the gap. Where no model explains, a single law that closes most of misfit and gap is named, and
+   that something remains beside it.
 """
 
 from __future__ import annotations
@@ -95,8 +95,7 @@ def decide(
         return answer
     gap = held.gap(stages_of(answer), known=answer.known)
     verdict, said = after_validation(
-        answer.verdict, gap.values[0], gap.values[-1], gap.reached(LEVEL), "healthy units",
-        least=MOST)
+        answer.verdict, gap.values[0], gap.values[-1], gap.bound, "healthy units", least=MOST)
     if usual is not None and verdict != "explained":
         return usual
     return replace(answer, gap=gap, verdict=verdict, reasons=(*said, *answer.reasons))

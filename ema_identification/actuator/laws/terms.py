@@ -86,11 +86,7 @@ class LawGap:
     @property
     def bound(self) -> float:
         """What `SURE` of them stay within."""
-        return self.reached(1.0 - SURE)
-
-    def reached(self, share: float) -> float:
-        """Return what this share of them exceeds."""
-        return float(np.quantile(self.healthy, 1.0 - share, method="higher"))
+        return float(np.quantile(self.healthy, SURE, method="higher"))
 
     def closes(self, share: float) -> bool:
         """Whether the last model closes this share, of squares, of a gap beyond the bound."""
