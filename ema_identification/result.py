@@ -22,7 +22,8 @@ INTERVAL_LEVEL = 0.9
 
 
 def after_validation(
-    verdict: Outcome, before: float, after: float, bound: float, whose: str, least: float = 0.0
+    verdict: Outcome, before: float, after: float, bound: float, whose: str,
+    enough: float = math.inf,
 ) -> tuple[Outcome, tuple[str, ...]]:
     """Return what validation records leave of a verdict, and what there is to say of their gap.
 
@@ -37,16 +38,16 @@ def after_validation(
     before, after : gap on the validation records, of the model as given and with what was found.
     bound : what the model's own runs leave in 95 % of all cases; NaN where that is not known.
     whose : noise `bound` is, in words.
-    least : share of the gap, of its squares, that what was found should close.
+    enough : gap that effects which close a share of it may leave; infinite: they need not.
     """
     named = verdict in ("explained", "partly explained")
-    if named and bound < after <= before and after > math.sqrt(1.0 - least) * before:
+    if named and max(bound, enough) < after <= before:
         return "contradicted", (f"the gap on the held-out records fell from {before:.3g} to "
                                 f"{after:.3g} only; the noise of {whose} reaches {bound:.3g}",)
     if not named or after < before:
         return verdict, ()
     grew = f"the gap on the held-out records grew from {before:.3g} to {after:.3g}"
-    if after <= bound and not least:
+    if after <= bound and math.isinf(enough):
         return verdict, (f"{grew}, within the noise of {whose} (up to {bound:.3g})",) * (
             after > before)
     if after > before:

@@ -42,7 +42,7 @@ EDGE = 1.3
 """Requirement: half widths of its band up to which a number may be off and nothing is missing."""
 MOST = 0.75
 """Requirement: share of the squares that what is named closes where more is left than noise, of
-the misfit and of a held-out gap."""
+the misfit and of a held-out gap, both beyond what half of the healthy units leave."""
 
 
 def decide(
@@ -95,7 +95,7 @@ def decide(
         return answer
     gap = held.gap(stages_of(answer), known=answer.known)
     verdict, said = after_validation(
-        answer.verdict, gap.values[0], gap.values[-1], gap.bound, "healthy units", least=MOST)
+        answer.verdict, gap.values[0], gap.values[-1], gap.bound, "healthy units", gap.left(MOST))
     if usual is not None and verdict != "explained":
         return usual
     return replace(answer, gap=gap, verdict=verdict, reasons=(*said, *answer.reasons))

@@ -88,11 +88,14 @@ class LawGap:
         """What `SURE` of them stay within."""
         return float(np.quantile(self.healthy, SURE, method="higher"))
 
+    def left(self, share: float) -> float:
+        """Return what a model leaves that closes this share of the squares beyond the floor."""
+        least = min(self.floor, self.values[0])
+        return float(np.sqrt(least**2 + (1.0 - share) * (self.values[0] ** 2 - least**2)))
+
     def closes(self, share: float) -> bool:
-        """Whether the last model closes this share, of squares, of a gap beyond the bound."""
-        before, after = self.values[0], self.values[-1]
-        return before > self.bound and after <= max(
-            self.bound, float(np.sqrt(1.0 - share)) * before)
+        """Whether the last model closes this share of a gap beyond the bound."""
+        return self.values[0] > self.bound and self.values[-1] <= max(self.bound, self.left(share))
 
 
 class LawJudge(Protocol):

@@ -83,12 +83,12 @@ def test_what_validation_leaves_of_a_verdict(verdict, before, after, bound, expe
 @pytest.mark.parametrize(("after", "expected"), [
     (3.0, "explained"), (3.1, "contradicted"), (6.0, "contradicted"), (2.3, "explained")])
 def test_a_gap_may_have_to_fall_by_a_share(after, expected):
-    assert after_validation("explained", 6.0, after, 2.3, "the runs", least=0.75)[0] == expected
+    assert after_validation("explained", 6.0, after, 2.3, "the runs", enough=3.0)[0] == expected
 
 
 def test_no_name_where_a_gap_that_should_fall_grows_within_the_noise():
-    found, reasons = after_validation("explained", 1.8, 2.2, 2.8, "healthy units", least=0.1)
+    found, reasons = after_validation("explained", 1.8, 2.2, 2.8, "healthy units", enough=1.7)
     assert found == "contradicted"
     assert "grew from 1.8 to 2.2" in reasons[0]
-    found, _ = after_validation("explained", 2.2, 1.8, 2.8, "healthy units", least=0.1)
+    found, _ = after_validation("explained", 2.2, 1.8, 2.8, "healthy units", enough=1.7)
     assert found == "explained"
