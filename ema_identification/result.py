@@ -28,9 +28,9 @@ def after_validation(
     """Return what validation records leave of a verdict, and what there is to say of their gap.
 
     Effects that should close a share of the gap are contradicted by one that grew, or that lost
-    less and is beyond what the model's own runs leave. Of others a gap within that says nothing,
-    whether it grew or fell; beyond it one that grew contradicts them, and a record is only
-    explained where it fell.
+    less and is beyond what the model's own runs leave; one that lost enough and is beyond it is
+    explained in part. Of others a gap within that says nothing, whether it grew or fell; beyond it
+    one that grew contradicts them, and a record is only explained where it fell.
 
     Parameters
     ----------
@@ -41,9 +41,10 @@ def after_validation(
     enough : gap that effects which close a share of it may leave; infinite: they need not.
     """
     named = verdict in ("explained", "partly explained")
-    if named and max(bound, enough) < after <= before:
-        return "contradicted", (f"the gap on the held-out records fell from {before:.3g} to "
-                                f"{after:.3g} only; the noise of {whose} reaches {bound:.3g}",)
+    if named and bound < after <= before and not math.isinf(enough):
+        return "partly explained" if after <= enough else "contradicted", (
+            f"the gap on the held-out records fell from {before:.3g} to {after:.3g} only; "
+            f"the noise of {whose} reaches {bound:.3g}",)
     if not named or after < before:
         return verdict, ()
     grew = f"the gap on the held-out records grew from {before:.3g} to {after:.3g}"

@@ -96,7 +96,7 @@ def decide(
     gap = held.gap(stages_of(answer), known=answer.known)
     verdict, said = after_validation(
         answer.verdict, gap.values[0], gap.values[-1], gap.bound, "healthy units", gap.left(MOST))
-    if usual is not None and verdict != "explained":
+    if usual is not None and (verdict == "contradicted" or gap.values[-1] >= gap.values[0]):
         return usual
     return replace(answer, gap=gap, verdict=verdict, reasons=(*said, *answer.reasons))
 
