@@ -94,8 +94,8 @@ class LawGap:
         return float(np.sqrt(least**2 + (1.0 - share) * (self.values[0] ** 2 - least**2)))
 
     def closes(self, share: float) -> bool:
-        """Whether the last model closes this share of a gap beyond the bound."""
-        return self.values[0] > self.bound and self.values[-1] <= max(self.bound, self.left(share))
+        """Whether the last model closes this share of a gap that is beyond the bound."""
+        return self.values[0] > self.bound and self.values[-1] <= self.left(share)
 
 
 class LawJudge(Protocol):

@@ -423,6 +423,14 @@ def test_held_out_records_only_judge():
     assert near.verdict == "partly explained"  # it fell, and more is left than noise
 
 
+@pytest.mark.parametrize(("before", "after", "closed"), [
+    (5.0, left_of(5.0) - 0.01, True), (5.0, left_of(5.0) + 0.01, False),
+    (1.6, 1.4, False),  # from just beyond the bound to just within
+    (1.4, 0.5, False)])
+def test_most_of_a_gap_is_closed_where_there_is_one(before, after, closed):
+    assert Held(before, after).gap([None, None]).closes(MOST) == closed
+
+
 def test_laws_are_tried_where_only_the_held_out_record_is_off():
     """A small effect that one record in twenty healthy ones would leave too."""
     small = unit(seed=7, backlash=0.12)
