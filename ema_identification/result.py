@@ -42,9 +42,9 @@ def after_validation(
     """
     named = verdict in ("explained", "partly explained")
     if named and bound < after <= before and not math.isinf(enough):
-        return "partly explained" if after <= enough else "contradicted", (
-            f"the gap on the held-out records fell from {before:.3g} to {after:.3g} only; "
-            f"the noise of {whose} reaches {bound:.3g}",)
+        verdict, only = ("partly explained", "") if after <= enough else ("contradicted", " only")
+        return verdict, (f"the gap on the held-out records fell from {before:.3g} to "
+                         f"{after:.3g}{only}; the noise of {whose} reaches {bound:.3g}",)
     if not named or after < before:
         return verdict, ()
     grew = f"the gap on the held-out records grew from {before:.3g} to {after:.3g}"

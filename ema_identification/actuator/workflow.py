@@ -13,6 +13,7 @@ from ema_identification.actuator.decision.decide import decide
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.joint import joint_unit
 from ema_identification.actuator.decision.proposals import scores
+from ema_identification.actuator.decision.ranks import LEVEL, rank
 from ema_identification.actuator.fleet.units import FULL, LibrarySizes, fleet_unit
 from ema_identification.actuator.gap import HeldOut, fitted_gap
 from ema_identification.actuator.laws.terms import LawFit, with_terms
@@ -130,7 +131,8 @@ def _said(
     rivals = _rivals(answer)
     proposed = separating_test(unit, rivals, seed=unit.seed) if len(rivals) > 1 else None
     fit = answer.null if answer.fit is None else answer.fit
-    something = answer.verdict in ("unknown effect", "partly explained")
+    something = answer.verdict in ("unknown effect", "partly explained") and (
+        answer.fit is None or rank(fit.cost / unit.size, unit.library.healthy[:, 0]) <= LEVEL)
     found = Identification(
         verdict=answer.verdict, gap_before=gap.values[0], gap_after=gap.values[-1],
         noise_floor=gap.floor, held_out=answer.gap is not None,

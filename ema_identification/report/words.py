@@ -119,10 +119,11 @@ def verdict_sentence(identification: Identification) -> str:
     if identification.verdict == "explained":
         return f"The model lacked {listed(identification)}; with it {gap_change(identification)}."
     if identification.verdict == "partly explained":
+        left = ("more is left than noise: its values are not sure enough for these data, or "
+                "something else is missing" if identification.unknown is None else
+                "something is left that the catalogue does not explain")
         return (f"The model lacked {listed(identification)}; with it "
-                f"{gap_change(identification)}: something is left that the "
-                "catalogue does not explain."
-                ) if identification.findings else (
+                f"{gap_change(identification)}: {left}.") if identification.findings else (
                 f"A gap of {before} was found, with a noise floor of {floor}, and only a part "
                 "of it is explained.")
     shape = identification.unknown.text if identification.unknown is not None else "no shape found"

@@ -47,6 +47,8 @@ def test_closed_share(explained):
 def test_sentence_of_each_verdict(explained, unknown):
     assert "falls from" in words.verdict_sentence(explained)
     partly = replace(explained, verdict="partly explained")
+    assert "not sure enough" in words.verdict_sentence(partly)
+    partly = replace(partly, unknown=unknown.unknown)
     assert "something is left" in words.verdict_sentence(partly)
     assert "does not hold" in words.verdict_sentence(unknown)
     against = words.verdict_sentence(replace(
