@@ -9,7 +9,8 @@
 2. Laws are proposed from the library (wide, cheap), fitted with the simulator (`ROUNDS`), and
    compared by one evidence: log E = -½ ν ln J - ½ k ln ν - m ln(N / `LEVEL`), J the cost, k
    coordinates, ν the independent numbers of a record, m laws of N. This is the likelihood of a
-   scale that is not known, with prices of a coordinate (Schwarz 1978) and of a law.
+   scale that is not known, with prices of a coordinate (Schwarz 1978) and of a law. Where the best
+   law explains nothing, or two are in question, it is fitted up to `EDGE` of the bands too.
 3. A model *explains* if its cost is usual among healthy units; each law in it must have a gain
    of its own beyond the useless ones'. The answer is the smallest set of names with `SURE` of
    the evidence, the simplest model in it; more than `LARGEST_SET`, or no model that explains, is
@@ -43,6 +44,7 @@ EDGE = 1.3
 MOST = 0.75
 """Requirement: share of the squares that what is named closes where more is left than noise, of
 the misfit and of a held-out gap, both beyond what half of the healthy units leave."""
+OUT = f"numbers of the unit are up to {EDGE - 1.0:.0%} of their half band beyond it"
 
 
 def decide(
@@ -78,7 +80,9 @@ def decide(
     progress("name", 0.5)
     pairs = case.pairs(singles)
     progress("name", 0.9)
-    fits = case.finished([*singles, *pairs])
+    wider = [beyond.refitted(singles[0])] if singles and (
+        pairs or not case.explains(singles[0])) else []
+    fits = case.finished([*singles, *wider, *pairs])
     answer = FleetAnswer(verdict="unknown effect", null=case.null, p_nothing=p, fits=tuple(fits))
     answer = _named(case, answer, [f for f in fits if case.explains(f)])
     if usual is not None and (
@@ -90,10 +94,13 @@ def decide(
     witness = witness or held
     if witness is not None and answer.verdict == "unknown effect" and not answer.equivalent:
         answer = _in_part(case, answer, witness)
-    answer = case.measured(answer)
+    out = answer.fit is not None and bool((np.abs(answer.fit.z) > unit.edge + 1e-6).any())
+    answer = (beyond if out else case).measured(answer)
+    if out:
+        answer = replace(answer, reasons=(OUT, *answer.reasons))
     if held is None:
         return answer
-    gap = held.gap(stages_of(answer), known=answer.known)
+    gap = held.gap(stages_of(answer), EDGE if out else 1.0, known=answer.known)
     verdict, said = after_validation(
         answer.verdict, gap.values[0], gap.values[-1], gap.bound, "healthy units", gap.left(MOST))
     if usual is not None and (verdict == "contradicted" or gap.values[-1] >= gap.values[0]):
@@ -110,8 +117,7 @@ def _usual(
     """
     if p <= LEVEL:
         return None
-    where = f"numbers of the unit are up to {EDGE - 1.0:.0%} of their half band beyond it; "
-    said = f"{where if edge > 1.0 else ''}of healthy units, up to {p:.2g} are as far off"
+    said = f"{f'{OUT}; ' if edge > 1.0 else ''}of healthy units, up to {p:.2g} are as far off"
     answer = FleetAnswer(
         verdict="no disagreement", null=case.quadratic, p_nothing=p, reasons=(said,))
     if held is None:

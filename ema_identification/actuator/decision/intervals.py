@@ -68,7 +68,7 @@ def linearised(unit: TestedUnit, fit: LawFit) -> Iterator[Round]:
     sizes = [max(float(np.linalg.norm(t.u)), 1e-12) for t in fit.terms]
     spread = np.array([LAW_SPREAD * (size if len(levels) > 1 else 1.0)
                        for t, size in zip(fit.terms, sizes) for levels in t.signature.levels])
-    low, high = (np.append(end, np.full(len(fit.z), side))
+    low, high = (np.append(end, np.full(len(fit.z), side) * unit.edge)
                  for end, side in zip(bounds(fit.terms), (-1.0, 1.0)))
     centre = np.append(coordinates(fit.terms), unit.centre)
     weight = np.append((FAR * spread) ** -2.0, unit.weight)

@@ -119,7 +119,7 @@ class Models:
         """
         if any(fit is f for f in self._hard):
             return fit
-        found = min(fit, self._refitted(fit), key=lambda f: f.cost)
+        found = min(fit, self.refitted(fit), key=lambda f: f.cost)
         if not self.explains(found):
             ends: list[LawFit] = []
             for k, (known, points, features) in enumerate(linearised(self.unit, found), 1):
@@ -131,11 +131,12 @@ class Models:
                 ends = [led[0], min([*ends, *led], key=lambda f: f.cost)]
                 if k >= INTERVAL_ROUNDS and not ends[-1].cost < (1.0 - FALL) * last:
                     break
-            found = min([found, *map(self._refitted, ends)], key=lambda f: f.cost)
+            found = min([found, *map(self.refitted, ends)], key=lambda f: f.cost)
         self._hard.append(found)
         return found
 
-    def _refitted(self, fit: LawFit) -> LawFit:
+    def refitted(self, fit: LawFit) -> LawFit:
+        """Return a fit gone on from there with all slopes simulated."""
         there = self.unit.refitted(fit, self.before, runs=ROUNDS[-1])
         return self.unit.settled(there, self.before, SETTLED_RUNS)
 
@@ -180,7 +181,7 @@ class Models:
                 found = [f for f in found if f.variants != hard.variants or f.cost < hard.cost]
                 found.append(hard)
         elif sum(map(self.explains, found)) > 1:
-            found = [min(f, self._refitted(f), key=lambda f: f.cost) if self.explains(f) else f
+            found = [min(f, self.refitted(f), key=lambda f: f.cost) if self.explains(f) else f
                      for f in found]
         return self._ordered(found)
 
@@ -195,8 +196,8 @@ class Models:
         starts = [replace(f, terms=(), slopes=f.slopes[:, f.free:]) for f in fits]
         nothing = [replace(self.null, cost=self.nothing), *(
             found for start in (self.null, *starts) for found in self.fitted([start]))]
-        nothing.append(self._refitted(min(nothing[1:], key=lambda f: f.cost)))
-        return max(map(self.evidence, (fit, self._refitted(fit)))) > max(
+        nothing.append(self.refitted(min(nothing[1:], key=lambda f: f.cost)))
+        return max(map(self.evidence, (fit, self.refitted(fit)))) > max(
             map(self.evidence, nothing))
 
     def pairs(self, singles: Sequence[LawFit]) -> list[LawFit]:

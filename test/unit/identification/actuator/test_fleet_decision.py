@@ -259,7 +259,7 @@ def test_a_fit_in_another_minimum_begins_anew_where_runs_lead():
     case = models.Models(u)
     term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([17 * VISCOUS]))
     start = replace(u.on_library((term,), [np.zeros(SIZE)]), terms=(term,), cost=1e9)
-    assert not case.explains(case._refitted(start))
+    assert not case.explains(case.refitted(start))
     found = case._pressed(start)
     assert case.explains(found)
     truth = replace(start, z=np.full(SIZE, 0.3), terms=(replace(
@@ -288,7 +288,7 @@ def test_a_basin_that_is_too_narrow_for_slopes_is_reached_round_by_round():
                           u=np.array([begin * VISCOUS]))
         start = replace(u.on_library((term,), [np.zeros(SIZE)]), terms=(term,), cost=1e9)
         case = models.Models(u)
-        assert not case.explains(case._refitted(start))
+        assert not case.explains(case.refitted(start))
         reached.append(case.explains(case._pressed(start)))
     assert sum(reached) >= 8
 
@@ -313,7 +313,7 @@ def test_a_model_that_cannot_be_run_where_rounds_lead_ends_them(monkeypatch):
     term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([VISCOUS]))
     start = case.unit.begun(case.unit.on_library((term,), [np.zeros(SIZE)]), case.white, 8)
     monkeypatch.setattr(models.Models, "explains", lambda *_: False)
-    monkeypatch.setattr(models.Models, "_refitted", lambda *_: start)
+    monkeypatch.setattr(models.Models, "refitted", lambda *_: start)
     monkeypatch.setattr(type(case.unit), "begun", lambda _, fit, *__: replace(fit, cost=np.inf))
     assert case._pressed(start) is start
 
