@@ -22,7 +22,7 @@ from fleet_unit import (
 from ema_identification.actuator.decision import decide as decision
 from ema_identification.actuator.decision import models
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
-from ema_identification.actuator.decision.decide import EDGE, MOST, decide
+from ema_identification.actuator.decision.decide import EDGE, MOST, OUT, decide
 from ema_identification.actuator.decision.intervals import at
 from ema_identification.actuator.decision.proposals import LawProposal, at_known_sizes, scores
 from ema_identification.actuator.decision.ranks import (
@@ -104,6 +104,18 @@ def test_a_unit_a_little_beyond_its_bands_lacks_nothing():
         assert least <= sum(p_of(replace(u, edge=EDGE)) > LEVEL for u in units) <= most
         said = [decide(u).verdict for u in units[:6]]
         assert ("no disagreement" in said, "explained" in said) == (most > 0, False)
+
+
+def test_an_effect_of_a_unit_a_little_beyond_its_bands_is_named_alone():
+    """No number that is beyond its band is a second effect."""
+    beyond = 0
+    for seed in range(3, 9):
+        z = EDGE * np.random.default_rng(seed).uniform(-1.0, 1.0, SIZE)
+        found = decide(unit(seed=seed, z=z, backlash=3.0))
+        assert found.verdict == "explained"
+        assert found.fit.names == ("backlash",)
+        beyond += OUT in found.reasons
+    assert beyond > 0
 
 
 def test_likelihood_is_to_scale_on_healthy_units():
