@@ -88,24 +88,29 @@ def decide(
     if usual is not None and (
             answer.fit is None or case.evidence(answer.fit) <= case.evidence(beyond.null) or not (
                 (held is not None and not wide
-                 and held.gap([case.null, answer.fit]).closes(MOST))
+                 and held.gap([case.null, answer.fit], _edge(case, answer.fit)).closes(MOST))
                 or rival.likely(answer.fit, fits))):
         return usual
     witness = witness or held
     if witness is not None and answer.verdict == "unknown effect" and not answer.equivalent:
         answer = _in_part(case, answer, witness)
-    out = answer.fit is not None and bool((np.abs(answer.fit.z) > unit.edge + 1e-6).any())
-    answer = (beyond if out else case).measured(answer)
-    if out:
-        answer = replace(answer, reasons=(OUT, *answer.reasons))
+    edge = _edge(case, answer.fit)
+    answer = case.measured(answer) if edge == 1.0 else beyond.measured(
+        replace(answer, reasons=(OUT, *answer.reasons)))
     if held is None:
         return answer
-    gap = held.gap(stages_of(answer), EDGE if out else 1.0, known=answer.known)
+    gap = held.gap(stages_of(answer), edge, known=answer.known)
     verdict, said = after_validation(
         answer.verdict, gap.values[0], gap.values[-1], gap.bound, "healthy units", gap.left(MOST))
     if usual is not None and (verdict == "contradicted" or gap.values[-1] >= gap.values[0]):
         return usual
     return replace(answer, gap=gap, verdict=verdict, reasons=(*said, *answer.reasons))
+
+
+def _edge(case: Models, fit: LawFit | None) -> float:
+    """Return how many half widths of its band a number of the unit is off in a fit, at most."""
+    beyond = fit is not None and bool((np.abs(fit.z) > case.unit.edge + 1e-6).any())
+    return EDGE if beyond else 1.0
 
 
 def _usual(
@@ -183,7 +188,7 @@ def _in_part(case: Models, answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
         return answer
     sure = case.evidence(best) + np.log(1.0 - SURE)
     names = {f.names[0] for f in singles if case.evidence(f) > sure} - set(best.names)
-    gap = held.gap([case.null, best])
+    gap = held.gap([case.null, best], _edge(case, best))
     if len(names) >= LARGEST_SET or not gap.closes(MOST):
         return answer
     return replace(
