@@ -13,14 +13,16 @@ the units with one effect, of the default kit, can be seen at all (`visible`).
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
+from joblib import Parallel, delayed
+
 from benchmarks.blind_panel.truth.visible import Floor
-from benchmarks.decisions.judging import Row, answered, answered_again, is_set
+from benchmarks.decisions.judging import Row, answered, answered_again, is_set, make_kit
 from benchmarks.decisions.table import markdown, numbers, seconds, sizes, table
-from benchmarks.decisions.units import STRATA
+from benchmarks.decisions.units import STRATA, kit_of
 from benchmarks.decisions.visible import gap_of, make_floor, visible_table
 from benchmarks.ledger import Ledger
 from ema_record.errors import EmaError
@@ -38,6 +40,7 @@ def main() -> None:
     parser.add_argument("--tests", default="extended,step",
                         help="profile of the record, and of the held-out one if there is one")
     parser.add_argument("--strata", default="", help="only those that begin with this")
+    parser.add_argument("--workers", type=int, default=1, help="units at a time")
     parser.add_argument("--next", action="store_true",
                         help="record the test that is proposed for a set, identify with both")
     parser.add_argument("--visible", action="store_true",
@@ -56,33 +59,55 @@ def main() -> None:
               else given.nothing for stratum in STRATA if stratum.startswith(given.strata)}
     if not counts:
         parser.error(f"--strata {given.strata!r}: none begins so, there are {', '.join(STRATA)}")
+    if not given.table:
+        run(given.out, ledger, given.seed, counts, tests, given.workers)
     rows: dict[str, list[Row]] = {stratum: [] for stratum in counts}
     again: dict[str, list[tuple[Row, Row | None]]] = {stratum: [] for stratum in counts}
-    for k in range(max(counts.values(), default=0)):
-        for stratum, found in rows.items():
-            key = f"{given.seed}/{given.tests}/{stratum}/{k}/sizes"
-            if k >= counts[stratum] or (given.table and key not in ledger.keys):
-                continue
-            if key not in ledger.keys:
-                row = ledger.run(key, partial(
-                    answered, STRATA[stratum](given.seed, k, tests), given.out, tests))
-                print(key, row["names"], row["verdict"], row["named"], flush=True)
-            row = ledger.run(key, dict)
-            found.append(row)
-            if "accepted" in stratum or not is_set(row):
-                continue
-            key = f"{key}/next"
-            if given.next and not given.table and row["next"] and key not in ledger.keys:
-                second = ledger.run(key, partial(
-                    answered_again, STRATA[stratum](given.seed, k, tests), given.out, tests,
-                    row["next"]))
-                print(key, row["next"], second["verdict"], second["named"], flush=True)
-            again[stratum].append((row, ledger.run(key, dict) if key in ledger.keys else None))
+    for key, stratum, k in units_of(given.seed, counts, given.tests):
+        if key not in ledger.keys:
+            continue
+        row = ledger.run(key, dict)
+        rows[stratum].append(row)
+        if "accepted" in stratum or not is_set(row):
+            continue
+        then = f"{key}/next"
+        if given.next and not given.table and row["next"] and then not in ledger.keys:
+            second = ledger.run(then, partial(
+                answered_again, STRATA[stratum](given.seed, k, tests), given.out,
+                row["next"]))
+            print(then, row["next"], second["verdict"], second["named"], flush=True)
+        again[stratum].append((row, ledger.run(then, dict) if then in ledger.keys else None))
     rows = {stratum: found for stratum, found in rows.items() if found}
     for part in (table(rows), numbers(rows, again), sizes(rows), seconds(rows)):
         print(f"\n{part}")
     if given.visible:
         print(f"\n{_visible(rows, ledger, given.out, given.seed, tests)}")
+
+
+def units_of(seed: int, counts: Mapping[str, int], tests: str) -> Iterator[tuple[str, str, int]]:
+    """Yield key, stratum and number of each unit, the first ones of all strata first."""
+    for k in range(max(counts.values(), default=0)):
+        for stratum, count in counts.items():
+            if k < count:
+                yield f"{seed}/{tests}/{stratum}/{k}/sizes", stratum, k
+
+
+def run(out: Path, ledger: Ledger, seed: int, counts: Mapping[str, int], tests: tuple[str, ...],
+        workers: int) -> None:
+    """Judge what is missing, `workers` units at a time, each on one core."""
+    todo = [unit for unit in units_of(seed, counts, ",".join(tests)) if unit[0] not in ledger.keys]
+    with Parallel(n_jobs=workers, return_as="generator_unordered") as parallel:
+        for _ in parallel(delayed(make_kit)(kit, out, tests) for kit in
+                          {kit_of(stratum) for _, stratum, _ in todo} - {None}):
+            pass
+        for key, row in parallel(delayed(_judged)(*unit, seed, out, tests) for unit in todo):
+            ledger.run(key, partial(dict, row))
+            print(key, row["names"], row["verdict"], row["named"], flush=True)
+
+
+def _judged(key: str, stratum: str, k: int, seed: int, out: Path, tests: tuple[str, ...]
+            ) -> tuple[str, Row]:
+    return key, answered(STRATA[stratum](seed, k, tests), out)
 
 
 def _gap(stratum: str, seed: int, k: int, tests: tuple[str, ...], floor: Floor

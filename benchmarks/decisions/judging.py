@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -31,32 +31,37 @@ NAMES_ALONE = ("explained", "partly explained")
 LARGEST_SET = 3
 
 
-@contextmanager
-def kit_of(unit: HiddenUnit, work: Path, tests: Sequence[str]) -> Iterator[None]:
-    """Use the kit of a unit's machine, which is made on first use and kept in `work`."""
-    if unit.kit is None:
-        yield
-        return
-    kit = work / "kits" / unit.kit.name
-    if not (kit / ACTUATOR).exists():
-        kit.mkdir(parents=True, exist_ok=True)
-        with using_kit(unit.kit):
-            if not (kit / PROFILES).exists():
-                write_profiles(load_model_file().actuator, kit / PROFILES)
-        shutil.copyfile(unit.kit / ACTUATOR, kit / ACTUATOR)
-    with using_kit(kit):
+def made_kit(kit: Path, work: Path) -> Path:
+    """Return where the kit of a machine is kept in `work`, with its profiles and libraries."""
+    return work / "kits" / kit.name
+
+
+def make_kit(kit: Path, work: Path, tests: Sequence[str]) -> None:
+    """Make in `work` what is missing of a machine's kit: profiles, libraries of the tests."""
+    made = made_kit(kit, work)
+    if not (made / ACTUATOR).exists():
+        made.mkdir(parents=True, exist_ok=True)
+        with using_kit(kit):
+            if not (made / PROFILES).exists():
+                write_profiles(load_model_file().actuator, made / PROFILES)
+        shutil.copyfile(kit / ACTUATOR, made / ACTUATOR)
+    with using_kit(made):
         for n, test in enumerate(tests):
-            if not (kit / LIBRARY / f"{test}.built").exists():
+            if not (made / LIBRARY / f"{test}.built").exists():
                 with threadpool_limits(limits=1):  # as `identify` makes it
                     fleet_library(load_model_file(), load_profile(test), signatures=n == 0,
-                                  folder=kit / LIBRARY)
-                (kit / LIBRARY / f"{test}.built").touch()
-        yield
+                                  folder=made / LIBRARY)
+                (made / LIBRARY / f"{test}.built").touch()
 
 
-def answered(unit: HiddenUnit, work: Path, tests: Sequence[str]) -> Row:
+def kit_of_unit(unit: HiddenUnit, work: Path) -> AbstractContextManager[object]:
+    """Use the kit of a unit's machine, once it is made."""
+    return nullcontext() if unit.kit is None else using_kit(made_kit(unit.kit, work))
+
+
+def answered(unit: HiddenUnit, work: Path) -> Row:
     """Return what is said of a unit: what it has, or since its acceptance."""
-    with kit_of(unit, work, tests):
+    with kit_of_unit(unit, work):
         started = time.process_time(), time.perf_counter()
         try:
             whole = identify(unit.records[:1], validate=unit.records[1:], without=unit.without,
@@ -74,9 +79,9 @@ def answered(unit: HiddenUnit, work: Path, tests: Sequence[str]) -> Row:
             "proposed": found.next_test, "seconds": seconds[0], "wall": seconds[1]}
 
 
-def answered_again(unit: HiddenUnit, work: Path, tests: Sequence[str], profile: str) -> Row:
+def answered_again(unit: HiddenUnit, work: Path, profile: str) -> Row:
     """Return what is said of a unit once the proposed test is recorded too."""
-    with kit_of(unit, work, tests):
+    with kit_of_unit(unit, work):
         both = (unit.records[0], unit.again(load_profile(profile)))
         started = time.process_time(), time.perf_counter()
         found = identify(both, validate=unit.records[1:], without=unit.without)

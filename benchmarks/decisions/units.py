@@ -91,8 +91,8 @@ def own_unit(
     rng = np.random.default_rng([seed, 77, k])
     z = bands * draw_fleet_unit(rng, model.actuator)
     if listed:
-        names = unlisted(model.actuator)
-        z[-len(names):] = [-1.0 if "latency" in name else 0.0 for name in names]
+        usual = unlisted(model.actuator)
+        z[-len(usual):] = [-1.0 if "latency" in name else 0.0 for name in usual]
     pool = STRANGE if strange else tuple(HIDEABLE)
     order = np.random.default_rng([seed, 76]).permutation(len(pool))
     names: tuple[str, ...] = ()
@@ -143,7 +143,7 @@ def second_unit(
     if hidden:
         order = np.random.default_rng([seed, 75]).permutation(len(pool))
         names = draw_pair(rng, pool) if hidden == 2 else (pool[order[k % len(pool)]],)
-    damage, truth = Damage(), {}
+    damage = Damage()
     for name in names:
         field, size = DAMAGES[name]
         if kit is not None and field == "backlash":  # in the machine's own measure
@@ -153,6 +153,7 @@ def second_unit(
         if size is None:
             fields[field] = getattr(_stranger(a, field, rng), field)
         damage = damage._replace(**fields)
+    truth: dict[str, float | str] = {}
     for name in names:
         truth |= catalogued(a, name, damage)
     without = (HIDEABLE[names[0]].without or ()) if strange else ()
@@ -214,16 +215,16 @@ def of_kit(kit: Path, make: Callable[..., HiddenUnit], *which: object, **how: ob
     return unit._replace(again=again)
 
 
-STRATA: dict[str, Callable[..., HiddenUnit]] = {
+STRATA: dict[str, partial[HiddenUnit]] = {
     "own, nothing": partial(own_unit, listed=True),
     "own, one effect": partial(own_unit, listed=True, hidden=1),
-    "own, unlisted off, nothing": own_unit,
+    "own, unlisted off, nothing": partial(own_unit),
     "own, unlisted off, one effect": partial(own_unit, hidden=1),
     "own, unlisted off, two effects": partial(own_unit, hidden=2),
     "own, bands x 1.3, nothing": partial(own_unit, bands=RANGE),
     "own, bands x 1.3, one effect": partial(own_unit, bands=RANGE, hidden=1),
     "second, bands x 1.3, nothing": partial(second_unit, bands=RANGE),
-    "second, nothing": second_unit,
+    "second, nothing": partial(second_unit),
     "second, one effect": partial(second_unit, hidden=1),
     "second, two effects": partial(second_unit, hidden=2),
     "second, outside the catalogue": partial(second_unit, hidden=1, strange=True),
@@ -240,3 +241,9 @@ STRATA: dict[str, Callable[..., HiddenUnit]] = {
     "foc, second, nothing": partial(of_kit, FOC, second_unit),
     "foc, second, one effect": partial(of_kit, FOC, second_unit, hidden=1),
 }
+
+
+def kit_of(stratum: str) -> Path | None:
+    """Return the kit of a stratum's machine, None if it is the default one."""
+    made = STRATA[stratum]
+    return made.args[0] if made.func is of_kit else None

@@ -8,6 +8,7 @@ import pytest
 from benchmarks.any_actuator.described import Damage
 from benchmarks.blind_panel.truth.hidden import HARD_TO_TELL
 from benchmarks.decisions import visible
+from benchmarks.decisions.__main__ import run, units_of
 from benchmarks.decisions.judging import (
     answered,
     as_written,
@@ -20,6 +21,7 @@ from benchmarks.decisions.judging import (
 )
 from benchmarks.decisions.table import interval, numbers, seconds, sizes, table
 from benchmarks.decisions.units import DAMAGES, PWM, STRATA, catalogued
+from benchmarks.ledger import Ledger
 from ema_identification.result import Parameter
 from ema_record.actuator import load_actuator
 from ema_record.profile import load_profile
@@ -143,12 +145,26 @@ def test_with_several_pole_pairs_an_angle_is_the_same_from_each_turn_on():
     assert turn_of(of, "hall_misalignment", {}) == pytest.approx(2.0 * np.pi)
 
 
+def test_units_are_judged_two_at_a_time_and_none_twice(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    counts = {"own, nothing": 2, "own, unlisted off, nothing": 1}
+    path, seed, tests = tmp_path / "decisions.jsonl", 20263201, ("step",)
+    run(tmp_path, Ledger(path), seed, counts, tests, 2)
+    rows = Ledger(path)
+    assert sorted(rows.keys) == sorted(key for key, *_ in units_of(seed, counts, "step"))
+    assert {rows.run(key, dict)["verdict"] for key in rows.keys} == {"no disagreement"}
+    kept = path.read_bytes()
+    capsys.readouterr()
+    run(tmp_path, Ledger(path), seed, counts, tests, 2)
+    assert path.read_bytes() == kept and capsys.readouterr().out == ""
+
+
 @pytest.mark.slow
 def test_an_effect_that_a_unit_beyond_its_bands_nearly_explains_is_named(tmp_path, monkeypatch):
     """Hall sensors 0.1 rad off, of the second simulator: the evidence decides (section 4)."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     tests = ("extended", "step")
-    row = answered(STRATA["second, one effect"](20263341, 3, tests), tmp_path, tests)
+    row = answered(STRATA["second, one effect"](20263341, 3, tests), tmp_path)
     assert (row["names"], outcome(row)) == (("hall_misalignment",), "right")
 
 
