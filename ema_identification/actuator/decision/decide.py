@@ -1,11 +1,12 @@
 """The decision, whole: nothing, one law, two, a set of names, or something unknown.
 
-1. *Nothing* unless the misfit, the largest useless gain or the gap, each in units of what the
-   share `LEVEL` of healthy units exceeds, is surely rarer than `LEVEL` among them (rank among
-   some that built nothing of the library, with the bound that holds for these very ones, Vovk
-   2012), on its quadratic and again on runs. What is not even rarer than 1 - `SURE` ends here;
-   else a law must be likelier than nothing (2). So it must where that is usual once the unit's
-   numbers may leave their bands a little (`EDGE`), likelier than such a unit fitted as hard.
+1. *Nothing* unless the misfit, the largest useless gain, the gap or the largest ripple, each in
+   units of what the share `LEVEL` of healthy units exceeds, is surely rarer than `LEVEL` among
+   them (rank among some that built nothing of the library, with the bound that holds for these
+   very ones, Vovk 2012), on its quadratic and again on runs. What is not even rarer than
+   1 - `SURE` ends here; else a law must be likelier than nothing (2). So it must where that is
+   usual once the unit's numbers may leave their bands a little (`EDGE`), likelier than such a
+   unit fitted as hard.
 2. Laws are proposed from the library (wide, cheap), fitted with the simulator (`ROUNDS`), and
    compared by one evidence: log E = -½ ν ln J - ½ k ln ν - m ln(N / `LEVEL`), J the cost, k
    coordinates, ν the independent numbers of a record, m laws of N. This is the likelihood of a

@@ -24,11 +24,16 @@ ANGLES, CHORDS = 8, 3
 
 
 class Scores(NamedTuple):
-    """In what a unit may be rare: cost a feature, largest gain (`gain_of`), gap (`worst`)."""
+    """In what a unit may be rare."""
 
     cost: float
+    """A feature."""
     gain: float
+    """Of the best law (`gain_of`)."""
     gap: float
+    """`worst`."""
+    ripple: float
+    """Of the torque, at the order that is off most (`ripple_power`): most have no signature."""
 
 
 class LawProposal(NamedTuple):
@@ -178,7 +183,7 @@ def _points(signature: Signature) -> list[np.ndarray]:
 
 
 def scores(unit: TestedUnit) -> Scores:
-    """Return the three numbers in which a unit without a law may be rare, on the quadratic."""
+    """Return the numbers in which a unit without a law may be rare, on the quadratic."""
     fit, white = unit.without_law(), unit.whitener(0)
     return scores_of(unit, fit, linear_gains(unit, fit, white, selectable(unit, ())))
 
@@ -187,7 +192,8 @@ def scores_of(unit: TestedUnit, fit: LawFit, gains: Sequence[LawProposal]) -> Sc
     """Return the scores of a fit without a law, of which `gains` are those of laws."""
     rest = (unit.values - fit.mean) / np.sqrt(np.diag(unit.covariance(fit.runs)))
     gain = gain_of(fit.cost, gains[0].cost, unit.size) if gains else 0.0
-    return Scores(fit.cost / unit.size, gain, worst([rest])[0])
+    ripple = max(ripple_power(unit, rest).values(), default=0.0)
+    return Scores(fit.cost / unit.size, gain, worst([rest])[0], ripple)
 
 
 def gain_of(cost: float, lower: float, size: int) -> float:
@@ -195,27 +201,36 @@ def gain_of(cost: float, lower: float, size: int) -> float:
     return (cost - lower) / max(lower / size, 1e-9)
 
 
+MOST_OFF = 10.0
 LOWEST, RIPPLE_RUNS, COGGING, RIPPLE_SIZES = 3, 4, 0.05, (1.0, 4.0)
 """Periods a turn from which on ripple is looked for, in all lines; lower ones are windings'. Runs
 at a size, of dry friction or of its twist of the shaft; sizes, in this, from which fits begin."""
 
 
-def ripples(
-    unit: TestedUnit, fit: LawFit, white: Whitener, without: Sequence[str]
-) -> list[LawProposal]:
-    """Return ripple at the order whose torque lines are off most, signatures simulated."""
+def ripple_power(unit: TestedUnit, rest: np.ndarray) -> dict[int, float]:
+    """Return by periods a turn the mean square of what is left of the torque lines there.
+
+    `rest` in deviations, shape (d,); beyond `MOST_OFF` a line counts no more.
+    """
     power: dict[int, list[float]] = {}
-    rest = (unit.values - fit.mean) / white.deviation
     pairs = unit.library.model.actuator.motor.pole_pairs
     for feature, x in zip(unit.library.fmap.features, rest):
         kind, line, of = feature.name.rpartition(".")[2].rpartition("torque_line_")
         order = int(of.split("_")[0]) if line else 0
         if kind in ("turn_", "") and order >= LOWEST:
             periods = order if kind else order * pairs  # of the rotor's turn, of the electrical
-            power.setdefault(periods, []).append(min(float(x) ** 2, 100.0))
+            power.setdefault(periods, []).append(min(abs(float(x)), MOST_OFF) ** 2)
+    return {periods: float(np.mean(of)) for periods, of in power.items()}
+
+
+def ripples(
+    unit: TestedUnit, fit: LawFit, white: Whitener, without: Sequence[str]
+) -> list[LawProposal]:
+    """Return ripple at the order whose torque lines are off most, signatures simulated."""
+    power = ripple_power(unit, (unit.values - fit.mean) / white.deviation)
     if not power:
         return []
-    periods = max(power, key=lambda k: np.mean(power[k]))
+    periods = max(power, key=lambda k: power[k])
     a, found = unit.library.model.actuator, []
     for effect, level in (
             ("cogging_torque", COGGING * a.motor.dynamic_friction),

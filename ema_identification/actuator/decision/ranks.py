@@ -22,15 +22,16 @@ def rank(score: float, healthy: np.ndarray) -> float:
 def p_nothing(score: Sequence[float], healthy: np.ndarray) -> float:
     """Return the share of healthy units that are as far off, with `SURE` at most as large.
 
-    Cost, gain and gap count in units of what the share `LEVEL` of the units exceeds in each, and
-    the largest of the three is ranked: having looked at all is paid for, and one that is far
-    beyond all healthy units is enough, the others being usual. (The rarest of three ranks never
-    is: the farthest healthy unit in each of the three is as rare.) Of `n` healthy units `k` are
+    Each number counts in units of what the share `LEVEL` of the units exceeds in it, and the
+    largest is ranked: having looked at all is paid for, and one that is far
+    beyond all healthy units is enough, the others being usual. (The rarest of their ranks never
+    is: the farthest healthy unit in each is as rare.) Of `n` healthy units `k` are
     as far off: the bound of Clopper and Pearson (1934). Among all libraries that might have been
     drawn, at least `SURE` keep what it promises.
     """
     pooled = np.vstack([score, healthy])
-    farthest = (pooled / np.quantile(pooled, 1.0 - LEVEL, axis=0)).max(axis=1)
+    scale = np.maximum(np.quantile(pooled, 1.0 - LEVEL, axis=0), 1e-9)
+    farthest = (pooled / scale).max(axis=1)
     return share_of(int((farthest[1:] >= farthest[0]).sum()), len(healthy))
 
 

@@ -207,8 +207,8 @@ class FleetLibrary:
     repeat : noise of a single run.
     signatures : what each variant of the catalogue adds on the middle of the fleet; may be empty.
     carried : share of the quadratic's error that is left after runs at the unit's own parameters.
-    healthy : ndarray, shape (n, 3). `proposals.Scores` of units that built nothing of this, on the
-        quadratic: cost a feature, largest gain of a useless law, gap.
+    healthy : ndarray, shape (n, 4). `proposals.Scores` of units that built nothing of this, on the
+        quadratic.
     aside : conditions, shape (n, 4), and features, shape (n, d), of the same units.
     left : discrepancy of the type, where acceptance records tell it.
     """

@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.decision.fit import LOUDEST, PRIOR, TestedUnit
-from ema_identification.actuator.decision.proposals import scores
+from ema_identification.actuator.decision.proposals import Scores, scores
 from ema_identification.actuator.fleet.kept import AGAIN, ALIKE, kept_arrays
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, FleetLibrary
 from ema_identification.actuator.fleet.units import (
@@ -193,11 +193,11 @@ def _pairs(library: FleetLibrary, rows: np.ndarray, part: slice) -> list[Changed
 
 def _ranked(library: FleetLibrary, rows: np.ndarray, apart: float, first: int, last: int
             ) -> np.ndarray:
-    """Return the scores of some of the units, shape (n, 3)."""
+    """Return the scores of some of the units, shape (n, 4)."""
     with threadpool_limits(limits=1):
         units = _pairs(library, rows, slice(first, last))
         found = [scores(replace(unit, apart=apart)) for unit in units]
-    return np.array(found).reshape(-1, 3)
+    return np.array(found).reshape(-1, len(Scores._fields))
 
 
 def _judged(

@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.decision.proposals import scores
+from ema_identification.actuator.decision.proposals import Scores, scores
 from ema_identification.actuator.fleet.surrogate import (
     SETTLED_RUNS,
     FleetLibrary,
@@ -56,7 +56,7 @@ from ema_record.spread import TypeSpread, load_spread
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
 
-VERSION = 1
+VERSION = 2
 """To be raised where `library.judged_library` makes something else of the same runs."""
 MADE_BY = "ema_identification.actuator.library.build"
 """What a library depends on is what this module imports."""
@@ -113,12 +113,12 @@ def judged_library(
 
 
 def _ranked(library: FleetLibrary, first: int, last: int) -> np.ndarray:
-    """Return the scores of some of the units set aside, shape (n, 3); of failed runs none."""
+    """Return the scores of some of the units set aside, shape (n, 4); of failed runs none."""
     with threadpool_limits(limits=1):
         found = [scores(TestedUnit(library=library, values=values, conditions=conditions_of(row)))
                  for row, values in zip(*(part[first:last] for part in library.aside))
                  if np.isfinite(values).all()]
-    return np.array(found).reshape(-1, 3)
+    return np.array(found).reshape(-1, len(Scores._fields))
 
 
 def _carried(
