@@ -1,8 +1,9 @@
 """Gap on a held-out record: what a fitted model leaves of a test that took no part in the fit.
 
-What belongs to the day (load, errors of the current sensors) is fitted to the held-out record;
-all else is predicted, of what is named by the median of runs about the fit, over all that the
-fitted records leave open: a few may run away. One yardstick for all models: what the model without
+What belongs to the day (load, errors of the current sensors) is fitted to the held-out record, and
+runs are made on that day, since a law may act on what the day brings; all else is predicted, of
+what is named by the median of runs about the fit, over all that the fitted records leave open: a
+few may run away. One yardstick for all models: what the model without
 a law may be off.
 """
 
@@ -12,8 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import cholesky
 
 from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
@@ -30,8 +33,18 @@ DAY_STEPS = 2
 DRAWS = 3 * SETTLED_RUNS
 """Budget: runs over what the fitted records leave open."""
 
-_Predicted = tuple[TestedUnit, np.ndarray]
-"""A held-out record and what is expected of it."""
+
+
+class _Predicted(NamedTuple):
+    """What is expected of a held-out record."""
+
+    unit: TestedUnit
+    """The record."""
+    z: np.ndarray
+    """Numbers of the unit and of the day, as far as it is known before the last step."""
+    mean: np.ndarray
+    """Features there."""
+
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,8 +68,7 @@ class HeldOut:
         turned = [[_nearest_turn(part, m, edge) for part in unit.parts] for m in models]
         if known is not None:
             turned[-1] = [_expected(one, models[-1], known, edge) for one in turned[-1]]
-        means = [np.concatenate([mean for _, mean in of]) for of in turned]
-        return replace(_left(unit, _yardstick(self.fitted), _of_the_unit(unit, null, edge), means),
+        return replace(_left(unit, _yardstick(self.fitted), [_joined(unit, of) for of in turned]),
                        healthy=self.healthy)
 
     @cached_property
@@ -84,7 +96,7 @@ def quadratic_gap(
 ) -> LawGap:
     """Return the gap of a unit without a law on `unit`, its quadratic at the fit to `fitted`."""
     z = _of_the_unit(unit, null, edge)
-    return _left(unit, _yardstick(fitted, null), z, list(unit.means(z[None])))
+    return _left(unit, _yardstick(fitted, null), [_Predicted(unit, z, unit.means(z[None])[0])])
 
 
 def fitted_gap(unit: TestedUnit, models: Sequence[LawFit]) -> LawGap:
@@ -95,12 +107,21 @@ def fitted_gap(unit: TestedUnit, models: Sequence[LawFit]) -> LawGap:
                   rest=tuple(rests))
 
 
-def _of_the_unit(unit: TestedUnit, fit: LawFit, edge: float) -> np.ndarray:
-    """Return what a fit expects of held-out records: the unit's own numbers, none of the day."""
+def _of_the_unit(unit: TestedUnit, fit: LawFit, edge: float, day: ArrayLike = 0.0) -> np.ndarray:
+    """Return what a fit expects of held-out records: the unit's own numbers, on a `day`."""
     z = np.zeros(len(unit.centre))
     own = slice(unit.library.width)
     z[own] = np.clip(fit.z[own], -edge, edge)
-    return np.where(unit.day, 0.0, z)
+    z[unit.day] = day
+    return z
+
+
+def _joined(unit: TestedUnit, parts: Sequence[_Predicted]) -> _Predicted:
+    """Return what is expected of held-out records as one."""
+    z = np.zeros(len(unit.centre))
+    for part, places in zip(parts, unit.places):
+        z[places] = part.z
+    return _Predicted(unit, z, np.concatenate([part.mean for part in parts]))
 
 
 def _expected(predicted: _Predicted, fit: LawFit, known: Posterior, edge: float) -> _Predicted:
@@ -108,30 +129,36 @@ def _expected(predicted: _Predicted, fit: LawFit, known: Posterior, edge: float)
 
     As it is where most of these cannot be run.
     """
-    unit, mean = predicted
+    unit, day = predicted.unit, predicted.z[predicted.unit.day]
     half = np.random.default_rng([unit.seed, 91]).standard_normal((DRAWS // 2, len(known.mean)))
     points = np.append(coordinates(fit.terms), fit.z) + np.vstack([half, -half]) @ cholesky(
         known.covariance)
     rows = np.array(unit.run_all(
-        [(model.terms, _of_the_unit(unit, model, edge))
+        [(model.terms, _of_the_unit(unit, model, edge, day))
          for model in (at(fit, x) for x in points)], 1, salt=23, apart=True))
     good = rows[np.isfinite(rows).all(axis=1)]
-    return unit, mean if 2 * len(good) < len(rows) else np.median(good, axis=0)
+    return predicted if 2 * len(good) < len(rows) else predicted._replace(
+        mean=np.median(good, axis=0))
 
 
 def _nearest_turn(unit: TestedUnit, fit: LawFit, edge: float) -> _Predicted:
-    """Return the mean of runs of a fit on one held-out record, which knows the turn.
+    """Return what runs of a fit on one held-out record are in the mean, which knows the turn.
 
-    The rotor starts in any of the electrical turns that make a mechanical one, and no record says
-    in which; of laws that know the mechanical angle the nearest one counts.
+    On the day that the record tells from runs on a middling one. The rotor starts in any of the
+    electrical turns that make a mechanical one, and no record says in which; of laws that know
+    the mechanical angle the nearest one counts.
     """
     z, laws = _of_the_unit(unit, fit, edge), {t.variant.effect for t in fit.terms}
     turns = unit.library.model.actuator.motor.pole_pairs if laws & OF_THE_ROTOR else 1
     angle, root = unit.conditions.start_angle, np.sqrt(np.diag(unit.covariance(SETTLED_RUNS)))
     units = [replace(unit, conditions=replace(unit.conditions, start_angle=angle + k * TURN))
              for k in range(turns)]
-    return min(((one, one.run(fit.terms, z, SETTLED_RUNS, salt=21)) for one in units),
-               key=lambda found: float(np.log1p(_less_day(unit, z, found[1], root) ** 2).sum()))
+    found = [_Predicted(one, z, one.run(fit.terms, z, SETTLED_RUNS, salt=21)) for one in units]
+    fitted = [_day_fitted(unit, predicted, root) for predicted in found]
+    best = int(np.argmin([np.log1p(rest**2).sum() for _, rest in fitted]))
+    there, one = fitted[best][0], units[best]
+    mean = one.run(fit.terms, there, SETTLED_RUNS, salt=21)
+    return _Predicted(one, there, mean) if np.isfinite(mean).all() else found[best]
 
 
 def _yardstick(fitted: TestedUnit, null: LawFit | None = None) -> np.ndarray:
@@ -144,24 +171,24 @@ def _yardstick(fitted: TestedUnit, null: LawFit | None = None) -> np.ndarray:
     return np.asarray(found)
 
 
-def _left(unit: TestedUnit, covariance: np.ndarray, z: np.ndarray, means: Sequence[np.ndarray]
-          ) -> LawGap:
-    """Return the gap of each prediction, on the scale of the first at `z`."""
-    own = unit.slope(z)[:, :len(covariance)]
+def _left(unit: TestedUnit, covariance: np.ndarray, models: Sequence[_Predicted]) -> LawGap:
+    """Return the gap of each prediction, on the scale of the first one."""
+    own = unit.slope(models[0].z)[:, :len(covariance)]
     root = np.sqrt(np.diag(unit.covariance(0)) + np.einsum("ij,jk,ik->i", own, covariance, own))
-    rests = [_less_day(unit, z, mean, root) for mean in means]
+    rests = [_day_fitted(unit, model, root)[1] for model in models]
     return LawGap(values=tuple(worst(rests)), healthy=np.zeros(0), rest=tuple(rests))
 
 
-def _less_day(unit: TestedUnit, z: np.ndarray, mean: np.ndarray, root: np.ndarray) -> np.ndarray:
-    """Return what is left of a record, in deviations, once what belongs to the day is fitted.
+def _day_fitted(unit: TestedUnit, model: _Predicted, root: np.ndarray
+                ) -> tuple[np.ndarray, np.ndarray]:
+    """Return the numbers once those of the day are fitted to a record, and what is left of it.
 
-    Within its bands, by what the quadratic says that it adds to `mean` at `z`; infinite of a
-    model that the simulator cannot run.
+    Within their bands, by what the quadratic says that the day adds; left in deviations `root`,
+    infinite of a model that the simulator cannot run.
     """
-    if not np.isfinite(mean).all():
-        return np.full_like(mean, np.inf)
-    there, rest = z, unit.values - mean
+    there, rest = model.z, unit.values - model.mean
+    if not np.isfinite(rest).all():
+        return there, np.full_like(rest, np.inf)
     for _ in range(DAY_STEPS):
         given = there[unit.day]
         step = bounded_least_squares(
@@ -169,5 +196,6 @@ def _less_day(unit: TestedUnit, z: np.ndarray, mean: np.ndarray, root: np.ndarra
             1.0 - given, np.full(len(given), PRIOR), given)
         there = there.copy()
         there[unit.day] += step
-        rest = unit.values - mean - np.diff(unit.means(np.array([z, there])), axis=0)[0]
-    return np.asarray(rest / root)
+        rest = unit.values - model.mean - np.diff(
+            unit.means(np.array([model.z, there])), axis=0)[0]
+    return there, np.asarray(rest / root)

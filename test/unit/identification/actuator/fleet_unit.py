@@ -71,7 +71,7 @@ def plain_library():
     law = NoiseLaw(quiet=one, noisy=0.0 * one, correlation=np.eye(FEATURES))
     return FleetLibrary(
         model=MODEL, spread=None, weights=weights, surrogate=law, repeat=law, carried=0.0,
-        signatures=unpack(VARIANTS, np.array(rows)), healthy=np.ones((1, 3)),
+        signatures=unpack(VARIANTS, np.array(rows)), healthy=np.ones((1, 4)),
         aside=(np.zeros((0, 4)), np.zeros((0, FEATURES))), fmap=FeatureMap(
             plan=SimpleNamespace(segments=(), transitions=()), rate=20_000.0,
             actuator=MODEL.actuator, profile=SimpleNamespace(points=(), name="linear"),

@@ -149,14 +149,43 @@ def test_what_belongs_to_the_day_of_a_held_out_record_is_fitted_within_its_bands
     known = lsq_linear(np.vstack([columns, np.sqrt(fit.PRIOR) * np.eye(DAYS)]),
                        np.append(rest, np.zeros(DAYS)), bounds=(-1.0, 1.0)).x
     assert np.abs(known).max() == pytest.approx(1.0)
-    found = gap._less_day(held, z, held.means(z[None])[0], root)
+    there, found = gap._day_fitted(held, gap._Predicted(held, z, held.means(z[None])[0]), root)
     assert found == pytest.approx(rest - columns @ known, abs=1e-6)
+    assert there == pytest.approx(np.where(OF_DAY, 0.0, z) + np.eye(SIZE)[:, OF_DAY] @ known,
+                                  abs=1e-6)
+
+
+def test_a_law_that_acts_on_the_days_load_is_predicted_on_the_day_of_the_held_out_record(
+    monkeypatch,
+):
+    """Else it would leave what it does to a load that the fitted records did not have."""
+    load = int(np.flatnonzero(OF_DAY)[-1])
+
+    def loaded(_model, _spread, _fmap, z, _conditions, seed, effects):
+        size = effects.load_dependent_friction.coefficient / 0.1
+        return features_of(z, MODEL.effects) + 4.0 * size * z[load] * STRANGE + (
+            np.random.default_rng(seed).normal(size=FEATURES))
+
+    effects = effects_of(load_dependent_friction=1.0)
+    day = 0.9 * np.eye(SIZE)[load]
+    held = replace(unit(seed=3), simulator=loaded, values=loaded(
+        None, None, None, day, None, 11, effects))
+    (variant,) = (v for v in variants() if v.effect == "load_dependent_friction")
+    law = EffectTerm(variant=variant, u=np.array([0.1]), signature=Signature(
+        variant=variant, levels=(np.zeros(0),), values=(np.zeros((0, FEATURES)),)))
+    nothing = fit.LawFit(terms=(), z=np.zeros(SIZE), mean=BASE, cost=1.0, runs=8,
+                         slopes=np.zeros((FEATURES, SIZE)))
+    right = replace(nothing, terms=(law,), slopes=np.zeros((FEATURES, SIZE + 1)))
+    monkeypatch.setattr(gap.HeldOut, "healthy", np.ones(1))
+    found = gap.HeldOut(unit=held, fitted=held).gap([nothing, right])
+    assert found.values[0] > 8.0 and found.values[1] < 3.0
 
 
 def test_a_model_that_cannot_be_run_on_a_held_out_record_is_as_far_off_as_can_be(joint):
     held = joint(9006).parts[1]
     nowhere, fine = np.full(FEATURES, np.nan), held.means(np.zeros((1, SIZE)))[0]
-    found = gap._left(held, np.zeros((SIZE, SIZE)), np.zeros(SIZE), [fine, nowhere])
+    found = gap._left(held, np.zeros((SIZE, SIZE)), [
+        gap._Predicted(held, np.zeros(SIZE), mean) for mean in (fine, nowhere)])
     assert found.values[1] == LARGEST_RESIDUAL > found.values[0]
 
 
@@ -186,8 +215,10 @@ def test_a_held_out_record_begins_in_any_turn_of_the_rotor():
         held = fit.TestedUnit(
             library=library, values=simulator(None, None, None, day, now, 0, effects),
             conditions=RecordConditions(), simulator=simulator)
-        assert gap._nearest_turn(held, fitted, 1.0)[1] == pytest.approx(
-            simulator(None, None, None, z, now, 0, effects), abs=1e-9)
+        found = gap._nearest_turn(held, fitted, 1.0)
+        assert found.mean == pytest.approx(
+            simulator(None, None, None, found.z, now, 0, effects), abs=1e-9)
+        assert found.z == pytest.approx(day, abs=0.1)
 
 
 def test_what_is_named_is_predicted_by_the_median_about_the_fit():
@@ -201,11 +232,12 @@ def test_what_is_named_is_predicted_by_the_median_about_the_fit():
                        cost=1.0, runs=10)
     known = Posterior(np.full(SIZE, 0.9), 0.04 * np.eye(SIZE))  # its middle leaves more
     held = replace(unit(seed=1), simulator=bends)
-    _, mean = gap._expected((held, 0.0 * BASE), point, known, 1.0)
+    nowhere = gap._Predicted(held, np.zeros(SIZE), 0.0 * BASE)
+    mean = gap._expected(nowhere, point, known, 1.0).mean
     share = mean @ BASE / (BASE @ BASE)
     assert mean == pytest.approx(share * BASE) and 0.008 < share < 0.045  # 0.018 expected
     lost = replace(held, simulator=lambda *_: np.full(FEATURES, np.nan))
-    assert gap._expected((lost, BASE), point, known, 1.0)[1] is BASE
+    assert gap._expected(nowhere._replace(unit=lost, mean=BASE), point, known, 1.0).mean is BASE
 
 
 def test_what_healthy_units_leave_is_kept_and_judged_by_the_first_ones(
