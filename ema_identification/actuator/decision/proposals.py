@@ -79,7 +79,7 @@ def linear_gains(
     """
     rest = unit.values - fit.mean
     target = white.residual(rest)
-    inside = np.append(np.ones(fit.free, dtype=bool), np.abs(fit.z) < 1.0 - 1e-6)
+    inside = np.append(np.ones(fit.free, dtype=bool), np.abs(fit.z) < unit.edge - 1e-6)
     others = white.columns(fit.slopes[:, inside], rest)
     weight = np.append(np.zeros(fit.free), unit.weight)[inside]
     normal = others.T @ others + np.diag(weight + 1e-9)
@@ -152,10 +152,11 @@ def sized(unit: TestedUnit, signatures: Sequence[Signature]) -> list[LawProposal
         return []
     wanted = unit.values[:, None] - np.array([s.at(u) for s, u in points]).T
     centre, weight = middle[:, None], unit.weight[:, None]
+    edge = np.broadcast_to(unit.edge, len(middle))[:, None]
     z = np.tile(centre, (1, len(points)))
     for _ in range(CHORDS):
         rest = plain.residual(wanted - unit.means(z.T).T)
-        z = np.clip(z + inverse @ (columns.T @ rest - weight * (z - centre)), -1.0, 1.0)
+        z = np.clip(z + inverse @ (columns.T @ rest - weight * (z - centre)), -edge, edge)
     left = white.residual(wanted - unit.means(z.T).T)
     cost = (left**2).sum(axis=0) + (weight * (z - centre) ** 2).sum(axis=0)
     best: dict[str, LawProposal] = {}

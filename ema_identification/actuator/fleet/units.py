@@ -67,13 +67,13 @@ def of_day(width: int) -> np.ndarray:
     return np.array(_OF_DAY + [False] * (width - _LISTED))
 
 
-def _factors(spread: TypeSpread) -> np.ndarray:
-    """Return the kit's half widths of `TOLERANCES`, in theirs, shape (18,)."""
+def half_widths(spread: TypeSpread) -> np.ndarray:
+    """Return the half widths of the bands of `TOLERANCES`, in their units, shape (18,)."""
     t, c = spread.tolerances, spread.conditions
-    kit = [t.resistance, t.inductance, t.motor_friction, t.surface_friction, t.back_emf,
-           *[t.back_emf_phase] * 3, t.inertia, t.inertia, t.stiffness, *[c.current_gain] * 3,
-           *[c.current_offset] * 3, c.load]
-    return np.array([w / known.half_width for w, known in zip(kit, TOLERANCES)])
+    return np.array([
+        t.resistance, t.inductance, t.motor_friction, t.surface_friction, t.back_emf,
+        *[t.back_emf_phase] * 3, t.inertia, t.inertia, t.stiffness, *[c.current_gain] * 3,
+        *[c.current_offset] * 3, c.load])
 
 
 def deviations(
@@ -85,9 +85,9 @@ def deviations(
     (width,) or longer.
     """
     t = spread.tolerances
-    found = {known.name: (float(known.half_width * factor * x), known.unit)
-             for known, factor, x in zip(TOLERANCES, _factors(spread), z)}
-    half = {"static_ratio": t.static_ratio, "damping": t.damping, "hysteresis": t.hysteresis,
+    found = {known.name: (float(half * x), known.unit)
+             for known, half, x in zip(TOLERANCES, half_widths(spread), z)}
+    bands = {"static_ratio": t.static_ratio, "damping": t.damping, "hysteresis": t.hysteresis,
             "backlash": t.backlash}
     for name, x in zip(unlisted(a), map(float, z[_LISTED:])):
         kind = name.split(".")[1]
@@ -102,7 +102,7 @@ def deviations(
         elif kind.endswith("latency"):
             found[name] = 0.5 * t.latency * (1.0 + x), "periods"
         else:
-            found[name] = half.get(kind, t.control_gain) * x, "1"
+            found[name] = bands.get(kind, t.control_gain) * x, "1"
     return found
 
 
@@ -146,7 +146,7 @@ def fleet_unit(
     effects : in place of those of the model.
     """
     t = spread.tolerances
-    a, e = realise(model, z[:_LISTED] * _factors(spread), conditions, effects)
+    a, e = realise(model, z[:_LISTED] * half_widths(spread), conditions, effects)
     x = dict(zip(unlisted(a), map(float, z[_LISTED:])))
     m, s, c, q = a.motor, a.surface, a.control, a.acquisition
 

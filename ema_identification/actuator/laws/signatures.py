@@ -13,7 +13,7 @@ import numpy as np
 from ema_identification.actuator.laws.catalogue import Signature, Variant, variants
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.runs import Progress, UnitRun, run_cases, silent
-from ema_identification.actuator.measure.tolerances import N_TOLERANCES, RecordConditions
+from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_sim.effects import EFFECTS, Effects
 from ema_sim.model_file import Model
 
@@ -68,8 +68,8 @@ def _seeds(seed: int) -> np.ndarray:
 
 
 def _run(angle: float, seed: int, effects: Effects | None = None) -> UnitRun:
-    return UnitRun(z=np.zeros(N_TOLERANCES), conditions=RecordConditions(start_angle=angle),
-                   seed=int(seed), effects=effects)
+    return UnitRun(
+        conditions=RecordConditions(start_angle=angle), seed=int(seed), effects=effects)
 
 
 def _alone(variant: Variant, j: int, level: float, model: Model) -> Effects:

@@ -133,8 +133,8 @@ def transition_features(
     """Yield the features of a change."""
     if transition.room < LEAST_ROOM:
         return
-    slow = abs(transition.before) < SLOW and abs(transition.after) < SLOW
-    if transition.kind == "reversal" and slow:
+    fastest = max(abs(transition.before), abs(transition.after))
+    if transition.kind == "reversal" and fastest < SLOW * actuator.control.speed_limit:
         yield from _gap(signals, transition, actuator)
         return
     edges = (STEP_EDGES if transition.stepped else
@@ -295,15 +295,16 @@ def _moving(signals: DriveSignals, segment: MotionSegment, actuator: Actuator) -
             signals.theta, signals.torque_current, signals.speed, part, actuator)
 
 
-LEAST_TURNS = 1.2
-"""Of a section of which lines are taken."""
+LEAST_TURNS, HALF_SPEED = 1.2, 0.5
+"""Turns of a section of which lines are taken; share of the speed limit from which on few are."""
 
 
 def _locked(
     signals: DriveSignals, segment: MotionSegment, part: slice, actuator: Actuator
 ) -> Iterator[Block]:
     """Yield lines locked to the rotor angle."""
-    wanted = RAMP if segment.kind == "ramp" else MIDDLE if abs(segment.speed) < 400.0 else FAST
+    fast = abs(segment.speed) >= HALF_SPEED * actuator.control.speed_limit
+    wanted = RAMP if segment.kind == "ramp" else FAST if fast else MIDDLE
     top = BANDS[-1][1] if wanted is not FAST else wanted.current
     turns = turns_of(signals.theta, part)
     if turns is None:  # it did not move: no lines

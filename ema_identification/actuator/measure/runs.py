@@ -11,7 +11,7 @@ import numpy as np
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.recorder import whole
 from ema_identification.actuator.measure.signals import TURN
-from ema_identification.actuator.measure.tolerances import RecordConditions, realise
+from ema_identification.actuator.measure.tolerances import N_TOLERANCES, RecordConditions, realise
 from ema_record import array_cache as cache
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.kit import kit_folder, using_kit
@@ -32,10 +32,8 @@ def silent(_what: str, _share: float) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnitRun:
-    """One run."""
+    """One run of the nominal unit."""
 
-    z: np.ndarray
-    """Tolerances in half widths."""
     conditions: RecordConditions
     seed: int
     effects: Effects | None = None
@@ -44,7 +42,8 @@ class UnitRun:
 
 def run_case(model: Model, case: UnitRun, fmap: FeatureMap) -> np.ndarray:
     """Return the features of a case, shape (d,); NaN where it left the simulator's domain."""
-    actuator, effects = realise(model, case.z, case.conditions, case.effects)
+    actuator, effects = realise(
+        model, np.zeros(N_TOLERANCES), case.conditions, case.effects)
     # The conditions hold what the sensor of the rotor angle reads.
     angle = case.conditions.start_angle - effects.hall_misalignment.angle
     try:

@@ -19,18 +19,18 @@ Change = Literal["start", "reversal", "stop"]
 
 GRID = 1e-3
 """Interval of the plan (s)."""
-SLOW = 60.0
-"""A moving segment below this motor speed is a ramp (rad/s)."""
-STILL = 1.0
-"""Below this motor speed a segment is a hold (rad/s)."""
+SLOW, STILL = 0.076, 0.0013
+"""Below these shares of the speed limit a segment is a ramp, or a hold."""
 SHORTEST = 0.030
 """Shorter sections belong to the change (s)."""
 SETTLE = {"slew": 0.070, "ramp": 0.100, "hold": 0.020}
 """Left out at the beginning of a segment (s)."""
 END_GUARD = 0.010
 """Left out at the end of a slew or ramp (s)."""
-STEPPED = 300.0
-"""A larger change of the motor speed is a step (rad/s)."""
+STEPPED = 0.38
+"""A larger change of the motor speed is a step, a share of the speed limit."""
+CHANGED = 0.0025
+"""A larger one, of that and at least a fiftieth of the speed, ends a section."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,11 +66,8 @@ class Transition:
     before: float
     """Motor speed (rad/s)."""
     after: float
-
-    @property
-    def stepped(self) -> bool:
-        """Whether the drive is asked for a jump of its speed."""
-        return abs(self.after - self.before) > STEPPED and self.kind != "stop"
+    stepped: bool
+    """Whether the drive is asked for a jump of its speed."""
 
     @property
     def text(self) -> str:
@@ -106,11 +103,13 @@ def plan(profile: Profile, actuator: Actuator) -> MotionPlan:
     times, place = path(profile, actuator)
     times = times[:-1]
     speed = np.diff(place) / GRID * actuator.gear.ratio
-    sections = _sections(times, speed, profile.duration)
+    limit = actuator.control.speed_limit
+    sections = _sections(times, speed, profile.duration, CHANGED * limit)
     segments: list[MotionSegment] = []
     transitions: list[Transition] = []
     for index, (begin, end, value) in enumerate(sections):
-        kind: Kind = "hold" if abs(value) < STILL else "ramp" if abs(value) < SLOW else "slew"
+        part = abs(value) / limit
+        kind: Kind = "hold" if part < STILL else "ramp" if part < SLOW else "slew"
         first = begin + (SETTLE[kind] if index else 0.0)
         last = end - (END_GUARD if kind != "hold" else 0.0)
         if index and last - first >= SHORTEST:
@@ -123,15 +122,17 @@ def plan(profile: Profile, actuator: Actuator) -> MotionPlan:
             )
             transitions.append(Transition(
                 name=f"t{index}", kind=change, time=begin, room=end - begin, before=before,
-                after=value))
+                after=value,
+                stepped=change != "stop" and abs(value - before) > STEPPED * limit))
     return MotionPlan(segments=tuple(segments), transitions=tuple(transitions))
 
 
 def _sections(
-    times: np.ndarray, speed: np.ndarray, duration: float
+    times: np.ndarray, speed: np.ndarray, duration: float, changed: float
 ) -> list[tuple[float, float, float]]:
     """Return (begin, end, motor speed) of the stretches of constant speed; short ones merged."""
-    edges = np.flatnonzero(np.abs(np.diff(speed)) > np.maximum(2.0, 0.02 * np.abs(speed[1:]))) + 1
+    edges = 1 + np.flatnonzero(
+        np.abs(np.diff(speed)) > np.maximum(changed, 0.02 * np.abs(speed[1:])))
     bounds = [0, *edges.tolist(), len(times)]
     found: list[tuple[float, float, float]] = []
     for a, b in zip(bounds, bounds[1:]):

@@ -18,7 +18,6 @@ from ema_identification.actuator.measure.signals import OFF_GUARD, TURN
 from ema_record.actuator import NOISE_RATE, Actuator
 from ema_record.channels import PHASE_CURRENTS
 from ema_record.record import Record
-from ema_record.spread import load_spread
 from ema_sim.effects import EFFECTS, Effects
 from ema_sim.model_file import Model
 
@@ -27,39 +26,25 @@ class Tolerance(NamedTuple):
     """A parameter of the unit, or of the day, that is not known exactly."""
 
     name: str
-    band: float | str
-    """Half width; or which of the kit's conditions says it."""
     unit: str
-
-    @property
-    def half_width(self) -> float:
-        """Half width of the band in which it lies; relative, or in `unit`."""
-        if isinstance(self.band, str):
-            return float(getattr(load_spread().conditions, self.band))
-        return self.band
+    """Of its deviation, 1 if that is relative."""
 
 
 TOLERANCES: tuple[Tolerance, ...] = (
-    Tolerance("motor.phase_resistance", 0.10, "1"),
-    Tolerance("motor.phase_inductance", 0.10, "1"),
-    Tolerance("motor.dry_friction", 0.10, "1"),
-    Tolerance("surface.dry_friction", 0.10, "1"),
-    Tolerance("motor.back_emf_constant", 0.03, "1"),
-    Tolerance("motor.back_emf_deviation_a", 0.005, "1"),
-    Tolerance("motor.back_emf_deviation_b", 0.005, "1"),
-    Tolerance("motor.back_emf_deviation_c", 0.005, "1"),
-    Tolerance("motor.inertia", 0.10, "1"),
-    Tolerance("surface.inertia", 0.10, "1"),
-    Tolerance("shaft.stiffness", 0.10, "1"),
-    Tolerance("current_sensor_gain.phase_a", "current_gain", "1"),
-    Tolerance("current_sensor_gain.phase_b", "current_gain", "1"),
-    Tolerance("current_sensor_gain.phase_c", "current_gain", "1"),
-    Tolerance("current_sensor_offset.phase_a", "current_offset", "A"),
-    Tolerance("current_sensor_offset.phase_b", "current_offset", "A"),
-    Tolerance("current_sensor_offset.phase_c", "current_offset", "A"),
-    Tolerance("surface_load.constant", "load", "N m"),
+    Tolerance("motor.phase_resistance", "1"),
+    Tolerance("motor.phase_inductance", "1"),
+    Tolerance("motor.dry_friction", "1"),
+    Tolerance("surface.dry_friction", "1"),
+    Tolerance("motor.back_emf_constant", "1"),
+    *(Tolerance(f"motor.back_emf_deviation_{phase}", "1") for phase in "abc"),
+    Tolerance("motor.inertia", "1"),
+    Tolerance("surface.inertia", "1"),
+    Tolerance("shaft.stiffness", "1"),
+    *(Tolerance(f"current_sensor_gain.phase_{phase}", "1") for phase in "abc"),
+    *(Tolerance(f"current_sensor_offset.phase_{phase}", "A") for phase in "abc"),
+    Tolerance("surface_load.constant", "N m"),
 )
-"""Bands of the fleet; uniform inside."""
+"""Their bands are the kit's (`fleet.units.half_widths`)."""
 N_TOLERANCES = len(TOLERANCES)
 REFERENCE_TEMPERATURE = 20.0
 
@@ -89,18 +74,18 @@ class RecordConditions:
 
 
 def realise(
-    model: Model, z: np.ndarray, conditions: RecordConditions, effects: Effects | None = None
+    model: Model, off: np.ndarray, conditions: RecordConditions, effects: Effects | None = None
 ) -> tuple[Actuator, Effects]:
     """Return the actuator and effects of a unit under conditions.
 
     Parameters
     ----------
     model : the model under test.
-    z : ndarray, shape (18,), tolerances in half widths.
+    off : ndarray, shape (18,), deviations of `TOLERANCES`, in their units.
     conditions : of the test.
     effects : in place of those of the model.
     """
-    value = {t.name: t.half_width * float(x) for t, x in zip(TOLERANCES, z)}
+    value = {t.name: float(x) for t, x in zip(TOLERANCES, off)}
     a, e = model.actuator, model.effects if effects is None else effects
     motor, surface = a.motor, a.surface
     dry_m, dry_s = 1.0 + value["motor.dry_friction"], 1.0 + value["surface.dry_friction"]

@@ -20,6 +20,7 @@ from ema_identification.actuator.measure.signals import (
 from ema_record.actuator import load_actuator
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_record.profile import load_profile, profile_names
+from ema_record.profiles.design import default_profiles
 from ema_sim.effects import parse_effects
 from ema_sim.machine import unit_trapezoid
 from ema_sim.simulate import simulate
@@ -129,6 +130,19 @@ def test_segments_of_the_default_test(nominal):
     moving = [(s.kind, round(s.speed)) for s in segments if s.kind != "hold"]
     assert moving == [("slew", 791), ("slew", -791), ("slew", 197), ("slew", -197),
                       ("ramp", 25), ("ramp", -25)]
+
+
+def test_what_is_fast_goes_by_the_speed_limit(nominal):
+    """A test made for an actuator of a quarter the speed has the same kinds of parts."""
+    slow = nominal._replace(control=nominal.control._replace(
+        speed_limit=0.25 * nominal.control.speed_limit))
+    kinds = []
+    for actuator in (nominal, slow):
+        found = plan(default_profiles(actuator)["extended"], actuator)
+        kinds.append([s.kind for s in found.segments if s.kind != "hold"]
+                     + [(t.kind, t.stepped) for t in found.transitions])
+    assert kinds[0] == kinds[1]
+    assert ("start", True) in kinds[0] and ("reversal", False) in kinds[0]
 
 
 @pytest.mark.parametrize("name", profile_names())

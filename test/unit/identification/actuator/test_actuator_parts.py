@@ -5,6 +5,12 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from ema_identification.actuator.decision.slopes import bounded_least_squares
+from ema_identification.actuator.fleet.units import (
+    deviations,
+    fleet_unit,
+    half_widths,
+    unit_numbers,
+)
 from ema_identification.actuator.gap import worst
 from ema_identification.actuator.laws.catalogue import OF_THE_ROTOR, Signature, variants
 from ema_identification.actuator.laws.signatures import stacked
@@ -22,6 +28,7 @@ from ema_record import array_cache as cache
 from ema_record.kit import using_kit
 from ema_record.profile import load_profile
 from ema_record.sources import sources_of
+from ema_record.spread import load_spread
 from ema_sim.effects import EFFECTS, Effects, parse_effects
 from ema_sim.model_file import load_model_file
 from ema_sim.simulate import simulate
@@ -42,7 +49,8 @@ def test_a_tolerance_moves_its_parameter_by_its_width():
     model, z = load_model_file(), np.zeros(N_TOLERANCES)
     z[index_of("motor.dry_friction")] = 1.0
     z[index_of("current_sensor_offset.phase_c")] = -1.0
-    actuator, effects = realise(model, z, RecordConditions(temperature=60.0, bus=0.05))
+    actuator, effects = realise(model, z * half_widths(load_spread()), RecordConditions(
+        temperature=60.0, bus=0.05))
     assert actuator.motor.dynamic_friction == pytest.approx(0.33)
     assert actuator.motor.static_friction == pytest.approx(0.44)
     assert effects.current_sensor_offset.phase_c == pytest.approx(-0.05)
@@ -134,18 +142,28 @@ def test_the_voltage_without_load_is_found_beside_a_weak_supply(profile):
 def test_the_load_and_the_errors_of_sensors_are_those_of_the_kit(tmp_path):
     kit = make_kit(tmp_path / "kit", {"conditions": {"load": 3.0, "current_offset": 0.2}},
                    cascade=False)
-    load, offset = (next(t for t in TOLERANCES if t.name == name)
-                    for name in ("surface_load.constant", "current_sensor_offset.phase_a"))
-    before = load.half_width, offset.half_width
+    places = [index_of("surface_load.constant"), index_of("current_sensor_offset.phase_a")]
+    assert half_widths(load_spread())[places].tolist() == [19.0, 0.05]
     with using_kit(kit):
-        assert (load.half_width, offset.half_width) == (3.0, 0.2)
-    assert (load.half_width, offset.half_width) == before != (3.0, 0.2)
+        assert half_widths(load_spread())[places].tolist() == [3.0, 0.2]
+
+
+def test_a_unit_of_a_kit_whose_bands_are_none_is_the_model_itself(tmp_path):
+    none = {"load": 0.0, "current_offset": 0.0, "current_gain": 0.0}
+    with using_kit(make_kit(tmp_path / "kit", {"conditions": none}, cascade=False)):
+        model, spread = load_model_file(), load_spread()
+        z = np.zeros(len(unit_numbers(model.actuator)))
+        z[[index_of(name) for name in ("surface_load.constant", "current_sensor_offset.phase_a",
+                                       "current_sensor_gain.phase_b")]] = 1.0
+        _, effects = fleet_unit(model, spread, z, RecordConditions())
+        assert effects == model.effects
+        assert deviations(model.actuator, spread, z)["surface_load.constant"] == (0.0, "N m")
 
 
 def test_the_model_file_can_be_read_back(tmp_path):
     model = load_model_file()
     z = np.zeros(N_TOLERANCES)
-    z[index_of("motor.phase_resistance")] = 0.5
+    z[index_of("motor.phase_resistance")] = 0.05
     effects = parse_effects(["cogging_torque.amplitude=0.01", "turn_short.fraction=0.05",
                              "turn_short.phase=c"])
     path = tmp_path / "model.yaml"
