@@ -132,17 +132,15 @@ def test_segments_of_the_default_test(nominal):
                       ("ramp", 25), ("ramp", -25)]
 
 
-def test_what_is_fast_goes_by_the_speed_limit(nominal):
-    """A test made for an actuator of a quarter the speed has the same kinds of parts."""
-    slow = nominal._replace(control=nominal.control._replace(
-        speed_limit=0.25 * nominal.control.speed_limit))
-    kinds = []
-    for actuator in (nominal, slow):
-        found = plan(default_profiles(actuator)["extended"], actuator)
-        kinds.append([s.kind for s in found.segments if s.kind != "hold"]
-                     + [(t.kind, t.stepped) for t in found.transitions])
-    assert kinds[0] == kinds[1]
-    assert ("start", True) in kinds[0] and ("reversal", False) in kinds[0]
+@pytest.mark.parametrize("share", [0.25, 0.5, 1.0, 2.0])
+def test_what_is_fast_goes_by_the_speed_limit(nominal, share):
+    limit = share * nominal.control.speed_limit
+    actuator = nominal._replace(control=nominal.control._replace(speed_limit=limit))
+    found = plan(default_profiles(actuator)["extended"], actuator)
+    kinds = {(round(abs(s.speed) / limit, 2), s.kind) for s in found.segments}
+    assert kinds == {(1.0, "slew"), (0.25, "slew"), (0.03, "ramp"), (0.0, "hold")}
+    assert all(t.stepped == (abs(t.after - t.before) > 0.4 * limit and t.kind != "stop")
+               for t in found.transitions)
 
 
 @pytest.mark.parametrize("name", profile_names())
