@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
+import numpy as np
+
 from ema_identification.result import Identification
 from ema_record.actuator_type import OWN_KIT, another_actuator, is_of_another_actuator
 from ema_record.errors import UsageError
@@ -59,6 +61,7 @@ def identify(
                              "records and compare the models")
         if model is not None and not isinstance(model, str | Path):
             raise UsageError("a rig needs the path of its model file, not an actuator")
+        _check_roles(measured, validate, ())
         return identify_rig(
             cast("Sequence[RigRecord]", measured), model,
             validate=cast("Sequence[RigRecord]", validate), without=without, progress=progress)
@@ -67,6 +70,7 @@ def identify(
     accepted = cast("Sequence[Record]", baseline)
     _check_one_unit((*records, *held, *accepted))
     _check_kit((*records, *held, *accepted))
+    _check_roles(records, held, accepted)
     from ema_identification.actuator.measure.runs import silent
     from ema_identification.actuator.workflow import identify_actuator
     from ema_sim.model_file import load_model_file
@@ -93,6 +97,7 @@ def build_library(
     workers : processes that simulate, -1 for all cores.
     progress : called with what is being done and how much of it is (0 to 1).
     """
+    from joblib import cpu_count
     from threadpoolctl import threadpool_limits
 
     from ema_identification.actuator.library.acceptance import keep_acceptance
@@ -102,11 +107,31 @@ def build_library(
     from ema_identification.actuator.measure.runs import silent
     from ema_sim.model_file import load_model_file
 
+    workers = cpu_count() if workers < 0 else workers
     with threadpool_limits(limits=1):  # as `identify_actuator` makes it
         model, first = load_model_file(), records[0]
         fleet_library(recorded_alike([first], model), first.profile, rate=nominal_rate(first),
                       workers=workers, progress=progress or silent, folder=folder)
         keep_acceptance(records, model, folder)
+
+
+def _check_roles(
+    measured: Sequence[Record | RigRecord], validate: Sequence[Record | RigRecord],
+    baseline: Sequence[Record | RigRecord],
+) -> None:
+    """Refuse a record that is given twice: it would count as two, or judge itself."""
+    roles = [(one, "as measured", "") for one in measured]
+    roles += [(one, "for validation", "a gap shown on the data of the fit proves nothing")
+              for one in validate]
+    roles += [(one, "as baseline", "nothing has changed since itself") for one in baseline]
+    for k, (one, role, why) in enumerate(roles):
+        for other, before, _ in roles[:k]:
+            if one is other or np.array_equal(one.samples, other.samples, equal_nan=True):
+                source = one.provenance.source if isinstance(one, Record) else one.source
+                twice = f"{before} and {role}: {why}" if before != role else (
+                    f"twice {role}: it would count as two")
+                raise UsageError(f"{source or 'a record'} is given {twice}; record another test "
+                                 "and give that")
 
 
 def _check_kit(records: Sequence[Record]) -> None:

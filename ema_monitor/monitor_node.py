@@ -172,7 +172,7 @@ class MonitorNode(EmaNode):
         except EmaError as error:
             problem = str(error)
         seen = self._observe()
-        if problem:
+        if problem and self._sequence.stage is not Stage.IDLE:
             self._perform(self._sequence.fail(problem, seen))
         self._perform(self._sequence.step(seen))
         while self._waiting and not self._interlock.is_undecided(

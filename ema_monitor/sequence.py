@@ -144,8 +144,10 @@ class TestSequence:
         return self._counting(seen)
 
     def fail(self, reason: str, seen: Observation) -> list[Action]:
-        """Abort because an action could not be done."""
-        return self._abort(reason, seen) if self.stage is not Stage.IDLE else []
+        """Abort because an action could not be done; where that was the last, all has ended."""
+        if self.stage is Stage.IDLE:
+            return [Finish(f"aborted: {reason}")]
+        return self._abort(reason, seen)
 
     def _enter(self, stage: Stage, seen: Observation) -> None:
         self.stage, self._entered = stage, seen.now

@@ -10,6 +10,7 @@ import contextlib
 import hashlib
 import os
 import zipfile
+import zlib
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
@@ -24,8 +25,9 @@ FOLDER = "ema_phm"
 NUMERICAL = ("numpy", "scipy", "numba")
 """Packages whose version may change what is computed."""
 LARGEST = 500_000_000
-"""Largest file that is read (bytes)."""
-DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
+"""Largest file that is read, as it is and unpacked (bytes)."""
+DAMAGED = (OSError, ValueError, KeyError, EOFError, MemoryError, NotImplementedError,
+           zipfile.BadZipFile, zlib.error)
 """What `read_arrays` raises for a file that holds no arrays."""
 
 
@@ -92,6 +94,10 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
     with path.open("rb") as file:
         if os.fstat(file.fileno()).st_size > LARGEST:
             raise ValueError(f"{path}: more than {LARGEST} bytes")
+        with zipfile.ZipFile(file) as parts:
+            if sum(part.file_size for part in parts.infolist()) > LARGEST:
+                raise ValueError(f"{path}: more than {LARGEST} bytes unpacked")
+        file.seek(0)
         with np.load(file, allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files}
 

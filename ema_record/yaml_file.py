@@ -37,13 +37,17 @@ def load_yaml(path: Path, *, max_bytes: int = 1 << 20) -> object:
 def _check_structure(text: str) -> None:
     """Refuse what is not meant or not safe, before anything is built.
 
-    That is aliases (exponential expansion), deep nesting, a key that its mapping has already.
+    That is aliases (exponential expansion), tags (constructors that fail in their own ways), deep
+    nesting, a key that its mapping has already.
     """
     keys: list[set[str] | None] = []  # of the collections that are open; None: a list
     at_key: list[bool] = []
     for event in yaml.parse(text, Loader=_LOADER):
         if isinstance(event, yaml.AliasEvent):
             raise _refused("aliases are not allowed", event)
+        tag = getattr(event, "tag", None)
+        if tag is not None:
+            raise _refused(f"the tag {tag[-60:]!r} is not allowed: leave it out", event)
         if isinstance(event, yaml.CollectionEndEvent):
             keys.pop()
             at_key.pop()

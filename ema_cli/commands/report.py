@@ -52,10 +52,9 @@ def report(
     from ema_prognostics.verdict.judge import Judge
 
     found = given_bags(bags)
-    files = out or [found[-1].with_name(f"{found[-1].name}.html")]
-    for file in files:
+    for file in out or ():
         form_of(file)
-    check_new_file(*files)
+    check_new_file(*(out or ()))
     judge = Judge(model, baseline, profile=profile)
     with progress(f"judging {len(found)} bags", len(found)) as advance:
         tests = []
@@ -65,6 +64,8 @@ def report(
     last = newest(tests)
     if last.record is None:
         raise UsageError(f"no report: {last.verdict.reasons[0]}")
+    files = out or [Path(f"{last.verdict.bag}.html")]
+    check_new_file(*files)
     data = content(tests, {"ata": ata, "aircraft": aircraft, "work_order": work_order,
                            "operator": operator})
     for file in files:

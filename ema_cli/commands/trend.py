@@ -91,8 +91,10 @@ def trend(
         if baseline is not None or profile is not None:
             raise UsageError("--baseline and --profile are of the actuator's own test: a rig has "
                              "none")
+        if form == "csv":
+            raise UsageError("--format csv: the trend of a rig is text or json")
         return _of_rig(rig_trend(bags, map_file=map_file, model=model, limits=limit or ()),
-                       plot, json)
+                       plot, form)
     limits = dict(map(parse_limit, limit or []))
     for bag in bags:
         other = None if is_sequence(bag) else what_else(bag)
@@ -117,9 +119,9 @@ def trend(
     return next(s for s in (2, 1, 3, 0) if s in statuses)
 
 
-def _of_rig(found: RigTrend, plot: Path | None, json: bool) -> int:
+def _of_rig(found: RigTrend, plot: Path | None, form: str) -> int:
     """Print and plot the trend of a rig."""
-    if json:
+    if form == "json":
         print_json(found.to_dict())
     else:
         for line in rig_lines(found):

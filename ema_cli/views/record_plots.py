@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ema_cli.console import check_new, check_new_file, neutral
+from ema_cli.views.pictures import save_picture
 from ema_prognostics.features.turns import TURN, Turns, paper_window, rotor_lines, whole_turns
 from ema_prognostics.paper.features import fold
 from ema_record.actuator import Actuator, load_actuator
@@ -29,7 +30,7 @@ from ema_record.channels import (
     ROTOR_ANGLE,
 )
 from ema_record.errors import OutputError, RecordError
-from ema_record.files import cannot_write, new_file
+from ema_record.files import cannot_write
 from ema_record.record import Record
 from ema_sim.rebuild import completed
 
@@ -95,7 +96,7 @@ def plot_record(record: Record, folder: Path, *, trace: np.ndarray | None = None
     with mpl.rc_context(STYLE):
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            return [_save(figures[name], folder / f"{name}.png") for name in figures]
+            return [save_picture(figures[name], folder / f"{name}.png") for name in figures]
         except OSError as error:
             raise cannot_write(folder, error) from None
 
@@ -130,12 +131,6 @@ def completed_record(record: Record) -> tuple[Record, str]:
     except RecordError:
         return record, f"not recorded: {', '.join(missing)}"
     return whole, f"not recorded, rebuilt from the others: {', '.join(missing)}"
-
-
-def _save(figure: Figure, path: Path) -> Path:
-    with new_file(path) as temporary:
-        figure.savefig(temporary, format="png")
-    return path
 
 
 def _title(record: Record, what: str) -> str:

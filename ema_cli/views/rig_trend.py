@@ -260,8 +260,8 @@ def draw_values(found: RigTrend, path: Path) -> None:
         from matplotlib.figure import Figure
         from matplotlib.ticker import MaxNLocator
 
+        from ema_cli.views.pictures import save_picture
         from ema_cli.views.record_plots import BLUE, GREY, STYLE, VERMILION, literal
-        from ema_record.files import new_file
 
         shown = sorted(found.values, key=lambda v: not v.moves)[:MAX_PANELS]
         with mpl.rc_context(STYLE):
@@ -283,6 +283,5 @@ def draw_values(found: RigTrend, path: Path) -> None:
                               f"{len(found.sources)} records")
             axes[-1].set_xlabel("record")
             axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-            with new_file(path) as temporary:
-                figure.savefig(temporary, format="png")
+            save_picture(figure, path)
     note(f"plot: {path}")

@@ -44,8 +44,7 @@ def check_records(
     RecordError
         Too short, nothing moves, wrong units, a channel without values.
     UsageError
-        An effect that is not known, one record in two roles, a baseline of another test than the
-        first record's.
+        An effect that is not known, a baseline of another test than the first record's.
     """
     for name in without:
         if name not in EFFECTS:
@@ -57,18 +56,6 @@ def check_records(
                 nominal_rate(record), nominal_rate(measured[0])):
             raise UsageError(f"baseline {_name(record)}: not the command and rate of the measured "
                              "record: give one of the same test")
-    for others, role, why in (
-            (validate, "for validation", "a gap shown on the data of the fit proves nothing"),
-            (baseline, "as baseline", "nothing has changed since itself")):
-        for other in others:
-            if any(_same(other, record) for record in measured):
-                raise UsageError(f"{_name(other)} is given as measured and {role}: {why}; record "
-                                 "another test and give that")
-
-
-def _same(one: Record, other: Record) -> bool:
-    return one is other or (one.samples.shape == other.samples.shape
-                            and np.array_equal(one.samples, other.samples))
 
 
 def _name(record: Record) -> str:

@@ -9,6 +9,8 @@ import numpy as np
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence, order_of
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.intervals import posterior_of
+from ema_identification.actuator.decision.proposals import gain_of
+from ema_identification.actuator.decision.ranks import rank
 from ema_identification.actuator.fleet.units import deviations
 from ema_identification.actuator.laws.terms import LawFit, LawGap, Posterior, choices_of
 from ema_identification.actuator.measure.control_law import ControlLaw
@@ -44,7 +46,9 @@ def candidates_of(unit: TestedUnit, answer: FleetAnswer) -> tuple[Candidate, ...
         if len(fit.terms) == 1 and fit.names[0] not in named and np.isfinite(fit.cost):
             found.setdefault(fit.names[0], Candidate(
                 effect=fit.names[0], score=float(np.sqrt(fit.cost / unit.size)),
-                p_value=1.0, reason=f"fitted: as {fit.terms[0].variant.name}, cost "
+                p_value=rank(gain_of(answer.null.cost, fit.cost, unit.size),
+                             unit.library.healthy[:, 1]),
+                reason=f"fitted: as {fit.terms[0].variant.name}, cost "
                                     f"{fit.cost / unit.size:.2f} a feature"))
     return tuple(found.values())
 
@@ -117,7 +121,8 @@ def recalibrated_of(
     known = posterior_of(unit, fit) if known is None else known
     mean, spread = known.mean[fit.free:], np.sqrt(np.diag(known.covariance))[fit.free:]
     low_z, high_z = mean - QUANTILE * spread, mean + QUANTILE * spread
-    ends = [np.clip(z, -1.0, 1.0)
+    edge = np.maximum(1.0, np.abs(fit.z))  # of its band, or where it was fitted beyond
+    ends = [np.clip(z, -edge, edge)
             for z in (np.minimum(low_z, fit.z), fit.z, np.maximum(high_z, fit.z))]
     library = unit.library
     low, value, high = (deviations(library.model.actuator, library.spread, z) for z in ends)

@@ -136,7 +136,7 @@ class Limits(NamedTuple):
     distance: float
     """Usual bound of the whitened residuals' length."""
     tail: np.ndarray
-    """Worst scores exceeded at `known.TAIL_RATES`, shape (8,)."""
+    """Worst scores exceeded at `classes.TAIL_RATES`, shape (8,)."""
     groups: tuple[GroupLimit, ...] = ()
     """Of the features that belong together, in the order of `guard_groups.GROUPS`."""
 
@@ -169,7 +169,7 @@ class Guard:
     drivers, checked : columns of the inputs.
     signed : which of the checked may be off to either side, bool, shape (m,).
     mean, scale : networks from drivers to the checked features, and to the log of the scatter.
-    limits : for records by what is found in them, as `known.KINDS_FOUND`.
+    limits : for records by what is found in them, as `classes.KINDS_FOUND`.
     groups : names of the groups of checked features, of `guard_groups.GROUPS`.
     measured, seen : columns of the measured conditions, shape (c,), and their least and largest
         values in training, shape (c, 2).

@@ -222,7 +222,7 @@ class LimitPart(Part):
     distance: Positive
     """Largest usual length of the whitened residuals."""
     tail: Vector
-    """Worst score of a record that is exceeded at each of `known.TAIL_RATES`; it grows."""
+    """Worst score of a record that is exceeded at each of `classes.TAIL_RATES`; it grows."""
     groups: dict[str, GroupPart]
     """Of the features that belong together, see `guard_groups.GROUPS`."""
 

@@ -1,6 +1,6 @@
 """The model file: plain JSON with version and hash, checked before anything is used.
 
-``{"format": "ema_phm model", "version": 3, "sha256": ..., "body": {...}}``; the hash is that of
+``{"format": "ema_phm model", "version": 6, "sha256": ..., "body": {...}}``; the hash is that of
 the body as canonical JSON (sorted keys, no spaces). It tells a damaged file, not a forged one:
 whoever writes a body can write its hash. Arrays are nested lists, rounded to seven digits, so
 the same training writes the same bytes.

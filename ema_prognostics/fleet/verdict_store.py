@@ -39,13 +39,14 @@ class VerdictStore:
     Parameters
     ----------
     judge : hash of all that a verdict depends on beside the bag.
-    folder : where the store is, default the user's cache; None keeps nothing between runs.
+    folder : where the store is, default the user's cache.
     """
 
     def __init__(self, judge: str, folder: Path | None = None) -> None:
         """Open the store, or begin one."""
         folder = cache_directory() if folder is None else folder
         self.judge = judge
+        self._hashed: list[tuple[str, ...]] = []  # not yet written
         self._base = self._open(folder / f"v{FORM}_{FILE}")
         self._states = dict(self._rows("SELECT path, state || char(10) || sha256 FROM bags"))
         self._verdicts: dict[str, str] = dict(self._rows(
@@ -59,7 +60,8 @@ class VerdictStore:
         self, kind: type[BaseException] | None, error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close it."""
+        """Keep what is not kept yet; close it."""
+        self.put(())
         self._base.close()
 
     @staticmethod
@@ -92,7 +94,7 @@ class VerdictStore:
             return None
         if time.time_ns() - latest > TICK:
             self._states[place] = f"{state}\n{found}"
-            self._write("INSERT OR REPLACE INTO bags VALUES (?, ?, ?)", [(place, state, found)])
+            self._hashed.append((place, state, found))
         return found
 
     def get(self, sha256: str | None) -> dict[str, Any] | None:
@@ -102,13 +104,13 @@ class VerdictStore:
         return found if isinstance(found, dict) else None
 
     def put(self, said: Iterable[tuple[str, dict[str, Any]]]) -> None:
-        """Keep what was said of bags of these contents."""
+        """Keep what was said of bags of these contents, and the hashes that were taken."""
         rows = [(self.judge, sha256, json.dumps(found, sort_keys=True)) for sha256, found in said]
         self._verdicts.update({sha256: text for _, sha256, text in rows})
+        self._write("INSERT OR REPLACE INTO bags VALUES (?, ?, ?)", self._hashed)
         self._write("INSERT OR REPLACE INTO verdicts VALUES (?, ?, ?)", rows)
-        with contextlib.suppress(sqlite3.Error):
-            self._base.commit()
+        self._hashed.clear()
 
     def _write(self, query: str, rows: Sequence[tuple[str, ...]]) -> None:
-        with contextlib.suppress(sqlite3.Error):
+        with contextlib.suppress(sqlite3.Error), self._base:  # which ends the transaction
             self._base.executemany(query, rows)

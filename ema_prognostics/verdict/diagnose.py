@@ -134,7 +134,11 @@ def _robust_verdict(
 ) -> Verdict:
     cascade = model.cascade(kind, "fleet")
     if cascade is None:
-        raise ModelError(f"the model has no cascade for the profile {kind}: train again")
+        known = sorted({name.partition("/")[0] for name in model.cascades})
+        return unknown_verdict(
+            f"the networks of this kit do not know the test {kind}: run the profile "
+            f"{' or '.join(known)}, or commission the kit with records of {kind}",
+            cause="unknown_test")
     own = model.cascade(kind, "baseline")
     if baseline is not None and own is None:
         raise UsageError(f"the model has no cascade with a baseline for {kind}: leave it out")

@@ -17,6 +17,7 @@ from ema_record.limits import (
     MAX_FILES,
     MAX_MESSAGE_BYTES,
     MAX_MESSAGES,
+    MAX_TOTAL_BYTES,
     MAX_UNPACKED_FILE_BYTES,
 )
 from ema_record.wire.topics import AIRCRAFT_WIDE, TOPICS, split_name
@@ -216,16 +217,13 @@ def read_content(
                 f"{path}: {read} messages on {topic}, {METADATA_FILE} counts "
                 f"{files.counts[topic]}: a file of the bag is missing in its list; copy it again"
             )
+    room = MAX_TOTAL_BYTES
     for topic, messages in content.messages.items():
         if not file_order:
             messages.sort(key=lambda message: message.log_time)
-        if files.message_compression:
-            content.messages[topic] = [
-                message._replace(
-                    data=unpack_zstd_stream(bytes(message.data), MAX_MESSAGE_BYTES, topic)
-                )
-                for message in messages
-            ]
+        for k, message in enumerate(messages if files.message_compression else ()):
+            data = unpack_zstd_stream(bytes(message.data), min(MAX_MESSAGE_BYTES, room), topic)
+            messages[k], room = message._replace(data=data), room - len(data)
     return content
 
 

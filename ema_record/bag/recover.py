@@ -32,6 +32,7 @@ from ema_record.limits import (
     MAX_MESSAGE_BYTES,
     MAX_MESSAGES,
     MAX_RATE,
+    MAX_TOTAL_BYTES,
     MAX_UNPACKED_FILE_BYTES,
 )
 from ema_record.profile import Profile
@@ -95,10 +96,8 @@ def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
 
     Parameters
     ----------
-    source : path-like
-        A bag directory without ``metadata.yaml``, cut or damaged, or an ``.mcap`` file.
-    out : path-like, optional
-        The directory to make; default: the name of the source with ``_recovered``.
+    source : bag directory without ``metadata.yaml``, cut or damaged, or an ``.mcap`` file.
+    out : directory to make; default: the name of the source with ``_recovered``.
 
     Raises
     ------
@@ -108,7 +107,6 @@ def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
         Nothing can be recovered: no bag, no sample, or the test is not known.
     OutputError
         `out` exists, or cannot be written.
-
     """
     place = Path(source)
     target = Path(out) if out is not None else default_output(place)
@@ -173,16 +171,13 @@ def _intact(found: Salvage) -> dict[str, dict[str, str]]:
     """Return our own metadata records that are intact, and note what is not."""
     own = {name: found.metadata[name] for name in (START, END) if name in found.metadata}
     intact = {name: values for name, values in own.items() if is_intact(values)}
-    found.damages += [f"metadata {name} damaged and not used" for name in own.keys() - intact]
+    found.damages += [f"metadata {k} damaged and not used" for k in own if k not in intact]
     return intact
 
 
 def _test_of(
-    own: dict[str, dict[str, str]],
-    found: Salvage,
-    command: McapMessage | None,
-    first: np.ndarray | None,
-    source: str,
+    own: dict[str, dict[str, str]], found: Salvage, command: McapMessage | None,
+    first: np.ndarray | None, source: str,
 ) -> tuple[Profile, Provenance]:
     """Return profile and provenance; the command, which has a checksum, wins."""
     try:
@@ -272,6 +267,8 @@ class Salvage:
     """What could not be read, one line each."""
     unread: int = 0
     """Bytes of the files that could not be read."""
+    room: int = MAX_TOTAL_BYTES
+    """Bytes that messages may still have."""
     whole: bool = True
     """Nothing was cut or damaged, and ``metadata.yaml`` is there."""
 
@@ -335,16 +332,19 @@ def _salvage_file(file: Path, found: Salvage) -> None:
         for item in mcap:
             if isinstance(item, McapMetadata):
                 found.metadata[item.name] = item.values
-            elif len(found.messages) < MAX_MESSAGES:
-                found.messages.append(_unpacked_message(item))
+            elif len(found.messages) < MAX_MESSAGES and found.room > 0:
+                found.messages.append(_unpacked_message(item, found.room))
+                found.room -= len(found.messages[-1].data)
             else:
-                found.damaged(f"{file.name}: more than {MAX_MESSAGES} messages")
+                found.damaged(f"{file.name}: more than {MAX_MESSAGES} messages or "
+                              f"{MAX_TOTAL_BYTES} bytes of them")
                 return
 
 
-def _unpacked_message(message: McapMessage) -> McapMessage:
+def _unpacked_message(message: McapMessage, room: int) -> McapMessage:
     """Return a message, unpacked where its recorder compressed each message by itself."""
     data = bytes(message.data)
     if not data.startswith(_ZSTD_MAGIC):
         return message
-    return message._replace(data=memoryview(unpack_zstd_part(data, MAX_MESSAGE_BYTES)))
+    return message._replace(data=memoryview(unpack_zstd_part(
+        data, min(MAX_MESSAGE_BYTES, room))))

@@ -140,6 +140,11 @@ def test_the_trend_of_files_says_what_grows_and_when_it_reaches_a_limit(wearing,
     assert first <= 12 <= last  # 0.4 A at the seventh, 0.02 A more each
     assert {v["way"] for v in values.values()} == {"steady"}
     assert (wearing / "trend.png").read_bytes()[:4] == b"\x89PNG"
+    assert run([*options, "--format", "json", "--plot", str(wearing / "trend.svg")]) == 3
+    assert json.loads(capsys.readouterr().out) == found
+    assert (wearing / "trend.svg").read_text(encoding="utf-8").startswith("<?xml")
+    assert run([*options, "--format", "csv"]) == 2
+    assert "text or json" in capsys.readouterr().err
     assert run([*options, "--limit", "coulomb_friction.level=+10%"]) == 1
     assert "limit 0.3" in (out := capsys.readouterr().out) and "passed" in out
 

@@ -326,5 +326,5 @@ def fitted_library(
         model=model, spread=spread, fmap=fmap, weights=weights, signatures=signatures,
         surrogate=noise_law(rest, noise, floor),
         repeat=noise_law(difference, runs.conditions[:len(runs.again)][paired, 2], 0.5 * floor),
-        healthy=np.ones((1, 3)),
+        healthy=np.ones((1, 4)),
         aside=(runs.conditions[sizes.ranked:], runs.features[sizes.ranked:]))

@@ -57,7 +57,7 @@ from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
 
 VERSION = 2
-"""To be raised where `library.judged_library` makes something else of the same runs."""
+"""To be raised where `judged_library` makes something else of the same runs."""
 MADE_BY = "ema_identification.actuator.library.build"
 """What a library depends on is what this module imports."""
 PROBED = LibrarySizes(units=8, repeated=0, scaled=0, set_aside=0)

@@ -179,7 +179,7 @@ class Feature(NamedTuple):
     """Segment or transition (`MotionPlan`), or ``record``."""
     signal: str
     against: str
-    """As `identification.Where.against`."""
+    """As `result.Where.against`."""
 
 
 class Lines(NamedTuple):

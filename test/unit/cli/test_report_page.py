@@ -7,11 +7,13 @@ import re
 import shutil
 import subprocess
 from html.parser import HTMLParser
+from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
 
 from ema_cli.main import run
+from ema_record.bag.read import read_bag
 from ema_record.kit import kit_folder
 
 LARGEST = 600_000
@@ -122,6 +124,20 @@ def test_what_is_there_is_not_overwritten(written, repository, capsys):
     assert run(["report", bag, "--out", str(written[".html"])]) == 2
     assert "never overwritten" in capsys.readouterr().err
     assert written[".html"].read_bytes() == before
+
+
+def test_a_report_without_a_name_lies_beside_the_test_that_it_is_of(
+        repository, tmp_path, monkeypatch, capsys):
+    """The newest one, wherever it stands among those that are given."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bags").mkdir()
+    for name in ("sim_0001_step", "sim_0001_extended"):
+        shutil.copytree(repository / "bags" / name, tmp_path / "bags" / name)
+    given = ["bags/sim_0001_extended", "bags/sim_0001_step"]
+    last = max(given, key=lambda bag: read_bag(bag).provenance.start_time)
+    first = next(bag for bag in given if bag != last)
+    assert run(["report", last, first, "--quiet"]) == 1
+    assert [p.name for p in (tmp_path / "bags").glob("*.html")] == [f"{Path(last).name}.html"]
 
 
 @pytest.fixture

@@ -346,6 +346,15 @@ def test_a_failed_action_aborts():
     assert finish.reason == "aborted: disk full"
 
 
+def test_who_asked_is_answered_where_the_record_cannot_be_closed_at_the_end():
+    bench = Bench()
+    (move,) = bench.start()
+    _, test = bench.executed(move, STEP.start, 3000)
+    assert kinds(bench.executed(test, 0.27, 9000)) == [CloseRecord, Finish]
+    assert bench.sequence.stage is Stage.IDLE
+    assert bench.sequence.fail("disk full", bench.seen) == [Finish("aborted: disk full")]
+
+
 @pytest.mark.parametrize(("end_stop", "accepted"), [(0.8, True), (0.6, False)])
 def test_the_end_stops_of_the_actuator_bound_the_test(end_stop, accepted):
     profile = step_profile(1.4, start=-0.7)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_prognostics.cascade.model_file import load_model
 from ema_prognostics.verdict.diagnose import diagnose
 from ema_record.actuator import INSTANT, Actuator, load_actuator
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
@@ -70,6 +71,16 @@ def test_faults_are_found_in_better_records_too(what: str) -> None:
                       effects=parse_effects(["turn_short.fraction=0.06", "turn_short.phase=b"]))
     verdict = diagnose(record)
     assert [(f.fault_class, f.phase) for f in verdict.faults] == [("turn_short", "b")]
+
+
+def test_a_test_that_the_kit_has_no_networks_for_is_unknown() -> None:
+    shipped = load_model()
+    one = replace(shipped, cascades={
+        name: part for name, part in shipped.cascades.items() if name.startswith("extended/")})
+    verdict = diagnose(simulate(load_profile("step"), seed=25), one)
+    assert (verdict.outcome, verdict.cause) == ("unknown", "unknown_test")
+    assert "do not know the test step: run the profile extended" in verdict.reasons[0]
+    assert diagnose(simulate(load_profile("extended"), seed=25), one).outcome == "healthy"
 
 
 def test_a_worse_record_is_unknown_and_says_what_to_do() -> None:

@@ -98,6 +98,11 @@ def test_the_same_record_cannot_validate(record):
         identify([record], validate=[record])
 
 
+def test_the_same_record_does_not_count_as_two(record):
+    with pytest.raises(UsageError, match="twice as measured: it would count as two"):
+        identify([record, replace(record)])
+
+
 def test_a_baseline_is_checked_before_anything_is_fitted(record):
     told = []
     for other, error, said in (

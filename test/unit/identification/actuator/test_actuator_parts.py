@@ -185,6 +185,28 @@ def test_the_cache_keeps_arrays_and_forgets_damage(tmp_path, monkeypatch):
     assert [p.name for p in (tmp_path / "ema_phm").iterdir()] == ["a.npz"]
 
 
+def test_what_is_kept_and_damaged_counts_as_absent_wherever_it_is(tmp_path):
+    """Every bit of a small file in turn; a file of one array, or of more than may be unpacked."""
+    cache.save("a", {"x": np.arange(40.0)}, tmp_path, compressed=True)
+    whole = (tmp_path / "a.npz").read_bytes()
+    for place in range(len(whole)):
+        (tmp_path / "a.npz").write_bytes(
+            whole[:place] + bytes([whole[place] ^ 0x40]) + whole[place + 1:])
+        found = cache.load("a", tmp_path)
+        assert found is None or set(found) != {"x"} or len(found["x"]) == 40
+    with (tmp_path / "one.npz").open("wb") as file:
+        np.save(file, np.arange(3.0))
+    assert cache.load("one", tmp_path) is None
+
+
+def test_what_unpacks_to_more_than_may_be_read_counts_as_absent(tmp_path, monkeypatch):
+    cache.save("zeros", {"x": np.zeros(100_000)}, tmp_path, compressed=True)
+    assert len(cache.load("zeros", tmp_path)["x"]) == 100_000
+    monkeypatch.setattr(cache, "LARGEST", 400_000)
+    assert (tmp_path / "zeros.npz").stat().st_size < cache.LARGEST
+    assert cache.load("zeros", tmp_path) is None
+
+
 def test_the_key_follows_the_model_and_the_numerical_packages(monkeypatch):
     module = "ema_identification.actuator.library.build"
     first = cache.key_of("model", module=module)

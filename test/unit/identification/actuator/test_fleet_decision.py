@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from fleet_unit import (
+    BASE,
     FEATURES,
     HEALTHY,
     MODEL,
@@ -14,6 +15,7 @@ from fleet_unit import (
     UNITS,
     effects_of,
     features_of,
+    judged,
     plain_library,
     run,
     unit,
@@ -34,9 +36,11 @@ from ema_identification.actuator.decision.ranks import (
 )
 from ema_identification.actuator.decision.slopes import law_slopes
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, Whitener
-from ema_identification.actuator.fleet.units import CHUNK, FULL
-from ema_identification.actuator.laws.terms import EffectTerm, LawFit, LawGap
-from ema_identification.actuator.words import parameters_of
+from ema_identification.actuator.fleet.units import CHUNK, FULL, fleet_unit
+from ema_identification.actuator.laws.terms import EffectTerm, LawFit, LawGap, Posterior
+from ema_identification.actuator.measure.tolerances import RecordConditions
+from ema_identification.actuator.words import candidates_of, parameters_of, recalibrated_of
+from ema_record.spread import load_spread
 
 VISCOUS = UNITS["viscous_friction", "coefficient"]
 (SIGNATURE,) = (s for s in plain_library().signatures if s.variant.name == "viscous_friction")
@@ -470,3 +474,28 @@ def test_a_law_beside_which_something_remains_needs_a_witness(after, verdict):
     small = decide(both, Held(1.2, 0.5))  # nothing to see on the held-out record
     assert small.verdict == "unknown effect"
     assert decide(unit(seed=3, strange=2.0), Held(10.0, 1.0)).verdict == "unknown effect"
+
+
+def test_what_is_reported_of_the_unit_is_what_the_model_file_holds_beyond_its_band_too():
+    known = replace(judged(), spread=load_spread())
+    one, z = unit(library=known), np.zeros(SIZE)
+    z[0] = 1.3  # the phase resistance, whose band is a tenth
+    fit = LawFit(terms=(), z=z, mean=BASE, slopes=np.zeros((FEATURES, SIZE)), cost=1.0, runs=8)
+    found = recalibrated_of(one, fit, Posterior(z, 1e-4 * np.eye(SIZE)))
+    assert found[0].name == "motor.phase_resistance"
+    assert found[0].low < found[0].value == pytest.approx(0.13) and found[0].high == found[0].value
+    actuator, _ = fleet_unit(known.model, known.spread, z, RecordConditions())
+    assert actuator.motor.phase_resistance == pytest.approx(
+        1.13 * known.model.actuator.motor.phase_resistance)
+
+
+def test_what_was_tried_says_how_often_a_useless_law_gains_as_much():
+    one = unit(seed=3, backlash=3.0)
+    answer = decide(one)
+    tried = candidates_of(one, answer)
+    useless = LawFit(terms=answer.fit.terms, z=answer.null.z, mean=answer.null.mean,
+                     slopes=answer.fit.slopes, cost=answer.null.cost, runs=8)
+    assert answer.fit.names == ("backlash",) and tried
+    for fit, least, most in ((answer.fit, 0.0, LEVEL), (useless, 1.0, 1.0)):
+        (again,) = candidates_of(one, replace(answer, fit=None, equivalent=(), fits=(fit,)))
+        assert least <= again.p_value <= most

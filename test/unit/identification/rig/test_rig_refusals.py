@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ema_identification.identify import identify
 from ema_identification.rig.fit.model import Settings
 from ema_identification.rig.prepare import prepare
 from ema_identification.rig.workflow import identify_rig
@@ -51,6 +52,15 @@ def test_a_linear_axis_in_millimetres_is_named(bench):
 def test_no_excitation_says_which_test_to_run(bench, columns, match):
     with pytest.raises(EmaError, match=match):
         identify_rig([changed(bench(), **columns)])
+
+
+def test_a_record_is_given_once(bench):
+    record = bench()
+    for measured, held, says in (([record], [changed(record)], "a gap shown on the data"),
+                                 ([record, changed(record)], [], "would count as two")):
+        with pytest.raises(UsageError, match=says) as caught:
+            identify(measured, validate=held)
+        assert "\n" not in str(caught.value)
 
 
 def test_speed_that_does_not_belong_to_the_position(bench):

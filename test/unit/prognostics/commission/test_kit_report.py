@@ -6,6 +6,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import joblib
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -182,8 +183,8 @@ def test_a_library_is_made_for_the_records_test_rate_and_channels(
     monkeypatch.setattr(
         library_build, "fleet_library",
         lambda model, profile, **options: seen.update(model=model, profile=profile, **options))
-    identify.build_library([record], tmp_path / LIBRARY, workers=2)
-    assert seen["folder"] == tmp_path / LIBRARY and seen["workers"] == 2
+    identify.build_library([record], tmp_path / LIBRARY, workers=-1)  # as `ema commission` asks
+    assert seen["folder"] == tmp_path / LIBRARY and seen["workers"] == joblib.cpu_count()
     assert seen["profile"] == record.profile and seen["rate"] == pytest.approx(record.rate)
     acquisition = seen["model"].actuator.acquisition
     assert not acquisition.surface_position and acquisition.rotor_angle

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, Writer
 
+from ema_record.bag import container, recover
 from ema_record.bag.mcap_stream import MAGIC
 from ema_record.bag.read import read_bag, write_bag
 from ema_record.bag.writer import BagWriter
@@ -399,3 +400,28 @@ def test_whole_file_bomb(tmp_path, bag):
     assert len(read_bag(path)) == 9000
     path.write_bytes(b"no zstd at all")
     fails(path, InvalidRecordError, "zstd data are damaged")
+
+
+def test_messages_that_are_compressed_one_by_one_are_bounded_together(tmp_path, monkeypatch):
+    """Each is small: a file of some kilobytes could fill the memory with them."""
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    block = encode_block(np.zeros((2000, 10)))
+    mcap_of(folder / "bag_0.mcap", [
+        (topic, zstandard.compress(data)) for topic, data in (COMMANDED, *[(SAMPLES, block)] * 9)])
+    (folder / "metadata.yaml").write_text(yaml.safe_dump({"rosbag2_bagfile_information": {
+        "version": 9, "storage_identifier": "mcap", "relative_file_paths": ["bag_0.mcap"],
+        "compression_mode": "MESSAGE", "compression_format": "zstd", "message_count": 10}}))
+    assert (folder / "bag_0.mcap").stat().st_size < len(block)
+    with pytest.raises(RecordError) as caught:
+        read_bag(folder)  # nothing wrong but the times of the samples
+    assert "unpacks" not in str(caught.value)
+    monkeypatch.setattr(container, "MAX_TOTAL_BYTES", 5 * len(block))
+    with pytest.raises(InvalidRecordError, match=r"unpacks to more than .* split"):
+        read_bag(folder)
+    monkeypatch.setattr(recover, "MAX_TOTAL_BYTES", 5 * len(block))
+    (folder / "metadata.yaml").unlink()
+    found = recover.Salvage(room=5 * len(block))
+    recover._salvage_file(folder / "bag_0.mcap", found)
+    assert sum(len(m.data) for m in found.messages) <= 5 * len(block)
+    assert not found.whole
