@@ -34,7 +34,6 @@ DRAWS = 3 * SETTLED_RUNS
 """Budget: runs over what the fitted records leave open."""
 
 
-
 class _Predicted(NamedTuple):
     """What is expected of a held-out record."""
 
@@ -44,7 +43,6 @@ class _Predicted(NamedTuple):
     """Numbers of the unit and of the day, as far as it is known before the last step."""
     mean: np.ndarray
     """Features there."""
-
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -44,12 +44,12 @@ def candidates_of(unit: TestedUnit, answer: FleetAnswer) -> tuple[Candidate, ...
     found: dict[str, Candidate] = {}
     for fit in answer.fits:
         if len(fit.terms) == 1 and fit.names[0] not in named and np.isfinite(fit.cost):
+            gain = gain_of(answer.null.cost, fit.cost, unit.size)
             found.setdefault(fit.names[0], Candidate(
                 effect=fit.names[0], score=float(np.sqrt(fit.cost / unit.size)),
-                p_value=rank(gain_of(answer.null.cost, fit.cost, unit.size),
-                             unit.library.healthy[:, 1]),
+                p_value=rank(gain, unit.library.healthy[:, 1]),
                 reason=f"fitted: as {fit.terms[0].variant.name}, cost "
-                                    f"{fit.cost / unit.size:.2f} a feature"))
+                       f"{fit.cost / unit.size:.2f} a feature"))
     return tuple(found.values())
 
 

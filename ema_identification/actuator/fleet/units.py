@@ -88,7 +88,7 @@ def deviations(
     found = {known.name: (float(half * x), known.unit)
              for known, half, x in zip(TOLERANCES, half_widths(spread), z)}
     bands = {"static_ratio": t.static_ratio, "damping": t.damping, "hysteresis": t.hysteresis,
-            "backlash": t.backlash}
+             "backlash": t.backlash}
     for name, x in zip(unlisted(a), map(float, z[_LISTED:])):
         kind = name.split(".")[1]
         if kind == "viscous_friction":
