@@ -37,7 +37,8 @@ def validation_report(model: TrainedModel) -> str:
         f"Seed {training['seed']}, {settings['units']} units with faults and "
         f"{settings['healthy']} healthy ones a test; validated on "
         f"{settings['validation']} and {settings['validation_healthy']} other units. Hash "
-        f"`{model.sha256[:16]}`. Rates with their exact 95 % bounds.",
+        f"`{model.sha256[:16]}`. Rates with their exact 95 % bounds. Faults of every size, also "
+        "such as cannot be found: what share of them is detected depends on that.",
     ]
     for kind, views in training["held_out"].items():
         for view, found in views.items():
