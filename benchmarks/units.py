@@ -3,7 +3,7 @@
 The spreads of [1]_, drawn here; nothing of the training's generator is imported. Bus voltage
 and winding temperature are in the bags, as the aircraft measures them.
 
-.. [1] ``docs/robust-cascade.md``, units and conditions.
+.. [1] ``docs/verdict.md``, units and conditions.
 """
 
 from __future__ import annotations
