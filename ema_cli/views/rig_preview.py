@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from ema_record.errors import OutputError
-from ema_record.files import cannot_write, new_file
+from ema_cli.views.pictures import save_picture
 from ema_rig.record import RigRecord
 
 ROWS = 5
@@ -42,14 +41,7 @@ def draw(record: RigRecord, path: Path) -> Path:
         axis.grid(visible=True, color="#DDDDDD")
     axes[-1].set_xlabel("time (s)")
     figure.suptitle(f"{record.axis.name}: {len(record)} samples at {record.rate:.4g} 1/s")
-    try:
-        with new_file(path) as temporary:
-            figure.savefig(temporary, format="png", dpi=110)
-    except OutputError:
-        raise
-    except OSError as error:
-        raise cannot_write(path, error) from None
-    return path
+    return save_picture(figure, path)
 
 
 def _thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

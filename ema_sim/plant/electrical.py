@@ -63,14 +63,8 @@ def of_phases(sine: float, cosine: float) -> tuple[float, float, float]:
 
 
 @law
-def sector_of(theta: float) -> int:
-    """Return the commutation sector 0..5 of the paper's Table 1; sector 0 is 30° to 90°."""
-    return math.floor((theta - FIRST_EDGE) / SECTOR) % 6
-
-
-@law
 def sector_ahead(theta: float, direction: float) -> tuple[int, float]:
-    """Return the commutation sector and the angle to its end (rad).
+    """Return the commutation sector 0..5 (paper, Table 1; 0: 30° to 90°), and the angle to its end.
 
     Parameters
     ----------

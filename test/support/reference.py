@@ -33,10 +33,12 @@ from ema_record.sources import source_hash
 from ema_record.version import VERSION
 from ema_sim.acquisition import SensorNoise, convert, effective_converters
 from ema_sim.effects import Effects
+from ema_sim.effects.compile import law
+from ema_sim.machine import FIRST_EDGE, SECTOR
 from ema_sim.plant import ports, sensor_ports
 from ema_sim.plant import state as st
 from ema_sim.plant.control import clip, quantise, speed_control
-from ema_sim.plant.electrical import reference_signs, sector_of, wrap
+from ema_sim.plant.electrical import reference_signs, wrap
 from ema_sim.plant.mechanics import net_torque, shaft_torque
 
 STEP = 1e-7
@@ -47,6 +49,13 @@ AUXILIARY_PERIOD = 0.1
 
 
 THIRD = 2.0 * math.pi / 3.0
+
+
+@law
+def sector_of(theta: float) -> int:
+    """Return the commutation sector 0..5 of the paper's Table 1; sector 0 is 30° to 90°."""
+    return math.floor((theta - FIRST_EDGE) / SECTOR) % 6
+
 
 
 @njit(cache=True, error_model="numpy")

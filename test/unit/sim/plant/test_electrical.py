@@ -11,9 +11,10 @@ from scipy.integrate import solve_ivp
 from ema_sim.effects import parse_effects
 from ema_sim.machine import SECTOR_SIGNS
 from ema_sim.plant import state as st
-from ema_sim.plant.electrical import reference_signs, sector_ahead, sector_of, trapezoid
+from ema_sim.plant.electrical import reference_signs, sector_ahead, trapezoid
 from support.actuators import changed
 from support.plant import run, state_of
+from support.reference import sector_of
 
 # The paper's Table 1: rotor angle (deg) and signs of the reference currents a, b, c.
 TABLE_1 = [
