@@ -64,7 +64,7 @@ def of_phases(sine: float, cosine: float) -> tuple[float, float, float]:
 
 @law
 def sector_ahead(theta: float, direction: float) -> tuple[int, float]:
-    """Return the commutation sector 0..5 (paper, Table 1; 0: 30° to 90°), and the angle to its end.
+    """Return the commutation sector 0..5 (0 is 30° to 90°), and the angle to its end.
 
     Parameters
     ----------
