@@ -169,6 +169,18 @@ def test_an_effect_that_a_unit_beyond_its_bands_nearly_explains_is_named(tmp_pat
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("seed", "k", "what"), [
+    (20263461, 21, "gear_mesh_ripple"),  # at an order without a signature, all else usual
+    (20263471, 2, "load_dependent_friction"),  # another load on the day of the held-out record
+    (20263371, 7, "surface_load"),  # the surface turns the motor, on the held-out day it does not
+])
+def test_what_earlier_panels_missed_is_named(tmp_path, monkeypatch, seed, k, what):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    row = answered(STRATA["own, one effect"](seed, k, ("extended", "step")), tmp_path)
+    assert (row["names"], outcome(row), row["verdict"]) == ((what,), "right", "explained")
+
+
+@pytest.mark.slow
 def test_what_is_hidden_is_visible_beside_all_that_a_unit_may_be(tmp_path, monkeypatch):
     """Apart from the workflow; nothing hidden leaves nothing, whatever the noise."""
     monkeypatch.setattr(visible, "UNITS", 200)  # the regression has 130 numbers

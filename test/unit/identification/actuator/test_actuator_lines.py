@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ema_identification.actuator.decision.proposals import MOST_OFF, ripple_power
 from ema_identification.actuator.measure.features import Feature
 from ema_identification.actuator.measure.ripple import largest_line
 from ema_identification.actuator.measure.segments import MotionSegment
@@ -111,3 +112,19 @@ def test_a_sensor_is_given_only_where_its_own_features_lead():
     (12.0 * np.ones(4), False), (12.0 * np.sign(SPEEDS), False)])  # windings, whatever their shape
 def test_quadratures_that_turn_with_the_direction_are_the_commutation(line, turned):
     assert ("commutation" in port_of(np.stack([line, QUIET], axis=1), 0.0)) is turned
+
+
+def test_the_power_of_a_ripple_is_the_mean_of_its_lines_by_periods_of_the_rotors_turn():
+    """With three pole pairs line 4 of the windings comes twelve times a turn of the rotor."""
+    extra = [Feature(f"s0.turn_torque_line_{n}_{part}", "s0", "motor torque", "rotor angle")
+             for n in (2, 12) for part in ("re", "im")]
+    unit = unit_of((1, 4), extra)
+    unit.library.model = SimpleNamespace(actuator=SimpleNamespace(
+        motor=SimpleNamespace(pole_pairs=3)))
+    rest = np.zeros(len(unit.library.fmap.features))
+    assert ripple_power(unit, rest) == {12: 0.0}  # 1 and 2 are the windings'
+    rest[[n.name.endswith("line_1_re") for n in unit.library.fmap.features]] = 9.0
+    rest[-1] = 3.0
+    assert ripple_power(unit, rest) == {12: pytest.approx(9.0 / 10.0)}
+    rest[-1] = 1e6
+    assert ripple_power(unit, rest) == {12: pytest.approx(MOST_OFF**2 / 10.0)}

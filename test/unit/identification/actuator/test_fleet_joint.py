@@ -181,6 +181,34 @@ def test_a_law_that_acts_on_the_days_load_is_predicted_on_the_day_of_the_held_ou
     assert found.values[0] > 8.0 and found.values[1] < 3.0
 
 
+def test_where_a_law_makes_something_let_go_the_load_of_the_day_is_looked_for(monkeypatch):
+    """From some load on all is otherwise: slopes about a middling day lead away from the day."""
+    load = gap.LOAD
+    assert OF_DAY[load]
+
+    def lets_go(_model, _spread, _fmap, z, _conditions, seed, effects):
+        total = effects.load_dependent_friction.coefficient / 0.1 + z[load]
+        return features_of(z, MODEL.effects) + np.random.default_rng(seed).normal(
+            size=FEATURES) + (50.0 if total > 0.7 else 5.0 * total) * STRANGE
+
+    effects = effects_of(load_dependent_friction=1.0)
+    day = -0.4 * np.eye(SIZE)[load]
+    held = replace(unit(seed=3), simulator=lets_go, values=lets_go(
+        None, None, None, day, None, 11, effects))
+    (variant,) = (v for v in variants() if v.effect == "load_dependent_friction")
+    law = EffectTerm(variant=variant, u=np.array([0.1]), signature=Signature(
+        variant=variant, levels=(np.zeros(0),), values=(np.zeros((0, FEATURES)),)))
+    right = fit.LawFit(terms=(law,), z=np.zeros(SIZE), mean=BASE, cost=1.0, runs=8,
+                       slopes=np.zeros((FEATURES, SIZE + 1)))
+    near = gap._nearest_turn(held, right, 1.0)
+    found = gap._best_load(near, right, bound=2.0)
+    assert gap._off(near) > 2.0 * gap._off(found)
+    assert found.z[load] == pytest.approx(-0.4, abs=0.1)
+    assert gap._best_load(found, right, bound=2.0) is found
+    nothing = replace(right, terms=())
+    assert gap._best_load(near, nothing, bound=0.0) is near
+
+
 def test_a_model_that_cannot_be_run_on_a_held_out_record_is_as_far_off_as_can_be(joint):
     held = joint(9006).parts[1]
     nowhere, fine = np.full(FEATURES, np.nan), held.means(np.zeros((1, SIZE)))[0]
