@@ -75,9 +75,9 @@ def decide(
         far = max(p_nothing(scores(beyond.unit), healthy), beyond.p_without())
         usual, rival = _usual(beyond, far, held, EDGE), beyond
     singles = case.singles()
-    wide = rival is beyond and usual is not None and usual.verdict == "no disagreement"
-    if wide and usual is not None and not any(map(case.explains, singles)):
-        return usual
+    silent = usual if rival is beyond and usual and usual.verdict == "no disagreement" else None
+    if silent is not None and not any(map(case.explains, singles)):
+        return silent
     progress("name", 0.5)
     pairs = case.pairs(singles)
     progress("name", 0.9)
@@ -88,7 +88,7 @@ def decide(
     answer = _named(case, answer, [f for f in fits if case.explains(f)])
     if usual is not None and (
             answer.fit is None or case.evidence(answer.fit) <= case.evidence(beyond.null) or not (
-                (held is not None and not wide
+                (held is not None and silent is None
                  and held.gap([case.null, answer.fit], _edge(case, answer.fit)).closes(MOST))
                 or rival.likely(answer.fit, fits))):
         return usual
