@@ -11,7 +11,8 @@
    compared by one evidence: log E = -½ ν ln J - ½ k ln ν - m ln(N / `LEVEL`), J the cost, k
    coordinates, ν the independent numbers of a record, m laws of N. This is the likelihood of a
    scale that is not known, with prices of a coordinate (Schwarz 1978) and of a law. Where the best
-   law explains nothing, or two are in question, it is fitted up to `EDGE` of the bands too.
+   law explains nothing, or two are in question, it is fitted up to `EDGE` of the bands too, of two
+   that explain each one, also from where both ended.
 3. A model *explains* if its cost is usual among healthy units; each law in it must have a gain
    of its own beyond the useless ones'. The answer is the smallest set of names with `SURE` of
    the evidence, the simplest model in it; more than `LARGEST_SET`, or no model that explains, is
@@ -83,6 +84,8 @@ def decide(
     progress("name", 0.9)
     wider = [beyond.refitted(singles[0])] if singles and (
         pairs or not case.explains(singles[0])) else []
+    if pairs and case.explains(pairs[0]):
+        wider += beyond.each_alone(pairs[0], wider)
     fits = case.finished([*singles, *wider, *pairs])
     answer = FleetAnswer(verdict="unknown effect", null=case.null, p_nothing=p, fits=tuple(fits))
     answer = _named(case, answer, [f for f in fits if case.explains(f)])
