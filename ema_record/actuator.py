@@ -276,6 +276,7 @@ def load_actuator(path: str | Path | None = None) -> Actuator:
 def _of_kit(path: Path, _changed: int) -> Actuator:
     """Return the actuator of a kit's file: every parameter stands there, but for the defaults."""
     data = sections_of(path)
+    _check_sections(data, str(path))
     missing = [f"{section}.{name}" for section, part in PARTS.items()
                for name in part._fields
                if name not in (data.get(section) or {}) and name not in part._field_defaults]
@@ -295,14 +296,7 @@ def sections_of(path: str | Path, where: str = "") -> Mapping[str, Any]:
 def actuator_from(data: Mapping[str, Any], where: str, base: Actuator | None = None) -> Actuator:
     """Return `base`, default the present kit's actuator, with what the sections change."""
     actuator = load_actuator() if base is None else base
-    for section, values in data.items():
-        if section in OTHER_SECTIONS:
-            continue
-        if section not in PARTS:
-            raise unknown_name(f"section of {where}", str(section), [*PARTS, *OTHER_SECTIONS],
-                               f"see {NOMINAL}")
-        if not isinstance(values, Mapping):
-            raise UsageError(f"{where}: {section}: expected parameters and values")
+    for section, values in _check_sections(data, where).items():
         part = getattr(actuator, section)
         for name in values:
             if name not in part._fields:
@@ -311,6 +305,17 @@ def actuator_from(data: Mapping[str, Any], where: str, base: Actuator | None = N
         checked = _checked(section, {**part._asdict(), **values}, where)
         actuator = actuator._replace(**{section: checked})
     return actuator
+
+
+def _check_sections(data: Mapping[str, Any], where: str) -> dict[str, Mapping[str, Any]]:
+    """Return the sections that describe an actuator; UsageError for one that nothing reads."""
+    for section, values in data.items():
+        if section not in PARTS and section not in OTHER_SECTIONS:
+            raise unknown_name(f"section of {where}", str(section), [*PARTS, *OTHER_SECTIONS],
+                               f"see {NOMINAL}")
+        if section in PARTS and not isinstance(values, Mapping):
+            raise UsageError(f"{where}: {section}: expected parameters and values")
+    return {section: values for section, values in data.items() if section in PARTS}
 
 
 def _checked(section: str, values: Mapping[str, Any], where: str) -> Any:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shlex
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -103,6 +104,11 @@ def kit_file(name: str) -> tuple[Path, int]:
 def kit_name() -> str:
     """Return the present kit as users name it."""
     return "the default kit" if is_default_kit() else f"kit {kit_folder()}"
+
+
+def kit_option() -> str:
+    """Return the option by which a command uses the present kit too; empty for the default one."""
+    return "" if is_default_kit() else f" --kit {shlex.quote(os.path.relpath(kit_folder()))}"
 
 
 def is_default_kit() -> bool:

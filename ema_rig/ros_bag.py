@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+import shlex
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -131,7 +132,8 @@ def is_of_an_actuator(topics: Iterable[str]) -> bool:
 def how_to_import(path: Path) -> UsageError | None:
     """Return what to do with a file or bag that is no bag of ours, None where it is one."""
     if not is_bag(path):
-        return UsageError(f"{path}: a file of another tool: 'ema import {path} --out axis' makes "
+        name = shlex.quote(str(path))
+        return UsageError(f"{path}: a file of another tool: 'ema import {name} --out axis' makes "
                           "a bag of it; then 'ema identify axis'") if path.is_file() else None
     topics = list_topics(path)
     if is_of_an_actuator(topics):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -78,6 +79,8 @@ def check(
         picture_format(plot)
         check_new_file(plot)
     judge = Judge(model, baseline, profile=profile, mode=mode)
+    given = "".join(f" --{name} {shlex.quote(str(value))}" for name, value in (
+        ("baseline", baseline), ("model", model), ("profile", profile)) if value is not None)
     out = Machine(form, judge) if form != "text" else None
     statuses, trends, shown = [], [], False
     for bag in bags:
@@ -98,7 +101,7 @@ def check(
                 f"{bag}: {other}: give a rosbag2 directory, an .mcap file or a directory of bags")
             found, judged = None, Judged(verdict_of_error(error, str(bag)))
         verdict = judged.verdict
-        heading = {} if found is None else found.heading()
+        heading = {} if found is None else found.heading() | {"given": given}
         statuses.append(verdict.exit_status)
         if out is not None:
             out.verdict(judged)

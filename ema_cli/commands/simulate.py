@@ -11,6 +11,7 @@ import typer
 from ema_cli.console import check_new, check_new_file, drawing, note, print_json, progress, say
 from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber
 from ema_record.errors import UsageError
+from ema_record.kit import kit_option
 
 if TYPE_CHECKING:
     import numpy as np
@@ -123,7 +124,8 @@ def simulate(
         return 0
     for path in plots:
         say(str(path))
-    note(f"simulated {chosen.duration:g} s in {wall:.2f} s; next: ema check {written}")
+    check = f"ema check {written}{kit_option()}"
+    note(f"simulated {chosen.duration:g} s in {wall:.2f} s; next: {check}")
     return 0
 
 

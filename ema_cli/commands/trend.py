@@ -131,6 +131,10 @@ def _of_rig(found: RigTrend, plot: Path | None, form: str) -> int:
     return found.exit_status
 
 
+LARGEST_LIMIT = {"turn_short": 1.0, "rotor_eccentricity": 1.0, "friction": 100.0, "backlash": 0.1}
+"""Sizes beyond which a unit was forgotten: all turns, the whole air gap, a hundredfold; rad."""
+
+
 def parse_limit(text: str) -> tuple[str, float]:
     """Return class and severity of ``FAULT=SIZE``: a plain number, or with %, mrad or rad.
 
@@ -151,7 +155,8 @@ def parse_limit(text: str) -> tuple[str, float]:
     if unit not in factors:
         raise UsageError(f"--limit {text}: {unit!r} is no unit of {name}: give "
                          f"{' or '.join(u for u in factors if u)}")
-    return name, factors[unit] * bounded(f"--limit {name}", number, 1e-6, 1e4)
+    most = LARGEST_LIMIT[name] / factors[unit]
+    return name, factors[unit] * bounded(f"--limit {name}", number, 1e-6, most)
 
 
 def exit_status(found: UnitTrend) -> int:

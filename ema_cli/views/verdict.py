@@ -20,6 +20,7 @@ from ema_prognostics.words import (
     step_kind,
     words,
 )
+from ema_record.kit import kit_option
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -282,12 +283,13 @@ def last_lines(verdict: Facts, heading: Facts) -> Iterable[TextLine]:
 
 
 def next_commands(verdict: Facts, heading: Facts) -> list[str]:
-    """Return the commands to run next, at most two."""
-    bag = shlex.quote(str(verdict["bag"]))
+    """Return the commands to run next, at most two, with the kit and what `heading` has given."""
+    bag = shlex.quote(str(verdict["bag"])) + kit_option()
+    given = heading.get("given", "")
     outcome, cause = verdict["verdict"], verdict.get("cause") or ""
     name = heading.get("serial_number") or Path(str(verdict["bag"])).name or "report"
     page = re.sub(r"[^\w.-]+", "_", name) + ".html"
-    report = f"ema report {bag} --out {page}"
+    report = f"ema report {bag}{given} --out {page}"
     if outcome == "fault":
         return [report, f"ema explain {verdict['faults'][0]['fault_class']}"]
     if outcome == "healthy":

@@ -30,6 +30,8 @@ LEAST_TURNS = 3.0
 """Of the rotor; below it nothing excites the effects."""
 MISSING = 0.05
 """Part of the profile that may be missing at the end."""
+LARGEST_VALUE = 1e6
+"""Of any channel, in its SI unit; beyond it is no reading."""
 RPM = 60.0 / TURN
 
 
@@ -73,6 +75,11 @@ def _check(record: Record, model: Model) -> None:
         raise InvalidRecordError(
             f"{name}: channel {CHANNEL_NAMES[int(np.argmax(bad))]} holds values that are not "
             "finite: repeat the test")
+    most = np.abs(record.samples).max(axis=0)
+    if most.max() > LARGEST_VALUE:
+        raise InvalidRecordError(
+            f"{name}: channel {CHANNEL_NAMES[int(np.argmax(most))]} reads {most.max():.3g}, at "
+            f"most {LARGEST_VALUE:g} is believed: 'ema lint' says where; repeat the test")
     if np.diff(record.time).min() <= 0.0:
         raise InvalidRecordError(f"{name}: time runs back: 'ema lint' says where")
     motor, highest = model.actuator.motor, model.actuator.control.speed_limit

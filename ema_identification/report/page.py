@@ -16,6 +16,7 @@ from ema_identification.result import (
     Panel,
     Parameter,
 )
+from ema_record.kit import kit_option
 from ema_record.version import VERSION
 
 MAX_CANDIDATES = 12
@@ -180,18 +181,20 @@ def next_commands(
     found = []
     measured = " ".join(shlex.quote(path) for path in as_list(inputs.get("measured", ())))
     given = "".join(
-        f" --{option} {shlex.quote(value)}" for option in ("validate", "without", "profile")
-        for value in as_list(inputs.get(option, ())))
+        f" --{option} {shlex.quote(value)}" for option in (
+            "validate", "baseline", "without", "profile")
+        for value in as_list(inputs.get(option, ()))) + kit_option()
     if identification.model_text:
         model = shlex.quote(str(out / MODEL))
         if identification.machine == "actuator":
-            found.append(f"ema simulate --model {model} --profile extended --out simulated")
+            found.append(f"ema simulate --model {model} --profile extended --out simulated"
+                         f"{kit_option()}")
         if measured:
             again = shlex.quote(f"{out}_again")
             found.append(f"ema identify {measured}{given} --model {model} --out {again}")
     if identification.next_profile is not None:
         test = shlex.quote(str(out / next_test_file))
-        found.append(f"ema bit --profile {test}")
+        found.append(f"ema bit --profile {test}{kit_option()}")
         if measured:
             both = shlex.quote(f"{out}_next")
             found.append(f"ema identify {measured} NEW_RECORD{given} --out {both}")

@@ -113,7 +113,7 @@ def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
     if target.exists():
         raise exists(target)
     found = _salvage(place)
-    if found.whole and place.is_dir():
+    if found.whole:
         raise UsageError(f"{source}: the bag is whole: there is nothing to recover; 'ema lint' "
                          "looks for defects in what was recorded")
     parts = _sorted_out(found, str(source))
@@ -127,8 +127,8 @@ def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
 
 def default_output(source: Path) -> Path:
     """Return where the recovered bag of `source` goes unless told."""
-    name = source.resolve().name if source.is_dir() else source.resolve().name.split(".mcap")[0]
-    return source.resolve().with_name(f"{name}_recovered")
+    place = source.absolute() if source.is_symlink() else source.resolve()
+    return place.with_name(f"{place.name.split('.mcap')[0]}_recovered")
 
 
 def _sorted_out(found: Salvage, source: str) -> _Parts:

@@ -164,7 +164,16 @@ def test_only_the_metadata_file_is_missing(good, record, tmp_path):
     assert back.provenance.status == "interrupted"
 
 
+def test_a_link_to_itself_is_one_line(tmp_path):
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(RecordError, match="no such file"):
+        recover_bag(tmp_path / "loop")
+
+
 def test_whole_bags_existing_output_and_rubbish_are_refused(good, tmp_path):
+    (one,) = good.glob("*.mcap")
+    with pytest.raises(UsageError, match="whole"):
+        recover_bag(one, tmp_path / "one")
     with pytest.raises(UsageError, match="whole"):
         recover_bag(good, tmp_path / "out")
     bag = cut(good, tmp_path / "cut", 200_000)

@@ -36,7 +36,8 @@ def test_limits(text, expected):
 @pytest.mark.parametrize(("text", "problem"), [
     ("turnshort=5%", "did you mean 'turn_short'"), ("turn_short=5mrad", "is no unit"),
     ("turn_short", "is not a number"), ("backlash=-1", "out of bounds"),
-    ("backlash=2%", "no unit"),
+    ("backlash=2%", "no unit"), ("turn_short=5", "out of bounds: give 1e-06 to 1"),
+    ("backlash=2", "out of bounds: give 1e-06 to 0.1"),
 ])
 def test_limits_that_are_none(text, problem):
     with pytest.raises(UsageError, match=problem):

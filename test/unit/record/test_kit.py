@@ -5,7 +5,9 @@ from dataclasses import replace
 import pytest
 import yaml
 
+from ema_cli.views.verdict import next_commands
 from ema_prognostics.verdict.judge import Judge
+from ema_record.actuator import load_actuator
 from ema_record.actuator_type import actuator_hash, actuator_hashes, is_of_another_actuator
 from ema_record.bag.read import write_bag
 from ema_record.checks.run import lint_bag
@@ -90,3 +92,26 @@ def test_every_parameter_stands_in_a_kit(tmp_path):
     (kit / ACTUATOR).write_text(yaml.safe_dump(data), encoding="utf-8")
     with using_kit(kit), pytest.raises(UsageError, match=r"gear\.ratio is missing"):
         actuator_hash()
+
+
+@pytest.mark.parametrize(("change", "problem"), [
+    (lambda data: data | {"tolerence": data.pop("tolerances")}, "did you mean 'tolerances'"),
+    (lambda data: data | {"gear": 300}, "gear: expected parameters and values"),
+])
+def test_a_section_of_a_kit_that_nothing_reads_is_refused(tmp_path, change, problem):
+    """Else the bands that it was meant to give would be those of the software."""
+    kit = make_kit(tmp_path / "kit", {})
+    data = change(yaml.safe_load((kit / ACTUATOR).read_text(encoding="utf-8")))
+    (kit / ACTUATOR).write_text(yaml.safe_dump(data), encoding="utf-8")
+    with using_kit(kit), pytest.raises(UsageError, match=problem) as caught:
+        load_actuator()
+    assert "\n" not in str(caught.value)
+
+
+def test_the_next_command_uses_the_kit_and_the_baseline(second, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    verdict = {"bag": "a bag", "verdict": "healthy"}
+    assert next_commands(verdict, {}) == ["ema report 'a bag' --out a_bag.html"]
+    with using_kit(second):
+        (line,) = next_commands(verdict, {"given": " --baseline b"})
+    assert line.startswith("ema report 'a bag' --kit ") and "--baseline b --out" in line

@@ -98,6 +98,13 @@ def test_the_same_record_cannot_validate(record):
         identify([record], validate=[record])
 
 
+def test_a_value_that_is_no_reading_is_named(record):
+    samples = record.samples.copy()
+    samples[100, 3] = 1e300
+    with pytest.raises(InvalidRecordError, match=r"phase_current_b reads 1e\+300, at most 1e\+06"):
+        identify([replace(record, samples=samples)])
+
+
 def test_the_same_record_does_not_count_as_two(record):
     with pytest.raises(UsageError, match="twice as measured: it would count as two"):
         identify([record, replace(record)])

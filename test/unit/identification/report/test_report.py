@@ -26,8 +26,10 @@ from ema_identification.report.write import (
 )
 from ema_identification.result import Curve, Formula, Panel
 from ema_record.errors import OutputError, UsageError
+from ema_record.kit import using_kit
 from ema_record.profile import load_profile
 from ema_sim.model_file import load_model_file
+from support.simulations import make_kit
 
 INPUTS = {"measured": ["unit_extended"], "validate": "unit_step", "model": "nominal"}
 
@@ -168,8 +170,11 @@ def test_what_to_run_next_is_understood_by_the_commands(explained, machine, tmp_
     found = replace(explained, machine=machine,
                     next_profile=explained.next_profile if machine == "actuator" else None)
     inputs = {"measured": ["a b", "c"], "validate": ["d"], "without": ["backlash"],
-              "model": "nominal"}
-    lines = next_commands(found, tmp_path / "re port", inputs, NEXT_TEST_FILE)
+              "baseline": ["e"], "model": "nominal"}
+    with using_kit(make_kit(tmp_path / "a kit", {}, cascade=False)):
+        lines = next_commands(found, tmp_path / "re port", inputs, NEXT_TEST_FILE)
+    assert all("/a kit'" in line and "--kit" in line for line in lines)
+    assert any("--baseline e" in line for line in lines)
     assert len(lines) == (4 if machine == "actuator" else 1)
     for line in lines:
         program, name, *arguments = shlex.split(line)
