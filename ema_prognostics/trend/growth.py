@@ -32,6 +32,8 @@ class Growth:
     p_value : of Kendall's test against no growth, one-sided.
     growing : the rate's interval lies above 0 and the test rejects.
     severity : now, of the last few flights together.
+    severity_error : its standard error.
+    wander : variance that a flight adds beyond the steady rate (bursts, plateaus).
     """
 
     count: int
@@ -40,6 +42,8 @@ class Growth:
     p_value: float
     growing: bool
     severity: float
+    severity_error: float
+    wander: float
 
 
 def growth(
@@ -77,6 +81,7 @@ def growth(
     return Growth(
         count=count, rate=rate, rate_interval=interval, p_value=p_value,
         growing=bool(p_value < significance and interval[0] > 0.0), severity=now,
+        severity_error=float(noise * np.sqrt(0.5 * np.pi / min(5, count))), wander=wander,
     )
 
 

@@ -21,6 +21,7 @@ def test_a_line_has_its_slope_and_the_rank_test_its_exact_probability():
     assert found.p_value == pytest.approx(1 / math.factorial(8))
     assert found.severity == pytest.approx(0.024)
     assert found.growing
+    assert found.wander == pytest.approx(0.0, abs=1e-20)
 
 
 def test_missing_flights_do_not_matter():
