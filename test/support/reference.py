@@ -46,8 +46,6 @@ STEP = 1e-7
 BUS_CURRENT = N_CHANNELS
 """Column of the loop's output that no channel has: mean bus current (A)."""
 AUXILIARY_PERIOD = 0.1
-
-
 THIRD = 2.0 * math.pi / 3.0
 
 
@@ -55,7 +53,6 @@ THIRD = 2.0 * math.pi / 3.0
 def sector_of(theta: float) -> int:
     """Return the commutation sector 0..5 of the paper's Table 1; sector 0 is 30° to 90°."""
     return math.floor((theta - FIRST_EDGE) / SECTOR) % 6
-
 
 
 @njit(cache=True, error_model="numpy")

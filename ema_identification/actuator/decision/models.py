@@ -143,19 +143,19 @@ class Models:
     def measured(self, answer: FleetAnswer) -> FleetAnswer:
         """Return the answer with intervals that runs tell, and the values that leave least there.
 
-        Of the fit, which goes on first with all slopes simulated where it leaves more than half of
-        the healthy units do, of where runs over all that it may be lead, and of a linear step
-        from that.
+        Of the fit, of where runs over all that it may be lead, of a linear step from that, and,
+        where the fit leaves more than half of the healthy units do, of where it goes on to with
+        all slopes simulated.
         """
         if (fit := answer.fit) is None:
             return answer
-        if fit.cost > self.usual:
-            fit = min(fit, self.refitted(fit), key=lambda f: f.cost)
         known = simulated_posterior(self.unit, fit)
         points = [self.unit.begun(f, self.white, SETTLED_RUNS) for f in (fit, at(fit, known.mean))]
         if np.isfinite(points[1].cost):
             step = self.unit.settled_at(points[1], points[1].mean, self.white, SETTLED_RUNS)
             points.append(self.unit.begun(step, self.white, SETTLED_RUNS))
+        if fit.cost > self.usual:
+            points.append(self.unit.begun(self.refitted(fit), self.white, SETTLED_RUNS))
         return replace(answer, known=known, fit=min(
             [p for p in points if np.isfinite(p.cost)] or [fit], key=lambda f: f.cost))
 
