@@ -26,9 +26,13 @@ NUMERICAL = ("numpy", "scipy", "numba")
 """Packages whose version may change what is computed."""
 LARGEST = 500_000_000
 """Largest file that is read, as it is and unpacked (bytes)."""
-DAMAGED = (OSError, ValueError, KeyError, EOFError, MemoryError, NotImplementedError,
-           zipfile.BadZipFile, zlib.error)
-"""What `read_arrays` raises for a file that holds no arrays."""
+DAMAGED = (
+    OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error,
+    NotImplementedError,  # zipfile: a compression that it does not know
+    RuntimeError,  # zipfile: an encrypted member
+    SyntaxError, MemoryError,  # numpy: a damaged header
+)
+"""What reading an NPZ file raises where it holds no arrays."""
 
 
 def cache_directory() -> Path:

@@ -17,6 +17,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.io import loadmat, whosmat
 
+from ema_record.array_cache import DAMAGED
 from ema_record.errors import InvalidRecordError, UsageError
 from ema_rig.hdf5 import read_hdf5
 from ema_rig.table import (
@@ -167,11 +168,7 @@ def read_npz(path: Path, needed: Sequence[str | int] | None) -> Table:
             for name in names:
                 columns[name] = _array(loaded[name], f"{path}: {name}") if name in wanted else \
                     np.empty((0, 0))
-    except (zipfile.BadZipFile, ValueError, OSError, EOFError, KeyError, zlib.error,
-            NotImplementedError,  # zipfile: a compression that it does not know
-            RuntimeError,  # zipfile: an encrypted member
-            SyntaxError, MemoryError,  # numpy: a damaged header
-            ) as error:
+    except DAMAGED as error:
         text = " ".join(str(error).split())[:80]
         raise InvalidRecordError(
             f"{path}: no NPZ file, damaged, or with objects that would need pickle ({text}): "

@@ -194,6 +194,11 @@ def test_what_is_kept_and_damaged_counts_as_absent_wherever_it_is(tmp_path):
             whole[:place] + bytes([whole[place] ^ 0x40]) + whole[place + 1:])
         found = cache.load("a", tmp_path)
         assert found is None or set(found) != {"x"} or len(found["x"]) == 40
+    locked = bytearray(whole)
+    locked[6] |= 1  # encrypted, says the header of the member and the list at the end
+    locked[whole.index(b"PK\x01\x02") + 8] |= 1
+    (tmp_path / "a.npz").write_bytes(locked)
+    assert cache.load("a", tmp_path) is None
     with (tmp_path / "one.npz").open("wb") as file:
         np.save(file, np.arange(3.0))
     assert cache.load("one", tmp_path) is None
