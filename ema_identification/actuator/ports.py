@@ -1,41 +1,38 @@
 """Unknown: where an effect lives that the catalogue does not hold, and what it looks like.
 
-Two readings together: the signals in which the residual lives point to ports by physics, and the
-catalogue's entries that come nearest in shape, though they do not explain it, have a port.
+The signals in which the residual lives point to ports by physics. The effects of the catalogue
+that come nearest do not: they make up for what they are not (a friction for a lost motion).
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ema_identification.actuator.decision.fit import TestedUnit
-from ema_identification.actuator.laws.terms import LawFit
 from ema_identification.actuator.measure.control_law import ControlLaw
 from ema_identification.actuator.measure.ripple import largest_line
 from ema_identification.actuator.residuals import ResidualGroup, groups_of
 from ema_identification.result import Curve, Panel, Shape
-from ema_sim.effects import EFFECTS
 
 SENSOR_SIGNALS = {"sum of the phase currents", "measured speed minus speed of the rotor angle"}
+TORQUE_LINES = "motor torque", "rotor angle"
 SENSOR_FEATURES = ("position_step", "speed_step", "position_at_start", "gain_ab", "gain_ac",
                    "offset_a", "offset_b", "offset_c", "slip")
 STRONG_FEATURE = 8.0
 """Residual of a feature that by itself settles a port (standard deviations)."""
-SENSOR_SHARE = 0.3
-"""Least residual of a sensor's features, of the largest of all, at which the sensor is given: a
-large effect elsewhere moves them too, since it takes the recalibration astray."""
+LEADING = 0.3
+"""Least residual of a sensor's features, or of the torque's lines, of the largest of all, at which
+they settle a port: a large effect elsewhere moves them too, since it takes the recalibration
+astray."""
 COMMUTATION, MULTIPLES = 6, (6, 12, 18, 24)
 """Periods a turn of the commutation: ripple of windings has its multiples, and lower orders."""
-NEAR = 0.5
-"""Part of the misfit that an entry must explain for its port to be given first."""
 
 
 def unknown_shape(
-    unit: TestedUnit, residual: np.ndarray, fits: Sequence[LawFit], null_cost: float,
-    law: ControlLaw | None = None,
+    unit: TestedUnit, residual: np.ndarray, law: ControlLaw | None = None
 ) -> Shape:
     """Return port and shape of what is left.
 
@@ -43,8 +40,6 @@ def unknown_shape(
     ----------
     unit : the records; the first one tells the port.
     residual : of the recalibrated model, in standard deviations, shape (d,).
-    fits : the catalogue's candidates, best first; none of them explains the residual.
-    null_cost : cost without any of them.
     law : what the control law by itself says.
     """
     groups = groups_of(unit, residual)
@@ -52,7 +47,10 @@ def unknown_shape(
     rest = unit.split(residual)[0]
     line = largest_line(first.library.fmap, rest, first.library.repeat.deviation(
         first.conditions.noise))
-    ports = _ports(_by_name(first, rest), line, groups, fits, null_cost, law)
+    limit = first.library.model.actuator.control.speed_limit
+    jumps = {t.text: min(1.0, abs(t.after - t.before) / limit)
+             for t in first.library.fmap.plan.transitions}
+    ports = _ports(_by_name(first, rest), line, groups, jumps, law)
     words = _words(line, groups)
     if law is not None and not law.holds:
         words = f"{law.text}; {words}"
@@ -62,8 +60,7 @@ def unknown_shape(
 
 def _ports(
     values: dict[str, float], line: tuple[int, float, str] | None,
-    groups: Sequence[ResidualGroup], fits: Sequence[LawFit], null_cost: float,
-    law: ControlLaw | None,
+    groups: Sequence[ResidualGroup], jumps: Mapping[str, float], law: ControlLaw | None,
 ) -> list[str]:
     found: list[str] = []
     if abs(values.get("bus_slope", 0.0)) > STRONG_FEATURE:
@@ -71,30 +68,36 @@ def _ports(
     sensor = max((abs(values.get(n, 0.0)) for n in SENSOR_FEATURES), default=0.0)
     summed = max((g.largest for g in groups if g.signal in SENSOR_SIGNALS), default=0.0)
     largest = max((g.largest for g in groups), default=0.0)
-    if max(sensor, summed) > max(STRONG_FEATURE, SENSOR_SHARE * largest):
+    if max(sensor, summed) > max(STRONG_FEATURE, LEADING * largest):
         found.append("sensor")
     if law is not None and not law.holds:  # nothing else breaks the law
         found += ["controller", *(["sensor"] if "sensor" not in found else [])]
-    if line is not None and line[0] > COMMUTATION and line[0] % COMMUTATION:
-        found += ["motor torque", "transmission"]
+    ripple = max((g.largest for g in groups if (g.signal, g.against) == TORQUE_LINES), default=0.0)
+    if line is not None and ripple > LEADING * largest:
+        if line[0] > COMMUTATION and line[0] % COMMUTATION:
+            found += ["motor torque", "transmission"]
+        elif _turns_with_direction(values) < 0.0:  # what belongs to the windings turns over
+            found.append("motor torque")
     if _turns_commutation(values) > 2.0 * STRONG_FEATURE**2:
         found.append("commutation")
-    near = [f for f in fits if np.isfinite(f.cost) and f.cost < (1.0 - NEAR) * null_cost]
-    for fit in near:
-        nearest = str(EFFECTS[fit.terms[0].variant.effect].port)
-        if nearest not in found:
-            found.append(nearest)
-    for port in _by_physics(values, groups):
-        if port not in found and not (port == "controller" and law is not None and law.holds):
-            found.append(port)
+    found += [port for port in _by_physics(values, groups, jumps, law) if port not in found]
     return found[:2] or ["controller"]
 
 
-def _by_physics(values: dict[str, float], groups: Sequence[ResidualGroup]) -> list[str]:
-    """Return ports in the order in which the signals point to them."""
+def _by_physics(
+    values: dict[str, float], groups: Sequence[ResidualGroup], jumps: Mapping[str, float],
+    law: ControlLaw | None,
+) -> list[str]:
+    """Return ports in the order in which the signals point to them.
+
+    `jumps`: by text of a start or stop its change of speed, of the limit. Where the control is as
+    it should be, a speed that runs otherwise is friction's or, the larger the jump and so the
+    longer the current is at its limit, that of what windings make of a current.
+    """
     score: dict[str, float] = defaultdict(float)
+    right = law is not None and law.holds
     for group in groups:
-        x = group.excess
+        x = max(group.excess, 0.0)
         if group.signal == "motor torque":
             if group.against == "rotor angle":
                 ahead = _turns_with_direction(values)
@@ -111,13 +114,19 @@ def _by_physics(values: dict[str, float], groups: Sequence[ResidualGroup]) -> li
         elif group.signal.startswith("motor travel"):
             score["transmission"] += x
         elif group.signal == "motor speed":
-            loop = group.against in ("frequency", "test phase")
-            score["controller" if loop else "load"] += 0.5 * x
+            if group.against == "test phase" and right:
+                jump = jumps.get(group.place, 0.0)
+                score["winding"] += 0.5 * jump * x
+                score["friction"] += 0.5 * (1.0 - jump) * x
+            else:
+                loop = group.against in ("frequency", "test phase")
+                score["controller" if loop else "load"] += 0.5 * x
         elif group.signal == "surface position":
             score["transmission" if "reversal" in group.place else "sensor"] += x
         elif group.signal == "bus voltage":
             score["supply"] += x
-    return [port for port, _ in sorted(score.items(), key=lambda item: -item[1])]
+    return [port for port, _ in sorted(score.items(), key=lambda item: -item[1])
+            if not (port == "controller" and right)]
 
 
 def _turns_commutation(values: dict[str, float]) -> float:

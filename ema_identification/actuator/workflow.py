@@ -141,8 +141,7 @@ def _said(
         next_test=None if proposed is None else proposed.text,
         next_profile=None if proposed is None else proposed.profile,
         recalibrated=recalibrated_of(unit, fit, answer.known), reasons=reasons_of(answer, gap),
-        unknown=unknown_shape(unit, residual_of(unit, fit), answer.fits, fit.cost, law)
-        if something else None,
+        unknown=unknown_shape(unit, residual_of(unit, fit), law) if something else None,
         model_text="" if answer.verdict == "contradicted" else _model_text(unit, fit, model))
     return replace(
         found, steps=steps_of(unit, answer, law, groups, found, gap),

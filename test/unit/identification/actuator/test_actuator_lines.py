@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from ema_identification.actuator.decision.proposals import MOST_OFF, ripple_power
+from ema_identification.actuator.measure.control_law import ControlLaw
 from ema_identification.actuator.measure.features import Feature
 from ema_identification.actuator.measure.ripple import largest_line
-from ema_identification.actuator.measure.segments import MotionSegment
+from ema_identification.actuator.measure.segments import MotionSegment, Transition
 from ema_identification.actuator.ports import unknown_shape
 
 SPEEDS = (25.0, -25.0, 200.0, -200.0)
@@ -24,9 +25,13 @@ def unit_of(orders, extra=()):
         for s in segments for n in orders for part in ("re", "im")]
     features += extra
     repeat = SimpleNamespace(deviation=lambda _noise: np.full(len(features), DEVIATION))
-    plan = SimpleNamespace(segments=segments, transitions=[])
+    jumps = [Transition(name=f"t{k}", kind="start", time=k, room=0.1, before=0.0, after=v,
+                        stepped=True) for k, v in enumerate((800.0, 25.0))]
+    plan = SimpleNamespace(segments=segments, transitions=jumps)
     fmap = SimpleNamespace(features=tuple(features), plan=plan)
-    unit = SimpleNamespace(library=SimpleNamespace(repeat=repeat, fmap=fmap),
+    library = SimpleNamespace(repeat=repeat, fmap=fmap, model=SimpleNamespace(
+        actuator=SimpleNamespace(control=SimpleNamespace(speed_limit=790.6))))
+    unit = SimpleNamespace(library=library,
                            conditions=SimpleNamespace(noise=1.0), split=lambda values: [values])
     unit.parts = (unit,)
     return unit
@@ -44,6 +49,7 @@ def residual(lines):
 
 LINE = 10.0 * np.exp(0.7j)
 QUIET = np.zeros(4)
+HOLDS = ControlLaw(holds=True, text="as in the model")
 
 
 @pytest.mark.parametrize("sense", [np.ones(4), np.sign(SPEEDS)])
@@ -97,7 +103,7 @@ def port_of(lines, gain):
     unit = unit_of((6, 24), [
         Feature("gain_ab", "record", "sum of the phase currents", "load"),
         Feature("s0.error", "s0", "motor speed", "frequency")])
-    return unknown_shape(unit, np.append(residual(lines), [gain, 5.0]), [], 1.0).port
+    return unknown_shape(unit, np.append(residual(lines), [gain, 5.0])).port
 
 
 def test_a_sensor_is_given_only_where_its_own_features_lead():
@@ -112,6 +118,35 @@ def test_a_sensor_is_given_only_where_its_own_features_lead():
     (12.0 * np.ones(4), False), (12.0 * np.sign(SPEEDS), False)])  # windings, whatever their shape
 def test_quadratures_that_turn_with_the_direction_are_the_commutation(line, turned):
     assert ("commutation" in port_of(np.stack([line, QUIET], axis=1), 0.0)) is turned
+
+
+@pytest.mark.parametrize(("sense", "given"), [(np.ones(4), True), (np.sign(SPEEDS), False)])
+def test_a_ripple_of_the_commutations_order_is_a_torque_of_its_own_if_it_keeps_its_sign(
+        sense, given):
+    lines = np.stack([12.0 * sense, QUIET], axis=1)
+    assert ("motor torque" in port_of(lines, 0.0)) is given
+
+
+def test_a_ripple_is_not_given_where_something_else_is_far_larger():
+    def port(largest):
+        unit = unit_of((5, 9), [
+            Feature(f"t0.speed_{k}", "t0", "motor speed", "test phase") for k in range(9)])
+        lines = residual(np.stack([QUIET, np.full(4, 2.0 * LINE)], axis=1))
+        return unknown_shape(unit, np.append(lines, np.full(9, largest)), HOLDS).port
+
+    assert port(5.0) == "motor torque, transmission"
+    assert port(5000.0).startswith("winding")
+
+
+@pytest.mark.parametrize(("place", "holds", "port"), [
+    ("t0", True, "winding"), ("t1", True, "friction"), ("t0", False, "controller")])
+def test_a_speed_that_runs_otherwise_is_what_makes_it_run(place, holds, port):
+    """At a long current limit the windings, at a short one friction, the control if it is off."""
+    unit = unit_of((5, 9), [
+        Feature(f"{place}.speed_{k}", place, "motor speed", "test phase") for k in range(5)])
+    rest = np.append(np.zeros(len(unit.library.fmap.features) - 5), np.full(5, 7.0))
+    law = HOLDS if holds else HOLDS._replace(holds=False)
+    assert unknown_shape(unit, rest, law).port.split(", ")[0] == port
 
 
 def test_the_power_of_a_ripple_is_the_mean_of_its_lines_by_periods_of_the_rotors_turn():
