@@ -52,9 +52,9 @@ A request, and its answer, is lost where one side has found the other and not ye
 
 
 @contextmanager
-def aircraft(namespace: str = "") -> Iterator[AircraftNode]:
+def aircraft() -> Iterator[AircraftNode]:
     """Yield the node, in a context of its own that leaves the signals to the caller."""
-    with aircrafts([namespace]) as (node,):
+    with aircrafts([""]) as (node,):
         yield node
 
 

@@ -78,14 +78,14 @@ def end_with_parent() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-def bound_the_end(limit: float = MIDDLEWARE_END) -> None:
-    """End this process with status 1 after `limit` (s), whatever its threads wait for.
+def bound_the_end() -> None:
+    """End this process with status 1 after `MIDDLEWARE_END`, whatever its threads wait for.
 
     Fast DDS can deadlock while it destroys a reader (its issues 6193 and 6502), and then inside
     a call that holds the interpreter. The watchdog of the standard library needs no interpreter;
     it writes to stderr where each thread stood.
     """
-    faulthandler.dump_traceback_later(limit, exit=True)
+    faulthandler.dump_traceback_later(MIDDLEWARE_END, exit=True)
 
 
 def run_node(
