@@ -11,12 +11,14 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
 
 from ema_record.errors import EmaError
 
+T = TypeVar("T")
 PARENT = "EMA_PHM_PARENT"
 """Environment variable: id of the process with which this one is to end."""
 SPIN_PERIOD = 0.1
@@ -86,6 +88,32 @@ def bound_the_end() -> None:
     it writes to stderr where each thread stood.
     """
     faulthandler.dump_traceback_later(MIDDLEWARE_END, exit=True)
+
+
+@contextmanager
+def spun(ros: Any, make_nodes: Callable[[Any], Sequence[T]]) -> Iterator[Sequence[T]]:
+    """Yield nodes with one executor, in a context that leaves the signals to the caller.
+
+    Parameters
+    ----------
+    ros : the client library, the module ``rclpy``.
+    make_nodes : returns them, made in the context that it is given.
+    """
+    prepare_environment()
+    context = ros.Context()
+    ros.init(context=context, args=QUIET,
+             signal_handler_options=ros.signals.SignalHandlerOptions.NO)
+    nodes: Sequence[Any] = make_nodes(context)
+    executor = ros.executors.SingleThreadedExecutor(context=context)
+    for node in nodes:
+        executor.add_node(node)
+    try:
+        yield nodes
+    finally:
+        executor.shutdown(timeout_sec=1.0)
+        for node in nodes:
+            node.destroy_node()
+        ros.try_shutdown(context=context)
 
 
 def run_node(

@@ -83,10 +83,10 @@ class Nodes:
 class Watcher:
     """The aircraft, with eyes on diagnostics and samples."""
 
-    def __init__(self, node, executor, nodes):
+    def __init__(self, node, nodes):
         self.node = node
         self.nodes = nodes
-        self.executor = executor
+        self.executor = node.executor
         group = PolledGroup()
         self._diagnostics = make_polled_subscription(node, DIAGNOSTICS, group)
         self._samples = make_polled_subscription(node, SAMPLES, group)
@@ -108,10 +108,11 @@ class Watcher:
                     self.actuator_history.append(self.actuator)
         self.blocks += [decode_block(taken.data) for taken in take_all(self._samples)]
 
-    def spin_for(self, seconds):
+    def spin_for(self, seconds, during=lambda: None):
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self.spin()
+            during()
 
     def wait(self, condition, timeout=20.0, what="condition"):
         """Spin until `condition` holds; fail at once where `what` is a node that has ended."""
