@@ -10,15 +10,13 @@ import rclpy
 import rclpy.serialization
 from diagnostic_msgs.msg import DiagnosticArray
 
+from ema_cli.commands.bit import MONITOR, PROGNOSTICS, SIMULATOR
 from ema_monitor.aircraft_node import answer_of
 from ema_record.wire.samples import decode_block
 from ema_record.wire.topics import COMMAND, DIAGNOSTICS, SAMPLES, VERDICT
 from ema_record.wire.trajectory import encode_command
 from ema_ros.messages import PolledGroup, make_polled_subscription, make_publisher, take_all
 
-SIMULATOR = "ema_sim.simulator_node"
-MONITOR = "ema_monitor.monitor_node"
-PROGNOSTICS = "ema_prognostics.prognostics_node"
 START_TIMEOUT = 180.0
 """The first simulator of a test run may have to compile (s)."""
 
