@@ -33,6 +33,7 @@ from ema_record.profile import load_profile
 from ema_record.sources import source_hash
 from ema_ros.domain import enter_domain, private_domain
 from ema_ros.supervisor import Supervisor
+from support.chain import samples_of
 
 STOP_LIMIT = 0.050
 """From an open interlock to the stop of the surface (s)."""
@@ -64,8 +65,8 @@ class Fleet(NamedTuple):
                 found["failed"] += 1
                 found["reasons"].append(result["message"])
                 continue
-            counters = next(c for c in result["checks"] if c["name"] == "counters")["values"]
-            found["lost"] += int(counters["samples_published"]) - int(counters["samples_recorded"])
+            published, recorded = samples_of(result)
+            found["lost"] += published - recorded
             right = ("turn_short", "b") if number % 2 else (None, None)
             verdict = result["verdict"]
             found["wrong"] += (verdict["fault_class"], verdict["phase"]) != right

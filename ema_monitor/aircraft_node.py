@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
 import rclpy
 import rclpy.executors
-import rclpy.signals
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
 from lifecycle_msgs.srv import GetState
@@ -34,7 +33,7 @@ from ema_ros.messages import (
     resolved,
     take_all,
 )
-from ema_ros.process import QUIET, prepare_environment
+from ema_ros.process import spun
 
 NODE_NAME = "aircraft"
 SIMULATOR = "ema_sim"
@@ -52,32 +51,16 @@ A request, and its answer, is lost where one side has found the other and not ye
 
 
 @contextmanager
-def aircraft(namespace: str = "") -> Iterator[AircraftNode]:
+def aircraft() -> Iterator[AircraftNode]:
     """Yield the node, in a context of its own that leaves the signals to the caller."""
-    with aircrafts([namespace]) as (node,):
+    with aircrafts([""]) as (node,):
         yield node
 
 
-@contextmanager
-def aircrafts(namespaces: Sequence[str]) -> Iterator[list[AircraftNode]]:
+def aircrafts(namespaces: Sequence[str]) -> AbstractContextManager[Sequence[AircraftNode]]:
     """Yield a node for each actuator, by its namespace; all are spun together."""
-    prepare_environment()
-    context = rclpy.Context()
-    rclpy.init(
-        context=context, args=QUIET, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO
-    )
-    nodes = [AircraftNode(context, namespace, first=number == 0)
-             for number, namespace in enumerate(namespaces)]
-    executor = rclpy.executors.SingleThreadedExecutor(context=context)
-    for node in nodes:
-        executor.add_node(node)
-    try:
-        yield nodes
-    finally:
-        executor.shutdown(timeout_sec=1.0)
-        for node in nodes:
-            node.destroy_node()
-        rclpy.try_shutdown(context=context)
+    return spun(rclpy, lambda context: [AircraftNode(context, namespace, first=number == 0)
+                                        for number, namespace in enumerate(namespaces)])
 
 
 class AircraftNode(Node):

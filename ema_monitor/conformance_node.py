@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import rclpy
 import rclpy.executors
-import rclpy.signals
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
@@ -46,7 +45,7 @@ from ema_ros.messages import (
     stamp_message,
     take_all,
 )
-from ema_ros.process import QUIET, prepare_environment
+from ema_ros.process import spun
 
 NODE_NAME = "ema_conformance"
 SPIN = 0.02
@@ -233,17 +232,5 @@ class ConformanceNode(Node):
 
 def examine(namespace: str, wait: float) -> Heard:
     """Return what was heard of the driver in a namespace (TestRefusedError: there is none)."""
-    prepare_environment()
-    context = rclpy.Context()
-    rclpy.init(
-        context=context, args=QUIET, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO
-    )
-    node = ConformanceNode(context, namespace)
-    executor = rclpy.executors.SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    try:
+    with spun(rclpy, lambda context: [ConformanceNode(context, namespace)]) as (node,):
         return node.examine(wait)
-    finally:
-        executor.shutdown(timeout_sec=1.0)
-        node.destroy_node()
-        rclpy.try_shutdown(context=context)

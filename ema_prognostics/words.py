@@ -146,11 +146,11 @@ def severity_words(
     return text
 
 
-def look_alike(named: Iterable[str], other: str, language: str | None = None) -> str:
+def look_alike(named: Iterable[str], other: str) -> str:
     """Return an alternative in words, beside the classes that are named."""
-    say = words(language)
+    say = words()
     keys = (f"alternative.{name}.{other}.name" for name in named)
-    return next((say(key) for key in keys if say.has(key)), name_of(other, language))
+    return next((say(key) for key in keys if say.has(key)), name_of(other))
 
 
 def step_kind(feature: str) -> str:

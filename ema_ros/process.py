@@ -11,12 +11,14 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
 
 from ema_record.errors import EmaError
 
+T = TypeVar("T")
 PARENT = "EMA_PHM_PARENT"
 """Environment variable: id of the process with which this one is to end."""
 SPIN_PERIOD = 0.1
@@ -78,14 +80,40 @@ def end_with_parent() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-def bound_the_end(limit: float = MIDDLEWARE_END) -> None:
-    """End this process with status 1 after `limit` (s), whatever its threads wait for.
+def bound_the_end() -> None:
+    """End this process with status 1 after `MIDDLEWARE_END`, whatever its threads wait for.
 
     Fast DDS can deadlock while it destroys a reader (its issues 6193 and 6502), and then inside
     a call that holds the interpreter. The watchdog of the standard library needs no interpreter;
     it writes to stderr where each thread stood.
     """
-    faulthandler.dump_traceback_later(limit, exit=True)
+    faulthandler.dump_traceback_later(MIDDLEWARE_END, exit=True)
+
+
+@contextmanager
+def spun(ros: Any, make_nodes: Callable[[Any], Sequence[T]]) -> Iterator[Sequence[T]]:
+    """Yield nodes with one executor, in a context that leaves the signals to the caller.
+
+    Parameters
+    ----------
+    ros : the client library, the module ``rclpy``.
+    make_nodes : returns them, made in the context that it is given.
+    """
+    prepare_environment()
+    context = ros.Context()
+    ros.init(context=context, args=QUIET,
+             signal_handler_options=ros.signals.SignalHandlerOptions.NO)
+    nodes: Sequence[Any] = make_nodes(context)
+    executor = ros.executors.SingleThreadedExecutor(context=context)
+    for node in nodes:
+        executor.add_node(node)
+    try:
+        yield nodes
+    finally:
+        executor.shutdown(timeout_sec=1.0)
+        for node in nodes:
+            node.destroy_node()
+        ros.try_shutdown(context=context)
 
 
 def run_node(

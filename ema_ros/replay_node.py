@@ -6,14 +6,14 @@ import time
 from collections.abc import Callable, Sequence
 
 import rclpy
-import rclpy.signals
+import rclpy.executors
 from rclpy.duration import Duration
 from rclpy.node import Node
 
 from ema_record.errors import TestRefusedError
 from ema_record.wire.topics import COMMAND, SAMPLES
 from ema_ros.messages import make_publisher, try_publish
-from ema_ros.process import QUIET, prepare_environment
+from ema_ros.process import spun
 from ema_ros.replay_bag import ReplayMessage
 
 NODE_NAME = "ema_replay"
@@ -76,13 +76,8 @@ def play(
     wait : longest wait for a subscriber to the samples (s).
     show : is told how much is done (s).
     """
-    prepare_environment()
-    context = rclpy.Context()
-    rclpy.init(
-        context=context, args=QUIET, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO
-    )
-    node = ReplayNode(list(dict.fromkeys(message.topic for message in messages)), context)
-    try:
+    topics = list(dict.fromkeys(message.topic for message in messages))
+    with spun(rclpy, lambda context: [ReplayNode(topics, context)]) as (node,):
         begin = time.monotonic()
         while not node.matched() or time.monotonic() - begin < LOOK_FOR_OTHERS:
             if time.monotonic() - begin > max(wait, LOOK_FOR_OTHERS):
@@ -101,6 +96,3 @@ def play(
             node.publish(message)
         node.wait_for_acknowledgement()
         return dict(node.counts)
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown(context=context)

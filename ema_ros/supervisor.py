@@ -11,7 +11,6 @@ import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 
 from ema_record.errors import EmaError, UsageError
 from ema_ros.process import PARENT, QUIET
@@ -55,12 +54,7 @@ class Supervisor:
         """Return the supervisor itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End all nodes."""
         self.stop()
 

@@ -132,7 +132,7 @@ def _fit(estimator: Any, x: np.ndarray, y: np.ndarray) -> Any:
 
 
 def mlp_columns(
-    train: FleetFeatures, held_out: Sequence[Tested], view: View = "fleet", *, seed: int = 1
+    train: FleetFeatures, held_out: Sequence[Tested], view: View = "fleet"
 ) -> list[Called]:
     """Return what plain perceptrons, trained on `train`, say of each held-out test.
 
@@ -141,9 +141,8 @@ def mlp_columns(
     train : the training campaign of the shipped model.
     held_out : the benchmark's fleet; a test without features is called ``invalid``.
     view : with or without the unit's baseline.
-    seed : of the networks' weights.
     """
-    perceptron = Perceptron(train, view, seed=seed)
+    perceptron = Perceptron(train, view, seed=1)
     called = [Called("invalid")] * len(held_out)
     rows = [k for k, t in enumerate(held_out) if t.later is not None and t.base is not None]
     if not rows:

@@ -23,6 +23,7 @@ from std_msgs.msg import String
 
 from benchmarks.ledger import Ledger, Row
 from ema_monitor.aircraft_node import AircraftNode, aircraft
+from ema_monitor.chain import PROGNOSTICS
 from ema_record.kit import share_path
 from ema_record.wire.topics import BIT_RECORD
 from ema_ros.domain import enter_domain, private_domain
@@ -35,7 +36,6 @@ RATES = (0.5, 1.0, 2.0, 10.0, 100.0)
 PATHS = ("alone", "among others", "one thread", "two threads", "two at once", "announced",
          "topics", "topics")
 NODE_TIMEOUT = 60.0
-PROGNOSTICS = "ema_prognostics.prognostics_node"
 
 
 def verdict_text(verdict: dict[str, object]) -> str:

@@ -16,7 +16,6 @@ from ema_rig.record import Axis, RigRecord
 from support.rigs import EFFECTS, RIGS, Effect, Motion, Rig, motion_of, rms
 
 Made = Callable[[Rig, np.random.Generator], Motion]
-ROTARY = ("spindle", "joint", "motor", "valve")
 
 
 def _of_speed(rig: Rig, speed: np.ndarray) -> Motion:

@@ -21,7 +21,7 @@ MORE_OF_ONE_WAY = {"coulomb_friction": "offset", "offset": "coulomb_friction"}
 """Alike where the motion never reverses."""
 
 
-def panel(count: int, *, seed: int = 0, work: Path | None = None, only: str = "") -> list[Row]:
+def panel(count: int, *, seed: int = 0, work: Path | None = None) -> list[Row]:
     """Print what is found on synthetic records, and return the table.
 
     Parameters
@@ -33,20 +33,17 @@ def panel(count: int, *, seed: int = 0, work: Path | None = None, only: str = ""
         Draws rigs, motions, effects and noise.
     work : Path, optional
         Lines of JSON of what is done; those that are there are not done again.
-    only : str
-        A kind; the others are left out.
 
     """
     ledger = Ledger(work)
     kinds = list(SAYS)
-    wrong = [] if only else [
+    wrong = [
         _done(ledger, f"{seed}-wrong-{k}", partial(_wrong, kinds[k % len(kinds)], k, seed))
         for k in range(count // 5)]
-    coupled = [] if only else [
+    coupled = [
         _done(ledger, f"{seed}-coupled-{k}", partial(_coupled, k, seed))
         for k in range(count // 10)]
-    usable = [record_answer(ledger, k, seed) for k in range(count)
-              if only in ("", list(MOTIONS)[(k // 2) % len(MOTIONS)])]
+    usable = [record_answer(ledger, k, seed) for k in range(count)]
     return table(usable, wrong, coupled)
 
 

@@ -13,7 +13,6 @@ import sqlite3
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from ema_record.array_cache import cache_directory
@@ -56,10 +55,7 @@ class VerdictStore:
         """Use it in a ``with`` block."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Keep what is not kept yet; close it."""
         self.put(())
         self._base.close()

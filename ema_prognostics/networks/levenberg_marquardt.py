@@ -17,6 +17,7 @@ from scipy.optimize import least_squares
 from sklearn.utils import check_random_state
 from threadpoolctl import threadpool_limits
 
+from ema_prognostics.networks.descent import unpack
 from ema_prognostics.networks.network import Network, logsig
 
 TOLERANCE = 1e-8
@@ -28,14 +29,6 @@ MAX_EVALUATIONS = 200
 def n_weights(d: int, h: int, k: int) -> int:
     """Return the number of weights of a network d - h - k, biases included."""
     return d * h + h + h * k + k
-
-
-def unpack(
-    w: np.ndarray, d: int, h: int, k: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Split the weight vector into (d, h), (h,), (h, k), (k,)."""
-    a, b, c = d * h, d * h + h, d * h + h + h * k
-    return w[:a].reshape(d, h), w[a:b], w[b:c].reshape(h, k), w[c:]
 
 
 def residuals(

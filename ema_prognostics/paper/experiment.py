@@ -43,9 +43,7 @@ interval, so the deviation a sample is the level divided by sqrt(REFERENCE_RATE 
 """
 
 
-def add_noise(
-    turns: Turns, level: float, rng: np.random.Generator, rate: float | None = None
-) -> Turns:
+def add_noise(turns: Turns, level: float, rng: np.random.Generator) -> Turns:
     """Return `turns` with white noise on speed and currents.
 
     Parameters
@@ -53,13 +51,11 @@ def add_noise(
     turns : the window.
     level : deviation at `REFERENCE_RATE`, as a part of the largest magnitude in the window.
     rng : where the noise comes from.
-    rate : samples a second, default that of the nominal acquisition.
     """
     if level == 0.0:
         return turns
     samples = turns.samples.copy()
-    rate = load_actuator().acquisition.rate if rate is None else rate
-    scale = level / np.sqrt(REFERENCE_RATE / rate)
+    scale = level / np.sqrt(REFERENCE_RATE / load_actuator().acquisition.rate)
     for columns in (slice(MOTOR_SPEED, MOTOR_SPEED + 1), PHASE_CURRENTS, REFERENCE_CURRENTS):
         block = samples[:, columns]
         block += rng.standard_normal(block.shape) * (scale * np.abs(block).max())

@@ -77,8 +77,8 @@ def _nothing(_what: str, _part: float) -> None:
 
 def train_model(
     seed: int = 1, *, quick: bool = False, jobs: int = 1, progress: Progress = _nothing,
-    folder: Path | None = None, settings: TrainingSettings | None = None,
-    kinds: tuple[ProfileKind, ...] | None = None, actuator: Model | None = None,
+    folder: Path | None = None, kinds: tuple[ProfileKind, ...] | None = None,
+    actuator: Model | None = None,
 ) -> TrainedModel:
     """Return a model trained from `seed`; the same seed gives the same bytes.
 
@@ -89,12 +89,11 @@ def train_model(
     jobs : processes that simulate and train; does not change the result.
     progress : called with what goes on and how much of the whole is done, 0 to 1.
     folder : keeps the features of the campaigns, so that a training that was stopped goes on.
-    settings : other sizes than those of `quick` or the default.
     kinds : the tests to train for, default those that the kit has.
     actuator : the actuator around which the fleets spread, for example a model that
         `ema identify` has completed; default the nominal one.
     """
-    size = settings or (QUICK if quick else TrainingSettings())
+    size = QUICK if quick else TrainingSettings()
     kinds = kinds or tuple(kind for kind in KINDS if kind in profile_names())
     nominal = load_actuator()
     literal = nominal.drive.kind == RELAY and nominal.motor.back_emf == TRAPEZOID

@@ -8,7 +8,7 @@ falsely at 3 p² − 2 p³ with the rule 2 of 3.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -143,7 +143,7 @@ def episodes(history: History, rule: ConfirmationRule = DEFAULT_RULE) -> list[Ep
             confirmed = current.confirmed
             if confirmed is None and sum(window) >= rule.k:
                 confirmed = number
-            current = Episode(first=current.first, confirmed=confirmed, last=number)
+            current = replace(current, confirmed=confirmed, last=number)
             absent = []
         else:
             absent.append(number)
@@ -158,10 +158,7 @@ def _closed(history: History, episode: Episode, cleared: int) -> Episode:
     lower = history.lower[inside & np.isfinite(history.lower)]
     severity = history.severity[inside & np.isfinite(history.severity)]
     outgrown = len(lower) >= 3 and float(np.median(lower[-3:])) > float(severity[0])
-    return Episode(
-        first=episode.first, confirmed=episode.confirmed, last=episode.last, cleared=cleared,
-        repaired=episode.confirmed is not None and outgrown,
-    )
+    return replace(episode, cleared=cleared, repaired=episode.confirmed is not None and outgrown)
 
 
 def falls(history: History, *, width: int = 3) -> list[int]:

@@ -14,11 +14,11 @@ from pathlib import Path
 
 from ema_prognostics.verdict.verdict import Verdict
 from ema_record.bag.container import METADATA_FILE
+from ema_record.bag.mcap_stream import MAGIC
 from ema_record.errors import UsageError
 
 STORAGE = (".mcap", ".mcap.zstd", ".db3")
 """Endings of the files that hold recorded messages."""
-_MAGIC = b"\x89MCAP0\r\n"
 MAX_FLIGHTS = 10_000
 MOST_DATE = 4_000_000_000 * 10**9
 """Beyond this no date is told (ns since the epoch)."""
@@ -113,7 +113,7 @@ def what_else(path: Path) -> str | None:
             begin = file.read(1024)
     except OSError as error:
         return f"cannot be read ({error.strerror or error})"
-    if begin.startswith(_MAGIC):
+    if begin.startswith(MAGIC):
         return None
     kind = "a file of another kind" if b"\0" in begin else "a text file" if begin else "empty"
     return f"{kind}, no bag"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -98,10 +98,7 @@ class FaultTrend:
             "fault_class": self.history.fault_class, "phase": self.history.phase,
             "severity_unit": self.history.unit, "announced": self.announced,
             "confirmed": self.confirmed, "present": self.present,
-            "episodes": [
-                {"first": e.first, "confirmed": e.confirmed, "last": e.last,
-                 "cleared": e.cleared, "repaired": e.repaired} for e in self.episodes
-            ],
+            "episodes": [asdict(episode) for episode in self.episodes],
             "falls": list(self.falls),
             "growth": None if self.growth is None else _growth_dict(self.growth),
             "forecasts": [f.to_dict() for f in self.forecasts],

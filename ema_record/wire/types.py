@@ -71,11 +71,11 @@ def message_class(message_type: str) -> Any:
     return _store_of(message_type).types[message_type]
 
 
-def header(stamp: int, frame_id: str = "") -> Any:
+def header(stamp: int) -> Any:
     """Return a std_msgs/Header with `stamp` (ns since the epoch)."""
     seconds, nanoseconds = divmod(stamp, NANOSECONDS)
     time = message_class("builtin_interfaces/msg/Time")(sec=seconds, nanosec=nanoseconds)
-    return message_class("std_msgs/msg/Header")(stamp=time, frame_id=frame_id)
+    return message_class("std_msgs/msg/Header")(stamp=time, frame_id="")
 
 
 def stamp_of(message: Any) -> int:

@@ -1,7 +1,6 @@
 """Hide an effect, get its name back, see the gap shrink: the short test, a small library."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,6 +18,7 @@ from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.model_file import load_model_file
 from ema_sim.simulate import simulate
+from support.simulations import without
 
 pytestmark = pytest.mark.slow
 
@@ -93,19 +93,12 @@ def test_a_record_at_half_the_rate_is_compared_with_runs_at_that_rate():
     assert found.gap_before < 1.5 * found.noise_floor
 
 
-def lacking(measured, *columns):
-    """Return a record as a recorder without those channels has it."""
-    samples = measured.samples.copy()
-    samples[:, columns] = np.nan
-    return replace(measured, samples=samples)
-
-
 def test_records_of_time_speed_and_two_currents_alone():
     """The other channels are rebuilt, in the record and in the runs."""
     absent = (4, 5, 6, 7, 8, 9)
-    found = identify([lacking(record(), *absent)])
+    found = identify([without(record(), *absent)])
     assert found.verdict == "no disagreement"
-    found = identify([lacking(record(OFFSET), *absent)])
+    found = identify([without(record(OFFSET), *absent)])
     assert "current_sensor_offset" in {
         name for f in found.findings for name in (f.effect, *f.equivalent)}
     assert "surface_position" not in found.model_text  # what a recorder lacks is not the unit's
@@ -113,7 +106,7 @@ def test_records_of_time_speed_and_two_currents_alone():
 
 def test_a_record_without_a_current_that_is_needed_is_refused():
     with pytest.raises(InvalidRecordError, match=r"no channel phase_current_a: .*record them too"):
-        identify([lacking(record(), 2)])
+        identify([without(record(), 2)])
 
 
 def test_a_held_out_record_that_speaks_against_the_fit_contradicts_it():

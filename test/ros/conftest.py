@@ -1,12 +1,9 @@
 """Fixtures of the tests with real nodes."""
 
 import pytest
-import rclpy
-import rclpy.executors
-from rclpy.signals import SignalHandlerOptions
 from ros_processes import Nodes, Watcher
 
-from ema_monitor.aircraft_node import AircraftNode
+from ema_monitor.aircraft_node import aircraft
 
 
 def pytest_collection_modifyitems(items):
@@ -34,12 +31,5 @@ def nodes(ros_domain, tmp_path):
 @pytest.fixture
 def watcher(nodes):
     """Return the aircraft of this test, on the ground."""
-    context = rclpy.Context()
-    rclpy.init(context=context, args=[], signal_handler_options=SignalHandlerOptions.NO)
-    node = AircraftNode(context)
-    executor = rclpy.executors.SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    yield Watcher(node, executor, nodes)
-    executor.shutdown(timeout_sec=1.0)
-    node.destroy_node()
-    rclpy.try_shutdown(context=context)
+    with aircraft() as node:
+        yield Watcher(node, nodes)

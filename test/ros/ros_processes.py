@@ -10,15 +10,13 @@ import rclpy
 import rclpy.serialization
 from diagnostic_msgs.msg import DiagnosticArray
 
+from ema_cli.commands.bit import MONITOR, PROGNOSTICS, SIMULATOR
 from ema_monitor.aircraft_node import answer_of
 from ema_record.wire.samples import decode_block
 from ema_record.wire.topics import COMMAND, DIAGNOSTICS, SAMPLES, VERDICT
 from ema_record.wire.trajectory import encode_command
 from ema_ros.messages import PolledGroup, make_polled_subscription, make_publisher, take_all
 
-SIMULATOR = "ema_sim.simulator_node"
-MONITOR = "ema_monitor.monitor_node"
-PROGNOSTICS = "ema_prognostics.prognostics_node"
 START_TIMEOUT = 180.0
 """The first simulator of a test run may have to compile (s)."""
 
@@ -83,10 +81,10 @@ class Nodes:
 class Watcher:
     """The aircraft, with eyes on diagnostics and samples."""
 
-    def __init__(self, node, executor, nodes):
+    def __init__(self, node, nodes):
         self.node = node
         self.nodes = nodes
-        self.executor = executor
+        self.executor = node.executor
         group = PolledGroup()
         self._diagnostics = make_polled_subscription(node, DIAGNOSTICS, group)
         self._samples = make_polled_subscription(node, SAMPLES, group)
@@ -108,10 +106,11 @@ class Watcher:
                     self.actuator_history.append(self.actuator)
         self.blocks += [decode_block(taken.data) for taken in take_all(self._samples)]
 
-    def spin_for(self, seconds):
+    def spin_for(self, seconds, during=lambda: None):
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self.spin()
+            during()
 
     def wait(self, condition, timeout=20.0, what="condition"):
         """Spin until `condition` holds; fail at once where `what` is a node that has ended."""

@@ -1,12 +1,10 @@
 """The built-in test of another type of actuator: simulator, monitor and record follow its kit."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-from ros_processes import MONITOR, PROGNOSTICS, SIMULATOR
+from ros_processes import MONITOR, PROGNOSTICS, SIMULATOR, ema
 
 from ema_monitor.moves import step_to
 from ema_record.actuator_type import actuator_hash
@@ -19,13 +17,6 @@ from support.simulations import SECOND_STEP, second_kit
 def kit(tmp_path_factory):
     """Gear 300, four pole pairs, 28 V, 10 kHz, a test of its own; networks of the default one."""
     return second_kit(tmp_path_factory.mktemp("kit") / "second")
-
-
-def ema(*arguments):
-    return subprocess.run(
-        [sys.executable, "-m", "ema_cli", *map(str, arguments)],
-        capture_output=True, text=True, timeout=240.0, check=False,
-    )
 
 
 @pytest.mark.slow

@@ -1,7 +1,6 @@
 """The prognostics node: records announced before and after its start, and by parameter."""
 
 import json
-import time
 
 import pytest
 import rclpy.serialization
@@ -56,10 +55,7 @@ class Listener:
         self._watcher.wait(lambda: self.collect() >= count, 60.0, f"{count} verdicts")
 
     def stay(self, seconds):
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            self._watcher.spin()
-            self.collect()
+        self._watcher.spin_for(seconds, self.collect)
 
 
 @pytest.fixture

@@ -1,11 +1,13 @@
-"""The messages of a bag, to be changed before they are written."""
+"""Bags as no recorder of ours writes them: of messages that were changed, of another library."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import mcap.writer
 import numpy as np
 
 from ema_record.bag.container import read_content
@@ -14,7 +16,39 @@ from ema_record.bag.writer import BagWriter
 from ema_record.profile import Profile
 from ema_record.record import Provenance, Record, Status
 from ema_record.wire.samples import decode_block, encode_block
-from ema_record.wire.topics import BAG_TOPICS, SAMPLES
+from ema_record.wire.topics import BAG_TOPICS, SAMPLES, TOPICS
+from ema_record.wire.types import definition
+
+
+def write_mcap(
+    path: Path, messages: Iterable[tuple[str, int, bytes]], *, encoding: str = "cdr",
+    types: Mapping[str, str] | None = None, metadata: Mapping[str, dict[str, str]] | None = None,
+    **options: Any,
+) -> Path:
+    """Write one plain .mcap file with the writer of the mcap library.
+
+    Parameters
+    ----------
+    messages : topic, log time (ns), CDR.
+    encoding : of the messages, as the file says.
+    types : of topics, where they are not those of the table.
+    metadata : records by name, before the messages.
+    options : of the writer.
+    """
+    with path.open("wb") as stream:
+        writer = mcap.writer.Writer(stream, **options)
+        writer.start(profile="ros2", library="another recorder")
+        for name, values in (metadata or {}).items():
+            writer.add_metadata(name, values)
+        channels: dict[str, int] = {}
+        for topic, time, data in messages:
+            if topic not in channels:
+                kind = (types or {}).get(topic) or TOPICS[topic].type
+                schema = writer.register_schema(kind, "ros2msg", definition(kind).encode())
+                channels[topic] = writer.register_channel(topic, encoding, schema)
+            writer.add_message(channels[topic], time, data, time)
+        writer.finish()
+    return path
 
 
 @dataclass

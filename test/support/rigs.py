@@ -7,7 +7,7 @@ noise on both. `free_run` integrates the equation of motion instead, with sticki
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -75,6 +75,15 @@ RIGS = {
     )
 }
 """Six rigs by name."""
+
+
+def changed(record: RigRecord, **laws: Callable[[np.ndarray], np.ndarray]) -> RigRecord:
+    """Return a record with channels changed, each by a law."""
+    samples = record.samples.copy()
+    for name, law in laws.items():
+        column = [c.name for c in record.channels].index(name)
+        samples[:, column] = law(samples[:, column])
+    return replace(record, samples=samples)
 
 
 def motion_of(rig: Rig, rng: np.random.Generator) -> Motion:

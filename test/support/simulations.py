@@ -51,12 +51,17 @@ def record_of(profile: str | Profile, *effects: str, seed: int, **options) -> Re
 
 
 def column(index, law):
-    """Return what changes a channel of a record by `law`."""
+    """Return what changes one channel of a record, or several, by `law`."""
     def change(record: Record) -> Record:
         samples = record.samples.copy()
         samples[:, index] = law(samples[:, index])
         return dataclasses.replace(record, samples=samples)
     return change
+
+
+def without(record: Record, *columns: int) -> Record:
+    """Return a record as a recorder without those channels has it."""
+    return column(list(columns), lambda x: np.full_like(x, np.nan))(record)
 
 
 def slewing_record(

@@ -12,9 +12,9 @@ from ema_prognostics.verdict.diagnose import diagnose
 from ema_record.actuator import INSTANT, Actuator, load_actuator
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_record.profile import load_profile
-from ema_record.record import Record
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
+from support.simulations import column
 
 NOMINAL = load_actuator()
 
@@ -49,17 +49,11 @@ def test_healthy_whatever_the_recorder(what: str) -> None:
     assert verdict.outcome == "healthy", verdict.reasons
 
 
-def spoiled(record: Record, column: slice, value: np.ndarray) -> Record:
-    samples = record.samples.copy()
-    samples[:, column] = value
-    return replace(record, samples=samples)
-
-
 def test_currents_that_sum_to_zero_exactly() -> None:
     record = simulate(load_profile("extended"), seed=22)
     for columns in (PHASE_CURRENTS, REFERENCE_CURRENTS):
-        two = record.samples[:, columns][:, :2]
-        record = spoiled(record, columns, np.column_stack([two, -two.sum(axis=1)]))
+        record = column(
+            columns, lambda x: np.column_stack([x[:, :2], -x[:, :2].sum(axis=1)]))(record)
     verdict = diagnose(record)
     assert verdict.outcome == "healthy", verdict.reasons
 

@@ -6,11 +6,12 @@ import types
 
 import rclpy
 from rclpy.callback_groups import CallbackGroup
-from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.executors import Executor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from std_msgs.msg import String
 
 from ema_ros.messages import DiagnosticsPublisher, PolledGroup, take_all
+from ema_ros.process import spun
 
 PRIVATE = re.compile(r"rclpy_implementation|take_message|\.handle\b|_rclpy|CallbackGroup\)")
 HERE = "ema_ros/messages.py"
@@ -38,26 +39,16 @@ def test_diagnostics_tell_who_is_new(monkeypatch):
 
 
 def test_a_polled_subscription_wakes_nobody_and_gives_all_with_its_stamps(ros_domain):
-    context = rclpy.Context()
-    rclpy.init(context=context, args=[])
-    node = rclpy.create_node("pinned", context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    woken = []
-    polled = node.create_subscription(
-        String, "text", woken.append, 10, raw=True, callback_group=PolledGroup())
-    publisher = node.create_publisher(String, "text", 10)
-    found = []
-    try:
+    woken, found = [], []
+    with spun(rclpy, lambda context: [rclpy.create_node("pinned", context=context)]) as (node,):
+        polled = node.create_subscription(
+            String, "text", woken.append, 10, raw=True, callback_group=PolledGroup())
+        publisher = node.create_publisher(String, "text", 10)
         for number in range(200):
             if publisher.get_subscription_count() and number % 20 == 0:
                 publisher.publish(String(data=str(number)))
-            executor.spin_once(timeout_sec=0.01)
+            node.executor.spin_once(timeout_sec=0.01)
             found += take_all(polled)
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.try_shutdown(context=context)
     assert woken == []
     assert len(found) >= 5
     assert all(0 < taken.sent <= taken.received for taken in found)

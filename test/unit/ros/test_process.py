@@ -7,7 +7,7 @@ NODE = """
 import ctypes, types
 from ema_ros import process
 
-process.bound_the_end.__defaults__ = (0.5,)
+process.MIDDLEWARE_END = 0.5
 
 class Node:
     exit_status = 0

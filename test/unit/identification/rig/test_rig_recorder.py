@@ -9,18 +9,11 @@ from ema_identification.rig.prepare import prepare
 from ema_identification.rig.signals.agree import agreeing_band
 from ema_identification.rig.signals.recorder import cleaned, held_for, spikes_of, step_of
 from ema_record.errors import IncompleteRecordError
+from support.rigs import changed
 
 
 def friction(_t, _q, v, _a):
     return 0.3 * np.sign(v)
-
-
-def changed(record, name, function):
-    samples = record.samples.copy()
-    k = [c.name for c in record.channels].index(name)
-    samples[:, k] = function(samples[:, k])
-    return record.__class__(samples=samples, channels=record.channels, axis=record.axis,
-                            source=record.source)
 
 
 @pytest.mark.parametrize("name", ["position", "input_torque"])
@@ -34,7 +27,7 @@ def test_spikes_are_taken_out_and_told_and_steps_are_not(bench, name):
         return values
 
     notes = []
-    mended = cleaned(changed(record, name, spoilt), notes)
+    mended = cleaned(changed(record, **{name: spoilt}), notes)
     assert f"{len(rows)} spike(s) of one sample taken out of {name}" in notes[0]
     np.testing.assert_allclose(mended.channel(name), record.channel(name), atol=0.1)
     assert spikes_of(record.channel("input_torque")).size == 0  # it steps at each reversal
@@ -51,8 +44,8 @@ def test_many_outliers_are_noise_and_no_spikes():
 def test_held_values_are_left_out_and_told(bench, held):
     record = bench(friction, keep=("position", "speed"), duration=32.0)
     notes = []
-    found = cleaned(changed(record, "input_torque", lambda u: u[np.arange(len(u)) // held * held]),
-                    notes)
+    found = cleaned(
+        changed(record, input_torque=lambda u: u[np.arange(len(u)) // held * held]), notes)
     assert f"input_torque for {held} samples" in notes[0]
     assert found.rate == pytest.approx(record.rate / held)
     np.testing.assert_array_equal(found.input, record.input[::held])
@@ -69,7 +62,7 @@ def test_a_quantised_or_resting_motion_is_not_held(bench):
 def test_too_few_that_are_left_stay_and_are_told(bench):
     record = bench(friction, keep=("position", "speed"), duration=8.0)
     notes = []
-    found = cleaned(changed(record, "speed", lambda v: v[np.arange(len(v)) // 10 * 10]), notes)
+    found = cleaned(changed(record, speed=lambda v: v[np.arange(len(v)) // 10 * 10]), notes)
     assert len(found) == len(record)
     assert "too long for this record" in notes[0]
 
@@ -77,7 +70,7 @@ def test_too_few_that_are_left_stay_and_are_told(bench):
 def test_the_steps_of_an_encoder_are_told_in_counts(bench):
     counts = 2000 / (2 * np.pi)
     notes = []
-    cleaned(changed(bench(friction), "position", lambda q: np.round(q * counts) / counts), notes)
+    cleaned(changed(bench(friction), position=lambda q: np.round(q * counts) / counts), notes)
     assert "2000 a turn" in notes[0]
     assert step_of(np.random.default_rng(0).standard_normal(500)) is None
     assert step_of(np.repeat(np.cumsum(np.random.default_rng(0).random(90)), 4)) is None

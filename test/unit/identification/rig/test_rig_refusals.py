@@ -9,15 +9,7 @@ from ema_identification.rig.prepare import prepare
 from ema_identification.rig.workflow import identify_rig
 from ema_record.errors import EmaError, IncompleteRecordError, InvalidRecordError, UsageError
 from ema_rig.record import Axis, RigRecord
-
-
-def changed(record, **columns):
-    samples = record.samples.copy()
-    for name, function in columns.items():
-        k = [c.name for c in record.channels].index(name)
-        samples[:, k] = function(samples[:, k])
-    return RigRecord(samples=samples, channels=record.channels, axis=record.axis,
-                     source=record.source)
+from support.rigs import changed
 
 
 @pytest.mark.parametrize(("factor", "match"), [

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -19,20 +17,12 @@ from ema_record.channels import (
 )
 from ema_record.errors import InvalidRecordError
 from ema_record.profile import load_profile
-from ema_record.record import Record
 from ema_sim.effects import parse_effects
 from ema_sim.rebuild import completed, torque_command, torque_signs
 from ema_sim.simulate import simulate
-from support.simulations import record_of, slewing_record
+from support.simulations import record_of, slewing_record, without
 
 ACTUATOR = load_actuator()
-
-
-def without(record: Record, *columns: int) -> Record:
-    """Return `record` as a recorder without those channels has it."""
-    samples = record.samples.copy()
-    samples[:, columns] = np.nan
-    return replace(record, samples=samples)
 
 
 def test_the_third_current_is_what_the_star_point_leaves() -> None:

@@ -5,7 +5,6 @@ import pytest
 
 from ema_prognostics.features.turns import cut, rotor_lines, whole_turns
 from ema_record.errors import IncompleteRecordError, InvalidRecordError
-from ema_record.record import check_samples
 from support.simulations import TURN, slewing_record
 
 WINDOW = (0.082, 0.382)
@@ -45,18 +44,3 @@ def test_window_that_the_record_does_not_cover():
         whole_turns(slewing_record(speed=50.0), WINDOW)
     with pytest.raises(InvalidRecordError, match="samples a turn"):
         whole_turns(slewing_record(rate=2_000.0), WINDOW)
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_values_that_are_not_finite(value):
-    record = slewing_record()
-    record.samples[500, 3] = value
-    with pytest.raises(InvalidRecordError, match="sample 500"):
-        check_samples(record.samples, "a")
-
-
-def test_time_that_runs_back():
-    record = slewing_record()
-    record.samples[700, 0] -= 1e-3
-    with pytest.raises(InvalidRecordError, match="time does not increase at sample 700"):
-        check_samples(record.samples, "a")

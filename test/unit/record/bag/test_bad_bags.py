@@ -14,7 +14,7 @@ import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 
 from ema_record.bag import container, recover
 from ema_record.bag.mcap_stream import MAGIC
@@ -27,9 +27,9 @@ from ema_record.profile import load_profile
 from ema_record.record import Provenance
 from ema_record.wire.samples import encode_block
 from ema_record.wire.sensors import encode_bool
-from ema_record.wire.topics import COMMAND, SAMPLES, TOPICS, WEIGHT_ON_WHEELS
+from ema_record.wire.topics import COMMAND, SAMPLES, WEIGHT_ON_WHEELS
 from ema_record.wire.trajectory import encode_command
-from ema_record.wire.types import definition
+from support.recording import write_mcap
 
 
 @pytest.fixture
@@ -54,20 +54,10 @@ def fails(path, kind, match):
     assert str(path) in text
 
 
-def mcap_of(path, messages, types=None, encoding="cdr"):
+def mcap_of(path, messages, **options):
     """Write an .mcap file with the given (topic, CDR) pairs."""
-    with path.open("wb") as stream:
-        writer = Writer(stream, compression=CompressionType.NONE)
-        writer.start(profile="ros2", library="test")
-        channels = {}
-        for time, (topic, data) in enumerate(messages):
-            if topic not in channels:
-                kind = (types or {}).get(topic) or TOPICS[topic].type
-                schema = writer.register_schema(kind, "ros2msg", definition(kind).encode())
-                channels[topic] = writer.register_channel(topic, encoding, schema)
-            writer.add_message(channels[topic], time, data, time)
-        writer.finish()
-    return path
+    timed = [(topic, time, data) for time, (topic, data) in enumerate(messages)]
+    return write_mcap(path, timed, compression=CompressionType.NONE, **options)
 
 
 COMMANDED = (COMMAND, encode_command(load_profile("step")))
@@ -322,15 +312,7 @@ def test_damaged_metadata(copy, text):
 )
 def test_damaged_own_metadata(tmp_path, record, name, values, match):
     path = tmp_path / "a.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start(profile="ros2", library="test")
-        writer.add_metadata(name, values)
-        kind = TOPICS[SAMPLES].type
-        schema = writer.register_schema(kind, "ros2msg", definition(kind).encode())
-        channel = writer.register_channel(SAMPLES, "cdr", schema)
-        writer.add_message(channel, 0, encode_block(record.samples[:9]), 0)
-        writer.finish()
+    write_mcap(path, [(SAMPLES, 0, encode_block(record.samples[:9]))], metadata={name: values})
     fails(path, InvalidRecordError, match)
 
 

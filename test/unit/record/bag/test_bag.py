@@ -31,7 +31,8 @@ from ema_record.wire.topics import (
     WEIGHT_ON_WHEELS,
 )
 from ema_record.wire.trajectory import encode_command
-from ema_record.wire.types import definition, deserialize
+from ema_record.wire.types import deserialize
+from support.recording import write_mcap
 
 START_NS = 1_790_000_000_000_000_000
 
@@ -226,22 +227,6 @@ def rosbags_bag(path, record, mode=CompressionMode.NONE, storage=StoragePlugin.M
     return path
 
 
-def mcap_file(path, record, order=None, **options):
-    """Write one plain .mcap file with the writer of the mcap library."""
-    with path.open("wb") as stream:
-        writer = mcap.writer.Writer(stream, **options)
-        writer.start(profile="ros2", library="another recorder")
-        channels = {}
-        for topic, time, data in order or messages_of(record):
-            if topic not in channels:
-                kind = TOPICS[topic].type
-                schema = writer.register_schema(kind, "ros2msg", definition(kind).encode())
-                channels[topic] = writer.register_channel(topic, "cdr", schema)
-            writer.add_message(channels[topic], time, data, time)
-        writer.finish()
-    return path
-
-
 def check_foreign(found, record):
     np.testing.assert_array_equal(found.samples, record.samples)
     assert found.profile == record.profile
@@ -273,7 +258,8 @@ def test_bags_of_rosbags(tmp_path, make, mode):
 )
 def test_single_files(tmp_path, make, options):
     record = make(1000)
-    check_foreign(read_bag(mcap_file(tmp_path / "any name.mcap", record, **options)), record)
+    path = write_mcap(tmp_path / "any name.mcap", messages_of(record), **options)
+    check_foreign(read_bag(path), record)
 
 
 def test_several_files_and_messages_out_of_order(tmp_path, make):
@@ -282,8 +268,8 @@ def test_several_files_and_messages_out_of_order(tmp_path, make):
     messages = list(messages_of(record))
     directory = rosbags_bag(tmp_path / "split", record)
     next(directory.glob("*.mcap")).unlink()
-    mcap_file(directory / "second.mcap", record, order=messages[7:])
-    mcap_file(directory / "first.mcap", record, order=messages[6::-1])
+    write_mcap(directory / "second.mcap", messages[7:])
+    write_mcap(directory / "first.mcap", messages[6::-1])
     metadata = directory / "metadata.yaml"
     data = yaml.safe_load(metadata.read_text())
     data["rosbag2_bagfile_information"]["relative_file_paths"] = ["second.mcap", "first.mcap"]
@@ -299,7 +285,7 @@ def test_the_command_before_the_samples_is_the_profile(tmp_path, make):
         *messages_of(record),
         (COMMAND, START_NS + 10**9, encode_command(step_profile(0.2))),
     ]
-    check_foreign(read_bag(mcap_file(tmp_path / "a.mcap", record, order=messages)), record)
+    check_foreign(read_bag(write_mcap(tmp_path / "a.mcap", messages)), record)
 
 
 def test_times_of_foreign_sensors_count_from_the_command(tmp_path, make):
@@ -311,7 +297,7 @@ def test_times_of_foreign_sensors_count_from_the_command(tmp_path, make):
         ("/ema/winding_temperature", START_NS + 5, data)
         for data in encode_temperature(stamps, np.array([20.0, 21.5]))
     ]
-    found = read_bag(mcap_file(tmp_path / "a.mcap", record, order=order))
+    found = read_bag(write_mcap(tmp_path / "a.mcap", order))
     assert found.provenance.start_time == START_NS - 1
     np.testing.assert_allclose(
         found.winding_temperature, [[0.0, 20.0], [0.5, 21.5]], atol=1e-8

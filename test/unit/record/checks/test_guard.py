@@ -11,6 +11,7 @@ from ema_record.profile import load_profile, step_profile
 from ema_record.record import Provenance
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
+from support.simulations import column
 
 SPEED, POSITION, ANGLE = 1, 9, 8
 ROW = 2000
@@ -31,14 +32,12 @@ def step():
     return simulate(load_profile("step"), seed=3)
 
 
-def spoilt(record, law):
-    samples = record.samples.copy()
-    law(samples)
-    return replace(record, samples=samples)
-
-
 def rules(record):
     return [finding.rule for finding in guard_findings(record)]
+
+
+def one_missing(x):
+    return np.where(np.arange(len(x)) == 3000, np.nan, x)
 
 
 def noise(deviation):
@@ -61,37 +60,26 @@ SENSOR_FAULTS = {
 }
 
 
-@pytest.mark.parametrize(("name", "column"), [
-    (name, column) for name, (_, columns, _) in SENSOR_FAULTS.items() for column in columns
+@pytest.mark.parametrize(("name", "index"), [
+    (name, index) for name, (_, columns, _) in SENSOR_FAULTS.items() for index in columns
 ])
-def test_sensor_faults_are_named(step, name, column):
+def test_sensor_faults_are_named(step, name, index):
     rule, _, law = SENSOR_FAULTS[name]
-    found = guard_findings(
-        spoilt(step, lambda s: s.__setitem__((slice(None), column), law(s[:, column])))
-    )
+    found = guard_findings(column(index, law)(step))
     assert rule in [f.rule for f in found]
     assert outcome_of(found) == "unknown"
     assert reason_of(found[0]).startswith("sensor fault, ")
 
 
 def test_all_currents_scaled_alike_are_told_by_their_references(extended):
-    def law(s):
-        s[:, 2:5] *= 1.1
-
-    (finding,) = guard_findings(spoilt(extended, law))
+    (finding,) = guard_findings(column(slice(2, 5), lambda x: 1.1 * x)(extended))
     assert finding.rule == "sensor_scale" and finding.size == pytest.approx(1.1, abs=0.02)
 
 
 def test_the_broken_sensor_is_named_with_its_size(step, extended):
-    def gain(s):
-        s[:, 3] *= 1.1
-
-    def offset(s):
-        s[ROW:, 4] += 1.0
-
-    (finding,) = guard_findings(spoilt(extended, gain))
+    (finding,) = guard_findings(column(3, lambda x: 1.1 * x)(extended))
     assert finding.channel == "phase_current_b" and finding.size == pytest.approx(0.1, abs=0.01)
-    (finding,) = guard_findings(spoilt(step, offset))
+    (finding,) = guard_findings(column(4, lambda x: x + (np.arange(len(x)) >= ROW))(step))
     assert finding.size == pytest.approx(1.0, abs=0.1)
     assert finding.time == pytest.approx(step.time[ROW], abs=0.03)
 
@@ -102,17 +90,12 @@ def test_the_broken_sensor_is_named_with_its_size(step, extended):
     (lambda r: replace(r, samples=r.samples[:-200]), "record_length", "incomplete"),
     (lambda r: replace(r, provenance=Provenance(status="aborted")), "test_not_complete",
      "incomplete"),
-    (lambda r: spoilt(r, lambda s: s.__setitem__((slice(None), [2, 3]), s[:, [3, 2]])),
-     "swapped_phases", "invalid"),
-    (lambda r: spoilt(r, lambda s: s.__setitem__((slice(None), SPEED), -s[:, SPEED])),
-     "sign_flip", "invalid"),
-    (lambda r: spoilt(r, lambda s: s.__setitem__((slice(None), 2), 1e3 * s[:, 2])),
-     "wrong_unit", "invalid"),
-    (lambda r: spoilt(r, lambda s: s.__setitem__((slice(3000, None), 0), s[3000:, 0] + 0.05)),
-     "clock_jump", "invalid"),
-    (lambda r: spoilt(r, lambda s: s.__setitem__((3000, 4), np.nan)), "not_finite", "invalid"),
-    (lambda r: spoilt(r, lambda s: s.__setitem__((slice(None), 0), s[:, 0] * 1.024)),
-     "sensor_scale", "unknown"),
+    (column([2, 3], lambda x: x[:, ::-1]), "swapped_phases", "invalid"),
+    (column(SPEED, np.negative), "sign_flip", "invalid"),
+    (column(2, lambda x: 1e3 * x), "wrong_unit", "invalid"),
+    (column(0, lambda x: x + 0.05 * (np.arange(len(x)) >= 3000)), "clock_jump", "invalid"),
+    (column(4, one_missing), "not_finite", "invalid"),
+    (column(0, lambda x: 1.024 * x), "sensor_scale", "unknown"),
     (lambda r: replace(r, profile=step_profile(0.5)), "wrong_profile", "invalid"),
 ])
 def test_broken_records_forbid_a_verdict(step, law, rule, outcome):
@@ -126,9 +109,8 @@ def test_broken_records_forbid_a_verdict(step, law, rule, outcome):
 
 
 def test_a_value_that_is_no_number_is_no_gap(step):
-    for column in (0, 4):
-        found = rules(spoilt(step, lambda s: s.__setitem__((3000, column), np.nan)))  # noqa: B023
-        assert found == ["not_finite"]
+    for index in (0, 4):
+        assert rules(column(index, one_missing)(step)) == ["not_finite"]
 
 
 @pytest.mark.parametrize("fault", [

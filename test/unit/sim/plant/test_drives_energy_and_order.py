@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from ema_record.profile import step_profile
 from ema_sim.plant import state as st
 from ema_sim.simulate import simulate_traced
 from support.actuators import both_machines, changed
-from support.plant import run, state_of
+from support.plant import convergence, run, state_of
 
 SHAPE = {"back_emf": HARMONICS, "harmonic_3": 0.1, "harmonic_5": 0.05, "harmonic_7": -0.03}
 CASES = [(PWM, {}), (PWM, SHAPE), (PWM_INDEPENDENT, {}), (FOC, {}), (FOC, SHAPE)]
@@ -60,12 +62,6 @@ def final_state(actuator: Actuator, kind: int, switching: bool, max_step: float)
                          ids=["pwm", "pwm_independent", "foc"])
 def test_order_of_convergence_is_two(kind, switching, machine):
     """With the control between; 1e-3 of the state at 20 µs."""
-    exact = final_state(machine.actuator, kind, switching, 0.2e-6)
-    steps = np.array([20e-6, 10e-6, 5e-6, 2.5e-6])
-    error = np.array([
-        np.max(np.abs(final_state(machine.actuator, kind, switching, h) / exact - 1.0))
-        for h in steps
-    ])
-    order = np.polyfit(np.log(steps), np.log(error), 1)[0]
+    order, error = convergence(partial(final_state, machine.actuator, kind, switching), 0.2e-6)
     assert 1.7 < order < 2.4, (order, error)
     assert error[0] < 1e-3

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from ema_sim.effects import parse_effects
 from ema_sim.plant import state as st
 from ema_sim.simulate import simulate_traced
 from support.actuators import both_machines, changed
-from support.plant import run, state_of
+from support.plant import convergence, run, state_of
 
 
 def balance(a: Actuator, rate: float, settings: list[str], profile: str) -> dict[str, float]:
@@ -66,9 +68,7 @@ def test_energy_balance(settings, profile, machine):
         assert j[loss] > 0.0
 
 
-def final_state(
-    actuator: Actuator, max_step: float, settings: list[str], electrical: bool
-) -> np.ndarray:
+def final_state(actuator: Actuator, electrical: bool, max_step: float) -> np.ndarray:
     """Return currents, speeds, angles after 2 ms with legs fixed or the inverter off."""
     smooth = {"static_friction": 0.0, "dynamic_friction": 0.0}
     a = changed(actuator, motor=smooth, surface=smooth, inverter={"hysteresis": 1e6},
@@ -84,8 +84,8 @@ def final_state(
     )
     start[st.ALPHA_M] = (torque - shaft / ratio - 1e-4 * 300.0) / a.motor.inertia
     start[st.ALPHA_S] = (shaft - 2.0 * 0.4) / a.surface.inertia
-    found = run(a, start, 2e-3, effects=parse_effects(settings), rate=1000.0,
-                inverter_on=0.0 if electrical else np.inf, max_step=max_step)
+    found = run(a, start, 2e-3, effects=parse_effects(["back_emf_shape.sine_share=1"]),
+                rate=1000.0, inverter_on=0.0 if electrical else np.inf, max_step=max_step)
     chosen = [st.OMEGA_M, st.THETA_M, st.OMEGA_S, st.THETA_S]
     return found.state[[st.I_A, st.I_B, st.I_C, *chosen] if electrical else chosen]
 
@@ -93,13 +93,6 @@ def final_state(
 @both_machines
 @pytest.mark.parametrize("electrical", [True, False], ids=["legs fixed", "inverter off"])
 def test_order_of_convergence_is_two(electrical, machine):
-    settings = ["back_emf_shape.sine_share=1"]
-    exact = final_state(machine.actuator, 0.05e-6, settings, electrical)
-    steps = np.array([20e-6, 10e-6, 5e-6, 2.5e-6])
-    error = np.array([
-        np.max(np.abs(final_state(machine.actuator, h, settings, electrical) / exact - 1.0))
-        for h in steps
-    ])
-    order = np.polyfit(np.log(steps), np.log(error), 1)[0]
+    order, error = convergence(partial(final_state, machine.actuator, electrical), 0.05e-6)
     assert 1.8 < order < 2.3, (order, error)
     assert error[0] < 1e-3
