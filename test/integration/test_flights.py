@@ -86,8 +86,8 @@ def test_damaged_flights_are_shown_and_are_not_healthy(damaged, capsys):
     assert "INCOMPLETE" in rows["3"]
     assert "copy of flight 4" in rows["5"]
     assert "INVALID" in rows["8"]
-    assert "3 of 8 flights gave no answer" in text
-    assert "neither as healthy nor as faulty: 3, 5, 8" in text
+    assert "2 of 7 flights gave no answer" in text
+    assert "neither as healthy nor as faulty: 3, 8" in text
     assert "notes.txt" in err
 
 
@@ -110,6 +110,11 @@ def test_a_recovered_copy_hides_no_fault(growing, tmp_path, capsys, name):
     assert run(["trend", str(folder), "--json"]) == 3
     found = json.loads(capsys.readouterr().out)
     assert [f["fault_class"] for f in found["faults"]] == ["turn_short"]
+    assert (len(found["copies"]), found["unanswered"]) == (1, [])
+    assert run(["trend", str(folder)]) == 3
+    text = " ".join(capsys.readouterr().out.split())
+    assert "1 flight, 1 of them gave an answer" in text
+    assert "the same flight once more, not counted again" in text and "no answer" not in text
 
 
 @pytest.mark.slow
