@@ -103,6 +103,14 @@ def gap_change(identification: Identification) -> str:
             f"{number(after)}{within} with a noise floor of {number(identification.noise_floor)}")
 
 
+def change_sentence(since: Identification) -> str:
+    """Return what has changed since the baseline, in one sentence."""
+    found = f": {listed(since)}" if since.findings else ""
+    if since.verdict == "no disagreement":
+        return "Nothing has changed since the baseline that these data can show."
+    return f"Since the baseline, {since.verdict}{found}; {gap_change(since)}."
+
+
 def verdict_sentence(identification: Identification) -> str:
     """Return the answer in one sentence."""
     before, after = number(identification.gap_before), number(identification.gap_after)
