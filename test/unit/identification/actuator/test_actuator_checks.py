@@ -35,6 +35,7 @@ CURRENTS = [f"{k}_current_{p}" for k in ("phase", "reference") for p in "abc"]
     ({"factor": 9.5493, "channels": ["motor_speed"]}, InvalidRecordError, "rpm"),
     ({"factor": 57.296, "channels": ["motor_speed"]}, InvalidRecordError, "deg/s"),
     ({"factor": 57.296, "channels": ["surface_position"]}, InvalidRecordError, "degrees"),
+    ({"factor": 57.296, "channels": ["rotor_angle"]}, InvalidRecordError, "degrees, expected rad"),
     ({"factor": 1e3, "channels": CURRENTS}, InvalidRecordError, "mA"),
     ({"factor": 1e3, "channels": CURRENTS[:3]}, InvalidRecordError, "mA"),
     ({"value": 0.0, "channels": ["phase_current_b"]}, InvalidRecordError, "phase current b"),
