@@ -13,6 +13,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from ema_cli.main import run
+from ema_prognostics.verdict.contract import kit_sha256
 from ema_record.bag.read import read_bag
 from ema_record.kit import kit_folder
 
@@ -79,6 +80,7 @@ def test_hashes_are_those_of_the_files(written, repository):
     page = written[".html"].read_text()
     assert all(one["sha256"] in page for one in found.values())
     assert data["trace"]["software_sha256"] in page
+    assert data["trace"]["kit"] == f"default kit {kit_sha256()[:8]}"
 
 
 def test_xml_holds_what_json_holds(written):
@@ -100,6 +102,14 @@ def test_xml_holds_what_json_holds(written):
     fault = tests["diagnosis"].find("Fault")
     assert float(fault.get("severity")) == data["verdict"]["faults"][0]["severity"]
     assert len(root.findall("Configuration/File")) == len(data["trace"]["files"])
+
+
+def test_what_nobody_gave_is_not_made_up(repository, tmp_path):
+    out = [tmp_path / f"report{end}" for end in (".html", ".xml")]
+    for path in out:
+        run(["report", str(repository / "bags" / "sim_0001_step"), "--out", str(path)])
+    assert "<dt>ATA chapter</dt><dd></dd>" in out[0].read_text()
+    assert ET.fromstring(out[1].read_text()).find("WorkOrder").attrib == {}
 
 
 @pytest.mark.parametrize(("arguments", "problem"), [

@@ -153,6 +153,10 @@ def test_every_object_keeps_the_contract(found):
         checked = schema.VerdictObject.model_validate(said, strict=False)
         assert checked.schema_ == contract.SCHEMA
         assert set(json.loads(contract.json_schema())["required"]) <= set(said)
+        assert set(said) - {"flight", "repeat_of", "start_time"} <= set(
+            json.loads(contract.json_schema())["properties"])
+        assert [s.times for s in checked.evidence] == [s["times"] for s in said["evidence"]]
+    assert any(one["evidence"] for one in found.objects)
     with pytest.raises(ValueError, match="verdict"):
         schema.VerdictObject.model_validate(said | {"verdict": "fine"})
     fault = found.units[0].objects[0]
