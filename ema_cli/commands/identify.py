@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,12 +19,22 @@ from ema_cli.console import (
     stdout,
     styled,
 )
-from ema_record.errors import UsageError
+from ema_record.errors import IncompleteRecordError, InvalidRecordError, UsageError
 
 if TYPE_CHECKING:
     from ema_identification.result import Identification, Parameter
 
 
+@contextlib.contextmanager
+def _usable() -> Iterator[None]:
+    """Make a record that is too short to answer unusable data: status 3 is for an answer."""
+    try:
+        yield
+    except IncompleteRecordError as error:
+        raise InvalidRecordError(str(error)) from error
+
+
+@_usable()
 def identify(
     measured: Annotated[list[Path], typer.Argument(
         metavar="MEASURED...", help="Records of one unit: bags, directories of them, or what "

@@ -116,16 +116,19 @@ def test_what_nobody_gave_is_not_made_up(repository, tmp_path):
     (["bags/sim_0001_step", "--out", "x.pdf"], "end the name with .html, .xml, .json"),
     (["bags/sim_0001_step", "bags/sim_0000_step", "--out", "x.html"], "2 actuators"),
     (["nowhere", "--out", "x.html"], "no report: "),
+    (["cut", "--out", "x.html"], "no report: cut: "),
     (["bags/sim_0001_step", "--out", "README.md"], "end the name"),
 ])
 def test_wrong_use_is_one_line_and_writes_nothing(
         arguments, problem, repository, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bags").symlink_to(repository / "bags")
-    assert run(["report", *arguments]) == 2
+    (tmp_path / "cut").mkdir()
+    (tmp_path / "cut" / "cut_0.mcap").write_bytes(b"\x89MCAP0\r\n")
+    assert run(["report", *arguments]) == (3 if "cut" in arguments else 2)
     error = capsys.readouterr().err
     assert problem in error and error.count("\n") == 1
-    assert [p.name for p in tmp_path.iterdir()] == ["bags"]
+    assert {p.name for p in tmp_path.iterdir()} == {"bags", "cut"}
 
 
 def test_what_is_there_is_not_overwritten(written, repository, capsys):
