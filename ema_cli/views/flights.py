@@ -37,7 +37,8 @@ def print_sequence(trends: Sequence[UnitTrend], out: Machine | None = None) -> N
     for trend in trends:
         if out is not None:
             for flight in trend.flights:
-                out.verdict(flight)
+                out.print(out.object_of(flight) | {"flight": flight.number,
+                                                   "repeat_of": flight.repeat_of})
             continue
         print_flights(trend)
         for line in fault_lines(trend):

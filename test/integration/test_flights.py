@@ -1,5 +1,6 @@
 """A directory of flights through `ema check` and `ema trend`."""
 
+import csv
 import json
 import os
 import shutil
@@ -60,6 +61,10 @@ def test_json_is_one_object_a_bag_in_the_order_of_the_flights(growing, capsys):
     verdicts = [json.loads(line) for line in lines]
     assert [v["fault_class"] for v in verdicts] == [None, *["turn_short"] * 5]
     assert all("reasons" in v and "alternatives" in v for v in verdicts)
+    assert [v["flight"] for v in verdicts] == [1, 2, 3, 4, 5, 6]
+    assert run(["check", str(growing), "--format", "csv"]) == 1
+    rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
+    assert [row["flight"] for row in rows] == ["1", "2", "3", "4", "5", "6"]
 
 
 def test_rows_announcements_and_plot(growing, capsys, tmp_path):

@@ -222,6 +222,8 @@ def test_the_command_for_machines(found, command, capsys):
     assert [u["state"] for u in units] == ["suspected", "no answer", "healthy"]
     assert command("--format", "xml") == 2
     assert "give one of text, json, csv" in capsys.readouterr().err
+    assert command("--json", "--format", "csv") == 2
+    assert "--json and --format csv exclude each other" in capsys.readouterr().err
 
 
 def test_the_page_links_a_report_and_shows_no_markup_of_a_bag(found, tmp_path):
