@@ -215,7 +215,7 @@ def effect_parameters(settings: list[str]) -> dict[str, ParameterValue]:
     """Return effects as parameters of the simulator node; UsageError where one is wrong."""
     from ema_sim.effects import parse_effects
 
-    parse_effects(settings)
+    parse_effects(settings, once=True)
     found: dict[str, ParameterValue] = {}
     for setting in settings:
         name, _, value = (part.strip() for part in setting.partition("="))

@@ -18,6 +18,7 @@ from ema_cli.console import (
     say,
 )
 from ema_record.errors import UsageError, unknown_name
+from ema_record.files import check_apart
 
 
 def export(
@@ -75,6 +76,7 @@ def export(
             from ema_cli.views.record_plots import check_plot_folder
 
             check_plot_folder(folder)
+        check_apart(target, folder)
         jobs.append((bag, target, folder))
     for job in jobs:
         _export(*job, chosen, as_json)

@@ -11,6 +11,7 @@ import typer
 from ema_cli.console import check_new_file, given_bags, note, print_json, progress, say
 from ema_cli.options import Baseline, Cascade, Commanded
 from ema_record.errors import IncompleteRecordError, UsageError
+from ema_record.files import check_apart
 
 if TYPE_CHECKING:
     from ema_prognostics.verdict.examination import Examination
@@ -54,6 +55,7 @@ def report(
     found = given_bags(bags)
     for file in out or ():
         form_of(file)
+    check_apart(*(out or ()))
     check_new_file(*(out or ()))
     judge = Judge(model, baseline, profile=profile)
     with progress(f"judging {len(found)} bags", len(found)) as advance:
