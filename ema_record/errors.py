@@ -7,6 +7,7 @@ Tree::
     |-- OutputError             a result cannot be written (exists, no permission, disk full)
     |-- RecordError             a record cannot be used
     |   |-- InvalidRecordError      it is damaged or is not a record
+    |   |   `-- RigRecordError          it is of a rig, not of the actuator's own test
     |   `-- IncompleteRecordError   it is a part of a record         (exit status 3)
     |-- ModelError              a model file is damaged, foreign or of another version
     |-- SimulationError         the simulation left its domain (not finite, too many events)
@@ -46,6 +47,10 @@ class RecordError(EmaError):
 
 class InvalidRecordError(RecordError):
     """The record is damaged, or is no record at all."""
+
+
+class RigRecordError(InvalidRecordError):
+    """The record is a rig's, not one of the actuator's own test."""
 
 
 class IncompleteRecordError(RecordError):

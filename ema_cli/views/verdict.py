@@ -296,6 +296,8 @@ def next_commands(verdict: Facts, heading: Facts) -> list[str]:
         return [report]
     if outcome == "unknown" and cause.startswith("unlike"):
         return [f"ema lint {bag}", f"ema identify {bag} --out why"]
+    if cause == "rig":
+        return [f"ema identify {bag} --check", f"ema identify {bag} --out why"]
     if outcome == "incomplete":
         return [f"ema recover {bag}", f"ema lint {bag}"]
     rule = words().has(f"check.{cause}")
