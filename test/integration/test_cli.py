@@ -250,7 +250,11 @@ def test_export_of_what_is_no_bag(tmp_path, bag, capsys):
     assert "did you mean 'parquet'?" in refused(
         capsys, "export", bag, "--format", "parqet", "--out", tmp_path / "a.pq"
     )
+    assert "make them agree" in refused(
+        capsys, "export", bag, "--format", "csv", "--out", tmp_path / "a.parquet")
     assert not (tmp_path / "a.csv").exists()
+    assert run(["export", str(bag), "--out", str(tmp_path / "b.parquet")]) == 0
+    assert (tmp_path / "b.parquet").read_bytes()[:4] == b"PAR1"
 
 
 def test_export_of_a_cut_bag_is_refused(tmp_path, bag, capsys):
