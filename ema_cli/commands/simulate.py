@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ema_cli.console import check_new, check_new_file, drawing, note, print_json, progress, say
-from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber
+from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber, given_once
 from ema_record.errors import UsageError
 from ema_record.files import check_apart
 from ema_record.kit import kit_option
@@ -88,7 +88,8 @@ def simulate(
     check_apart(out, trace, plot)
     loaded = load_model_file(model)
     chosen = choose_profile(profile, step, loaded.actuator.surface.end_stop)
-    effects = parse_effects(effect or [], loaded.effects, once=True)
+    given_once("--effect", effect)
+    effects = parse_effects(effect or [], loaded.effects)
     if plot is not None:
         from ema_cli.views.record_plots import check_plot_folder
 

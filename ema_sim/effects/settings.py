@@ -12,16 +12,13 @@ from ema_sim.effects.registry import EFFECTS, Effects
 LISTED = "'ema effects' lists them"
 
 
-def parse_effects(
-    settings: Iterable[str], base: Effects | None = None, *, once: bool = False
-) -> Effects:
+def parse_effects(settings: Iterable[str], base: Effects | None = None) -> Effects:
     """Return the effects named by settings such as ``turn_short.fraction=0.1``.
 
     Parameters
     ----------
     settings : ``name.parameter=value``; a later one overrides an earlier one.
     base : effects to start from, default neutral.
-    once : refuse a parameter that is given twice.
     """
     values: dict[str, str] = {}
     for setting in settings:
@@ -31,11 +28,7 @@ def parse_effects(
                 f"effect {setting!r}: expected NAME.PARAMETER=VALUE, "
                 "for example turn_short.fraction=0.1"
             )
-        name, value = name.strip(), value.strip()
-        if once and name in values:
-            raise UsageError(f"effect {name}: given twice, as {values[name]} and as {value}: "
-                             "give it once")
-        values[name] = value
+        values[name.strip()] = value.strip()
     return effects_from_mapping(values, base)
 
 

@@ -155,7 +155,7 @@ BAD_SETTINGS = [
     (["--campaign", "absent.yaml", "--seed", "0"], "--seed and --campaign exclude each other"),
     (["--step", "1.5"], "end stops"),
     (["--step", "100"], "--step 100: not within the end stops: give a finite number, -0.2 to 1"),
-    (["--effect", "a.x=1", "--effect", "a.x=2"], "effect a.x: given twice, as 1 and as 2"),
+    (["--effect", "a.x=1", "--effect", "a.x=2"], "--effect a.x: given twice, as 1 and as 2"),
     (["--trace", "bag"], "two results in one place"),
     (["--trace", "t", "--plot", "./t"], "two results in one place"),
     (["--step", "nan"], "finite"),

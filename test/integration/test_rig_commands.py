@@ -86,6 +86,23 @@ def test_a_wrong_map_is_one_line(tmp_path, capsys, text, old, new, says):
     assert says in line or new.split()[-1].strip(",") in line
 
 
+@pytest.mark.parametrize(("arguments", "says"), [
+    (["import", "run.csv", "--map", "map.yaml", "--topic", "/a"], "leave them out"),
+    (["import", "run.csv", "--set", "axis=linear", "--set", "axis=rotary"],
+     "--set axis: given twice, as linear and as rotary"),
+    (["identify", "bag", "--out", "r", "--profile", "step"], "a rig has none"),
+    (["trend", "bag", "--limit", "inertia.value=1", "--limit", "inertia.value=2"],
+     "--limit inertia.value: given twice, as 1 and as 2"),
+])
+def test_what_cannot_be_meant_is_one_line(tmp_path, capsys, monkeypatch, arguments, says):
+    assert imported(tmp_path, table()) == 0
+    monkeypatch.chdir(tmp_path)
+    capsys.readouterr()
+    assert run(arguments) == 2
+    error = capsys.readouterr().err.strip()
+    assert says in error and "\n" not in error
+
+
 @pytest.mark.parametrize(("text", "old", "new", "says"), [
     (table(0.6), "", "", "too short"),
     (table(still=True), "", "", "record a run with reversals"),
