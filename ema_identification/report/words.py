@@ -105,10 +105,12 @@ def gap_change(identification: Identification) -> str:
 
 def change_sentence(since: Identification) -> str:
     """Return what has changed since the baseline, in one sentence."""
-    found = f": {listed(since)}" if since.findings else ""
     if since.verdict == "no disagreement":
         return "Nothing has changed since the baseline that these data can show."
-    return f"Since the baseline, {since.verdict}{found}; {gap_change(since)}."
+    if since.verdict in ("explained", "partly explained") and since.findings:
+        return (f"What has changed since the baseline is {since.verdict} by {listed(since)}; "
+                f"{gap_change(since)}.")
+    return f"What has changed since the baseline: {since.verdict}; {gap_change(since)}."
 
 
 def verdict_sentence(identification: Identification) -> str:
