@@ -140,8 +140,12 @@ def first_problem(
 
     """
     problems = error.errors()
-    first = next((p for p in problems if branch in p["loc"]), problems[0])
-    place = ".".join(str(part) for part in first["loc"] if part != branch) or whole
+
+    def is_branch(part: object) -> bool:
+        return str(part) == branch or str(part).endswith(f", {branch}]")  # with a validator
+
+    first = next((p for p in problems if any(map(is_branch, p["loc"]))), problems[0])
+    place = ".".join(str(part) for part in first["loc"] if not is_branch(part)) or whole
     what = first["msg"].removeprefix("Value error, ")
     if first["type"] == "extra_forbidden":
         what = "no such key"
