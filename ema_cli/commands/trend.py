@@ -11,7 +11,7 @@ import typer
 
 from ema_cli.console import check_new_file, print_json, stdout
 from ema_cli.lines import print_text
-from ema_cli.options import Baseline, Commanded, Format, Rule, given_once
+from ema_cli.options import Baseline, Commanded, Format, Rule
 from ema_cli.views.flights import (
     about,
     copies_text,
@@ -88,7 +88,6 @@ def trend(
 
         picture_format(plot)
     check_new_file(plot)
-    given_once("--limit", limit)
     if map_file is not None or first_is_rig(bags):
         if baseline is not None or profile is not None:
             raise UsageError("--baseline and --profile are of the actuator's own test: a rig has "

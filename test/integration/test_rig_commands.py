@@ -91,8 +91,6 @@ def test_a_wrong_map_is_one_line(tmp_path, capsys, text, old, new, says):
     (["import", "run.csv", "--set", "axis=linear", "--set", "axis=rotary"],
      "--set axis: given twice, as linear and as rotary"),
     (["identify", "bag", "--out", "r", "--profile", "step"], "a rig has none"),
-    (["trend", "bag", "--limit", "inertia.value=1", "--limit", "inertia.value=2"],
-     "--limit inertia.value: given twice, as 1 and as 2"),
 ])
 def test_what_cannot_be_meant_is_one_line(tmp_path, capsys, monkeypatch, arguments, says):
     assert imported(tmp_path, table()) == 0
