@@ -135,18 +135,19 @@ def _run(arguments: list[str]) -> int:
     except Exception as error:
         if not hasattr(error, "format_message"):  # typer's own, of whatever version
             raise
-        error_line(_describe(error))
+        error_line(_describe(error, arguments))
         return WRONG_USE
     return status if isinstance(status, int) else 0
 
 
-def _describe(error: Any) -> str:
+def _describe(error: Any, arguments: Sequence[str]) -> str:
     """Return what typer has to say about wrong options, with the nearest option."""
     near = getattr(error, "possibilities", None)
     text = (f"no such option {error.option_name!r}: did you mean {near[0]!r}?" if near
             else f"{error.format_message().rstrip('. ')}{_value(error.__context__)};")
     context = getattr(error, "ctx", None)
-    return f"{text} see '{PROGRAM if context is None else context.command_path} --help'"
+    given = " ".join([PROGRAM, *(name for name in arguments[:1] if name in COMMANDS)])
+    return f"{text} see '{given if context is None else context.command_path} --help'"
 
 
 def _value(cause: Any) -> str:

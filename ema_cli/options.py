@@ -10,14 +10,14 @@ import functools
 import inspect
 import os
 import typing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ema_cli import console
-from ema_record.errors import unknown_name
+from ema_record.errors import UsageError, unknown_name
 from ema_record.kit import ENVIRONMENT, using_kit
 
 Commanded = Annotated[str | None, typer.Option(
@@ -67,6 +67,17 @@ COMMON: dict[str, object] = {
 }
 """The options that each command has."""
 LANGUAGE = "EMA_LANG"
+
+
+def given_once(option: str, settings: Iterable[str] | None) -> None:
+    """Raise UsageError where a name stands twice among the NAME=VALUE of an option."""
+    seen: dict[str, str] = {}
+    for setting in settings or ():
+        name, _, value = (part.strip() for part in setting.partition("="))
+        if name in seen:
+            raise UsageError(f"{option} {name}: given twice, as {seen[name]} and as {value}: give "
+                             "it once")
+        seen[name] = value
 
 
 def with_common(command: Callable[..., object]) -> Callable[..., object]:

@@ -7,6 +7,7 @@ Tree::
     |-- OutputError             a result cannot be written (exists, no permission, disk full)
     |-- RecordError             a record cannot be used
     |   |-- InvalidRecordError      it is damaged or is not a record
+    |   |   `-- RigRecordError          it is of a rig, not of the actuator's own test
     |   `-- IncompleteRecordError   it is a part of a record         (exit status 3)
     |-- ModelError              a model file is damaged, foreign or of another version
     |-- SimulationError         the simulation left its domain (not finite, too many events)
@@ -46,6 +47,10 @@ class RecordError(EmaError):
 
 class InvalidRecordError(RecordError):
     """The record is damaged, or is no record at all."""
+
+
+class RigRecordError(InvalidRecordError):
+    """The record is a rig's, not one of the actuator's own test."""
 
 
 class IncompleteRecordError(RecordError):
@@ -135,8 +140,12 @@ def first_problem(
 
     """
     problems = error.errors()
-    first = next((p for p in problems if branch in p["loc"]), problems[0])
-    place = ".".join(str(part) for part in first["loc"] if part != branch) or whole
+
+    def is_branch(part: object) -> bool:
+        return str(part) == branch or str(part).endswith(f", {branch}]")  # with a validator
+
+    first = next((p for p in problems if any(map(is_branch, p["loc"]))), problems[0])
+    place = ".".join(str(part) for part in first["loc"] if not is_branch(part)) or whole
     what = first["msg"].removeprefix("Value error, ")
     if first["type"] == "extra_forbidden":
         what = "no such key"

@@ -35,6 +35,14 @@ def make_new_directory(path: Path) -> None:
         raise cannot_write(path, error) from None
 
 
+def check_apart(*outputs: Path | None) -> None:
+    """Raise OutputError where two outputs have one name."""
+    given = [path.resolve() for path in outputs if path is not None]
+    for path in given:
+        if given.count(path) > 1:
+            raise OutputError(f"{path}: two results in one place: give each a name of its own")
+
+
 def exists(path: Path) -> OutputError:
     """Return the error for an output that is there already."""
     return OutputError(f"{path}: exists and is never overwritten: choose another name")

@@ -15,7 +15,7 @@ import typer
 
 from ema_cli.console import note, print_json, progress, speech, stdout, styled
 from ema_cli.lines import TextLine, print_lines
-from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber
+from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber, given_once
 from ema_cli.views.verdict import print_verdict
 from ema_prognostics.words import words
 from ema_record.errors import EmaError, TestRefusedError, UsageError, unknown_name
@@ -215,6 +215,7 @@ def effect_parameters(settings: list[str]) -> dict[str, ParameterValue]:
     """Return effects as parameters of the simulator node; UsageError where one is wrong."""
     from ema_sim.effects import parse_effects
 
+    given_once("--effect", settings)
     parse_effects(settings)
     found: dict[str, ParameterValue] = {}
     for setting in settings:

@@ -18,6 +18,7 @@ from ema_cli.console import (
     say,
 )
 from ema_record.errors import UsageError, unknown_name
+from ema_record.files import check_apart
 
 
 def export(
@@ -25,7 +26,7 @@ def export(
         metavar="BAG...", help="Bags to convert, or directories of them; or the model.yaml of an "
         "identified rig.")],
     file_format: Annotated[str | None, typer.Option(
-        "--format", "-f", metavar="csv|parquet|mcap", show_default="csv",
+        "--format", "-f", metavar="csv|parquet|mcap", show_default="by the ending, or csv",
         help="mcap: a bag of standard messages, one a sample, for plotters. Of a model: "
         "mjcf|urdf|python.")] = None,
     out: Annotated[Path | None, typer.Option(
@@ -58,9 +59,12 @@ def export(
     if gain is not None or body_inertia:
         raise UsageError("--gain and --body-inertia are for the model.yaml of a rig: leave them "
                          "out")
-    chosen = file_format or "csv"
+    told = {".csv": "csv", ".parquet": "parquet"}.get(out.suffix) if out is not None else None
+    chosen = file_format or told or "csv"
     if chosen not in FORMATS:
         raise unknown_name("format", chosen, FORMATS, f"the formats are {', '.join(FORMATS)}")
+    if told not in (None, chosen):
+        raise UsageError(f"--out {out}: ends as {told}, but --format is {chosen}: make them agree")
     found = given_bags(bags)
     if out is not None and len(found) > 1:
         raise UsageError(f"--out {out}: {len(found)} bags: leave it out, each is then written "
@@ -75,6 +79,7 @@ def export(
             from ema_cli.views.record_plots import check_plot_folder
 
             check_plot_folder(folder)
+        check_apart(target, folder)
         jobs.append((bag, target, folder))
     for job in jobs:
         _export(*job, chosen, as_json)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,12 +19,22 @@ from ema_cli.console import (
     stdout,
     styled,
 )
-from ema_record.errors import UsageError
+from ema_record.errors import IncompleteRecordError, InvalidRecordError, UsageError
 
 if TYPE_CHECKING:
     from ema_identification.result import Identification, Parameter
 
 
+@contextlib.contextmanager
+def _usable() -> Iterator[None]:
+    """Make a record that is too short to answer unusable data: status 3 is for an answer."""
+    try:
+        yield
+    except IncompleteRecordError as error:
+        raise InvalidRecordError(str(error)) from error
+
+
+@_usable()
 def identify(
     measured: Annotated[list[Path], typer.Argument(
         metavar="MEASURED...", help="Records of one unit: bags, directories of them, or what "
@@ -73,6 +85,7 @@ def identify(
     from ema_identification.identify import identify as run
     from ema_identification.report.write import write_answer, write_page
     from ema_record.kit import kit_name
+    from ema_record.record import Record
     from ema_rig.bag import read_any
 
     measured = given_bags(measured)
@@ -82,6 +95,9 @@ def identify(
         raise UsageError("no --out: give the directory to make, as --out report")
     check_new(out)
     records = [read_any(path, profile) for path in measured]
+    if profile is not None and not isinstance(records[0], Record):
+        raise UsageError(f"--profile {profile}: of the actuator's own test: a rig has none, leave "
+                         "it out")
     held = [read_any(path) for path in (given_bags(validate) if validate else ())]
     accepted = [read_any(path) for path in (given_bags(baseline) if baseline else ())]
     with progress_of("identify") as advance:

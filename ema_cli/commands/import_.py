@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ema_cli.console import check_new, check_new_file, note, print_json, progress, say
+from ema_cli.options import given_once
 from ema_record.errors import UsageError
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ def import_(
 
     if guess and map_file is not None:
         raise UsageError("--guess writes a map, --map gives one: leave one of them out")
+    given_once("--set", changes)
     told = dict(change.partition("=")[::2] for change in changes or ())
     data, guessed = _map_data(file, map_file, topic, joint, told)
     where = str(map_file or "guessed map")
@@ -75,6 +77,7 @@ def _map_data(
     told: dict[str, str],
 ) -> tuple[Any, Guess | None]:
     """Return the map as data, and the guess that it is where no file gives it."""
+    from ema_record.bag.any_topic import is_bag
     from ema_record.yaml_file import load_yaml
     from ema_rig.guess import guess_map
 
@@ -85,6 +88,8 @@ def _map_data(
             guessed = guess_map(file, topic, joint, told)
         return guessed.data, guessed
     data = load_yaml(map_file)
+    if (topic or joint) and file.exists() and not is_bag(file):
+        raise UsageError(f"{file}: --topic and --joint are for bags of ROS 2: leave them out")
     if isinstance(data, dict) and (topic or joint):
         bag = data["bag"] if isinstance(data.get("bag"), dict) else {}
         given = {"topic": topic, "joint": joint}

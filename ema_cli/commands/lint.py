@@ -47,11 +47,13 @@ def lint(
 
 
 def _print(report: LintReport) -> None:
+    from ema_record.checks.guard import plain
+
     if report.unreadable is not None:
         error_line(report.unreadable)
     elif not report.findings:
         say(f"{report.bag}: clean")
     for finding in report.findings:
-        at = f" at {finding.time:.4f} s" if finding.time is not None else ""
+        at = plain(f" at {finding.time:.4f} s") if finding.time is not None else ""
         say(f"{report.bag}: {finding.level}: {finding.rule}{at}: {finding.message}; "
             f"{finding.remedy}")

@@ -10,7 +10,8 @@ import typer
 
 from ema_cli.console import check_new_file, given_bags, note, print_json, progress, say
 from ema_cli.options import Baseline, Cascade, Commanded
-from ema_record.errors import UsageError
+from ema_record.errors import IncompleteRecordError, UsageError
+from ema_record.files import check_apart
 
 if TYPE_CHECKING:
     from ema_prognostics.verdict.examination import Examination
@@ -54,6 +55,7 @@ def report(
     found = given_bags(bags)
     for file in out or ():
         form_of(file)
+    check_apart(*(out or ()))
     check_new_file(*(out or ()))
     judge = Judge(model, baseline, profile=profile)
     with progress(f"judging {len(found)} bags", len(found)) as advance:
@@ -63,7 +65,8 @@ def report(
             advance(done)
     last = newest(tests)
     if last.record is None:
-        raise UsageError(f"no report: {last.verdict.reasons[0]}")
+        kind = IncompleteRecordError if last.verdict.outcome == "incomplete" else UsageError
+        raise kind(f"no report: {last.verdict.reasons[0]}")
     files = out or [Path(f"{last.verdict.bag}.html")]
     check_new_file(*files)
     data = content(tests, {"ata": ata, "aircraft": aircraft, "work_order": work_order,

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ema_cli.console import check_new, check_new_file, drawing, note, print_json, progress, say
-from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber
+from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber, given_once
 from ema_record.errors import UsageError
+from ema_record.files import check_apart
 from ema_record.kit import kit_option
 
 if TYPE_CHECKING:
@@ -84,8 +85,10 @@ def simulate(
         raise UsageError("--jobs, --dask and --run belong to a campaign: give --campaign FILE")
     check_new(out)
     check_new_file(trace)
-    chosen = choose_profile(profile, step)
+    check_apart(out, trace, plot)
     loaded = load_model_file(model)
+    chosen = choose_profile(profile, step, loaded.actuator.surface.end_stop)
+    given_once("--effect", effect)
     effects = parse_effects(effect or [], loaded.effects)
     if plot is not None:
         from ema_cli.views.record_plots import check_plot_folder
@@ -151,10 +154,10 @@ def _refuse_own_options(context: typer.Context, file: Path) -> None:
             )
 
 
-def choose_profile(name: str | None, step: float | None) -> Profile:
+def choose_profile(name: str | None, step: float | None, end_stop: float) -> Profile:
     """Return the profile of that name or file, or a step; UsageError if both are given.
 
-    The step begins where the kit's own begins, and is as long.
+    The step begins where the kit's own begins, is as long, and stays within the end stops (rad).
     """
     from ema_record.profile import load_profile, profile_names, step_profile
 
@@ -167,6 +170,10 @@ def choose_profile(name: str | None, step: float | None) -> Profile:
         raise UsageError(f"--step {step:g}: the kit has no test that says where it begins: give "
                          "--profile FILE.yaml")
     own = load_profile(names[0])
+    lower, upper = -end_stop - own.start, end_stop - own.start
+    if not lower <= step <= upper:
+        raise UsageError(f"--step {step:g}: not within the end stops: give a finite number, "
+                         f"{lower:g} to {upper:g} rad")
     return step_profile(step, start=own.start, duration=own.duration)
 
 

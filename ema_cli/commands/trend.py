@@ -14,6 +14,7 @@ from ema_cli.lines import print_text
 from ema_cli.options import Baseline, Commanded, Format, Rule
 from ema_cli.views.flights import (
     about,
+    copies_text,
     draw_sequence,
     episode_text,
     fall_lines,
@@ -174,8 +175,9 @@ def trend_lines(
     found: UnitTrend, limits: Mapping[str, float] = MappingProxyType({})
 ) -> list[str]:
     """Return the trend of an actuator in words, a fact a line."""
-    answered = len(found.flights) - len(found.unanswered)
-    flights = counted(len(found.flights), "flight")
+    count = len(found.flights) - len(found.copies)
+    answered = count - len(found.unanswered)
+    flights = counted(count, "flight")
     lines = [f"Actuator {unit_name(found)}: {flights}, {answered} of them gave an answer"]
     if found.unanswered:
         lines.append(
@@ -183,10 +185,12 @@ def trend_lines(
             f"{number_list(found.unanswered)}"
         )
         for flight in found.flights:
-            if flight.repeat_of is None and not flight.answered:
+            if flight.number in found.unanswered:
                 verdict = flight.verdict
                 lines.append(f"    flight {flight.number}, {verdict.outcome}: "
                              f"{next(iter(verdict.reasons), 'no reason given')}")
+    if found.copies:
+        lines.append(f"  {copies_text(found)}")
     if not found.faults and not found.suspected and answered:
         lines.append("  no fault announced, no growth seen")
     for fault in found.faults:

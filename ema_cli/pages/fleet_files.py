@@ -16,8 +16,8 @@ from ema_cli.views.fleet_table import summary
 from ema_prognostics.fleet.metrics import open_metrics
 from ema_prognostics.fleet.tables import OURS, is_own_parquet, write_parquet
 from ema_prognostics.trend.unit_trend import UnitTrend
-from ema_record.errors import UsageError, library
-from ema_record.files import cannot_write, exists
+from ema_record.errors import library
+from ema_record.files import cannot_write, check_apart, exists
 from ema_record.record import iso_time
 from ema_record.version import VERSION
 
@@ -41,9 +41,7 @@ def check_files(html: Path | None, parquet: Path | None, metrics: Path | None) -
     for path, own in ((html, _is_own_text), (parquet, is_own_parquet), (metrics, _is_own_text)):
         if path is not None and not own(path):
             check_new_file(path)
-    given = [path.resolve() for path in (html, parquet, metrics) if path is not None]
-    if len(set(given)) < len(given):
-        raise UsageError("two results in one file: give each a name of its own")
+    check_apart(html, parquet, metrics)
 
 
 def write_files(

@@ -26,8 +26,6 @@ OUTCOMES = {"healthy": "Passed", "fault": "Failed", "unknown": "Inconclusive",
 CHECK_OUTCOMES = {Level.OK: "Passed", Level.WARN: "Inconclusive", Level.ERROR: "Failed"}
 FIELDS = ("ata", "aircraft", "work_order", "operator")
 """What the person who files the report may give; empty: a line to write on."""
-ATA = "27"
-"""Flight controls, where no chapter is given."""
 UNITS = {"s": "s", "A": "A", "rad": "rad", "V": "V"}
 """Ends of the names of a check's values that are units."""
 

@@ -14,7 +14,6 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from ema_cli.pages import charts
-from ema_cli.pages.report_data import ATA
 from ema_cli.views.verdict import fault_size, short, times_text, title, verdict_lines
 from ema_prognostics.cascade.classes import levels_of
 from ema_prognostics.words import ENVIRONMENT, class_name, feature_words, scaled, words
@@ -72,7 +71,7 @@ def as_xml(data: Mapping[str, Any], _record: Record) -> str:
         return child
 
     add(root, "Personnel", operator=unit["operator"])
-    add(root, "WorkOrder", number=unit["work_order"], ataChapter=unit["ata"] or ATA)
+    add(root, "WorkOrder", number=unit["work_order"], ataChapter=unit["ata"])
     add(root, "UUT", serialNumber=unit["serial_number"], type=unit["actuator_type"],
         aircraft=unit["aircraft"])
     results = add(root, "ResultSet", name=test["profile"], startDateTime=test["start_time"],
@@ -152,7 +151,7 @@ def page_context(data: Mapping[str, Any], record: Record) -> dict[str, Any]:
              if test["start_time"] else ""),
             (text("tested"), text("sizes", profile=test["profile"], samples=test["samples"],
                                   duration=f"{test['duration_s']:.3g}")),
-            (text("ata"), unit["ata"] or ATA), (text("aircraft"), unit["aircraft"]),
+            (text("ata"), unit["ata"]), (text("aircraft"), unit["aircraft"]),
             (text("work_order"), unit["work_order"]), (text("operator"), unit["operator"]),
         ],
         "findings": ["  ".join(filter(None, (

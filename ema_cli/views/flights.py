@@ -37,7 +37,8 @@ def print_sequence(trends: Sequence[UnitTrend], out: Machine | None = None) -> N
     for trend in trends:
         if out is not None:
             for flight in trend.flights:
-                out.verdict(flight)
+                out.print(out.object_of(flight) | {"flight": flight.number,
+                                                   "repeat_of": flight.repeat_of})
             continue
         print_flights(trend)
         for line in fault_lines(trend):
@@ -147,14 +148,21 @@ def fault_lines(trend: UnitTrend) -> list[str]:
             f"{class_name(name)}: its probability rises from flight to flight, suspected "
             f"from flight {at}; no flight had announced it by then"
         )
-    if not lines and len(trend.unanswered) < len(trend.flights):
+    count = len(trend.flights) - len(trend.copies)
+    if not lines and len(trend.unanswered) < count:
         lines.append("no fault announced")
     if trend.unanswered:
         lines.append(
-            f"{len(trend.unanswered)} of {counted(len(trend.flights), 'flight')} gave no answer "
+            f"{len(trend.unanswered)} of {counted(count, 'flight')} gave no answer "
             f"and count neither as healthy nor as faulty: {number_list(trend.unanswered)}"
         )
     return lines
+
+
+def copies_text(trend: UnitTrend) -> str:
+    """Return which bags are copies of flights that count, in words."""
+    return "the same flight once more, not counted again: " + number_list([
+        f"{f.number} (of {f.repeat_of})" for f in trend.flights if f.repeat_of is not None])
 
 
 def episode_text(episode: Episode) -> str:
@@ -181,7 +189,7 @@ def fall_lines(fault: FaultTrend) -> list[str]:
     ]
 
 
-def number_list(numbers: Sequence[int], most: int = 12) -> str:
+def number_list(numbers: Sequence[int | str], most: int = 12) -> str:
     """Return numbers with a comma between, the first few of many."""
     text = ", ".join(str(n) for n in numbers[:most])
     return text + (f" and {len(numbers) - most} more" if len(numbers) > most else "")

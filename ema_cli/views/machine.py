@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from ema_cli.console import neutral, print_json
-from ema_record.errors import unknown_name
+from ema_record.errors import UsageError, unknown_name
 
 if TYPE_CHECKING:
     from ema_prognostics.trend.flights import Flight
@@ -19,6 +19,8 @@ def check_format(chosen: str, *, json: bool) -> str:
     """Return the format; `json`: whether ``--json`` was given, which is short for it."""
     if chosen not in FORMATS:
         raise unknown_name("format", chosen, FORMATS, f"give one of {', '.join(FORMATS)}")
+    if json and chosen == "csv":
+        raise UsageError("--json and --format csv exclude each other: give one")
     return "json" if json else chosen
 
 

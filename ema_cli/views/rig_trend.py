@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ema_cli.console import drawing, given_bags, note, progress_of
 from ema_record.errors import EmaError, InvalidRecordError, UsageError, unknown_name
 
@@ -178,7 +180,12 @@ def _records(paths: Sequence[Path], map_file: Path | None) -> tuple[list[RigReco
         if not isinstance(record, RigRecord):
             raise UsageError(f"{map_file}: 'axis: actuator' is for bags of the actuator's test: "
                              "import them, then 'ema trend' without --map")
-        records.append(record)
+        twin = next((r for r in records if np.array_equal(
+            r.samples, record.samples, equal_nan=True)), None)
+        if twin is None:
+            records.append(record)
+        else:
+            unread[str(path)] = f"the record of {twin.source} once more, not counted again"
     return records, unread
 
 

@@ -296,7 +296,9 @@ def next_commands(verdict: Facts, heading: Facts) -> list[str]:
         return [report]
     if outcome == "unknown" and cause.startswith("unlike"):
         return [f"ema lint {bag}", f"ema identify {bag} --out why"]
-    if outcome == "incomplete":
+    if cause == "rig":
+        return [f"ema identify {bag} --check", f"ema identify {bag} --out why"]
+    if outcome == "incomplete" and cause == "record":  # a bag that can be read is whole
         return [f"ema recover {bag}", f"ema lint {bag}"]
     rule = words().has(f"check.{cause}")
     return [f"ema lint {bag}", f"ema explain {cause if rule else outcome}"]

@@ -57,6 +57,7 @@ def page_context(
         "gap_unit": identification.gap_unit,
         "data": words.data_of(identification),
         "findings": [_finding(finding) for finding in identification.findings],
+        "since": _since(identification.since),
         "rivals": _candidates(_not_shown(identification)),
         "next_test": identification.next_test,
         "unknown": unknown,
@@ -151,12 +152,31 @@ def _finding(finding: NamedEffect) -> dict[str, Any]:
         "effect": finding.effect, "name": words.pretty(finding.effect),
         "equivalent": [words.pretty(name) for name in finding.equivalent],
         "formula": finding.formula,
-        "where": finding.where, "p_value": words.probability(finding.p_value),
+        "where": _where(finding), "p_value": words.probability(finding.p_value),
         "before": words.number(finding.gap_before), "after": words.number(finding.gap_after),
         "parameters": [{"name": name, "value": value, "interval": "–"}
                        for name, value in finding.choices.items()]
         + [_parameter(p) for p in finding.parameters],
         "candidates": _candidates(finding.candidates),
+    }
+
+
+def _where(finding: NamedEffect) -> str:
+    """Return the place in words; where they begin with signal and axis, those once."""
+    where = finding.where
+    place = f"{where.signal} against {where.against}"
+    return where.text if where.text.startswith(place) else f"{place}: {where.text}"
+
+
+def _since(since: Identification | None) -> dict[str, Any] | None:
+    """Return what has changed since the baseline."""
+    if since is None:
+        return None
+    return {
+        "verdict": since.verdict, "sentence": words.change_sentence(since),
+        "data": words.data_of(since),
+        "findings": [_finding(finding) for finding in since.findings],
+        "unknown": since.unknown, "reasons": since.reasons, "next_test": since.next_test,
     }
 
 

@@ -103,6 +103,16 @@ def gap_change(identification: Identification) -> str:
             f"{number(after)}{within} with a noise floor of {number(identification.noise_floor)}")
 
 
+def change_sentence(since: Identification) -> str:
+    """Return what has changed since the baseline, in one sentence."""
+    if since.verdict == "no disagreement":
+        return "Nothing has changed since the baseline that these data can show."
+    if since.verdict in ("explained", "partly explained") and since.findings:
+        return (f"What has changed since the baseline is {since.verdict} by {listed(since)}; "
+                f"{gap_change(since)}.")
+    return f"What has changed since the baseline: {since.verdict}; {gap_change(since)}."
+
+
 def verdict_sentence(identification: Identification) -> str:
     """Return the answer in one sentence."""
     before, after = number(identification.gap_before), number(identification.gap_after)

@@ -124,8 +124,14 @@ class UnitTrend:
 
     @property
     def unanswered(self) -> tuple[int, ...]:
-        """Flights that say neither healthy nor faulty, copies included."""
-        return tuple(f.number for f in self.flights if not f.answered)
+        """Flights that say neither healthy nor faulty; a copy is none of them."""
+        return tuple(f.number for f in self.flights
+                     if not f.answered and f.repeat_of is None)
+
+    @property
+    def copies(self) -> tuple[int, ...]:
+        """Flights that are copies of others, which count in their place."""
+        return tuple(f.number for f in self.flights if f.repeat_of is not None)
 
     def __repr__(self) -> str:
         """Return one line: unit, flights, and each fault."""
@@ -153,7 +159,7 @@ class UnitTrend:
         """Return the JSON object of ``ema trend --json``."""
         return {
             "serial_number": self.serial_number, "flights": len(self.flights),
-            "unanswered": list(self.unanswered),
+            "unanswered": list(self.unanswered), "copies": list(self.copies),
             "faults": [f.to_dict() for f in self.faults], "suspected": dict(self.suspected),
         }
 

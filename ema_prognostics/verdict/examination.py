@@ -8,10 +8,10 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+from ema_prognostics.verdict.contract import kit_sha256
 from ema_prognostics.verdict.judge import UNKNOWN_SERIAL, Judge, Judged
 from ema_prognostics.verdict.report import verdict_of_error
 from ema_prognostics.verdict.verdict import Verdict
-from ema_record.actuator_type import actuator_hash
 from ema_record.bag.read import read_bag
 from ema_record.checks.facts import facts_of_record
 from ema_record.checks.guard import guard_findings
@@ -88,9 +88,9 @@ def heading_of(
 
 
 def kit_text() -> str:
-    """Return the present kit and its actuator's hash, short."""
+    """Return the present kit and its hash, short: that of the JSON object."""
     name = "default kit" if is_default_kit() else f"kit {kit_folder().name}"
-    return f"{name} {actuator_hash()[:8]}"
+    return f"{name} {kit_sha256()[:8]}"
 
 
 def examine(judge: Judge, bag: str | Path) -> Examination:

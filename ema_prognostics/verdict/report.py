@@ -12,7 +12,7 @@ from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.verdict.evidence import MOST, Measured
 from ema_prognostics.verdict.verdict import Fault, Measure, Symptom, Verdict
 from ema_prognostics.words import ENGLISH, STRANGER, feature_words, next_step
-from ema_record.errors import EmaError, IncompleteRecordError
+from ema_record.errors import EmaError, IncompleteRecordError, RigRecordError
 
 GROUP, ALL = "group.", "all"
 """Beginning of the names of groups of features, and the name of all together."""
@@ -105,7 +105,7 @@ def verdict_of_error(error: EmaError, bag: str = "") -> Verdict:
     incomplete = isinstance(error, IncompleteRecordError)
     return Verdict(
         outcome="incomplete" if incomplete else "invalid", reasons=(str(error),), bag=bag,
-        cause="record",
+        cause="rig" if isinstance(error, RigRecordError) else "record",
     )
 
 

@@ -106,8 +106,8 @@ class Verdict:
     bag: str = ""
     cause: str = ""
     """Why there is no answer: ``unlike``, ``unlike_since_baseline``, ``doubt``, ``too_small``,
-    ``unknown_test``, ``missing_feature``, ``not_done``, ``record``, or the name of a rule of the
-    record checks; empty where there is one."""
+    ``unknown_test``, ``missing_feature``, ``not_done``, ``record``, ``rig``, or the name of a
+    rule of the record checks; empty where there is one."""
     evidence: tuple[Symptom, ...] = ()
     """The numbers that say the most, largest first."""
     side: str | None = None

@@ -14,7 +14,7 @@ from typing import Any, get_args
 
 import yaml
 
-from ema_record.errors import InvalidRecordError, UsageError
+from ema_record.errors import InvalidRecordError, RigRecordError, UsageError
 from ema_record.profile import Profile, load_profile_dict
 from ema_record.record import Provenance, Status
 from ema_record.wire.topics import Qos, Topic
@@ -191,7 +191,7 @@ def read_test_metadata(records: Mapping[str, Mapping[str, str]], source: str) ->
 
     """
     if RIG in records:
-        raise InvalidRecordError(
+        raise RigRecordError(
             f"{source}: holds the record of a rig, not the actuator's own test: 'ema identify' "
             "says what its model lacks"
         )

@@ -114,8 +114,8 @@ def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
         raise exists(target)
     found = _salvage(place)
     if found.whole:
-        raise UsageError(f"{source}: the bag is whole: there is nothing to recover; 'ema lint' "
-                         "looks for defects in what was recorded")
+        raise UsageError(f"{source}: the bag is whole, there is nothing to recover: 'ema check' "
+                         "says what to do with it")
     parts = _sorted_out(found, str(source))
     if not len(parts.times):
         raise _nothing(str(source), "no sample", found)

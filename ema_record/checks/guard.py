@@ -7,7 +7,9 @@ topic that no verdict needs) forbids nothing.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -50,6 +52,11 @@ SENSOR_RULES = frozenset({
 """Rules whose finding is a fault of a transducer, its wires or its plug."""
 
 
+def plain(text: str) -> str:
+    """Return a text in which no number has more digits than a person reads."""
+    return re.sub(r"\b\d{20,}(\.\d+)?\b", lambda number: f"{float(number[0]):g}", text)
+
+
 def findings_of(facts: BagFacts, names: Collection[str]) -> list[Finding]:
     """Return what the rules of these names find, in the order of `RULES`.
 
@@ -60,7 +67,8 @@ def findings_of(facts: BagFacts, names: Collection[str]) -> list[Finding]:
         return found
     with np.errstate(all="ignore"):  # the values of a record may be anything
         return [
-            finding for rule in RULES if rule.name in names
+            replace(finding, message=plain(finding.message))
+            for rule in RULES if rule.name in names
             for finding in rule.check(facts)[:MAX_FINDINGS]
         ]
 
@@ -105,6 +113,6 @@ def outcome_of(findings: Sequence[Finding]) -> Outcome:
 def reason_of(finding: Finding) -> str:
     """Return a finding as one reason of a verdict."""
     kind = "sensor fault" if finding.rule in SENSOR_RULES else "record check"
-    at = f" at {finding.time:.3f} s" if finding.time is not None else ""
+    at = plain(f" at {finding.time:.3f} s") if finding.time is not None else ""
     name = finding.rule.replace("_", " ")
     return f"{kind}, {name}{at}: {finding.message}; {finding.remedy}"

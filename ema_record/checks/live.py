@@ -23,7 +23,7 @@ from ema_record.channels import (
     TIME,
 )
 from ema_record.checks.facts import SUM_OFFSET, BagFacts, Finding, facts_of_record
-from ema_record.checks.guard import OUTCOMES, guard_findings
+from ema_record.checks.guard import OUTCOMES, guard_findings, plain
 from ema_record.checks.stream import irregular
 from ema_record.limits import MAX_DURATION
 from ema_record.record import Record
@@ -100,9 +100,14 @@ def check_record(record: Record, actuator: Actuator | None = None) -> list[Check
 def check_facts(facts: BagFacts, findings: Sequence[Finding]) -> list[CheckResult]:
     """Return the results of all checks on facts in which the guard has these `findings`."""
     with np.errstate(all="ignore"):  # the values of a record may be anything
-        measured = [check(facts) for check in CHECKS]
+        measured = [_plain(check(facts)) for check in CHECKS]
     return [_with(result, [f for f in findings if group_of(f) == result.name])
             for result in measured]
+
+
+def _plain(result: CheckResult) -> CheckResult:
+    return replace(result, message=plain(result.message),
+                   values={name: plain(value) for name, value in result.values.items()})
 
 
 def _with(result: CheckResult, findings: list[Finding]) -> CheckResult:

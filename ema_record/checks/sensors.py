@@ -205,7 +205,7 @@ def noise_bounds(facts: BagFacts) -> dict[int, float]:
             noise.current, c.current_range, c.current_bits, a.inverter.current_limit),
         MOTOR_SPEED: shake + NOISY * least(
             noise.speed, c.speed_range, c.speed_bits, a.control.speed_limit),
-        SURFACE_POSITION: RIPPLE * surface_acceleration * dt**2 + ROUGH * least(
+        SURFACE_POSITION: RIPPLE * surface_acceleration * dt * dt + ROUGH * least(
             noise.position, c.position_range, c.position_bits, a.surface.end_stop),
         ROTOR_ANGLE: angle * wider + shake * dt * pole_pairs,
     }

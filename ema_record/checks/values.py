@@ -85,7 +85,8 @@ class _Course:
         if not facts.too_fast:
             self.speed = np.cumsum(np.abs(s[:, MOTOR_SPEED])) * facts.interval * pole_pairs
         if facts.has(ROTOR_ANGLE):
-            step = np.mod(np.diff(s[:, ROTOR_ANGLE]) + np.pi, 2.0 * np.pi) - np.pi
+            unit = np.pi / 180.0 if facts.angle_in_degrees else 1.0
+            step = np.mod(unit * np.diff(s[:, ROTOR_ANGLE]) + np.pi, 2.0 * np.pi) - np.pi
             self.angle = _path(step)
         elif facts.has(SURFACE_POSITION):
             # Means over windows: the path of a noisy position is longer than that of the motor.

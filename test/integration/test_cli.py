@@ -154,6 +154,10 @@ BAD_SETTINGS = [
     (["--profile", "step", "--step", "0.1"], "exclude each other"),
     (["--campaign", "absent.yaml", "--seed", "0"], "--seed and --campaign exclude each other"),
     (["--step", "1.5"], "end stops"),
+    (["--step", "100"], "--step 100: not within the end stops: give a finite number, -0.2 to 1"),
+    (["--effect", "a.x=1", "--effect", "a.x=2"], "--effect a.x: given twice, as 1 and as 2"),
+    (["--trace", "bag"], "two results in one place"),
+    (["--trace", "t", "--plot", "./t"], "two results in one place"),
     (["--step", "nan"], "finite"),
     (["--seed", "-1"], "seed"),
     (["--noise", "-1"], "noise"),
@@ -246,7 +250,11 @@ def test_export_of_what_is_no_bag(tmp_path, bag, capsys):
     assert "did you mean 'parquet'?" in refused(
         capsys, "export", bag, "--format", "parqet", "--out", tmp_path / "a.pq"
     )
+    assert "make them agree" in refused(
+        capsys, "export", bag, "--format", "csv", "--out", tmp_path / "a.parquet")
     assert not (tmp_path / "a.csv").exists()
+    assert run(["export", str(bag), "--out", str(tmp_path / "b.parquet")]) == 0
+    assert (tmp_path / "b.parquet").read_bytes()[:4] == b"PAR1"
 
 
 def test_export_of_a_cut_bag_is_refused(tmp_path, bag, capsys):

@@ -1,5 +1,6 @@
 """A directory of flights through `ema check` and `ema trend`."""
 
+import csv
 import json
 import os
 import shutil
@@ -60,6 +61,10 @@ def test_json_is_one_object_a_bag_in_the_order_of_the_flights(growing, capsys):
     verdicts = [json.loads(line) for line in lines]
     assert [v["fault_class"] for v in verdicts] == [None, *["turn_short"] * 5]
     assert all("reasons" in v and "alternatives" in v for v in verdicts)
+    assert [v["flight"] for v in verdicts] == [1, 2, 3, 4, 5, 6]
+    assert run(["check", str(growing), "--format", "csv"]) == 1
+    rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
+    assert [row["flight"] for row in rows] == ["1", "2", "3", "4", "5", "6"]
 
 
 def test_rows_announcements_and_plot(growing, capsys, tmp_path):
@@ -86,8 +91,8 @@ def test_damaged_flights_are_shown_and_are_not_healthy(damaged, capsys):
     assert "INCOMPLETE" in rows["3"]
     assert "copy of flight 4" in rows["5"]
     assert "INVALID" in rows["8"]
-    assert "3 of 8 flights gave no answer" in text
-    assert "neither as healthy nor as faulty: 3, 5, 8" in text
+    assert "2 of 7 flights gave no answer" in text
+    assert "neither as healthy nor as faulty: 3, 8" in text
     assert "notes.txt" in err
 
 
@@ -110,6 +115,11 @@ def test_a_recovered_copy_hides_no_fault(growing, tmp_path, capsys, name):
     assert run(["trend", str(folder), "--json"]) == 3
     found = json.loads(capsys.readouterr().out)
     assert [f["fault_class"] for f in found["faults"]] == ["turn_short"]
+    assert (len(found["copies"]), found["unanswered"]) == (1, [])
+    assert run(["trend", str(folder)]) == 3
+    text = " ".join(capsys.readouterr().out.split())
+    assert "1 flight, 1 of them gave an answer" in text
+    assert "the same flight once more, not counted again" in text and "no answer" not in text
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 import json
 import os
 import pty
+import shutil
 import subprocess
 import sys
 
@@ -85,6 +86,21 @@ def test_a_wrong_map_is_one_line(tmp_path, capsys, text, old, new, says):
     assert says in line or new.split()[-1].strip(",") in line
 
 
+@pytest.mark.parametrize(("arguments", "says"), [
+    (["import", "run.csv", "--map", "map.yaml", "--topic", "/a"], "leave them out"),
+    (["import", "run.csv", "--set", "axis=linear", "--set", "axis=rotary"],
+     "--set axis: given twice, as linear and as rotary"),
+    (["identify", "bag", "--out", "r", "--profile", "step"], "a rig has none"),
+])
+def test_what_cannot_be_meant_is_one_line(tmp_path, capsys, monkeypatch, arguments, says):
+    assert imported(tmp_path, table()) == 0
+    monkeypatch.chdir(tmp_path)
+    capsys.readouterr()
+    assert run(arguments) == 2
+    error = capsys.readouterr().err.strip()
+    assert says in error and "\n" not in error
+
+
 @pytest.mark.parametrize(("text", "old", "new", "says"), [
     (table(0.6), "", "", "too short"),
     (table(still=True), "", "", "record a run with reversals"),
@@ -147,6 +163,16 @@ def test_the_trend_of_files_says_what_grows_and_when_it_reaches_a_limit(wearing,
     assert "text or json" in capsys.readouterr().err
     assert run([*options, "--limit", "coulomb_friction.level=+10%"]) == 1
     assert "limit 0.3" in (out := capsys.readouterr().out) and "passed" in out
+
+
+def test_a_record_that_is_given_twice_counts_once(tmp_path, capsys):
+    assert imported(tmp_path, table()) == 0
+    shutil.copytree(tmp_path / "bag", tmp_path / "copy")
+    capsys.readouterr()
+    assert run(["trend", str(tmp_path / "bag"), str(tmp_path / "copy"), "--json"]) == 0
+    records = json.loads(capsys.readouterr().out)["records"]
+    assert [r["reason"] is None for r in records] == [True, False]
+    assert "once more, not counted again" in records[1]["reason"]
 
 
 @pytest.mark.parametrize(("option", "says"), [

@@ -74,7 +74,7 @@ def test_main_imports_no_heavy_module():
         (["bit", "--effect", "turn_shrt.fraction=1"], "did you mean 'turn_short'"),
         (["bit", "--noise", "nan"], "noise: nan is out of bounds: give 0 to 100"),
         (["bit", "--real-time-factor=-1"], "-1 is out of bounds: give 0 to 1000"),
-        (["simulate", "--seed"], "--seed"),
+        (["simulate", "--seed"], "'--seed' requires an argument; see 'ema simulate --help'"),
         (["effects", "one", "two"], "two"),
     ],
 )

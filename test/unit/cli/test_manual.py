@@ -5,9 +5,11 @@ import shutil
 import subprocess
 
 import pytest
+from typer.main import get_command
 
 from ema_cli.commands.man import _text, page
-from ema_cli.main import COMMANDS, run
+from ema_cli.main import COMMANDS, build_app, run
+from ema_cli.options import COMMON
 
 SECTIONS = ["NAME", "SYNOPSIS", "DESCRIPTION", "OPTIONS", "EXIT STATUS", "EXAMPLE", "SEE ALSO"]
 
@@ -31,6 +33,21 @@ def test_every_command_has_a_page_that_says_what_its_help_says(command, capsys, 
     assert [o for o in options if not re.search(rf"^{o}\b|, {o}\b", said, re.MULTILINE)] == []
     example = said.partition(".SH EXAMPLE\n.nf\n")[2].splitlines()[0]
     assert example.startswith(f"ema {command}") and example in " ".join(helped.split())
+
+
+def options_of(command):
+    """Return the options of a command that not all have, in the order of its help."""
+    params = get_command(build_app(command)).params
+    return [next(o for o in p.opts if o.startswith("--")) for p in params
+            if p.param_type_name == "option" and p.name not in COMMON]
+
+
+def test_the_document_names_every_option(repository):
+    text = (repository / "docs" / "commands.md").read_text(encoding="utf-8")
+    rows = text.partition("## Options")[2].partition("\n## ")[0]
+    assert [f"| `ema {c}` | {' '.join(f'`{o}`' for o in options_of(c)) or 'none'} |"
+            for c in COMMANDS] == re.findall(r"^\| `ema .*$", rows, re.MULTILINE)
+    assert [name for name in COMMON if f"`--{name}" not in rows] == []
 
 
 def test_all_and_one_and_no_command(tmp_path, capsys):

@@ -13,6 +13,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from ema_cli.main import run
+from ema_prognostics.verdict.contract import kit_sha256
 from ema_record.bag.read import read_bag
 from ema_record.kit import kit_folder
 
@@ -79,6 +80,7 @@ def test_hashes_are_those_of_the_files(written, repository):
     page = written[".html"].read_text()
     assert all(one["sha256"] in page for one in found.values())
     assert data["trace"]["software_sha256"] in page
+    assert data["trace"]["kit"] == f"default kit {kit_sha256()[:8]}"
 
 
 def test_xml_holds_what_json_holds(written):
@@ -102,20 +104,32 @@ def test_xml_holds_what_json_holds(written):
     assert len(root.findall("Configuration/File")) == len(data["trace"]["files"])
 
 
+def test_what_nobody_gave_is_not_made_up(repository, tmp_path):
+    out = [tmp_path / f"report{end}" for end in (".html", ".xml")]
+    for path in out:
+        run(["report", str(repository / "bags" / "sim_0001_step"), "--out", str(path)])
+    assert "<dt>ATA chapter</dt><dd></dd>" in out[0].read_text()
+    assert ET.fromstring(out[1].read_text()).find("WorkOrder").attrib == {}
+
+
 @pytest.mark.parametrize(("arguments", "problem"), [
     (["bags/sim_0001_step", "--out", "x.pdf"], "end the name with .html, .xml, .json"),
     (["bags/sim_0001_step", "bags/sim_0000_step", "--out", "x.html"], "2 actuators"),
     (["nowhere", "--out", "x.html"], "no report: "),
+    (["cut", "--out", "x.xml", "--out", "./x.xml"], "two results in one place"),
+    (["cut", "--out", "x.html"], "no report: cut: "),
     (["bags/sim_0001_step", "--out", "README.md"], "end the name"),
 ])
 def test_wrong_use_is_one_line_and_writes_nothing(
         arguments, problem, repository, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bags").symlink_to(repository / "bags")
-    assert run(["report", *arguments]) == 2
+    (tmp_path / "cut").mkdir()
+    (tmp_path / "cut" / "cut_0.mcap").write_bytes(b"\x89MCAP0\r\n")
+    assert run(["report", *arguments]) == (3 if "no report: cut" in problem else 2)
     error = capsys.readouterr().err
     assert problem in error and error.count("\n") == 1
-    assert [p.name for p in tmp_path.iterdir()] == ["bags"]
+    assert {p.name for p in tmp_path.iterdir()} == {"bags", "cut"}
 
 
 def test_what_is_there_is_not_overwritten(written, repository, capsys):

@@ -10,8 +10,10 @@ from rich.console import Console
 from ema_cli.lines import wrapped
 from ema_cli.main import run
 from ema_cli.views.verdict import bar, percent, print_verdict, short
+from ema_prognostics.verdict.report import verdict_of_error
 from ema_prognostics.verdict.verdict import Fault, Symptom, Verdict
 from ema_prognostics.words import feature_words, words
+from ema_record.errors import RigRecordError
 
 HEADING = {
     "serial_number": "SN-0042", "profile": "extended",
@@ -99,9 +101,13 @@ def test_in_a_pipe_each_statement_is_a_line():
     (Verdict(outcome="unknown", bag="b", cause="stuck_channel", reasons=("sensor fault: x",)),
      ["sensor fault: x", "Check that transducer", "ema explain stuck_channel"]),
     (Verdict(outcome="incomplete", bag="b", cause="gap", reasons=("b: cut at 3 s",)),
-     ["INCOMPLETE", "cannot be judged: cut at 3 s", "Repeat the test", "ema recover b"]),
+     ["INCOMPLETE", "cannot be judged: cut at 3 s", "Repeat the test", "ema explain gap"]),
+    (Verdict(outcome="incomplete", bag="b", cause="record", reasons=("b: was cut",)),
+     ["INCOMPLETE", "cannot be judged: was cut", "Repeat the test", "ema recover b"]),
     (Verdict(outcome="invalid", bag="b", cause="record", reasons=("no metadata",)),
      ["INVALID", "no metadata", "Correct what is named", "ema lint b"]),
+    (verdict_of_error(RigRecordError("b: of a rig"), "b"),
+     ["INVALID", "of a rig", "Identify this axis", "ema identify b --check"]),
 ])
 def test_every_outcome_says_what_to_do_and_what_next(verdict, expected):
     text = " ".join(printed(verdict).split())

@@ -12,7 +12,7 @@ import yaml
 from ema_cli.main import run
 from ema_record.bag.read import read_bag, write_bag
 from ema_record.channels import CHANNELS
-from ema_record.errors import InvalidRecordError, OutputError, UsageError
+from ema_record.errors import InvalidRecordError, OutputError, RigRecordError, UsageError
 from ema_record.profile import load_profile
 from ema_rig.bag import is_rig_bag, read_rig_bag, write_rig_bag
 from ema_rig.import_file import import_file, read_table
@@ -130,7 +130,7 @@ def test_the_bag_holds_it_bit_for_bit_and_is_never_overwritten(tmp_path):
         (tmp_path / "other" / "bag" / n).read_bytes() for n in names]
     with pytest.raises(OutputError, match="never overwritten"):
         write_rig_bag(record, tmp_path / "bag")
-    with pytest.raises(InvalidRecordError, match="ema identify"):
+    with pytest.raises(RigRecordError, match="ema identify"):
         read_bag(tmp_path / "bag")
 
 

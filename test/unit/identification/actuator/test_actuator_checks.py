@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_cli.main import run
 from ema_identification.identify import identify
+from ema_record.bag.read import write_bag
 from ema_record.channels import CHANNEL_NAMES
 from ema_record.errors import EmaError, IncompleteRecordError, InvalidRecordError, UsageError
 from ema_record.profile import load_profile
@@ -35,6 +37,7 @@ CURRENTS = [f"{k}_current_{p}" for k in ("phase", "reference") for p in "abc"]
     ({"factor": 9.5493, "channels": ["motor_speed"]}, InvalidRecordError, "rpm"),
     ({"factor": 57.296, "channels": ["motor_speed"]}, InvalidRecordError, "deg/s"),
     ({"factor": 57.296, "channels": ["surface_position"]}, InvalidRecordError, "degrees"),
+    ({"factor": 57.296, "channels": ["rotor_angle"]}, InvalidRecordError, "degrees, expected rad"),
     ({"factor": 1e3, "channels": CURRENTS}, InvalidRecordError, "mA"),
     ({"factor": 1e3, "channels": CURRENTS[:3]}, InvalidRecordError, "mA"),
     ({"value": 0.0, "channels": ["phase_current_b"]}, InvalidRecordError, "phase current b"),
@@ -48,6 +51,16 @@ def test_a_record_that_cannot_be_used_is_named(record, change, error, said):
     with pytest.raises(error, match=said) as caught:
         identify([changed(record, **change)])
     assert "\n" not in str(caught.value)
+
+
+def test_a_record_too_short_is_unusable_data_for_the_command(record, tmp_path, capsys):
+    write_bag(changed(record, part=slice(0, 800)), tmp_path / "short")
+    (write_bag(record, tmp_path / "cut") / "metadata.yaml").unlink()
+    for name, problem in (("short", "too short"), ("cut", "no metadata.yaml")):
+        assert run(["identify", str(tmp_path / name), "--out", str(tmp_path / "out")]) == 2, name
+        error = capsys.readouterr().err
+        assert problem in error and error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
 
 
 def test_too_few_samples_a_turn_and_another_actuator(record):

@@ -277,3 +277,24 @@ def test_other_commands_can_be_given(explained, tmp_path):
 def test_next_test_is_plain_yaml(page):
     data = yaml.safe_load((page.parent / NEXT_TEST_FILE).read_text("utf-8"))
     assert data["points"][0] == [0.0, -0.4]
+
+
+def test_what_has_changed_since_the_baseline_is_said(explained, tmp_path):
+    since = replace(explained, verdict="partly explained", reasons=("grown since May",))
+    nothing = replace(explained, verdict="no disagreement", findings=(), since=since)
+    said = text_of(write_report(nothing, tmp_path / "unit", title="U", inputs=INPUTS))
+    assert "What has changed since the baseline" in said
+    assert "cogging_torque.amplitude" in said and "grown since May" in said
+    same = replace(nothing, since=replace(nothing, since=None, reasons=()))
+    said = text_of(write_report(same, tmp_path / "same", title="U", inputs=INPUTS))
+    assert "Nothing has changed since the baseline" in said
+
+
+def test_where_is_said_once(explained, tmp_path):
+    place = "motor torque against rotor angle"
+    (finding,) = explained.findings
+    where = replace(finding.where, text=f"{place}, whole test: 3.1 standard deviations")
+    twice = replace(explained, findings=(replace(finding, where=where),))
+    for name, one in (("short", explained), ("long", twice)):
+        said = text_of(write_report(one, tmp_path / name, title="U", inputs=INPUTS))
+        assert said.count(f"Where: {place}") == 1 and f"{place}: {place}" not in said

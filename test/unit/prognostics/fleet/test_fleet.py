@@ -153,6 +153,10 @@ def test_every_object_keeps_the_contract(found):
         checked = schema.VerdictObject.model_validate(said, strict=False)
         assert checked.schema_ == contract.SCHEMA
         assert set(json.loads(contract.json_schema())["required"]) <= set(said)
+        assert set(said) - {"flight", "repeat_of", "start_time"} <= set(
+            json.loads(contract.json_schema())["properties"])
+        assert [s.times for s in checked.evidence] == [s["times"] for s in said["evidence"]]
+    assert any(one["evidence"] for one in found.objects)
     with pytest.raises(ValueError, match="verdict"):
         schema.VerdictObject.model_validate(said | {"verdict": "fine"})
     fault = found.units[0].objects[0]
@@ -218,6 +222,8 @@ def test_the_command_for_machines(found, command, capsys):
     assert [u["state"] for u in units] == ["suspected", "no answer", "healthy"]
     assert command("--format", "xml") == 2
     assert "give one of text, json, csv" in capsys.readouterr().err
+    assert command("--json", "--format", "csv") == 2
+    assert "--json and --format csv exclude each other" in capsys.readouterr().err
 
 
 def test_the_page_links_a_report_and_shows_no_markup_of_a_bag(found, tmp_path):

@@ -70,6 +70,7 @@ def test_what_the_kit_says_is_recorded_must_be_there(columns, tmp_path):
 
 FLAWS = {
     "speed in rpm": ("wrong_unit", 1, lambda x: x * 30.0 / np.pi),
+    "angle in degrees": ("wrong_unit", 8, np.degrees),
     "position in degrees": ("wrong_unit", 9, np.degrees),
     "speed scaled": ("sensor_scale", 1, lambda x: 1.1 * x),
     "position scaled": ("sensor_scale", 9, lambda x: 0.9 * x),

@@ -1,11 +1,14 @@
 """The record checks: a good record passes, each flaw is found by its own check."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from ema_record.channels import CHANNEL_NAMES
 from ema_record.checks.facts import facts_of_record
+from ema_record.checks.guard import guard_findings, reason_of
 from ema_record.checks.live import Level, check_counters, check_record, expected_course, worst
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
@@ -88,3 +91,15 @@ def test_the_expected_course_is_the_limited_first_order_lag(good):
     slewing = (good.time > 0.1) & (good.time < 0.4)
     speed = np.diff(course[slewing]) * good.rate
     assert speed == pytest.approx(790.6 / 500.0)
+
+
+@pytest.mark.parametrize("channel", ["time", "phase_current_b", "surface_position"])
+def test_numbers_beyond_all_sense_are_short(good, channel):
+    samples = good.samples.copy()
+    samples[:, CHANNEL_NAMES.index(channel)] *= 1e300
+    record = replace(good, samples=samples)
+    said = [text for result in check_record(record)
+            for text in (result.message, *result.values.values())]
+    said += [reason_of(finding) for finding in guard_findings(record)]
+    assert "e+" in " ".join(said)
+    assert max(map(len, said)) < 600 and not any(re.search(r"\d{20}", text) for text in said)
