@@ -38,7 +38,7 @@ def report_data(
 
     Parameters
     ----------
-    verdict : JSON object of ``ema check --json``.
+    verdict : of `Verdict.to_dict`.
     record : that was judged.
     checks : of the record.
     heading : of `Examination.heading`.
