@@ -46,7 +46,7 @@ class ActuatorSession:
     noise : factor on the sensor noise.
     rate : samples a second, default that of the actuator's acquisition.
     start_angle : electrical rotor angle at the start (rad).
-    position : surface position at the start (rad).
+    position, twist : of surface and shaft at the start (rad).
     trace : keep torques and surface speed, see `take_trace`.
     max_step : longest step of the integration (s).
     settle : reach the last command after a run, unrecorded; left out, no run may follow.
@@ -63,6 +63,7 @@ class ActuatorSession:
         rate: float | None = None,
         start_angle: float | None = None,
         position: float = -0.4,
+        twist: float = 0.0,
         trace: bool = False,
         max_step: float = k.MAX_STEP,
         settle: bool = True,
@@ -87,7 +88,7 @@ class ActuatorSession:
                 0.0, 2.0 * math.pi * actuator.motor.pole_pairs))
         if not math.isfinite(start_angle):
             raise UsageError(f"start angle {start_angle}: must be a finite number (rad)")
-        self._state = st.initial_state(actuator, position, start_angle)
+        self._state = st.initial_state(actuator, position, start_angle, twist)
         self._profile: Profile | None = None
         self._begin = 0.0
         self._inverter_on = math.inf

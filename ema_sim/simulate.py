@@ -39,6 +39,7 @@ def simulate(
     noise: float = 1.0,
     rate: float | None = None,
     start_angle: float | None = None,
+    start: tuple[float, float] | None = None,
     serial_number: str = "SIM-0000",
     start_time: int = 0,
     switching: bool = False,
@@ -55,6 +56,8 @@ def simulate(
     rate : samples a second, default that of the actuator's acquisition.
     start_angle : electrical rotor angle at the start (rad), default drawn from the seed; a pole
         pair further it is another mechanical one.
+    start : surface position and twist of the shaft at the start (rad), default that of the
+        profile and a relaxed shaft.
     serial_number : of the actuator, for the record.
     start_time : acceptance of the command (ns since the epoch), for the record.
     switching : simulate the edges of a carrier (drives pwm and foc), not means of its periods.
@@ -65,8 +68,8 @@ def simulate(
     """
     return simulate_traced(
         profile, actuator=actuator, effects=effects, seed=seed, noise=noise, rate=rate,
-        start_angle=start_angle, serial_number=serial_number, start_time=start_time, trace=False,
-        switching=switching,
+        start_angle=start_angle, start=start, serial_number=serial_number, start_time=start_time,
+        trace=False, switching=switching,
     ).record
 
 
@@ -79,6 +82,7 @@ def simulate_traced(
     noise: float = 1.0,
     rate: float | None = None,
     start_angle: float | None = None,
+    start: tuple[float, float] | None = None,
     serial_number: str = "SIM-0000",
     start_time: int = 0,
     trace: bool = True,
@@ -89,7 +93,8 @@ def simulate_traced(
     actuator = load_actuator() if actuator is None else actuator
     session = ActuatorSession(
         actuator, effects, seed=seed, noise=noise, rate=rate, start_angle=start_angle,
-        position=profile.start, trace=trace, max_step=max_step,
+        position=profile.start if start is None else start[0],
+        twist=0.0 if start is None else start[1], trace=trace, max_step=max_step,
         settle=False, switching=switching,
     )
     session.command(profile)

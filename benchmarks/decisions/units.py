@@ -24,6 +24,7 @@ from ema_identification.actuator.fleet.units import (
     draw_fleet_unit,
     fleet_unit,
     of_day,
+    start_of,
     unlisted,
 )
 from ema_record.actuator import Actuator, load_actuator
@@ -110,7 +111,8 @@ def own_unit(
             [f"{a}={b}" for a, b in given.items()], model.effects))
         return simulate(profile, actuator=actuator, effects=effects, noise=day.noise,
                         seed=int(rng.integers(2**31)) if repeat is None else repeat,
-                        start_angle=day.start_angle)
+                        start_angle=day.start_angle,
+                        start=start_of(model.actuator, profile, today))
 
     def both(repeat: int) -> tuple[Record, Record]:
         with_it, without = (tested(test_of(tests[0], kit), given, np.random.default_rng(

@@ -30,6 +30,7 @@ from ema_identification.actuator.fleet.units import (
     draw_fleet_unit,
     fleet_unit,
     of_day,
+    start_of,
 )
 from ema_record.actuator import load_actuator
 from ema_record.profile import load_profile
@@ -51,7 +52,7 @@ def make_floor(path: Path, test: str) -> Floor:
         z, day = draw_fleet_unit(rng, model.actuator), draw_fleet_conditions(rng, spread)
         actuator, effects = fleet_unit(model, spread, z, day)
         record = simulate(profile, actuator=actuator, effects=effects, noise=day.noise, seed=k,
-                          start_angle=day.start_angle)
+                          start_angle=day.start_angle, start=start_of(model.actuator, profile, z))
         bus, warm = _known(record)
         return view(record), z, np.array(
             [bus, warm, bus * bus, warm * warm, bus * warm, *z**2])

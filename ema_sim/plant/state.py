@@ -27,18 +27,20 @@ effect in the shortest periods and the longest latency, 300."""
 N_STATE = HISTORY + N_HISTORY
 
 
-def initial_state(actuator: Actuator, position: float, start_angle: float) -> np.ndarray:
-    """Return the state at rest, no current, shaft relaxed.
+def initial_state(
+    actuator: Actuator, position: float, start_angle: float, twist: float = 0.0
+) -> np.ndarray:
+    """Return the state at rest, no current.
 
     Parameters
     ----------
     actuator : parameters.
-    position : surface position (rad).
+    position, twist : of surface and shaft (rad).
     start_angle : electrical rotor angle (rad), of one of the turns that make a mechanical one.
     """
     state = np.zeros(N_STATE)
     state[THETA_S] = position
-    state[THETA_M] = position * actuator.gear.ratio
+    state[THETA_M] = (position + twist) * actuator.gear.ratio
     turn, pairs = 2.0 * np.pi, actuator.motor.pole_pairs
     state[THETA_E] = start_angle % turn
     state[THETA_0] = start_angle % (turn * pairs) / pairs - state[THETA_M]

@@ -1,6 +1,7 @@
 """Hide an effect, get its name back, see the gap shrink: the short test, a small library."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,10 +14,12 @@ from ema_identification.actuator.laws import signatures
 from ema_identification.actuator.laws.catalogue import variants
 from ema_identification.identify import identify
 from ema_record.bag.read import write_bag
+from ema_record.channels import ROTOR_ANGLE, SURFACE_POSITION
 from ema_record.errors import InvalidRecordError
-from ema_record.profile import load_profile
+from ema_record.profile import Profile, load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.model_file import load_model_file
+from ema_sim.session import ActuatorSession
 from ema_sim.simulate import simulate
 from support.simulations import without
 
@@ -66,6 +69,22 @@ def test_nothing_hidden_names_nothing():
     assert found.findings == ()
     assert found.gap_after == found.gap_before < 2.0 * found.noise_floor
     assert found.exit_status == 0
+
+
+def test_a_test_that_follows_another_move_names_nothing():
+    """The shaft is still wound by that move, and the surface a little beside the start."""
+    profile, actuator = load_profile("step"), load_model_file().actuator
+    back = Profile(name="back", points=((0.0, profile.points[-1][1]), (0.8, profile.start),
+                                        (1.2, profile.start)))
+    session = ActuatorSession(actuator, seed=11, position=profile.start)
+    for move in (profile, back, profile):
+        session.command(move)
+        samples = session.advance(session.samples_left)
+    angle = float(samples[0, ROTOR_ANGLE])
+    first = simulate(profile, seed=11, start_angle=angle, serial_number="unknown")
+    assert abs(samples[:400, SURFACE_POSITION].mean() - profile.start) > 1e-4
+    found = identify([replace(first, samples=samples)])
+    assert found.verdict == "no disagreement"
 
 
 def test_a_hidden_effect_is_named_with_its_size_and_the_gap_shrinks(offset):

@@ -27,6 +27,7 @@ from ema_identification.actuator.measure.tolerances import (
 )
 from ema_record.actuator import RELAY, TRAPEZOID, Actuator
 from ema_record.errors import InvalidRecordError, SimulationError
+from ema_record.profile import Profile
 from ema_record.record import Record
 from ema_record.spread import TypeSpread, harmonic_spread
 from ema_sim.drives import shows_carrier
@@ -39,7 +40,10 @@ _TRAPEZOID, _HARMONICS = ("motor.flat_top",), ("motor.harmonic_5", "motor.harmon
 """No current answers to a third harmonic: it is the same in all phases of a star."""
 _LISTED = len(TOLERANCES)
 _OF_DAY = [t.name.startswith(("current_sensor", "surface_load")) for t in TOLERANCES]
-DAYS = sum(_OF_DAY)
+_START = "start.position", "start.twist"
+"""How surface and shaft stand when a test begins, the last numbers of a unit: friction holds the
+surface where it came to rest, and its shaft wound by the last move."""
+DAYS = sum(_OF_DAY) + len(_START)
 """How many numbers differ from test to test."""
 
 
@@ -54,7 +58,7 @@ def unlisted(a: Actuator) -> tuple[str, ...]:
         *(_TRAPEZOID if a.motor.back_emf == TRAPEZOID else _HARMONICS), "shaft.damping",
         "control.position_gain", "control.proportional_gain", "control.integral_gain",
         *(_RELAY if a.drive.kind == RELAY else _CARRIER), "acquisition.command_latency",
-        "acquisition.reference_latency", "shaft.backlash")
+        "acquisition.reference_latency", "shaft.backlash", *_START)
 
 
 def unit_numbers(a: Actuator) -> tuple[str, ...]:
@@ -64,7 +68,8 @@ def unit_numbers(a: Actuator) -> tuple[str, ...]:
 
 def of_day(width: int) -> np.ndarray:
     """Return which of so many numbers of a unit differ from test to test, shape (width,), bool."""
-    return np.array(_OF_DAY + [False] * (width - _LISTED))
+    own = width - _LISTED - len(_START)
+    return np.array([*_OF_DAY, *[False] * own, *[True] * len(_START)])
 
 
 def half_widths(spread: TypeSpread) -> np.ndarray:
@@ -99,6 +104,8 @@ def deviations(
             found[name] = _proportional(a, t.control_gain, x) - 1.0, "1"
         elif kind.startswith("harmonic"):
             found[name] = harmonic_spread(int(kind[-1]), t.flat_top) * x, "1"
+        elif name in _START:
+            found[name] = a.wind_up / a.gear.ratio * x, "rad"
         elif kind.endswith("latency"):
             found[name] = 0.5 * t.latency * (1.0 + x), "periods"
         else:
@@ -190,6 +197,16 @@ def fleet_unit(
                       inverter=inverter, drive=drive), e
 
 
+def start_of(a: Actuator, profile: Profile, z: np.ndarray) -> tuple[float, float]:
+    """Return surface position and twist of the shaft of a unit when a test begins (rad).
+
+    Both within what the motor turns before a surface at rest starts. `a` : the type.
+    """
+    reach, stop = a.wind_up / a.gear.ratio, a.surface.end_stop
+    position, twist = (reach * float(x) for x in z[-len(_START):])
+    return float(np.clip(profile.start + position, -stop, stop)), twist
+
+
 def fleet_record(
     model: Model, spread: TypeSpread, fmap: FeatureMap, z: np.ndarray,
     conditions: RecordConditions, seed: int, effects: Effects | None = None,
@@ -198,9 +215,10 @@ def fleet_record(
     actuator, effects = fleet_unit(model, spread, z, conditions, effects)
     # The conditions hold what the sensor of the rotor angle reads.
     angle = conditions.start_angle - effects.hall_misalignment.angle
-    return whole(simulate(fmap.profile, actuator=actuator, effects=effects, seed=seed,
-                          noise=conditions.noise, rate=fmap.rate, start_angle=angle,
-                          switching=shows_carrier(actuator, fmap.rate)), model.actuator)
+    return whole(simulate(
+        fmap.profile, actuator=actuator, effects=effects, seed=seed, noise=conditions.noise,
+        rate=fmap.rate, start_angle=angle, start=start_of(model.actuator, fmap.profile, z),
+        switching=shows_carrier(actuator, fmap.rate)), model.actuator)
 
 
 def fleet_features(

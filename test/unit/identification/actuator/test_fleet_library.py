@@ -26,10 +26,13 @@ from ema_identification.actuator.fleet.units import (
     FULL,
     LibrarySizes,
     conditions_of,
+    deviations,
     draw_fleet_conditions,
     draw_fleet_unit,
     fleet_runs,
     fleet_unit,
+    of_day,
+    start_of,
     unit_numbers,
 )
 from ema_identification.actuator.gap import HeldOut
@@ -301,3 +304,17 @@ def test_a_library_of_a_test_that_there_is_not_is_refused_in_a_line(monkeypatch,
         main()
     assert refused.value.code == 2
     assert "unknown profile 'nonsense'" in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_how_surface_and_shaft_stand_at_the_start_belongs_to_the_day():
+    a, names = MODEL.actuator, unit_numbers(MODEL.actuator)
+    reach = a.surface.static_friction / a.shaft.stiffness + a.shaft.backlash
+    z = np.zeros(len(names))
+    z[names.index("start.position")], z[names.index("start.twist")] = 0.5, -1.0
+    profile = load_profile("step")
+    assert start_of(a, profile, z) == pytest.approx((profile.start + 0.5 * reach, -reach))
+    assert deviations(a, SPREAD, z)["start.twist"] == (pytest.approx(-reach), "rad")
+    assert of_day(len(z))[-2:].all()
+    edge = replace(profile, points=tuple((t, -a.surface.end_stop) for t, _ in profile.points))
+    z[names.index("start.position")] = -1.0
+    assert start_of(a, edge, z)[0] == -a.surface.end_stop

@@ -165,3 +165,21 @@ def test_lost_motion_follows_the_backlash_with_slope_one():
     assert slope == pytest.approx(1.0, abs=0.01)
     # What is left: the nominal backlash and the twist under the surface's friction.
     assert 1e-4 < offset < 1e-4 + 2.0 * 90.0 / 1e5 + 1e-4
+
+
+@pytest.mark.parametrize("share", [-0.95, 0.95])
+def test_a_shaft_wound_by_less_than_friction_stays_wound_until_the_drive_moves_it(share):
+    """The lag that a record shows begins at 0, so that it is less by the twist ever after."""
+    profile = Profile(name="up", points=((0.0, 0.0), (0.05, 0.0), (0.55, 0.04)))
+    a = changed()
+    twist = share * (a.surface.static_friction / a.shaft.stiffness + 0.5 * a.shaft.backlash)
+    lags = []
+    for start in ((0.0, 0.0), (2e-4, twist)):
+        record = simulate(profile, noise=0.0, start_angle=1.0, start=start)
+        angle = np.unwrap(record.channel("rotor_angle"))
+        still, late = record.time < profile.inverter_off, record.time > 0.3
+        assert np.ptp(angle[still]) < 2e-4  # a step of its converter
+        assert record.channel("surface_position")[still] == pytest.approx(start[0], abs=5e-5)
+        ahead = (angle - angle[0]) / a.gear.ratio - record.channel("surface_position") + start[0]
+        lags.append(float(ahead[late].mean()))
+    assert lags[0] - lags[1] == pytest.approx(twist, abs=2e-5)
