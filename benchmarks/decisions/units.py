@@ -21,10 +21,10 @@ from benchmarks.any_actuator.units import draw_test
 from benchmarks.blind_panel.truth.hidden import HIDEABLE, draw_effect, draw_pair
 from ema_identification.actuator.fleet.units import (
     draw_fleet_conditions,
-    draw_fleet_unit,
     fleet_unit,
     of_day,
     start_of,
+    unit_numbers,
     unlisted,
 )
 from ema_record.actuator import Actuator, load_actuator
@@ -80,6 +80,10 @@ class HiddenUnit(NamedTuple):
     """Where the unit is in its bands, half widths, if it is of our own simulator."""
 
 
+STARTS = 2
+"""How surface and shaft stand when a test begins: the last numbers of a unit."""
+
+
 def own_unit(
     seed: int, k: int, tests: tuple[str, ...], *, hidden: int = 0, listed: bool = False,
     strange: bool = False, bands: float = 1.0, accepted: bool = False, kit: Path | None = None,
@@ -90,7 +94,9 @@ def own_unit(
     """
     model, spread = load_model_file(), load_spread()
     rng = np.random.default_rng([seed, 77, k])
-    z = bands * draw_fleet_unit(rng, model.actuator)
+    width = len(unit_numbers(model.actuator))
+    free = width - STARTS  # units of earlier panels stay as they were
+    z = bands * np.append(rng.uniform(-1.0, 1.0, free), np.zeros(STARTS))
     if listed:
         usual = unlisted(model.actuator)
         z[-len(usual):] = [-1.0 if "latency" in name else 0.0 for name in usual]
@@ -103,9 +109,14 @@ def own_unit(
     for name in names:
         settings |= draw_effect(name, 1 + int(rng.integers(2)), rng)
 
+    starts = np.random.default_rng([seed, 80, k])
+
     def tested(profile: Profile, given: Mapping[str, float | str] = settings,
                rng: np.random.Generator = rng, repeat: int | None = None) -> Record:
-        today = np.where(of_day(len(z)), rng.uniform(-1.0, 1.0, len(z)), z)
+        today = np.where(of_day(width), np.append(
+            rng.uniform(-1.0, 1.0, free),
+            (starts if repeat is None else np.random.default_rng([seed, 80, k])).uniform(
+                -1.0, 1.0, STARTS)), z)
         day = draw_fleet_conditions(rng, spread)
         actuator, effects = fleet_unit(model, spread, today, day, parse_effects(
             [f"{a}={b}" for a, b in given.items()], model.effects))

@@ -33,7 +33,10 @@ _rng.normal(size=18 * FEATURES)
 ADDED = {key: _rng.normal(scale=3.0, size=FEATURES) for key in UNITS}
 STRANGE = _rng.normal(scale=3.0, size=FEATURES)
 """What no effect adds."""
-SLOPES = np.random.default_rng(8).normal(scale=1.5, size=(FEATURES, SIZE))
+TOLD = SIZE - 2
+"""Numbers that these features tell: not how surface and shaft stand at the start, the last two."""
+SLOPES = np.hstack([np.random.default_rng(8).normal(scale=1.5, size=(FEATURES, TOLD)),
+                    np.zeros((FEATURES, SIZE - TOLD))])
 CONDITIONS = RecordConditions(measured=frozenset({"temperature", "bus"}))
 HEALTHY = 480
 
@@ -92,7 +95,7 @@ def judged():
 def unit(*, seed=1, strange=0.0, library=None, z=None, **sizes):
     """Return a unit with effects, in units of `UNITS`."""
     rng = np.random.default_rng([seed, 98])
-    z = rng.uniform(-1.0, 1.0, SIZE) if z is None else z
+    z = np.append(rng.uniform(-1.0, 1.0, TOLD), np.zeros(SIZE - TOLD)) if z is None else z
     values = features_of(z, effects_of(**sizes)) + rng.normal(size=FEATURES) + strange * STRANGE
     return TestedUnit(library=judged() if library is None else library, values=values,
                       conditions=CONDITIONS, seed=seed, simulator=run)

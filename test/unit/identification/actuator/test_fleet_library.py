@@ -51,7 +51,7 @@ from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_record import array_cache
 from ema_record.actuator import FOC, HARMONICS, PWM, PWM_INDEPENDENT, RELAY, TRAPEZOID
 from ema_record.kit import LIBRARY, shipped_kit
-from ema_record.profile import load_profile
+from ema_record.profile import Profile, load_profile
 from ema_record.spread import harmonic_spread, load_spread
 from ema_sim.model_file import load_model_file
 from ema_sim.simulate import simulate
@@ -315,6 +315,6 @@ def test_how_surface_and_shaft_stand_at_the_start_belongs_to_the_day():
     assert start_of(a, profile, z) == pytest.approx((profile.start + 0.5 * reach, -reach))
     assert deviations(a, SPREAD, z)["start.twist"] == (pytest.approx(-reach), "rad")
     assert of_day(len(z))[-2:].all()
-    edge = replace(profile, points=tuple((t, -a.surface.end_stop) for t, _ in profile.points))
+    edge = Profile(name="edge", points=((0.0, -a.surface.end_stop), (1.0, 0.0)))
     z[names.index("start.position")] = -1.0
     assert start_of(a, edge, z)[0] == -a.surface.end_stop
