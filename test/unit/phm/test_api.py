@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import ema_phm as ema
+from ema_record.record import Provenance
 
 
 @pytest.fixture(scope="module")
@@ -96,6 +97,21 @@ def test_read_write_and_diagnose(bag, record, tmp_path):
     assert repr(verdict) == "<Verdict FAULT: turn short, phase b 9.62 % (8.69 to 10.6)>"
     assert ema.to_json(bag)["faults"] == verdict.to_dict()["faults"]
     assert ema.diagnose("nowhere").outcome == "invalid"
+
+
+def test_a_record_of_ones_own(record, tmp_path):
+    """As the page says: arrays in, a bag that reads and is judged alike."""
+    bus, temperature = np.array([[0.1, 270.0, 1.2]]), np.array([[0.1, 24.0]])
+    own = ema.Record(
+        samples=np.array(record.samples), profile=record.profile,
+        provenance=Provenance(serial_number="SN-0042", software_version="rig 1.2"),
+        dc_bus=bus, winding_temperature=temperature)
+    again = ema.read(ema.write(own, tmp_path / "own"))
+    assert again.samples == pytest.approx(own.samples, abs=1e-5, nan_ok=True)
+    assert again.dc_bus == pytest.approx(bus, rel=1e-6)
+    assert again.winding_temperature == pytest.approx(temperature, rel=1e-6)
+    assert again.provenance.serial_number == "SN-0042"
+    assert ema.diagnose(again).outcome == ema.diagnose(own).outcome != "invalid"
 
 
 def test_tables(record, monkeypatch):
