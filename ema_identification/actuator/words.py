@@ -11,9 +11,10 @@ from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.intervals import posterior_of
 from ema_identification.actuator.decision.proposals import gain_of
 from ema_identification.actuator.decision.ranks import rank
-from ema_identification.actuator.fleet.units import deviations
+from ema_identification.actuator.fleet.units import deviations, half_widths
 from ema_identification.actuator.laws.terms import LawFit, LawGap, Posterior, choices_of
 from ema_identification.actuator.measure.control_law import ControlLaw
+from ema_identification.actuator.measure.tolerances import TOLERANCES
 from ema_identification.actuator.residuals import (
     SHOWN,
     ResidualGroup,
@@ -53,7 +54,9 @@ def candidates_of(unit: TestedUnit, answer: FleetAnswer) -> tuple[Candidate, ...
     return tuple(found.values())
 
 
-def parameters_of(fit: LawFit, known: Posterior, index: int) -> tuple[Parameter, ...]:
+def parameters_of(
+    unit: TestedUnit, fit: LawFit, known: Posterior, index: int
+) -> tuple[Parameter, ...]:
     """Return the parameters of a law with intervals of 90 %, by draws of its coordinates."""
     begin = sum(t.variant.size for t in fit.terms[:index])
     term = fit.terms[index]
@@ -71,9 +74,29 @@ def parameters_of(fit: LawFit, known: Posterior, index: int) -> tuple[Parameter,
         if kind.unit == "rad" and name in ("phase", "angle"):
             values = middle + np.angle(np.exp(1j * (values - middle)))
         low, high = (float(x) for x in np.quantile(values, (0.05, 0.95)))
-        found.append(Parameter(name=f"{term.variant.effect}.{name}", value=middle,
-                               low=min(low, middle), high=max(high, middle), unit=kind.unit))
+        whole = f"{term.variant.effect}.{name}"
+        ends = [low, middle, high, *_shared_with_the_day(unit, fit, whole, middle)]
+        found.append(Parameter(name=whole, value=middle, low=min(ends), high=max(ends),
+                               unit=kind.unit))
     return tuple(found)
+
+
+def _shared_with_the_day(
+    unit: TestedUnit, fit: LawFit, name: str, value: float
+) -> tuple[float, ...]:
+    """Return the ends of what a law may be that adds to a number of the day.
+
+    A test tells their sum; the day's is anything in its band (nine tenths of it, for 90 %), so
+    that only tests of several days tell them apart.
+    """
+    names = [t.name for t in TOLERANCES]
+    if name not in names:
+        return ()
+    place = names.index(name)
+    half = float(half_widths(unit.library.spread)[place])
+    sums = [value + half * float(fit.z[places[place]]) for places in unit.places]
+    low, high = max(sums) - 0.9 * half, min(sums) + 0.9 * half
+    return (low, high) if low < high else ()
 
 
 def findings_of(unit: TestedUnit, answer: FleetAnswer, gap: LawGap) -> tuple[NamedEffect, ...]:
@@ -94,7 +117,7 @@ def findings_of(unit: TestedUnit, answer: FleetAnswer, gap: LawGap) -> tuple[Nam
             effect=term.variant.effect, equivalent=answer.equivalent[k],
             choices=choices_of(term),
             formula=Formula(effect.summary, effect.equation, effect.reference),
-            parameters=parameters_of(answer.fit, known, k),
+            parameters=parameters_of(unit, answer.fit, known, k),
             where=where_of(groups_of(unit, residual_of(unit, less))),
             p_value=answer.p_value[k], gap_before=gap.values[at], gap_after=gap.values[at + 1]))
     return tuple(found)

@@ -1,5 +1,7 @@
 """Parts of the workflow that need no library: tolerances, cache, model file, least squares."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
@@ -24,6 +26,7 @@ from ema_identification.actuator.measure.tolerances import (
     realise,
 )
 from ema_identification.actuator.model_file import model_file_text
+from ema_identification.actuator.words import _shared_with_the_day
 from ema_record import array_cache as cache
 from ema_record.kit import using_kit
 from ema_record.profile import load_profile
@@ -301,3 +304,19 @@ def test_signatures_of_two_tests_are_stacked_at_the_levels_that_both_have():
     both = stacked([first, second])
     assert both.at(np.array([2.0])).tolist() == [2.0, 3.0, 5.0]
     assert both.at(np.array([1.0])).tolist() == [1.0, 1.5, 2.5]
+
+
+@pytest.mark.parametrize(("days", "ends"), [
+    ((0.0,), (61.0 - 17.1, 61.0 + 17.1)), ((1.0,), (80.0 - 17.1, 80.0 + 17.1)),
+    ((1.0, -0.5), (80.0 - 17.1, 51.5 + 17.1)), ((1.0, -1.0), ())])
+def test_a_law_that_adds_to_a_number_of_the_day_is_told_apart_by_days_alone(days, ends):
+    """A load of 61 N m beside that of each day, at most 19: their sum is what a test tells."""
+    load = index_of("surface_load.constant")
+    places = [np.array([k * 40 + n for n in range(40)]) for k in range(len(days))]
+    z = np.zeros(40 * len(days))
+    for own, day in zip(places, days):
+        z[own[load]] = day
+    unit = SimpleNamespace(library=SimpleNamespace(spread=load_spread()), places=places)
+    fit = SimpleNamespace(z=z)
+    assert _shared_with_the_day(unit, fit, "surface_load.constant", 61.0) == pytest.approx(ends)
+    assert _shared_with_the_day(unit, fit, "surface_load.slope", 1.0) == ()

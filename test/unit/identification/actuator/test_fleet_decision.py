@@ -380,7 +380,7 @@ def test_intervals_hold_nine_in_ten(simulator):
         fit = u.on_library((term,), [np.zeros(SIZE)])
         case = models.Models(u)
         found = case.measured(FleetAnswer(verdict="explained", null=case.null, fit=fit))
-        (p,) = parameters_of(found.fit, found.known, 0)
+        (p,) = parameters_of(u, found.fit, found.known, 0)
         inside += p.low <= size * VISCOUS <= p.high
     assert 47 <= inside <= 60  # 54 expected
 
