@@ -10,17 +10,14 @@ import numpy as np
 
 from ema_identification.result import Identification
 from ema_record.actuator_type import OWN_KIT, another_actuator, is_of_another_actuator
-from ema_record.errors import InvalidRecordError, UsageError
+from ema_record.errors import UsageError
 from ema_record.record import Provenance, Record
 
 if TYPE_CHECKING:
-    from ema_record.actuator import Actuator
     from ema_rig.record import RigRecord
     from ema_sim.model_file import Model
 
 Progress = Callable[[str, float], None]
-SAME_ANGLE = 0.1
-"""By which a rotor angle in degrees may be off from its speed, relative."""
 
 
 def identify(
@@ -80,7 +77,6 @@ def identify(
 
     if model is None or isinstance(model, str | Path):
         model = load_model_file(model)
-    _check_angle((*records, *held, *accepted), model.actuator)
     return identify_actuator(records, model, validate=held, baseline=accepted, without=without,
                              progress=progress or silent, workers=workers, seed=seed)
 
@@ -136,21 +132,6 @@ def _check_roles(
                     f"twice {role}: it would count as two")
                 raise UsageError(f"{source or 'a record'} is given {twice}; record another test "
                                  "and give that")
-
-
-def _check_angle(records: Sequence[Record], actuator: Actuator) -> None:
-    """Refuse a record whose rotor angle goes with its speed, in degrees."""
-    from ema_record.checks.facts import facts_of_record
-    from ema_record.checks.physics import ratios
-
-    for record in records:
-        facts = facts_of_record(record, actuator)
-        found = ratios(facts) if facts.angle_in_degrees else None
-        if found is not None and abs(abs(found.angle) - 1.0) < SAME_ANGLE:
-            raise InvalidRecordError(
-                f"{record.provenance.source or record.profile.name}: channel rotor_angle reads "
-                f"up to {record.channel('rotor_angle').max():.4g}, a turn is 6.283 rad: it is in "
-                "degrees, expected rad; convert it")
 
 
 def _check_kit(records: Sequence[Record]) -> None:

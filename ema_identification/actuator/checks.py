@@ -11,6 +11,8 @@ from ema_identification.actuator.measure.features import nominal_rate
 from ema_identification.actuator.measure.segments import path
 from ema_identification.actuator.measure.signals import TURN
 from ema_record.channels import CHANNEL_NAMES, PHASE_CURRENTS, REFERENCE_CURRENTS
+from ema_record.checks.facts import facts_of_record
+from ema_record.checks.physics import ratios
 from ema_record.errors import (
     IncompleteRecordError,
     InvalidRecordError,
@@ -32,6 +34,8 @@ MISSING = 0.05
 """Part of the profile that may be missing at the end."""
 LARGEST_VALUE = 1e6
 """Of any channel, in its SI unit; beyond it is no reading."""
+SAME = 0.1
+"""By which angle and speed may differ, relative, and be the same motion in another unit."""
 RPM = 60.0 / TURN
 
 
@@ -120,12 +124,18 @@ def _check_motion(record: Record, name: str) -> None:
 
 
 def _check_units(record: Record, name: str, model: Model) -> None:
+    facts = facts_of_record(record, model.actuator)
+    alike = ratios(facts) if facts.angle_in_degrees else None
+    if alike is not None and abs(abs(alike.angle) - 1.0) < SAME:
+        raise InvalidRecordError(
+            f"{name}: channel rotor_angle reads up to {record.channel('rotor_angle').max():.4g}, "
+            "a turn is 6.283 rad: it is in degrees, expected rad; convert it")
     pairs = model.actuator.motor.pole_pairs
     turned = np.gradient(np.unwrap(record.channel("rotor_angle")), record.time) / pairs
     speed = record.channel("motor_speed")
     ratio = float(speed @ turned / (turned @ turned))
     for factor, text in ((RPM, "rpm"), (360.0 / TURN, "deg/s"), (1.0 / TURN, "turns/s")):
-        if abs(ratio / factor - 1.0) < 0.1:
+        if abs(ratio / factor - 1.0) < SAME:
             raise InvalidRecordError(
                 f"{name}: motor speed is {ratio:.3g} times the derivative of the rotor angle: it "
                 f"is in {text}, expected rad/s; convert it")

@@ -62,7 +62,7 @@ def _ports(
     values: dict[str, float], line: tuple[int, float, str] | None,
     groups: Sequence[ResidualGroup], jumps: Mapping[str, float], law: ControlLaw | None,
 ) -> list[str]:
-    found: list[str] = []
+    found, along = list[str](), _turns_with_direction(values)
     if abs(values.get("bus_slope", 0.0)) > STRONG_FEATURE:
         found.append("supply")
     sensor = max((abs(values.get(n, 0.0)) for n in SENSOR_FEATURES), default=0.0)
@@ -76,23 +76,24 @@ def _ports(
     if line is not None and ripple > LEADING * largest:
         if line[0] > COMMUTATION and line[0] % COMMUTATION:
             found += ["motor torque", "transmission"]
-        elif _turns_with_direction(values) < 0.0:  # what belongs to the windings turns over
+        elif along < 0.0:  # what belongs to the windings turns over
             found.append("motor torque")
     if _turns_commutation(values) > 2.0 * STRONG_FEATURE**2:
         found.append("commutation")
-    found += [port for port in _by_physics(values, groups, jumps, law) if port not in found]
+    found += [port for port in _by_physics(groups, jumps, law, along) if port not in found]
     return found[:2] or ["controller"]
 
 
 def _by_physics(
-    values: dict[str, float], groups: Sequence[ResidualGroup], jumps: Mapping[str, float],
-    law: ControlLaw | None,
+    groups: Sequence[ResidualGroup], jumps: Mapping[str, float], law: ControlLaw | None,
+    along: float,
 ) -> list[str]:
     """Return ports in the order in which the signals point to them.
 
     `jumps`: by text of a start or stop its change of speed, of the limit. Where the control is as
     it should be, a speed that runs otherwise is friction's or, the larger the jump and so the
-    longer the current is at its limit, that of what windings make of a current.
+    longer the current is at its limit, that of what windings make of a current. `along` : of
+    `_turns_with_direction`.
     """
     score: dict[str, float] = defaultdict(float)
     right = law is not None and law.holds
@@ -100,8 +101,7 @@ def _by_physics(
         x = max(group.excess, 0.0)
         if group.signal == "motor torque":
             if group.against == "rotor angle":
-                ahead = _turns_with_direction(values)
-                score["winding" if ahead > 0.0 else "motor torque"] += x
+                score["winding" if along > 0.0 else "motor torque"] += x
             elif group.against == "speed":
                 score["friction"] += x
             elif group.against == "position":
