@@ -24,7 +24,7 @@ from rosbags.highlevel import AnyReader
 from ema_record.bag.read import read_bag, write_bag
 from ema_record.bag.writer import BagWriter
 from ema_record.channels import N_CHANNELS
-from ema_record.checks import guard_findings
+from ema_record.checks.guard import guard_findings
 from ema_record.profile import load_profile
 from ema_record.record import Record
 from ema_record.wire.samples import BLOCK_SIZE, decode_block, encode_block
