@@ -201,7 +201,7 @@ def check_samples(samples: np.ndarray, source: str) -> None:
     if not finite.all():
         row, column = np.argwhere(~finite)[0]
         raise InvalidRecordError(
-            f"{source}: sample {row}, channel {column} is {samples[row, column]}: every "
+            f"{source}: sample {row}, {CHANNEL_NAMES[column]} is {samples[row, column]}: every "
             "value must be finite; look at the transducer or its cable"
         )
     steps = np.diff(samples[:, TIME])

@@ -14,7 +14,14 @@ from threading import Lock
 import numpy as np
 from numba import njit
 
-from ema_record.actuator import INSTANT, NOISE_RATE, Acquisition, Actuator, Converters
+from ema_record.actuator import (
+    INSTANT,
+    NOISE_RATE,
+    Acquisition,
+    Actuator,
+    Converters,
+    Noise,
+)
 from ema_record.channels import (
     MOTOR_SPEED,
     N_CHANNELS,
@@ -81,11 +88,24 @@ def _stream(seed: int, stream: int) -> _Stream:
     return _Stream(np.random.SeedSequence(seed, spawn_key=(stream,)))
 
 
+def sample_noise(actuator: Actuator, rate: float) -> Noise:
+    """Return the noise of a sample of a record (rms); `actuator.noise` is that at `NOISE_RATE`.
+
+    An instant of a current has all of its sensor's noise whatever the `rate`, a mean less the
+    longer it is; speed and position are read once a period of the control.
+    """
+    instant = actuator.acquisition.sampling == INSTANT
+    periods = 1.0 / actuator.control.period
+    inside = math.sqrt((periods if instant else min(rate, periods)) / NOISE_RATE)
+    noise = actuator.noise
+    return Noise(speed=noise.speed * inside, position=noise.position * inside,
+                 current=noise.current * (1.0 if instant else math.sqrt(rate / NOISE_RATE)))
+
+
 class SensorNoise:
     """Seeded white noise, drawn in order: the same seed gives the same bytes in any blocks.
 
-    `level` scales all deviations of `actuator.noise` (rms a sample at `NOISE_RATE`). An instant
-    has all of a current sensor's noise whatever the `rate`, a mean less the longer it is.
+    `level` scales all deviations of `actuator.noise`.
     """
 
     def __init__(self, actuator: Actuator, seed: int, level: float, rate: float) -> None:
@@ -95,9 +115,7 @@ class SensorNoise:
         self._inside_sigma = level * period_scale * np.array(
             [actuator.noise.speed, actuator.noise.position]
         )
-        instant = actuator.acquisition.sampling == INSTANT
-        share = 1.0 if instant else math.sqrt(rate / NOISE_RATE)
-        self._current_sigma = level * actuator.noise.current * share
+        self._current_sigma = level * sample_noise(actuator, rate).current
 
     def inside(self, n: int) -> np.ndarray:
         """Return noise of speed (rad/s) and position (rad), shape (n, 2), one a period."""

@@ -27,8 +27,8 @@ class Surroundings(NamedTuple):
     """Relative change of the bus voltage."""
     load: float = 0.0
     """Torque on the surface (N m)."""
-    noise: float = 1.0
-    """Factor on the sensors' noise."""
+    noise: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Factors on the noise of speed, position and current."""
     gain: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Relative errors of the current sensors, which the current control reads too."""
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -338,8 +338,8 @@ def run(a: Actuator, profile: Profile, own: Own = SAME, s: Surroundings = USUAL,
     ticks = n * per_sample // per_period + 1
     time = (np.arange(ticks) - a.acquisition.command_latency) * a.control.period
     noise = np.random.default_rng([seed, 0]).standard_normal((ticks, 2))
-    noise *= np.array([a.noise.speed, a.noise.position])
-    noise *= s.noise / math.sqrt(a.control.period * NOISE_RATE)
+    noise *= np.array([a.noise.speed * s.noise[0], a.noise.position * s.noise[1]])
+    noise /= math.sqrt(a.control.period * NOISE_RATE)
     samples, bus, energy = _run(
         a, own, s, d, averaged, rotor_table(a, own, d, s.temperature),
         profile.command(time + 1e-9), noise, profile.start, profile.inverter_off,

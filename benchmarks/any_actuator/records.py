@@ -47,7 +47,7 @@ def record_of(test: BenchTest, profile: Profile) -> Record:
     a, s = test.actuator, test.surroundings
     samples, bus, _ = run(a, profile, test.own, s, test.damage, seed=test.seed)
     rng = np.random.default_rng([test.seed, 1])
-    sigma = s.noise * a.noise.current * np.sqrt(a.acquisition.rate / NOISE_RATE)
+    sigma = s.noise[2] * a.noise.current * np.sqrt(a.acquisition.rate / NOISE_RATE)
     samples[:, PHASE_CURRENTS] += sigma * rng.standard_normal((len(samples), 3))
     if a.acquisition.converters:
         c = a.converters

@@ -133,7 +133,9 @@ def draw_surroundings(c: Conditions, seed: tuple[int, ...]) -> Surroundings:
     low, high = math.log(max(c.noise_least, 1e-3)), math.log(max(c.noise_most, 1e-3))
     return Surroundings(
         temperature=d.even(c.temperature_least, c.temperature_most), bus=d.even(-c.bus, c.bus),
-        load=d.even(-c.load, c.load), noise=math.exp(d.even(low, high)),
+        load=d.even(-c.load, c.load),
+        noise=(math.exp(d.even(low, high)), math.exp(d.even(low, high)),
+               math.exp(d.even(low, high))),
         gain=d.three(c.current_gain), offset=d.three(c.current_offset),
         start_angle=d.even(0.0, 2.0 * math.pi))
 

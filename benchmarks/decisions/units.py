@@ -6,6 +6,7 @@ is another day; one more may follow, whose profile is not known before the other
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -80,8 +81,8 @@ class HiddenUnit(NamedTuple):
     """Where the unit is in its bands, half widths, if it is of our own simulator."""
 
 
-STARTS = 2
-"""How surface and shaft stand when a test begins: the last numbers of a unit."""
+LATER = "motor.stribeck_speed", "noise.position", "start.position", "start.twist"
+"""Numbers of a unit that came later: drawn apart, so that earlier units stay what they were."""
 
 
 def own_unit(
@@ -95,11 +96,20 @@ def own_unit(
     model, spread = load_model_file(), load_spread()
     rng = np.random.default_rng([seed, 77, k])
     width = len(unit_numbers(model.actuator))
-    free = width - STARTS  # units of earlier panels stay as they were
-    z = bands * np.append(rng.uniform(-1.0, 1.0, free), np.zeros(STARTS))
+    later = np.array([name in LATER for name in unit_numbers(model.actuator)])
+    more = np.random.default_rng([seed, 80, k])
+
+    def numbers(rng: np.random.Generator, more: np.random.Generator) -> np.ndarray:
+        found = np.empty(width)
+        found[~later] = rng.uniform(-1.0, 1.0, width - later.sum())
+        found[later] = more.uniform(-1.0, 1.0, later.sum())
+        return found
+
+    z = bands * numbers(rng, more)
     if listed:
         usual = unlisted(model.actuator)
-        z[-len(usual):] = [-1.0 if "latency" in name else 0.0 for name in usual]
+        z[-len(usual):] = [-1.0 if name.endswith(("latency", "stribeck_speed")) else 0.0
+                           for name in usual]
     pool = STRANGE if strange else tuple(HIDEABLE)
     order = np.random.default_rng([seed, 76]).permutation(len(pool))
     names: tuple[str, ...] = ()
@@ -109,18 +119,15 @@ def own_unit(
     for name in names:
         settings |= draw_effect(name, 1 + int(rng.integers(2)), rng)
 
-    starts = np.random.default_rng([seed, 80, k])
-
     def tested(profile: Profile, given: Mapping[str, float | str] = settings,
                rng: np.random.Generator = rng, repeat: int | None = None) -> Record:
-        today = np.where(of_day(width), np.append(
-            rng.uniform(-1.0, 1.0, free),
-            (starts if repeat is None else np.random.default_rng([seed, 80, k])).uniform(
-                -1.0, 1.0, STARTS)), z)
-        day = draw_fleet_conditions(rng, spread)
+        today = np.where(of_day(width), numbers(
+            rng, more if repeat is None else np.random.default_rng([seed, 81, k])), z)
+        day = draw_fleet_conditions(copy.deepcopy(rng), spread)
+        rng.uniform(size=4)  # what it drew when one noise was all sensors'
         actuator, effects = fleet_unit(model, spread, today, day, parse_effects(
             [f"{a}={b}" for a, b in given.items()], model.effects))
-        return simulate(profile, actuator=actuator, effects=effects, noise=day.noise,
+        return simulate(profile, actuator=actuator, effects=effects,
                         seed=int(rng.integers(2**31)) if repeat is None else repeat,
                         start_angle=day.start_angle,
                         start=start_of(model.actuator, profile, today))

@@ -51,7 +51,7 @@ def make_floor(path: Path, test: str) -> Floor:
         rng = np.random.default_rng([SEED, k])
         z, day = draw_fleet_unit(rng, model.actuator), draw_fleet_conditions(rng, spread)
         actuator, effects = fleet_unit(model, spread, z, day)
-        record = simulate(profile, actuator=actuator, effects=effects, noise=day.noise, seed=k,
+        record = simulate(profile, actuator=actuator, effects=effects, seed=k,
                           start_angle=day.start_angle, start=start_of(model.actuator, profile, z))
         bus, warm = _known(record)
         return view(record), z, np.array(

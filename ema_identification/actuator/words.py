@@ -173,14 +173,16 @@ def steps_of(
 
 
 def _align(unit: TestedUnit) -> Step:
-    rows = [("record", "winding (degC)", "bus (relative)", "noise factor", "rotor angle (rad)")]
+    rows: list[tuple[str, ...]] = [
+        ("record", "winding (degC)", "bus (relative)", "speed noise (times)",
+         "current noise (times)", "rotor angle (rad)")]
     for part in unit.parts:
         c = part.conditions
         rows.append((
             part.library.fmap.profile.name,
             f"{c.temperature:.1f}" if "temperature" in c.measured else "not measured",
             f"{c.bus:+.3f}" if "bus" in c.measured else "not measured",
-            f"{c.noise:.2f}", f"{c.start_angle:.2f}"))
+            *(f"{factor:.2f}" for factor in c.noise), f"{c.start_angle:.2f}"))
     return Step(name="align", rows=tuple(rows), text=(
         "The simulator starts at the measured rotor angle, with the measured winding temperature, "
         "bus voltage and noise."))

@@ -32,7 +32,7 @@ from ema_identification.actuator.fleet.surrogate import (
     least_size,
     mended,
 )
-from ema_identification.actuator.fleet.units import conditions_of, fleet_features
+from ema_identification.actuator.fleet.units import fleet_features
 from ema_identification.actuator.laws.terms import (
     EffectTerm,
     LawFit,
@@ -43,7 +43,7 @@ from ema_identification.actuator.laws.terms import (
     moved,
     with_terms,
 )
-from ema_identification.actuator.measure.tolerances import RecordConditions
+from ema_identification.actuator.measure.tolerances import RecordConditions, conditions_of
 from ema_record.record import Record
 from ema_sim.effects import Effects
 
@@ -55,8 +55,6 @@ QUADRATIC_STEPS, DAMPINGS, STEP_DAMPINGS = 20, 4, (0.0, 0.03, 0.3, 3.0)
 """Most steps of a descent without runs, dampings tried a step; those tried on runs."""
 FALL = 0.1
 """A descent that lowers the cost by less stands still."""
-LOUDEST = 4.0
-"""Noise factor up to which the law of the noise is believed."""
 _threads = cache(ThreadPoolExecutor)
 """Threads, which live on, each with its room; two work nearly as two processes."""
 
@@ -132,12 +130,12 @@ class TestedUnit:
 
     def noise(self) -> np.ndarray:
         """Return the covariance of the features of a run."""
-        return self.library.repeat.covariance(min(self.conditions.noise, LOUDEST))
+        return self.library.repeat.covariance(self.conditions.noise)
 
     def covariance(self, runs: int) -> np.ndarray:
         """Return the covariance of what the right model leaves; `runs` 0: on the quadratic."""
         library = self.library
-        found = library.surrogate.covariance(min(self.conditions.noise, LOUDEST))
+        found = library.surrogate.covariance(self.conditions.noise)
         if runs:
             found = (1.0 + 1.0 / runs) * self.noise() + library.carried**2 * found
         if library.left is not None:
@@ -148,8 +146,8 @@ class TestedUnit:
         """Return the whitening; `before`: features without a law, to which its error belongs."""
         key = runs, b"" if before is None else before.tobytes()
         if self.plain and self.library.left is None and not runs and before is None:  # one of all
-            law, noise = self.library.surrogate, self.conditions.noise
-            return Whitener(deviation=law.deviation(min(noise, LOUDEST)), root=self.library.root)
+            deviation = self.library.surrogate.deviation(self.conditions.noise)
+            return Whitener(deviation=deviation, root=self.library.root)
         if key not in self._whiteners:
             found = self.covariance(runs)
             if before is not None:

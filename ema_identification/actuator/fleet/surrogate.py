@@ -14,17 +14,21 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import nnls
 
 from ema_identification.actuator.fleet.units import (
     FleetRuns,
     LibrarySizes,
-    conditions_of,
     of_day,
     unit_numbers,
 )
 from ema_identification.actuator.laws.catalogue import Signature
 from ema_identification.actuator.measure.features import FeatureMap
-from ema_identification.actuator.measure.tolerances import RecordConditions
+from ema_identification.actuator.measure.tolerances import (
+    NOISES,
+    RecordConditions,
+    conditions_of,
+)
 from ema_record.spread import TypeSpread
 from ema_sim.model_file import Model
 
@@ -37,6 +41,8 @@ FACTORS = (1.0, 30.0)
 """Times larger is the penalty of second-order terms, of which most are nothing."""
 SETTLED_RUNS = 8
 """Of a model in the end, healthy or not."""
+LOUDEST = 4.0
+"""Noise factor up to which the law of the noise is believed."""
 WORST = 0.1
 """Part of the features that the gap looks at: most effects show in few."""
 LARGEST_RESIDUAL = 1e4
@@ -106,7 +112,7 @@ class NoiseLaw:
 
     Attributes
     ----------
-    quiet, noisy : ndarrays, shape (d,). Variance = quiet + noisy × (noise factor)².
+    quiet, noisy : ndarrays, shapes (d,), (2, d). Variance = quiet + Σ noisy × (noise factor)².
     correlation : ndarray, shape (d, d). Shrunk as Ledoit and Wolf (2004) estimate.
     """
 
@@ -114,14 +120,14 @@ class NoiseLaw:
     noisy: np.ndarray
     correlation: np.ndarray
 
-    def covariance(self, noise: float) -> np.ndarray:
-        """Return the covariance at a noise factor, shape (d, d)."""
+    def covariance(self, noise: Sequence[float]) -> np.ndarray:
+        """Return the covariance at noise factors, shape (d, d)."""
         deviation = self.deviation(noise)
         return np.asarray(self.correlation * np.outer(deviation, deviation))
 
-    def deviation(self, noise: float) -> np.ndarray:
-        """Return the standard deviations at a noise factor, shape (d,)."""
-        return np.sqrt(self.quiet + self.noisy * noise**2)
+    def deviation(self, noise: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Return the standard deviations, shape (..., d), at noise factors, shape (..., 2)."""
+        return np.sqrt(self.quiet + np.minimum(noise, LOUDEST) ** 2 @ self.noisy)
 
     def scaled(self, factor: float) -> NoiseLaw:
         """Return the law with all variances times `factor`."""
@@ -148,15 +154,14 @@ def noise_law(rest: np.ndarray, noise: np.ndarray, floor: np.ndarray) -> NoiseLa
     Parameters
     ----------
     rest : ndarray, shape (n, d).
-    noise : ndarray, shape (n,). Noise factor of each record.
+    noise : ndarray, shape (n, 2). Noise factors of each record.
     floor : ndarray, shape (d,). Least variance of each feature.
     """
-    power = noise**2 - (noise**2).mean()
-    slope = np.maximum(power @ (rest**2 - (rest**2).mean(axis=0)) / (power @ power), 0.0)
-    quiet = (rest**2).mean(axis=0) - slope * (noise**2).mean()
-    slope = np.where(quiet < 0.0, (rest**2).mean(axis=0) / (noise**2).mean(), slope)
-    quiet = np.maximum(quiet, floor)
-    x = bent(rest / np.sqrt(quiet + slope * noise[:, None] ** 2))
+    parts = np.column_stack([np.ones(len(noise)), noise**2])
+    q, r = np.linalg.qr(parts)  # the same least squares, of three rows
+    found = np.array([nnls(r, row)[0] for row in (rest**2).T @ q])
+    quiet, slope = np.maximum(found[:, 0], floor), found[:, 1:].T
+    x = bent(rest / np.sqrt(quiet + noise**2 @ slope))
     x /= np.maximum(np.sqrt((x**2).mean(axis=0)), 1e-9)  # a feature may be constant
     correlation, _ = shrunk(x)
     np.fill_diagonal(correlation, 1.0)
@@ -209,7 +214,7 @@ class FleetLibrary:
     carried : share of the quadratic's error that is left after runs at the unit's own parameters.
     healthy : ndarray, shape (n, 4). `proposals.Scores` of units that built nothing of this, on the
         quadratic.
-    aside : conditions, shape (n, 4), and features, shape (n, d), of the same units.
+    aside : conditions, shape (n, 5), and features, shape (n, d), of the same units.
     left : discrepancy of the type, where acceptance records tell it.
     """
 
@@ -244,7 +249,7 @@ class FleetLibrary:
     def _bends(self) -> np.ndarray:
         """Weights of the derivative to each number of the unit, shape (1 + m, width × d)."""
         n = self.width
-        m = n + len(conditions_of(np.ones(4)).regressors())
+        m = n + len(RecordConditions().regressors())
         upper, place = np.triu_indices(m), np.zeros((m, m), dtype=int)
         place[upper] = place.T[upper] = 1 + m + np.arange(len(upper[0]))
         found = self.weights[np.column_stack([1 + np.arange(n), place[:n]])]
@@ -315,7 +320,7 @@ def fitted_library(
     good[sizes.units:] = False
     v = np.array([arguments(z, conditions_of(c))
                   for z, c in zip(runs.z[good], runs.conditions[good])])
-    features, noise = runs.features[good], runs.conditions[good, 2]
+    features, noise = runs.features[good], runs.conditions[:, NOISES]
     floor = (FLOOR * np.sqrt((features**2).mean(axis=0)) + 1e-6) ** 2
     for k, feature in enumerate(fmap.features):
         floor[k] = max(floor[k], FLOORS.get(feature.name, 0.0) ** 2)
@@ -324,7 +329,7 @@ def fitted_library(
     difference = (runs.features[:len(runs.again)] - runs.again)[paired] / np.sqrt(2.0)
     return FleetLibrary(
         model=model, spread=spread, fmap=fmap, weights=weights, signatures=signatures,
-        surrogate=noise_law(rest, noise, floor),
-        repeat=noise_law(difference, runs.conditions[:len(runs.again)][paired, 2], 0.5 * floor),
+        surrogate=noise_law(rest, noise[good], floor),
+        repeat=noise_law(difference, noise[:len(runs.again)][paired], 0.5 * floor),
         healthy=np.ones((1, 4)),
         aside=(runs.conditions[sizes.ranked:], runs.features[sizes.ranked:]))

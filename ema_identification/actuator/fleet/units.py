@@ -20,7 +20,9 @@ from ema_identification.actuator.measure.recorder import whole
 from ema_identification.actuator.measure.runs import Progress, silent, spread_out
 from ema_identification.actuator.measure.signals import TURN
 from ema_identification.actuator.measure.tolerances import (
+    CONDITIONS,
     TOLERANCES,
+    NoiseFactors,
     RecordConditions,
     align,
     realise,
@@ -29,9 +31,9 @@ from ema_record.actuator import RELAY, TRAPEZOID, Actuator
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.profile import Profile
 from ema_record.record import Record
-from ema_record.spread import TypeSpread, harmonic_spread
+from ema_record.spread import Conditions, TypeSpread, harmonic_spread
 from ema_sim.drives import shows_carrier
-from ema_sim.effects import Effects
+from ema_sim.effects import EFFECTS, Effects
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
 
@@ -43,8 +45,13 @@ _OF_DAY = [t.name.startswith(("current_sensor", "surface_load")) for t in TOLERA
 _START = "start.position", "start.twist"
 """How surface and shaft stand when a test begins, the last numbers of a unit: friction holds the
 surface where it came to rest, and its shaft wound by the last move."""
-DAYS = sum(_OF_DAY) + len(_START)
+_TODAY = "noise.position", *_START
+"""The noise of a position at rest is below its converter's step: no record shows it."""
+DAYS = sum(_OF_DAY) + len(_TODAY)
 """How many numbers differ from test to test."""
+STRIBECK = 5e-3
+"""Share of the speed limit within which static friction has gone, at most: a seal of 5 mm radius
+at 0.02 m/s, between boundary and full lubrication (Armstrong-Helouvry et al. 1994)."""
 
 
 def unlisted(a: Actuator) -> tuple[str, ...]:
@@ -53,12 +60,12 @@ def unlisted(a: Actuator) -> tuple[str, ...]:
     Lost motion is spread as the stiffness of the same shaft.
     """
     return (
-        "motor.static_ratio", "surface.static_ratio", "motor.viscous_friction",
-        "surface.viscous_friction",
+        "motor.static_ratio", "surface.static_ratio", "motor.stribeck_speed",
+        "motor.viscous_friction", "surface.viscous_friction",
         *(_TRAPEZOID if a.motor.back_emf == TRAPEZOID else _HARMONICS), "shaft.damping",
         "control.position_gain", "control.proportional_gain", "control.integral_gain",
         *(_RELAY if a.drive.kind == RELAY else _CARRIER), "acquisition.command_latency",
-        "acquisition.reference_latency", "shaft.backlash", *_START)
+        "acquisition.reference_latency", "shaft.backlash", *_TODAY)
 
 
 def unit_numbers(a: Actuator) -> tuple[str, ...]:
@@ -68,8 +75,8 @@ def unit_numbers(a: Actuator) -> tuple[str, ...]:
 
 def of_day(width: int) -> np.ndarray:
     """Return which of so many numbers of a unit differ from test to test, shape (width,), bool."""
-    own = width - _LISTED - len(_START)
-    return np.array([*_OF_DAY, *[False] * own, *[True] * len(_START)])
+    own = width - _LISTED - len(_TODAY)
+    return np.array([*_OF_DAY, *[False] * own, *[True] * len(_TODAY)])
 
 
 def half_widths(spread: TypeSpread) -> np.ndarray:
@@ -106,6 +113,10 @@ def deviations(
             found[name] = harmonic_spread(int(kind[-1]), t.flat_top) * x, "1"
         elif name in _START:
             found[name] = a.wind_up / a.gear.ratio * x, "rad"
+        elif name in _TODAY:
+            found[name] = _noise(spread.conditions, x) - 1.0, "1"
+        elif kind == "stribeck_speed":
+            found[name] = _stribeck(a, x), "rad/s"
         elif kind.endswith("latency"):
             found[name] = 0.5 * t.latency * (1.0 + x), "periods"
         else:
@@ -124,6 +135,17 @@ def _proportional(a: Actuator, band: float, x: float) -> float:
     return (1.0 + band * x) * (1.0 + share) ** (0.5 * x - 0.5)
 
 
+def _stribeck(a: Actuator, x: float) -> float:
+    """Return the speed within which a motor's static friction has gone (rad/s)."""
+    return 0.5 * STRIBECK * a.control.speed_limit * max(0.0, 1.0 + x)
+
+
+def _noise(c: Conditions, x: float) -> float:
+    """Return a factor on the noise of a sensor, even in its logarithm."""
+    low, high = (math.log(max(level, 1e-2)) for level in (c.noise_least, c.noise_most))
+    return math.exp(0.5 * (low + high + (high - low) * x))
+
+
 def draw_fleet_unit(rng: np.random.Generator, a: Actuator) -> np.ndarray:
     """Return a healthy unit of a type on some day, shape (width,), in half widths."""
     return rng.uniform(-1.0, 1.0, len(unit_numbers(a)))
@@ -132,11 +154,12 @@ def draw_fleet_unit(rng: np.random.Generator, a: Actuator) -> np.ndarray:
 def draw_fleet_conditions(rng: np.random.Generator, spread: TypeSpread) -> RecordConditions:
     """Return conditions of a test within the kit's."""
     c = spread.conditions
-    low, high = math.log(max(c.noise_least, 1e-2)), math.log(max(c.noise_most, 1e-2))
+    warm, bus, speed, angle, current = map(float, rng.uniform(-1.0, 1.0, 5))
+    middle = 0.5 * (c.temperature_least + c.temperature_most)
     return RecordConditions(
-        temperature=float(rng.uniform(c.temperature_least, c.temperature_most)),
-        bus=float(rng.uniform(-c.bus, c.bus)), noise=math.exp(rng.uniform(low, high)),
-        start_angle=float(rng.uniform(0.0, TURN)), measured=frozenset({"temperature", "bus"}))
+        temperature=middle + warm * (c.temperature_most - middle), bus=bus * c.bus,
+        noise=NoiseFactors(_noise(c, speed), _noise(c, current)),
+        start_angle=0.5 * TURN * (1.0 + angle), measured=frozenset({"temperature", "bus"}))
 
 
 def fleet_unit(
@@ -187,6 +210,12 @@ def fleet_unit(
         reference_latency=q.reference_latency + late("reference"))
     inverter = a.inverter._replace(
         hysteresis=a.inverter.hysteresis * near("inverter.hysteresis", t.hysteresis))
+    noise = a.noise._replace(
+        position=a.noise.position * _noise(spread.conditions, x["noise.position"]))
+    within, falls = _stribeck(a, x["motor.stribeck_speed"]), e.stribeck_friction
+    if within * m.dynamic_friction > 0.0 and EFFECTS["stribeck_friction"].is_neutral(falls):
+        e = e._replace(stribeck_friction=falls._replace(
+            increase=m.static_friction / m.dynamic_friction - 1.0, speed=within))
     drive = a.drive
     if drive.kind != RELAY:
         drive = drive._replace(
@@ -194,7 +223,7 @@ def fleet_unit(
                 a, t.control_gain, x[_CARRIER[0]]),
             integral_gain=drive.integral_gain * near(_CARRIER[1], t.control_gain))
     return a._replace(motor=m, surface=s, control=c, shaft=shaft, acquisition=q,
-                      inverter=inverter, drive=drive), e
+                      inverter=inverter, drive=drive, noise=noise), e
 
 
 def start_of(a: Actuator, profile: Profile, z: np.ndarray) -> tuple[float, float]:
@@ -216,8 +245,8 @@ def fleet_record(
     # The conditions hold what the sensor of the rotor angle reads.
     angle = conditions.start_angle - effects.hall_misalignment.angle
     return whole(simulate(
-        fmap.profile, actuator=actuator, effects=effects, seed=seed, noise=conditions.noise,
-        rate=fmap.rate, start_angle=angle, start=start_of(model.actuator, fmap.profile, z),
+        fmap.profile, actuator=actuator, effects=effects, seed=seed, rate=fmap.rate,
+        start_angle=angle, start=start_of(model.actuator, fmap.profile, z),
         switching=shows_carrier(actuator, fmap.rate)), model.actuator)
 
 
@@ -265,7 +294,7 @@ class FleetRuns:
     Attributes
     ----------
     z : ndarray, shape (n, width).
-    conditions : ndarray, shape (n, 4). Temperature, bus, noise, start angle, as the records tell.
+    conditions : ndarray, shape (n, 5). Rows of `RecordConditions`, as the records tell.
     features : ndarray, shape (n, d).
     again : ndarray, shape (m, d). Second runs of the first m units.
     """
@@ -274,13 +303,6 @@ class FleetRuns:
     conditions: np.ndarray
     features: np.ndarray
     again: np.ndarray
-
-
-def conditions_of(row: np.ndarray) -> RecordConditions:
-    """Return the conditions of a row of `FleetRuns.conditions`."""
-    temperature, bus, noise, angle = map(float, row)
-    return RecordConditions(temperature=temperature, bus=bus, noise=noise, start_angle=angle,
-                            measured=frozenset({"temperature", "bus"}))
 
 
 def _chunk(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first: int, last: int,
@@ -292,14 +314,13 @@ def _chunk(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first:
         for k in range(first, last):
             rng = np.random.default_rng([seed, 7, k])  # the same unit in every test
             z, given = draw_fleet_unit(rng, model.actuator), draw_fleet_conditions(rng, spread)
-            seeds, n = rng.integers(2**31, size=2), len(z)
-            row = np.full(n + 4 + 2 * len(fmap.features), np.nan)
-            row[:n] = z
+            seeds, n = rng.integers(2**31, size=2), len(z) + CONDITIONS
+            row = np.full(n + 2 * len(fmap.features), np.nan)
+            row[:len(z)] = z
             try:
                 record = fleet_record(model, spread, fmap, z, given, int(seeds[0]))
-                c = align(record, model)
-                row[n:n + 4] = c.temperature, c.bus, c.noise, c.start_angle
-                row[n + 4:n + 4 + len(fmap.features)] = fmap.extract(record)
+                row[len(z):n] = align(record, model).row()
+                row[n:n + len(fmap.features)] = fmap.extract(record)
             except (SimulationError, InvalidRecordError):  # left out
                 pass
             if k < repeated:
@@ -317,11 +338,11 @@ def fleet_runs(
 
     `keep` : name under which parts are kept, so that a run that was stopped goes on.
     """
-    n, d, width = sizes.total, len(fmap.features), len(unit_numbers(model.actuator))
+    n, width = sizes.total, len(unit_numbers(model.actuator))
     rows = np.concatenate(spread_out(
         partial(_chunk, model, spread, fmap, seed),
         [(k, min(k + CHUNK, n), sizes.repeated) for k in range(0, n, CHUNK)],
         workers=workers, progress=progress, what="healthy runs", keep=keep))
-    return FleetRuns(z=rows[:, :width], conditions=rows[:, width:width + 4],
-                     features=rows[:, width + 4:width + 4 + d],
-                     again=rows[:sizes.repeated, width + 4 + d:])
+    z, conditions, features, again = np.split(
+        rows, np.cumsum([width, CONDITIONS, len(fmap.features)]), axis=1)
+    return FleetRuns(z=z, conditions=conditions, features=features, again=again[:sizes.repeated])

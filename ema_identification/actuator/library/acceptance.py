@@ -18,10 +18,9 @@ import numpy as np
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.fleet.surrogate import Discrepancy, FleetLibrary
-from ema_identification.actuator.fleet.units import conditions_of
 from ema_identification.actuator.measure.features import FeatureMap, feature_map, nominal_rate
 from ema_identification.actuator.measure.recorder import recorded_alike, whole
-from ema_identification.actuator.measure.tolerances import align
+from ema_identification.actuator.measure.tolerances import align, conditions_of
 from ema_record import array_cache as cache
 from ema_record.kit import LIBRARY, kit_path
 from ema_record.record import Record
@@ -48,18 +47,16 @@ def keep_acceptance(records: Sequence[Record], model: Model, folder: Path) -> No
     serials = [record.provenance.serial_number for record in records]
     rows = [whole(record, model.actuator) for record in records
             if record.profile.points == first.profile.points]
-    conditions = [align(record, model) for record in rows]
     cache.save(_name(fmap), {
         "features": np.array([fmap.extract(record) for record in rows]),
-        "conditions": np.array([[c.temperature, c.bus, c.noise, c.start_angle]
-                                for c in conditions]),
+        "conditions": np.array([align(record, model).row() for record in rows]),
         "unit": np.array([serials.index(r.provenance.serial_number) for r in rows])}, folder)
 
 
 def discrepancy_of(library: FleetLibrary, kept: dict[str, np.ndarray]) -> Discrepancy:
     """Return what the fits of no law leave of acceptance records.
 
-    `kept` : features (n, d), conditions (n, 4), unit (n,), as `keep_acceptance` has them.
+    `kept` : features (n, d), conditions (n, 5), unit (n,), as `keep_acceptance` has them.
     """
     off, scale = [], []
     for row, values in zip(kept["conditions"], kept["features"]):

@@ -19,14 +19,13 @@ import numpy as np
 from scipy.optimize import brentq
 from threadpoolctl import threadpool_limits
 
-from ema_identification.actuator.decision.fit import LOUDEST, PRIOR, TestedUnit
+from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
 from ema_identification.actuator.decision.proposals import Scores, scores
 from ema_identification.actuator.fleet.kept import AGAIN, ALIKE, kept_arrays
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, FleetLibrary
 from ema_identification.actuator.fleet.units import (
     CHUNK,
     LibrarySizes,
-    conditions_of,
     draw_fleet_conditions,
     draw_fleet_unit,
     fleet_record,
@@ -35,7 +34,7 @@ from ema_identification.actuator.fleet.units import (
 from ema_identification.actuator.laws.terms import EffectTerm
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.runs import Progress, silent, spread_out
-from ema_identification.actuator.measure.tolerances import align
+from ema_identification.actuator.measure.tolerances import CONDITIONS, align, conditions_of
 from ema_record import array_cache as cache
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.spread import TypeSpread
@@ -63,11 +62,11 @@ class ChangedUnit(TestedUnit):
     def covariance(self, runs: int) -> np.ndarray:
         """Return the covariance of what is off: of both records, see the module."""
         law, k = self.library.repeat, len(self.accepted)
-        found = law.covariance(min(self.conditions.noise, LOUDEST))
+        found = law.covariance(self.conditions.noise)
         for unit in self.accepted:
-            found = found + law.covariance(min(unit.conditions.noise, LOUDEST)) / k**2
+            found = found + law.covariance(unit.conditions.noise) / k**2
         share = min(self.apart, self.library.carried) if runs else self.apart
-        surrogate = self.library.surrogate.covariance(min(self.conditions.noise, LOUDEST))
+        surrogate = self.library.surrogate.covariance(self.conditions.noise)
         return np.asarray((1.0 + (1.0 / runs if runs else 0.0)) * found + share**2 * surrogate)
 
     @cached_property
@@ -138,12 +137,11 @@ def _days(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first: 
         z = draw_fleet_unit(np.random.default_rng([seed, 7, k]), model.actuator)  # as there
         rng = np.random.default_rng([seed, 9, k])
         z = np.where(of_day(len(z)), draw_fleet_unit(rng, model.actuator), z)
-        row = np.full(len(fmap.features) + 4, np.nan)
+        row = np.full(len(fmap.features) + CONDITIONS, np.nan)
         try:
             record = fleet_record(model, spread, fmap, z, draw_fleet_conditions(rng, spread),
                                   int(rng.integers(2**31)))
-            c = align(record, model)
-            row[:] = [*fmap.extract(record), c.temperature, c.bus, c.noise, c.start_angle]
+            row[:] = [*fmap.extract(record), *align(record, model).row()]
         except (SimulationError, InvalidRecordError):  # left out
             pass
         rows.append(row)
@@ -186,7 +184,7 @@ def _pairs(library: FleetLibrary, rows: np.ndarray, part: slice) -> list[Changed
         if np.isfinite(row).all() and np.isfinite(values).all():
             later, before = (
                 TestedUnit(library=library, values=y, conditions=conditions_of(c))
-                for y, c in ((row[:-4], row[-4:]), (values, given)))
+                for y, c in (np.split(row, [len(row) - CONDITIONS]), (values, given)))
             found.append(changed_unit(later, [before], 0.0))
     return found
 

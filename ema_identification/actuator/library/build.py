@@ -34,7 +34,6 @@ from ema_identification.actuator.fleet.units import (
     FULL,
     FleetRuns,
     LibrarySizes,
-    conditions_of,
     fleet_runs,
 )
 from ema_identification.actuator.laws.catalogue import Signature
@@ -49,6 +48,12 @@ from ema_identification.actuator.laws.terms import LawFit
 from ema_identification.actuator.measure.features import FeatureMap, feature_map
 from ema_identification.actuator.measure.recorder import whole
 from ema_identification.actuator.measure.runs import Progress, run_cases, silent, spread_out
+from ema_identification.actuator.measure.tolerances import (
+    CONDITIONS,
+    NOISES,
+    NOMINAL,
+    conditions_of,
+)
 from ema_record import array_cache as cache
 from ema_record.kit import LIBRARY, kit_path
 from ema_record.profile import Profile
@@ -56,7 +61,7 @@ from ema_record.spread import TypeSpread, load_spread
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
 
-VERSION = 3
+VERSION = 4
 """To be raised where `judged_library` makes something else of the same runs."""
 MADE_BY = "ema_identification.actuator.library.build"
 """What a library depends on is what this module imports."""
@@ -74,8 +79,7 @@ FINER = 4.0
 CORRELATION = 2.0**-14
 """Step of correlations."""
 SHARES = {True: (0.0, 0.3, 0.8, 1.0), False: (0.0, 0.0, 0.7, 1.0)}
-"""Of the time: until the catalogue, the healthy runs and the units set aside are done; with and
-without a catalogue."""
+"""Of the time until laws, healthy runs and units set aside are done; with and without laws."""
 SCALED_SHARE = 0.4
 """Of the time of the units set aside, that of those that set the scale."""
 
@@ -220,7 +224,7 @@ def title(model: Model, spread: TypeSpread, fmap: FeatureMap, sizes: LibrarySize
 
 def as_arrays(library: FleetLibrary) -> dict[str, np.ndarray]:
     """Return what is kept of a library."""
-    step = library.repeat.deviation(0.5) / ROUND
+    step = library.repeat.deviation((0.5, 0.5)) / ROUND
     found = {"weights": cache.rounded(library.weights, step / FINER), "healthy": library.healthy,
              "carried": np.array(library.carried), "conditions": library.aside[0],
              "features": cache.rounded(library.aside[1], step)}
@@ -261,7 +265,7 @@ def _whole(below: np.ndarray, size: int) -> np.ndarray:
 def probed(library: FleetLibrary, *, seed: int, workers: int = 1) -> dict[str, np.ndarray]:
     """Return what is compared of a library, made by the present code."""
     runs = fleet_runs(library.model, library.spread, library.fmap, PROBED, seed=seed)
-    deviation = library.repeat.deviation(1.0) / ROUND
+    deviation = library.repeat.deviation(NOMINAL) / ROUND
     found = {"probed_units": cache.rounded(runs.features, deviation),
              "probed_days": runs.conditions, "probed_fit": _statistics(library)}
     if library.signatures:
@@ -278,7 +282,7 @@ def _statistics(library: FleetLibrary) -> np.ndarray:
     n, d, width = sizes.units, 3, library.width
     runs = FleetRuns(z=rng.uniform(-1.0, 1.0, (n, width)), features=rng.normal(size=(n, d)),
                      conditions=np.column_stack([rng.uniform(-1.0, 1.0, (n, 2)),
-                                                 rng.uniform(0.3, 2.0, (n, 2))]),
+                                                 rng.uniform(0.3, 2.0, (n, CONDITIONS - 2))]),
                      again=rng.normal(size=(sizes.repeated, d)))
     found = fitted_library(runs, library.model, library.spread,
                            replace(library.fmap, features=library.fmap.features[:d]), sizes)
@@ -331,9 +335,8 @@ def differences(
 
     Of the healthy units; of what is common to them; of what is common to the runs of laws.
     """
-    noise = kept["probed_days"][:, 2]
-    scales = {"probed_units": np.array([library.repeat.deviation(x) for x in noise]),
-              "probed_laws": library.repeat.deviation(1.0)}
+    scales = {"probed_units": library.repeat.deviation(kept["probed_days"][:, NOISES]),
+              "probed_laws": library.repeat.deviation(NOMINAL)}
     result = []
     for name, scale in scales.items():
         if name in kept:

@@ -49,7 +49,7 @@ def run_case(model: Model, case: UnitRun, fmap: FeatureMap) -> np.ndarray:
     try:
         return fmap.extract(whole(simulate(
             fmap.profile, actuator=actuator, effects=effects, seed=case.seed,
-            noise=case.conditions.noise, rate=fmap.rate, start_angle=angle % TURN,
+            rate=fmap.rate, start_angle=angle % TURN,
             switching=shows_carrier(actuator, fmap.rate),
         ), model.actuator))
     except (SimulationError, InvalidRecordError):  # the latter: nothing to rebuild from

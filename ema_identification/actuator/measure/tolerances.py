@@ -15,9 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_identification.actuator.measure.signals import OFF_GUARD, TURN
-from ema_record.actuator import NOISE_RATE, Actuator
-from ema_record.channels import PHASE_CURRENTS
+from ema_record.actuator import Actuator
+from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS
 from ema_record.record import Record
+from ema_sim.acquisition import sample_noise
 from ema_sim.effects import EFFECTS, Effects
 from ema_sim.model_file import Model
 
@@ -49,6 +50,16 @@ N_TOLERANCES = len(TOLERANCES)
 REFERENCE_TEMPERATURE = 20.0
 
 
+class NoiseFactors(NamedTuple):
+    """Times the described noise of a sensor, of those whose noise a record shows."""
+
+    speed: float = 1.0
+    current: float = 1.0
+
+
+NOMINAL = NoiseFactors()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordConditions:
     """What is known of one test."""
@@ -59,18 +70,34 @@ class RecordConditions:
     """Relative deviation of the bus voltage at `bus_current`."""
     bus_current: float = 0.0
     """What the inverter draws at that voltage (A): 0, unless the record tells no slope."""
-    noise: float = 1.0
-    """Factor on the sensor noise."""
+    noise: NoiseFactors = NOMINAL
     start_angle: float = 0.0
     """Electrical rotor angle at the start (rad); of a record, in the first pole pair."""
     measured: frozenset[str] = field(default_factory=frozenset)
     """Which of ``temperature`` and ``bus`` the record measures."""
 
     def regressors(self) -> np.ndarray:
-        """Return temperature, bus and noise, each about -1 to 1, shape (3,)."""
-        return np.array([
-            (self.temperature - 15.0) / 55.0, self.bus / 0.1, math.log(self.noise) / math.log(2.0),
-        ])
+        """Return temperature, bus and noises, each about -1 to 1, shape (4,)."""
+        return np.array([(self.temperature - 15.0) / 55.0, self.bus / 0.1,
+                         *(math.log2(factor) for factor in self.noise)])
+
+    def row(self) -> tuple[float, ...]:
+        """Return temperature, bus, noises and start angle, as `conditions_of` takes them."""
+        return self.temperature, self.bus, *self.noise, self.start_angle
+
+
+CONDITIONS = len(RecordConditions().row())
+"""Numbers of a `RecordConditions.row`."""
+NOISES = slice(2, 2 + len(NoiseFactors._fields))
+"""Noises in it."""
+
+
+def conditions_of(row: np.ndarray) -> RecordConditions:
+    """Return the conditions of a row, shape (5,), all measured."""
+    temperature, bus, speed, current, angle = map(float, row)
+    return RecordConditions(
+        temperature=temperature, bus=bus, noise=NoiseFactors(speed, current), start_angle=angle,
+        measured=frozenset({"temperature", "bus"}))
 
 
 def realise(
@@ -106,6 +133,8 @@ def realise(
             static_friction=surface.static_friction * dry_s,
         ),
         shaft=a.shaft._replace(stiffness=a.shaft.stiffness * (1.0 + value["shaft.stiffness"])),
+        noise=a.noise._replace(speed=a.noise.speed * conditions.noise.speed,
+                               current=a.noise.current * conditions.noise.current),
     )
     gain, offset, load = e.current_sensor_gain, e.current_sensor_offset, e.surface_load
     e = e._replace(
@@ -131,6 +160,8 @@ def _neutral(effects: Effects, name: str) -> bool:
 
 NOISE_RANGE = (0.1, 20.0)
 """Factors on the sensor noise that are believed."""
+FEWEST_VALUES = 4
+"""Of a speed at rest: one that reads fewer shows the steps of its converter, not its noise."""
 
 
 def align(record: Record, model: Model) -> RecordConditions:
@@ -167,10 +198,21 @@ def _supply(record: Record) -> tuple[float, float]:
     return float(voltage.mean()), float(current.mean())
 
 
-def _noise(record: Record, model: Model, off: np.ndarray) -> float:
-    """Return the factor on the noise, from the currents while the inverter is off."""
-    nominal = model.actuator.noise.current * np.sqrt(record.rate / NOISE_RATE)
-    if off.sum() < 40 or nominal <= 0.0:
-        return 1.0
-    spread = float(np.sqrt(record.samples[off, PHASE_CURRENTS].var(axis=0, ddof=1).mean()))
-    return float(np.clip(spread / nominal, *NOISE_RANGE))
+def _noise(record: Record, model: Model, off: np.ndarray) -> NoiseFactors:
+    """Return the factors on the noise, from what is read while the inverter is off.
+
+    Where the speed shows none, that of the currents.
+    """
+    a = model.actuator
+    nominal = sample_noise(a, record.rate)
+    if off.sum() < 40 or nominal.current <= 0.0:
+        return NoiseFactors()
+    speed, currents = (record.samples[off, channels] for channels in (MOTOR_SPEED, PHASE_CURRENTS))
+    current = float(np.sqrt(currents.var(axis=0, ddof=1).mean())) / nominal.current
+    shown = current
+    if nominal.speed > 0.0 and len(np.unique(speed)) >= FEWEST_VALUES:
+        c = a.converters
+        step = a.acquisition.converters * c.speed_range / 2.0**c.speed_bits
+        rounding = step**2 / 12.0  # of an even error
+        shown = math.sqrt(max(float(speed.var(ddof=1)) - rounding, 0.0)) / nominal.speed
+    return NoiseFactors(*(float(np.clip(x, *NOISE_RANGE)) for x in (shown, current)))

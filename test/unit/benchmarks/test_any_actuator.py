@@ -231,7 +231,8 @@ def test_a_fault_shows_in_the_record(loaded):
     for increase in (0.0, 1.0):
         test = BenchTest(a, Own(), draw_surroundings(
             load_machine(MACHINES[0]).spread.conditions, (1, 1))._replace(
-                load=0.0, noise=0.0, temperature=20.0), Damage(surface_friction=increase), 1, "B")
+                load=0.0, noise=(0.0, 0.0, 0.0), temperature=20.0),
+            Damage(surface_friction=increase), 1, "B")
         record = record_of(test, profile)
         part = (record.time > 0.15) & (record.time < 0.25)
         current.append(np.abs(record.samples[part, 5:8]).max(axis=1).mean())

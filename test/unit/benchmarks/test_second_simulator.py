@@ -17,7 +17,7 @@ from ema_record.profile import step_profile
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
 
-QUIET = Surroundings(noise=0.0)
+QUIET = Surroundings(noise=(0.0, 0.0, 0.0))
 TURN = 2.0 * math.pi
 
 

@@ -33,10 +33,11 @@ _rng.normal(size=18 * FEATURES)
 ADDED = {key: _rng.normal(scale=3.0, size=FEATURES) for key in UNITS}
 STRANGE = _rng.normal(scale=3.0, size=FEATURES)
 """What no effect adds."""
-TOLD = SIZE - 2
-"""Numbers that these features tell: not how surface and shaft stand at the start, the last two."""
-SLOPES = np.hstack([np.random.default_rng(8).normal(scale=1.5, size=(FEATURES, TOLD)),
-                    np.zeros((FEATURES, SIZE - TOLD))])
+TOLD = np.array([name not in ("motor.stribeck_speed", "noise.position", "start.position",
+                              "start.twist") for name in unit_numbers(MODEL.actuator)])
+"""Which numbers these features tell."""
+SLOPES = np.zeros((FEATURES, SIZE))
+SLOPES[:, TOLD] = np.random.default_rng(8).normal(scale=1.5, size=(FEATURES, TOLD.sum()))
 CONDITIONS = RecordConditions(measured=frozenset({"temperature", "bus"}))
 HEALTHY = 480
 
@@ -66,16 +67,16 @@ def effects_of(**sizes):
 
 def plain_library():
     """Return the library as it is before it was judged."""
-    weights = np.zeros((design(np.zeros((1, SIZE + 3))).shape[1], FEATURES))
+    weights = np.zeros((design(np.zeros((1, SIZE + 4))).shape[1], FEATURES))
     weights[0], weights[1:SIZE + 1] = BASE, SLOPES.T
     rows = [features_of(np.zeros(SIZE), v.effects(np.array([x]), MODEL.effects)) - BASE
             for v in VARIANTS for x in v.levels[0]]
     one = np.ones(FEATURES)
-    law = NoiseLaw(quiet=one, noisy=0.0 * one, correlation=np.eye(FEATURES))
+    law = NoiseLaw(quiet=one, noisy=np.zeros((2, FEATURES)), correlation=np.eye(FEATURES))
     return FleetLibrary(
         model=MODEL, spread=None, weights=weights, surrogate=law, repeat=law, carried=0.0,
         signatures=unpack(VARIANTS, np.array(rows)), healthy=np.ones((1, 4)),
-        aside=(np.zeros((0, 4)), np.zeros((0, FEATURES))), fmap=FeatureMap(
+        aside=(np.zeros((0, 5)), np.zeros((0, FEATURES))), fmap=FeatureMap(
             plan=SimpleNamespace(segments=(), transitions=()), rate=20_000.0,
             actuator=MODEL.actuator, profile=SimpleNamespace(points=(), name="linear"),
             features=tuple(SimpleNamespace(name=f"f{k}", place="record", signal="s", against="a")
@@ -95,7 +96,9 @@ def judged():
 def unit(*, seed=1, strange=0.0, library=None, z=None, **sizes):
     """Return a unit with effects, in units of `UNITS`."""
     rng = np.random.default_rng([seed, 98])
-    z = np.append(rng.uniform(-1.0, 1.0, TOLD), np.zeros(SIZE - TOLD)) if z is None else z
+    if z is None:
+        z = np.zeros(SIZE)
+        z[TOLD] = rng.uniform(-1.0, 1.0, TOLD.sum())
     values = features_of(z, effects_of(**sizes)) + rng.normal(size=FEATURES) + strange * STRANGE
     return TestedUnit(library=judged() if library is None else library, values=values,
                       conditions=CONDITIONS, seed=seed, simulator=run)

@@ -158,6 +158,7 @@ def test_a_unit_of_a_kit_whose_bands_are_none_is_the_model_itself(tmp_path):
         z = np.zeros(len(unit_numbers(model.actuator)))
         z[[index_of(name) for name in ("surface_load.constant", "current_sensor_offset.phase_a",
                                        "current_sensor_gain.phase_b")]] = 1.0
+        z[unit_numbers(model.actuator).index("motor.stribeck_speed")] = -1.0  # at once
         _, effects = fleet_unit(model, spread, z, RecordConditions())
         assert effects == model.effects
         assert deviations(model.actuator, spread, z)["surface_load.constant"] == (0.0, "N m")

@@ -27,7 +27,7 @@ from ema_record.kit import LIBRARY
 
 pytestmark = pytest.mark.slow
 
-ROW = [CONDITIONS.temperature, CONDITIONS.bus, CONDITIONS.noise, CONDITIONS.start_angle]
+ROW = CONDITIONS.row()
 PAIRS = 300
 
 

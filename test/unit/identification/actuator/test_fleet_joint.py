@@ -35,7 +35,7 @@ from ema_identification.actuator.measure.signals import TURN
 from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_identification.actuator.words import reasons_of
 
-ROW = np.array([20.0, 0.0, 1.0, 0.0])
+ROW = np.array(RecordConditions().row())
 ASIDE = 480
 
 
@@ -247,7 +247,7 @@ def test_a_held_out_record_begins_in_any_turn_of_the_rotor():
         found = gap._nearest_turn(held, fitted, 1.0)
         assert found.mean == pytest.approx(
             simulator(None, None, None, found.z, now, 0, effects), abs=1e-9)
-        assert found.z[:TOLD] == pytest.approx(day[:TOLD], abs=0.1)
+        assert found.z[TOLD] == pytest.approx(day[TOLD], abs=0.1)
 
 
 def test_what_is_named_is_predicted_by_the_median_about_the_fit():

@@ -24,8 +24,8 @@ from ema_identification.actuator.fleet.surrogate import (
 )
 from ema_identification.actuator.fleet.units import (
     FULL,
+    STRIBECK,
     LibrarySizes,
-    conditions_of,
     deviations,
     draw_fleet_conditions,
     draw_fleet_unit,
@@ -47,12 +47,27 @@ from ema_identification.actuator.library.build import (
 )
 from ema_identification.actuator.measure.features import feature_map
 from ema_identification.actuator.measure.runs import spread_out
-from ema_identification.actuator.measure.tolerances import RecordConditions
+from ema_identification.actuator.measure.tolerances import (
+    NOISES,
+    RecordConditions,
+    align,
+    conditions_of,
+)
 from ema_record import array_cache
-from ema_record.actuator import FOC, HARMONICS, PWM, PWM_INDEPENDENT, RELAY, TRAPEZOID
+from ema_record.actuator import (
+    FOC,
+    HARMONICS,
+    INSTANT,
+    MEAN,
+    PWM,
+    PWM_INDEPENDENT,
+    RELAY,
+    TRAPEZOID,
+)
 from ema_record.kit import LIBRARY, shipped_kit
 from ema_record.profile import Profile, load_profile
 from ema_record.spread import harmonic_spread, load_spread
+from ema_sim.effects import parse_effects
 from ema_sim.model_file import load_model_file
 from ema_sim.simulate import simulate
 
@@ -92,15 +107,15 @@ def test_runs_that_were_stopped_go_on_where_they_were(tmp_path, monkeypatch):
 
 
 def test_a_library_comes_back_as_it_was_kept():
-    law = NoiseLaw(quiet=np.array([1.0, 2.0]), noisy=np.array([0.5, 0.0]),
+    law = NoiseLaw(quiet=np.array([1.0, 2.0]), noisy=np.array([[0.5, 0.0], [0.25, 0.25]]),
                    correlation=np.array([[1.0, 0.25], [0.25, 1.0]]))
     library = FleetLibrary(
         model=MODEL, spread=SPREAD, fmap=None, weights=np.ones((3, 2)), surrogate=law,
         repeat=law.scaled(2.0), healthy=np.ones((4, 2)), carried=0.3,
-        aside=(np.zeros((4, 4)), np.ones((4, 2))))
+        aside=(np.zeros((4, 5)), np.ones((4, 2))))
     again = from_arrays(as_arrays(library), MODEL, SPREAD, None)
     assert (again.carried, again.repeat.quiet.tolist()) == (0.3, [2.0, 4.0])
-    assert again.surrogate.covariance(1.5) == pytest.approx(law.covariance(1.5))
+    assert again.surrogate.covariance((1.5, 0.5)) == pytest.approx(law.covariance((1.5, 0.5)))
 
 
 def test_what_is_kept_is_rounded_to_multiples_of_a_power_of_two():
@@ -213,8 +228,8 @@ def test_conditions_of_healthy_units_are_those_that_their_records_tell():
     drawn = np.random.default_rng([0, 7, 0])
     z, given = draw_fleet_unit(drawn, MODEL.actuator), draw_fleet_conditions(drawn, SPREAD)
     assert runs.z[0].tolist() == z.tolist()
-    assert runs.conditions[0, 2] == pytest.approx(given.noise, rel=0.05)
-    assert runs.conditions[0, 2] != given.noise
+    assert runs.conditions[0, NOISES] == pytest.approx(given.noise, rel=0.1)
+    assert (runs.conditions[0, NOISES] != given.noise).all()
     assert np.isfinite(runs.again).all() and (runs.again != runs.features[:1]).any()
 
 
@@ -246,12 +261,48 @@ def test_bands_are_those_of_the_kit():
                 pytest.approx(sign * harmonic_spread(order, t.flat_top)))
         assert "motor.flat_top" not in unit_numbers(at(FOC, HARMONICS))
     assert at(motor__static_ratio=-1.0).motor.static_friction >= a.motor.dynamic_friction
+    noises = [at(noise__position=sign).noise.position / a.noise.position for sign in (-1.0, 1.0)]
+    assert noises == pytest.approx([SPREAD.conditions.noise_least, SPREAD.conditions.noise_most])
+
+
+@pytest.mark.parametrize("within", [0.5, 1.0])
+def test_dry_friction_of_a_healthy_unit_falls_within_a_share_of_the_speed(within):
+    names = unit_numbers(MODEL.actuator)
+    z = np.zeros(len(names))
+    z[names.index("motor.stribeck_speed")] = 2.0 * within - 1.0
+    a, e = fleet_unit(MODEL, SPREAD, z, RecordConditions())
+    law = e.stribeck_friction
+    assert law.speed == pytest.approx(within * STRIBECK * a.control.speed_limit)
+    assert (1.0 + law.increase) * a.motor.dynamic_friction == a.motor.static_friction
+    assert deviations(MODEL.actuator, SPREAD, z)["motor.stribeck_speed"] == (law.speed, "rad/s")
+    hidden = MODEL.effects._replace(stribeck_friction=law._replace(increase=0.8, speed=20.0))
+    assert fleet_unit(MODEL, SPREAD, z, RecordConditions(), hidden)[1] == hidden
+
+
+@pytest.mark.parametrize(("rate", "sampling"), [(20e3, MEAN), (10e3, MEAN), (10e3, INSTANT)])
+def test_noises_of_speed_and_currents_are_read_apart(rate, sampling):
+    nominal = MODEL.actuator
+    a = nominal._replace(
+        acquisition=nominal.acquisition._replace(sampling=sampling),
+        noise=nominal.noise._replace(speed=1.6 * nominal.noise.speed,
+                                     current=0.4 * nominal.noise.current))
+    record = simulate(load_profile("step"), actuator=a, seed=3, rate=rate)
+    model = MODEL._replace(actuator=nominal._replace(acquisition=a.acquisition))
+    assert align(record, model).noise == pytest.approx((1.6, 0.4), rel=0.1)
+
+
+def test_speed_that_shows_only_steps_has_the_noise_of_the_currents():
+    rough = parse_effects(["quantisation.speed_bits_lost=6"], MODEL.effects)
+    found = align(simulate(load_profile("step"), effects=rough, seed=3), MODEL).noise
+    assert found.speed == found.current == pytest.approx(1.0, rel=0.1)
 
 
 def test_conditions_are_within_the_kits():
     c = SPREAD.conditions
     drawn = [draw_fleet_conditions(np.random.default_rng(k), SPREAD) for k in range(100)]
-    assert all(c.noise_least <= d.noise <= c.noise_most for d in drawn)
+    noises = np.array([d.noise for d in drawn])
+    assert noises.min() >= c.noise_least and noises.max() <= c.noise_most
+    assert abs(np.corrcoef(np.log(noises).T)[0, 1]) < 0.3  # each sensor has its own
     assert all(abs(d.bus) <= c.bus for d in drawn)
 
 
@@ -271,14 +322,17 @@ def test_residuals_of_units_left_out_are_those_of_refits():
 
 def test_law_of_the_noise_is_found():
     rng = np.random.default_rng(3)
-    noise = np.exp(rng.uniform(np.log(0.25), np.log(2.0), 4000))
-    rest = np.column_stack([rng.normal(size=4000), noise * rng.normal(size=4000),
-                            np.zeros(4000)])
-    law = noise_law(rest, noise, np.full(3, 1e-6))
-    assert law.quiet[0] + law.noisy[0] == pytest.approx(1.0, rel=0.15)
-    assert law.noisy[1] == pytest.approx(1.0, rel=0.15)
+    noise = np.exp(rng.uniform(np.log(0.25), np.log(2.0), (4000, 2)))
+    rest = np.column_stack([rng.normal(size=4000), noise[:, 0] * rng.normal(size=4000),
+                            np.zeros(4000), 2.0 * noise[:, 1] * rng.normal(size=4000)])
+    law = noise_law(rest, noise, np.full(4, 1e-6))
+    assert law.quiet[0] + law.noisy[:, 0].sum() == pytest.approx(1.0, rel=0.15)
+    assert law.noisy[:, 1] == pytest.approx([1.0, 0.0], abs=0.15)
+    assert law.noisy[:, 3] == pytest.approx([0.0, 4.0], abs=0.6)
     assert law.quiet[1] < 0.15
-    assert np.isfinite(law.covariance(1.0)).all()
+    assert np.isfinite(law.covariance((1.0, 1.0))).all()
+    assert law.deviation(noise[:2]) == pytest.approx(np.array(
+        [law.deviation(one) for one in noise[:2]]))
 
 
 @pytest.mark.parametrize(("rows", "columns"), [(400, 6), (60, 90), (40, 1)])

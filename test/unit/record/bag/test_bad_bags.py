@@ -214,7 +214,7 @@ def test_value_that_is_not_finite(tmp_path, record, value):
     samples = record.samples[:700].copy()
     samples[601, MOTOR_SPEED] = value
     bag = write_bag(dataclasses.replace(record, samples=samples), tmp_path / "bag")
-    fails(bag, InvalidRecordError, f"sample 601, channel 1 is {value}")
+    fails(bag, InvalidRecordError, f"sample 601, motor_speed is {value}")
     assert len(read_bag(bag, validate_values=False)) == 700
 
 

@@ -58,10 +58,10 @@ def test_channels_that_were_not_recorded(tmp_path, make):
     message = read_content(bag, frozenset({SAMPLES})).messages[SAMPLES][0]
     assert b"motor_speed[rad/s],phase_current_a[A],phase_current_b[A]\x00" in bytes(message.data)
     record.samples[:, 3] = np.nan
-    with pytest.raises(InvalidRecordError, match="channel 3 is nan"):
+    with pytest.raises(InvalidRecordError, match="phase_current_b is nan"):
         read_bag(write_bag(record, tmp_path / "one current"))
     record.samples[700, 9] = 0.1
-    with pytest.raises(InvalidRecordError, match="channel 3 is nan"):
+    with pytest.raises(InvalidRecordError, match="phase_current_b is nan"):
         read_bag(write_bag(record, tmp_path / "part"))
 
 
