@@ -46,6 +46,8 @@ class _Predicted(NamedTuple):
     """Numbers of the unit and of the day, as far as it is known before the last step."""
     mean: np.ndarray
     """Features there."""
+    reach: np.ndarray
+    """Half widths of its band that each number may be off on that day."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +102,8 @@ def quadratic_gap(
 ) -> LawGap:
     """Return the gap of a unit without a law on `unit`, its quadratic at the fit to `fitted`."""
     z = _of_the_unit(unit, null, edge)
-    return _left(unit, _yardstick(fitted, null), [_Predicted(unit, z, unit.means(z[None])[0])])
+    return _left(unit, _yardstick(fitted, null), [
+        _Predicted(unit, z, unit.means(z[None])[0], _reach(unit, null))])
 
 
 def fitted_gap(unit: TestedUnit, models: Sequence[LawFit]) -> LawGap:
@@ -120,12 +123,24 @@ def _of_the_unit(unit: TestedUnit, fit: LawFit, edge: float, day: ArrayLike = 0.
     return z
 
 
+def _reach(unit: TestedUnit, fit: LawFit) -> np.ndarray:
+    """Return how far each number may be off on the day of a held-out record, in half widths.
+
+    A law that adds to a number of the day is fitted as the sum of both: the difference of two
+    days has twice the band of one.
+    """
+    laws = {f"{t.variant.effect}.{name}" for t in fit.terms for name in t.variant.settings(t.u)}
+    found = np.ones(len(unit.centre))
+    found[[place for place, t in enumerate(TOLERANCES) if t.name in laws]] = 2.0
+    return found
+
+
 def _joined(unit: TestedUnit, parts: Sequence[_Predicted]) -> _Predicted:
     """Return what is expected of held-out records as one."""
-    z = np.zeros(len(unit.centre))
+    z, reach = np.zeros(len(unit.centre)), np.ones(len(unit.centre))
     for part, places in zip(parts, unit.places):
-        z[places] = part.z
-    return _Predicted(unit, z, np.concatenate([part.mean for part in parts]))
+        z[places], reach[places] = part.z, part.reach
+    return _Predicted(unit, z, np.concatenate([part.mean for part in parts]), reach)
 
 
 def _expected(predicted: _Predicted, fit: LawFit, known: Posterior, edge: float) -> _Predicted:
@@ -157,11 +172,13 @@ def _nearest_turn(unit: TestedUnit, fit: LawFit, edge: float) -> _Predicted:
     angle = unit.conditions.start_angle
     units = [replace(unit, conditions=replace(unit.conditions, start_angle=angle + k * TURN))
              for k in range(turns)]
-    found = [_Predicted(one, z, one.run(fit.terms, z, SETTLED_RUNS, salt=21)) for one in units]
+    reach = _reach(unit, fit)
+    found = [_Predicted(one, z, one.run(fit.terms, z, SETTLED_RUNS, salt=21), reach)
+             for one in units]
     best = min(found, key=_off)
     there = _day_fitted(best.unit, best, _root(unit))[0]
     mean = best.unit.run(fit.terms, there, SETTLED_RUNS, salt=21)
-    return _Predicted(best.unit, there, mean) if np.isfinite(mean).all() else best
+    return _Predicted(best.unit, there, mean, reach) if np.isfinite(mean).all() else best
 
 
 def _best_load(found: _Predicted, fit: LawFit, bound: float) -> _Predicted:
@@ -177,14 +194,15 @@ def _best_load(found: _Predicted, fit: LawFit, bound: float) -> _Predicted:
     def under(load: float) -> _Predicted:
         z = found.z.copy()
         z[LOAD] = load
-        return _Predicted(unit, z, unit.run(fit.terms, z, SETTLED_RUNS, salt=21))
+        return _Predicted(unit, z, unit.run(fit.terms, z, SETTLED_RUNS, salt=21), found.reach)
 
     def off(load: float) -> float:
         rest = (unit.values - under(load).mean) / _root(unit)
         return float(np.log1p(np.nan_to_num(rest, nan=np.inf) ** 2).sum())
 
     best = minimize_scalar(
-        off, bounds=(-1.0, 1.0), method="bounded", options={"maxiter": LOADS}).x
+        off, bounds=(-found.reach[LOAD], found.reach[LOAD]), method="bounded",
+        options={"maxiter": LOADS}).x
     return min(found, under(float(best)), key=_off)
 
 
@@ -223,14 +241,14 @@ def _day_fitted(unit: TestedUnit, model: _Predicted, root: np.ndarray
     Within their bands, by what the quadratic says that the day adds; left in deviations `root`,
     infinite of a model that the simulator cannot run.
     """
-    there, rest = model.z, unit.values - model.mean
+    there, rest, reach = model.z, unit.values - model.mean, model.reach[unit.day]
     if not np.isfinite(rest).all():
         return there, np.full_like(rest, np.inf)
     for _ in range(DAY_STEPS):
         given = there[unit.day]
         step = bounded_least_squares(
-            unit.slope(there)[:, unit.day] / root[:, None], rest / root, -1.0 - given,
-            1.0 - given, np.full(len(given), PRIOR), given)
+            unit.slope(there)[:, unit.day] / root[:, None], rest / root, -reach - given,
+            reach - given, np.full(len(given), PRIOR), given)
         there = there.copy()
         there[unit.day] += step
         rest = unit.values - model.mean - np.diff(

@@ -150,10 +150,23 @@ def test_what_belongs_to_the_day_of_a_held_out_record_is_fitted_within_its_bands
     known = lsq_linear(np.vstack([columns, np.sqrt(fit.PRIOR) * np.eye(DAYS)]),
                        np.append(rest, np.zeros(DAYS)), bounds=(-1.0, 1.0)).x
     assert np.abs(known).max() == pytest.approx(1.0)
-    there, found = gap._day_fitted(held, gap._Predicted(held, z, held.means(z[None])[0]), root)
+    there, found = gap._day_fitted(
+        held, gap._Predicted(held, z, held.means(z[None])[0], np.ones(SIZE)), root)
     assert found == pytest.approx(rest - columns @ known, abs=1e-6)
     assert there == pytest.approx(np.where(OF_DAY, 0.0, z) + np.eye(SIZE)[:, OF_DAY] @ known,
                                   abs=1e-6)
+
+
+def test_a_law_that_adds_to_a_number_of_the_day_may_move_it_by_two_days(joint):
+    """The fit tells their sum; on another day the number may be at the other end of its band."""
+    held = joint(9005).parts[1]
+    load, offset = (gap._reach(held, replace(held.without_law(), terms=tuple(
+        EffectTerm(variant=v, u=np.zeros(v.size), signature=None)
+        for v in variants() if v.name == name))) for name in (
+            "surface_load", "current_sensor_offset"))
+    assert load[gap.LOAD] == 2.0 and np.delete(load, gap.LOAD).tolist() == [1.0] * (SIZE - 1)
+    assert offset.sum() == SIZE + 3.0 and offset[OF_DAY].sum() == OF_DAY.sum() + 3.0
+    assert (gap._reach(held, held.without_law()) == 1.0).all()
 
 
 def test_a_law_that_acts_on_the_days_load_is_predicted_on_the_day_of_the_held_out_record(
@@ -214,7 +227,7 @@ def test_a_model_that_cannot_be_run_on_a_held_out_record_is_as_far_off_as_can_be
     held = joint(9006).parts[1]
     nowhere, fine = np.full(FEATURES, np.nan), held.means(np.zeros((1, SIZE)))[0]
     found = gap._left(held, np.zeros((SIZE, SIZE)), [
-        gap._Predicted(held, np.zeros(SIZE), mean) for mean in (fine, nowhere)])
+        gap._Predicted(held, np.zeros(SIZE), mean, np.ones(SIZE)) for mean in (fine, nowhere)])
     assert found.values[1] == LARGEST_RESIDUAL > found.values[0]
 
 
@@ -261,7 +274,7 @@ def test_what_is_named_is_predicted_by_the_median_about_the_fit():
                        cost=1.0, runs=10)
     known = Posterior(np.full(SIZE, 0.9), 0.04 * np.eye(SIZE))  # its middle leaves more
     held = replace(unit(seed=1), simulator=bends)
-    nowhere = gap._Predicted(held, np.zeros(SIZE), 0.0 * BASE)
+    nowhere = gap._Predicted(held, np.zeros(SIZE), 0.0 * BASE, np.ones(SIZE))
     mean = gap._expected(nowhere, point, known, 1.0).mean
     share = mean @ BASE / (BASE @ BASE)
     assert mean == pytest.approx(share * BASE) and 0.008 < share < 0.045  # 0.018 expected
