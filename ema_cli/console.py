@@ -313,6 +313,8 @@ def given_bags(paths: Iterable[Path]) -> list[Path]:
 
 def check_new(*folders: Path | None) -> None:
     """Raise OutputError unless these folders can be made; called before the work begins."""
+    from ema_record.bag.container import METADATA_FILE
+    from ema_record.errors import OutputError
     from ema_record.files import exists
 
     for folder in folders:
@@ -320,6 +322,8 @@ def check_new(*folders: Path | None) -> None:
             continue
         if folder.exists() or folder.is_symlink():
             raise exists(folder)
+        if (folder.parent / METADATA_FILE).is_file():
+            raise OutputError(f"{folder}: would lie inside a bag: give a place beside it")
         first = folder
         while not first.parent.exists():
             first = first.parent

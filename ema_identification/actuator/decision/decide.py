@@ -181,8 +181,12 @@ def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit]) -> Fleet
 
 
 def _in_part(case: Models, answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
-    """Return the answer with the law, or the set, that closes most of misfit and held-out gap."""
-    singles = [f for f in answer.fits if len(f.terms) == 1 and np.isfinite(f.cost)]
+    """Return the answer with the law, or the set, that closes most of misfit and held-out gap.
+
+    Within the bands: beyond them numbers of the unit make up for what the law does not do.
+    """
+    singles = [f for f in answer.fits if len(f.terms) == 1 and np.isfinite(f.cost)
+               and _edge(case, f) == 1.0]
     if not singles:
         return answer
     best = singles[0]
@@ -192,7 +196,7 @@ def _in_part(case: Models, answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
         return answer
     sure = case.evidence(best) + np.log(1.0 - SURE)
     names = {f.names[0] for f in singles if case.evidence(f) > sure} - set(best.names)
-    gap = held.gap([case.null, best], _edge(case, best))
+    gap = held.gap([case.null, best])
     if len(names) >= LARGEST_SET or not gap.closes(MOST):
         return answer
     return replace(

@@ -6,6 +6,7 @@ import inspect
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -259,6 +260,11 @@ def test_what_cannot_be_written_is_known_before(tmp_path):
             console.check_new(bad)
     with pytest.raises(OutputError):
         console.check_new_file(tmp_path / "no folder" / "file")
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "metadata.yaml").touch()
+    with pytest.raises(OutputError, match="would lie inside a bag"):
+        console.check_new(tmp_path / "bag" / "another")
+    shutil.rmtree(tmp_path / "bag")
     console.check_new(tmp_path / "no folder" / "folder", None)
     console.check_new_file(tmp_path / "file", None)
     assert list(tmp_path.iterdir()) == [taken]

@@ -115,3 +115,15 @@ def test_the_next_command_uses_the_kit_and_the_baseline(second, tmp_path, monkey
     with using_kit(second):
         (line,) = next_commands(verdict, {"given": " --baseline b"})
     assert line.startswith("ema report 'a bag' --kit ") and "--baseline b --out" in line
+
+
+def test_any_reader_of_yaml_takes_the_shipped_numbers_for_numbers():
+    """By version 1.1 of YAML, which most read, 1e5 is a text: its exponent needs a sign."""
+    def texts(value):
+        if isinstance(value, dict):
+            return [t for v in value.values() for t in texts(v)]
+        return [value] if isinstance(value, str) else []
+
+    data = yaml.safe_load((shipped_kit() / ACTUATOR).read_text(encoding="utf-8"))
+    assert [t for t in texts(data) if any(c.isdigit() for c in t)] == []
+    assert data["shaft"]["stiffness"] == load_actuator().shaft.stiffness
