@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +78,7 @@ def turn_of(kit: Path | None, effect: str, fixed: Mapping[str, float]) -> float:
     """
     if effect not in OF_THE_ROTOR:
         return 2.0 * math.pi
-    with using_kit(kit):
+    with nullcontext() if kit is None else using_kit(kit):
         pairs = load_actuator().motor.pole_pairs
     periods = round(fixed.get(f"{effect}.periods", 1.0))
     return 2.0 * math.pi * math.gcd(periods, pairs) / pairs

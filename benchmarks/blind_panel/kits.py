@@ -20,7 +20,6 @@ from ema_sim.model_file import load_model_file
 def make_kit(name: str, out: Path, tests: Sequence[str]) -> None:
     """Make in `out` what is missing of a machine's kit: profiles, libraries of the tests."""
     made, described = made_kit(name, out), FOLDER / name
-    assert made is not None
     if not (made / ACTUATOR).exists():
         made.mkdir(parents=True, exist_ok=True)
         with using_kit(described):

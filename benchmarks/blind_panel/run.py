@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,7 @@ def identified(task: Task, out: Path, *, again: bool) -> dict[str, Any]:
     `again` : with the record of the proposed test too.
     """
     folder = out / BAGS / task.id
-    with using_kit(made_kit(task.kit, out)):
+    with using_kit(made_kit(task.kit, out)) if task.kit else nullcontext():
         measured, held_out, accepted = ([read_bag(bag) for bag in sorted(folder.glob(name))]
                                         for name in (MEASURED, HELD_OUT.format("*"),
                                                      ACCEPTED.format("*")))

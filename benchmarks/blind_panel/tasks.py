@@ -27,7 +27,7 @@ class Task:
     tests: tuple[str, ...]
     """Names of the profiles: of the measured record, then of those that are held out."""
     kit: str = ""
-    """Name of the machine, empty for the default actuator."""
+    """Name of a machine of `benchmarks.any_actuator`, empty for the present kit's actuator."""
     without: tuple[str, ...] = ()
     """Effects that are not in its catalogue."""
 
@@ -46,6 +46,6 @@ def read_tasks(out: Path) -> list[Task]:
             for item in json.loads((out / TASKS).read_text(encoding="utf-8"))]
 
 
-def made_kit(name: str, out: Path) -> Path | None:
-    """Return where a machine's kit lies once it is made; None: the default one."""
-    return out / "kits" / name if name else None
+def made_kit(name: str, out: Path) -> Path:
+    """Return where a machine's kit lies once it is made."""
+    return out / "kits" / name

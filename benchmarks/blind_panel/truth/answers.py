@@ -58,7 +58,7 @@ class Answer:
 
     @property
     def kit(self) -> Path | None:
-        """Kit of the machine, None for the default actuator."""
+        """Kit of the machine, None for the present one."""
         return kit_of(self.stratum)
 
     @property

@@ -1,6 +1,6 @@
 """The sealed answers: a commitment before the runs, the text only for who holds the key.
 
-The file is enciphered with a stream of SHA-256 over a random key, so that nothing that looks
+The file is enciphered with a stream (SHAKE-256) of a random key, so that nothing that looks
 into it by chance reads an answer; the commitment (SHA-256 of key and plain text) is printed
 before the runs and checked when the answers are opened. A panel that is run with more units
 than before has them sealed as a further part.
@@ -69,10 +69,5 @@ def unseal(part: Path) -> list[Answer]:
 
 def _stream(key: bytes, data: bytes) -> bytes:
     """Return `data` combined with the key's stream; twice gives `data` back."""
-    blocks = (
-        hashlib.sha256(key + count.to_bytes(8, "big")).digest()
-        for count in range(-(-len(data) // 32))
-    )
-    stream = b"".join(blocks)[:len(data)]
-    return (int.from_bytes(data, "big") ^ int.from_bytes(stream, "big")).to_bytes(
-        len(data), "big")
+    stream = hashlib.shake_256(key).digest(len(data))
+    return bytes(one ^ other for one, other in zip(data, stream))

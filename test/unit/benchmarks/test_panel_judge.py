@@ -213,8 +213,3 @@ def test_an_effect_below_three_floors_is_not_visible():
             ("own, one effect", row([], "no disagreement"), 2.9)]
     assert visible(rows).splitlines()[-1] == (
         "| own, one effect | 2 | 1 | 1 | backlash 2.9 silent |")
-
-
-def test_a_unit_of_the_default_kit_has_one_pole_pair_whatever_kit_is_in_use(monkeypatch):
-    monkeypatch.setenv("EMA_KIT", str(PWM))
-    assert turn_of(None, "rotor_eccentricity", {}) == pytest.approx(2.0 * np.pi)
