@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
@@ -35,13 +36,11 @@ from ema_identification.result import Identification
 from ema_record.bag.read import read_bag
 from ema_record.errors import RecordError
 from ema_record.kit import using_kit
+from ema_record.record import Record
 
 
 def identified(task: Task, out: Path, *, again: bool) -> dict[str, Any]:
-    """Return what `ema identify --json` says of a unit, the proposed test, seconds it took.
-
-    `again` : with the record of the proposed test too.
-    """
+    """Return what is said of the bags of a unit; `again`: with the proposed test too."""
     folder = out / BAGS / task.id
     with using_kit(made_kit(task.kit, out)) if task.kit else nullcontext():
         measured, held_out, accepted = ([read_bag(bag) for bag in sorted(folder.glob(name))]
@@ -49,14 +48,20 @@ def identified(task: Task, out: Path, *, again: bool) -> dict[str, Any]:
                                                      ACCEPTED.format("*")))
         if again:
             measured.append(read_bag(folder / NEXT))
-        cpu, wall = time.process_time(), time.perf_counter()
-        try:
-            found = identify(measured, validate=held_out, without=task.without, baseline=accepted)
-        except RecordError as error:  # a unit that no longer follows its test
-            found = Identification(
-                verdict="unknown effect", reasons=(str(error),), gap_before=float("nan"),
-                gap_after=float("nan"), noise_floor=float("nan"), gap_unit="")
-        cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+        return said_of(measured, held_out, accepted, task.without)
+
+
+def said_of(measured: Sequence[Record], held_out: Sequence[Record], accepted: Sequence[Record],
+            without: Sequence[str]) -> dict[str, Any]:
+    """Return what `ema identify --json` says, the test that it proposes, the seconds it took."""
+    cpu, wall = time.process_time(), time.perf_counter()
+    try:
+        found = identify(measured, validate=held_out, without=without, baseline=accepted)
+    except RecordError as error:  # a unit that no longer follows its test
+        found = Identification(
+            verdict="unknown effect", reasons=(str(error),), gap_before=float("nan"),
+            gap_after=float("nan"), noise_floor=float("nan"), gap_unit="")
+    cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
     proposed = (found.since or found).next_profile
     return {**found.to_dict(), "cpu": cpu, "wall": wall, "next_profile":
             None if proposed is None else proposed.model_dump(mode="json")}

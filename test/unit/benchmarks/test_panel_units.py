@@ -4,22 +4,19 @@ import numpy as np
 import pytest
 
 from benchmarks.blind_panel.judging import outcome, row_of
-from benchmarks.blind_panel.run import identified
-from benchmarks.blind_panel.tasks import BAGS, Task
+from benchmarks.blind_panel.run import said_of
 from benchmarks.blind_panel.truth import visible
 from benchmarks.blind_panel.truth.answers import Panel, drawn
-from benchmarks.blind_panel.truth.bags import make_bags
 from benchmarks.blind_panel.truth.hidden import HARD_TO_TELL
 from benchmarks.blind_panel.truth.units import DAMAGES, STRATA
 from ema_record.profile import load_profile
 
 
-def row(out, stratum, seed, k):
-    """Return the judged answer to the bags of a unit."""
+def row(stratum, seed, k):
+    """Return the judged answer to the records of a unit, as they are before they are bags."""
     answer = drawn(Panel(seed, ("extended", "step"), {}), stratum, k)
-    make_bags(answer, out / BAGS)
-    task = Task(id=answer.id, tests=answer.tests, without=answer.without)
-    return row_of(answer, identified(task, out, again=False))
+    first, *held_out = answer.unit().records
+    return row_of(answer, said_of([first], held_out, (), answer.without))
 
 
 def test_one_more_test_of_a_unit_is_of_the_same_unit_on_another_day():
@@ -46,7 +43,7 @@ def test_two_damages_of_the_second_simulator_are_of_two_families():
 def test_an_effect_that_a_unit_beyond_its_bands_nearly_explains_is_named(tmp_path, monkeypatch):
     """Hall sensors 0.1 rad off, of the second simulator: the evidence decides (section 4)."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    found = row(tmp_path, "second, one effect", 20263341, 3)
+    found = row("second, one effect", 20263341, 3)
     assert (found["names"], outcome(found)) == (("hall_misalignment",), "right")
 
 
@@ -58,7 +55,7 @@ def test_an_effect_that_a_unit_beyond_its_bands_nearly_explains_is_named(tmp_pat
 ])
 def test_what_earlier_panels_missed_is_named(tmp_path, monkeypatch, seed, k, what):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    found = row(tmp_path, "own, one effect", seed, k)
+    found = row("own, one effect", seed, k)
     assert (found["names"], outcome(found), found["verdict"]) == ((what,), "right", "explained")
 
 
