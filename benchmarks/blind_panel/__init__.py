@@ -1,1 +1,1 @@
-"""Blind panel of the model-gap workflow: sealed truth, runs that see bags only, a table."""
+"""Blind panel of `ema identify`: units drawn and sealed, runs that see bags only, tables."""

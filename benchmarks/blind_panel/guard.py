@@ -11,11 +11,18 @@ _LOCKED: list[str] = []
 
 
 def lock(sealed: Path) -> None:
-    """Refuse, for the rest of this process, to open anything below `sealed`, or the truth program.
+    """Refuse, for the rest of this process, to open anything below `sealed`, or the truth.
 
     An audit hook of the interpreter: it cannot be taken out again, and sees `open` of Python
     and of numpy, listings, copies and imports.
+
+    Raises
+    ------
+    ImportError
+        The process has imported the truth already: a lock would keep nothing from it.
     """
+    if any(name.startswith(TRUTH) for name in sys.modules):
+        raise ImportError("this process has imported the truth: it is not to identify")
     place = os.path.realpath(sealed)
     if not _LOCKED:
         sys.addaudithook(_watch)
@@ -30,7 +37,7 @@ def _watch(event: str, arguments: tuple[object, ...]) -> None:
             if isinstance(argument, str | bytes | os.PathLike) and _inside(argument):
                 raise PermissionError(f"{event}: the answers are sealed while identifying")
     elif event == "import" and str(arguments[0]).startswith(TRUTH):
-        raise ImportError("the truth program is closed to the process that identifies")
+        raise ImportError("the truth is closed to the process that identifies")
 
 
 def _inside(path: str | bytes | os.PathLike[str]) -> bool:

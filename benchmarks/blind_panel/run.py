@@ -1,97 +1,99 @@
-"""The workflow on the panel: ``python -m benchmarks.blind_panel.run --out DIR [--part N/M]``.
+"""Identify: ``python -m benchmarks.blind_panel.run --out DIR``, a process locked from the answers.
 
-Sees bags and the task list; the answers are locked away from this process. One JSON a unit,
-written whole; a second call goes on where the first one ended. ``--next`` identifies again, with
-the record of the proposed test beside the first one.
+Sees the tasks, the bags and the kits; one line a unit is kept, nothing is done twice. ``--next``
+identifies again where a proposed test was recorded, with that record beside the first one.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import time
-import traceback
+from collections.abc import Sequence
+from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from joblib import Parallel, delayed
-from threadpoolctl import threadpool_limits
 
 from benchmarks.blind_panel.guard import lock
-from benchmarks.blind_panel.layout import RESULTS, SEALED, TESTS, add_common, part_of
-from benchmarks.blind_panel.tasks import Task, read_tasks, share
-from ema_cli.console import track
-from ema_record.errors import EmaError
-from ema_record.files import new_file
+from benchmarks.blind_panel.kits import make_kit
+from benchmarks.blind_panel.tasks import (
+    ACCEPTED,
+    BAGS,
+    HELD_OUT,
+    IDENTIFIED,
+    MEASURED,
+    NEXT,
+    SEALED,
+    Task,
+    made_kit,
+    read_tasks,
+)
+from benchmarks.ledger import Ledger
+from ema_identification.identify import identify
+from ema_identification.result import Identification
+from ema_record.bag.read import read_bag
+from ema_record.errors import RecordError
+from ema_record.kit import using_kit
+from ema_record.record import Record
 
 
-def identify_unit(task: Task, folder: Path, tests: tuple[str, ...]) -> dict[str, Any]:
-    """Return the JSON object of one unit: what `identify` says, and how long it took."""
-    from ema_identification.identify import identify
-    from ema_record.bag.read import read_bag
-    from ema_sim.model_file import load_model_file
+def identified(task: Task, out: Path, *, again: bool) -> dict[str, Any]:
+    """Return what is said of the bags of a unit; `again`: with the proposed test too."""
+    folder = out / BAGS / task.id
+    with using_kit(made_kit(task.kit, out)) if task.kit else nullcontext():
+        measured, held_out, accepted = ([read_bag(bag) for bag in sorted(folder.glob(name))]
+                                        for name in (MEASURED, HELD_OUT.format("*"),
+                                                     ACCEPTED.format("*")))
+        if again:
+            measured.append(read_bag(folder / NEXT))
+        return said_of(measured, held_out, accepted, task.without)
 
-    measured = [read_bag(folder / test) for test in tests]
-    validate = [read_bag(folder / "validate")]
-    start = time.perf_counter()
+
+def said_of(measured: Sequence[Record], held_out: Sequence[Record], accepted: Sequence[Record],
+            without: Sequence[str]) -> dict[str, Any]:
+    """Return what `ema identify --json` says, the test that it proposes, the seconds it took."""
+    cpu, wall = time.process_time(), time.perf_counter()
     try:
-        found = identify(measured, load_model_file(None), validate=validate,
-                         without=task.without)
-    except EmaError as error:
-        return _failed(str(error), start)
-    except Exception:  # noqa: BLE001  (a crash is a result of the panel)
-        return _failed(traceback.format_exc(), start)
-    profile = found.next_profile
-    return {
-        **found.to_dict(), "seconds": time.perf_counter() - start, "error": "",
-        "next_profile": None if profile is None else profile.model_dump(mode="json"),
-        "model_text": found.model_text,
-    }
+        found = identify(measured, validate=held_out, without=without, baseline=accepted)
+    except RecordError as error:  # a unit that no longer follows its test
+        found = Identification(
+            verdict="unknown effect", reasons=(str(error),), gap_before=float("nan"),
+            gap_after=float("nan"), noise_floor=float("nan"), gap_unit="")
+    cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+    proposed = (found.since or found).next_profile
+    return {**found.to_dict(), "cpu": cpu, "wall": wall, "next_profile":
+            None if proposed is None else proposed.model_dump(mode="json")}
 
 
-def _failed(error: str, start: float) -> dict[str, Any]:
-    return {"verdict": "error", "findings": [], "unknown": None, "next_profile": None,
-            "gap_before": None, "gap_after": None, "noise_floor": None, "recalibrated": [],
-            "seconds": time.perf_counter() - start, "error": error}
-
-
-def _run(task: Task, out: Path, again: bool) -> str:
+def _identified(task: Task, out: Path, again: bool) -> tuple[str, dict[str, Any]]:
     lock(out / SEALED)
-    tests = ("measured", "next") if again else ("measured",)
-    with threadpool_limits(limits=1):
-        result = identify_unit(task, out / TESTS / task.id, tests)
-    with new_file(result_path(out, task.id, again=again)) as path:
-        path.write_text(json.dumps(result, allow_nan=True), encoding="utf-8")
-    return str(result["verdict"])
-
-
-def result_path(out: Path, record: str, *, again: bool = False) -> Path:
-    """Return where the result of a unit lies."""
-    return out / RESULTS / (f"{record}.next.json" if again else f"{record}.json")
+    return f"{task.id}/next" if again else task.id, identified(task, out, again=again)
 
 
 def main() -> None:
-    """Read the command line and run."""
+    """Identify what is missing, `--workers` units at a time, each on one core."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    add_common(parser)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--next", action="store_true", help="with the proposed test")
-    parser.add_argument("--records", nargs="*", default=[], help="only these units")
     given = parser.parse_args()
     lock(given.out / SEALED)
-    (given.out / RESULTS).mkdir(exist_ok=True)
-    tasks = share(read_tasks(given.out), part_of(given.part))
-    if given.records:
-        tasks = [task for task in tasks if task.id in given.records]
-    last = "next" if given.next else "validate"
-    ready = [t for t in tasks if (given.out / TESTS / t.id / last).exists()]
-    todo = [t for t in ready if not result_path(given.out, t.id, again=given.next).exists()]
-    done = Parallel(n_jobs=given.workers, return_as="generator")(
-        delayed(_run)(task, given.out, given.next) for task in todo)
-    for _ in track(done, "units", len(todo)):
-        pass
-    absent = "" if given.next else f", {len(tasks) - len(ready)} have no bags yet"
-    print(f"part {given.part}: {len(todo)} units identified, {len(ready) - len(todo)} were done "
-          f"before{absent}")
+    ledger = Ledger(given.out / IDENTIFIED)
+    todo = [task for task in read_tasks(given.out) if
+            (f"{task.id}/next" not in ledger.keys and (given.out / BAGS / task.id / NEXT).exists()
+             if given.next else task.id not in ledger.keys)]
+    with Parallel(n_jobs=given.workers, return_as="generator_unordered") as parallel:
+        for _ in parallel(delayed(make_kit)(kit, given.out, tests) for kit, tests in
+                          sorted({(task.kit, task.tests) for task in todo if task.kit})):
+            pass
+        for key, said in parallel(delayed(_identified)(task, given.out, given.next)
+                                  for task in todo):
+            ledger.run(key, partial(dict, said))
+            found = said.get("since_baseline", said)
+            print(key, found["verdict"],
+                  [[f["effect"], *f["equivalent"]] for f in found["findings"]], flush=True)
 
 
 if __name__ == "__main__":

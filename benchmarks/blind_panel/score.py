@@ -1,94 +1,76 @@
-"""The scorer: ``python -m benchmarks.blind_panel.score --out DIR [--part N/M]``.
-
-Opens the answers, decides what is visible (by simulation, kept beside the answers), judges all
-units that have a result, prints the table and writes ``scores.json``.
-"""
+"""Open the answers, check what was committed to, judge all units that were identified."""
 
 from __future__ import annotations
 
-import argparse
 import json
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
 
-from joblib import Parallel, delayed
-from threadpoolctl import threadpool_limits
-
-from benchmarks.blind_panel.judge import Judgement, judge
-from benchmarks.blind_panel.layout import RESULTS, SEALED, add_common, part_of
-from benchmarks.blind_panel.table import breakdown, mistakes, table
-from benchmarks.blind_panel.tasks import share
-from benchmarks.blind_panel.truth.cases import Case
-from benchmarks.blind_panel.truth.seal import commitment_of, unseal
-from benchmarks.blind_panel.truth.visible import Floor, make_floor, visible_parts
-from ema_cli.console import track
-from ema_record.files import new_file
-
-FLOORS = {"extended": "floor.npz", "step": "floor_step.npz"}
-"""By the command of the first record."""
-VISIBLE = "visible"
+from benchmarks.blind_panel import table
+from benchmarks.blind_panel.judging import Row, is_set, row_of
+from benchmarks.blind_panel.tasks import IDENTIFIED, SEALED
+from benchmarks.blind_panel.truth.answers import Answer, Panel
+from benchmarks.blind_panel.truth.prepare import opened
+from benchmarks.blind_panel.truth.seal import commitment_of, parts
+from benchmarks.blind_panel.truth.visible import Floor, gap_of, make_floor
+from benchmarks.ledger import Ledger
+from ema_record.errors import UsageError
 
 
-def make_visible(cases: list[Case], sealed: Path, workers: int) -> None:
-    """Compute the gaps of what is hidden in `cases`, those that are not there yet."""
-    (sealed / VISIBLE).mkdir(exist_ok=True)
-    todo = [case for case in cases if not (sealed / VISIBLE / f"{case.id}.json").exists()]
-    floors = {first: make_floor(sealed / FLOORS[first], first) for first in
-              sorted({case.first for case in todo})}
-    done = Parallel(n_jobs=workers, return_as="generator")(
-        delayed(_write_visible)(case, floors[case.first], sealed) for case in todo)
-    for _ in track(done, "visible", len(todo)):
-        pass
+def score(out: Path, panel: Panel, *, visible: bool) -> None:
+    """Print the tables of the units of a panel that were identified, keep rows beside the answers.
+
+    `visible` : also which of the units with one effect, of the default kit, can be seen at all.
+
+    Raises
+    ------
+    UsageError
+        Nothing of the panel is sealed.
+    InvalidRecordError
+        The answers are not those that were committed to.
+    """
+    answers = {(a.stratum, a.k): a for found in opened(out, panel) for a in found}
+    if not answers:
+        raise UsageError(f"{out}: holds no unit of this panel: seed, tests and strata must be "
+                         "those that were sealed")
+    for part in parts(out / SEALED):
+        print(f"answers as committed, part {part.name}, SHA-256 {commitment_of(part)}")
+    ledger = Ledger(out / IDENTIFIED)
+    rows: dict[str, list[Row]] = {}
+    again: dict[str, list[tuple[Row, Row | None]]] = {}
+    for stratum in panel.counts:
+        judged = [(a, row_of(a, ledger.run(a.id, dict))) for (of, _), a in sorted(answers.items())
+                  if of == stratum and a.id in ledger.keys]
+        if judged:
+            rows[stratum] = [row for _, row in judged]
+            again[stratum] = [
+                (row, row_of(a, ledger.run(f"{a.id}/next", dict))
+                 if f"{a.id}/next" in ledger.keys else None)
+                for a, row in judged if is_set(row) and not a.accepted]
+    print(f"{sum(map(len, rows.values()))} of {len(answers)} units identified")
+    (out / SEALED / "rows.json").write_text(json.dumps(rows), encoding="utf-8")
+    for text in (table.table(rows), table.numbers(rows, again), table.sizes(rows),
+                 table.seconds(rows), table.not_right(rows)):
+        print(f"\n{text}")
+    if visible:
+        print(f"\n{table.visible(_gaps(out, panel, answers, rows))}")
 
 
-def _write_visible(case: Case, floor: Floor, sealed: Path) -> None:
-    with threadpool_limits(limits=1):
-        parts = visible_parts(case, floor)
-    with new_file(sealed / VISIBLE / f"{case.id}.json") as temporary:
-        temporary.write_text(json.dumps(parts), encoding="utf-8")
+def _gaps(out: Path, panel: Panel, answers: Mapping[tuple[str, int], Answer],
+          rows: Mapping[str, Sequence[Row]]) -> list[tuple[str, Row, float]]:
+    """Return stratum, row and gap of the units with one effect, made once more."""
+    floor = make_floor(out / f"floor_{panel.tests[0]}.npz", panel.tests[0])
+    ledger = Ledger(out / SEALED / "visible.jsonl")
+    found = []
+    for stratum, judged in rows.items():
+        if stratum.endswith(", one effect") and stratum.startswith(("own", "second")):
+            for row in judged:
+                answer = answers[stratum, row["k"]]
+                gap, _ = ledger.run(answer.id, partial(_gap, answer, floor))
+                found.append((stratum, row, float(gap)))
+    return found
 
 
-def visible_of(case: Case, sealed: Path) -> dict[str, tuple[float, str]]:
-    """Return the gaps of what is hidden in a case."""
-    path = sealed / VISIBLE / f"{case.id}.json"
-    data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return {name: (float(gap), str(block)) for name, (gap, block) in data.items()}
-
-
-def judge_all(out: Path, folder: str, cases: list[Case], workers: int = 1) -> list[Judgement]:
-    """Judge every unit of `cases` that has a result in `folder`."""
-    answered = [case for case in cases if (out / folder / f"{case.id}.json").exists()]
-    make_visible(answered, out / SEALED, workers)
-    judged = []
-    for case in answered:
-        answer = json.loads((out / folder / f"{case.id}.json").read_text(encoding="utf-8"))
-        again = out / folder / f"{case.id}.next.json"
-        second = json.loads(again.read_text(encoding="utf-8")) if again.exists() else None
-        judged.append(judge(case, answer, visible_of(case, out / SEALED), second))
-    return judged
-
-
-def main() -> None:
-    """Read the command line and print."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    add_common(parser)
-    parser.add_argument("--mistakes", action="store_true", help="list what was wrong")
-    given = parser.parse_args()
-    cases = share(unseal(given.out / SEALED), part_of(given.part))
-    print(f"answers as committed, SHA-256 {commitment_of(given.out / SEALED)}")
-    columns = {"ema identify": judge_all(given.out, RESULTS, cases, given.workers)}
-    print(f"part {given.part}: {len(cases)} units\n")
-    print(table(columns))
-    for name, judged in columns.items():
-        print(f"\n{name}, by effect\n{breakdown(judged)}")
-    if given.mistakes:
-        for name, judged in columns.items():
-            print(f"\n{name}, mistakes\n{mistakes(judged)}")
-    scores = given.out / f"scores_{given.part.replace('/', '_of_')}.json"
-    scores.write_text(json.dumps(
-        {name: [asdict(j) for j in judged] for name, judged in columns.items()}), "utf-8")
-
-
-if __name__ == "__main__":
-    main()
+def _gap(answer: Answer, floor: Floor) -> tuple[float, str]:
+    return gap_of(answer.unit(), floor)

@@ -1,15 +1,22 @@
-"""The task list that the workflow sees: names of units and what it must do without."""
+"""What the process that identifies sees of a panel: tasks, bags, kits; where all of it lies."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from ema_record.files import new_file
-
+SEALED = "sealed"
+"""Folder of the answers, and of all that tells of them: not for the process that identifies."""
+BAGS = "bags"
+"""A folder a unit, with a bag a test: `MEASURED`, `HELD_OUT`, `ACCEPTED`, `NEXT`."""
+MEASURED, NEXT = "measured", "next"
+HELD_OUT, ACCEPTED = "held_out_{}", "accepted_{}"
+"""Numbered from 1."""
+IDENTIFIED = "identified.jsonl"
+"""Ledger of what is said of each unit, by its id; ``ID/next``: with the proposed test too."""
 TASKS = "tasks.json"
-BLOCKS = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -17,30 +24,28 @@ class Task:
     """One unit to identify."""
 
     id: str
+    tests: tuple[str, ...]
+    """Names of the profiles: of the measured record, then of those that are held out."""
+    kit: str = ""
+    """Name of a machine of `benchmarks.any_actuator`, empty for the present kit's actuator."""
     without: tuple[str, ...] = ()
+    """Effects that are not in its catalogue."""
 
 
-def write_tasks(tasks: list[Task], folder: Path) -> None:
-    """Write the list; the order within each of `BLOCKS` blocks is that of the names.
-
-    So a part N/M with M dividing `BLOCKS` is balanced, and the place of a name tells nothing.
-    """
-    listed = []
-    for block in range(1, BLOCKS + 1):
-        listed += sorted(share(tasks, (block, BLOCKS)), key=lambda task: task.id)
-    with new_file(folder / TASKS) as path:
-        path.write_text(json.dumps([{"id": t.id, "without": t.without} for t in listed], indent=0),
-                        encoding="utf-8")
+def write_tasks(tasks: Sequence[Task], out: Path) -> None:
+    """Write the list of what is to be identified now, in place of an earlier one."""
+    temporary = out / f".{TASKS}.tmp"
+    temporary.write_text(json.dumps([asdict(task) for task in tasks], indent=0), encoding="utf-8")
+    temporary.replace(out / TASKS)
 
 
-def read_tasks(folder: Path) -> list[Task]:
+def read_tasks(out: Path) -> list[Task]:
     """Return the list."""
-    data = json.loads((folder / TASKS).read_text(encoding="utf-8"))
-    return [Task(id=item["id"], without=tuple(item["without"])) for item in data]
+    return [Task(id=item["id"], tests=tuple(item["tests"]), kit=item["kit"],
+                 without=tuple(item["without"]))
+            for item in json.loads((out / TASKS).read_text(encoding="utf-8"))]
 
 
-def share(items: list, part: tuple[int, int]) -> list:
-    """Return part N of M: consecutive items."""
-    number, of = part
-    first, last = (round(len(items) * k / of) for k in (number - 1, number))
-    return items[first:last]
+def made_kit(name: str, out: Path) -> Path:
+    """Return where a machine's kit lies once it is made."""
+    return out / "kits" / name

@@ -1,4 +1,4 @@
-"""Peers on the panel of `benchmarks.decisions`: ``python -m benchmarks.peers``.
+"""Peers on the panel of `benchmarks.blind_panel`: ``python -m benchmarks.peers``.
 
 The same units, records, columns and judgement; a panel is declared by `--seed` and `--each`
 before it is run. Runs in an environment that has `requirements.txt` too; a peer whose package is
@@ -14,8 +14,8 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.decisions.table import table
-from benchmarks.decisions.units import STRATA, HiddenUnit, own_unit, second_unit
+from benchmarks.blind_panel.table import table
+from benchmarks.blind_panel.truth.units import STRATA, HiddenUnit, own_unit, second_unit
 from benchmarks.ledger import Ledger
 from benchmarks.peers.methods import METHODS, Method, Scores, limits
 from benchmarks.peers.ports import Problem, problems_of
@@ -55,7 +55,7 @@ def sets_of(columns: list[str]) -> list[list[str]]:
 
 def answered(unit: HiddenUnit, problems: list[Problem], prepared: float, method: Method,
              limit: Scores) -> dict[str, Any]:
-    """Return what a peer says of a unit, in the form of `benchmarks.decisions`."""
+    """Return what a peer says of a unit, in the form of `benchmarks.blind_panel`."""
     started = time.process_time()
     columns, other = method.answer(problems, limit)
     verdict = "explained" if columns else "unknown effect" if other else "no disagreement"
@@ -70,7 +70,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--each", type=int, required=True, help="units of each stratum")
-    parser.add_argument("--tests", default="extended,step", help="as of benchmarks.decisions")
+    parser.add_argument("--tests", default="extended,step", help="as of benchmarks.blind_panel")
     parser.add_argument("--strata", default="", help="only those that begin with this")
     parser.add_argument("--peers", default="", help="only those that begin with one of these")
     parser.add_argument("--healthy", type=int, default=500,

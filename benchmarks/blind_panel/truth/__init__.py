@@ -1,1 +1,1 @@
-"""The truth program: draws what is hidden, seals it, makes the bags. No workflow in here."""
+"""What is hidden, how it is sealed and recorded, whether it can be seen. No workflow in here."""

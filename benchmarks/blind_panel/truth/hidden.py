@@ -1,4 +1,4 @@
-"""What is hidden: effects of the catalogue in three sizes, and strangers that are in none."""
+"""What is hidden: effects of the catalogue, their sizes, which of them look alike."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 Setting = dict[str, float | str]
-SIZES = ("small", "medium", "large")
 JITTER = 1.25
 """A size is multiplied by a factor between 1/JITTER and JITTER, even in the logarithm."""
 
@@ -89,6 +88,7 @@ class Hideable:
     """One effect of the catalogue: its sizes (unit of its severity), how it is drawn."""
 
     sizes: tuple[float, float, float]
+    """Small, medium, large; units have the last two."""
     draw: Callable[[float, np.random.Generator], Setting]
     without: tuple[str, ...] | None = None
     """Entries to hide so that it is outside the catalogue; None: not used as a stranger."""
@@ -137,7 +137,7 @@ three sensor errors that a glance at the current sum or at standstill gives away
 
 
 def draw_effect(name: str, size: int, rng: np.random.Generator) -> Setting:
-    """Return settings of an effect in one of three sizes."""
+    """Return settings of an effect; `size`: place in its three sizes."""
     factor = math.exp(rng.uniform(-math.log(JITTER), math.log(JITTER)))
     return HIDEABLE[name].draw(HIDEABLE[name].sizes[size] * factor, rng)
 

@@ -1,6 +1,5 @@
-"""The truth program: balanced, repeatable, sealed, silent."""
+"""What is hidden: repeatable, in every round alike, sealed, silent."""
 
-import collections
 import json
 import subprocess
 import sys
@@ -9,110 +8,116 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.blind_panel.tasks import Task, read_tasks, share, write_tasks
-from benchmarks.blind_panel.truth.bags import REVERSAL, record_of, truth_of
-from benchmarks.blind_panel.truth.cases import draw_cases
-from benchmarks.blind_panel.truth.foreign import FOREIGN, foreign_actuator, foreign_record
-from benchmarks.blind_panel.truth.hidden import HARD_TO_TELL, HIDEABLE
-from benchmarks.blind_panel.truth.seal import ANSWERS, seal, unseal
+from benchmarks.blind_panel.tasks import MEASURED, Task, read_tasks, write_tasks
+from benchmarks.blind_panel.truth.answers import Panel, drawn
+from benchmarks.blind_panel.truth.bags import make_bags
+from benchmarks.blind_panel.truth.hidden import HARD_TO_TELL
+from benchmarks.blind_panel.truth.prepare import opened
+from benchmarks.blind_panel.truth.seal import ANSWERS, KEY, parts, seal, unseal
+from benchmarks.blind_panel.truth.units import STRATA
 from benchmarks.blind_panel.truth.views import segments, view
-from ema_record.actuator import load_actuator
-from ema_record.bag.read import write_bag
+from ema_record.bag.read import read_bag
 from ema_record.errors import InvalidRecordError
-from ema_record.profile import load_profile
+from ema_record.profile import Profile, load_profile
 from ema_sim.effects import EFFECTS, parse_effects
 from ema_sim.simulate import simulate
 
+PANEL = Panel(7, ("step",), {stratum: 3 * stratum.endswith("nothing") + 3 for stratum in STRATA})
+
+
+def answers_of(panel):
+    return [drawn(panel, *unit) for units in panel.rounds() for unit in units]
+
 
 @pytest.fixture(scope="module")
-def cases():
-    return draw_cases(7)
+def answers():
+    return answers_of(PANEL)
 
 
-def test_numbers_of_the_issue(cases):
-    groups = collections.Counter(case.group for case in cases)
-    assert groups["nothing"] == 200
-    assert groups["stranger"] == 60
-    assert groups["pair"] == 60
-    singles = collections.Counter((c.names[0], c.size) for c in cases if c.group == "effect")
-    assert len(HIDEABLE) >= 16
-    assert set(singles.values()) == {5}
-    assert len(singles) == 3 * len(HIDEABLE)
-    assert sum(bool(c.foreign) for c in cases) == 20
+def test_every_round_has_all_strata_in_their_shares():
+    rounds = PANEL.rounds()
+    assert len(rounds) == 3
+    for number, units in enumerate(rounds):
+        for stratum in STRATA:
+            first, count = ((2 * number, 2) if stratum.endswith("nothing") else (number, 1))
+            assert [k for of, k in units if of == stratum] == [*range(first, first + count)]
+    assert sum(map(len, Panel(1, (), {"a": 30, "b": 8}).rounds()), 0) == 38
 
 
-@pytest.mark.parametrize("of", [4, 20])
-def test_every_part_is_balanced(cases, of):
-    for number in range(1, of + 1):
-        part = share(cases, (number, of))
-        groups = collections.Counter(case.group for case in part)
-        for group, total in (("effect", 315), ("nothing", 200), ("pair", 60), ("stranger", 60)):
-            assert abs(groups[group] - total / of) <= 1
-        names = collections.Counter(c.names[0] for c in part if c.group == "effect")
-        if of == 4:
-            assert min(names[name] for name in HIDEABLE) >= 3
+def test_same_seed_same_answers_under_other_names(answers):
+    again = answers_of(PANEL)
+    assert [replace(a, id="") for a in again] == [replace(a, id="") for a in answers]
+    assert len({a.id for a in (*answers, *again)}) == 2 * len(answers)
+    other = answers_of(PANEL._replace(seed=8))
+    assert [a.truth for a in other] != [a.truth for a in answers]
 
 
-def test_same_seed_same_cases(cases):
-    assert draw_cases(7) == cases
-    assert [c.settings for c in draw_cases(8)] != [c.settings for c in cases]
+@pytest.mark.parametrize("stratum", ["own, accepted, then one effect", "second, two effects",
+                                     "own, outside the catalogue", "foc, second, one effect"])
+def test_what_is_drawn_is_what_the_unit_with_its_records_has(answers, stratum):
+    answer = next(a for a in answers if a.stratum == stratum)
+    unit = answer.unit()
+    assert (unit.names, unit.without, unit.truth) == (answer.names, answer.without, answer.truth)
+    assert len(unit.records) == 1 and len(unit.accepted) == answer.accepted
+    with pytest.raises(InvalidRecordError, match="otherwise than when it was sealed"):
+        replace(answer, names=("turn_short",), truth={}).unit()
 
 
-def test_names_of_units_tell_nothing(cases):
-    assert len({c.id for c in cases}) == len(cases)
-    place = np.array([int(c.id[1:]) for c in cases], dtype=float)
-    group = np.array([c.group == "nothing" for c in cases], dtype=float)
-    assert abs(np.corrcoef(place, group)[0, 1]) < 0.12
+def test_all_that_is_hidden_is_of_the_catalogue(answers):
+    for answer in answers:
+        effects = parse_effects([f"{name}={value}" for name, value in answer.truth.items()])
+        for name in answer.names:
+            assert not EFFECTS[name].is_neutral(getattr(effects, name)), answer
+        count = 0 if answer.stratum.endswith("nothing") else 1 + ("two effects" in answer.stratum)
+        assert len(answer.names) == count
 
 
-def test_all_settings_are_within_the_catalogue(cases):
-    for case in cases:
-        actuator, effects = truth_of(case)
-        for name in case.names:
-            assert not EFFECTS[name].is_neutral(getattr(effects, name)), case
-        assert 0.9 <= actuator.motor.inertia / 1.5e-5 <= 1.1
+def test_pairs_are_not_of_one_family_and_strangers_hide_themselves(answers):
+    for answer in answers:
+        assert not any(len(set(answer.names) & family) > 1 for family in HARD_TO_TELL)
+        assert bool(answer.without) == answer.stratum.endswith("outside the catalogue")
+        assert not answer.without or set(answer.names) <= set(answer.without)
 
 
-def test_pairs_are_not_of_one_family_and_strangers_hide_themselves(cases):
-    for case in cases:
-        if case.group == "pair":
-            assert not any(set(case.names) <= family for family in HARD_TO_TELL)
-        if case.group == "stranger":
-            assert bool(case.foreign) != bool(case.names)
-            assert set(case.names) <= set(case.without)
-
-
-def test_foreign_changes_change_the_actuator_or_the_record():
-    nominal = load_actuator()
-    record = simulate(load_profile("step"), seed=3)
-    for kind in FOREIGN:
-        moved = foreign_actuator(kind, nominal) != nominal
-        spoilt = not np.array_equal(foreign_record(kind, record).samples, record.samples)
-        assert moved != spoilt, kind
-
-
-def test_seal_opens_to_the_same_cases_and_hides_them(cases, tmp_path):
-    commitment = seal(cases[:40], tmp_path / "sealed")
-    assert len(commitment) == 64
-    assert unseal(tmp_path / "sealed") == cases[:40]
-    stored = (tmp_path / "sealed" / ANSWERS).read_bytes()
-    assert not [name for name in EFFECTS if name.encode() in stored]
+def test_seal_opens_to_the_same_answers_and_hides_them(answers, tmp_path):
+    part = seal(answers[:40], tmp_path)
+    assert len((part / "commitment.txt").read_text(encoding="utf-8").strip()) == 64
+    assert unseal(part) == answers[:40]
+    stored = (part / ANSWERS).read_bytes()
+    assert not [name for name in (*EFFECTS, *STRATA) if name.encode() in stored]
     damaged = bytearray(stored)
     damaged[1000] ^= 1
-    (tmp_path / "sealed" / ANSWERS).chmod(0o600)
-    (tmp_path / "sealed" / ANSWERS).write_bytes(damaged)
+    (part / ANSWERS).write_bytes(damaged)
     with pytest.raises(InvalidRecordError, match="not what was committed to"):
-        unseal(tmp_path / "sealed")
+        unseal(part)
 
 
-def test_tasks_keep_the_parts_and_lose_the_order(tmp_path):
-    tasks = [Task(id=f"r{(37 * n) % 100:04d}", without=("backlash",) if n == 3 else ())
-             for n in range(100)]
-    write_tasks(tasks, tmp_path)
-    found = read_tasks(tmp_path)
-    for part in ((1, 4), (3, 5), (20, 20)):
-        assert set(share(found, part)) == set(share(tasks, part))
-    assert [t.id for t in found[:5]] == sorted(t.id for t in tasks[:5])
+def test_answers_or_a_key_that_are_gone_are_told(answers, tmp_path):
+    for name in (ANSWERS, KEY):
+        part = seal(answers[:2], tmp_path / name)
+        (part / name).unlink()
+        with pytest.raises(InvalidRecordError, match=f"{name}: No such file"):
+            unseal(part)
+
+
+def test_more_units_are_a_further_part_and_each_is_found_in_its_round(tmp_path):
+    few = PANEL._replace(counts={"own, one effect": 1})
+    more = few._replace(counts={"own, one effect": 2, "own, nothing": 2})
+    first = answers_of(few)
+    seal(first, tmp_path / "sealed")
+    second = [a for a in answers_of(more) if (a.stratum, a.k) != ("own, one effect", 0)]
+    seal(second, tmp_path / "sealed")
+    assert [part.name for part in parts(tmp_path / "sealed")] == ["1", "2"]
+    assert opened(tmp_path, few) == [first]
+    assert [[(a.stratum, a.k) for a in found] for found in opened(tmp_path, more)] == more.rounds()
+    assert opened(tmp_path, more._replace(seed=8)) == [[], []]
+
+
+def test_tasks_are_read_as_they_were_written_last(tmp_path):
+    tasks = [Task(id="b", tests=("step",), without=("backlash",)), Task(id="a", tests=("step",))]
+    for listed in (tasks[:1], tasks):
+        write_tasks(listed, tmp_path)
+        assert read_tasks(tmp_path) == listed
 
 
 GUARD = """
@@ -120,6 +125,7 @@ import json, os, sys
 import numpy as np
 from pathlib import Path
 from benchmarks.blind_panel.guard import lock
+import benchmarks.blind_panel.run
 sealed, free = Path(sys.argv[1]), Path(sys.argv[2])
 lock(sealed)
 def refused(action):
@@ -129,7 +135,7 @@ def refused(action):
         return "sealed" in str(error) or "closed" in str(error)
     return False
 def bring():
-    import benchmarks.blind_panel.truth.cases
+    import benchmarks.blind_panel.truth.answers
 print(json.dumps({
     "open": refused(lambda: open(sealed / "answers.sealed", "rb")),
     "relative": refused(lambda: open(os.path.relpath(sealed / "answers.sealed"), "rb")),
@@ -142,29 +148,48 @@ print(json.dumps({
 """
 
 
-def test_the_identifying_process_cannot_read_the_answers(cases, tmp_path, repository):
+def test_the_identifying_process_cannot_read_the_answers(answers, tmp_path, repository):
     sealed, free = tmp_path / "sealed", tmp_path / "free"
-    seal(cases[:3], sealed)
+    part = seal(answers[:3], sealed)
     free.mkdir()
     (free / "note").write_text("mine", encoding="utf-8")
-    (free / "link").symlink_to(sealed / ANSWERS)
-    done = subprocess.run([sys.executable, "-c", GUARD, str(sealed), str(free)], cwd=repository,
-                          capture_output=True, text=True, check=True)
-    assert json.loads(done.stdout) == dict.fromkeys(
-        ["open", "relative", "link", "numpy", "list", "import", "others stay open"], True)
+    (free / "link").symlink_to(part / ANSWERS)
+    for place in (part, sealed):
+        done = subprocess.run(
+            [sys.executable, "-c", GUARD, str(place), str(free)], cwd=repository,
+            capture_output=True, text=True, check=True)
+        assert json.loads(done.stdout) == dict.fromkeys(
+            ["open", "relative", "link", "numpy", "list", "import", "others stay open"], True)
 
 
-@pytest.mark.slow
-def test_a_bag_tells_nothing(cases, tmp_path):
-    case = next(c for c in cases if c.group == "effect")
-    record = record_of(case, load_profile("step"), "validate")
-    assert record.provenance.serial_number == f"UNIT-{case.id[1:]}"
-    assert np.array_equal(record.samples,
-                          record_of(case, load_profile("step"), "validate").samples)
-    bag = write_bag(record, tmp_path / "bag", views=False)
-    content = b"".join(path.read_bytes() for path in bag.iterdir())
-    names = set(EFFECTS) - {"winding_temperature"}  # which is a topic, too
-    assert not [name for name in names if name.encode() in content]
+def test_a_process_that_knows_the_truth_is_not_to_identify(tmp_path, repository):
+    program = ("import benchmarks.blind_panel.truth.answers\n"
+               "from pathlib import Path\n"
+               "from benchmarks.blind_panel.guard import lock\n"
+               f"lock(Path({str(tmp_path)!r}))")
+    done = subprocess.run([sys.executable, "-c", program], cwd=repository, capture_output=True,
+                          text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith("ImportError: this process has imported the")
+
+
+@pytest.mark.parametrize("stratum", ["own, accepted, then one effect", "second, one effect",
+                                     "pwm, second, one effect"])
+def test_a_bag_tells_nothing(answers, tmp_path, stratum):
+    answer = next(a for a in answers if a.stratum == stratum)
+    make_bags(answer, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == [answer.id]
+    unit = answer.unit()
+    bags = sorted((tmp_path / answer.id).iterdir())
+    assert [bag.name for bag in bags] == ["accepted_1"] * answer.accepted + [MEASURED]
+    record = read_bag(bags[-1])
+    assert np.array_equal(record.samples, unit.records[0].samples, equal_nan=True)
+    assert record.profile == unit.records[0].profile
+    assert record.provenance.serial_number == f"UNIT-{answer.id}"
+    content = b"".join(path.read_bytes() for bag in bags for path in bag.iterdir())
+    secrets = {*EFFECTS, "simulator", unit.records[0].provenance.serial_number}
+    secrets -= {"winding_temperature"}  # which is a topic, too
+    assert not [name for name in secrets if name.encode() in content]
 
 
 def test_a_line_and_a_course_show_where_an_effect_is():
@@ -180,14 +205,8 @@ def test_a_line_and_a_course_show_where_an_effect_is():
 
 
 def test_segments_follow_the_command():
+    reversal = Profile(name="reversal", points=(
+        (0.0, 0.3), (0.022, 0.3), (0.022, -0.1), (0.36, -0.1), (0.36, 0.0), (0.86, 0.1),
+        (1.01, 0.1), (1.41, 0.02)))
     assert segments(load_profile("step")) == [(0.02, 0.45)]
-    assert [round(end, 2) for _, end in segments(REVERSAL)] == [0.36, 0.86, 1.01, 1.41]
-
-
-def test_settings_of_conditions_add_to_what_is_hidden(cases):
-    case = next(c for c in cases if "surface_load.constant" in c.settings)
-    _, effects = truth_of(case)
-    own = case.unit.conditions["surface_load.constant"]
-    assert effects.surface_load.constant == own + case.settings["surface_load.constant"]
-    _, bare = truth_of(replace(case, settings={}))
-    assert bare.surface_load.constant == own
+    assert [round(end, 2) for _, end in segments(reversal)] == [0.36, 0.86, 1.01, 1.41]

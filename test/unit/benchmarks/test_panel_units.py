@@ -1,0 +1,72 @@
+"""Units of the panel: one more test, damages, what is visible; what earlier panels missed."""
+
+import numpy as np
+import pytest
+
+from benchmarks.blind_panel.judging import outcome, row_of
+from benchmarks.blind_panel.run import said_of
+from benchmarks.blind_panel.truth import visible
+from benchmarks.blind_panel.truth.answers import Panel, drawn
+from benchmarks.blind_panel.truth.hidden import HARD_TO_TELL
+from benchmarks.blind_panel.truth.units import DAMAGES, STRATA
+from ema_record.profile import load_profile
+
+
+def row(stratum, seed, k):
+    """Return the judged answer to the records of a unit, as they are before they are bags."""
+    answer = drawn(Panel(seed, ("extended", "step"), {}), stratum, k)
+    first, *held_out = answer.unit().records
+    return row_of(answer, said_of([first], held_out, (), answer.without))
+
+
+def test_one_more_test_of_a_unit_is_of_the_same_unit_on_another_day():
+    tests = ("step",)
+    for stratum in ("own, one effect", "second, one effect", "pwm, second, one effect"):
+        made, again = (STRATA[stratum](3, 1, tests) for _ in range(2))
+        profile = load_profile("step") if made.kit is None else made.records[0].profile
+        more = made.again(profile)
+        assert np.array_equal(made.records[0].samples, again.records[0].samples)
+        assert np.array_equal(more.samples, again.again(profile).samples)
+        assert not np.array_equal(more.samples, made.records[0].samples)
+        assert more.provenance.serial_number == made.records[0].provenance.serial_number
+
+
+def test_two_damages_of_the_second_simulator_are_of_two_families():
+    for k in range(6):
+        unit = STRATA["second, two effects"](3, k, ("step",))
+        assert len(set(unit.names)) == 2 and set(unit.names) <= set(DAMAGES)
+        assert not any(set(unit.names) <= family for family in HARD_TO_TELL)
+        assert {key.partition(".")[0] for key in unit.truth} == set(unit.names)
+
+
+@pytest.mark.slow
+def test_an_effect_that_a_unit_beyond_its_bands_nearly_explains_is_named(tmp_path, monkeypatch):
+    """Hall sensors 0.1 rad off, of the second simulator: the evidence decides (section 4)."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    found = row("second, one effect", 20263341, 3)
+    assert (found["names"], outcome(found)) == (("hall_misalignment",), "right")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "k", "what"), [
+    (20263461, 21, "gear_mesh_ripple"),  # at an order without a signature, all else usual
+    (20263471, 2, "load_dependent_friction"),  # another load on the day of the held-out record
+    (20263371, 7, "surface_load"),  # the surface turns the motor, on the held-out day it does not
+])
+def test_what_earlier_panels_missed_is_named(tmp_path, monkeypatch, seed, k, what):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    found = row("own, one effect", seed, k)
+    assert (found["names"], outcome(found), found["verdict"]) == ((what,), "right", "explained")
+
+
+@pytest.mark.slow
+def test_what_is_hidden_is_visible_beside_all_that_a_unit_may_be(tmp_path, monkeypatch):
+    """Apart from the workflow; nothing hidden leaves nothing, whatever the noise."""
+    monkeypatch.setattr(visible, "UNITS", 200)  # the regression has 130 numbers
+    floor, tests = visible.make_floor(tmp_path / "floor.npz", "step"), ("step",)
+    nothing = STRATA["own, unlisted off, nothing"](1, 0, tests)
+    assert visible.gap_of(nothing, floor)[0] == 0.0
+    for stratum in ("own, one effect", "second, one effect"):
+        unit = STRATA[stratum](3, 0, tests)
+        gap, block = visible.gap_of(unit, floor)
+        assert gap > visible.THRESHOLD, (unit.names, block)
