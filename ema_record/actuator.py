@@ -171,6 +171,8 @@ class Converters(NamedTuple):
     current_bits: Annotated[int, _count(4, 32, "bits")]
     angle_range: Annotated[float, quantity("rad", 6.0, 100.0, "span, of the record")]
     angle_bits: Annotated[int, _count(4, 32, "bits")]
+    speed_offset: Annotated[
+        float, quantity("steps", -1.0, 1.0, "of the speed's reading; -0.5: it truncates")] = 0.0
 
 
 class Noise(NamedTuple):

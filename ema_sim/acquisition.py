@@ -115,12 +115,15 @@ class SensorNoise:
         self._inside_sigma = level * period_scale * np.array(
             [actuator.noise.speed, actuator.noise.position]
         )
+        c = actuator.converters
+        self._speed_offset = (actuator.acquisition.converters * c.speed_offset
+                              * c.speed_range / 2.0**c.speed_bits)
         self._current_sigma = level * sample_noise(actuator, rate).current
 
     def inside(self, n: int) -> np.ndarray:
-        """Return noise of speed (rad/s) and position (rad), shape (n, 2), one a period."""
+        """Return errors of speed (rad/s) and position (rad), shape (n, 2), one a period."""
         found = self._inside.take((n, 2)).copy()
-        found[:, 0] *= self._inside_sigma[0]
+        found[:, 0] = self._inside_sigma[0] * found[:, 0] + self._speed_offset
         found[:, 1] *= self._inside_sigma[1]
         return found
 

@@ -81,7 +81,8 @@ class HiddenUnit(NamedTuple):
     """Where the unit is in its bands, half widths, if it is of our own simulator."""
 
 
-LATER = "motor.stribeck_speed", "noise.position", "start.position", "start.twist"
+LATER = ("motor.stribeck_speed", "noise.position", "start.position", "start.twist",
+         "converters.speed_offset")
 """Numbers of a unit that came later: drawn apart, so that earlier units stay what they were."""
 
 

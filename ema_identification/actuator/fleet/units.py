@@ -55,17 +55,14 @@ at 0.02 m/s, between boundary and full lubrication (Armstrong-Helouvry et al. 19
 
 
 def unlisted(a: Actuator) -> tuple[str, ...]:
-    """Return the names of what differs beside `TOLERANCES`, by back-EMF and kind of drive.
-
-    Lost motion is spread as the stiffness of the same shaft.
-    """
+    """Return the names of what differs beside `TOLERANCES`, by back-EMF and kind of drive."""
     return (
         "motor.static_ratio", "surface.static_ratio", "motor.stribeck_speed",
         "motor.viscous_friction", "surface.viscous_friction",
         *(_TRAPEZOID if a.motor.back_emf == TRAPEZOID else _HARMONICS), "shaft.damping",
         "control.position_gain", "control.proportional_gain", "control.integral_gain",
         *(_RELAY if a.drive.kind == RELAY else _CARRIER), "acquisition.command_latency",
-        "acquisition.reference_latency", "shaft.backlash", *_TODAY)
+        "acquisition.reference_latency", "shaft.backlash", "converters.speed_offset", *_TODAY)
 
 
 def unit_numbers(a: Actuator) -> tuple[str, ...]:
@@ -115,6 +112,8 @@ def deviations(
             found[name] = a.wind_up / a.gear.ratio * x, "rad"
         elif name in _TODAY:
             found[name] = _noise(spread.conditions, x) - 1.0, "1"
+        elif kind == "speed_offset":
+            found[name] = 0.5 * x, "steps"
         elif kind == "stribeck_speed":
             found[name] = _stribeck(a, x), "rad/s"
         elif kind.endswith("latency"):
@@ -208,6 +207,8 @@ def fleet_unit(
     q = q._replace(
         command_latency=q.command_latency + late("command"),
         reference_latency=q.reference_latency + late("reference"))
+    converters = a.converters._replace(  # of one that rounds up or down, or to the nearest
+        speed_offset=a.converters.speed_offset + 0.5 * x["converters.speed_offset"])
     inverter = a.inverter._replace(
         hysteresis=a.inverter.hysteresis * near("inverter.hysteresis", t.hysteresis))
     noise = a.noise._replace(
@@ -223,7 +224,7 @@ def fleet_unit(
                 a, t.control_gain, x[_CARRIER[0]]),
             integral_gain=drive.integral_gain * near(_CARRIER[1], t.control_gain))
     return a._replace(motor=m, surface=s, control=c, shaft=shaft, acquisition=q,
-                      inverter=inverter, drive=drive, noise=noise), e
+                      inverter=inverter, drive=drive, noise=noise, converters=converters), e
 
 
 def start_of(a: Actuator, profile: Profile, z: np.ndarray) -> tuple[float, float]:

@@ -202,3 +202,17 @@ def test_the_longest_delay_is_kept():
                 effects=parse_effects(["control_delay.delay=2e-3"]), rate=100_000.0).out
     assert np.flatnonzero(found[:, 5])[0] == 1000 + 200
     assert np.flatnonzero(np.abs(found[:, 2]) > 1e-9)[0] == 1000 + 300
+
+
+def test_a_converter_that_truncates_reads_half_a_step_too_little():
+    """So does the control: the motor turns faster than it reads, by as much."""
+    a, truncates = changed(), changed(converters={"speed_offset": -0.5})
+    half = 0.5 * a.converters.speed_range / 2.0**a.converters.speed_bits
+    profile, found = step_profile(0.3, start=-0.1, duration=0.2), []
+    for one in (a, truncates):
+        record = simulate(profile, actuator=one, noise=0.0, seed=1)
+        slew = (record.time > 0.08) & (record.time < 0.18)
+        turned = np.unwrap(record.channel("rotor_angle"))[slew]
+        found.append(np.polyfit(record.time[slew], turned, 1)[0]
+                     - record.channel("motor_speed")[slew].mean())
+    assert found[1] - found[0] == pytest.approx(half, rel=0.05)

@@ -33,8 +33,9 @@ _rng.normal(size=18 * FEATURES)
 ADDED = {key: _rng.normal(scale=3.0, size=FEATURES) for key in UNITS}
 STRANGE = _rng.normal(scale=3.0, size=FEATURES)
 """What no effect adds."""
-TOLD = np.array([name not in ("motor.stribeck_speed", "noise.position", "start.position",
-                              "start.twist") for name in unit_numbers(MODEL.actuator)])
+TOLD = np.array([name not in (
+    "motor.stribeck_speed", "converters.speed_offset", "noise.position", "start.position",
+    "start.twist") for name in unit_numbers(MODEL.actuator)])
 """Which numbers these features tell."""
 SLOPES = np.zeros((FEATURES, SIZE))
 SLOPES[:, TOLD] = np.random.default_rng(8).normal(scale=1.5, size=(FEATURES, TOLD.sum()))

@@ -261,6 +261,8 @@ def test_bands_are_those_of_the_kit():
                 pytest.approx(sign * harmonic_spread(order, t.flat_top)))
         assert "motor.flat_top" not in unit_numbers(at(FOC, HARMONICS))
     assert at(motor__static_ratio=-1.0).motor.static_friction >= a.motor.dynamic_friction
+    for sign in (-1.0, 1.0):  # one that truncates, one that rounds up
+        assert at(converters__speed_offset=sign).converters.speed_offset == 0.5 * sign
     noises = [at(noise__position=sign).noise.position / a.noise.position for sign in (-1.0, 1.0)]
     assert noises == pytest.approx([SPREAD.conditions.noise_least, SPREAD.conditions.noise_most])
 

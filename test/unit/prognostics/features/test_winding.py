@@ -10,12 +10,12 @@ import pytest
 
 from ema_prognostics.cascade.inputs import MECHANICAL, mechanical
 from ema_prognostics.features.extract import extract
-from ema_prognostics.features.vector import rotate, start_allowed
-from ema_record.actuator import Actuator
+from ema_prognostics.features.vector import rotate, speed_allowed, start_allowed
+from ema_record.actuator import Actuator, load_actuator
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
-from support.actuators import DEFAULT, OTHER, Machine, both_machines
+from support.actuators import DEFAULT, OTHER, Machine, both_machines, changed
 
 
 @cache
@@ -95,7 +95,22 @@ def test_stiffness_is_free_of_friction_and_lost_motion(healthy: Mapping[str, flo
 
 
 def test_a_start_within_tolerance_is_a_start() -> None:
-    x = np.array([[0.5, 1.0], [-0.9, 2.0]])
+    a = load_actuator()
+    reach = 1e3 * a.wind_up / a.gear.ratio  # of a surface that friction holds
+    x = np.array([[0.9 * reach, 1.0], [-reach - 0.3, 2.0]])
     found = start_allowed(x, ["start_position", "other"])
     assert found == pytest.approx(np.array([[0.0, 1.0], [-0.3, 2.0]]))
-    assert start_allowed(x, ["a", "b"]) is x
+    assert start_allowed(x, ["a", "b"]).tolist() == x.tolist()
+
+
+@pytest.mark.parametrize("offset", [-0.5, 0.5])
+def test_a_converter_that_truncates_reads_the_speed_of_the_angle(offset) -> None:
+    """What is beyond half a step counts, so a wrong scale of the speed is seen as before."""
+    a = changed(converters={"speed_offset": offset})
+    names = ["speed_over_angle_full", "speed_over_angle_quarter"]
+    read = np.array([[extract(simulate(load_profile("extended"), actuator=a, seed=2), "extended")[
+        name] for name in names]])
+    assert np.abs(read[0, 1]) > 0.25  # per mille, ten times what noise leaves
+    assert np.abs(speed_allowed(read, names)).max() < 0.05
+    wrong = speed_allowed(read + 10.0, names)
+    assert wrong == pytest.approx(read + 10.0, abs=0.4)
