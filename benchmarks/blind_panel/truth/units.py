@@ -81,9 +81,10 @@ class HiddenUnit(NamedTuple):
     """Where the unit is in its bands, half widths, if it is of our own simulator."""
 
 
-LATER = ("motor.stribeck_speed", "noise.position", "start.position", "start.twist",
-         "converters.speed_offset")
-"""Numbers of a unit that came later: drawn apart, so that earlier units stay what they were."""
+LATER = (("motor.stribeck_speed", "noise.position", "start.position", "start.twist"),
+         ("converters.speed_offset",))
+"""Numbers of a unit that came later, together: drawn apart, so that earlier units stay as they
+were."""
 
 
 def own_unit(
@@ -96,16 +97,21 @@ def own_unit(
     """
     model, spread = load_model_file(), load_spread()
     rng = np.random.default_rng([seed, 77, k])
-    width = len(unit_numbers(model.actuator))
-    later = np.array([name in LATER for name in unit_numbers(model.actuator)])
-    more = np.random.default_rng([seed, 80, k])
+    known = unit_numbers(model.actuator)
+    width, later = len(known), [[known.index(name) for name in names] for names in LATER]
+    old = np.setdiff1d(np.arange(width), np.concatenate(later))
 
-    def numbers(rng: np.random.Generator, more: np.random.Generator) -> np.ndarray:
+    def streams(which: int) -> list[np.random.Generator]:
+        return [np.random.default_rng([seed, which + 10 * n, k]) for n in range(len(later))]
+
+    def numbers(rng: np.random.Generator, more: list[np.random.Generator]) -> np.ndarray:
         found = np.empty(width)
-        found[~later] = rng.uniform(-1.0, 1.0, width - later.sum())
-        found[later] = more.uniform(-1.0, 1.0, later.sum())
+        found[old] = rng.uniform(-1.0, 1.0, len(old))
+        for places, one in zip(later, more):
+            found[places] = one.uniform(-1.0, 1.0, len(places))
         return found
 
+    more = streams(80)
     z = bands * numbers(rng, more)
     if listed:
         usual = unlisted(model.actuator)
@@ -123,7 +129,7 @@ def own_unit(
     def tested(profile: Profile, given: Mapping[str, float | str] = settings,
                rng: np.random.Generator = rng, repeat: int | None = None) -> Record:
         today = np.where(of_day(width), numbers(
-            rng, more if repeat is None else np.random.default_rng([seed, 81, k])), z)
+            rng, more if repeat is None else streams(81)), z)
         day = draw_fleet_conditions(copy.deepcopy(rng), spread)
         rng.uniform(size=4)  # what it drew when one noise was all sensors'
         actuator, effects = fleet_unit(model, spread, today, day, parse_effects(
