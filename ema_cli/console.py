@@ -313,17 +313,12 @@ def given_bags(paths: Iterable[Path]) -> list[Path]:
 
 def check_new(*folders: Path | None) -> None:
     """Raise OutputError unless these folders can be made; called before the work begins."""
-    from ema_record.bag.container import METADATA_FILE
-    from ema_record.errors import OutputError
-    from ema_record.files import exists
+    from ema_record.bag.container import check_place
 
     for folder in folders:
         if folder is None:
             continue
-        if folder.exists() or folder.is_symlink():
-            raise exists(folder)
-        if (folder.parent / METADATA_FILE).is_file():
-            raise OutputError(f"{folder}: would lie inside a bag: give a place beside it")
+        check_place(folder)
         first = folder
         while not first.parent.exists():
             first = first.parent

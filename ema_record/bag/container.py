@@ -12,7 +12,13 @@ from typing import IO, Any, NamedTuple
 
 from ema_record.bag.compression import unpack_zstd_stream
 from ema_record.bag.mcap_stream import McapMetadata, McapStream
-from ema_record.errors import IncompleteRecordError, InvalidRecordError, UsageError
+from ema_record.errors import (
+    IncompleteRecordError,
+    InvalidRecordError,
+    OutputError,
+    UsageError,
+)
+from ema_record.files import exists
 from ema_record.limits import (
     MAX_FILES,
     MAX_MESSAGE_BYTES,
@@ -82,11 +88,19 @@ def find_files(path: Path, storages: Sequence[str] = ("mcap",)) -> BagFiles:
             return _files_of_directory(path, storages)
         if path.is_file():
             return BagFiles([path], "", {}, "sqlite3" if path.suffix == ".db3" else "mcap")
-        exists = path.exists()
+        there = path.exists()
     except OSError as error:
         raise unreadable(path, error) from None
-    what = "neither a file nor a directory" if exists else "no such file or directory"
+    what = "neither a file nor a directory" if there else "no such file or directory"
     raise InvalidRecordError(f"{path}: {what}: give a rosbag2 directory or an .mcap file")
+
+
+def check_place(folder: Path) -> None:
+    """Raise OutputError where a new folder cannot be: something is there, or it is in a bag."""
+    if folder.exists() or folder.is_symlink():
+        raise exists(folder)
+    if (folder.parent / METADATA_FILE).is_file():
+        raise OutputError(f"{folder}: would lie inside a bag: give a place beside it")
 
 
 def _files_of_directory(path: Path, storages: Sequence[str]) -> BagFiles:
