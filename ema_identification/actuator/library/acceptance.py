@@ -20,7 +20,7 @@ from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.fleet.surrogate import Discrepancy, FleetLibrary
 from ema_identification.actuator.measure.features import FeatureMap, feature_map, nominal_rate
 from ema_identification.actuator.measure.recorder import recorded_alike, whole
-from ema_identification.actuator.measure.tolerances import align, conditions_of
+from ema_identification.actuator.measure.tolerances import CONDITIONS, align, conditions_of
 from ema_record import array_cache as cache
 from ema_record.kit import LIBRARY, kit_path
 from ema_record.record import Record
@@ -30,9 +30,9 @@ from ema_sim.simulate import simulate
 
 
 def _name(fmap: FeatureMap) -> str:
-    """Return the name under which the records of a test are kept: its command, rate, features."""
+    """Return the name under which the records of a test are kept: of command, rate, content."""
     what = json.dumps([[list(p) for p in fmap.profile.points], fmap.profile.inverter_off,
-                       fmap.rate, [f.name for f in fmap.features]])
+                       fmap.rate, [f.name for f in fmap.features], CONDITIONS])
     return "acceptance_" + hashlib.sha256(what.encode()).hexdigest()[:32]
 
 
