@@ -242,6 +242,7 @@ def _recording(
     ):
         book.put(f"converters.{name}_range", span, ASSUMED, how)
         book.put(f"converters.{name}_bits", bits, ASSUMED, RECORDER)
+    book.put("converters.speed_offset", 0.0, ASSUMED, "steps; it rounds, -0.5: it truncates")
     for name, size, how in (
         ("speed", speed / 1600.0, "1/1600 of the speed limit; records measure it"),
         ("current", limit / 440.0, "1/440 of the current limit; records measure it"),

@@ -144,7 +144,7 @@ def test_the_shipped_library_is_of_this_code(shipped):
     found = probed(library, seed=0)
     assert agrees(library, kept, found)
     # Other code: features that are a little off, another fit, other ranks.
-    step = library.repeat.deviation(1.0)
+    step = library.repeat.deviation((1.0, 1.0))
     assert not agrees(library, kept, found | {"probed_units": found["probed_units"] + 2.0 * step})
     assert not agrees(library, kept, found | {"probed_laws": found["probed_laws"] + 0.5 * step})
     assert not agrees(library, kept, found | {"probed_fit": 1.001 * found["probed_fit"]})
