@@ -315,9 +315,10 @@ def _messages(record: Record, *, views: bool) -> list[tuple[int, str, bytes]]:
         messages += _on(JOINT_STATES, stamps, decimated.joint_states(start))
         messages += _on(PHASE_CURRENTS, stamps, decimated.phase_currents(start))
     bus, winding = record.dc_bus, record.winding_temperature
-    stamps = _stamps(bus[:, 0], start)
+    earliest = -start / NANOSECONDS  # what a live test had read before the command counts too
+    stamps = _stamps(bus[:, 0], start, earliest)
     messages += _on(DC_BUS, stamps.tolist(), encode_dc_bus(stamps, bus[:, 1], bus[:, 2]))
-    stamps = _stamps(winding[:, 0], start)
+    stamps = _stamps(winding[:, 0], start, earliest)
     messages += _on(
         WINDING_TEMPERATURE, stamps.tolist(), encode_temperature(stamps, winding[:, 1])
     )
@@ -328,9 +329,9 @@ def _on(topic: str, stamps: list[int], data: list[bytes]) -> list[tuple[int, str
     return [(stamp, topic, message) for stamp, message in zip(stamps, data)]
 
 
-def _stamps(time: np.ndarray, start: int) -> np.ndarray:
+def _stamps(time: np.ndarray, start: int, earliest: float = 0.0) -> np.ndarray:
     """Return times since the acceptance (s) as stamps (ns since the epoch)."""
-    if len(time) and not (np.isfinite(time).all() and time.min() >= 0.0):
+    if len(time) and not (np.isfinite(time).all() and time.min() >= earliest):
         raise UsageError(
             "the record has times that are negative or not finite: times count from the "
             "acceptance of the command"

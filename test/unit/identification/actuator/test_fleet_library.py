@@ -1,5 +1,6 @@
 """What the library of a fleet is made of: units, quadratic mean, laws of the noise."""
 
+import shutil
 from dataclasses import replace
 from functools import partial
 from itertools import permutations
@@ -64,7 +65,7 @@ from ema_record.actuator import (
     RELAY,
     TRAPEZOID,
 )
-from ema_record.kit import LIBRARY, shipped_kit
+from ema_record.kit import LIBRARY, shipped_kit, using_kit
 from ema_record.profile import Profile, load_profile
 from ema_record.spread import harmonic_spread, load_spread
 from ema_sim.effects import parse_effects
@@ -360,6 +361,26 @@ def test_a_library_of_a_test_that_there_is_not_is_refused_in_a_line(monkeypatch,
         main()
     assert refused.value.code == 2
     assert "unknown profile 'nonsense'" in capsys.readouterr().err.splitlines()[-1]
+
+
+@pytest.mark.slow
+def test_a_library_that_this_code_would_make_is_signed_anew(tmp_path, monkeypatch):
+    """A comment in a source is enough for another signature; all else stays as it is."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    kit = shutil.copytree(shipped_kit(), tmp_path / "kit")
+    kept = {p: k for p in (kit / LIBRARY).glob("library_*.npz")
+            if str((k := array_cache.load(p.stem, p.parent))["test"]) == "step"}
+    (path, before), = kept.items()
+    array_cache.save(path.stem, before | {"made_by": np.array("another")}, path.parent,
+                     compressed=True)
+    names = {p.name for p in path.parent.iterdir()}
+    monkeypatch.setattr("sys.argv", ["ema_identification", "step", "--workers", "1"])
+    with using_kit(kit):
+        main()
+    after = array_cache.load(path.stem, path.parent)
+    assert str(after["made_by"]) == array_cache.key_of(module=library_build.MADE_BY)
+    assert all((after[name] == before[name]).all() for name in before if name != "made_by")
+    assert {p.name for p in path.parent.iterdir()} == names
 
 
 def test_how_surface_and_shaft_stand_at_the_start_belongs_to_the_day():

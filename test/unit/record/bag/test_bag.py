@@ -17,7 +17,7 @@ from ema_record.bag.container import read_content
 from ema_record.bag.mcap_stream import McapMetadata, McapStream
 from ema_record.bag.metadata import END, START
 from ema_record.bag.read import read_bag, write_bag
-from ema_record.errors import InvalidRecordError
+from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.profile import Profile, step_profile
 from ema_record.wire.samples import encode_block
 from ema_record.wire.sensors import BATTERY_STATE, encode_bool
@@ -46,6 +46,19 @@ def test_round_trip(bag, record):
     np.testing.assert_allclose(
         found.winding_temperature, record.winding_temperature, rtol=0, atol=1e-9
     )
+
+
+def test_what_a_live_test_read_before_its_command_comes_back(tmp_path, make):
+    """Bus and temperature have been published all the while; samples begin with the command."""
+    record = make(1200, start_time=START_NS)
+    early = np.array([[-0.005, 96.0, 0.0], [0.02, 96.0, 1.0]])
+    record = dataclasses.replace(record, dc_bus=early, winding_temperature=early[:, :2])
+    found = read_bag(write_bag(record, tmp_path / "bag"))
+    np.testing.assert_allclose(found.dc_bus, early, atol=1e-9)
+    np.testing.assert_allclose(found.winding_temperature, early[:, :2], atol=1e-9)
+    record.samples[:, 0] -= 1.0
+    with pytest.raises(UsageError, match="negative or not finite"):
+        write_bag(record, tmp_path / "early samples")
 
 
 def test_channels_that_were_not_recorded(tmp_path, make):
