@@ -27,7 +27,7 @@ QUIET = ["--ros-args", "--disable-external-lib-logs"]
 """Arguments of a node that leaves no log files in the home directory."""
 SHUT_DOWN = 2.0
 """Longest wait for what is left to do when the process is to end (s)."""
-MIDDLEWARE_END = 8.0
+MIDDLEWARE_END = 5
 """Longest wait for the middleware to end (s); then the process ends without it."""
 _PR_SET_PDEATHSIG = 1
 
@@ -85,9 +85,12 @@ def bound_the_end() -> None:
 
     Fast DDS can deadlock while it destroys a reader (its issues 6193 and 6502), and then inside
     a call that holds the interpreter. The watchdog of the standard library needs no interpreter;
-    it writes to stderr where each thread stood.
+    it writes to stderr where each thread stood. It ends with the interpreter, after which the
+    middleware destroys what is static: from then on the alarm of the system is left.
     """
     faulthandler.dump_traceback_later(MIDDLEWARE_END, exit=True)
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.alarm(MIDDLEWARE_END + 1)
 
 
 @contextmanager
@@ -142,7 +145,7 @@ def run_node(
         return 2
     except KeyboardInterrupt:
         return 0
-    node = None
+    node = executor = None
     try:
         gc.disable()
         node = make_node(stop)
@@ -154,11 +157,6 @@ def run_node(
         while not stop and node.exit_status is None:
             executor.spin_once(timeout_sec=SPIN_PERIOD)
         node.shut_down()
-        bound_the_end()
-        executor.remove_node(node)
-        for _ in range(2):  # the executor lets go of the node
-            executor.spin_once(timeout_sec=0.5 * SPIN_PERIOD)
-        executor.shutdown(timeout_sec=SHUT_DOWN)
         return node.exit_status or 0
     except (KeyboardInterrupt, ros.executors.ExternalShutdownException):
         return 0
@@ -167,6 +165,11 @@ def run_node(
         return error.exit_status
     finally:
         bound_the_end()
+        if executor is not None:
+            executor.remove_node(node)
+            for _ in range(2):  # the executor lets go of the node
+                executor.spin_once(timeout_sec=0.5 * SPIN_PERIOD)
+            executor.shutdown(timeout_sec=SHUT_DOWN)
         if node is not None:
             node.destroy_node()
         ros.try_shutdown()

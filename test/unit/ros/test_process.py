@@ -1,5 +1,6 @@
 """The end of a node's process is bounded, whatever the middleware does."""
 
+import signal
 import subprocess
 import sys
 
@@ -7,7 +8,7 @@ NODE = """
 import ctypes, types
 from ema_ros import process
 
-process.MIDDLEWARE_END = 0.5
+process.MIDDLEWARE_END = 1
 
 class Node:
     exit_status = 0
@@ -22,15 +23,18 @@ ros = types.SimpleNamespace(
 )
 executor = types.SimpleNamespace(
     add_node=lambda node: None, remove_node=lambda node: None,
-    spin_once=lambda timeout_sec: None, shutdown=lambda timeout_sec: None,
+    spin_once=lambda timeout_sec: None, shutdown=lambda timeout_sec: {shutdown},
 )
-raise SystemExit(process.run_node(ros, lambda stop: Node(), []))
+status = process.run_node(ros, lambda stop: Node(), [])
+{after}
+raise SystemExit(status)
 """
 HOLDS_THE_INTERPRETER = "ctypes.PyDLL(None).pause()"
 
 
-def run(destroy):
-    return subprocess.run([sys.executable, "-c", NODE.format(destroy=destroy)],
+def run(destroy, *, shutdown="None", after=""):
+    node = NODE.format(destroy=destroy, shutdown=shutdown, after=after)
+    return subprocess.run([sys.executable, "-c", node],
                           check=False, capture_output=True, text=True, timeout=20.0)
 
 
@@ -40,6 +44,18 @@ def test_a_middleware_that_never_ends_is_left_behind():
     assert done.stdout == "records closed\n"
     assert "destroy_node" in done.stderr  # where it stood
     assert "Traceback" not in done.stderr
+
+
+def test_an_executor_that_never_ends_is_left_behind_too():
+    done = run("pass", shutdown=HOLDS_THE_INTERPRETER)
+    assert (done.returncode, done.stdout) == (1, "records closed\n")
+
+
+def test_the_middleware_may_not_hang_after_the_interpreter_either():
+    done = run("pass", after="import faulthandler; faulthandler.cancel_dump_traceback_later();"
+                             + HOLDS_THE_INTERPRETER)
+    assert done.returncode == -signal.SIGALRM
+    assert done.stdout == "records closed\n"
 
 
 def test_one_that_ends_leaves_no_word():
