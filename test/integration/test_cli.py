@@ -250,6 +250,8 @@ def test_export_of_what_is_no_bag(tmp_path, bag, capsys):
     assert "did you mean 'parquet'?" in refused(
         capsys, "export", bag, "--format", "parqet", "--out", tmp_path / "a.pq"
     )
+    assert ".npz is the ending of no format" in refused(
+        capsys, "export", bag, "--out", tmp_path / "a.npz")
     assert "make them agree" in refused(
         capsys, "export", bag, "--format", "csv", "--out", tmp_path / "a.parquet")
     assert not (tmp_path / "a.csv").exists()
