@@ -69,13 +69,15 @@ class Nodes:
         for process in self.processes:
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)
+        late = []
         for process in self.processes:
             try:
                 process.wait(10.0)
-            finally:
-                if process.poll() is None:
-                    os.killpg(process.pid, signal.SIGKILL)
-                    process.wait()
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+                late.append(f"{process.args} did not end: {self.log(process)}")
+        assert not late, late
 
 
 class Watcher:
