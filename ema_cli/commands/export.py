@@ -61,8 +61,8 @@ def export(
                          "out")
     told = {".csv": "csv", ".parquet": "parquet"}.get(out.suffix) if out is not None else None
     if out is not None and out.suffix and (told, file_format) == (None, None):
-        raise UsageError(f"--out {out}: {out.suffix} is the ending of no format: .csv or .parquet, "
-                         "or say which with --format")
+        raise UsageError(f"--out {out}: {out.suffix} is the ending of no format: .csv or "
+                         ".parquet, or say which with --format")
     chosen = file_format or told or "csv"
     if chosen not in FORMATS:
         raise unknown_name("format", chosen, FORMATS, f"the formats are {', '.join(FORMATS)}")
