@@ -86,8 +86,11 @@ def bound_the_end() -> None:
     Fast DDS can deadlock while it destroys a reader (its issues 6193 and 6502), and then inside
     a call that holds the interpreter. The watchdog of the standard library needs no interpreter;
     it writes to stderr where each thread stood. It ends with the interpreter, after which the
-    middleware destroys what is static: from then on the alarm of the system is left.
+    middleware destroys what is static: from then on the alarm of the system is left. Only the
+    first call counts.
     """
+    if signal.getitimer(signal.ITIMER_REAL)[0] > 0.0:
+        return
     faulthandler.dump_traceback_later(MIDDLEWARE_END, exit=True)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(MIDDLEWARE_END + 1)
@@ -145,7 +148,7 @@ def run_node(
         return 2
     except KeyboardInterrupt:
         return 0
-    node = executor = None
+    node = None
     try:
         gc.disable()
         node = make_node(stop)
@@ -157,6 +160,11 @@ def run_node(
         while not stop and node.exit_status is None:
             executor.spin_once(timeout_sec=SPIN_PERIOD)
         node.shut_down()
+        bound_the_end()
+        executor.remove_node(node)
+        for _ in range(2):  # the executor lets go of the node
+            executor.spin_once(timeout_sec=0.5 * SPIN_PERIOD)
+        executor.shutdown(timeout_sec=SHUT_DOWN)
         return node.exit_status or 0
     except (KeyboardInterrupt, ros.executors.ExternalShutdownException):
         return 0
@@ -165,11 +173,6 @@ def run_node(
         return error.exit_status
     finally:
         bound_the_end()
-        if executor is not None:
-            executor.remove_node(node)
-            for _ in range(2):  # the executor lets go of the node
-                executor.spin_once(timeout_sec=0.5 * SPIN_PERIOD)
-            executor.shutdown(timeout_sec=SHUT_DOWN)
         if node is not None:
             node.destroy_node()
         ros.try_shutdown()

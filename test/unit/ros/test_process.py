@@ -11,7 +11,7 @@ from ema_ros import process
 process.MIDDLEWARE_END = 1
 
 class Node:
-    exit_status = 0
+    exit_status = {exit_status}
     def shut_down(self): print("records closed", flush=True)
     def destroy_node(self): {destroy}
 
@@ -23,7 +23,7 @@ ros = types.SimpleNamespace(
 )
 executor = types.SimpleNamespace(
     add_node=lambda node: None, remove_node=lambda node: None,
-    spin_once=lambda timeout_sec: None, shutdown=lambda timeout_sec: {shutdown},
+    spin_once=lambda timeout_sec: {spin}, shutdown=lambda timeout_sec: {shutdown},
 )
 status = process.run_node(ros, lambda stop: Node(), [])
 {after}
@@ -32,8 +32,9 @@ raise SystemExit(status)
 HOLDS_THE_INTERPRETER = "ctypes.PyDLL(None).pause()"
 
 
-def run(destroy, *, shutdown="None", after=""):
-    node = NODE.format(destroy=destroy, shutdown=shutdown, after=after)
+def run(destroy, *, shutdown="None", after="", exit_status=0, spin="None"):
+    node = NODE.format(destroy=destroy, shutdown=shutdown, after=after,
+                       exit_status=exit_status, spin=spin)
     return subprocess.run([sys.executable, "-c", node],
                           check=False, capture_output=True, text=True, timeout=20.0)
 
@@ -60,4 +61,9 @@ def test_the_middleware_may_not_hang_after_the_interpreter_either():
 
 def test_one_that_ends_leaves_no_word():
     done = run("pass")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_context_that_another_shut_down_is_no_error():
+    done = run("pass", exit_status=None, spin="(_ for _ in ()).throw(OSError)")
     assert (done.returncode, done.stderr) == (0, "")
