@@ -26,6 +26,9 @@ from ema_record.limits import MAX_DURATION, MAX_RATE
 from ema_record.profile import Profile
 
 Status = Literal["complete", "aborted", "interrupted"]
+SETTLING = 1e-3
+"""Until the currents of the test before have gone once the inverter is off, and before it drives
+again (s): a coil gives its energy back through the diodes within L I / U, some 0.1 ms."""
 LARGEST_STEP = 1.5
 """Longest step of time, in sample intervals, after which no sample is missing."""
 
@@ -129,6 +132,13 @@ class Record:
         if len(self) < 2:
             return float("nan")
         return float(1.0 / median(np.diff(self.time)))
+
+    @property
+    def at_rest(self) -> slice:
+        """Samples in which nothing drives and no current flows: what the sensors read of it."""
+        begin, end = np.searchsorted(
+            self.time, (SETTLING, self.profile.inverter_off - SETTLING)).tolist()
+        return slice(begin, max(begin, end))
 
     @property
     def duration(self) -> float:

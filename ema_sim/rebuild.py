@@ -68,8 +68,8 @@ def completed(record: Record, actuator: Actuator) -> np.ndarray:
             "time, motor speed and two phase currents are needed: record them")
     if lost:
         others = [k for k in currents if k not in lost]
-        off = record.time < record.profile.inverter_off - 1e-3
-        offset = out[off][:, others].mean(axis=0) if np.count_nonzero(off) > 8 else np.zeros(2)
+        rest = out[record.at_rest][:, others]
+        offset = rest.mean(axis=0) if len(rest) > 8 else np.zeros(2)
         out[:, lost[0]] = -(out[:, others] - offset).sum(axis=1)
     if not there[ROTOR_ANGLE]:
         out[:, ROTOR_ANGLE] = _angle(out, actuator)

@@ -135,7 +135,7 @@ def _unit(seed: np.random.SeedSequence, healthy: bool) -> _Unit:
     for conditions, fault in tests:
         record = simulate(
             load_profile(KIND), actuator=actuator_of(nominal, unit, conditions),
-            effects=effects_of(conditions, fault, Effects()), seed=conditions.seed)
+            effects=effects_of(nominal, unit, conditions, fault, Effects()), seed=conditions.seed)
         for name, recorder in RECORDERS.items():
             rows[name].append(extract(*_of_kind(*recorder(record, nominal))))
     names = {name: list(found[0]) for name, found in rows.items()}

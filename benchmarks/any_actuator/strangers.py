@@ -115,7 +115,8 @@ def _test(seed: np.random.SeedSequence, cases: list[list[str]], kit: Path,
                     HEALTHY)
                 record = simulate(
                     load_profile(KIND), actuator=actuator_of(nominal, unit, conditions),
-                    effects=effects_of(conditions, fault, Effects()), seed=conditions.seed)
+                    effects=effects_of(nominal, unit, conditions, fault, Effects()),
+                    seed=conditions.seed)
                 rows.append(list(extract(record, KIND, nominal).values()))
         except RecordError:
             return None

@@ -212,7 +212,8 @@ def healthy_currents(record: Record, kind: ProfileKind, units: int = UNITS) -> n
             rng, spread.conditions)
         try:
             made = simulate(record.profile, actuator=actuator_of(nominal, unit, conditions),
-                            seed=conditions.seed, effects=effects_of(conditions, HEALTHY))
+                            seed=conditions.seed,
+                            effects=effects_of(nominal, unit, conditions, HEALTHY))
             found.append(folded(made, kind))
         except RecordError:
             continue

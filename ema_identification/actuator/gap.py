@@ -184,11 +184,11 @@ def _nearest_turn(unit: TestedUnit, fit: LawFit, edge: float) -> _Predicted:
 def _best_load(found: _Predicted, fit: LawFit, bound: float) -> _Predicted:
     """Return a prediction under the load of the day that leaves least, where its own leaves much.
 
-    Slopes do not lead there where a law makes something let go: from some load on the surface
-    turns the motor.
+    Slopes do not lead there where something lets go: from some load on the surface turns the
+    motor. Nothing has the same chance as a law, or that would have the credit of the load.
     """
     unit = found.unit
-    if not fit.terms or worst([_day_fitted(unit, found, _root(unit))[1]])[0] <= bound:
+    if worst([_day_fitted(unit, found, _root(unit))[1]])[0] <= bound:
         return found
 
     def under(load: float) -> _Predicted:

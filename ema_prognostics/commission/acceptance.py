@@ -190,10 +190,9 @@ def _noise(record: Record, place: slice) -> float | None:
 
     A channel that stands on few of its steps shows its rounding and not its noise.
     """
-    off = record.time < record.profile.inverter_off - 1e-3
-    if np.count_nonzero(off) < LEAST_SAMPLES:
+    values = record.samples[record.at_rest, place]
+    if len(values) < LEAST_SAMPLES:
         return None
-    values = record.samples[off][:, place]
     if len(np.unique(values[:, 0])) < MIN_STEPS:
         return None
     return float(values.std(axis=0).mean())

@@ -12,8 +12,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from ema_prognostics.features.signals import MIN_SAMPLES, Signals
-from ema_record.actuator import NOISE_RATE, Actuator
+from ema_record.actuator import Actuator
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
+from ema_sim.acquisition import sample_noise
 
 QUIET = 0.25
 """Part of the declared noise below which all records are alike."""
@@ -61,11 +62,10 @@ def floors(actuator: Actuator, rate: float) -> dict[str, float]:
     currents; ``speed_step`` and ``position_step``, the steps of the declared converters if these
     are larger. SI units.
     """
-    noise, c = actuator.noise, actuator.converters
-    inside = 1.0 / np.sqrt(actuator.control.period * NOISE_RATE)
+    noise, c = sample_noise(actuator, rate), actuator.converters
     rounds = actuator.acquisition.converters
-    speed, position = QUIET * noise.speed * inside, QUIET * noise.position * inside
-    current = QUIET * noise.current * float(np.sqrt(rate / NOISE_RATE))
+    speed, current, position = (
+        QUIET * least for least in (noise.speed, noise.current, noise.position))
     return {
         "current": current, "sum": float(np.sqrt(3.0)) * current,
         "speed": speed, "position": position,
@@ -86,10 +86,10 @@ def consistency(
     """
     record, ratio = signals.record, signals.actuator.gear.ratio
     least = floors(signals.actuator, signals.rate)
-    off = slice(0, int(np.searchsorted(signals.time, record.profile.inverter_off - 1e-3)))
+    off = record.at_rest
     on = slice(int(np.searchsorted(signals.time, record.profile.command_time, side="right")), None)
     found: dict[str, float] = {}
-    if off.stop >= MIN_SAMPLES:
+    if off.stop - off.start >= MIN_SAMPLES:
         quiet = record.samples[off, PHASE_CURRENTS].std(axis=0)
         found["noise_speed"] = _log(float(signals.speed[off].std()), least["speed"])
         found["noise_current"] = _log(float(quiet.max()), least["current"])

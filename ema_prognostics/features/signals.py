@@ -26,8 +26,6 @@ from ema_record.record import Record
 from ema_sim.machine import MAGNET, REFERENCE, THIRD, unit_back_emf
 from ema_sim.rebuild import completed, present
 
-GUARD_TIME = 1e-3
-"""Left out before the inverter switches on (s)."""
 MIN_SAMPLES = 16
 
 
@@ -52,11 +50,11 @@ class CurrentSensors:
 def current_sensors(record: Record, *, two: bool = False) -> CurrentSensors:
     """Return the errors of the current sensors in a record; `two`: the third is no measurement."""
     currents = record.samples[:, PHASE_CURRENTS]
-    off = int(np.searchsorted(record.time, record.profile.inverter_off - GUARD_TIME))
-    offset = currents[:off].mean(axis=0) if off >= MIN_SAMPLES else np.zeros(3)
+    rest = currents[record.at_rest]
+    offset = rest.mean(axis=0) if len(rest) >= MIN_SAMPLES else np.zeros(3)
     if two:
         return CurrentSensors(offset=offset, gain=np.ones(3))
-    on = currents[off:].T - offset[:, None]
+    on = currents[record.at_rest.stop:].T - offset[:, None]
     _, vectors = np.linalg.eigh(on @ on.T)
     normal = np.abs(vectors[:, 0])
     if normal.min() < 0.2:  # a phase carries no current: no gain can be told

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,8 +16,6 @@ SWING = 0.01
 """Part of its speed from which a slew swings: steady ones of seven machines do by 0.001 to 0.003,
 limit cycles (stick-slip of the surface on the shaft) by 0.015 to 0.2."""
 START = "start_position"
-SPEED_OVER_ANGLE = {"speed_over_angle_full": 1.0, "speed_over_angle_quarter": 0.25}
-"""Features that compare speed and rotor angle, and at which part of the speed limit."""
 
 
 def difference_names(names: Sequence[str]) -> list[str]:
@@ -42,25 +40,8 @@ def start_allowed(x: np.ndarray, names: Sequence[str]) -> np.ndarray:
     comes to rest, up to the wind-up off; only what is beyond counts.
     """
     actuator = load_actuator()
-    return _beyond(x, names, {START: 1e3 * actuator.wind_up / actuator.gear.ratio})  # mrad
-
-
-def speed_allowed(x: np.ndarray, names: Sequence[str]) -> np.ndarray:
-    """Return features, shape (n, d), with the speed as the rotor angle where a converter rounds.
-
-    One that truncates reads half a step less than one that takes the nearest, as the networks
-    were taught; only what is beyond counts.
-    """
-    a = load_actuator()
-    step = a.acquisition.converters * a.converters.speed_range / 2.0**a.converters.speed_bits
-    return _beyond(x, names, {name: 1e3 * 0.5 * step / (share * a.control.speed_limit)
-                              for name, share in SPEED_OVER_ANGLE.items()})  # per mille
-
-
-def _beyond(x: np.ndarray, names: Sequence[str], allowed: Mapping[str, float]) -> np.ndarray:
-    """Return features, shape (n, d), of which only what is beyond the `allowed` counts."""
-    tolerance = np.array([allowed.get(name, 0.0) for name in names])
-    return np.where(tolerance > 0.0, np.sign(x) * np.maximum(np.abs(x) - tolerance, 0.0), x)
+    reach = 1e3 * actuator.wind_up / actuator.gear.ratio  # mrad
+    return np.where(np.array(names) == START, np.sign(x) * np.maximum(np.abs(x) - reach, 0.0), x)
 
 
 def disturbed(name: str, speed: str) -> bool:

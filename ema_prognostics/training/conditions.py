@@ -17,15 +17,20 @@ from ema_prognostics.training.faults import InjectedFault
 from ema_record.actuator import INSTANT, MEAN, Actuator, Converters
 from ema_record.spread import Conditions, UnitTolerances, harmonic_spread
 from ema_sim.effects import Effects, parse_effects
+from ema_sim.effects.control_delay import ControlDelay
 
-RecorderKind = Literal["declared", "exact", "coarse", "sampled"]
-OTHER_RECORDERS: tuple[RecorderKind, ...] = ("exact", "coarse", "sampled")
+RecorderKind = Literal["declared", "exact", "coarse", "sampled", "truncating"]
+OTHER_RECORDERS: tuple[RecorderKind, ...] = ("exact", "coarse", "sampled", "truncating")
 """How a recorder may differ from the declared one: it does not round; some of its channels round
-to `COARSE_BITS`; its samples are instants where means are declared, or means for instants."""
+to `COARSE_BITS`; its samples are instants where means are declared, or means for instants; its
+converter of the speed rounds down."""
 RECORDER_SHARE = 0.1
 """The one rule: a tenth of the units have each of `OTHER_RECORDERS`, and a tenth of the tests are
 recorded by another recorder than the unit's own. A tenth is enough to set the bounds of the guard
 (hundred units of a thousand), and leaves most units as declared."""
+COMPUTING = 1.0
+"""Control periods that a control takes at most from what it reads to its references: it is done
+when the next one begins (Åström and Wittenmark, Computer-Controlled Systems)."""
 COARSE_BITS, EXACT_BITS = 12, 32
 """Of a channel; 32 bits are finer than the noise of any sensor by five orders."""
 CHANNELS = ("position_bits", "speed_bits", "current_bits", "angle_bits")
@@ -69,6 +74,8 @@ class Unit:
     backlash: float
     latency: tuple[float, float]
     """Of command and reference, added (control periods)."""
+    computing: float
+    """Of the control, from what it reads to its references (control periods)."""
     recorder: Recorder
 
 
@@ -115,7 +122,8 @@ def draw_unit(rng: np.random.Generator, spread: UnitTolerances) -> Unit:
     def one(bound: float) -> float:
         return float(rng.uniform(-bound, bound))
 
-    third, fifth, seventh = rng.spawn(1)[0].uniform(-1.0, 1.0, 3).tolist()
+    more = rng.spawn(1)[0]
+    third, fifth, seventh = more.uniform(-1.0, 1.0, 3).tolist()
     log_viscous = math.log(spread.viscous_factor)
     first, second = _two(rng, -log_viscous, log_viscous)
     return Unit(
@@ -131,6 +139,7 @@ def draw_unit(rng: np.random.Generator, spread: UnitTolerances) -> Unit:
         current_gains=_two(rng, -spread.control_gain, spread.control_gain),
         hysteresis=one(spread.hysteresis), backlash=one(spread.backlash),
         latency=_two(rng, 0.0, spread.latency),
+        computing=float(more.uniform(0.0, min(COMPUTING, spread.latency))),
         recorder=_recorder(rng, RECORDER_SHARE),
         harmonics=(third * harmonic_spread(3, spread.flat_top),
                    fifth * harmonic_spread(5, spread.flat_top),
@@ -229,6 +238,8 @@ def _converters(declared: Converters, recorder: Recorder) -> Converters:
     """Return the converters of a recorder."""
     if recorder.kind == "exact":
         return declared._replace(**dict.fromkeys(CHANNELS, EXACT_BITS))
+    if recorder.kind == "truncating":
+        return declared._replace(speed_offset=-0.5)
     if recorder.kind == "coarse":
         return declared._replace(**{
             n: min(getattr(declared, n), COARSE_BITS) for n in recorder.coarse})
@@ -236,9 +247,10 @@ def _converters(declared: Converters, recorder: Recorder) -> Converters:
 
 
 def effects_of(
-    conditions: RunConditions, fault: InjectedFault, own: Effects | None = None
+    nominal: Actuator, unit: Unit, conditions: RunConditions, fault: InjectedFault,
+    own: Effects | None = None,
 ) -> Effects:
-    """Return the effects of one test: those of the model, if it has any, conditions, fault."""
+    """Return the effects of one test: of the model, if it has any, of unit, conditions, fault."""
     c = conditions
     settings = [
         f"winding_temperature.temperature={c.temperature!r}",
@@ -247,4 +259,6 @@ def effects_of(
         *(f"current_sensor_offset.phase_{p}={v!r}" for p, v in zip("abc", c.offset)),
         *fault.settings,
     ]
-    return parse_effects(settings, own)
+    effects = parse_effects(settings, own)
+    return effects._replace(control_delay=ControlDelay(
+        effects.control_delay.delay + unit.computing * nominal.control.period))

@@ -150,7 +150,7 @@ def _features(
     """
     nominal = load_actuator()  # as the diagnosis will see it
     actuator = actuator_of(of, unit, conditions)
-    effects = effects_of(conditions, fault, always)
+    effects = effects_of(of, unit, conditions, fault, always)
     found: dict[ProfileKind, dict[str, float]] = {}
     longest: Record | None = None
     for kind in sorted(kinds, key=lambda k: -load_profile(k).duration):

@@ -13,7 +13,7 @@ from ema_prognostics.cascade.model_body import DiscrepancyPart
 from ema_prognostics.cascade.model_file import TrainedModel, load_model
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import SAME_POSITION, ProfileKind, profile_kind
-from ema_prognostics.features.vector import differences, speed_allowed, start_allowed
+from ema_prognostics.features.vector import differences, start_allowed
 from ema_prognostics.paper.cascade import FAULTS, LEVELS
 from ema_prognostics.verdict.evidence import Measured
 from ema_prognostics.verdict.report import (
@@ -207,7 +207,7 @@ def corrected_row(
     """Return features as the networks take them, less the discrepancy `left`, shape (1, d)."""
     off = {} if left is None else dict(zip(left.names, left.mean))
     row = np.array([[features[n] - off.get(n, 0.0) for n in names]])
-    return speed_allowed(start_allowed(row, names), names)
+    return start_allowed(row, names)
 
 
 def baseline_of(record: Record, model: TrainedModel, actuator: Actuator | None = None) -> Baseline:

@@ -27,6 +27,7 @@ from ema_record.channels import (
     median,
 )
 from ema_record.checks.facts import REST_OFFSET, SETTLED, SLOW, SUM_OFFSET, BagFacts, Hit, Rule
+from ema_record.record import SETTLING
 
 GAIN_SPREAD = (0.04, 4.0)
 """Between the relative gains of the current sensors: at least, and times a good one's error."""
@@ -84,7 +85,7 @@ def current_sum(facts: BagFacts) -> CurrentSum | None:
     off = facts.profile.inverter_off if facts.profile else 0.0
     start = int(np.searchsorted(s[:, TIME], off + SETTLED))
     currents = s[:, PHASE_CURRENTS]
-    resting = currents[s[:, TIME] < off - 1e-3]
+    resting = currents[slice(*np.searchsorted(s[:, TIME], (SETTLING, off - SETTLING)))]
     rest = np.zeros(3)
     if len(resting) >= facts.window // 4:
         rest = np.nan_to_num(resting.mean(axis=0))

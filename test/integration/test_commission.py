@@ -39,9 +39,10 @@ def record_of(kit, unit, seed, *settings):
         conditions = draw_conditions(np.random.default_rng([8, seed]), spread.conditions)
         if settings:
             fault = InjectedFault(severity={}, settings=settings)
+        nominal = load_actuator()
         record = simulate(
-            load_profile("extended"), actuator=actuator_of(load_actuator(), own, conditions),
-            effects=effects_of(conditions, fault, Effects()), seed=conditions.seed)
+            load_profile("extended"), actuator=actuator_of(nominal, own, conditions),
+            effects=effects_of(nominal, own, conditions, fault, Effects()), seed=conditions.seed)
     return replace(record, provenance=Provenance(serial_number=f"T-{unit}"))
 
 

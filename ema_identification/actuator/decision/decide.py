@@ -89,12 +89,16 @@ def decide(
     fits = case.finished([*singles, *wider, *pairs])
     answer = FleetAnswer(verdict="unknown effect", null=case.null, p_nothing=p, fits=tuple(fits))
     answer = _named(case, answer, [f for f in fits if case.explains(f)])
-    if usual is not None and (
-            answer.fit is None or case.evidence(answer.fit) <= case.evidence(beyond.null) or not (
+    if usual is not None:
+        unlikely = answer.fit is None or case.evidence(answer.fit) <= case.evidence(beyond.null)
+        if unlikely and usual.verdict == "no disagreement":
+            return usual
+        nothing = rival.hardest(fits)
+        if unlikely or answer.fit is None or not (
                 (held is not None and silent is None
-                 and held.gap([case.null, answer.fit], _edge(case, answer.fit)).closes(MOST))
-                or rival.likely(answer.fit, fits))):
-        return usual
+                 and held.gap([nothing, answer.fit], _edge(case, answer.fit)).closes(MOST))
+                or rival.likelier(answer.fit, nothing)):
+            return _silence(usual, held, (nothing,), p, _edge(case, nothing)) or usual
     witness = witness or held
     if witness is not None and answer.verdict == "unknown effect" and not answer.equivalent:
         answer = _in_part(case, answer, witness)
@@ -131,14 +135,26 @@ def _usual(
         verdict="no disagreement", null=case.quadratic, p_nothing=p, reasons=(said,))
     if held is None:
         return answer
-    for fit in (case.quadratic, case.null):
-        gap = held.gap([fit], edge)
-        own = share_of(int((gap.healthy >= gap.values[0]).sum()), len(gap.healthy))
-        if min(own, both_of(p, own)) > LEVEL:
-            return replace(answer, gap=gap)
+    if found := _silence(answer, held, (case.quadratic, case.null), p, edge):
+        return found
+    gap = held.gap([case.null], edge)
     return replace(answer, gap=gap, verdict="unknown effect", reasons=(
         said, f"the held-out record is off by {gap.values[0]:.3g}; healthy units by up to "
         f"{gap.bound:.3g} (95 %)"))
+
+
+def _silence(answer: FleetAnswer, held: LawJudge | None, fits: Sequence[LawFit], p: float,
+             edge: float) -> FleetAnswer | None:
+    """Return that nothing is missing where one of `fits`, of no law, leaves a usual gap."""
+    if held is None:
+        return None
+    for fit in fits:
+        gap = held.gap([fit], edge)
+        own = share_of(int((gap.healthy >= gap.values[0]).sum()), len(gap.healthy))
+        if min(own, both_of(p, own)) > LEVEL:
+            return replace(answer, gap=gap, verdict="no disagreement", null=fit,
+                           reasons=answer.reasons[:1])
+    return None
 
 
 def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit]) -> FleetAnswer:

@@ -195,14 +195,17 @@ class Models:
                     fit.slopes, [fit.free], library_slopes((p.term,)), axis=1))
                 for p in proposals]
 
-    def likely(self, fit: LawFit, fits: Sequence[LawFit]) -> bool:
-        """Whether a model is likelier than none, fitted as hard, also from where `fits` are."""
+    def hardest(self, fits: Sequence[LawFit]) -> LawFit:
+        """Return the fit of no law, as hard as any other, also from where `fits` are."""
         starts = [replace(f, terms=(), slopes=f.slopes[:, f.free:]) for f in fits]
-        nothing = [replace(self.null, cost=self.nothing), *(
-            found for start in (self.null, *starts) for found in self.fitted([start]))]
-        nothing.append(self.refitted(min(nothing[1:], key=lambda f: f.cost)))
+        found = [one for start in (self.null, *starts) for one in self.fitted([start])]
+        found.append(self.refitted(min(found, key=lambda f: f.cost)))
+        return min(self.null, *found, key=lambda f: f.cost)
+
+    def likelier(self, fit: LawFit, nothing: LawFit) -> bool:
+        """Whether a model is likelier than a fit of none, and than all that none has left."""
         return max(map(self.evidence, (fit, self.refitted(fit)))) > max(
-            map(self.evidence, nothing))
+            map(self.evidence, (nothing, replace(nothing, cost=self.nothing))))
 
     def pairs(self, singles: Sequence[LawFit]) -> list[LawFit]:
         """Return the fits of two laws.

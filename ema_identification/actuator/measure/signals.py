@@ -28,8 +28,6 @@ from ema_sim.machine import unit_trapezoid
 TURN = 2.0 * np.pi
 TABLE = 3 * 2**15
 """Angles of the table of the trapezoid."""
-OFF_GUARD = 1e-3
-"""Left out before the inverter switches on (s)."""
 CURRENT, REFERENCE = PHASE_CURRENTS.start, REFERENCE_CURRENTS.start
 ROOM = 10
 """Rows of signals that are computed of a record."""
@@ -143,9 +141,9 @@ def sensor_errors(record: Record) -> tuple[np.ndarray, np.ndarray]:
     The offsets are the readings while the inverter is off; the gains make the sum of the
     currents vanish, as it does in a star (smallest eigenvector of ⟨i iᵀ⟩).
     """
-    off = int(np.searchsorted(record.time, record.profile.inverter_off - OFF_GUARD))
-    offset = record.samples[:off, PHASE_CURRENTS].mean(axis=0) if off else np.zeros(3)
-    _, vectors = np.linalg.eigh(_moments(record.samples, off, offset))
+    rest = record.samples[record.at_rest, PHASE_CURRENTS]
+    offset = rest.mean(axis=0) if len(rest) else np.zeros(3)
+    _, vectors = np.linalg.eigh(_moments(record.samples, record.at_rest.stop, offset))
     normal = np.abs(vectors[:, 0])
     gain = 1.0 / normal if normal.min() > 0.2 else np.ones(3)
     return offset, gain / gain.mean()

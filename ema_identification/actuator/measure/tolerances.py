@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_identification.actuator.measure.signals import OFF_GUARD, TURN
+from ema_identification.actuator.measure.signals import TURN
 from ema_record.actuator import Actuator
 from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS
 from ema_record.record import Record
@@ -176,11 +176,11 @@ def align(record: Record, model: Model) -> RecordConditions:
         voltage, drawn = _supply(record)
         bus = voltage / (2.0 * model.actuator.inverter.bus_voltage) - 1.0
         measured.add("bus")
-    off = record.time < record.profile.inverter_off - OFF_GUARD
-    still = off if off.any() else np.arange(len(record)) < 20
+    off = record.at_rest
+    still = off if off.stop > off.start else slice(20)
     turned = np.exp(1j * record.channel("rotor_angle")[still]).mean()
     return RecordConditions(
-        temperature=temperature, bus=bus, bus_current=drawn, noise=_noise(record, model, off),
+        temperature=temperature, bus=bus, bus_current=drawn, noise=_noise(record, model),
         start_angle=float(np.angle(turned)) % TURN, measured=frozenset(measured),
     )
 
@@ -198,16 +198,17 @@ def _supply(record: Record) -> tuple[float, float]:
     return float(voltage.mean()), float(current.mean())
 
 
-def _noise(record: Record, model: Model, off: np.ndarray) -> NoiseFactors:
+def _noise(record: Record, model: Model) -> NoiseFactors:
     """Return the factors on the noise, from what is read while the inverter is off.
 
     Where the speed shows none, that of the currents.
     """
     a = model.actuator
     nominal = sample_noise(a, record.rate)
-    if off.sum() < 40 or nominal.current <= 0.0:
+    rest = record.samples[record.at_rest]
+    if len(rest) < 40 or nominal.current <= 0.0:
         return NoiseFactors()
-    speed, currents = (record.samples[off, channels] for channels in (MOTOR_SPEED, PHASE_CURRENTS))
+    speed, currents = rest[:, MOTOR_SPEED], rest[:, PHASE_CURRENTS]
     current = float(np.sqrt(currents.var(axis=0, ddof=1).mean())) / nominal.current
     shown = current
     if nominal.speed > 0.0 and len(np.unique(speed)) >= FEWEST_VALUES:

@@ -38,6 +38,8 @@ RECORDERS = {
     "instants": (recorded(sampling=INSTANT), 1.0),
     "late references": (recorded(reference_latency=1.9), 1.0),
     "late commands": (recorded(command_latency=1.9), 1.0),
+    "rounded down": (NOMINAL._replace(
+        converters=NOMINAL.converters._replace(speed_offset=-0.5)), 1.0),
 }
 
 
@@ -45,6 +47,27 @@ RECORDERS = {
 def test_healthy_whatever_the_recorder(what: str) -> None:
     actuator, noise = RECORDERS[what]
     record = simulate(load_profile("extended"), actuator=actuator, noise=noise, seed=21)
+    verdict = diagnose(record)
+    assert verdict.outcome == "healthy", verdict.reasons
+
+
+def test_a_current_of_the_move_before_tells_nothing_of_the_sensors() -> None:
+    """A coil gives its energy back within L I / U, 0.08 ms of 30 A; the record begins there."""
+    def begun(x: np.ndarray) -> np.ndarray:
+        time = np.arange(len(x)) / NOMINAL.acquisition.rate
+        return x + np.exp(-time / 1e-4)[:, None] * np.array([12.0, -5.0, -7.0])
+
+    before = simulate(load_profile("extended"), seed=24)
+    record = column(PHASE_CURRENTS, begun)(before)
+    verdict = diagnose(record)
+    assert verdict.outcome == "healthy", verdict.reasons
+    assert record.at_rest.start == round(1e-3 * NOMINAL.acquisition.rate)
+    assert diagnose(before).probabilities == pytest.approx(verdict.probabilities, abs=1e-3)
+
+
+def test_a_control_may_take_a_period_to_compute() -> None:
+    record = simulate(load_profile("extended"), seed=26, effects=parse_effects(
+        [f"control_delay.delay={NOMINAL.control.period}"]))
     verdict = diagnose(record)
     assert verdict.outcome == "healthy", verdict.reasons
 

@@ -11,7 +11,9 @@ from fleet_unit import (
     FEATURES,
     HEALTHY,
     MODEL,
+    OF_DAY,
     SIZE,
+    TOLD,
     UNITS,
     effects_of,
     features_of,
@@ -457,6 +459,34 @@ def test_laws_are_tried_where_only_the_held_out_record_is_off():
     assert found.p_nothing > LEVEL >= max(found.p_value)
     for after in (5.5, 5.0, 4.9):  # a name must lower that gap
         assert decide(small, Held(5.0, after)).verdict == "unknown effect"
+
+
+def test_no_law_has_the_credit_of_a_unit_fitted_better_beside_it(monkeypatch):
+    """A fit of no law may stand still where one with a law goes on: it is led there too."""
+    class Near:
+        """A held-out record that is off by how far the unit's own numbers are."""
+
+        def gap(self, models, edge=1.0, known=None):
+            off = [5.0 * np.abs(m.z - u.centre)[TOLD & ~OF_DAY].max() for m in models]
+            return LawGap(values=tuple(off), healthy=np.linspace(0.5, 1.5, 480))
+
+    u = replace(unit(seed=7), centre=np.zeros(SIZE))
+    case = models.Models(u)
+    end = case.null.z
+    u = replace(u, centre=end)  # `Near` knows the unit by where the honest fit ends
+    stuck = replace(case.null, z=np.where(TOLD, -end, end), cost=1.2 * case.null.cost)
+    term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([1e-3 * VISCOUS]))
+    law = case.unit.begun(replace(
+        case.unit.on_library((term,), [end]), terms=(term,), z=end), case.white, SETTLED_RUNS)
+    monkeypatch.setattr(models.Models, "singles", lambda self: [law])
+    monkeypatch.setattr(models.Models, "pairs", lambda *_: [])
+    settled = type(u).settled
+    monkeypatch.setattr(type(u), "settled", lambda self, fit, *given, **more: (
+        stuck if not fit.terms and more.get("salt") == 4 else settled(self, fit, *given, **more)))
+    monkeypatch.setattr(type(u), "without_law", lambda self: replace(stuck, runs=0))
+    found = decide(u, Near())
+    assert (found.verdict, found.fit) == ("no disagreement", None)
+    assert found.gap.values[0] < 1.0 < Near().gap([stuck]).values[0]
 
 
 @pytest.mark.parametrize(("after", "verdict"), [

@@ -195,7 +195,7 @@ def test_a_law_that_acts_on_the_days_load_is_predicted_on_the_day_of_the_held_ou
     assert found.values[0] > 8.0 and found.values[1] < 3.0
 
 
-def test_where_a_law_makes_something_let_go_the_load_of_the_day_is_looked_for(monkeypatch):
+def test_where_something_lets_go_the_load_of_the_day_is_looked_for():
     """From some load on all is otherwise: slopes about a middling day lead away from the day."""
     load = gap.LOAD
     assert OF_DAY[load]
@@ -219,8 +219,13 @@ def test_where_a_law_makes_something_let_go_the_load_of_the_day_is_looked_for(mo
     assert gap._off(near) > 2.0 * gap._off(found)
     assert found.z[load] == pytest.approx(-0.4, abs=0.1)
     assert gap._best_load(found, right, bound=2.0) is found
-    nothing = replace(right, terms=())
-    assert gap._best_load(near, nothing, bound=0.0) is near
+    nothing = replace(right, terms=(), slopes=right.slopes[:, 1:])  # has the same chance
+    alone = replace(held, values=lets_go(
+        None, None, None, 0.85 * np.eye(SIZE)[load], None, 11, effects_of()))
+    near = gap._nearest_turn(alone, nothing, 1.0)
+    found = gap._best_load(near, nothing, bound=2.0)
+    assert gap._off(near) > 2.0 * gap._off(found)
+    assert found.z[load] > 0.7
 
 
 def test_a_model_that_cannot_be_run_on_a_held_out_record_is_as_far_off_as_can_be(joint):

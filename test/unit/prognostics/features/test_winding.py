@@ -10,7 +10,7 @@ import pytest
 
 from ema_prognostics.cascade.inputs import MECHANICAL, mechanical
 from ema_prognostics.features.extract import extract
-from ema_prognostics.features.vector import rotate, speed_allowed, start_allowed
+from ema_prognostics.features.vector import rotate, start_allowed
 from ema_record.actuator import Actuator, load_actuator
 from ema_record.profile import load_profile
 from ema_sim.effects import parse_effects
@@ -105,12 +105,10 @@ def test_a_start_within_tolerance_is_a_start() -> None:
 
 @pytest.mark.parametrize("offset", [-0.5, 0.5])
 def test_a_converter_that_truncates_reads_the_speed_of_the_angle(offset) -> None:
-    """What is beyond half a step counts, so a wrong scale of the speed is seen as before."""
+    """But for half a step, in parts of the speed."""
     a = changed(converters={"speed_offset": offset})
-    names = ["speed_over_angle_full", "speed_over_angle_quarter"]
-    read = np.array([[extract(simulate(load_profile("extended"), actuator=a, seed=2), "extended")[
-        name] for name in names]])
-    assert np.abs(read[0, 1]) > 0.25  # per mille, ten times what noise leaves
-    assert np.abs(speed_allowed(read, names)).max() < 0.05
-    wrong = speed_allowed(read + 10.0, names)
-    assert wrong == pytest.approx(read + 10.0, abs=0.4)
+    found = extract(simulate(load_profile("extended"), actuator=a, seed=2), "extended")
+    step = a.converters.speed_range / 2.0**a.converters.speed_bits
+    for name, share in (("full", 1.0), ("quarter", 0.25)):
+        assert found[f"speed_over_angle_{name}"] == pytest.approx(
+            1e3 * offset * step / (share * a.control.speed_limit), abs=0.05)  # per mille

@@ -18,12 +18,15 @@ from ema_prognostics.training.conditions import (
     actuator_of,
     draw_conditions,
     draw_unit,
+    effects_of,
     harmonic_spread,
 )
+from ema_prognostics.training.faults import HEALTHY
 from ema_prognostics.training.fleet import begins_alike, simulate_fleets
 from ema_record.actuator import INSTANT, Actuator, load_actuator
 from ema_record.profile import Profile, load_profile
 from ema_record.spread import UnitTolerances, load_spread
+from ema_sim.effects import parse_effects
 
 NOMINAL = load_actuator()
 SPREAD = load_spread()
@@ -117,6 +120,17 @@ def test_recorders_round_sample_or_do_neither() -> None:
     c = with_recorder(Recorder("coarse", ("speed_bits",))).converters
     assert (c.speed_bits, c.position_bits) == (COARSE_BITS, NOMINAL.converters.position_bits)
     assert with_recorder(Recorder("sampled")).acquisition.sampling == INSTANT
+    assert with_recorder(Recorder("truncating")).converters.speed_offset == -0.5
+
+
+def test_a_control_takes_up_to_a_period_beside_what_its_model_has() -> None:
+    some, test = units(SPREAD.tolerances), one_test()
+    late = np.array([u.computing for u in some])
+    assert late.min() >= 0.0
+    assert 0.95 < late.max() <= 1.0
+    own = parse_effects(["control_delay.delay=1e-4"])
+    found = effects_of(NOMINAL, some[0], test, HEALTHY, own).control_delay.delay
+    assert found == pytest.approx(1e-4 + late[0] * NOMINAL.control.period)
 
 
 def test_conditions_stay_within_their_bounds() -> None:
