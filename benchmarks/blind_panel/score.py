@@ -13,6 +13,7 @@ from benchmarks.blind_panel.tasks import IDENTIFIED, SEALED
 from benchmarks.blind_panel.truth.answers import Answer, Panel
 from benchmarks.blind_panel.truth.prepare import opened
 from benchmarks.blind_panel.truth.seal import commitment_of, parts
+from benchmarks.blind_panel.truth.units import kit_of
 from benchmarks.blind_panel.truth.visible import Floor, gap_of, make_floor
 from benchmarks.ledger import Ledger
 from ema_record.errors import UsageError
@@ -21,7 +22,7 @@ from ema_record.errors import UsageError
 def score(out: Path, panel: Panel, *, visible: bool) -> None:
     """Print the tables of the units of a panel that were identified, keep rows beside the answers.
 
-    `visible` : also which of the units with one effect, of the default kit, can be seen at all.
+    `visible` : also which of the units with one effect can be seen at all.
 
     Raises
     ------
@@ -60,11 +61,13 @@ def score(out: Path, panel: Panel, *, visible: bool) -> None:
 def _gaps(out: Path, panel: Panel, answers: Mapping[tuple[str, int], Answer],
           rows: Mapping[str, Sequence[Row]]) -> list[tuple[str, Row, float]]:
     """Return stratum, row and gap of the units with one effect, made once more."""
-    floor = make_floor(out / f"floor_{panel.tests[0]}.npz", panel.tests[0])
     ledger = Ledger(out / SEALED / "visible.jsonl")
     found = []
     for stratum, judged in rows.items():
-        if stratum.endswith(", one effect") and stratum.startswith(("own", "second")):
+        if stratum.endswith(", one effect"):
+            kit = kit_of(stratum)
+            of = f"{panel.tests[0]}{'' if kit is None else f'_{kit.name}'}"
+            floor = make_floor(out / f"floor_{of}.npz", panel.tests[0], kit)
             for row in judged:
                 answer = answers[stratum, row["k"]]
                 gap, _ = ledger.run(answer.id, partial(_gap, answer, floor))

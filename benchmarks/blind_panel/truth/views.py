@@ -1,13 +1,14 @@
 """A record as numbers, for the scorer's own gap: plain means, no model and no workflow.
 
 Blocks are named ``segment k: signal``: one curve over time, or one line in rotor angle
-(``line 2``: twice a turn; cosine and sine).
+(``line 2``: twice an electrical turn; cosine and sine).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from ema_record.actuator import load_actuator
 from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_record.profile import Profile
 from ema_record.record import Record
@@ -15,7 +16,6 @@ from ema_record.record import Record
 ANGLE_BINS, TIME_BINS, LINES = 72, 40, 30
 SHORTEST = 0.03
 """A segment that is shorter joins the next (s)."""
-GEAR_RATIO = 500.0
 SETTLING = 0.06
 """Left out of the lines at the begin of a segment (s): its transient is not periodic."""
 STEADY = 0.2
@@ -61,11 +61,13 @@ def _lines(x: np.ndarray, angles: np.ndarray) -> np.ndarray:
 
 
 def view(record: Record) -> dict[str, np.ndarray]:
-    """Return the blocks of a record."""
+    """Return the blocks of a record of the present kit's actuator."""
+    actuator = load_actuator()
+    pairs, ratio = actuator.motor.pole_pairs, actuator.gear.ratio
     x, t = record.samples, record.time
     theta, position = record.channel("rotor_angle"), record.channel("surface_position")
     speed = x[:, MOTOR_SPEED]
-    travel = np.unwrap(theta)
+    travel = np.unwrap(theta) / pairs
     shape = np.stack([_unit_trapezoid(theta - k * 2.0 * np.pi / 3.0) for k in range(3)], axis=1)
     torque_current = 0.5 * np.sum(shape * x[:, PHASE_CURRENTS], axis=1)
     demanded = 0.5 * np.sum(shape * x[:, REFERENCE_CURRENTS], axis=1)
@@ -79,9 +81,9 @@ def view(record: Record) -> dict[str, np.ndarray]:
         times = np.minimum(
             ((t[inside] - start) / (end - start) * TIME_BINS).astype(int), TIME_BINS - 1)
         angles = np.minimum(
-            (theta[inside] / (2.0 * np.pi) * ANGLE_BINS).astype(int), ANGLE_BINS - 1)
+            (theta[inside] / (2.0 * np.pi) % 1.0 * ANGLE_BINS).astype(int), ANGLE_BINS - 1)
         w = speed[inside]
-        twist = (travel[inside] - travel[inside][0]) / GEAR_RATIO - position[inside]
+        twist = (travel[inside] - travel[inside][0]) / ratio - position[inside]
         over_time = {
             "speed": w, "position": position[inside], "torque current": torque_current[inside],
             "demanded current": demanded[inside], "motor travel less position": twist,

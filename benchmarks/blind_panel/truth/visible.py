@@ -1,6 +1,6 @@
 """Whether what is hidden is visible: after recalibration within the kit's bands, 3 noise floors.
 
-Judged by simulation, apart from the workflow, on the first test of units of the default kit:
+Judged by simulation, apart from the workflow, on the first test:
 
 1. *Floor*: `UNITS` effect-free units of our own simulator; every number of `views.view` is
    regressed on what a recalibration may move (numbers of the unit and of the day; each also
@@ -19,13 +19,14 @@ Visible: the gap of some block is at least `THRESHOLD` floors.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from benchmarks.blind_panel.truth.units import HiddenUnit
+from benchmarks.blind_panel.truth.units import HiddenUnit, test_of
 from benchmarks.blind_panel.truth.views import view
 from ema_identification.actuator.fleet.units import (
     draw_fleet_conditions,
@@ -35,7 +36,8 @@ from ema_identification.actuator.fleet.units import (
     start_of,
 )
 from ema_record.actuator import load_actuator
-from ema_record.profile import load_profile
+from ema_record.kit import using_kit
+from ema_record.profile import Profile
 from ema_record.record import Record
 from ema_record.spread import load_spread
 from ema_sim.model_file import load_model_file
@@ -61,12 +63,13 @@ class Floor:
         return np.asarray(self.slopes[0] + bus * self.slopes[1] + warm * self.slopes[2])
 
 
-def make_floor(path: Path, test: str) -> Floor:
-    """Return the floor on a test, from `path` if it was made before (a minute)."""
+def make_floor(path: Path, test: str, kit: Path | None = None) -> Floor:
+    """Return the floor on a test of a kit, from `path` if it was made before (a minute)."""
     if not path.exists():
         views, moves, known = [], [], []
         for k in range(UNITS):
-            found, place, conditions = _effect_free(k, test)
+            with _of(kit):
+                found, place, conditions = _effect_free(k, test_of(test, kit))
             views.append(np.concatenate(list(found.values())))
             moves.append(place)
             known.append(conditions)
@@ -93,9 +96,15 @@ def make_floor(path: Path, test: str) -> Floor:
                      slopes.reshape(3, len(slopes) // 3, -1))
 
 
-def _effect_free(k: int, test: str) -> tuple[Mapping[str, np.ndarray], np.ndarray, np.ndarray]:
+def _of(kit: Path | None) -> AbstractContextManager[object]:
+    return nullcontext() if kit is None else using_kit(kit)
+
+
+def _effect_free(
+    k: int, profile: Profile
+) -> tuple[Mapping[str, np.ndarray], np.ndarray, np.ndarray]:
     """Return the view of the `k`-th unit, its moves, what is known of it: bus and warmth first."""
-    model, spread, profile = load_model_file(), load_spread(), load_profile(test)
+    model, spread = load_model_file(), load_spread()
     rng = np.random.default_rng([SEED, k])
     z, day = draw_fleet_unit(rng, model.actuator), draw_fleet_conditions(rng, spread)
     actuator, effects = fleet_unit(model, spread, z, day)
@@ -107,7 +116,7 @@ def _effect_free(k: int, test: str) -> tuple[Mapping[str, np.ndarray], np.ndarra
 
 def _known(record: Record) -> tuple[float, float]:
     """Return bus and winding temperature as -1 to 1 of the kit's conditions."""
-    c, nominal = load_spread().conditions, load_actuator().inverter.bus_voltage
+    c, nominal = load_spread().conditions, 2.0 * load_actuator().inverter.bus_voltage
     bus, warm = np.median(record.dc_bus[:, 1]), np.mean(record.winding_temperature[:, 1])
     middle = 0.5 * (c.temperature_least + c.temperature_most)
     return float((bus / nominal - 1.0) / c.bus), float(
@@ -117,11 +126,12 @@ def _known(record: Record) -> tuple[float, float]:
 def gap_of(unit: HiddenUnit, floor: Floor) -> tuple[float, str]:
     """Return the largest gap that is left of what is hidden (noise floors), and its block."""
     shifts, where = [], (0.0, 0.0)
-    for k in range(PAIRS):
-        records = unit.both(SEED + k)
-        where = _known(records[0])
-        one, other = (np.concatenate(list(view(record).values())) for record in records)
-        shifts.append(one - other)
+    with _of(unit.kit):
+        for k in range(PAIRS):
+            records = unit.both(SEED + k)
+            where = _known(records[0])
+            one, other = (np.concatenate(list(view(record).values())) for record in records)
+            shifts.append(one - other)
     width = floor.slopes.shape[1]
     place = np.zeros(width) if unit.place is None else np.clip(
         np.where(of_day(width), 0.0, unit.place), -1.0, 1.0)

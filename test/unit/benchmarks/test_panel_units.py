@@ -8,7 +8,7 @@ from benchmarks.blind_panel.run import said_of
 from benchmarks.blind_panel.truth import visible
 from benchmarks.blind_panel.truth.answers import Panel, drawn
 from benchmarks.blind_panel.truth.hidden import HARD_TO_TELL
-from benchmarks.blind_panel.truth.units import DAMAGES, STRATA
+from benchmarks.blind_panel.truth.units import DAMAGES, STRATA, kit_of
 from ema_record.profile import load_profile
 
 
@@ -66,10 +66,15 @@ def test_what_earlier_panels_missed_is_named(tmp_path, monkeypatch, seed, k, wha
 def test_what_is_hidden_is_visible_beside_all_that_a_unit_may_be(tmp_path, monkeypatch):
     """Apart from the workflow; nothing hidden leaves nothing, whatever the noise."""
     monkeypatch.setattr(visible, "UNITS", 200)  # the regression has 130 numbers
-    floor, tests = visible.make_floor(tmp_path / "floor.npz", "step"), ("step",)
-    nothing = STRATA["own, unlisted off, nothing"](1, 0, tests)
-    assert visible.gap_of(nothing, floor)[0] == 0.0
-    for stratum in ("own, one effect", "second, one effect"):
-        unit = STRATA[stratum](3, 0, tests)
-        gap, block = visible.gap_of(unit, floor)
-        assert gap > visible.THRESHOLD, (unit.names, block)
+    tests = ("step",)
+    for machine in ("", "pwm, ", "foc, "):
+        stratum = f"{machine}{'second' if machine else 'own, unlisted off'}, nothing"
+        floor = visible.make_floor(tmp_path / f"{machine}.npz", "step", kit_of(stratum))
+        assert visible.gap_of(STRATA[stratum](1, 0, tests), floor)[0] == 0.0
+        for stratum in STRATA:
+            if stratum.endswith(", one effect") and stratum.startswith(
+                    machine or ("own, one", "second, one")):
+                units = (STRATA[stratum](3, k, tests) for k in range(len(DAMAGES)))
+                unit = next(u for u in units if not machine or u.names == ("rotor_eccentricity",))
+                gap, block = visible.gap_of(unit, floor)
+                assert gap > visible.THRESHOLD, (unit.names, block)
