@@ -20,8 +20,8 @@
 4. What is named is measured anew, by runs over all that it may be (`intervals`).
 5. Held-out records judge: names that do not lower their gap, or leave it large and close less
    than most of it (`MOST`), are contradicted, and there is no silence where it is large: laws are
-   tried then too. What is named on a usual record must be likelier than nothing, or close most of
-   the gap. Where no model explains, a single law that closes most of misfit and gap is named, and
+   tried then too. What is named on a usual record must be likelier than nothing, fitted as hard,
+   or close most of a gap that this leaves, a rare one. Where no model explains, a single law that closes most of misfit and gap is named, and
    that something remains beside it.
 """
 
@@ -94,11 +94,12 @@ def decide(
         if unlikely and usual.verdict == "no disagreement":
             return usual
         nothing = rival.hardest(fits)
+        quiet = _silence(usual, held, (nothing,), p, _edge(case, nothing))
         if unlikely or answer.fit is None or not (
-                (held is not None and silent is None
+                (held is not None and quiet is None and silent is None
                  and held.gap([nothing, answer.fit], _edge(case, answer.fit)).closes(MOST))
                 or rival.likelier(answer.fit, nothing)):
-            return _silence(usual, held, (nothing,), p, _edge(case, nothing)) or usual
+            return quiet or usual
     witness = witness or held
     if witness is not None and answer.verdict == "unknown effect" and not answer.equivalent:
         answer = _in_part(case, answer, witness)
