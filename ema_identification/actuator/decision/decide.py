@@ -21,8 +21,8 @@
 5. Held-out records judge: names that do not lower their gap, or leave it large and close less
    than most of it (`MOST`), are contradicted, and there is no silence where it is large: laws are
    tried then too. What is named on a usual record must be likelier than nothing, fitted as hard,
-   or close most of a gap that this leaves, a rare one. Where no model explains, a single law that closes most of misfit and gap is named, and
-   that something remains beside it.
+   or close most of a gap that this leaves, a rare one. Where no model explains, a single law that
+   closes most of misfit and gap is named, and that something remains beside it.
 """
 
 from __future__ import annotations
