@@ -7,6 +7,7 @@ nowhere else.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -241,6 +242,18 @@ class Actuator(NamedTuple):
         shaft = self.shaft
         return self.gear.ratio * (
             self.surface.static_friction / shaft.stiffness + shaft.backlash)
+
+    def sample_noise(self, rate: float) -> Noise:
+        """Return the noise of a sample of a record (rms); `noise` is that at `NOISE_RATE`.
+
+        An instant of a current has all of its sensor's noise whatever the `rate`, a mean less
+        the longer it is; speed and position are read once a period of the control.
+        """
+        instant, periods = self.acquisition.sampling == INSTANT, 1.0 / self.control.period
+        inside = math.sqrt((periods if instant else min(rate, periods)) / NOISE_RATE)
+        noise = self.noise
+        return Noise(speed=noise.speed * inside, position=noise.position * inside,
+                     current=noise.current * (1.0 if instant else math.sqrt(rate / NOISE_RATE)))
 
     def motor_angle(self, electrical: Any) -> Any:
         """Return the mechanical angle of the motor (rad) to electrical angles (rad), any shape.

@@ -15,12 +15,10 @@ import numpy as np
 from numba import njit
 
 from ema_record.actuator import (
-    INSTANT,
     NOISE_RATE,
     Acquisition,
     Actuator,
     Converters,
-    Noise,
 )
 from ema_record.channels import (
     MOTOR_SPEED,
@@ -88,20 +86,6 @@ def _stream(seed: int, stream: int) -> _Stream:
     return _Stream(np.random.SeedSequence(seed, spawn_key=(stream,)))
 
 
-def sample_noise(actuator: Actuator, rate: float) -> Noise:
-    """Return the noise of a sample of a record (rms); `actuator.noise` is that at `NOISE_RATE`.
-
-    An instant of a current has all of its sensor's noise whatever the `rate`, a mean less the
-    longer it is; speed and position are read once a period of the control.
-    """
-    instant = actuator.acquisition.sampling == INSTANT
-    periods = 1.0 / actuator.control.period
-    inside = math.sqrt((periods if instant else min(rate, periods)) / NOISE_RATE)
-    noise = actuator.noise
-    return Noise(speed=noise.speed * inside, position=noise.position * inside,
-                 current=noise.current * (1.0 if instant else math.sqrt(rate / NOISE_RATE)))
-
-
 class SensorNoise:
     """Seeded white noise, drawn in order: the same seed gives the same bytes in any blocks.
 
@@ -118,7 +102,7 @@ class SensorNoise:
         c = actuator.converters
         self._speed_offset = (actuator.acquisition.converters * c.speed_offset
                               * c.speed_range / 2.0**c.speed_bits)
-        self._current_sigma = level * sample_noise(actuator, rate).current
+        self._current_sigma = level * actuator.sample_noise(rate).current
 
     def inside(self, n: int) -> np.ndarray:
         """Return errors of speed (rad/s) and position (rad), shape (n, 2), one a period."""

@@ -14,7 +14,6 @@ import numpy as np
 from ema_prognostics.features.signals import MIN_SAMPLES, Signals
 from ema_record.actuator import Actuator
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
-from ema_sim.acquisition import sample_noise
 
 QUIET = 0.25
 """Part of the declared noise below which all records are alike."""
@@ -62,7 +61,7 @@ def floors(actuator: Actuator, rate: float) -> dict[str, float]:
     currents; ``speed_step`` and ``position_step``, the steps of the declared converters if these
     are larger. SI units.
     """
-    noise, c = sample_noise(actuator, rate), actuator.converters
+    noise, c = actuator.sample_noise(rate), actuator.converters
     rounds = actuator.acquisition.converters
     speed, current, position = (
         QUIET * least for least in (noise.speed, noise.current, noise.position))

@@ -18,7 +18,6 @@ from ema_identification.actuator.measure.signals import TURN
 from ema_record.actuator import Actuator
 from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS
 from ema_record.record import Record
-from ema_sim.acquisition import sample_noise
 from ema_sim.effects import EFFECTS, Effects
 from ema_sim.model_file import Model
 
@@ -204,7 +203,7 @@ def _noise(record: Record, model: Model) -> NoiseFactors:
     Where the speed shows none, that of the currents.
     """
     a = model.actuator
-    nominal = sample_noise(a, record.rate)
+    nominal = a.sample_noise(record.rate)
     rest = record.samples[record.at_rest]
     if len(rest) < 40 or nominal.current <= 0.0:
         return NoiseFactors()
