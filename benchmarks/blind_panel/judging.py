@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+from benchmarks.blind_panel.tasks import on_kit
 from benchmarks.blind_panel.truth.answers import Answer
 from ema_identification.actuator.laws.catalogue import OF_THE_ROTOR
 from ema_record.actuator import load_actuator
-from ema_record.kit import using_kit
 from ema_sim.effects import EFFECTS
 from ema_sim.effects.base import Choice
 
@@ -78,7 +77,7 @@ def turn_of(kit: Path | None, effect: str, fixed: Mapping[str, float]) -> float:
     """
     if effect not in OF_THE_ROTOR:
         return 2.0 * math.pi
-    with nullcontext() if kit is None else using_kit(kit):
+    with on_kit(kit):
         pairs = load_actuator().motor.pole_pairs
     periods = round(fixed.get(f"{effect}.periods", 1.0))
     return 2.0 * math.pi * math.gcd(periods, pairs) / pairs

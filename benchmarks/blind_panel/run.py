@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Sequence
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,6 +27,7 @@ from benchmarks.blind_panel.tasks import (
     SEALED,
     Task,
     made_kit,
+    on_kit,
     read_tasks,
 )
 from benchmarks.ledger import Ledger
@@ -35,14 +35,13 @@ from ema_identification.identify import identify
 from ema_identification.result import Identification
 from ema_record.bag.read import read_bag
 from ema_record.errors import RecordError
-from ema_record.kit import using_kit
 from ema_record.record import Record
 
 
 def identified(task: Task, out: Path, *, again: bool) -> dict[str, Any]:
     """Return what is said of the bags of a unit; `again`: with the proposed test too."""
     folder = out / BAGS / task.id
-    with using_kit(made_kit(task.kit, out)) if task.kit else nullcontext():
+    with on_kit(made_kit(task.kit, out) if task.kit else None):
         measured, held_out, accepted = ([read_bag(bag) for bag in sorted(folder.glob(name))]
                                         for name in (MEASURED, HELD_OUT.format("*"),
                                                      ACCEPTED.format("*")))

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
+
+from ema_record.kit import using_kit
 
 SEALED = "sealed"
 """Folder of the answers, and of all that tells of them: not for the process that identifies."""
@@ -49,3 +52,8 @@ def read_tasks(out: Path) -> list[Task]:
 def made_kit(name: str, out: Path) -> Path:
     """Return where a machine's kit lies once it is made."""
     return out / "kits" / name
+
+
+def on_kit(kit: Path | None) -> AbstractContextManager[object]:
+    """Return a context in which a kit is the present one; None: as it is."""
+    return nullcontext() if kit is None else using_kit(kit)

@@ -19,13 +19,13 @@ Visible: the gap of some block is at least `THRESHOLD` floors.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from benchmarks.blind_panel.tasks import on_kit
 from benchmarks.blind_panel.truth.units import HiddenUnit, test_of
 from benchmarks.blind_panel.truth.views import view
 from ema_identification.actuator.fleet.units import (
@@ -36,7 +36,6 @@ from ema_identification.actuator.fleet.units import (
     start_of,
 )
 from ema_record.actuator import load_actuator
-from ema_record.kit import using_kit
 from ema_record.profile import Profile
 from ema_record.record import Record
 from ema_record.spread import load_spread
@@ -68,7 +67,7 @@ def make_floor(path: Path, test: str, kit: Path | None = None) -> Floor:
     if not path.exists():
         views, moves, known = [], [], []
         for k in range(UNITS):
-            with _of(kit):
+            with on_kit(kit):
                 found, place, conditions = _effect_free(k, test_of(test, kit))
             views.append(np.concatenate(list(found.values())))
             moves.append(place)
@@ -94,10 +93,6 @@ def make_floor(path: Path, test: str, kit: Path | None = None) -> Floor:
         slopes = data["slopes"]
         return Floor(blocks, np.maximum(sigma, 1e-9),
                      slopes.reshape(3, len(slopes) // 3, -1))
-
-
-def _of(kit: Path | None) -> AbstractContextManager[object]:
-    return nullcontext() if kit is None else using_kit(kit)
 
 
 def _effect_free(
@@ -126,7 +121,7 @@ def _known(record: Record) -> tuple[float, float]:
 def gap_of(unit: HiddenUnit, floor: Floor) -> tuple[float, str]:
     """Return the largest gap that is left of what is hidden (noise floors), and its block."""
     shifts, where = [], (0.0, 0.0)
-    with _of(unit.kit):
+    with on_kit(unit.kit):
         for k in range(PAIRS):
             records = unit.both(SEED + k)
             where = _known(records[0])
