@@ -142,10 +142,12 @@ def _run(arguments: list[str]) -> int:
 
 def _describe(error: Any, arguments: Sequence[str]) -> str:
     """Return what typer has to say about wrong options, with the nearest option."""
-    near = getattr(error, "possibilities", None)
+    near, context = getattr(error, "possibilities", None), getattr(error, "ctx", None)
     text = (f"no such option {error.option_name!r}: did you mean {near[0]!r}?" if near
             else f"{error.format_message().rstrip('. ')}{_value(error.__context__)};")
-    context = getattr(error, "ctx", None)
+    if type(error).__name__ == "NoSuchOption" and not near and context and not context.parent:
+        text = (f"no option {error.option_name!r} before the command: options follow it, "
+                f"'{PROGRAM} COMMAND {error.option_name} ...';")
     given = " ".join([PROGRAM, *(name for name in arguments[:1] if name in COMMANDS)])
     return f"{text} see '{given if context is None else context.command_path} --help'"
 
