@@ -34,7 +34,8 @@ def kinds_of(a: Actuator) -> dict[str, Kind]:
     """Return the kinds of strangers of an actuator."""
     friction, limit = a.motor.dynamic_friction, a.inverter.current_limit
     wind_up = a.wind_up / a.gear.ratio
-    sag = 2.0 * a.inverter.bus_voltage / limit
+    bus = a.inverter.bus_voltage
+    sag = 2.0 * bus / limit
     return {
         "weak_magnets": Kind("torque_constant_drop.drop", 0.03, 0.4),
         "phase_resistance": Kind("phase_resistance_imbalance.increase", 0.05, 2.0, more="phase"),
@@ -42,7 +43,9 @@ def kinds_of(a: Actuator) -> dict[str, Kind]:
         "cogging": Kind("cogging_torque.amplitude", 0.03 * friction, friction, more="periods"),
         "mesh": Kind("gear_mesh_ripple.amplitude", min(0.02 * wind_up, 2e-5),
                      min(wind_up, 1e-3), more="periods"),
+        "load_friction": Kind("load_dependent_friction.coefficient", 0.01, 0.5),
         "sag": Kind("bus_voltage_sag.resistance", min(0.005 * sag, 0.05), min(0.2 * sag, 2.0)),
+        "switches": Kind("inverter_voltage_drop.drop", 0.002 * bus, min(0.05 * bus, 10.0)),
         "speed_sensor": Kind("speed_sensor_runout.amplitude", 0.005, 0.1, more="angle"),
         "current_gain": Kind("current_sensor_gain.phase_{}", 0.05, 0.4, both=True),
         "current_offset": Kind("current_sensor_offset.phase_{}", min(0.03 * limit, 0.4),
