@@ -10,7 +10,8 @@ from ema_record.errors import UsageError, unknown_name
 
 if TYPE_CHECKING:
     from ema_prognostics.trend.flights import Flight
-    from ema_prognostics.verdict.judge import Judge, Judged
+    from ema_prognostics.verdict.judge import Judge
+    from ema_prognostics.verdict.verdict import Judged
 
 FORMATS = ("text", "json", "csv")
 
@@ -43,9 +44,10 @@ class Machine:
     def object_of(self, said: Flight | Judged) -> dict[str, Any]:
         """Return the JSON object of the verdict on a bag."""
         from ema_prognostics.verdict.contract import verdict_object
+        from ema_prognostics.verdict.verdict import Judged
 
-        return verdict_object(said.verdict, self._trace, serial_number=said.serial_number,
-                              start_time=said.start_time, profile=said.profile)
+        return verdict_object(Judged(said.verdict, said.serial_number, said.start_time,
+                                     said.profile), self._trace)
 
     def verdict(self, said: Flight | Judged) -> None:
         """Print the verdict on a bag."""

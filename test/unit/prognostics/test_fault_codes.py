@@ -11,8 +11,7 @@ from ema_prognostics.node.messages import (
     fault_statuses,
     verdict_status,
 )
-from ema_prognostics.verdict.judge import Judged
-from ema_prognostics.verdict.verdict import Fault, Verdict
+from ema_prognostics.verdict.verdict import Fault, Judged, Verdict
 from ema_record.kit import share_path
 
 SHORT = Fault(fault_class="turn_short", phase="b", severity=0.1, severity_unit="1",
