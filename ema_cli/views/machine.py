@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from ema_cli.console import neutral, print_json
+from ema_cli.console import print_json
+from ema_cli.lines import say_lines
 from ema_record.errors import UsageError, unknown_name
 
 if TYPE_CHECKING:
@@ -60,6 +61,5 @@ class Machine:
             return
         from ema_prognostics.fleet.tables import csv_text
 
-        for line in csv_text(found, header=self._header).splitlines():
-            print(neutral(line))
+        say_lines(csv_text(found, header=self._header))
         self._header = False
