@@ -8,7 +8,6 @@ JSON Schema is `verdict.schema.json` beside this file.
 from __future__ import annotations
 
 import hashlib
-from importlib.resources import files
 from typing import Any
 
 from ema_prognostics.verdict.verdict import Judged
@@ -18,7 +17,6 @@ from ema_record.record import Provenance, iso_time
 from ema_record.version import VERSION
 
 SCHEMA = "ema_phm.verdict/1"
-SCHEMA_FILE = "verdict.schema.json"
 
 
 def kit_sha256() -> str:
@@ -67,8 +65,3 @@ def hash_of(bag: str) -> str | None:
         return content_hash(bag)
     except OSError:
         return None
-
-
-def json_schema() -> str:
-    """Return the JSON Schema of the object, as text."""
-    return files("ema_prognostics.verdict").joinpath(SCHEMA_FILE).read_text(encoding="utf-8")
