@@ -16,7 +16,7 @@ from rclpy.serialization import deserialize_message
 from ema_cli.commands.bit import MONITOR
 from ema_record.wire.topics import DIAGNOSTICS, SELF_TEST_SERVICE
 from ema_record.wire.types import NANOSECONDS, stamp_of
-from ema_ros.messages import PolledGroup, make_polled_subscription, take_all
+from ema_ros.messages import PolledGroup, make_polled_subscription, take_all, values_of
 from support.chain import MONITOR_STATUS, Chain, chain, slow_reader
 
 SCENARIOS = ("alone", "eight callers", "slow reader", "killed monitor")
@@ -82,7 +82,7 @@ class Opening:
             for status in array.status:
                 if not status.name.endswith(": actuator"):
                     continue
-                values = {pair.key: pair.value for pair in status.values}
+                values = values_of(status)
                 self._active = values.get("state") == "active"
                 if not self._opened or self._stopped:
                     continue

@@ -10,7 +10,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from ema_cli.console import neutral, styled
+from ema_cli.console import neutral, say, styled
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -36,6 +36,12 @@ class TextLine(NamedTuple):
     style: str = ""
     tail: str = ""
     """What stands at the right edge, e.g. a bar."""
+
+
+def say_lines(text: str) -> None:
+    """Print the lines of a text as results, one by one."""
+    for line in text.splitlines():
+        say(line)
 
 
 def print_lines(lines: Sequence[TextLine], console: Console) -> None:

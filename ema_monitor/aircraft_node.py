@@ -32,6 +32,7 @@ from ema_ros.messages import (
     make_timer,
     resolved,
     take_all,
+    values_of,
 )
 from ema_ros.process import spun
 
@@ -178,16 +179,14 @@ class AircraftNode(Node):
                 continue
             for status in deserialize_message(taken.data, DiagnosticArray).status:
                 if status.name == self._monitor:
-                    values = {pair.key: pair.value for pair in status.values}
-                    self.stage = values.get("stage", self.stage)
+                    self.stage = values_of(status).get("stage", self.stage)
         for taken in take_all(self._verdict):
             self.verdict = verdict_of(deserialize_message(taken.data, DiagnosticStatus))
 
 
 def verdict_of(status: DiagnosticStatus) -> dict[str, Any]:
     """Return the verdict that a message of `/ema/verdict` carries."""
-    text = next((pair.value for pair in status.values if pair.key == "json"), "{}")
-    found: dict[str, Any] = json.loads(text)
+    found: dict[str, Any] = json.loads(values_of(status).get("json", "{}"))
     return found
 
 
@@ -201,7 +200,7 @@ def answer_of(response: SelfTest.Response) -> dict[str, Any]:
                 "name": status.name.partition(": ")[2] or status.name,
                 "level": int.from_bytes(status.level, "little"),
                 "message": status.message,
-                "values": {pair.key: pair.value for pair in status.values},
+                "values": values_of(status),
             }
             for status in response.status
         ],

@@ -44,6 +44,7 @@ from ema_ros.messages import (
     resolved,
     stamp_message,
     take_all,
+    values_of,
 )
 from ema_ros.process import spun
 
@@ -208,7 +209,7 @@ class ConformanceNode(Node):
                 if ACTUATOR_STATUS in status.name:
                     heard.names.append(status.name)
                 continue
-            values = {pair.key: pair.value for pair in status.values}
+            values = values_of(status)
             absent = [key for key in ACTUATOR_KEYS if key not in values]
             try:
                 heard.problem = f"it lacks {', '.join(absent)}" if absent else ""

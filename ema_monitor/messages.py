@@ -33,6 +33,7 @@ from ema_ros.messages import (
     make_polled_subscription,
     namespace_of,
     take_all,
+    values_of,
 )
 
 READ = tuple(sorted((*(topic.name for topic in BAG_TOPICS), DIAGNOSTICS),
@@ -113,7 +114,7 @@ class VerdictKeeper:
         """Take verdicts that have come."""
         for taken in take_all(self.subscription):
             status = deserialize_message(taken.data, DiagnosticStatus)
-            said = {pair.key: pair.value for pair in status.values}
+            said = values_of(status)
             path = self._awaited
             if path is None or said.get("bag") != str(path):
                 continue
@@ -186,8 +187,7 @@ def find_actuator(
         if not reports_of(status.name, namespace):
             continue
         try:
-            return actuator_status({pair.key: pair.value for pair in status.values}), (
-                status.hardware_id)
+            return actuator_status(values_of(status)), status.hardware_id
         except (KeyError, ValueError):  # a status of somebody else, of the same name
             continue
     return None

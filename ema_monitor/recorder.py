@@ -102,11 +102,6 @@ class BitRecorder:
         self.samples_recorded = 0
         """In the bag."""
 
-    @property
-    def recording(self) -> bool:
-        """Whether a bag is open."""
-        return self._writer is not None
-
     def reset_count(self) -> None:
         """Count samples from here on: a command was sent."""
         self.samples_received, self.last_sample, self.last_position = 0, -1.0, None

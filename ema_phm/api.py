@@ -296,10 +296,7 @@ def to_json(
     from ema_prognostics.verdict.contract import trace_of, verdict_object
 
     judge = _judge(model, None, profile)
-    judged = judge.of_bag(_text(source))
-    return verdict_object(
-        judged.verdict, trace_of(judge.model_sha256), serial_number=judged.serial_number,
-        start_time=judged.start_time, profile=judged.profile)
+    return verdict_object(judge.of_bag(_text(source)), trace_of(judge.model_sha256))
 
 
 def _judge(
@@ -323,8 +320,7 @@ def _flight(judge: Judge, source: Source, number: int) -> Flight:
         judged = judge.of_record(source, source.provenance.source or f"record {number}")
     else:
         judged = judge.of_bag(_text(source))
-    return Flight(verdict=judged.verdict, serial_number=judged.serial_number,
-                  start_time=judged.start_time, profile=judged.profile)
+    return Flight(**judged._asdict())
 
 
 def _several(given: Any) -> list[Any]:

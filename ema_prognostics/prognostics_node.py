@@ -18,8 +18,9 @@ from std_msgs.msg import String
 from ema_prognostics.node.assembler import TOPICS, RecordAssembler
 from ema_prognostics.node.messages import fault_statuses, severity_message, verdict_status
 from ema_prognostics.verdict.contract import trace_of, verdict_object
-from ema_prognostics.verdict.judge import Judge, Judged
+from ema_prognostics.verdict.judge import Judge
 from ema_prognostics.verdict.report import verdict_of_error
+from ema_prognostics.verdict.verdict import Judged
 from ema_record.bag.container import METADATA_FILE
 from ema_record.bag.read import read_bag
 from ema_record.errors import EmaError, InvalidRecordError, RecordError, UsageError
@@ -170,10 +171,8 @@ class PrognosticsNode(EmaNode):
             self._publish(self._judge.of_record(record, LIVE))
 
     def _publish(self, judged: Judged) -> None:
-        verdict = verdict_object(
-            judged.verdict, self._trace, serial_number=judged.serial_number,
-            start_time=judged.start_time, profile=judged.profile,
-            record_sha256="")  # the verdict becomes part of the record, so it cannot hold its hash
+        # The verdict becomes part of the record, so it cannot hold its hash.
+        verdict = verdict_object(judged, self._trace, record_sha256="")
         namespace = namespace_of(self)
         status = verdict_status(status_name(self, "verdict"), verdict, judged)
         self._statuses = [status, *fault_statuses(

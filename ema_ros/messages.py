@@ -172,6 +172,11 @@ def diagnostic_status(
     )
 
 
+def values_of(status: DiagnosticStatus) -> dict[str, str]:
+    """Return the values of a diagnostic status by their keys."""
+    return {pair.key: pair.value for pair in status.values}
+
+
 def stamp_message(stamp: int) -> Time:
     """Return ns since the epoch as the time of a header."""
     return Time(sec=stamp // NANOSECONDS, nanosec=stamp % NANOSECONDS)

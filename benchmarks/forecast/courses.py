@@ -65,8 +65,7 @@ class Course:
 
     Attributes
     ----------
-    law : of `LAWS`.
-    kind, view : of the fault and of what the verdicts knew of the unit.
+    kind : of the fault.
     level : severity to reach.
     first : index of the first flight that the forecast is asked about; after a repair, of the
         first one since.
@@ -75,9 +74,7 @@ class Course:
     seen, deviation : ndarray, shape (n,). What the verdicts say, with the deviation they state.
     """
 
-    law: str
     kind: str
-    view: str
     level: float
     first: int
     passed: int
@@ -144,12 +141,12 @@ def draw_course(law: str, number: int, seed: int) -> Course:
         worn = start + (level - start) * u[:before] * rng.uniform(0.9, 1.4)
         severity = np.concatenate([worn, severity])
     passed = first + int(np.argmax(severity[first:] >= level * (1.0 - 1e-9)))
-    return _seen(rng, law, kind, view, level, first, passed, severity)
+    return _seen(rng, kind, view, level, first, passed, severity)
 
 
 def _seen(
-    rng: np.random.Generator, law: str, kind: str, view: str, level: float, first: int,
-    passed: int, severity: np.ndarray,
+    rng: np.random.Generator, kind: str, view: str, level: float, first: int, passed: int,
+    severity: np.ndarray,
 ) -> Course:
     errors = ERRORS[kind, view]
     deviation = np.hypot(errors.floor, errors.part * severity)
@@ -160,7 +157,7 @@ def _seen(
     error = (errors.shared * rng.standard_normal() + errors.slow * slow
              + errors.white * rng.standard_normal(len(severity)))
     return Course(
-        law=law, kind=kind, view=view, level=level, first=first, passed=passed,
-        severity=severity, seen=np.maximum(0.0, severity + deviation * error),
+        kind=kind, level=level, first=first, passed=passed, severity=severity,
+        seen=np.maximum(0.0, severity + deviation * error),
         deviation=deviation,
     )

@@ -133,7 +133,6 @@ WITH_FRICTION = {"stribeck_friction", "presliding_hysteresis", "backlash"}
 class Case:
     """One record and what is true of it."""
 
-    number: int
     kind: str
     record: RigRecord
     truth: frozenset[str]
@@ -170,7 +169,7 @@ def case_of(number: int, seed: int) -> Case:
     elif effect:
         total += rng.uniform(0.3, 0.5) * size * {**EFFECTS, **MORE}[effect](
             rig, motion, plain, size)
-    return Case(number=number, kind=kind, truth=frozenset(truth), effect=effect,
+    return Case(kind=kind, truth=frozenset(truth), effect=effect,
                 record=_recorded(rig, motion, total, size, kind, rng, f"{kind}-{number}"),
                 base={"inertia.value": rig.inertia, "viscous_friction.value": rig.viscous})
 

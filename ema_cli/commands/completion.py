@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from ema_cli.console import say
+from ema_cli.lines import say_lines
 from ema_record.errors import unknown_name
 
 BASH = """_ema() {
@@ -48,12 +49,6 @@ def completion(
         raise unknown_name("shell", shell, SCRIPTS, f"give one of {', '.join(SCRIPTS)}")
     say_lines(SCRIPTS[shell])
     return 0
-
-
-def say_lines(text: str) -> None:
-    """Print lines one by one."""
-    for one in text.splitlines():
-        say(one)
 
 
 def follow(line: str) -> list[str]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ema_cli.console import note, print_json, progress, say
+from ema_cli.lines import say_lines
 from ema_cli.options import Cascade, Commanded, Format, Rule
 from ema_cli.views.machine import check_format
 from ema_record.errors import UsageError
@@ -83,8 +84,7 @@ def fleet(
             print_json(found.to_dict())
         elif form == "csv":
             for place, one in enumerate(found.objects):
-                for line in csv_text(one, header=place == 0).splitlines():
-                    say(line)
+                say_lines(csv_text(one, header=place == 0))
         else:
             print_fleet(found)
 

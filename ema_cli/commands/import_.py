@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ema_cli.console import check_new, check_new_file, note, print_json, progress, say
+from ema_cli.lines import say_lines
 from ema_cli.options import given_once
 from ema_record.errors import UsageError
 
@@ -142,8 +143,7 @@ def _write_guess(
         print_json({"map": data, "written": str(target), "supposed": guessed.supposed,
                     "remarks": guessed.remarks})
         return 0
-    for line in text.splitlines():
-        say(line)
+    say_lines(text)
     say(f"written: {target}")
     return 0
 
@@ -175,9 +175,8 @@ def _preview(
         print_json({"map": rig_map.model_dump(exclude_defaults=True), "rows": rows,
                     "supposed": supposed, "remarks": remarks, "picture": str(picture)})
         return 0
-    for line in yaml.safe_dump(rig_map.model_dump(mode="json", exclude_defaults=True),
-                               sort_keys=False, allow_unicode=True).splitlines():
-        say(line)
+    say_lines(yaml.safe_dump(rig_map.model_dump(mode="json", exclude_defaults=True),
+                             sort_keys=False, allow_unicode=True))
     for line in supposed:
         say(f"# supposed: {line}")
     for line in remarks:

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from ema_cli.console import check_new_file, say
+from ema_cli.lines import say_lines
 from ema_record.errors import unknown_name
 from ema_record.version import VERSION
 
@@ -34,8 +35,7 @@ def man(
     if command and command not in COMMANDS:
         raise unknown_name("command", command, COMMANDS, "'ema --help' lists them")
     if out is None:
-        for line in page(command).splitlines():
-            say(line)
+        say_lines(page(command))
         return 0
     from ema_record.files import new_file
 

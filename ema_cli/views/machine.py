@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from ema_cli.console import neutral, print_json
+from ema_cli.console import print_json
+from ema_cli.lines import say_lines
 from ema_record.errors import UsageError, unknown_name
 
 if TYPE_CHECKING:
     from ema_prognostics.trend.flights import Flight
-    from ema_prognostics.verdict.judge import Judge, Judged
+    from ema_prognostics.verdict.judge import Judge
+    from ema_prognostics.verdict.verdict import Judged
 
 FORMATS = ("text", "json", "csv")
 
@@ -43,9 +45,10 @@ class Machine:
     def object_of(self, said: Flight | Judged) -> dict[str, Any]:
         """Return the JSON object of the verdict on a bag."""
         from ema_prognostics.verdict.contract import verdict_object
+        from ema_prognostics.verdict.verdict import Judged
 
-        return verdict_object(said.verdict, self._trace, serial_number=said.serial_number,
-                              start_time=said.start_time, profile=said.profile)
+        return verdict_object(Judged(said.verdict, said.serial_number, said.start_time,
+                                     said.profile), self._trace)
 
     def verdict(self, said: Flight | Judged) -> None:
         """Print the verdict on a bag."""
@@ -58,6 +61,5 @@ class Machine:
             return
         from ema_prognostics.fleet.tables import csv_text
 
-        for line in csv_text(found, header=self._header).splitlines():
-            print(neutral(line))
+        say_lines(csv_text(found, header=self._header))
         self._header = False

@@ -19,6 +19,9 @@ from ema_identification.result import (
 from ema_record.kit import kit_option
 from ema_record.version import VERSION
 
+MODEL_FILE = "model.yaml"
+NEXT_TEST_FILE = "next_test.yaml"
+"""In the folder of an identification."""
 MAX_CANDIDATES = 12
 """Rows of the table of candidates; the rest is in the JSON file's steps."""
 TONES = {"no disagreement": "good", "explained": "good", "partly explained": "open",
@@ -180,14 +183,10 @@ def _since(since: Identification | None) -> dict[str, Any] | None:
     }
 
 
-MODEL = "model.yaml"
-
-
 def next_commands(
     identification: Identification,
     out: Path,
     inputs: Mapping[str, str | Sequence[str]],
-    next_test_file: str,
 ) -> list[str]:
     """Return commands that use the updated model, check it, and run the proposed test.
 
@@ -195,8 +194,7 @@ def next_commands(
     ----------
     identification : the result.
     out : the folder of the report.
-    inputs : as `write_report` has them; what `ema identify` was given is given again.
-    next_test_file : name of the proposed command's file in `out`.
+    inputs : as `write_page` has them; what `ema identify` was given is given again.
     """
     found = []
     measured = " ".join(shlex.quote(path) for path in as_list(inputs.get("measured", ())))
@@ -205,7 +203,7 @@ def next_commands(
             "validate", "baseline", "without", "profile")
         for value in as_list(inputs.get(option, ()))) + kit_option()
     if identification.model_text:
-        model = shlex.quote(str(out / MODEL))
+        model = shlex.quote(str(out / MODEL_FILE))
         if identification.machine == "actuator":
             found.append(f"ema simulate --model {model} --profile extended --out simulated"
                          f"{kit_option()}")
@@ -213,7 +211,7 @@ def next_commands(
             again = shlex.quote(f"{out}_again")
             found.append(f"ema identify {measured}{given} --model {model} --out {again}")
     if identification.next_profile is not None:
-        test = shlex.quote(str(out / next_test_file))
+        test = shlex.quote(str(out / NEXT_TEST_FILE))
         found.append(f"ema bit --profile {test}{kit_option()}")
         if measured:
             both = shlex.quote(f"{out}_next")

@@ -17,7 +17,12 @@ import yaml
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from ema_identification.report.page import next_commands, page_context
+from ema_identification.report.page import (
+    MODEL_FILE,
+    NEXT_TEST_FILE,
+    next_commands,
+    page_context,
+)
 from ema_identification.report.plots import draw_gap, draw_panel
 from ema_identification.result import Identification, Panel
 from ema_record.errors import UsageError
@@ -31,28 +36,10 @@ from ema_record.files import (
 
 HTML_FILE = "report.html"
 JSON_FILE = "identification.json"
-MODEL_FILE = "model.yaml"
-NEXT_TEST_FILE = "next_test.yaml"
 PLOTS = "plots"
 GAP_PLOT = "gap_by_stage"
 MAX_PANELS = 60
 """More plots than anyone reads: an error of the caller."""
-
-
-def write_report(
-    identification: Identification,
-    out_dir: str | Path,
-    *,
-    title: str,
-    inputs: Mapping[str, str | Sequence[str]],
-    commands: Sequence[str] | None = None,
-) -> Path:
-    """Write the answer and then its page into a new folder; return the path of the page.
-
-    `write_answer` and `write_page`, whose arguments and errors it has.
-    """
-    write_answer(identification, out_dir)
-    return write_page(identification, out_dir, title=title, inputs=inputs, commands=commands).path
 
 
 def write_answer(identification: Identification, out_dir: str | Path) -> Identification:
@@ -110,7 +97,6 @@ def write_page(
     *,
     title: str,
     inputs: Mapping[str, str | Sequence[str]],
-    commands: Sequence[str] | None = None,
 ) -> Page:
     """Draw the plots and write the page into the folder of an answer.
 
@@ -127,8 +113,6 @@ def write_page(
         Headline of the page, for example the serial number.
     inputs : mapping
         What was compared, by its role: ``{"measured": ["a", "b"], "model": "nominal"}``.
-    commands : sequence of str, optional
-        What to run next; by default what fits the identification.
 
     Raises
     ------
@@ -149,11 +133,9 @@ def write_page(
             pictures[name] = draw()
         except Exception as error:  # noqa: BLE001  (the answer is worth more than any picture)
             not_drawn[name] = f"{type(error).__name__}: {error}"
-    if commands is None:
-        commands = next_commands(identification, out, inputs, NEXT_TEST_FILE)
     page = _render(
         **page_context(identification, panels, title=title, inputs=inputs),
-        commands=list(commands), not_drawn=not_drawn,
+        commands=next_commands(identification, out, inputs), not_drawn=not_drawn,
         pictures={name: _data_uri(png) for name, png in pictures.items()},
     )
     try:

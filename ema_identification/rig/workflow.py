@@ -72,11 +72,10 @@ class _Judge:
 
 
 def check_rig(
-    measured: Sequence[RigRecord], model: str | Path | RigModel | None = None
+    measured: Sequence[RigRecord], model: str | Path | None
 ) -> Check:
     """Return what records can show, before anything is fitted; raises as `identify_rig`."""
-    given = model if isinstance(model, RigModel) else load_rig_model(model)
-    return what_shows(prepare(measured, given.settings))
+    return what_shows(prepare(measured, load_rig_model(model).settings))
 
 
 @threadpool_limits.wrap(limits=1)  # threads of small products only wait for each other

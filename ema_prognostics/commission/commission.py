@@ -44,7 +44,7 @@ from ema_prognostics.commission.quality import (
 )
 from ema_prognostics.commission.report import write_report
 from ema_prognostics.features.vector import steady
-from ema_prognostics.training.evaluation import evaluate
+from ema_prognostics.training.evaluation import evaluated
 from ema_prognostics.training.fleet import (
     DrawFault,
     DrawType,
@@ -55,7 +55,7 @@ from ema_prognostics.training.fleet import (
 from ema_prognostics.training.rates import rate
 from ema_prognostics.training.strangers import draw_stranger
 from ema_prognostics.training.train_model import VALIDATION_SEED, TrainingSettings
-from ema_prognostics.training.training_jobs import TrainingFleets
+from ema_prognostics.training.training_jobs import VIEWS, TrainingFleets
 from ema_prognostics.training.view_training import sound_rows, stricter, train_view
 from ema_record.actuator import FORMERLY, Actuator, load_actuator
 from ema_record.actuator_type import actuator_hash, actuator_hashes
@@ -177,12 +177,6 @@ def make_draft(description: Path, draft: Path) -> None:
             shutil.copytree(beside, draft / PROFILES, dirs_exist_ok=True)
         elif not (draft / PROFILES).is_dir():
             write_profiles(actuator, draft / PROFILES)
-
-
-def evaluated(views: dict[View, ViewPart], held: TrainingFleets) -> dict[str, Any]:
-    """Return the validation of both views, see `evaluate`."""
-    fleet, own = Cascade(views["fleet"]), Cascade(views["baseline"])
-    return {"fleet": evaluate(fleet, None, *held), "baseline": evaluate(fleet, own, *held)}
 
 
 class _Work:
@@ -309,8 +303,7 @@ class _Work:
                ) -> dict[View, ViewPart]:
         faults, healthy, strange = (with_discrepancy(f, discrepancy, self._seed) for f in fleets)
         parts: dict[View, ViewPart] = {}
-        names: tuple[View, ...] = ("fleet", "baseline")
-        for at, view in enumerate(names):
+        for at, view in enumerate(VIEWS):
             parts[view] = train_view(
                 faults, healthy, self._acceptance.kind, view, seed=self._seed, strangers=strange,
                 hidden=self._size.hidden, iterations=self._size.iterations, alarms=ALARMS,

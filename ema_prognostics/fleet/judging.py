@@ -85,9 +85,7 @@ def judge_bags(task: BagsTask) -> BagsDone:
 
 def _object(judge: Judge, trace: dict[str, Any], bag: str) -> dict[str, Any]:
     judged = judge.of_bag(bag)
-    return verdict_object(judged.verdict, trace, serial_number=judged.serial_number,
-                          start_time=judged.start_time, profile=judged.profile,
-                          record_sha256=hash_of(bag) or "") | {
+    return verdict_object(judged, trace, record_sha256=hash_of(bag) or "") | {
         "start_time": judged.start_time}
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import Float64
 
-from ema_prognostics.verdict.judge import Judged
+from ema_prognostics.verdict.verdict import Judged
 from ema_ros.messages import ERROR, OK, WARN, diagnostic_status
 
 _LEVELS = {"healthy": OK, "fault": ERROR, "invalid": ERROR}

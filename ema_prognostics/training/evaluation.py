@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from ema_prognostics.cascade.classes import CLASS_OF, FAULTS, OUTPUTS, SHORTS
 from ema_prognostics.cascade.find import Cascade, Detection
 from ema_prognostics.cascade.guard import BESIDE_OWN
+from ema_prognostics.cascade.model_body import View, ViewPart
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_prognostics.training.rates import ORIGIN, Rate, detection_curve, rate
 from ema_prognostics.training.view_training import view_inputs
@@ -26,6 +28,14 @@ def outcome_of(detection: Detection) -> str:
 def _plain(found: Rate) -> dict[str, float | int]:
     return {"count": found.hits, "total": found.total, "lower": round(found.lower, 5),
             "upper": round(found.upper, 5)}
+
+
+def evaluated(
+    views: Mapping[View, ViewPart], held: Sequence[FleetFeatures]
+) -> dict[str, Any]:
+    """Return the validation of both views on `held` fleets, in the order of `evaluate`."""
+    fleet, own = Cascade(views["fleet"]), Cascade(views["baseline"])
+    return {"fleet": evaluate(fleet, None, *held), "baseline": evaluate(fleet, own, *held)}
 
 
 def evaluate(

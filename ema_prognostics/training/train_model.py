@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
-from ema_prognostics.cascade.find import Cascade
 from ema_prognostics.cascade.model_body import NetworkPart
 from ema_prognostics.cascade.model_file import Body, PaperPart, TrainedModel, model_of
 from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.paper.cascade import PaperCascade
 from ema_prognostics.paper.experiment import PaperSettings
-from ema_prognostics.training.evaluation import evaluate
+from ema_prognostics.training.evaluation import evaluated
 from ema_prognostics.training.fleet import (
     DrawFault,
     FleetFeatures,
@@ -21,7 +19,7 @@ from ema_prognostics.training.fleet import (
     simulate_fleets,
 )
 from ema_prognostics.training.strangers import draw_stranger
-from ema_prognostics.training.training_jobs import VIEWS, TrainingFleets, train_views
+from ema_prognostics.training.training_jobs import TrainingFleets, train_views
 from ema_record.actuator import RELAY, TRAPEZOID, load_actuator
 from ema_record.actuator_type import actuator_hash
 from ema_record.profile import profile_names
@@ -117,12 +115,8 @@ def train_model(
     views = {f"{kind}/{view}": part for kind, parts in trained.views.items()
              for view, part in parts.items()}
     progress("validation", 0.95)
-    held_out: dict[str, Any] = {}
-    for kind in kinds:
-        fleet, own = (Cascade(trained.views[kind][view]) for view in VIEWS)
-        known = held[kind], sound[kind], odd[kind]
-        held_out[kind] = {"fleet": evaluate(fleet, None, *known),
-                          "baseline": evaluate(fleet, own, *known)}
+    held_out = {kind: evaluated(trained.views[kind], (held[kind], sound[kind], odd[kind]))
+                for kind in kinds}
     body = Body(
         views=views, paper=None if trained.paper is None else _paper_part(trained.paper),
         actuator=actuator_hash(),

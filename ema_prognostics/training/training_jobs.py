@@ -59,8 +59,7 @@ def _run(job: _Job) -> tuple[_Job, ViewPart | None, PaperCascade | None]:
 
 def train_views(
     campaigns: Mapping[ProfileKind, TrainingFleets], *, seed: int, hidden: int, iterations: int,
-    jobs: int = 1, progress: Callable[[str, float], None] = lambda _what, _part: None,
-    paper: PaperSettings | None = None,
+    jobs: int, progress: Callable[[str, float], None], paper: PaperSettings | None,
 ) -> Trained:
     """Return both views of each kind of test, see `train_view`; the same on any number of jobs.
 

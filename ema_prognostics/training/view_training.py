@@ -98,7 +98,7 @@ def stricter(part: ViewPart, kind: str, view: View, sound: np.ndarray, alarms: f
     return part.model_copy(update={"families": families})
 
 
-def rates_of(kind: str, view: View, most: float = 1.0) -> dict[str, float]:
+def rates_of(kind: str, view: View, most: float) -> dict[str, float]:
     """Return the rate of healthy records of which each family may be announced, at most `most`."""
     rates = STEP_FALSE_ALARMS if kind == "step" else FALSE_ALARMS[view]
     return {name: min(rate, most) for name, rate in rates.items()}
@@ -113,7 +113,7 @@ def _turn_labels(y: np.ndarray, thirds: int) -> np.ndarray:
 
 def train_view(
     campaign: FleetFeatures, healthy: FleetFeatures, kind: str, view: View, *, seed: int,
-    strangers: FleetFeatures | None = None, hidden: int = 16, iterations: int = 200,
+    hidden: int, iterations: int, strangers: FleetFeatures | None = None,
     alarms: float = 1.0, progress: Callable[[str], None] = lambda _: None,
 ) -> ViewPart:
     """Return the cascade of one view.
@@ -125,8 +125,8 @@ def train_view(
     kind : of the test.
     view : with or without baseline.
     seed : of the networks' weights.
-    strangers : other units, each with one; None: only the guard tells them.
     hidden, iterations : size of a member of the networks; most steps of the optimiser.
+    strangers : other units, each with one; None: only the guard tells them.
     alarms : most of `FALSE_ALARMS` that there may be of any family.
     progress : called with what begins.
     """

@@ -22,6 +22,8 @@ CLEAR = 3
 
 A fault that one flight finds with 90 % is missed by three in a row once in a thousand times.
 """
+WIDTH = 3
+"""Flights on either side of a fall."""
 
 
 class ConfirmationRule(NamedTuple):
@@ -161,29 +163,29 @@ def _closed(history: History, episode: Episode, cleared: int) -> Episode:
     return replace(episode, cleared=cleared, repaired=episode.confirmed is not None and outgrown)
 
 
-def falls(history: History, *, width: int = 3) -> list[int]:
+def falls(history: History) -> list[int]:
     """Return the flights from which on the fault, still found, is clearly smaller.
 
-    Degradation does not heal: where the intervals of `width` flights lie below those of the
-    `width` before them (medians of the bounds), something was repaired or replaced.
+    Degradation does not heal: where the intervals of `WIDTH` flights lie below those of the
+    `WIDTH` before them (medians of the bounds), something was repaired or replaced.
     """
     found = np.flatnonzero(np.isfinite(history.severity))
     steps: list[int] = []
-    begin, at = 0, width
-    while at <= len(found) - width:
-        before, after = found[max(begin, at - width):at], found[at:at + width]
+    begin, at = 0, WIDTH
+    while at <= len(found) - WIDTH:
+        before, after = found[max(begin, at - WIDTH):at], found[at:at + WIDTH]
         if np.median(history.lower[before]) <= np.median(history.upper[after]):
             at += 1
             continue
         # The medians see it up to half a width early: it is where the mean falls most.
-        near = range(at, min(at + width, len(found) - width + 1))
-        at = max(near, key=lambda k: _mean_drop(history, found, k, width))
+        near = range(at, min(at + WIDTH, len(found) - WIDTH + 1))
+        at = max(near, key=lambda k: _mean_drop(history, found, k))
         steps.append(int(history.number[found[at]]))
-        begin, at = at, at + width
+        begin, at = at, at + WIDTH
     return steps
 
 
-def _mean_drop(history: History, found: np.ndarray, at: int, width: int) -> float:
-    """Return the mean severity of `width` flights before `at` less that of those after."""
-    before, after = found[max(0, at - width):at], found[at:at + width]
+def _mean_drop(history: History, found: np.ndarray, at: int) -> float:
+    """Return the mean severity of `WIDTH` flights before `at` less that of those after."""
+    before, after = found[max(0, at - WIDTH):at], found[at:at + WIDTH]
     return float(history.severity[before].mean() - history.severity[after].mean())

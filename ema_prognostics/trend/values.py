@@ -114,8 +114,7 @@ class ValueTrend:
 
 
 def value_trend(
-    name: str, unit: str, values: Mapping[int, tuple[float, float, float]],
-    limit: float | None = None,
+    name: str, unit: str, values: Mapping[int, tuple[float, float, float]], limit: float | None
 ) -> ValueTrend:
     """Return the trend of one value.
 
@@ -123,7 +122,7 @@ def value_trend(
     ----------
     name, unit : of the value.
     values : by number of the record: value and the ends of its 90 % interval; one at least.
-    limit : that the value should not pass, whichever side of it the first records lie.
+    limit : that the value should not pass, whichever side of it the first records lie; or None.
 
     """
     number = np.array(sorted(values), dtype=np.int64)
@@ -133,10 +132,7 @@ def value_trend(
     rise, way = _growth(number[own], value[own], lower[own], upper[own])
     found = ValueTrend(name=name, unit=unit, number=number, value=value, lower=lower, upper=upper,
                        steps=steps, growth=rise, way=way)
-    if limit is None:
-        return found
-    return ValueTrend(name=name, unit=unit, number=number, value=value, lower=lower, upper=upper,
-                      steps=steps, growth=rise, way=way, limit=_passage(found, limit))
+    return found if limit is None else replace(found, limit=_passage(found, limit))
 
 
 def _since(number: np.ndarray, steps: tuple[StepChange, ...]) -> np.ndarray:

@@ -8,17 +8,15 @@ JSON Schema is `verdict.schema.json` beside this file.
 from __future__ import annotations
 
 import hashlib
-from importlib.resources import files
 from typing import Any
 
-from ema_prognostics.verdict.verdict import Verdict
+from ema_prognostics.verdict.verdict import Judged
 from ema_record.bag.content_hash import content_hash
 from ema_record.kit import ACTUATOR, CASCADE, PROFILES, is_default_kit, kit_folder
 from ema_record.record import Provenance, iso_time
 from ema_record.version import VERSION
 
 SCHEMA = "ema_phm.verdict/1"
-SCHEMA_FILE = "verdict.schema.json"
 
 
 def kit_sha256() -> str:
@@ -41,18 +39,17 @@ def trace_of(model_sha256: str) -> dict[str, Any]:
 
 
 def verdict_object(
-    verdict: Verdict, trace: dict[str, Any], *, serial_number: str = "", start_time: int = 0,
-    profile: str = "", record_sha256: str | None = None,
+    judged: Judged, trace: dict[str, Any], *, record_sha256: str | None = None
 ) -> dict[str, Any]:
     """Return the object.
 
     Parameters
     ----------
-    verdict : with the path of its bag.
+    judged : verdict, with the path of its bag, and test.
     trace : of `trace_of`.
-    serial_number, start_time, profile : of the record, empty or 0 where not known.
     record_sha256 : of the bag; None: computed here where the bag could be read; empty: none.
     """
+    verdict, serial_number, start_time, profile = judged
     known = serial_number not in ("", Provenance().serial_number)
     return {
         "schema": SCHEMA, **verdict.to_dict(), "serial_number": serial_number if known else None,
@@ -68,8 +65,3 @@ def hash_of(bag: str) -> str | None:
         return content_hash(bag)
     except OSError:
         return None
-
-
-def json_schema() -> str:
-    """Return the JSON Schema of the object, as text."""
-    return files("ema_prognostics.verdict").joinpath(SCHEMA_FILE).read_text(encoding="utf-8")

@@ -64,8 +64,7 @@ class Baseline:
 
 def diagnose(
     record: Record, model: TrainedModel | None = None, *, mode: Mode = "robust",
-    baseline: Record | Baseline | None = None, actuator: Actuator | None = None,
-    checked: bool = False,
+    baseline: Record | Baseline | None = None, checked: bool = False,
 ) -> Verdict:
     """Say what is wrong with the actuator that `record` comes from.
 
@@ -77,7 +76,6 @@ def diagnose(
         two networks literally: it knows no healthy actuator.
     baseline : a healthy record of the same actuator and test, from its acceptance; sharpens
         the verdict of mode ``robust``. For many records take `baseline_of` once.
-    actuator : what was tested and the model was trained on, default the nominal one.
     checked : whether the record checks were asked before, and found nothing.
 
     Returns
@@ -97,15 +95,15 @@ def diagnose(
     if baseline is not None and mode == "paper":
         raise UsageError("mode paper takes no baseline: leave it out, or use mode robust")
     model = load_model() if model is None else model
-    actuator = load_actuator() if actuator is None else actuator
-    verdict = _diagnose(record, model, mode, baseline, actuator, checked)
+    verdict = _diagnose(record, model, mode, baseline, checked)
     return replace(verdict, bag=record.provenance.source)
 
 
 def _diagnose(
     record: Record, model: TrainedModel, mode: Mode, baseline: Record | Baseline | None,
-    actuator: Actuator, checked: bool,
+    checked: bool,
 ) -> Verdict:
+    actuator = load_actuator()
     try:
         kind = profile_kind(record.profile, actuator)
         _check_usable(record, kind, actuator, NEEDED if not checked else ())
@@ -143,7 +141,7 @@ def _robust_verdict(
     if baseline is not None and own is None:
         raise UsageError(f"the model has no cascade with a baseline for {kind}: leave it out")
     if isinstance(baseline, Record):
-        baseline = baseline_of(baseline, model, actuator)
+        baseline = baseline_of(baseline, model)
     if baseline is not None and baseline.kind != kind:
         raise UsageError(
             f"the baseline is of the test {baseline.record.profile.name!r}, the record of "
@@ -210,9 +208,9 @@ def corrected_row(
     return start_allowed(row, names)
 
 
-def baseline_of(record: Record, model: TrainedModel, actuator: Actuator | None = None) -> Baseline:
+def baseline_of(record: Record, model: TrainedModel) -> Baseline:
     """Return `record` as a baseline; UsageError if it cannot serve."""
-    actuator = load_actuator() if actuator is None else actuator
+    actuator = load_actuator()
     try:
         kind = profile_kind(record.profile, actuator)
         if kind is None:

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from ema_prognostics.verdict.contract import kit_sha256
-from ema_prognostics.verdict.judge import UNKNOWN_SERIAL, Judge, Judged
+from ema_prognostics.verdict.judge import UNKNOWN_SERIAL, Judge
 from ema_prognostics.verdict.report import verdict_of_error
-from ema_prognostics.verdict.verdict import Verdict
+from ema_prognostics.verdict.verdict import Judged, Verdict
 from ema_record.bag.read import read_bag
 from ema_record.checks.facts import facts_of_record
 from ema_record.checks.guard import guard_findings
@@ -28,24 +28,21 @@ class Examination:
 
     Attributes
     ----------
-    verdict : of the actuator.
+    judged : verdict on the actuator, with unit, time and test.
     record : that was read; None: it cannot be.
     checks : of the record, empty without one.
     model : SHA-256 of the networks that judged.
     """
 
-    verdict: Verdict
+    judged: Judged
     record: Record | None
     checks: tuple[CheckResult, ...]
     model: str
 
     @property
-    def judged(self) -> Judged:
-        """The verdict with unit, time and test."""
-        if self.record is None:
-            return Judged(self.verdict)
-        told = self.record.provenance
-        return Judged(self.verdict, told.serial_number, told.start_time, self.record.profile.name)
+    def verdict(self) -> Verdict:
+        """Of the actuator."""
+        return self.judged.verdict
 
     @property
     def serial_number(self) -> str:
@@ -98,11 +95,11 @@ def examine(judge: Judge, bag: str | Path) -> Examination:
     try:
         record = judge.commanded(read_bag(bag))
     except (RecordError, UsageError) as error:
-        return Examination(verdict=verdict_of_error(error, str(bag)), record=None, checks=(),
-                           model=judge.model_sha256)
+        return Examination(judged=Judged(verdict_of_error(error, str(bag))), record=None,
+                           checks=(), model=judge.model_sha256)
     facts = facts_of_record(record)
     findings = guard_findings(facts)
     return Examination(
-        verdict=judge.of_record(record, str(bag), findings).verdict, record=record,
+        judged=judge.of_record(record, str(bag), findings), record=record,
         checks=tuple(check_facts(facts, findings)), model=judge.model_sha256,
     )

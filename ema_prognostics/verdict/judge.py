@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 from threadpoolctl import ThreadpoolController
 
@@ -20,7 +19,7 @@ from ema_prognostics.cascade.kept_model import kept_model
 from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.verdict.diagnose import Baseline, Mode, baseline_of, diagnose
 from ema_prognostics.verdict.report import verdict_of_error
-from ema_prognostics.verdict.verdict import Verdict
+from ema_prognostics.verdict.verdict import Judged, Verdict
 from ema_record.bag.read import read_bag
 from ema_record.checks.facts import Finding
 from ema_record.checks.guard import guard_findings, outcome_of, reason_of
@@ -32,18 +31,6 @@ from ema_record.record import Record
 MOST_REASONS = 5
 """Findings of the record checks that are told."""
 UNKNOWN_SERIAL = "unknown"
-
-
-class Judged(NamedTuple):
-    """A verdict, and which test it is of."""
-
-    verdict: Verdict
-    serial_number: str = ""
-    """Of the actuator, empty where the bag could not be read."""
-    start_time: int = 0
-    """Acceptance of the command (ns since the epoch), 0 where not known."""
-    profile: str = ""
-    """Name of the test, empty where not known."""
 
 
 class Judge:

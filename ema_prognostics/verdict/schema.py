@@ -88,7 +88,7 @@ class VerdictObject(_Object):
 
 
 def schema_text() -> str:
-    """Return the JSON Schema, as `contract.SCHEMA_FILE` holds it."""
+    """Return the JSON Schema, as `verdict.schema.json` holds it."""
     found = VerdictObject.model_json_schema(by_alias=True)
     return json.dumps({
         "$schema": "https://json-schema.org/draft/2020-12/schema", "$id": SCHEMA, **found,

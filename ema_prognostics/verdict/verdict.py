@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from ema_prognostics.words import ENGLISH, feature_words
 
@@ -158,6 +158,18 @@ class Verdict:
             "evidence": [e.to_dict() for e in self.evidence],
             "side": self.side,
         }
+
+
+class Judged(NamedTuple):
+    """A verdict, and which test it is of."""
+
+    verdict: Verdict
+    serial_number: str = ""
+    """Of the actuator, empty where the bag could not be read."""
+    start_time: int = 0
+    """Acceptance of the command (ns since the epoch), 0 where not known."""
+    profile: str = ""
+    """Name of the test, empty where not known."""
 
 
 def verdict_of_dict(found: Mapping[str, Any]) -> Verdict:

@@ -38,16 +38,16 @@ from ema_record.bag.container import METADATA_FILE, find_files
 from ema_record.bag.mcap_stream import MAGIC
 from ema_record.bag.metadata import (
     ROSBAG2,
+    channel_metadata,
     metadata_yaml,
-    offered_qos_profiles,
-    qos_dict,
     rosbag2_record,
+    topic_row,
 )
 from ema_record.errors import InvalidRecordError
 from ema_record.files import cannot_write, sync_directory
 from ema_record.limits import MAX_MESSAGE_BYTES
 from ema_record.wire.topics import Topic
-from ema_record.wire.types import MESSAGE_ENCODING, SCHEMA_ENCODING, definition, type_hash
+from ema_record.wire.types import MESSAGE_ENCODING, SCHEMA_ENCODING, definition
 from ema_record.yaml_file import load_yaml
 
 VERDICT = "ema_phm.verdict"
@@ -110,14 +110,7 @@ def _count(
     information: dict[str, Any], topic: Topic, log_time: int, said: Mapping[str, str]
 ) -> None:
     """Bring rosbag2's metadata up to date."""
-    information["topics_with_message_count"].append({
-        "topic_metadata": {
-            "name": topic.name, "type": topic.type, "serialization_format": MESSAGE_ENCODING,
-            "offered_qos_profiles": [qos_dict(topic.qos)],
-            "type_description_hash": type_hash(topic.type),
-        },
-        "message_count": 1,
-    })
+    information["topics_with_message_count"].append(topic_row(topic, 1))
     for part in (information, information["files"][0]):
         first = part["starting_time"]["nanoseconds_since_epoch"]
         part["duration"] = {
@@ -149,11 +142,8 @@ def _continued(
                         encoding=SCHEMA_ENCODING, data=definition(topic.type).encode())
     channel = Channel(
         id=max(summary.channels, default=0) + 1, topic=topic.name,
-        message_encoding=MESSAGE_ENCODING, schema_id=schema.id, metadata={
-            "offered_qos_profiles": offered_qos_profiles(topic.qos),
-            "topic_type_hash": type_hash(topic.type),
-        },
-    )
+        message_encoding=MESSAGE_ENCODING, schema_id=schema.id,
+        metadata=channel_metadata(topic))
     inside = RecordBuilder()
     schema.write(inside)
     channel.write(inside)

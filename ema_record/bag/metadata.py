@@ -63,6 +63,26 @@ def offered_qos_profiles(qos: Qos) -> str:
     return yaml.safe_dump([qos_dict(qos)], sort_keys=False).strip()
 
 
+def channel_metadata(topic: Topic) -> dict[str, str]:
+    """Return the metadata of a topic's MCAP channel."""
+    return {"offered_qos_profiles": offered_qos_profiles(topic.qos),
+            "topic_type_hash": type_hash(topic.type)}
+
+
+def topic_row(topic: Topic, count: int) -> dict[str, Any]:
+    """Return a topic's entry in rosbag2's metadata, with its number of messages."""
+    return {
+        "topic_metadata": {
+            "name": topic.name,
+            "type": topic.type,
+            "serialization_format": MESSAGE_ENCODING,
+            "offered_qos_profiles": [qos_dict(topic.qos)],
+            "type_description_hash": type_hash(topic.type),
+        },
+        "message_count": count,
+    }
+
+
 def bagfile_information(
     file_name: str, counts: Sequence[tuple[Topic, int]], first: int, last: int,
     custom_data: Mapping[str, str],
@@ -88,19 +108,7 @@ def bagfile_information(
         "duration": {"nanoseconds": last - first},
         "starting_time": {"nanoseconds_since_epoch": first},
         "message_count": message_count,
-        "topics_with_message_count": [
-            {
-                "topic_metadata": {
-                    "name": topic.name,
-                    "type": topic.type,
-                    "serialization_format": MESSAGE_ENCODING,
-                    "offered_qos_profiles": [qos_dict(topic.qos)],
-                    "type_description_hash": type_hash(topic.type),
-                },
-                "message_count": count,
-            }
-            for topic, count in counts
-        ],
+        "topics_with_message_count": [topic_row(topic, count) for topic, count in counts],
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [file_name],

@@ -25,9 +25,9 @@ from ema_record.bag.metadata import (
     START,
     STATUSES,
     bagfile_information,
+    channel_metadata,
     end_record,
     metadata_yaml,
-    offered_qos_profiles,
     rosbag2_record,
     start_record,
 )
@@ -38,7 +38,7 @@ from ema_record.profile import Profile
 from ema_record.record import Provenance, Status
 from ema_record.version import VERSION
 from ema_record.wire.topics import BAG_TOPICS, Topic, name_on_graph
-from ema_record.wire.types import MESSAGE_ENCODING, SCHEMA_ENCODING, definition, type_hash
+from ema_record.wire.types import MESSAGE_ENCODING, SCHEMA_ENCODING, definition
 
 CHUNK_SIZE = 512 << 10
 """Size of a chunk before compression (bytes)."""
@@ -129,10 +129,7 @@ class RawBag:
                 topic.name,
                 MESSAGE_ENCODING,
                 schemas[topic.type],
-                {
-                    "offered_qos_profiles": offered_qos_profiles(topic.qos),
-                    "topic_type_hash": type_hash(topic.type),
-                },
+                channel_metadata(topic),
             )
         return channels
 

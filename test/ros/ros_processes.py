@@ -15,7 +15,13 @@ from ema_monitor.aircraft_node import answer_of
 from ema_record.wire.samples import decode_block
 from ema_record.wire.topics import COMMAND, DIAGNOSTICS, SAMPLES, VERDICT
 from ema_record.wire.trajectory import encode_command
-from ema_ros.messages import PolledGroup, make_polled_subscription, make_publisher, take_all
+from ema_ros.messages import (
+    PolledGroup,
+    make_polled_subscription,
+    make_publisher,
+    take_all,
+    values_of,
+)
 
 START_TIMEOUT = 180.0
 """The first simulator of a test run may have to compile (s)."""
@@ -103,7 +109,7 @@ class Watcher:
             message = rclpy.serialization.deserialize_message(taken.data, DiagnosticArray)
             for status in message.status:
                 if status.name == "ema_sim: actuator":
-                    self.actuator = {p.key: p.value for p in status.values}
+                    self.actuator = values_of(status)
                     self.actuator["message"] = status.message
                     self.actuator_history.append(self.actuator)
         self.blocks += [decode_block(taken.data) for taken in take_all(self._samples)]

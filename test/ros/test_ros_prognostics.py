@@ -13,11 +13,15 @@ from ema_prognostics.prognostics_node import LONGEST_PATH, NOT_A_BAG, REMEMBERED
 from ema_record.bag.read import write_bag
 from ema_record.profile import load_profile
 from ema_record.wire.topics import BIT_RECORD, SEVERITY, VERDICT
-from ema_ros.messages import PolledGroup, make_polled_subscription, make_publisher, take_all
+from ema_ros.messages import (
+    PolledGroup,
+    make_polled_subscription,
+    make_publisher,
+    take_all,
+    values_of,
+)
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
-
-FAULT = ["rotor_eccentricity.zeta=0.1"]
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +49,7 @@ class Listener:
     def collect(self):
         for taken in take_all(self._verdict):
             status = rclpy.serialization.deserialize_message(taken.data, DiagnosticStatus)
-            self.verdicts.append({p.key: p.value for p in status.values})
+            self.verdicts.append(values_of(status))
         for taken in take_all(self._severity):
             self.severities.append(
                 rclpy.serialization.deserialize_message(taken.data, Float64).data)

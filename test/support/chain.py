@@ -23,7 +23,7 @@ from ema_monitor.aircraft_node import AircraftNode, aircraft, answer_of
 from ema_monitor.chain import summarise
 from ema_record.wire.topics import DIAGNOSTICS
 from ema_ros.domain import enter_domain, private_domain
-from ema_ros.messages import PolledGroup, make_polled_subscription, take_all
+from ema_ros.messages import PolledGroup, make_polled_subscription, take_all, values_of
 from ema_ros.supervisor import Supervisor
 
 NODES = (SIMULATOR, PROGNOSTICS, MONITOR)
@@ -99,7 +99,7 @@ class Chain:
         self.node.poll()
         for taken in take_all(self._diagnostics):
             for status in deserialize_message(taken.data, DiagnosticArray).status:
-                values = {pair.key: pair.value for pair in status.values}
+                values = values_of(status)
                 self.status[status.name] = status.message, values
 
     def wait(self, until: Callable[[], bool], limit: float, what: str) -> float:

@@ -1,16 +1,18 @@
 """Flights made of a short notation, for the tests of the trend."""
 
+from dataclasses import replace
+
 from ema_prognostics.trend.flights import Flight, in_order
 from ema_prognostics.verdict.verdict import Fault, Verdict
 
 HALF = 0.05
 
 
-def fault(severity, *, name="turn_short", phase="b"):
+def fault(severity):
     return Verdict(outcome="fault", faults=(Fault(
-        fault_class=name, phase=phase, severity=severity, severity_unit="1",
+        fault_class="turn_short", phase="b", severity=severity, severity_unit="1",
         severity_interval=(severity * (1 - HALF), severity * (1 + HALF)),
-    ),), probabilities={name: 0.99})
+    ),), probabilities={"turn_short": 0.99})
 
 
 def verdict_of(mark, p=0.01):
@@ -26,10 +28,8 @@ def flights_of(marks, probabilities=None):
     flights = []
     for n, mark in enumerate(marks, start=1):
         p = 0.01 if probabilities is None else probabilities[n - 1]
-        verdict = verdict_of(mark, p)
         flights.append(Flight(
-            verdict=Verdict(outcome=verdict.outcome, faults=verdict.faults, bag=f"flight_{n}",
-                            probabilities=verdict.probabilities),
+            verdict=replace(verdict_of(mark, p), bag=f"flight_{n}"),
             serial_number="" if mark == "x" else "SN-1", start_time=0 if mark == "x" else 10 * n,
         ))
     return in_order(flights)

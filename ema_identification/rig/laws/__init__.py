@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ema_identification.rig.laws.base import Law, Shape, Term, unit_of
+from ema_identification.rig.laws.base import Law
 from ema_identification.rig.laws.dynamics import (
     BACKLASH,
     COMPLIANCE,
@@ -47,5 +47,3 @@ LAWS: dict[str, Law] = {
     )
 }
 """All laws by name."""
-
-__all__ = ["LAWS", "Law", "Shape", "Term", "unit_of"]

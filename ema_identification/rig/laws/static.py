@@ -133,7 +133,7 @@ INERTIA = Law(
 VISCOUS_FRICTION = Law(
     name="viscous_friction", meaning="friction in proportion to speed",
     equation="u = B v; a voltage also drives against the back-EMF, which is in proportion too",
-    reference="Armstrong-Hélouvry et al. 1994, Automatica 30(7)",
+    reference=_REVIEW,
     against="speed", coefficients=("value",), units={"value": "u/v"},
     columns=lambda segment, _t, _s: (segment.speed,), equivalent=_with_back_emf,
     positive=True,

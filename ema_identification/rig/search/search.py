@@ -232,7 +232,7 @@ def pruned(
     start: InputBalance, choices: list[LawChoice], blocks: Blocks
 ) -> tuple[list[LawChoice], list[InputBalance], list[Term]]:
     """Return the choices that are missed if taken out, and the stages that they make."""
-    _, dropped = prune(rebuilt(start, choices, blocks)[-1], blocks, len(start.terms))
+    dropped = prune(rebuilt(start, choices, blocks)[-1], blocks, len(start.terms))
     keys = {term.key for term in dropped}
     kept = [choice for choice in choices if choice.trial.term.key not in keys]
     return kept, rebuilt(start, kept, blocks), dropped

@@ -33,7 +33,7 @@ Candidate = tuple[str, tuple[Term, ...]]
 
 
 def candidate_terms(
-    balance: InputBalance, hidden: Collection[str], peaks: Sequence[float] = ()
+    balance: InputBalance, hidden: Collection[str], peaks: Sequence[float]
 ) -> list[Candidate]:
     """Return what may be added to a balance.
 
@@ -125,8 +125,7 @@ Reporter = Callable[[str], None]
 
 def choose(
     balance: InputBalance, blocks: Blocks, hidden: Collection[str], report: Reporter,
-    shapes: Sequence[GenericShape] = (), freest: np.ndarray | None = None,
-    plain_first: bool = True,
+    shapes: Sequence[GenericShape], freest: np.ndarray, plain_first: bool,
 ) -> tuple[LawChoice | None, tuple[Trial, ...]]:
     """Return the law that a balance lacks, None where none is worth naming; and all trials.
 
@@ -143,14 +142,13 @@ def choose(
     shapes : sequence of GenericShape
         Smooth shapes; a law that takes less than half of what such a shape takes against the
         same quantity is not the law.
-    freest : ndarray, shape (rows, k), optional
+    freest : ndarray, shape (rows, k)
         Regressors of the freest model, which say what a wave in time may be of the motion.
     plain_first : bool
         Whether laws that filter the motion wait for those that do not.
 
     """
-    peaks = [] if freest is None else waves_in_time(
-        balance.design.trajectory, balance.fit.residual, freest)
+    peaks = waves_in_time(balance.design.trajectory, balance.fit.residual, freest)
     looks = max((peak.looks for peak in peaks), default=1)
     candidates = candidate_terms(
         balance, hidden, [peak.order for peak in peaks
@@ -302,10 +300,8 @@ def least_loss(balance: InputBalance, squares: float) -> float:
     return max(LEAST_LOSS * squares, LEAST_SIZE**2 * size)
 
 
-def prune(
-    balance: InputBalance, blocks: Blocks, protected: int
-) -> tuple[InputBalance, list[Term]]:
-    """Return the balance without added terms that held-out blocks do not miss.
+def prune(balance: InputBalance, blocks: Blocks, protected: int) -> list[Term]:
+    """Return the added terms that held-out blocks do not miss.
 
     Parameters
     ----------
@@ -333,4 +329,4 @@ def prune(
             break
         dropped.append(balance.terms[worst])
         balance = balance.without(worst)
-    return balance, dropped
+    return dropped

@@ -11,9 +11,9 @@ from ema_prognostics.node.messages import (
     fault_statuses,
     verdict_status,
 )
-from ema_prognostics.verdict.judge import Judged
-from ema_prognostics.verdict.verdict import Fault, Verdict
+from ema_prognostics.verdict.verdict import Fault, Judged, Verdict
 from ema_record.kit import share_path
+from ema_ros.messages import values_of
 
 SHORT = Fault(fault_class="turn_short", phase="b", severity=0.1, severity_unit="1",
               severity_interval=(0.09, 0.11), level="medium")
@@ -33,7 +33,7 @@ def test_codes_and_levels(verdict, codes, level):
     as_json = verdict.to_dict()
     assert fault_codes(as_json) == codes
     status = verdict_status("/left/ema_prognostics: verdict", as_json, Judged(verdict, "EMA-1", 5))
-    values = {pair.key: pair.value for pair in status.values}
+    values = values_of(status)
     assert values["fault_code"] == "".join(codes[:1])
     assert values["fault_codes"] == ", ".join(codes)
     assert status.level == level
@@ -45,7 +45,7 @@ def test_codes_and_levels(verdict, codes, level):
 def test_a_severity_has_its_unit_and_interval():
     verdict = Verdict(outcome="fault", faults=(SHORT,))
     status = verdict_status("verdict", verdict.to_dict(), Judged(verdict))
-    values = {pair.key: pair.value for pair in status.values}
+    values = values_of(status)
     assert {key: values[key] for key in (
         "severity", "severity_unit", "severity_lower", "severity_upper")} == {
         "severity": "0.1", "severity_unit": "1", "severity_lower": "0.09",
@@ -95,7 +95,7 @@ def test_the_bridge_of_medkit_knows_each_name_by_its_code():
     for fields in ({"outcome": "healthy"}, {"outcome": "fault", "faults": (SHORT, FRICTION)},
                    *({"outcome": outcome} for outcome in NOT_JUDGED)):
         for status in fault_statuses("", Verdict(**fields).to_dict(), ""):
-            values = {pair.key: pair.value for pair in status.values}
+            values = values_of(status)
             published[status.name] = values["fault_code"]
     assert codes == published
 

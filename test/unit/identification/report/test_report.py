@@ -15,15 +15,9 @@ import yaml
 from ema_cli.main import build_app
 from ema_identification.report import plots
 from ema_identification.report import write as writing
-from ema_identification.report.page import advice, next_commands
+from ema_identification.report.page import MODEL_FILE, NEXT_TEST_FILE, advice, next_commands
 from ema_identification.report.plots import gap_stages
-from ema_identification.report.write import (
-    MODEL_FILE,
-    NEXT_TEST_FILE,
-    write_answer,
-    write_page,
-    write_report,
-)
+from ema_identification.report.write import write_answer, write_page
 from ema_identification.result import Curve, Formula, Panel
 from ema_record.errors import OutputError, UsageError
 from ema_record.kit import using_kit
@@ -40,11 +34,17 @@ def text_of(page):
     return " ".join(html.unescape(re.sub(r"<[^>]+>", " ", body)).split())
 
 
+def write_report(identification, out, title):
+    """Write an answer and its page; return the path of the page."""
+    write_answer(identification, out)
+    return write_page(identification, out, title=title, inputs=INPUTS).path
+
+
 @pytest.fixture(scope="module")
 def page(explained, tmp_path_factory):
     """Return the path of a page."""
     out = tmp_path_factory.mktemp("report") / "unit"
-    return write_report(explained, out, title="UNIT-0042 <b>", inputs=INPUTS)
+    return write_report(explained, out, title="UNIT-0042 <b>")
 
 
 def test_all_files_are_there(page, explained):
@@ -98,7 +98,7 @@ def test_a_contradicted_answer_is_not_to_be_used(explained, tmp_path):
     """Mixed records of two units: the gap grew from 6.1 to 15.2 and the page called it closed."""
     against = replace(explained, verdict="contradicted", gap_before=6.12, gap_after=15.2,
                       noise_floor=3.95, model_text="", next_profile=None)
-    said = text_of(write_report(against, tmp_path / "out", title="UNIT", inputs=INPUTS))
+    said = text_of(write_report(against, tmp_path / "out", title="UNIT"))
     assert "grew from 6.12 to 15.2" in said
     assert "Do not use what was found" in said
     for wrong in ("Use the updated model", "gap closed", "falls from", "The model lacked",
@@ -113,13 +113,13 @@ def test_who_is_contradicted_is_not_sent_to_the_fitted_record(explained, tmp_pat
     """The gap before lay in the noise: "Judge by the fitted record" stood beside "Do not use"."""
     against = replace(explained, verdict="contradicted", gap_before=1.1, gap_after=15.2,
                       noise_floor=1.0, model_text="", next_profile=None)
-    said = text_of(write_report(against, tmp_path / "out", title="UNIT", inputs=INPUTS))
+    said = text_of(write_report(against, tmp_path / "out", title="UNIT"))
     assert "Judge by the fitted record" not in said
 
 
 def test_without_held_out_data_none_are_claimed(explained, tmp_path):
     alone = replace(explained, held_out=False, gap_unit="rms (fitted record)")
-    said = text_of(write_report(alone, tmp_path / "out", title="UNIT", inputs=INPUTS))
+    said = text_of(write_report(alone, tmp_path / "out", title="UNIT"))
     assert "held-out data" not in said
     assert "gap on the fitted data" in said
     assert "--validate" in said
@@ -129,7 +129,7 @@ def test_phase_and_formula_stand_on_the_page_and_in_the_json(explained, tmp_path
     finding = replace(explained.findings[0], choices={"turn_short.phase": "b"},
                       formula=Formula("A wave.", "u = A cos(n θ - φ)", "somebody"))
     made = replace(explained, findings=(finding,))
-    said = text_of(write_report(made, tmp_path / "out", title="UNIT", inputs=INPUTS))
+    said = text_of(write_report(made, tmp_path / "out", title="UNIT"))
     assert "turn_short.phase b" in said
     assert "u = A cos(n θ - φ)" in said
     assert "sin(n θ" not in said  # the formula of the actuator's entry of that name
@@ -172,7 +172,7 @@ def test_what_to_run_next_is_understood_by_the_commands(explained, machine, tmp_
     inputs = {"measured": ["a b", "c"], "validate": ["d"], "without": ["backlash"],
               "baseline": ["e"], "model": "nominal"}
     with using_kit(make_kit(tmp_path / "a kit", {}, cascade=False)):
-        lines = next_commands(found, tmp_path / "re port", inputs, NEXT_TEST_FILE)
+        lines = next_commands(found, tmp_path / "re port", inputs)
     assert all("/a kit'" in line and "--kit" in line for line in lines)
     assert any("--baseline e" in line for line in lines)
     assert len(lines) == (4 if machine == "actuator" else 1)
@@ -190,7 +190,7 @@ def test_text_is_escaped(page):
 
 
 def test_unknown_effect_shows_its_shape(unknown, tmp_path):
-    found = write_report(unknown, tmp_path / "out", title="UNIT-0043", inputs=INPUTS)
+    found = write_report(unknown, tmp_path / "out", title="UNIT-0043")
     assert "12 a turn, 0.030 N m" in text_of(found)
     assert "that the catalogue does not hold" in text_of(found)
     assert (found.parent / "plots" / "shape.png").exists()
@@ -224,7 +224,7 @@ def test_no_disagreement(explained, tmp_path):
         rivals=(), gap_after=explained.noise_floor, next_test=None, next_profile=None,
         model_text="", panels=(),
     )
-    said = text_of(write_report(nothing, tmp_path / "out", title="UNIT", inputs=INPUTS))
+    said = text_of(write_report(nothing, tmp_path / "out", title="UNIT"))
     assert "Model and measurement agree" in said
     assert "Keep the model" in said
     assert "What the model lacked" not in said
@@ -232,7 +232,7 @@ def test_no_disagreement(explained, tmp_path):
 
 def test_same_identification_same_bytes(page, explained, tmp_path, monkeypatch):
     """All but the model's place, which is in the commands and in the JSON file."""
-    other = write_report(explained, tmp_path / "unit", title="UNIT-0042 <b>", inputs=INPUTS)
+    other = write_report(explained, tmp_path / "unit", title="UNIT-0042 <b>")
     for path in sorted(page.parent.rglob("*")):
         if path.is_file():
             ours = path.read_bytes().replace(str(page.parent).encode(), b"OUT")
@@ -244,7 +244,7 @@ def test_an_existing_folder_is_left_alone(explained, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "kept").write_text("mine", encoding="utf-8")
     with pytest.raises(OutputError, match="never overwritten"):
-        write_report(explained, tmp_path / "out", title="x", inputs=INPUTS)
+        write_report(explained, tmp_path / "out", title="x")
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["kept"]
 
 
@@ -254,24 +254,17 @@ def test_a_report_that_fails_leaves_nothing(explained, tmp_path, monkeypatch):
 
     monkeypatch.setattr(writing, "_write_files", full)
     with pytest.raises(OutputError, match="No space left on device"):
-        write_report(explained, tmp_path / "out", title="x", inputs=INPUTS)
+        write_report(explained, tmp_path / "out", title="x")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_bad_plot_names_are_refused(explained, tmp_path):
     twice = replace(explained, panels=(*explained.panels, explained.panels[0]))
     with pytest.raises(UsageError, match="two of that name"):
-        write_report(twice, tmp_path / "out", title="x", inputs=INPUTS)
+        write_report(twice, tmp_path / "out", title="x")
     outside = replace(explained, panels=(replace(explained.panels[0], name="../x"),))
     with pytest.raises(UsageError, match="letters"):
-        write_report(outside, tmp_path / "other", title="x", inputs=INPUTS)
-
-
-def test_other_commands_can_be_given(explained, tmp_path):
-    found = write_report(explained, tmp_path / "out", title="x", inputs=INPUTS,
-                         commands=["ema identify a --model b"])
-    assert "ema identify a --model b" in text_of(found)
-    assert "ema simulate" not in text_of(found)
+        write_report(outside, tmp_path / "other", title="x")
 
 
 def test_next_test_is_plain_yaml(page):
@@ -282,11 +275,11 @@ def test_next_test_is_plain_yaml(page):
 def test_what_has_changed_since_the_baseline_is_said(explained, tmp_path):
     since = replace(explained, verdict="partly explained", reasons=("grown since May",))
     nothing = replace(explained, verdict="no disagreement", findings=(), since=since)
-    said = text_of(write_report(nothing, tmp_path / "unit", title="U", inputs=INPUTS))
+    said = text_of(write_report(nothing, tmp_path / "unit", title="U"))
     assert "What has changed since the baseline" in said
     assert "cogging_torque.amplitude" in said and "grown since May" in said
     same = replace(nothing, since=replace(nothing, since=None, reasons=()))
-    said = text_of(write_report(same, tmp_path / "same", title="U", inputs=INPUTS))
+    said = text_of(write_report(same, tmp_path / "same", title="U"))
     assert "Nothing has changed since the baseline" in said
 
 
@@ -296,5 +289,5 @@ def test_where_is_said_once(explained, tmp_path):
     where = replace(finding.where, text=f"{place}, whole test: 3.1 standard deviations")
     twice = replace(explained, findings=(replace(finding, where=where),))
     for name, one in (("short", explained), ("long", twice)):
-        said = text_of(write_report(one, tmp_path / name, title="U", inputs=INPUTS))
+        said = text_of(write_report(one, tmp_path / name, title="U"))
         assert said.count(f"Where: {place}") == 1 and f"{place}: {place}" not in said

@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import subprocess
+from importlib.resources import files
 from io import StringIO
 from pathlib import Path
 
@@ -147,14 +148,15 @@ def test_the_hash_is_that_of_sha256sum(place):
 
 
 def test_every_object_keeps_the_contract(found):
-    assert contract.json_schema() == schema.schema_text()
+    text = (files("ema_prognostics.verdict") / "verdict.schema.json").read_text("utf-8")
+    assert text == schema.schema_text()
     for one in found.objects:
         said = json.loads(json.dumps(one))
         checked = schema.VerdictObject.model_validate(said, strict=False)
         assert checked.schema_ == contract.SCHEMA
-        assert set(json.loads(contract.json_schema())["required"]) <= set(said)
+        assert set(json.loads(text)["required"]) <= set(said)
         assert set(said) - {"flight", "repeat_of", "start_time"} <= set(
-            json.loads(contract.json_schema())["properties"])
+            json.loads(text)["properties"])
         assert [s.times for s in checked.evidence] == [s["times"] for s in said["evidence"]]
     assert any(one["evidence"] for one in found.objects)
     with pytest.raises(ValueError, match="verdict"):

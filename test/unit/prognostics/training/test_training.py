@@ -20,10 +20,10 @@ from ema_prognostics.cascade.model_file import (
     save_model,
 )
 from ema_prognostics.training import train_model
-from ema_prognostics.training.evaluation import evaluate
+from ema_prognostics.training.evaluation import evaluated
 from ema_prognostics.training.fleet import FleetFeatures, simulate_fleet
 from ema_prognostics.training.train_model import TrainingSettings
-from ema_prognostics.training.training_jobs import Trained
+from ema_prognostics.training.training_jobs import VIEWS, Trained
 from ema_prognostics.training.validation_report import validation_report
 from ema_prognostics.training.view_training import sound_rows, stricter, train_view
 from ema_prognostics.verdict.diagnose import diagnose
@@ -57,14 +57,10 @@ def train(campaigns: Campaigns) -> TrainedModel:
     severity[rows, rows % len(OUTPUTS)] = rng.uniform(0.01, 0.1, len(rows))
     severity[::9] = 0.0
     labelled = replace(faults, severity=severity, unit=rows)
-    views = {f"step/{v}": train_view(labelled, healthy, "step", v, seed=1, hidden=4,
-                                     iterations=3)
-             for v in ("fleet", "baseline")}
-    cascades = {v: Cascade(views[f"step/{v}"]) for v in ("fleet", "baseline")}
-    held_out = {"step": {
-        "fleet": evaluate(cascades["fleet"], None, labelled, healthy),
-        "baseline": evaluate(cascades["fleet"], cascades["baseline"], labelled, healthy),
-    }}
+    parts = {v: train_view(labelled, healthy, "step", v, seed=1, hidden=4, iterations=3)
+             for v in VIEWS}
+    views = {f"step/{v}": part for v, part in parts.items()}
+    held_out = {"step": evaluated(parts, (labelled, healthy))}
     settings = TrainingSettings(units=16, healthy=8)
     return model_of(Body(views=views, paper=None, training={
         "seed": 31, "held_out": held_out,
@@ -105,7 +101,7 @@ def test_a_training_says_for_which_actuator_it_was(
     monkeypatch.setattr(train_model, "simulate_fleets", lambda *_, healthy=False, **__: {
         "step": sound if healthy else faults})
     monkeypatch.setattr(train_model, "train_views", lambda *_, **__: Trained(views, None))
-    monkeypatch.setattr(train_model, "evaluate", lambda *_: {})
+    monkeypatch.setattr(train_model, "evaluated", lambda *_: {})
     trained = train_model.train_model(31, kinds=("step",))
     assert trained.body.actuator == actuator_hash()
     assert trained.cascades["step/fleet"].view == model.cascades["step/fleet"].view
