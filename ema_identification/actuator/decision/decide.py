@@ -174,7 +174,8 @@ def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit]) -> Fleet
     good = [row for row in tested if max(row[1]) <= LEVEL]
     if not good:
         return replace(answer, reasons=(
-            "no law of the catalogue, nor two, leave what a healthy unit leaves",))
+            "no law of the catalogue, nor two, leave what a healthy unit leaves"
+            f"{_nearest(case, answer.fits)}",))
     weights: dict[frozenset[str], float] = {}
     top = max(case.evidence(row[0]) for row in good)
     for fit, *_ in good:
@@ -197,6 +198,23 @@ def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit]) -> Fleet
                    alone=less[::-1] if len(less) > 1 else ())
 
 
+def _nearest(case: Models, fits: Sequence[LawFit]) -> str:
+    """Return which law comes nearest, if it gains more than useless ones do, and how near."""
+    for fit in fits:
+        if len(fit.terms) == 1 and np.isfinite(fit.cost):
+            if case.p_own(fit, case.nothing) > LEVEL:
+                break
+            share = min(_share(case, fit), 1.0)
+            return (f"; the nearest, {fit.variants[0]}, closes {100.0 * share:.0f} % of the "
+                    "misfit")
+    return ""
+
+
+def _share(case: Models, fit: LawFit) -> float:
+    """Return the share that a fit closes of the misfit beyond what half of healthy units leave."""
+    return float((case.null.cost - fit.cost) / max(case.null.cost - case.usual, 1e-9))
+
+
 def _in_part(case: Models, answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
     """Return the answer with the law, or the set, that closes most of misfit and held-out gap.
 
@@ -207,7 +225,7 @@ def _in_part(case: Models, answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
     if not singles:
         return answer
     best = singles[0]
-    closed = (case.null.cost - best.cost) / max(case.null.cost - case.usual, 1e-9)
+    closed = _share(case, best)
     p = case.p_own(best, case.nothing)
     if closed < MOST or p > LEVEL:
         return answer
@@ -218,5 +236,5 @@ def _in_part(case: Models, answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
         return answer
     return replace(
         answer, verdict="partly explained", fit=best, equivalent=(tuple(sorted(names)),),
-        p_value=(p,), closed=(float(closed),), reasons=(
+        p_value=(p,), closed=(closed,), reasons=(
             "beside it something remains that no law of the catalogue explains",))

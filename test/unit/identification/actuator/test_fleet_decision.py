@@ -494,7 +494,9 @@ def test_no_law_has_the_credit_of_a_unit_fitted_better_beside_it(monkeypatch):
 def test_a_law_beside_which_something_remains_needs_a_witness(after, verdict):
     """Most of the misfit is the law's, the rest nobody's: the held-out record decides."""
     both = unit(seed=3, backlash=4.0, strange=1.0)
-    assert decide(both).verdict == "unknown effect"
+    alone = decide(both)
+    assert alone.verdict == "unknown effect"
+    assert "the nearest, backlash, closes" in alone.reasons[-1]
     found = decide(both, Held(10.0, after))
     assert found.verdict == verdict
     if verdict == "partly explained":
