@@ -82,7 +82,7 @@ def identify(
 
 
 def build_library(
-    records: Sequence[Record], folder: Path, *, workers: int = 1,
+    records: Sequence[Record], folder: Path, *, whole: bool = True, workers: int = 1,
     progress: Progress | None = None,
 ) -> None:
     """Make the library of the present kit's actuator for records such as these.
@@ -94,6 +94,7 @@ def build_library(
     ----------
     records : of healthy units, at least one; the test, rate and channels of the first count.
     folder : `library/` of the kit.
+    whole : False keeps what the records tell alone; the library is made at its first use.
     workers : processes that simulate, -1 for all cores.
     progress : called with what is being done and how much of it is (0 to 1).
     """
@@ -110,8 +111,9 @@ def build_library(
     workers = cpu_count() if workers < 0 else workers
     with threadpool_limits(limits=1):  # as `identify_actuator` makes it
         model, first = load_model_file(), records[0]
-        fleet_library(recorded_alike([first], model), first.profile, rate=nominal_rate(first),
-                      workers=workers, progress=progress or silent, folder=folder)
+        if whole:
+            fleet_library(recorded_alike([first], model), first.profile, rate=nominal_rate(first),
+                          workers=workers, progress=progress or silent, folder=folder)
         keep_acceptance(records, model, folder)
 
 

@@ -49,15 +49,16 @@ def commission(
 
     def make_library(
         given: Sequence[Record], folder: Path, step: Callable[[str, float], None]
-    ) -> None:
+    ) -> bool:
         from ema_identification.identify import build_library
 
-        build_library(given, folder, workers=jobs or -1, progress=step)
+        build_library(given, folder, whole=with_library, workers=jobs or -1, progress=step)
+        return with_library
 
     with_library = not quick if library is None else library
     with progress_of("commissioning") as advance:
         made = make(given_bags(records), actuator, out, quick=quick, seed=seed, jobs=jobs or -1,
-                    progress=advance, library=make_library if with_library else None)
+                    progress=advance, library=make_library)
     found = made.validation
     if as_json:
         print_json({"kit": str(made.kit), **found})

@@ -82,8 +82,9 @@ SPREAD_UNITS = 48
 LIBRARY_SHARE = 0.80, 0.98
 """Of the whole, for the library; it has so many parts."""
 Progress = Callable[[str, float], None]
-MakeLibrary = Callable[[Sequence[Record], Path, Progress], None]
-"""Makes the present kit's library for such records in a folder; goes on where it was."""
+MakeLibrary = Callable[[Sequence[Record], Path, Progress], bool]
+"""Keeps in a folder what such records tell of the type for `ema identify`, and makes the present
+kit's library, or leaves that to its first use; returns which. Goes on where it was."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,7 +117,7 @@ def commission(
     seed : of the training.
     jobs : processes that simulate, -1 for all cores.
     progress : called with what goes on and how much of the whole is done, 0 to 1.
-    library : makes the library for `ema identify`; None: it is made at its first use.
+    library : makes the library for `ema identify`; None: nothing is kept for it.
 
     Raises
     ------
@@ -259,9 +260,8 @@ class _Work:
         if self._library is None:
             return False
         begin, end = LIBRARY_SHARE
-        self._library(self._acceptance.records, self._draft / LIBRARY, lambda what, share:
-                      self._progress(what, begin + (end - begin) * share))
-        return True
+        return self._library(self._acceptance.records, self._draft / LIBRARY, lambda what, share:
+                             self._progress(what, begin + (end - begin) * share))
 
     def _write_actuator(self, actuator: Actuator, tolerances: UnitTolerances | None = None
                         ) -> None:

@@ -33,6 +33,8 @@ class Travel(NamedTuple):
     """Change of the rotor angle (rad)."""
     position: np.ndarray
     """Change of the surface position times the gear ratio (rad)."""
+    gained: np.ndarray
+    """Change of the measured speed (rad/s)."""
 
 
 def travel(facts: BagFacts) -> Travel | None:
@@ -52,7 +54,9 @@ def travel(facts: BagFacts) -> Travel | None:
     )
     if np.abs(angle).sum() < TRAVELLED * actuator.surface.end_stop * actuator.gear.ratio:
         return None
-    return Travel(motion.time[:n * window:window], turned, angle, position)
+    ends = motion.turned[window - 1:n * window:window] / facts.interval
+    gained = np.diff(ends, prepend=motion.turned[0] / facts.interval)
+    return Travel(motion.time[:n * window:window], turned, angle, position, gained)
 
 
 def motion_scales(facts: BagFacts) -> Iterator[Hit]:
@@ -85,13 +89,20 @@ def motion_scales(facts: BagFacts) -> Iterator[Hit]:
 
 
 def speed_offset(facts: BagFacts) -> Iterator[Hit]:
-    """Find a speed that differs from that of the rotor angle in a part of the test."""
+    """Find a speed that differs from that of the rotor angle in a part of the test.
+
+    A speed that a filter of first order delays by τ turns less by τ times what it has gained, and
+    is no worse for it: what is left of that, of a delay of at most a window, counts.
+    """
     found = facts.derived(travel)
     if found is None or facts.angle_in_degrees:
         return
     if abs(found.speed @ found.angle / (found.angle @ found.angle) - 1.0) > SCALE:
         return  # told by the rule on scales
-    off = np.abs(found.speed - found.angle) / (facts.window * facts.interval)
+    window = facts.window * facts.interval
+    behind, gained = found.angle - found.speed, found.gained
+    late = np.clip(behind @ gained / max(gained @ gained, 1e-12), 0.0, window)
+    off = np.abs(behind - late * gained) / window
     wrong = off > SPEED_OFFSET * facts.actuator.control.speed_limit
     if wrong.any():
         row = int(np.argmax(wrong))

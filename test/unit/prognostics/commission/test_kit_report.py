@@ -159,18 +159,21 @@ def test_the_library_is_made_unless_it_is_quick(
     options: list[str], made: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    """What the records tell of the type is kept in either case, for its first use too."""
     bag = write_bag(record_of("step", seed=3), tmp_path / "bag")
-    seen: list[Any] = []
+    folder = tmp_path / LIBRARY
+    built: list[Any] = []
+    monkeypatch.setattr(library_build, "fleet_library", lambda *_, **more: built.append(more))
 
     def fake(paths: Any, description: Any, out: Path, *, library: Any, **_: Any) -> Any:
-        seen.append(library)
-        return commissioning.Commissioning(
-            kit=out, validation=validation(library=library is not None))
+        told = library([record_of("step", seed=3)], folder, lambda *_: None)
+        return commissioning.Commissioning(kit=out, validation=validation(library=told))
 
     monkeypatch.setattr(commissioning, "commission", fake)
     assert run(["commission", str(bag), "--actuator", str(kit_path(ACTUATOR)), "--out",
                 str(tmp_path / "kit"), *options]) == 0
-    assert (seen[0] is not None) is made
+    assert len(built) == int(made)
+    assert len(list(folder.glob("acceptance_*.npz"))) == 1
     assert ("made at its first use" in capsys.readouterr().err) is not made
 
 
@@ -197,10 +200,11 @@ def test_progress_of_the_library_goes_up(tmp_path: Path) -> None:
     work._acceptance = type("Records", (), {"records": [record_of("step", seed=3)]})()
     work._draft, work._progress = tmp_path, lambda _what, part: shown.append(part)
 
-    def library(_records: Any, folder: Path, step: Any) -> None:
+    def library(_records: Any, folder: Path, step: Any) -> bool:
         assert folder == tmp_path / LIBRARY
         for share in (0.0, 0.5, 1.0):
             step("library of step", share)
+        return True
 
     work._library = library
     assert work._make_library() is True

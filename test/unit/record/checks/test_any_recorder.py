@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from ema_record.actuator import load_actuator
 from ema_record.bag.read import write_bag
@@ -317,3 +318,20 @@ def test_a_clock_that_jumps_while_samples_stream_is_found():
             for k, b in enumerate(facts.blocks)]
     (hit,) = reception_clock(replace(facts, blocks=late))
     assert hit.message == "the recorder's clock jumps by 0.300 s against the samples'"
+
+
+@pytest.mark.parametrize("profile", ["step", "extended"])
+@pytest.mark.parametrize("delay", [2e-4, 1e-3, 4e-3])
+def test_a_speed_that_comes_late_is_no_offset(profile, delay):
+    """A first-order low-pass, as where the speed is an encoder's differences: it lags by its time.
+
+    One that is off beside that still is.
+    """
+    def low_pass(x):
+        return lfilter([1.0 - pole], [1.0, -pole], x, zi=[pole * x[0]])[0]
+
+    pole = np.exp(-5e-5 / delay)
+    record = column(1, low_pass)(record_of(profile, seed=3))
+    assert rules(record) == []
+    off = column(1, lambda x: low_pass(x) + 30.0 * (np.arange(len(x)) > ROW))
+    assert "sensor_offset" in rules(off(record_of(profile, seed=3)))
