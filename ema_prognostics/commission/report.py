@@ -7,6 +7,7 @@ from typing import Any
 
 from ema_prognostics.cascade.classes import FAULTS
 from ema_prognostics.commission.bound import FALSE_ALARMS
+from ema_prognostics.commission.discrepancy import NOT_SHIFTED
 from ema_prognostics.commission.quality import MOST_FALSE_ALARMS, MOST_UNKNOWN
 from ema_prognostics.words import ENGLISH, feature_words, name_of, scaled
 from ema_record.actuator import BACK_EMFS, DRIVES, RELAY
@@ -170,9 +171,11 @@ def _change(name: str, value: float) -> str:
 
 
 def _left(validation: dict[str, Any]) -> list[str]:
-    """Return in words what the model leaves unexplained, the largest first."""
+    """Return in words what the model leaves unexplained and is subtracted, the largest first."""
     found: dict[str, str] = {}
     for one in validation["largest_after"]:
+        if one["feature"].startswith(NOT_SHIFTED):
+            continue
         found.setdefault(feature_words(one["feature"], ENGLISH), f"{one['deviations']:+.1f}")
     return [f"{words} {size}" for words, size in found.items()][:UNEXPLAINED]
 

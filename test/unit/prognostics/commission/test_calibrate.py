@@ -30,6 +30,7 @@ from ema_prognostics.commission.quality import check_described, check_good
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_record.actuator import load_actuator
 from ema_record.bag.read import write_bag
+from ema_record.channels import MOTOR_SPEED
 from ema_record.errors import UsageError
 from ema_record.kit import ACTUATOR as ACTUATOR_FILE
 from ema_record.kit import kit_path
@@ -227,6 +228,16 @@ def test_the_recorder_is_measured_and_not_assumed() -> None:
     quiet = ACTUATOR._replace(noise=ACTUATOR.noise._replace(current=0.1 * ACTUATOR.noise.current))
     assert measured_recorder(quiet, [fine], varying).noise.current == pytest.approx(
         2.0 * ACTUATOR.noise.current, rel=0.15)
+
+
+def test_a_shaft_that_unwinds_at_rest_is_no_noise() -> None:
+    always = load_spread().conditions._replace(noise_least=1.0, noise_most=1.0)
+    record = record_of("step", seed=3)
+    moving = record.samples.copy()
+    moving[:, MOTOR_SPEED] += 15.0 * ACTUATOR.noise.speed * np.exp(-record.time / 0.006)
+    assert moving[record.at_rest, MOTOR_SPEED].std() > 2.0 * ACTUATOR.noise.speed
+    found = measured_recorder(ACTUATOR, [replace(record, samples=moving)], always)
+    assert found.noise.speed == pytest.approx(ACTUATOR.noise.speed, rel=0.15)
 
 
 def test_a_described_noise_stays_where_all_records_may_have_it() -> None:
