@@ -40,7 +40,10 @@ def new_kit(sheet: DataSheet, out: Path) -> Description:
         description = describe(sheet)
         default_profiles(description.actuator)
     except UsageError as error:
-        raise UsageError(_in_options(str(error))) from None
+        said = _in_options(str(error))
+        if not sheet.has("rate"):
+            said = said.replace("--rate", "without --rate, one a control period,")
+        raise UsageError(said) from None
     text = actuator_yaml(description, sheet)
     draft: Path | None = None
     try:

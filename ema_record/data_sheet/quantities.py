@@ -126,7 +126,7 @@ def read_quantity(name: str, text: str) -> Given:
         if kind.units == NUMBER:
             raise UsageError(f"{shown}: a pure number: give for example {kind.example}")
         raise UsageError(f"{shown}: {what}: give {known}, for example {kind.example}")
-    value = float(found[1]) * kind.units[unit]
+    value = float(f"{float(found[1]) * kind.units[unit]:.12g}")  # 10 us are 1e-5
     if not kind.least <= value <= kind.most:
         factor = kind.units[unit]
         raise UsageError(
