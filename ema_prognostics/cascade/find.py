@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +21,7 @@ from ema_prognostics.cascade.guard import Strange, StrangerFilters, build_guard
 from ema_prognostics.cascade.inputs import Inputs
 from ema_prognostics.cascade.model_body import MemberPart, SeverityPart, ViewPart
 from ema_prognostics.features.vector import rotate
-from ema_prognostics.networks.network import logit
+from ema_prognostics.networks.network import logit, logsig
 
 MAX_FAULTS = 2
 LEAST_SEVERITY = 1e-9
@@ -174,8 +175,11 @@ class Cascade:
         """
         turned = [self.inputs(rotate(x, self.view.names, k)) for k in range(3)]
         u = turned[0]
-        family = np.column_stack([self._families[n](u) for n in FAMILIES])
-        margin = logit(family) - self._threshold
+        said = logit(np.column_stack([self._families[n](u) for n in FAMILIES]))
+        margin = said - self._threshold
+        family = np.column_stack([
+            logsig(meant(one, self.view.families[n].knots, self.view.families[n].logits))
+            for n, one in zip(FAMILIES, said.T)])
         p = self._probabilities(turned, family)
         severity = {
             output: self._severity[SEVERITY_OF[output]](turned[k] if output in SHORTS else u)
@@ -230,6 +234,12 @@ class Cascade:
             for m, output in enumerate(outputs):
                 p[:, OUTPUTS.index(output)] = family[:, k] * share[:, m]
         return p
+
+
+def meant(said: np.ndarray, knots: Sequence[float], logits: Sequence[float]) -> np.ndarray:
+    """Return logits as they were borne out, shape (n,): linear between, parallel beyond."""
+    inside = np.clip(said, knots[0], knots[-1])
+    return np.asarray(np.interp(inside, knots, logits) + said - inside)
 
 
 def announced(probability: np.ndarray, margin: np.ndarray) -> tuple[str, ...]:

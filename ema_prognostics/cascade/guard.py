@@ -22,7 +22,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_prognostics.cascade.classes import KINDS_FOUND, probability_known, tail_probability
+from ema_prognostics.cascade.classes import (
+    KINDS_FOUND,
+    TAIL_RATES,
+    probability_known,
+    tail_probability,
+)
 from ema_prognostics.cascade.guard_groups import group_columns
 from ema_prognostics.cascade.inputs import SURFACE, input_names
 from ema_prognostics.cascade.lines import DERIVED, NO_CONSTANTS
@@ -74,6 +79,9 @@ the torque forward less that back tells."""
 BEYOND, MOST_BEYOND = 0.5, 1.0
 """Part by which all limits grow a healthy deviation outside the measured conditions that were
 seen, where what is expected of the features is but a continuation; and the most of it."""
+LEAST_KNOWN = float(probability_known(np.array(TAIL_RATES[-1])))
+"""Probability that what the guard lets pass is of a known kind, at least: beyond the least rate
+that is tabulated the tail is but a trend, and some limits lie far beyond what was seen."""
 BESIDE_OWN = 1.25
 """Bound of the scores without the baseline, where there is one and its guard judges too."""
 STRANGER_RATE = 0.004
@@ -157,7 +165,9 @@ class Limits(NamedTuple):
 
     def known(self, scores: np.ndarray) -> np.ndarray:
         """Return the probability that records with these scores are of a known kind."""
-        return probability_known(tail_probability(scores.max(axis=1), self.tail))
+        worst = scores.max(axis=1)
+        known = probability_known(tail_probability(worst, self.tail))
+        return np.where(worst > 1.0, known, np.maximum(known, LEAST_KNOWN))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

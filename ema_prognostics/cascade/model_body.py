@@ -113,9 +113,18 @@ class MemberPart(Part):
 
 
 class FamilyPart(MemberPart):
-    """Whether a family is there, and the logit above which it is announced."""
+    """Whether a family is there; its logit means `logits` where it is `knots`, linear between."""
 
     threshold: Number
+    """Logit of the network above which it is announced."""
+    knots: Vector = Field(default=[0.0])
+    logits: Vector = Field(default=[0.0])
+
+    @model_validator(mode="after")
+    def _curve(self) -> FamilyPart:
+        if not 1 <= len(self.knots) == len(self.logits) or sorted(self.knots) != self.knots:
+            raise ValueError("the logits of a family do not fit its knots")
+        return self
 
 
 class SeverityPart(Part):

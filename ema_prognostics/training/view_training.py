@@ -33,7 +33,7 @@ from ema_prognostics.features.vector import (
 )
 from ema_prognostics.networks.fitting import MEMBERS, as_classifier, fit_classifier, fit_regressor
 from ema_prognostics.networks.network import Network, logit
-from ema_prognostics.training.calibration import tail_quantile
+from ema_prognostics.training.calibration import borne_out, tail_quantile
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_prognostics.training.guard_training import GuardRecords, train_guard
 from ema_prognostics.training.severity_training import train_severity
@@ -164,7 +164,7 @@ def train_view(
     families, members = {}, {}
     for name, outputs in FAMILIES.items():
         progress(name)
-        families[name] = work.family(name, sound)
+        families[name] = work.family(name, sound, int(fit.sum()))
         for group in dict.fromkeys(SEVERITY_OF[o] for o in outputs):
             if len(outputs) > 1:
                 members[group] = work.member(group, name)
@@ -254,8 +254,11 @@ class _Work:
             return np.concatenate([_turn_labels(y, k)[:, 0] for k in range(3)])
         return y[:, OUTPUTS.index(group)]
 
-    def family(self, name: str, sound: np.ndarray) -> FamilyPart:
-        """Return the network that says whether, its threshold set on healthy records."""
+    def family(self, name: str, sound: np.ndarray, tests: int) -> FamilyPart:
+        """Return the network that says whether, its threshold set on healthy records.
+
+        The first `tests` records are no acceptance records.
+        """
         x, weight = self._x, self._records.weight
         if name in ITSELF:
             x = np.vstack([x, self._records.itself])
@@ -264,14 +267,18 @@ class _Work:
         there[:len(self._y)] = self._y[:, [OUTPUTS.index(o) for o in FAMILIES[name]]].any(axis=1)
         if name in FRICTIONS and self._own is not None:
             network = self._friction(self._own[:, FRICTIONS.index(name)], name, there)
+            # One logistic curve is not how probable: within what units differ by nearly none is
+            # an increase, beyond it all are.
+            curve = borne_out(logit(network(self._see(name, x[:tests]))[:, 0]), there[:tests])
         else:
+            curve = np.zeros(1), np.zeros(1)
             network = fit_classifier(self._see(name, x), there, iterations=self._iterations,
                                      weight=weight, **self._settings)
         part = NetworkPart.of(network)
         score = logit(part.build()(self._see(name, sound))[:, 0])
         threshold = float(f"{tail_quantile(score, self._rates[name]):.6g}")
         return FamilyPart(inputs=group_inputs(name, self._inputs.input_names), network=part,
-                          threshold=threshold)
+                          threshold=threshold, knots=rounded(curve[0]), logits=rounded(curve[1]))
 
     def _friction(self, own: np.ndarray, name: str, there: np.ndarray) -> Network:
         """Return a network for the probability that a friction has grown; no baseline.

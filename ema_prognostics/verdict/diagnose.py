@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from ema_prognostics.cascade.guard import BESIDE_OWN
+from ema_prognostics.cascade.guard import BESIDE_OWN, LEAST_KNOWN
 from ema_prognostics.cascade.model_body import DiscrepancyPart
 from ema_prognostics.cascade.model_file import TrainedModel, load_model
 from ema_prognostics.features.extract import extract
@@ -192,7 +192,8 @@ def verdict_of_features(
         return verdict_of_detection(measured, detection, kind)
     x = differences(x, corrected_row(baseline, names, left))
     alone, detection = detection, own.find(x, exact=exact)[0]
-    detection = replace(detection, known=min(alone.known, detection.known))
+    detection = replace(
+        detection, known=min(max(alone.known, LEAST_KNOWN), detection.known))
     unusual = verdict_of_guard(own, detection, cause="unlike_since_baseline")
     if unusual is not None:
         return unusual

@@ -21,6 +21,7 @@ from ema_prognostics.cascade.classes import (
 from ema_prognostics.cascade.find import SeverityNetwork, announced
 from ema_prognostics.cascade.guard import (
     GROUP_SQUEEZE,
+    LEAST_KNOWN,
     SQUEEZE,
     GroupLimit,
     Guard,
@@ -208,3 +209,11 @@ def test_squeeze_bounds_a_single_feature() -> None:
 def test_logit_is_bounded() -> None:
     assert np.isfinite(logit(np.array([0.0, 1.0]))).all()
     assert logit(np.array([0.5]))[0] == 0.0
+
+
+def test_what_the_limits_let_pass_is_no_certain_stranger() -> None:
+    """A limit far beyond the scores that were seen: within it their trend is not followed."""
+    limits = Limits(np.ones(1), np.eye(1), 1.0, 0.3 * TAIL)
+    within, beyond = limits.known(np.array([[0.95], [1.05]]))
+    assert within == pytest.approx(LEAST_KNOWN) and within > 0.45
+    assert beyond < 0.1

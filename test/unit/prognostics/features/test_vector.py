@@ -5,8 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ema_prognostics.cascade.find import meant
 from ema_prognostics.features.vector import difference_names, differences, rotate, squash
-from ema_prognostics.training.calibration import conformal_quantile, local_quantiles, tail_quantile
+from ema_prognostics.networks.network import logsig
+from ema_prognostics.training.calibration import (
+    borne_out,
+    conformal_quantile,
+    local_quantiles,
+    tail_quantile,
+)
 
 NAMES = ["quarter_even_m1_re", "quarter_even_m1_im", "quarter_even_m2_re", "quarter_even_m2_im",
          "torque_quarter"]
@@ -61,3 +68,24 @@ def test_width_follows_what_the_residual_depends_on() -> None:
     inside = residual <= np.interp(value, knots, width)
     for low in (0.0, 0.4, 0.8):
         assert inside[(value >= low) & (value < low + 0.2)].mean() == pytest.approx(0.9, abs=0.04)
+
+
+def test_what_is_said_means_how_often_it_was_so() -> None:
+    """A plateau of one in ten, then certainty: no logistic curve, and told nevertheless."""
+    rng = np.random.default_rng(5)
+    said = rng.uniform(-4.0, 4.0, 4000)
+    true = np.where(said < 0.0, 0.1, 0.99)
+    knots, logits = borne_out(said, rng.random(4000) < true)
+    assert (np.diff(knots) > 0.0).all() and (np.diff(logits) > 0.0).all()
+    found = logsig(meant(np.array([-2.0, 0.5, 2.0]), knots.tolist(), logits.tolist()))
+    assert found[0] == pytest.approx(0.1, abs=0.04) and (found[1:] > 0.93).all()
+
+
+def test_what_is_said_keeps_its_order_and_without_a_curve_its_value() -> None:
+    said = np.linspace(-9.0, 9.0, 50)
+    assert meant(said, [0.0], [0.0]) == pytest.approx(said)
+    assert (np.diff(meant(said, [-1.0, 1.0], [-2.0, 3.0])) > 0.0).all()
+    rare = borne_out(np.arange(480.0), np.arange(480) % 100 != 7)  # the last, sure 40 after 440
+    assert (np.diff(rare[1]) > 0.0).all()
+    few = borne_out(said[:3], np.array([False, True, True]))
+    assert [len(part) for part in few] == [1, 1] and few[1][0] == pytest.approx(np.log(2.5 / 1.5))

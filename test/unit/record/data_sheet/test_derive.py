@@ -184,6 +184,7 @@ def test_origins_are_told():
     ({}, {"torque_constant": "30mNm/A"}, "--torque-constant 30mNm/A and --kv 475rpm/V contra"),
     ({}, {"end_stop": "3deg"}, r"stroke of \+-0.0523599 rad is too short"),
     ({}, {"rate": "1kHz"}, "--rate 1000 samples a second are 9.2 an electrical turn"),
+    ({}, {"control_period": "1ms"}, "without --rate, one a control period, 1000 samples"),
     ({"drive": "relay"}, {"inductance": "45uH", "bus": "48V"}, "its band would be"),
     ({"drive": "vector"}, {}, "unknown word of --drive 'vector': one of relay, pwm, foc"),
     ({}, {"kv": None}, r"lacks a constant \(one of --kv"),
