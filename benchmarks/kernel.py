@@ -17,7 +17,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from rich.console import Console
@@ -82,15 +83,21 @@ def fundamental(record: Record) -> complex:
     return complex(2.0 * np.mean(record.channel("phase_current_a")[keep] * np.exp(-1j * theta)))
 
 
-def speed(run: Callable[[], object], simulated: float, repeats: int) -> float:
-    """Return the median processor time a simulated second (s)."""
-    run()
+def speeds(
+    runs: Sequence[Callable[[], object]], simulated: float, repeats: int
+) -> list[float]:
+    """Return the median processor time a simulated second of each (s).
+
+    All in turn, so that what else the machine does falls on all alike.
+    """
     used = []
-    for _ in range(repeats):
-        begin = time.process_time()
-        run()
-        used.append(time.process_time() - begin)
-    return statistics.median(used) / simulated
+    for _ in range(repeats + 1):  # the first compiles
+        for run in runs:
+            begin = time.process_time()
+            run()
+            used.append(time.process_time() - begin)
+    return [statistics.median(used[k + len(runs)::len(runs)]) / simulated
+            for k in range(len(runs))]
 
 
 def drive_of(kind: int) -> Actuator:
@@ -165,11 +172,11 @@ def print_drives(console: Console, angles: int, repeats: int, reference: np.ndar
     for title in ("drive", "CPU s", "limit", "2 f_e of speed", "f_e of current", "limit", ""):
         table.add_column(title, justify="left" if title in {"drive", ""} else "right")
     extended = load_profile("extended")
-    for kind, switching in ((RELAY, True), (PWM, False), (FOC, False), (PWM, True), (FOC, True)):
-        used = speed(
-            lambda k=kind, s=switching: simulate_traced(
-                extended, actuator=drive_of(k), trace=False, switching=s),
-            extended.duration, repeats)
+    drives = ((RELAY, True), (PWM, False), (FOC, False), (PWM, True), (FOC, True))
+    times = speeds([partial(simulate_traced, extended, actuator=drive_of(kind), trace=False,
+                            switching=switching) for kind, switching in drives],
+                   extended.duration, repeats)
+    for (kind, switching), used in zip(drives, times):
         row = [DRIVES[kind] + ("" if kind == RELAY else ", edges" if switching else ", means"),
                f"{used:.4f}"]
         if kind == RELAY:
@@ -202,17 +209,17 @@ def main() -> None:
     for title in ("integration", "CPU s", "2 f_e", "± s.e."):
         table.add_column(title, justify="left" if title == "integration" else "right",
                          no_wrap=True)
-    for max_step in STEPS:
+    times = speeds([partial(simulate_traced, extended, trace=False, max_step=max_step)
+                    for max_step in STEPS], extended.duration, options.repeats)
+    for max_step, used in zip(STEPS, times):
         relative, deviation = error(lines(max_step, options.angles), reference)
         name = f"events, {max_step * 1e6:g} µs"
-        used = speed(lambda h=max_step: simulate_traced(extended, trace=False, max_step=h),
-                     extended.duration, options.repeats)
         table.add_row(name + (" (default)" if max_step == MAX_STEP else ""), f"{used:.4f}",
                       f"{relative:+.2%}", f"{deviation:.2%}")
     profile = step_profile(0.4)
     for step in (STEP, 1e-6):
         relative, deviation = error(lines(None, options.reference_angles, step), reference)
-        used = speed(lambda h=step: simulate_reference(profile, step=h), profile.duration, 3)
+        (used,) = speeds([partial(simulate_reference, profile, step=step)], profile.duration, 3)
         table.add_row(
             f"fixed step, {step * 1e6:g} µs", f"{used:.4f}",
             *(("reference", "") if step == STEP else (f"{relative:+.2%}", f"{deviation:.2%}")),
