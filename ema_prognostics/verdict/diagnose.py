@@ -13,6 +13,7 @@ from ema_prognostics.cascade.model_body import DiscrepancyPart
 from ema_prognostics.cascade.model_file import TrainedModel, load_model
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import SAME_POSITION, ProfileKind, profile_kind
+from ema_prognostics.features.turns import cut
 from ema_prognostics.features.vector import differences, start_allowed
 from ema_prognostics.paper.cascade import FAULTS, LEVELS
 from ema_prognostics.verdict.evidence import Measured
@@ -238,16 +239,9 @@ def _check_usable(
             raise InvalidRecordError(reason_of(finding))
     if findings:
         raise IncompleteRecordError(reason_of(findings[0]))
-    if len(record) < 2:
-        raise IncompleteRecordError(f"{len(record)} samples: repeat the test")
-    time = record.time
     end = (record.profile.command_time + test_plan(record.profile, actuator).last_time
            if kind else record.profile.duration)
-    if time[0] > record.profile.command_time or time[-1] < end - 2.0 / record.rate:
-        raise IncompleteRecordError(
-            f"the record covers {time[0]:.3f} to {time[-1]:.3f} s, the analysis needs "
-            f"{record.profile.command_time:.3f} to {end:.3f} s: repeat the test"
-        )
+    cut(record, (record.profile.command_time, end))
 
 
 def _paper_verdict(record: Record, model: TrainedModel) -> Verdict:

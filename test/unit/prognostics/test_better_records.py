@@ -11,7 +11,7 @@ from ema_prognostics.cascade.model_file import load_model
 from ema_prognostics.verdict.diagnose import diagnose
 from ema_record.actuator import INSTANT, Actuator, load_actuator
 from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
-from ema_record.profile import load_profile
+from ema_record.profile import Profile, load_profile
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
 from support.simulations import column
@@ -104,3 +104,9 @@ def test_a_worse_record_is_unknown_and_says_what_to_do() -> None:
     verdict = diagnose(simulate(load_profile("extended"), noise=8.0, seed=24))
     assert verdict.outcome == "unknown"
     assert any(reason.startswith("next: ") for reason in verdict.reasons)
+
+
+def test_a_whole_record_of_a_test_that_begins_at_once_is_not_incomplete() -> None:
+    odd = Profile(name="odd", points=((0.0, 0.0), (0.2, 0.05), (0.5, 0.05)), inverter_off=0.0)
+    verdict = diagnose(simulate(odd, seed=26))
+    assert (verdict.outcome, verdict.cause) == ("unknown", "unknown_test")
