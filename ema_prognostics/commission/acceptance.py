@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ema_prognostics.features.consistency import scatter_at_rest
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import ProfileKind, profile_kind
 from ema_prognostics.verdict.judge import UNKNOWN_SERIAL, forbidden
@@ -23,7 +24,6 @@ from ema_record.channels import (
     REFERENCE_CURRENTS,
     ROTOR_ANGLE,
     SURFACE_POSITION,
-    median,
 )
 from ema_record.errors import RecordError, UsageError
 from ema_record.record import Record
@@ -36,8 +36,6 @@ MIN_RECORDS, MIN_UNITS = 4, 2
 MOST_RECORDS = 1000
 LEAST_SAMPLES = 16
 """Of the interval without current from which the noise is read."""
-PARTS = 8
-"""Into which that interval is cut at most, to tell noise from motion."""
 MIN_STEPS = 6
 """Fewest different values while the inverter is off from which the noise is read."""
 NOISE_ERROR = 0.1
@@ -191,24 +189,14 @@ def noise_level(described: float, measured: np.ndarray, conditions: Conditions) 
 def _noise(record: Record, place: slice) -> float | None:
     """Return the noise of a channel while the inverter is off (rms), None if not measured.
 
-    A channel that stands on few of its steps shows its rounding and not its noise. It is the
-    scatter about a line, of the middle one of some parts of the interval: a shaft that unwinds as
-    the drive lets go is motion.
+    A channel that stands on few of its steps shows its rounding and not its noise.
     """
     values = record.samples[record.at_rest, place]
     if len(values) < LEAST_SAMPLES:
         return None
     if len(np.unique(values[:, 0])) < MIN_STEPS:
         return None
-    parts = np.array_split(values, min(PARTS, len(values) // LEAST_SAMPLES))
-    return float(median(np.array([_about_a_line(part) for part in parts])))
-
-
-def _about_a_line(values: np.ndarray) -> float:
-    """Return the scatter about a straight line of values, shape (n, m), rms, mean of columns."""
-    time = np.arange(len(values)) - 0.5 * (len(values) - 1)
-    rest = values - values.mean(axis=0) - np.outer(time, time @ values / (time @ time))
-    return float(np.sqrt((rest**2).sum(axis=0) / (len(values) - 2)).mean())
+    return float(scatter_at_rest(values).mean())
 
 
 def _rounded(values: np.ndarray) -> bool:

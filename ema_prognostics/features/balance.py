@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_prognostics.features.signals import Signals
-from ema_prognostics.features.turns import TURN, Turns, rotor_lines, whole_turns
+from ema_prognostics.features.turns import TURN, Turns, rotor_lines, waves_at, whole_turns
 from ema_prognostics.features.vector import SWING
 from ema_record.channels import TIME, median
 from ema_record.errors import IncompleteRecordError
@@ -28,6 +28,9 @@ CELLS = 12
 """Parts of an electrical turn in which what is not of the rotor is looked for: up to line 6."""
 LOWEST = 0.3
 """Least multiple of the electrical frequency of a limit cycle that is sought."""
+LINE = 10.0
+"""Multiple of the median line from which on one is a limit cycle's and no noise, of which a line
+exceeds r times the median with the probability 2^(-r²)."""
 DRIVEN = 0.01
 """Share of the torque of nominal friction below which the motor was driven from outside."""
 
@@ -69,7 +72,7 @@ class Balance(NamedTuple):
     """Largest |m_h| of the lines `other_orders`, in each of `BANDS`; empty: not asked for."""
     swing: float
     """Amplitude of what is in the speed beside the mean and no turn of the rotor repeats, in
-    parts of the mean, of the median turn; 0 where the rotor made but one."""
+    parts of the mean, of the median turn; 0 where that is noise or the rotor made but one."""
     told: np.ndarray
     """Which lines are measured, bool, shape (6,): those that no limit cycle falls onto."""
 
@@ -94,16 +97,28 @@ def _other_lines(
 
 
 def _cells(turns: Turns, speed: np.ndarray, pole_pairs: int) -> np.ndarray:
-    """Return what no turn of the rotor repeats of the speed, shape (turns, CELLS) (rad/s)."""
+    """Return what no turn of the rotor repeats of the speed, shape (turns, CELLS) (rad/s).
+
+    Its lines are taken off sample by sample first: samples lie otherwise in a cell each turn.
+    """
+    orders = [k / pole_pairs for k in range(1, CELLS * pole_pairs + 1)]
+    waves = np.array(list(waves_at(turns.theta, orders).values()))
+    away = speed - turns.weight @ speed
+    lines = 2.0 * np.einsum("hn,n->h", waves.conj(), turns.weight * away)
+    speed = away - np.einsum("h,hn->n", lines, waves).real
     travelled = np.abs(turns.theta - turns.theta[0]) * (CELLS / TURN)
     cell = np.minimum(travelled.astype(int), CELLS * turns.count - 1)
     covered = np.bincount(cell, turns.weight, minlength=CELLS * turns.count)
     mean = np.bincount(cell, turns.weight * speed, minlength=len(covered)) / np.maximum(
         covered, 1e-12)
-    drift = np.arange(len(mean)) - 0.5 * (len(mean) - 1)
-    mean -= mean.mean() + drift * (drift @ mean) / (drift @ drift)
     revolutions = mean.reshape(turns.count // pole_pairs, -1)
-    rest = revolutions - revolutions.mean(axis=0)
+    half = len(revolutions) // 2
+    if half:  # medians: a single jolt is neither a drift nor repeated
+        drift = (median(revolutions[-half:]) - median(revolutions[:half])) / (
+            len(revolutions) - half)
+        revolutions = revolutions - drift * (
+            np.arange(mean.size) / revolutions.shape[1]).reshape(revolutions.shape)
+    rest = revolutions - median(revolutions.T, axis=-1)
     return np.asarray(rest.reshape(turns.count, CELLS) * np.sqrt(
         len(revolutions) / max(len(revolutions) - 1.0, 1.0)))
 
@@ -124,15 +139,18 @@ def _without_cycle(
     """
     speed, told = signal[:, 0], np.ones(len(orders), dtype=bool)
     rest = _cells(turns, speed, pole_pairs)
+    length = 8 * rest.size
+    power = np.abs(np.fft.rfft(rest.ravel() * np.hanning(rest.size), length))
+    order = np.arange(len(power)) * (CELLS / length)
+    sought = (order >= LOWEST) & (order <= HARMONICS)
+    power, order = power[sought], order[sought]
+    if power.max() <= LINE * np.median(power):
+        return signal, told, 0.0
     # The median turn: a single jolt is no limit cycle.
     swing = float(np.sqrt(2.0 * median((rest**2).mean(axis=1))) / abs(turns.weight @ speed))
     if swing <= SWING:
         return signal, told, swing
     time = turns.samples[:, TIME] - turns.samples[0, TIME]
-    length = 8 * rest.size
-    power = np.abs(np.fft.rfft(rest.ravel() * np.hanning(rest.size), length))
-    order = np.arange(len(power)) * (CELLS / length)
-    power[(order < LOWEST) | (order > HARMONICS)] = 0.0
     away = turns.weight * (speed - turns.weight @ speed)
 
     def lower(order: float) -> float:

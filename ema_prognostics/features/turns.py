@@ -128,7 +128,7 @@ def whole_turns(
     )
 
 
-def _waves(theta: np.ndarray, orders: Sequence[float]) -> dict[float, np.ndarray]:
+def waves_at(theta: np.ndarray, orders: Sequence[float]) -> dict[float, np.ndarray]:
     """Return exp(jhθ), shape (n,), by multiple: the product of two that are there, if it is one.
 
     A product costs a tenth of sine and cosine; its error grows by one rounding a multiple.
@@ -166,7 +166,7 @@ def rotor_lines(
     theta, weight = turns.theta, turns.weight
     drift = np.linspace(-1.0, 1.0, len(theta))
     columns = [np.ones_like(theta), drift]
-    for wave in _waves(theta, orders).values():
+    for wave in waves_at(theta, orders).values():
         columns += [wave.real, wave.imag]
     design = np.stack(columns)
     weighted = design * weight

@@ -66,7 +66,19 @@ def test_a_line_that_an_overtone_falls_onto_is_not_told() -> None:
 def test_a_single_jolt_is_no_limit_cycle() -> None:
     record = slewing_record()
     record.samples[:, 1] += 100.0 * np.exp(-((record.time - 0.2) / 0.005) ** 2)
-    assert torque_balance(prepare(record), 0.1, 0.36, 20).swing < SWING
+    assert torque_balance(prepare(record), 0.1, 0.36, 20).swing < 0.1 * SWING
+
+
+def test_noise_is_none_however_large_and_a_cycle_within_it_is() -> None:
+    assert torque_balance(prepare(slewing_record(noise=20.0)), 0.1, 0.36, 20).swing == 0.0
+    record = slewing_record(speed_lines=[(1.4, 3.0, 0.4)], noise=0.5)
+    found = torque_balance(prepare(record), 0.1, 0.36, 20).swing
+    assert found == pytest.approx(3.0 / 790.6, rel=0.1) and found > SWING
+
+
+def test_a_strong_ripple_of_the_rotor_is_none_although_samples_lie_otherwise_each_turn() -> None:
+    record = slewing_record(speed_lines=[(1, 60.0, 0.4), (5, 40.0, 1.0)])
+    assert torque_balance(prepare(record), 0.1, 0.36, 20).swing < 0.1 * SWING
 
 
 def test_scatter_of_a_slew_that_swings_is_that_of_a_healthy_unit() -> None:
