@@ -144,7 +144,7 @@ def _without_cycle(
     order = np.arange(len(power)) * (CELLS / length)
     sought = (order >= LOWEST) & (order <= HARMONICS)
     power, order = power[sought], order[sought]
-    if power.max() <= LINE * np.median(power):
+    if power.max() <= LINE * median(power):
         return signal, told, 0.0
     # The median turn: a single jolt is no limit cycle.
     swing = float(np.sqrt(2.0 * median((rest**2).mean(axis=1))) / abs(turns.weight @ speed))
