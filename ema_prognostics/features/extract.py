@@ -29,34 +29,17 @@ LEAST_TORQUE = 2e-3
 """Floor of a torque, of that of nominal friction."""
 
 
-Pair = tuple[Balance, Balance]
-"""Of the slews of a speed, forward and back."""
-
-
 def _lines(found: dict[str, float], name: str, residual: np.ndarray) -> None:
     for h in range(HARMONICS):
         found[f"{name}_m{h + 1}_re"] = 1e3 * float(residual[h].real)
         found[f"{name}_m{h + 1}_im"] = 1e3 * float(residual[h].imag)
 
 
-def _even(ahead: Balance, back: Balance) -> np.ndarray:
-    """Return what the lines of a pair of slews have in common, not a number where not told."""
-    both = 0.5 * (ahead.residual + back.residual)
-    return np.where(ahead.told & back.told, both, complex(np.nan, np.nan))
-
-
-def _pair(found: dict[str, float], speed: str, pair: Pair, other: Pair) -> None:
-    """Add what a pair of slews, forward and back, tells.
-
-    A line that is not told is that of the other pair: what modulates the torque constants does so
-    at any speed, in parts of the torque. Where that tells none, and of the sensor, it is as in a
-    healthy unit.
-    """
-    ahead, back = pair
-    even, instead = _even(*pair), _even(*other)
-    _lines(found, f"{speed}_even", np.nan_to_num(np.where(np.isnan(even), instead, even)))
-    _lines(found, f"{speed}_odd", 0.5 * (ahead.told & back.told) * (
-        ahead.residual - back.residual))
+def _pair(found: dict[str, float], speed: str, ahead: Balance, back: Balance) -> None:
+    """Add what a pair of slews, forward and back, tells."""
+    told = ahead.told & back.told  # a line that is not says nothing, as in a healthy unit
+    _lines(found, f"{speed}_even", 0.5 * told * (ahead.residual + back.residual))
+    _lines(found, f"{speed}_odd", 0.5 * told * (ahead.residual - back.residual))
     found[f"torque_{speed}"] = float(np.log(0.5 * (ahead.torque + back.torque)))
     found[f"load_{speed}"] = 0.5 * (ahead.torque - back.torque)
     found[SWINGS[speed]] = max(ahead.swing, back.swing)
@@ -161,10 +144,8 @@ def extract(
         slow = _slow(signals, plan)
         ramps = [window for window in (plan.ramp, plan.ramp_back) if window is not None]
         dry, balances = dry_friction(signals, balances, ramps, exp(slow["torque_ramp"]))
-        full, quarter = ((balances[name], balances[f"{name}_back"])
-                         for name in ("full", "quarter"))
-        _pair(found, "full", full, quarter)
-        _pair(found, "quarter", quarter, full)
+        for speed in ("full", "quarter"):
+            _pair(found, speed, balances[speed], balances[f"{speed}_back"])
         found |= slow | dry
         found["torque_full_over_quarter"] = found["torque_full"] - found["torque_quarter"]
         found["torque_quarter_over_ramp"] = found["torque_quarter"] - found["torque_ramp"]

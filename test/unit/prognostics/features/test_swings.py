@@ -7,12 +7,11 @@ import pytest
 
 from ema_prognostics.features.balance import torque_balance
 from ema_prognostics.features.dry_friction import dry_friction
-from ema_prognostics.features.extract import _pair, extract
+from ema_prognostics.features.extract import extract
 from ema_prognostics.features.signals import prepare
 from ema_prognostics.features.vector import SWING, difference_names, differences, steady, swings
 from ema_record.actuator import load_actuator
 from ema_record.profile import load_profile
-from ema_record.profiles.plan import test_plan as plan_of
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
 from support.simulations import slewing_record
@@ -135,21 +134,3 @@ def test_a_steady_slew_keeps_its_torque() -> None:
     balances = {name: torque_balance(signals, *slew) for name, slew in slews.items()}
     _, found = dry_friction(signals, balances, [(2.1, 2.4), (2.7, 2.9)], 0.4)
     assert found == balances
-
-
-def test_a_line_that_is_not_told_is_that_of_the_other_slews() -> None:
-    record = simulate(load_profile("extended"), seed=3, effects=parse_effects(
-        ["rotor_eccentricity.zeta=0.05", "rotor_eccentricity.mode=common"]))
-    signals, plan = prepare(record), plan_of(load_profile("extended"), load_actuator())
-    full, quarter = (tuple(torque_balance(signals, *plan.segments[f"{name}{way}"])
-                           for way in ("", "_back")) for name in ("full", "quarter"))
-    hidden = quarter[0]._replace(told=np.array([False, *[True] * 5])), quarter[1]
-    found: dict[str, float] = {}
-    _pair(found, "full", full, hidden)
-    _pair(found, "quarter", hidden, full)
-    first = {name: complex(found[f"{name}_m1_re"], found[f"{name}_m1_im"])
-             for name in ("full_even", "quarter_even", "full_odd", "quarter_odd")}
-    assert first["quarter_even"] == first["full_even"] and abs(first["full_even"]) > 40.0
-    assert first["quarter_odd"] == 0.0 != first["full_odd"]
-    own = 0.5e3 * (quarter[0].residual + quarter[1].residual)[1]
-    assert found["quarter_even_m2_re"] == own.real
