@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ema_prognostics.cascade.classes import scale_of
-from ema_prognostics.cascade.lines import DERIVED, NOISE, LineFilter
+from ema_prognostics.cascade.lines import DERIVED, NOISE, LineFilter, short_lines_told
 from ema_prognostics.features.vector import ABSOLUTE, squash, steady
 from ema_record.actuator import load_actuator
 
@@ -140,15 +140,16 @@ def derive(
     x : ndarray, shape (n, d).
     lines, absolute : filters of the lines, and with a baseline those of the absolute lines.
     """
-    parts = [x, lines.derive(names, x)]
     if absolute is None:
-        return np.hstack([*parts, mechanical(names, x)])
+        return np.hstack([x, lines.derive(names, x), mechanical(names, x)])
     own = [k for k, n in enumerate(names) if n.startswith(ABSOLUTE)]
     bare = [names[k].removeprefix(ABSOLUTE) for k in own]
     record = x[:, own]
     baseline = record - x[:, [names.index(n) for n in bare]]
     now, then = mechanical(bare, record), mechanical(bare, baseline)
-    return np.hstack([*parts, now - then, absolute.derive(bare, record), now])
+    told = short_lines_told(bare, record) & short_lines_told(bare, baseline)
+    return np.hstack([x, lines.derive(names, x, told), now - then,
+                      absolute.derive(bare, record), now])
 
 
 class Inputs:

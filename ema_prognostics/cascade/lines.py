@@ -70,6 +70,16 @@ def even_lines(names: Sequence[str], x: np.ndarray, part: str = "even") -> np.nd
     return found
 
 
+def short_lines_told(names: Sequence[str], x: np.ndarray) -> np.ndarray:
+    """Return whether all lines of a short are measured, bool, shape (n,), of features `x`.
+
+    One that a limit cycle hides in a slew is exactly zero there, and no longer goes with the
+    others.
+    """
+    lines = even_lines(names, x)[:, :, [h - 1 for h in SHORT_LINES]]
+    return np.asarray((lines != 0.0).all(axis=(1, 2)))
+
+
 def winding_differences(names: Sequence[str], x: np.ndarray) -> np.ndarray:
     """Return `WINDING` of features `x`, complex, shape (n, 2); zero where not among `names`."""
     found = np.zeros((len(x), len(WINDING)), dtype=complex)
@@ -120,8 +130,14 @@ class LineFilter:
     by_noise: np.ndarray
     share: float
 
-    def derive(self, names: Sequence[str], x: np.ndarray) -> np.ndarray:
-        """Return `DERIVED` for features `x`, shape (n, d), in healthy deviations."""
+    def derive(
+        self, names: Sequence[str], x: np.ndarray, told: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return `DERIVED` for features `x`, shape (n, d), in healthy deviations.
+
+        `told` : of `short_lines_told`, default that of `x` itself.
+        """
+        told = short_lines_told(names, x) if told is None else told
         lines = (even_lines(names, x) * self.weight).sum(axis=1) / self.deviation
         pick = [h - 1 for h in SHORT_LINES]
         measured = lines[:, pick]
@@ -142,7 +158,7 @@ class LineFilter:
             wound_rest / np.sqrt(1.0 + power),
             np.abs(lines[:, 2].real), np.abs(lines[:, 2].imag),
             np.hypot(lines[:, 2].real, ACROSS * lines[:, 2].imag), self._strength(names, x),
-            _no_constants(measured, patterns[0]) / np.sqrt(1.0 + self.share**2 * power),
+            told * _no_constants(measured, patterns[0]) / np.sqrt(1.0 + self.share**2 * power),
         ])
 
     def _strength(self, names: Sequence[str], x: np.ndarray) -> np.ndarray:
