@@ -92,6 +92,18 @@ def test_no_constants_of_the_phases_make_the_lines_of_a_wrong_current() -> None:
         assert unlike(scale * current[0] * (shape[2] - shape[0])) > 0.3
 
 
+def test_where_a_line_is_not_told_nothing_is_said_of_constants(found: LineFilter) -> None:
+    """Zero, as a limit cycle leaves it at one speed, no longer goes with the line that is told."""
+    lines = short(0, 0.1)
+    lines[0, 0, 3] *= 1e-9
+    at = DERIVED.index("constants_unlike")
+    assert found.derive(NAMES, features(lines))[0, at] > 5.0
+    lines[0, 0, 3] = 0.0
+    assert found.derive(NAMES, features(lines))[0, at] == 0.0
+    told = np.array([False])
+    assert found.derive(NAMES, features(short(0, 0.1)), told)[0, at] == 0.0
+
+
 def test_odd_line_is_no_short(found: LineFilter) -> None:
     lines = np.zeros((1, 2, 6), complex)
     lines[0, :, 2] = 10.0j
