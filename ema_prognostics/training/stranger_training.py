@@ -85,12 +85,16 @@ def _covariance(inputs: np.ndarray) -> np.ndarray:
 
 
 def _limits(size: np.ndarray) -> np.ndarray:
-    """Return limits, shape (kinds,), that `STRANGER_RATE` of the records exceed with any filter.
+    """Return limits, shape (kinds,), of which `STRANGER_RATE` of the records exceed any at most.
+
+    Each by its own tail, at an equal share of the rate (Bonferroni): a filter whose outputs have a
+    heavy tail widens no other's limit.
 
     Parameters
     ----------
     size : ndarray, shape (n, kinds). Of the filters' outputs.
     """
-    each = np.array([max(tail_quantile(column, STRANGER_RATE), 1e-3) for column in size.T])
-    worst = tail_quantile((size / each).max(axis=1), STRANGER_RATE)
-    return np.array(rounded(each * worst))
+    rate = STRANGER_RATE / size.shape[1]
+    return np.array(rounded(np.array([
+        max(tail_quantile(column, rate), float(np.quantile(column, 1.0 - rate)), 1e-3)
+        for column in size.T])))
