@@ -70,6 +70,11 @@ def even_lines(names: Sequence[str], x: np.ndarray, part: str = "even") -> np.nd
     return found
 
 
+def hidden_lines(names: Sequence[str], x: np.ndarray) -> np.ndarray:
+    """Return which features `x`, shape (n, d), are lines that a limit cycle hides: zero."""
+    return np.array(["_even_m" in n or "_odd_m" in n for n in names]) & (x == 0.0)
+
+
 def short_lines_told(names: Sequence[str], x: np.ndarray) -> np.ndarray:
     """Return whether all lines of a short are measured, bool, shape (n,), of features `x`.
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ema_prognostics.cascade.lines import hidden_lines
 from ema_prognostics.cascade.model_body import DiscrepancyPart, LimitPart, ViewPart, rounded
 from ema_prognostics.features.vector import steady
 from ema_prognostics.training.fleet import FleetFeatures
@@ -71,7 +72,9 @@ def with_discrepancy(
     numbers, inverse = np.unique(fleet.unit, return_inverse=True)
     rng = np.random.default_rng([seed, 7])
     added = (rng.standard_normal((len(numbers), len(spread))) * spread)[inverse]
-    return replace(fleet, baseline=fleet.baseline + added, record=fleet.record + added)
+    baseline, record = (x + np.where(hidden_lines(fleet.names, x), 0.0, added)
+                        for x in (fleet.baseline, fleet.record))
+    return replace(fleet, baseline=baseline, record=record)
 
 
 def widened(view: ViewPart, factor: float, strangers: float) -> ViewPart:

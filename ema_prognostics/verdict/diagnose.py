@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from ema_prognostics.cascade.guard import BESIDE_OWN, LEAST_KNOWN
+from ema_prognostics.cascade.lines import hidden_lines
 from ema_prognostics.cascade.model_body import DiscrepancyPart
 from ema_prognostics.cascade.model_file import TrainedModel, load_model
 from ema_prognostics.features.extract import extract
@@ -206,8 +207,9 @@ def corrected_row(
 ) -> np.ndarray:
     """Return features as the networks take them, less the discrepancy `left`, shape (1, d)."""
     off = {} if left is None else dict(zip(left.names, left.mean))
-    row = np.array([[features[n] - off.get(n, 0.0) for n in names]])
-    return start_allowed(row, names)
+    row = np.array([[features[n] for n in names]])
+    mean = np.array([off.get(n, 0.0) for n in names])
+    return start_allowed(row - np.where(hidden_lines(names, row), 0.0, mean), names)
 
 
 def baseline_of(record: Record, model: TrainedModel) -> Baseline:

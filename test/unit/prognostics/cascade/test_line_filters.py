@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ema_prognostics.cascade.lines import DERIVED, LineFilter, fit_line_filter
+from ema_prognostics.cascade.lines import DERIVED, LineFilter, fit_line_filter, hidden_lines
 
 NAMES = [f"{speed}_{part}_m{h}_{side}" for speed in ("quarter", "full")
          for part in ("even", "odd") for h in range(1, 7) for side in ("re", "im")]
@@ -102,6 +102,12 @@ def test_where_a_line_is_not_told_nothing_is_said_of_constants(found: LineFilter
     assert found.derive(NAMES, features(lines))[0, at] == 0.0
     told = np.array([False])
     assert found.derive(NAMES, features(short(0, 0.1)), told)[0, at] == 0.0
+
+
+def test_only_lines_that_are_zero_are_hidden() -> None:
+    names = ["quarter_even_m1_re", "absolute_full_odd_m2_im", "start_position"]
+    assert hidden_lines(names, np.array([[0.0, 1.0, 0.0], [2.0, -0.0, 0.0]])).tolist() == [
+        [True, False, False], [False, True, False]]
 
 
 def test_odd_line_is_no_short(found: LineFilter) -> None:
