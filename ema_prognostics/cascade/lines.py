@@ -76,11 +76,7 @@ def hidden_lines(names: Sequence[str], x: np.ndarray) -> np.ndarray:
 
 
 def short_lines_told(names: Sequence[str], x: np.ndarray) -> np.ndarray:
-    """Return whether all lines of a short are measured, bool, shape (n,), of features `x`.
-
-    One that a limit cycle hides in a slew is exactly zero there, and no longer goes with the
-    others.
-    """
+    """Return whether no line of a short is hidden, bool, shape (n,), of features `x`."""
     lines = even_lines(names, x)[:, :, [h - 1 for h in SHORT_LINES]]
     return np.asarray((lines != 0.0).all(axis=(1, 2)))
 
@@ -140,7 +136,8 @@ class LineFilter:
     ) -> np.ndarray:
         """Return `DERIVED` for features `x`, shape (n, d), in healthy deviations.
 
-        `told` : of `short_lines_told`, default that of `x` itself.
+        `told` : `short_lines_told` of the records, default of `x`. A line that is hidden no longer
+        goes with the others, so nothing is said of `NO_CONSTANTS` there.
         """
         told = short_lines_told(names, x) if told is None else told
         lines = (even_lines(names, x) * self.weight).sum(axis=1) / self.deviation

@@ -192,9 +192,7 @@ def _noise(record: Record, place: slice) -> float | None:
     A channel that stands on few of its steps shows its rounding and not its noise.
     """
     values = record.samples[record.at_rest, place]
-    if len(values) < LEAST_SAMPLES:
-        return None
-    if len(np.unique(values[:, 0])) < MIN_STEPS:
+    if len(values) < LEAST_SAMPLES or len(np.unique(values[:, 0])) < MIN_STEPS:
         return None
     return float(scatter_at_rest(values).mean())
 

@@ -103,7 +103,7 @@ def _cells(turns: Turns, speed: np.ndarray, pole_pairs: int) -> np.ndarray:
     """
     orders = [k / pole_pairs for k in range(1, CELLS * pole_pairs + 1)]
     waves = np.array(list(waves_at(turns.theta, orders).values()))
-    away = speed - turns.weight @ speed
+    away = speed - turns.weight @ speed  # no matrix product below: it would wake all cores
     lines = 2.0 * np.einsum("hn,n->h", waves.conj(), turns.weight * away)
     speed = away - np.einsum("h,hn->n", lines, waves).real
     travelled = np.abs(turns.theta - turns.theta[0]) * (CELLS / TURN)

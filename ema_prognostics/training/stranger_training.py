@@ -85,7 +85,7 @@ def _covariance(inputs: np.ndarray) -> np.ndarray:
 
 
 def _limits(size: np.ndarray) -> np.ndarray:
-    """Return limits, shape (kinds,), of which `STRANGER_RATE` of the records exceed any at most.
+    """Return limits, shape (kinds,): at most `STRANGER_RATE` of the records exceed any of them.
 
     Each by its own tail, at an equal share of the rate (Bonferroni): a filter whose outputs have a
     heavy tail widens no other's limit.
