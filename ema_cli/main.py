@@ -12,11 +12,12 @@ import gc
 import importlib
 import inspect
 import keyword
+import os
 import re
 import sys
 import typing
 from collections.abc import Callable, Sequence
-from io import TextIOWrapper
+from io import FileIO, TextIOWrapper
 from shutil import get_terminal_size
 from typing import Annotated, Any
 
@@ -40,6 +41,8 @@ PURPOSE = "built-in test and diagnosis of electromechanical actuators"
 EXIT_STATUS = (
     "0 healthy or done, 1 a fault, 2 wrong use or unreadable input, 3 unknown or incomplete, "
     "4 no verdict of ema bit, 70 an error in this software, 130 interrupted, 143 terminated")
+WIDTHS = r"[1-9]\d{1,3}"
+"""What `$COLUMNS` is followed in: 10 to 9999 characters."""
 OBJECTS = 50_000
 """New objects after which circles among them are looked for; a start makes many, and no circle."""
 
@@ -105,6 +108,11 @@ def ema(
 
 def main() -> None:
     """Run `ema` on the arguments of the process and exit."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by whoever started it
+            setattr(sys, name, TextIOWrapper(FileIO(os.devnull, "w"), encoding="utf-8"))
+    if not re.fullmatch(WIDTHS, os.environ.get("COLUMNS", "")):
+        os.environ.pop("COLUMNS", None)
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     end_quietly()

@@ -34,7 +34,7 @@ Changes = Annotated[Path | None, typer.Option(
     "--model", metavar="FILE.yaml",
     help="Actuator parameters and effects: changes over the kit's.")]
 Seed = Annotated[int, typer.Option(
-    "--seed", help="Of noise and start angle; same seed, same bytes.")]
+    "--seed", min=0, max=2**31 - 1, help="Of noise and start angle; same seed, same bytes.")]
 Noise = Annotated[float, typer.Option("--noise", help="Factor on the sensor noise, 0 for none.")]
 Rule = Annotated[str, typer.Option(
     metavar="K/N", help="A fault is confirmed when K of the last N flights find it.")]

@@ -11,6 +11,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
+from string import Formatter
 
 from ema_record.errors import UsageError, unknown_name
 
@@ -85,6 +86,15 @@ def _words(name: str) -> Words:
     return Words(table, None if short == ENGLISH else _words(ENGLISH))
 
 
+def _is_plain(text: str) -> bool:
+    """Return whether the places of a text are bare names: no width, no part of a value."""
+    try:
+        return all(name is None or (name.isidentifier() and not form and not conversion)
+                   for _, name, form, conversion in Formatter().parse(text))
+    except ValueError:
+        return False
+
+
 def _flat(path: Path) -> dict[str, str]:
     """Return the texts of a YAML file by their paths in it."""
     from ema_record.yaml_file import load_yaml
@@ -96,6 +106,9 @@ def _flat(path: Path) -> dict[str, str]:
             for name, inner in value.items():
                 walk(inner, f"{key}.{name}" if key else str(name))
         elif isinstance(value, str):
+            if not _is_plain(value):
+                raise UsageError(f"{path}: {key}: {value[:60]!r}: a place is a name in braces and "
+                                 "nothing else ('{name}'); a brace itself is written twice")
             found[key] = value
         else:
             raise UsageError(f"{path}: {key or 'words'}: expected texts (value "

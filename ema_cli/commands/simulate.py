@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -127,7 +128,7 @@ def simulate(
         return 0
     for path in plots:
         say(str(path))
-    check = f"ema check {written}{kit_option()}"
+    check = f"ema check {shlex.quote(str(written))}{kit_option()}"
     note(f"simulated {chosen.duration:g} s in {wall:.2f} s; next: {check}")
     return 0
 

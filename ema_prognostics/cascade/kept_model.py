@@ -71,12 +71,14 @@ def kept_model(path: str | Path | None = None) -> TrainedModel:
         return load_model(path)
     place = kit_path(CASCADE)
     found = _hash_of(place)
+    if found is None:  # which says why
+        return load_model()
     name = f"model_{hashlib.sha256(str(place.resolve()).encode()).hexdigest()[:32]}"
-    kept = None if found is None else _unpacked(name, found)
+    kept = _unpacked(name, found)
     if kept is not None and not is_of_another_actuator(kept.body.actuator):
         return kept
     model = load_model()
-    if found is not None and _hash_of(place) == found:  # the very file that was read
+    if _hash_of(place) == found:  # the very file that was read
         save(name, _Packed(model, found).arrays)
         _forget_old()
     return model
@@ -120,7 +122,8 @@ class _Packed:
     def arrays(self) -> dict[str, np.ndarray]:
         """What goes into the cache."""
         tree = np.frombuffer(json.dumps(self._tree).encode(), dtype=np.uint8)
-        return {"tree": tree, "numbers": np.concatenate([*self._numbers, np.empty(0)])}
+        numbers = np.concatenate([*self._numbers, np.empty(0)])
+        return {"tree": tree, "numbers": numbers, "sha256": _digest(tree, numbers)}
 
     def _packed(self, value: Any) -> Any:
         if isinstance(value, dict):
@@ -133,6 +136,12 @@ class _Packed:
         start, self._length = self._length, self._length + array.size
         self._numbers.append(array.ravel())
         return ["array", start, list(array.shape)]
+
+
+def _digest(tree: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    """Return the SHA-256 of both, so that what was damaged in the cache is never judged with."""
+    found = hashlib.sha256(tree.tobytes() + numbers.tobytes()).digest()
+    return np.frombuffer(found, dtype=np.uint8)
 
 
 def _numbers_in(value: list[Any] | tuple[Any, ...]) -> np.ndarray | None:
@@ -149,6 +158,8 @@ def _unpacked(name: str, file: str) -> TrainedModel | None:
     arrays = load(name)
     try:
         if arrays is None:
+            return None
+        if not np.array_equal(arrays["sha256"], _digest(arrays["tree"], arrays["numbers"])):
             return None
         tree, numbers = json.loads(arrays["tree"].tobytes()), arrays["numbers"]
         if tree["layout"] != _layout(file) or numbers.dtype != float or numbers.ndim != 1:

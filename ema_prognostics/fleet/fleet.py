@@ -148,7 +148,7 @@ def fleet_of(objects: Iterable[dict[str, Any]], rule: ConfirmationRule = DEFAULT
         for found in by_bag.values()
     ]
     units = []
-    for serial_number, own in by_unit(flights).items():
+    for serial_number, own in by_unit(flights, one=False).items():
         trend = trend_of(serial_number, own, rule)
         units.append(FleetUnit(trend=trend, objects=tuple(
             {"flight": f.number, "repeat_of": f.repeat_of, **by_bag[f.verdict.bag]}

@@ -163,15 +163,15 @@ def in_order(flights: Iterable[Flight]) -> list[Flight]:
     ]
 
 
-def by_unit(flights: Iterable[Flight]) -> dict[str, list[Flight]]:
+def by_unit(flights: Iterable[Flight], *, one: bool = True) -> dict[str, list[Flight]]:
     """Return the flights of each actuator, in order; units in the order of their numbers.
 
-    Flights that cannot be read count with the only actuator there is. With several, they are
-    a group of their own, under an empty serial number.
+    Flights that cannot be read are a group of their own, under an empty serial number; with
+    `one` they count with the only actuator there is, if there is only one.
     """
     flights = list(flights)
     units = sorted({f.serial_number for f in flights if f.serial_number}, key=natural)
-    only = units[0] if len(units) == 1 else ""
+    only = units[0] if one and len(units) == 1 else ""
     grouped: dict[str, list[Flight]] = {unit: [] for unit in units}
     for flight in flights:
         grouped.setdefault(flight.serial_number or only, []).append(flight)

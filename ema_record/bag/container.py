@@ -95,11 +95,15 @@ def find_files(path: Path, storages: Sequence[str] = ("mcap",)) -> BagFiles:
     raise InvalidRecordError(f"{path}: {what}: give a rosbag2 directory or an .mcap file")
 
 
-def check_place(folder: Path) -> None:
-    """Raise OutputError where a new folder cannot be: something is there, or it is in a bag."""
+def check_place(folder: Path, source: Path | None = None) -> None:
+    """Raise OutputError where a new folder cannot be: something is there, or it is in a bag.
+
+    `source` : also in this one, which may be cut.
+    """
     if folder.exists() or folder.is_symlink():
         raise exists(folder)
-    if (folder.parent / METADATA_FILE).is_file():
+    if (folder.parent / METADATA_FILE).is_file() or (
+            source is not None and folder.absolute().is_relative_to(source.absolute())):
         raise OutputError(f"{folder}: would lie inside a bag: give a place beside it")
 
 
@@ -226,10 +230,12 @@ def read_content(
     content.namespace = "".join(namespaces)
     for topic in topics & files.counts.keys():
         read = len(content.messages.get(topic, []))
-        if read < files.counts[topic]:
+        if read != files.counts[topic]:
+            why = ("a file of the bag is missing in its list" if read < files.counts[topic]
+                   else "it is that of another bag, or was edited")
             raise InvalidRecordError(
                 f"{path}: {read} messages on {topic}, {METADATA_FILE} counts "
-                f"{files.counts[topic]}: a file of the bag is missing in its list; copy it again"
+                f"{files.counts[topic]}: {why}; copy it again"
             )
     room = MAX_TOTAL_BYTES
     for topic, messages in content.messages.items():

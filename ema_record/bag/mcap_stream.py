@@ -23,6 +23,7 @@ from ema_record.limits import (
     MAX_CHANNELS,
     MAX_CHUNK_BYTES,
     MAX_MESSAGE_BYTES,
+    MAX_MESSAGES,
     MAX_RECORD_BYTES,
     MAX_TOTAL_BYTES,
 )
@@ -34,6 +35,8 @@ _MESSAGE = struct.Struct("<HIQQ")
 _CHUNK = struct.Struct("<QQQII")
 _PIECE = 1 << 20
 
+MOST_RECORDS = 10 * MAX_MESSAGES
+"""In the chunks of a file, of all topics: an empty one takes next to no room, but time."""
 _BOUNDS = {
     Opcode.HEADER: MAX_RECORD_BYTES,
     Opcode.SCHEMA: MAX_RECORD_BYTES,
@@ -105,6 +108,7 @@ class McapStream:
     _at: int = 0
     _crc: int = 0
     _total: int = 0
+    _records: int = 0
     _data_end: bool = False
     _schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
     _channels: dict[int, McapChannel] = field(default_factory=dict)
@@ -198,6 +202,10 @@ class McapStream:
             raise self._damaged("the checksum of a chunk does not match")
         view, at = memoryview(data), 0
         while at < len(data):
+            self._records += 1
+            if self._records > MOST_RECORDS:
+                raise InvalidRecordError(f"{self.name}: more than {MOST_RECORDS} records: split "
+                                         "the bag")
             opcode, length = _RECORD.unpack_from(data, at)
             at += _RECORD.size
             if length > len(data) - at or length > _BOUNDS.get(opcode, MAX_CHUNK_BYTES):

@@ -25,7 +25,6 @@ from ema_record.bag.metadata import END, START, is_intact, read_test_metadata
 from ema_record.bag.writer import BagWriter
 from ema_record.channels import SURFACE_POSITION, TIME
 from ema_record.errors import IncompleteRecordError, InvalidRecordError, RecordError, UsageError
-from ema_record.files import exists
 from ema_record.limits import (
     MAX_DURATION,
     MAX_FILES,
@@ -110,8 +109,7 @@ def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
     """
     place = Path(source)
     target = Path(out) if out is not None else default_output(place)
-    if target.exists():
-        raise exists(target)
+    container.check_place(target, place)
     found = _salvage(place)
     if found.whole:
         raise UsageError(f"{source}: the bag is whole, there is nothing to recover: 'ema check' "

@@ -179,6 +179,8 @@ def test_whole_bags_existing_output_and_rubbish_are_refused(good, tmp_path):
     bag = cut(good, tmp_path / "cut", 200_000)
     with pytest.raises(OutputError, match="never overwritten"):
         recover_bag(bag, good)
+    with pytest.raises(OutputError, match="would lie inside"):  # the original is only read
+        recover_bag(bag, bag / "out")
     for size in (0, 5, 20):
         with pytest.raises(RecordError):
             recover_bag(cut(good, tmp_path / f"cut{size}", size))

@@ -42,7 +42,8 @@ def test_what_a_table_lacks_is_english(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("text", "problem"), [
     ("fault: [1]\n", "expected texts"), ('phase: "{nothing}"\n', "expected the places"),
-    ("a: [\n", "malformed YAML"),
+    ("a: [\n", "malformed YAML"), ('a: "{percent:>999999999}"\n', "a name in braces"),
+    ('a: "{percent.__class__}"\n', "a name in braces"), ('a: "{"\n', "a name in braces"),
 ])
 def test_a_broken_table_is_one_line(tmp_path, monkeypatch, text, problem):
     own = tmp_path / "own.yaml"

@@ -268,3 +268,19 @@ def test_what_cannot_be_written_is_known_before(tmp_path):
     console.check_new(tmp_path / "no folder" / "folder", None)
     console.check_new_file(tmp_path / "file", None)
     assert list(tmp_path.iterdir()) == [taken]
+
+
+@pytest.mark.parametrize(("bag", "status"), [("sim_0000_step", 0), ("sim_0001_step", 1)])
+def test_a_closed_output_is_no_error(bag, status, repository):
+    command = f"exec '{sys.executable}' -m ema_cli check '{repository / 'bags' / bag}' >&-"
+    done = subprocess.run(["bash", "-c", command], stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr) == (status, "")
+
+
+@pytest.mark.parametrize("columns", ["0", "-5", "abc", "999999999"])
+def test_a_width_that_is_none_is_not_followed(columns):
+    done = subprocess.run(
+        [sys.executable, "-m", "ema_cli", "--help"], env=os.environ | {"COLUMNS": columns},
+        stdout=subprocess.PIPE, text=True, check=False, timeout=60)
+    assert "ema check" in done.stdout
+    assert all(len(line) < 200 for line in done.stdout.splitlines())

@@ -83,6 +83,9 @@ def test_what_is_kept_holds_for_the_very_file(cache, tmp_path):
         model.unlink()
         with pytest.raises(ModelError, match=f"has no {CASCADE}"):
             kept_model()
+        model.symlink_to(CASCADE)  # which leads nowhere but to itself
+        with pytest.raises(ModelError, match=f"has no {CASCADE}"):
+            kept_model()
 
 
 def spoil_tree(arrays, change):
@@ -98,6 +101,8 @@ SPOILT = {
     "a field more": lambda a: spoil_tree(a, lambda t: t["body"].update(more=1)),
     "numbers cut": lambda a: a | {"numbers": a["numbers"][:1000]},
     "whole numbers": lambda a: a | {"numbers": a["numbers"].astype(int)},
+    "numbers that are none": lambda a: a | {"numbers": a["numbers"] * np.nan},
+    "other numbers": lambda a: a | {"numbers": a["numbers"][::-1]},
     "no numbers": lambda a: {"tree": a["tree"]},
     "no JSON": lambda a: a | {"tree": a["tree"][:-5]},
     "a scalar": lambda a: a | {"tree": np.frombuffer(b"7", dtype=np.uint8)},

@@ -96,6 +96,13 @@ def test_what_is_no_json_is_no_model_whatever_its_hash(text, change):
         parse_model(change(text), "model.json")
 
 
+def test_a_number_beyond_all_numbers_is_one_line(text):
+    changed = re.sub(r'"threshold":[-.0-9e]+', '"threshold":1e999', text, count=1)
+    assert changed != text
+    with pytest.raises(ModelError, match="changed or damaged"):
+        parse_model(changed, "model.json")
+
+
 def with_hash(text):
     """Return the text of a model file with the hash of its body as it stands."""
     body = text.partition('"body":')[2].rstrip()[:-1]

@@ -84,6 +84,12 @@ def test_an_unreadable_flight_belongs_to_the_only_unit():
     assert {unit: bags(group) for unit, group in found.items()} == {"SN-1": ["a", "b", "c"]}
 
 
+def test_in_a_fleet_an_unreadable_flight_belongs_to_nobody():
+    found = by_unit([flight("a", 1), flight("b", 0, "", "invalid"), flight("c", 2)], one=False)
+    assert [len(flights) for flights in found.values()] == [2, 1]
+    assert list(found)[1] == ""
+
+
 def test_what_is_a_sequence(tmp_path):
     def touch(name):
         path = tmp_path / name

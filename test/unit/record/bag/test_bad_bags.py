@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType
 
-from ema_record.bag import container, recover
+from ema_record.bag import container, mcap_stream, recover
 from ema_record.bag.mcap_stream import MAGIC
 from ema_record.bag.read import read_bag, write_bag
 from ema_record.bag.writer import BagWriter
@@ -407,3 +407,21 @@ def test_messages_that_are_compressed_one_by_one_are_bounded_together(tmp_path, 
     recover._salvage_file(folder / "bag_0.mcap", found)
     assert sum(len(m.data) for m in found.messages) <= 5 * len(block)
     assert not found.whole
+
+
+def test_so_many_records_take_no_hours(bag, monkeypatch):
+    """An empty record takes nine bytes that compress to nothing, and some time."""
+    monkeypatch.setattr(mcap_stream, "MOST_RECORDS", 20)
+    fails(next(bag.glob("*.mcap")), InvalidRecordError, "more than 20 records")
+
+
+@pytest.mark.parametrize(("change", "why"), [
+    (1, "a file of the bag is missing in its list"), (-1, "that of another bag")])
+def test_metadata_that_counts_otherwise(copy, change, why):
+    place = copy / "metadata.yaml"
+    data = yaml.safe_load(place.read_text())
+    for row in data["rosbag2_bagfile_information"]["topics_with_message_count"]:
+        if row["topic_metadata"]["name"] == SAMPLES:
+            row["message_count"] += change
+    place.write_text(yaml.safe_dump(data))
+    fails(copy, InvalidRecordError, why)
