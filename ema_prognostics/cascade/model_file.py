@@ -200,8 +200,9 @@ def parse_model(text: str, where: str) -> TrainedModel:
     body, named = data.get("body"), data.get("sha256")
     try:
         found = _hash(_canonical(body))
-    except ValueError:  # a number that is too large is none
-        found = "none"
+    except ValueError:
+        raise ModelError(f"{where}: holds a number beyond all (1e999): it was changed or damaged, "
+                         "train again") from None
     if found != named:
         raise ModelError(
             f"{where}: the hash is {found[:12]}..., the file says "
