@@ -19,6 +19,7 @@ import typer
 from ema_cli import console
 from ema_record.errors import UsageError, unknown_name
 from ema_record.kit import ENVIRONMENT, using_kit
+from ema_record.limits import MAX_TEXT
 
 Commanded = Annotated[str | None, typer.Option(
     "--profile", help="The test that was commanded (name or YAML file), in place of a bag's own.")]
@@ -41,8 +42,17 @@ Rule = Annotated[str, typer.Option(
 Format = Annotated[str, typer.Option(
     "--format", metavar="text|json|csv", help="json: one object a line, see docs/api.md; csv: a "
     "row a fault, with a header.")]
+
+
+def _one_name(text: str) -> str:
+    if len(text) > MAX_TEXT or not text.isprintable():
+        raise UsageError(f"--serial-number {text[:40]!r}: expected at most {MAX_TEXT} characters "
+                         f"that can be printed (given: {len(text)})")
+    return text
+
+
 SerialNumber = Annotated[str, typer.Option(
-    "--serial-number", metavar="TEXT", help="Of the actuator.")]
+    "--serial-number", metavar="TEXT", callback=_one_name, help="Of the actuator.")]
 TrainingJobs = Annotated[int, typer.Option(
     "--jobs", min=-1, max=256, help="Processes that simulate, -1 for all cores.")]
 

@@ -40,9 +40,11 @@ def languages() -> list[str]:
 class Words:
     """One table of words; a key is a path through it, e.g. ``fault.backlash.name``."""
 
-    def __init__(self, table: Mapping[str, str], rest: Words | None = None) -> None:
-        """Take a flat table, and the one that has what it lacks."""
-        self.table, self._rest = table, rest
+    def __init__(
+        self, table: Mapping[str, str], rest: Words | None = None, file: Path | None = None
+    ) -> None:
+        """Take a flat table, the one that has what it lacks, and the file that it is of."""
+        self.table, self._rest, self._file = table, rest, file
 
     def has(self, key: str) -> bool:
         """Return whether there is such a text."""
@@ -56,7 +58,7 @@ class Words:
         try:
             return text.format(**values)
         except (KeyError, IndexError, ValueError, AttributeError):
-            raise UsageError(f"words: {key}: {text[:60]!r}: expected the places "
+            raise UsageError(f"{self._file or 'words'}: {key}: {text[:60]!r}: expected the places "
                              f"{', '.join(sorted(values)) or 'none'}") from None
 
     def below(self, key: str) -> list[str]:
@@ -76,7 +78,7 @@ def words(language: str | None = None) -> Words:
 @cache
 def _words(name: str) -> Words:
     if name.endswith((".yaml", ".yml")):
-        return Words(_flat(Path(name)), _words(ENGLISH))
+        return Words(_flat(Path(name)), _words(ENGLISH), Path(name))
     short = name.partition(".")[0].partition("_")[0].lower()
     short = ENGLISH if short in ("c", "posix") else short
     if short not in languages():

@@ -34,13 +34,13 @@ NOISE_RATE = 20_000.0
 
 def quantity(unit: str, lower: float, upper: float, text: str) -> object:
     """Return the pydantic field of a quantity: its unit, bounds and meaning."""
-    return Field(
-        ge=lower, le=upper, allow_inf_nan=False, description=text, json_schema_extra={"unit": unit}
-    )
+    return Field(ge=lower, le=upper, allow_inf_nan=False, strict=True,  # a yes is no number
+                 description=text, json_schema_extra={"unit": unit})
 
 
-def _count(lower: int, upper: int, text: str) -> object:
-    return Field(ge=lower, le=upper, description=text, json_schema_extra={"unit": "1"})
+def _count(lower: int, upper: int, text: str, strict: bool = True) -> object:
+    return Field(ge=lower, le=upper, strict=strict, description=text,
+                 json_schema_extra={"unit": "1"})
 
 
 def _choice(names: tuple[str, ...], text: str) -> tuple[object, object]:
@@ -73,7 +73,7 @@ MEAN, INSTANT = range(len(SAMPLINGS))
 
 def _yes(text: str) -> object:
     """Return the pydantic field of a yes or no, 1 or 0 in the kernel (YAML: true, false)."""
-    return _count(0, 1, text)
+    return _count(0, 1, text, strict=False)
 
 
 _DRIVE = _choice(DRIVES, "kind of current control")

@@ -1,7 +1,7 @@
 """Arrays that were computed once: kept in files, under keys that name all that they depend on.
 
 A file is written beside its place and renamed, so there are only whole ones; one that cannot be
-read counts as absent.
+read, or holds other arrays than were kept, counts as absent.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ DAMAGED = (
     SyntaxError, MemoryError,  # numpy: a damaged header
 )
 """What reading an NPZ file raises where it holds no arrays."""
+DIGEST = "sha256"
+"""Name of the array with the hash of all others; older files have none."""
 
 
 def cache_directory() -> Path:
@@ -64,9 +66,21 @@ def load(name: str, folder: Path | None = None) -> dict[str, np.ndarray] | None:
     folder : where they are kept, default `cache_directory`.
     """
     try:
-        return read_arrays(_place(name, folder))
+        found = read_arrays(_place(name, folder))
+        kept = found.pop(DIGEST, None)
+        return found if kept is None or np.array_equal(kept, _digest(found)) else None
     except DAMAGED:
         return None
+
+
+def _digest(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the SHA-256 of arrays and their names, shape (32,)."""
+    found = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        found.update(f"{name} {array.dtype.str} {np.shape(arrays[name])}\0".encode())
+        found.update(array.data if array.size else b"")
+    return np.frombuffer(found.digest(), dtype=np.uint8)
 
 
 def save(
@@ -78,7 +92,7 @@ def save(
     with contextlib.suppress(OSError, OutputError):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.unlink(missing_ok=True)  # a damaged one
-        write_arrays(path, arrays, compressed=compressed)
+        write_arrays(path, {**arrays, DIGEST: _digest(arrays)}, compressed=compressed)
 
 
 def forget(prefix: str) -> None:
@@ -95,6 +109,8 @@ def _place(name: str, folder: Path | None) -> Path:
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
     """Return the arrays of a file by name; one of `DAMAGED` if it holds none."""
+    if not path.is_file():  # a pipe would wait for ever
+        raise FileNotFoundError(path)
     with path.open("rb") as file:
         if os.fstat(file.fileno()).st_size > LARGEST:
             raise ValueError(f"{path}: more than {LARGEST} bytes")

@@ -28,3 +28,5 @@ MAX_SAMPLES = int(MAX_RATE * MAX_DURATION)
 """Most samples of a record."""
 MAX_MESSAGES = 1_000_000
 """Most messages of one topic."""
+MAX_TEXT = 200
+"""Most characters of a serial number or another name in a record."""

@@ -241,7 +241,7 @@ def _names(folder: Path) -> tuple[str, ...]:
 
 @cache
 def _of_kit(path: Path) -> Profile:
-    return load_profile_dict(load_yaml(path), path.stem)
+    return load_profile_dict(load_yaml(path), str(path))
 
 
 def load_profile(name_or_path: str | Path) -> Profile:

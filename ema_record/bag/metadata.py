@@ -15,6 +15,7 @@ from typing import Any, get_args
 import yaml
 
 from ema_record.errors import InvalidRecordError, RigRecordError, UsageError
+from ema_record.limits import MAX_TEXT
 from ema_record.profile import Profile, load_profile_dict
 from ema_record.record import Provenance, Status
 from ema_record.wire.topics import Qos, Topic
@@ -34,8 +35,6 @@ CHECKSUM = "crc32"
 """Key of the checksum over the other values of our own records (a cut file has no other)."""
 
 STATUSES: tuple[Status, ...] = get_args(Status)
-
-_MAX_TEXT = 200
 
 
 def _infinite() -> dict[str, int]:
@@ -218,12 +217,12 @@ def read_test_metadata(records: Mapping[str, Mapping[str, str]], source: str) ->
     if not (text.isascii() and text.isdigit() and int(text[:20]) < 1 << 63):
         raise _wrong(source, "start_time", text, "ns since the epoch")
     provenance = Provenance(
-        serial_number=start.get("serial_number", "unknown")[:_MAX_TEXT],
-        software_version=start.get("software_version", "unknown")[:_MAX_TEXT],
+        serial_number=start.get("serial_number", "unknown")[:MAX_TEXT],
+        software_version=start.get("software_version", "unknown")[:MAX_TEXT],
         start_time=int(text),
         status=status,
         source=source,
-        actuator=start.get("actuator", "")[:_MAX_TEXT],
+        actuator=start.get("actuator", "")[:MAX_TEXT],
     )
     return TestMetadata(
         profile=_profile(start.get("profile"), source), provenance=provenance,

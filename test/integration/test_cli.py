@@ -163,6 +163,8 @@ BAD_SETTINGS = [
     (["--noise", "-1"], "noise"),
     (["--noise", "inf"], "noise"),
     (["--rate", "1"], "rate"),
+    (["--serial-number", 201 * "7"], "at most 200 characters that can be printed (given: 201)"),
+    (["--serial-number", "7\n8"], "that can be printed"),
 ]
 
 

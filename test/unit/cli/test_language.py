@@ -49,7 +49,7 @@ def test_a_broken_table_is_one_line(tmp_path, monkeypatch, text, problem):
     own = tmp_path / "own.yaml"
     own.write_text(text)
     monkeypatch.setenv(ENVIRONMENT, str(own))
-    with pytest.raises(UsageError, match=problem):
+    with pytest.raises(UsageError, match=f"^{own}: .*{problem}"):
         class_name("turn_short", "a")
 
 

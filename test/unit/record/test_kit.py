@@ -97,8 +97,11 @@ def test_every_parameter_stands_in_a_kit(tmp_path):
 @pytest.mark.parametrize(("change", "problem"), [
     (lambda data: data | {"tolerence": data.pop("tolerances")}, "did you mean 'tolerances'"),
     (lambda data: data | {"gear": 300}, "gear: expected parameters and values"),
+    (lambda data: data | {"gear": {**data["gear"], "ratio": True}}, "ratio: .* valid number"),
+    (lambda data: data | {"gear": {**data["gear"], "ratio": "300"}}, "ratio: .* valid number"),
+    (lambda data: data | {"motor": {**data["motor"], "pole_pairs": True}}, "valid integer"),
 ])
-def test_a_section_of_a_kit_that_nothing_reads_is_refused(tmp_path, change, problem):
+def test_a_section_of_a_kit_that_nothing_reads_or_no_number_is_refused(tmp_path, change, problem):
     """Else the bands that it was meant to give would be those of the software."""
     kit = make_kit(tmp_path / "kit", {})
     data = change(yaml.safe_load((kit / ACTUATOR).read_text(encoding="utf-8")))

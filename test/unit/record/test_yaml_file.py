@@ -16,8 +16,13 @@ def written(tmp_path, text):
 def test_what_is_written_is_read(tmp_path):
     path = written(tmp_path, "name: step\npoints: [[0.0, -0.4], [1e-3, 0.4]]\nwindow: null\n")
     assert load_yaml(path) == {
-        "name": "step", "points": [[0.0, -0.4], ["1e-3", 0.4]], "window": None,
+        "name": "step", "points": [[0.0, -0.4], [1e-3, 0.4]], "window": None,
     }
+
+
+def test_a_number_with_an_exponent_is_one_however_it_is_written(tmp_path):
+    path = written(tmp_path, "[1e9, 1.0e9, -.5E3, 1.e-3, +2e+5, '1e9', 1e, e5, 0x1e3]")
+    assert load_yaml(path) == [1e9, 1e9, -500.0, 1e-3, 2e5, "1e9", "1e", "e5", 0x1e3]
 
 
 def test_one_name_in_several_places_is_no_key_twice(tmp_path):

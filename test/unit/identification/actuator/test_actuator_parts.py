@@ -1,5 +1,6 @@
 """Parts of the workflow that need no library: tolerances, cache, model file, least squares."""
 
+import os
 from types import SimpleNamespace
 
 import numpy as np
@@ -206,6 +207,23 @@ def test_what_is_kept_and_damaged_counts_as_absent_wherever_it_is(tmp_path):
     with (tmp_path / "one.npz").open("wb") as file:
         np.save(file, np.arange(3.0))
     assert cache.load("one", tmp_path) is None
+
+
+def test_other_arrays_than_were_kept_and_no_file_count_as_absent(tmp_path):
+    arrays = {"x": np.arange(6.0).reshape(2, 3), "y": np.array(True), "z": np.empty(0)}
+    cache.save("a", arrays, tmp_path)
+    assert {k: v.tolist() for k, v in cache.load("a", tmp_path).items()} == {
+        k: v.tolist() for k, v in arrays.items()}
+    with np.load(tmp_path / "a.npz") as whole:
+        kept = dict(whole)
+    for other in ({"x": kept["x"][::-1]}, {"x": kept["x"].T}, {"y": np.array(False)},
+                  {"z": np.zeros(1)}, {"more": kept["x"]}):
+        np.savez(tmp_path / "b.npz", **kept | other)
+        assert cache.load("b", tmp_path) is None
+    np.savez(tmp_path / "old.npz", **arrays)  # from before hashes were kept
+    assert set(cache.load("old", tmp_path)) == {"x", "y", "z"}
+    os.mkfifo(tmp_path / "pipe.npz")
+    assert cache.load("pipe", tmp_path) is None
 
 
 def test_what_unpacks_to_more_than_may_be_read_counts_as_absent(tmp_path, monkeypatch):
