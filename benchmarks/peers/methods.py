@@ -112,9 +112,15 @@ def stlsq_answer(problems: Sequence[Problem], limit: Scores) -> tuple[list[str],
 
 
 def adcd_scores(problem: Problem) -> Scores:
-    """Return what its criterion grows with, -ln(NMSE), of the best term: ADCD has no null."""
+    """Return what its criterion grows with, -ln(NMSE), of the best term: ADCD has no null.
+
+    Nothing to explain, as of a supply that stands still, is no anomaly.
+    """
+    power = float(np.sum(problem.response**2))
+    if power == 0.0:
+        return {problem.port: 0.0}
     best = min(left(problem.columns[:, term], problem.response) for term in terms(problem))
-    return {problem.port: float(-np.log(best / np.sum(problem.response**2))) + 1e-3}
+    return {problem.port: float(-np.log(best / power)) + 1e-3}
 
 
 def adcd_answer(problems: Sequence[Problem], limit: Scores) -> tuple[list[str], bool]:

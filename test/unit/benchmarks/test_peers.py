@@ -36,6 +36,18 @@ def test_a_peer_names_the_term_that_is_there_and_nothing_else(name):
     assert sum(method.answer([problem(seed)], limit)[0] != [] for seed in range(20)) == 0
 
 
+@pytest.mark.parametrize("name", METHODS)
+def test_a_port_that_stands_still_is_no_anomaly(name):
+    """As the supply of a unit that does not sag: its voltage repeats to the last bit."""
+    method = METHODS[name]
+    if method.absent:
+        pytest.skip(f"{method.package} is not installed")
+    still = problem(0)._replace(response=np.zeros(N), raw=np.zeros(N))
+    limit = limits([method.scores(problem(0)._replace(port="supply")), method.scores(still)])
+    assert all(np.isfinite(score) for score in method.scores(still).values())
+    assert method.answer([still], limit) == ([], False)
+
+
 def test_limits_are_kept_by_all_healthy_units_also_where_one_lacks_a_region():
     limit = limits([{"a": 1.0, "b": 7.0}, {"a": 2.0}])
     assert limit == {"a": 2.0, "b": 7.0}
