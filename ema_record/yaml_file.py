@@ -14,14 +14,14 @@ from ema_record.files import read_bounded
 MAX_DEPTH = 50
 """Deepest nesting of lists and mappings."""
 
-_SAFE: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
-class _Loader(_SAFE):
+class _OurSafeLoader(_Base):
     """The safe loader, to which ``1e-3`` is a number as in YAML 1.2, not a text as in 1.1."""
 
 
-_Loader.add_implicit_resolver(
+_OurSafeLoader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+\Z"),
     list("-+.0123456789"))
 
@@ -36,7 +36,7 @@ def load_yaml(path: Path, *, max_bytes: int = 1 << 20) -> object:
         raise UsageError(f"{path}: {error.strerror or error}: check the file name") from None
     try:
         _check_structure(text)
-        return yaml.load(text, Loader=_Loader)  # noqa: S506  (a safe loader)
+        return yaml.load(text, Loader=_OurSafeLoader)  # noqa: S506  (a safe loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         line = f" line {mark.line + 1}:" if mark is not None else ""
@@ -52,7 +52,7 @@ def _check_structure(text: str) -> None:
     """
     keys: list[set[str] | None] = []  # of the collections that are open; None: a list
     at_key: list[bool] = []
-    for event in yaml.parse(text, Loader=_Loader):
+    for event in yaml.parse(text, Loader=_OurSafeLoader):
         if isinstance(event, yaml.AliasEvent):
             raise _refused("aliases are not allowed", event)
         tag = getattr(event, "tag", None)
