@@ -38,8 +38,8 @@ def quantity(unit: str, lower: float, upper: float, text: str) -> object:
                  description=text, json_schema_extra={"unit": unit})
 
 
-def _count(lower: int, upper: int, text: str, strict: bool = True) -> object:
-    return Field(ge=lower, le=upper, strict=strict, description=text,
+def _count(lower: int, upper: int, text: str) -> object:
+    return Field(ge=lower, le=upper, strict=True, description=text,
                  json_schema_extra={"unit": "1"})
 
 
@@ -73,7 +73,7 @@ MEAN, INSTANT = range(len(SAMPLINGS))
 
 def _yes(text: str) -> object:
     """Return the pydantic field of a yes or no, 1 or 0 in the kernel (YAML: true, false)."""
-    return _count(0, 1, text, strict=False)
+    return Field(ge=0, le=1, description=text, json_schema_extra={"unit": "1"})
 
 
 _DRIVE = _choice(DRIVES, "kind of current control")

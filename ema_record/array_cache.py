@@ -77,9 +77,8 @@ def _digest(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the SHA-256 of arrays and their names, shape (32,)."""
     found = hashlib.sha256()
     for name in sorted(arrays):
-        array = np.ascontiguousarray(arrays[name])
-        found.update(f"{name} {array.dtype.str} {np.shape(arrays[name])}\0".encode())
-        found.update(array.data if array.size else b"")
+        array = arrays[name]
+        found.update(f"{name} {array.dtype.str} {array.shape}\0".encode() + array.tobytes())
     return np.frombuffer(found.digest(), dtype=np.uint8)
 
 
