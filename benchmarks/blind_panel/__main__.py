@@ -43,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--next", action="store_true",
                         help="record the test that is proposed for a set, identify with both")
     parser.add_argument("--visible", action="store_true",
-                        help="which units with one effect can be seen, of the default kit")
+                        help="in which units with one effect, or two, each can be seen")
     parser.add_argument("--table", action="store_true", help="run nothing")
     given = parser.parse_args(arguments)
     counts = {stratum: given.each if given.nothing is None or not stratum.endswith("nothing")

@@ -22,7 +22,7 @@ from ema_record.errors import UsageError
 def score(out: Path, panel: Panel, *, visible: bool) -> None:
     """Print the tables of the units of a panel that were identified, keep rows beside the answers.
 
-    `visible` : also which of the units with one effect can be seen at all.
+    `visible` : also in which of the units with one effect, or two, each can be seen at all.
 
     Raises
     ------
@@ -60,11 +60,11 @@ def score(out: Path, panel: Panel, *, visible: bool) -> None:
 
 def _gaps(out: Path, panel: Panel, answers: Mapping[tuple[str, int], Answer],
           rows: Mapping[str, Sequence[Row]]) -> list[tuple[str, Row, float]]:
-    """Return stratum, row and gap of the units with one effect, made once more."""
+    """Return stratum, row and gap of the units with one effect or two, made once more."""
     ledger = Ledger(out / SEALED / "visible.jsonl")
     found = []
     for stratum, judged in rows.items():
-        if stratum.endswith(", one effect"):
+        if stratum.endswith((", one effect", ", two effects")):
             kit = kit_of(stratum)
             of = f"{panel.tests[0]}{'' if kit is None else f'_{kit.name}'}"
             floor = make_floor(out / f"floor_{of}.npz", panel.tests[0], kit)

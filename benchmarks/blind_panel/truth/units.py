@@ -71,8 +71,8 @@ class HiddenUnit(NamedTuple):
     """One more test of the unit as it is now, on another day."""
     truth: dict[str, float | str]
     """Parameters of the catalogue's laws as they are hidden, dotted names."""
-    both: Callable[[int], tuple[Record, Record]]
-    """The first test on one day, with what is hidden and without, the same noise."""
+    both: Callable[[int, str], tuple[Record, Record]]
+    """The first test on one day, with all that is hidden and without one effect, the same noise."""
     accepted: tuple[Record, ...] = ()
     """From before something was hidden, of the first test."""
     kit: Path | None = None
@@ -139,9 +139,10 @@ def own_unit(
                         start_angle=day.start_angle,
                         start=start_of(model.actuator, profile, today))
 
-    def both(repeat: int) -> tuple[Record, Record]:
+    def both(repeat: int, name: str) -> tuple[Record, Record]:
+        others = {at: value for at, value in settings.items() if at.split(".")[0] != name}
         with_it, without = (tested(test_of(tests[0], kit), given, np.random.default_rng(
-            [seed, 79, k]), repeat) for given in (settings, {}))
+            [seed, 79, k]), repeat) for given in (settings, others))
         return with_it, without
 
     before = tuple(tested(test_of(test, kit), {}) for test in tests[:accepted])
@@ -195,9 +196,11 @@ def second_unit(
         done[0] += 1
         return record_of(test_on(done[0] - 1, given), profile)
 
-    def both(repeat: int) -> tuple[Record, Record]:
+    def both(repeat: int, name: str) -> tuple[Record, Record]:
+        field = DAMAGES[name][0]
+        others = damage._replace(**{field: getattr(Damage(), field)})
         with_it, without = (record_of(test_on(0, given)._replace(seed=repeat), profiles[0])
-                            for given in (damage, Damage()))
+                            for given in (damage, others))
         return with_it, without
 
     records = tuple(tested(profile) for profile in profiles)

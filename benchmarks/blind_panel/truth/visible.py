@@ -1,4 +1,4 @@
-"""Whether what is hidden is visible: after recalibration within the kit's bands, 3 noise floors.
+"""Whether a hidden effect is visible: after recalibration within the kit's bands, 3 noise floors.
 
 Judged by simulation, apart from the workflow, on the first test:
 
@@ -6,14 +6,14 @@ Judged by simulation, apart from the workflow, on the first test:
    regressed on what a recalibration may move (numbers of the unit and of the day; each also
    times the measured bus and temperature), and on the squares of the moves. The standard
    deviation of what is left is the noise floor of that number.
-2. *Shift*: the same unit on the same day with what is hidden and without, same noise, `PAIRS`
-   times; the difference of the views.
+2. *Shift*: the same unit on the same day with all that is hidden and without the effect, same
+   noise, `PAIRS` times; the difference of the views.
 3. *Recalibration*: the shift is fitted by moves within the bounds of the bands (bounded least
-   squares), a unit of the second simulator standing in the middle of them; what is left, in
-   floors, squared and averaged over a block (one curve over time, or one line in rotor angle),
+   squares), a unit of the second simulator standing in the middle of them, and by any share of
+   the other effect's shift where two are hidden; what is left, in floors, squared and averaged over a block (one curve over time, or one line in rotor angle),
    is the block's gap. Squares are products of two halves of the pairs, so noise adds nothing.
 
-Visible: the gap of some block is at least `THRESHOLD` floors.
+Visible: the gap of some block is at least `THRESHOLD` floors, of two effects that of each.
 """
 
 from __future__ import annotations
@@ -119,22 +119,32 @@ def _known(record: Record) -> tuple[float, float]:
 
 
 def gap_of(unit: HiddenUnit, floor: Floor) -> tuple[float, str]:
-    """Return the largest gap that is left of what is hidden (noise floors), and its block."""
-    shifts, where = [], (0.0, 0.0)
+    """Return the largest gap that is left of a hidden effect (noise floors), and its block.
+
+    Of two effects that of the one which is seen worse, its name before the block.
+    """
+    shifts: dict[str, list[np.ndarray]] = {name: [] for name in unit.names}
     with on_kit(unit.kit):
         for k in range(PAIRS):
-            records = unit.both(SEED + k)
-            where = _known(records[0])
-            one, other = (np.concatenate(list(view(record).values())) for record in records)
-            shifts.append(one - other)
-    width = floor.slopes.shape[1]
-    place = np.zeros(width) if unit.place is None else np.clip(
-        np.where(of_day(width), 0.0, unit.place), -1.0, 1.0)
-    return largest_gap(shifts, floor, floor.sensitivity(*where), place)
+            for name, found in shifts.items():
+                records = unit.both(SEED + k, name)
+                one, other = (np.concatenate(list(view(record).values())) for record in records)
+                found.append(one - other)
+        where = _known(records[0])
+    slopes = floor.sensitivity(*where)
+    place = np.zeros(len(slopes)) if unit.place is None else np.clip(
+        np.where(of_day(len(slopes)), 0.0, unit.place), -1.0, 1.0)
+    gaps = []
+    for name, found in shifts.items():
+        beside = [np.mean(other, axis=0) for at, other in shifts.items() if at != name]
+        gap, block = largest_gap(found, floor, slopes, place, beside)
+        gaps.append((gap, f"{name}: {block}" if beside else block))
+    return min(gaps)
 
 
 def largest_gap(
-    shifts: Sequence[np.ndarray], floor: Floor, sensitivity: np.ndarray, place: np.ndarray
+    shifts: Sequence[np.ndarray], floor: Floor, sensitivity: np.ndarray, place: np.ndarray,
+    beside: Sequence[np.ndarray] = (),
 ) -> tuple[float, str]:
     """Return what recalibration leaves of a shift in its worst block, and the block's name.
 
@@ -143,10 +153,13 @@ def largest_gap(
     shifts : of repeats, shape (numbers,) each.
     sensitivity : ndarray, shape (free, numbers).
     place : ndarray, shape (free,). Where the unit is in its bands, -1 to 1.
+    beside : shifts by other effects, shape (numbers,) each, of which any share may be had.
     """
     halves = [np.mean(shifts[k::2], axis=0) / floor.sigma for k in range(2)]
-    slopes = (sensitivity / floor.sigma).T
-    low, high = np.minimum(-1.0 - place, -1e-9), np.maximum(1.0 - place, 1e-9)
+    slopes = np.vstack([sensitivity, *beside]).T / floor.sigma[:, None]
+    free = np.full(len(beside), np.inf)
+    low = np.append(np.minimum(-1.0 - place, -1e-9), -free)
+    high = np.append(np.maximum(1.0 - place, 1e-9), free)
     # The recalibration takes away what the bands can give back.
     fit = lsq_linear(slopes, 0.5 * (halves[0] + halves[1]), bounds=(low, high))
     left = [half - slopes @ fit.x for half in halves]

@@ -62,6 +62,36 @@ def test_what_earlier_panels_missed_is_named(tmp_path, monkeypatch, seed, k, wha
     assert (found["names"], outcome(found), found["verdict"]) == ((what,), "right", "explained")
 
 
+def test_an_effect_is_not_visible_beside_one_that_does_the_same():
+    """What some share of the other effect gives back is no gap; a line of its own stays one."""
+    rng = np.random.default_rng(4)
+    floor = visible.Floor({"curve": slice(0, 50), "line": slice(50, 52)}, np.full(52, 0.5),
+                          np.zeros((3, 1, 52)))
+    other, own = rng.normal(size=52), np.append(np.zeros(50), [8.0, 8.0])
+    flat = floor.sensitivity(0.0, 0.0)
+
+    def gap(shift, *beside):
+        return visible.largest_gap([shift] * 4, floor, flat, np.zeros(1), beside)
+
+    assert gap(own) == (pytest.approx(16.0), "line")
+    assert gap(-3.0 * other)[0] > visible.THRESHOLD
+    assert gap(-3.0 * other, other)[0] == pytest.approx(0.0, abs=1e-6)
+    found, block = gap(own - 3.0 * other, other)
+    assert block == "line"
+    assert 12.0 < found <= 16.0
+
+
+def test_of_two_effects_each_is_taken_away_by_itself():
+    """The other one stays as it is hidden, on the same day with the same noise."""
+    for stratum in ("own, unlisted off, two effects", "second, two effects"):
+        unit = STRATA[stratum](5, 0, ("step",))
+        one, other = unit.names
+        (whole, without), (again, rest) = unit.both(1, one), unit.both(1, other)
+        assert np.array_equal(whole.samples, again.samples)
+        assert not np.array_equal(whole.samples, without.samples)
+        assert not np.array_equal(without.samples, rest.samples)
+
+
 @pytest.mark.slow
 def test_what_is_hidden_is_visible_beside_all_that_a_unit_may_be(tmp_path, monkeypatch):
     """Apart from the workflow; nothing hidden leaves nothing, whatever the noise."""
@@ -70,7 +100,8 @@ def test_what_is_hidden_is_visible_beside_all_that_a_unit_may_be(tmp_path, monke
     for machine in ("", "pwm, ", "foc, "):
         stratum = f"{machine}{'second' if machine else 'own, unlisted off'}, nothing"
         floor = visible.make_floor(tmp_path / f"{machine}.npz", "step", kit_of(stratum))
-        assert visible.gap_of(STRATA[stratum](1, 0, tests), floor)[0] == 0.0
+        nothing = STRATA[stratum](1, 0, tests)._replace(names=("backlash",))
+        assert visible.gap_of(nothing, floor)[0] == 0.0
         for stratum in STRATA:
             if stratum.endswith(", one effect") and stratum.startswith(
                     machine or ("own, one", "second, one")):
