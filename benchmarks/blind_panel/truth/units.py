@@ -72,7 +72,7 @@ class HiddenUnit(NamedTuple):
     truth: dict[str, float | str]
     """Parameters of the catalogue's laws as they are hidden, dotted names."""
     both: Callable[[int, str], tuple[Record, Record]]
-    """The first test on one day, with all that is hidden and without one effect, the same noise."""
+    """The first test on one day, with all that is hidden and without one effect, same noise."""
     accepted: tuple[Record, ...] = ()
     """From before something was hidden, of the first test."""
     kit: Path | None = None

@@ -10,8 +10,9 @@ Judged by simulation, apart from the workflow, on the first test:
    noise, `PAIRS` times; the difference of the views.
 3. *Recalibration*: the shift is fitted by moves within the bounds of the bands (bounded least
    squares), a unit of the second simulator standing in the middle of them, and by any share of
-   the other effect's shift where two are hidden; what is left, in floors, squared and averaged over a block (one curve over time, or one line in rotor angle),
-   is the block's gap. Squares are products of two halves of the pairs, so noise adds nothing.
+   the other effect's shift where two are hidden; what is left, in floors, squared and averaged
+   over a block (one curve over time, or one line in rotor angle), is the block's gap. Squares are
+   products of two halves of the pairs, so noise adds nothing.
 
 Visible: the gap of some block is at least `THRESHOLD` floors, of two effects that of each.
 """

@@ -49,10 +49,16 @@ def posterior_of(unit: TestedUnit, fit: LawFit) -> Posterior:
 
 def simulated_posterior(unit: TestedUnit, fit: LawFit) -> Posterior:
     """Return what runs of a model tell of its laws and of the unit's numbers, see the module."""
-    rounds = [r.known for r in islice(linearised(unit, fit), INTERVAL_ROUNDS)]
+    return measured(unit, fit)[0]
+
+
+def measured(unit: TestedUnit, fit: LawFit) -> tuple[Posterior, np.ndarray]:
+    """Return `simulated_posterior` and the slopes that the last round tells, as of a fit."""
+    rounds = list(islice(linearised(unit, fit), INTERVAL_ROUNDS))
     if not rounds:  # beside what the simulator can do
-        return posterior_of(unit, fit)
-    return rounds[-1]._replace(covariance=STRETCH**2 * rounds[-1].covariance)
+        return posterior_of(unit, fit), fit.slopes
+    known = rounds[-1].known
+    return known._replace(covariance=STRETCH**2 * known.covariance), rounds[-1].slopes
 
 
 class Round(NamedTuple):
@@ -61,6 +67,8 @@ class Round(NamedTuple):
     known: Posterior
     points: np.ndarray
     features: np.ndarray
+    slopes: np.ndarray
+    """Of the planes through them, shape (d, width)."""
 
 
 def linearised(unit: TestedUnit, fit: LawFit) -> Iterator[Round]:
@@ -84,9 +92,9 @@ def linearised(unit: TestedUnit, fit: LawFit) -> Iterator[Round]:
         good = np.isfinite(rows).all(axis=1)
         if good.sum() < 2 * len(centre):
             return
-        found = _solved(unit, (points[good], rows[good]), found.mean, (low, high),
-                        (centre, weight))
-        yield Round(found, points[good], rows[good])
+        found, slopes = _solved(unit, (points[good], rows[good]), found.mean, (low, high),
+                                (centre, weight))
+        yield Round(found, points[good], rows[good], slopes)
 
 
 def at(fit: LawFit, x: np.ndarray) -> LawFit:
@@ -147,8 +155,8 @@ class _Plane(NamedTuple):
 def _solved(
     unit: TestedUnit, runs: tuple[np.ndarray, np.ndarray], x: np.ndarray,
     ends: tuple[np.ndarray, np.ndarray], expected: tuple[np.ndarray, np.ndarray],
-) -> Posterior:
-    """Return where planes through `runs` (points, features) meet the records, and how surely.
+) -> tuple[Posterior, np.ndarray]:
+    """Return where planes through `runs` (points, features) meet the records, how surely, slopes.
 
     The noise of the slopes is taken off the information (errors in variables with a variance that
     is known: Fuller, Measurement Error Models, 1987, section 2.2). The runs' own scatter gives the
@@ -179,4 +187,5 @@ def _solved(
     scatter = np.sum([w.T @ p.rest[1::2].T * np.sqrt(
         (1.0 + here @ p.design @ here) / p.freedom * len(p.rest) / len(p.rest[1::2]))
         for p, _, w, _ in found], axis=0)
-    return Posterior(x, inverse @ (noise + scatter @ scatter.T) @ inverse)
+    known = Posterior(x, inverse @ (noise + scatter @ scatter.T) @ inverse)
+    return known, np.vstack([p.slopes for p in planes])

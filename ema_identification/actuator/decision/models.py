@@ -13,7 +13,7 @@ from ema_identification.actuator.decision.intervals import (
     INTERVAL_ROUNDS,
     at,
     linearised,
-    simulated_posterior,
+    measured,
 )
 from ema_identification.actuator.decision.proposals import (
     LawProposal,
@@ -28,7 +28,7 @@ from ema_identification.actuator.decision.proposals import (
 )
 from ema_identification.actuator.decision.ranks import LEVEL, p_nothing, rank
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS
-from ema_identification.actuator.laws.terms import LawFit, library_slopes
+from ema_identification.actuator.laws.terms import LawFit, Posterior, library_slopes
 
 LARGEST_SET = 3
 """Requirement: more names are no answer. So as many of anything go on: models from one round of
@@ -54,6 +54,7 @@ class Models:
         self.nothing = self.null.cost
         """What no law leaves at least, also beyond the bands."""
         self._hard: list[LawFit] = []  # that have been pressed
+        self._measured: list[tuple[LawFit, Posterior, LawFit]] = []
 
     def p_without(self) -> float:
         """Return `p_nothing` of the unit on runs."""
@@ -122,7 +123,8 @@ class Models:
         found = min(fit, self.refitted(fit), key=lambda f: f.cost)
         if not self.explains(found):
             ends: list[LawFit] = []
-            for k, (known, points, features) in enumerate(linearised(self.unit, found), 1):
+            for k, (known, points, features, _) in enumerate(
+                    linearised(self.unit, found), 1):
                 left = [self.unit.cost(self.white, f, x[found.free:])
                         for x, f in zip(points, features)]
                 led = [self.unit.begun(at(found, x), self.white, ROUNDS[-1])
@@ -141,23 +143,33 @@ class Models:
         return self.unit.settled(there, self.before, SETTLED_RUNS)
 
     def measured(self, answer: FleetAnswer) -> FleetAnswer:
-        """Return the answer with intervals that runs tell, and the values that leave least there.
-
-        Of the fit, of where runs over all that it may be lead, of a linear step from that, and,
-        where the fit leaves more than half of the healthy units do, of where it goes on to with
-        all slopes simulated.
-        """
-        if (fit := answer.fit) is None:
+        """Return the answer with intervals that runs tell, and the values that leave least."""
+        if answer.fit is None:
             return answer
-        known = simulated_posterior(self.unit, fit)
+        known, fit = self.remeasured(answer.fit)
+        return replace(answer, known=known, fit=fit)
+
+    def remeasured(self, fit: LawFit) -> tuple[Posterior, LawFit]:
+        """Return what runs over all that a model may be tell of it, and what leaves least there.
+
+        Of the fit, of where the runs lead, of a linear step from that, and, where the fit leaves
+        more than half of the healthy units do, of where it goes on to with all slopes simulated.
+        """
+        for of, known, found in self._measured:
+            if of is fit:
+                return known, found
+        known, slopes = measured(self.unit, fit)
         points = [self.unit.begun(f, self.white, SETTLED_RUNS) for f in (fit, at(fit, known.mean))]
         if np.isfinite(points[1].cost):
             step = self.unit.settled_at(points[1], points[1].mean, self.white, SETTLED_RUNS)
             points.append(self.unit.begun(step, self.white, SETTLED_RUNS))
         if fit.cost > self.usual:
             points.append(self.unit.begun(self.refitted(fit), self.white, SETTLED_RUNS))
-        return replace(answer, known=known, fit=min(
-            [p for p in points if np.isfinite(p.cost)] or [fit], key=lambda f: f.cost))
+        found = min([p for p in points if np.isfinite(p.cost)], key=lambda f: f.cost, default=fit)
+        if found is not fit:
+            found = replace(found, slopes=slopes)
+        self._measured.append((fit, known, found))
+        return known, found
 
     @property
     def usual(self) -> float:
@@ -202,27 +214,37 @@ class Models:
         found.append(self.refitted(min(found, key=lambda f: f.cost)))
         return min(self.null, *found, key=lambda f: f.cost)
 
-    def likelier(self, fit: LawFit, nothing: LawFit) -> bool:
-        """Whether a model is likelier than a fit of none, and than all that none has left."""
-        return max(map(self.evidence, (fit, self.refitted(fit)))) > max(
-            map(self.evidence, (nothing, replace(nothing, cost=self.nothing))))
+    def gains(self, fit: LawFit) -> list[LawProposal]:
+        """Return what each law, or ripple, that a fit has not would gain beside it, best first."""
+        found = linear_gains(self.unit, fit, self.white, self.signatures)
+        found += ripples(self.unit, fit, self.white, (*self.without, *fit.names))
+        return sorted((p for p in found if p.signature.variant.effect not in fit.names),
+                      key=lambda p: p.cost)
+
+    def beats(self, fit: LawFit, nothing: LawFit) -> bool:
+        """Whether laws gain more than useless ones do over none, fitted as hard: also about it.
+
+        What a fit leaves depends on how hard it was; what a law gains linearly about one does not.
+        """
+        about = [p for p in self.gains(nothing) if p.signature.variant.effect in fit.names]
+        least = min(fit.cost, self.refitted(fit).cost)
+        lower = replace(fit, cost=least)
+        return bool(about) and max(self.p_own(about[0], nothing.cost), self.p_own(
+            lower, min(nothing.cost, self.nothing))) <= LEVEL
 
     def pairs(self, singles: Sequence[LawFit]) -> list[LawFit]:
         """Return the fits of two laws.
 
-        Where a single law explains: beside that one only, and where a second one gains more than
-        useless ones do. Elsewhere the linear gain about a fit that is far off ranks second laws,
-        but proves nothing, nor the contrary.
+        Where a single law explains: beside that one only, once it is measured, and where a second
+        one gains more than useless ones do. Elsewhere the linear gain about a fit that is far off
+        ranks second laws, but proves nothing, nor the contrary.
         """
         starts: list[LawFit] = []
         alone = bool(singles) and self.explains(singles[0])
-        for one in singles[:1 if alone else LARGEST_SET]:
-            more = linear_gains(self.unit, one, self.white, self.signatures)
-            more += ripples(self.unit, one, self.white, (*self.without, *one.names))
-            better = alternating(([
-                p for p in sorted(more, key=lambda p: p.cost)
-                if p.signature.variant.effect not in one.names
-                and not (alone and self.p_own(p, one.cost) > LEVEL)],), LARGEST_SET)
+        firsts = [self.remeasured(singles[0])[1]] if alone else singles[:LARGEST_SET]
+        for one in firsts:
+            better = alternating(([p for p in self.gains(one) if not (
+                alone and self.p_own(p, one.cost) > LEVEL)],), LARGEST_SET)
             for z in one.z, self.unit.centre:  # numbers that make up for a law may hide it
                 starts += self.beside(replace(one, z=z), [*better, *at_known_sizes(better[:1])])
         begun = (self.unit.begun(start, self.white, ROUNDS[0]) for start in starts)
@@ -240,6 +262,7 @@ class Models:
 
         The better one is fitted as hard as can be before a second is named.
         """
+        fits = [*fits, *(found for *_, found in self._measured)]
         found = [min([*self.fitted([start]), *(f for f in fits if f.names == start.names), start],
                      key=lambda f: f.cost) for start in _laws_of(pair)]
         best = int(np.argmin([f.cost for f in found]))

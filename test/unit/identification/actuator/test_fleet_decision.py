@@ -176,17 +176,19 @@ def test_second_effects_are_tried_though_a_linear_gain_proves_nothing():
     assert pairs(backlash=2.0) == set()
 
 
-@pytest.mark.parametrize(("lead", "named"), [(2.0, ("a",)), (4.0, ("a", "b"))])
-def test_two_are_named_only_where_the_evidence_rules_one_alone_out(lead, named):
+@pytest.mark.parametrize(("p", "named"), [(2.0 * LEVEL, ("a",)), (LEVEL, ("a", "b"))])
+def test_two_are_named_only_where_the_second_gains_more_than_useless_ones(p, named):
+    """Beside the better one alone, fitted as hard; whatever the evidence of two unlike models."""
     def model(log, *names):
         return SimpleNamespace(names=names, terms=names, log=log, cost=100.0 - log)
 
-    null, one = model(-50.0), model(-lead, "a")
-    pair, alone = model(0.0, "a", "b"), [one, model(-40.0, "b")]
+    null, one, other = model(-50.0), model(-2.0, "a"), model(-9.0, "c")
+    pair, alone = model(-4.0, "a", "b"), [one, model(-40.0, "b")]
     case = SimpleNamespace(nothing=null.cost, null=null, evidence=lambda f: f.log,
                            explains=lambda f: f.log > -10.0,
-                           p_own=lambda *_: 0.0, each_alone=lambda *_: alone)
-    found = decision._named(case, FleetAnswer(verdict="unknown effect", null=null), [pair])
+                           p_own=lambda f, less: p if less == one.cost else 0.0,
+                           each_alone=lambda *_: alone)
+    found = decision._named(case, FleetAnswer(verdict="unknown effect", null=null), [pair, other])
     assert found.fit.names == named
     assert found.verdict == "explained"
 
@@ -402,7 +404,7 @@ def test_values_are_those_that_leave_least_on_runs():
         assert found.fit.cost <= min(there.cost, u.begun(fit, case.white, SETTLED_RUNS).cost)
         assert found.fit.terms[0].u[0] == pytest.approx(5.0 * VISCOUS, rel=0.1)
     beyond = replace(u, simulator=lambda *_: np.full(u.size, np.nan))  # nothing can be run
-    case.unit = beyond
+    case.unit, fit = beyond, replace(fit)
     assert case.measured(FleetAnswer(verdict="explained", null=case.null, fit=fit)).fit is fit
 
 
