@@ -4,9 +4,9 @@
    units of what the share `LEVEL` of healthy units exceeds, is surely rarer than `LEVEL` among
    them (rank among some that built nothing of the library, with the bound that holds for these
    very ones, Vovk 2012), on its quadratic and again on runs. What is not even rarer than
-   1 - `SURE` ends here; else a law must gain more than useless ones do over nothing, fitted as
-   hard, and linearly about that fit. So it must where the record is usual once the unit's numbers
-   may leave their bands a little (`EDGE`), over such a unit.
+   1 - `SURE` ends here; else a law must be likelier than nothing (2). So it must where that is
+   usual once the unit's numbers may leave their bands a little (`EDGE`), likelier than such a
+   unit fitted as hard.
 2. Laws are proposed from the library (wide, cheap), fitted with the simulator (`ROUNDS`), and
    compared by one evidence: log E = -½ ν ln J - ½ k ln ν - m ln(N / `LEVEL`), J the cost, k
    coordinates, ν the independent numbers of a record, m laws of N. This is the likelihood of a
@@ -14,16 +14,15 @@
    law explains nothing, or two are in question, it is fitted up to `EDGE` of the bands too, of two
    that explain each one, also from where both ended.
 3. A model *explains* if its cost is usual among healthy units; each law in it must have a gain
-   of its own beyond the useless ones', beside the other one fitted as hard. A law to which a
-   second one adds so much is no answer alone. The answer is the smallest set of names with `SURE`
-   of the evidence, the simplest model in it; more than `LARGEST_SET`, or no model that explains,
-   is unknown.
+   of its own beyond the useless ones'. Two laws must be likelier than each alone, which then is no
+   answer. The answer is the smallest set of names with `SURE` of the evidence, the simplest model
+   in it; more than `LARGEST_SET`, or no model that explains, is unknown.
 4. What is named is measured anew, by runs over all that it may be (`intervals`).
 5. Held-out records judge: names that do not lower their gap, or leave it large and close less
    than most of it (`MOST`), are contradicted, and there is no silence where it is large: laws are
-   tried then too. What is named on a usual record must beat nothing (1), or close most of a gap
-   that this leaves, a rare one. Where no model explains, a single law that closes most of misfit
-   and gap is named, and that something remains beside it.
+   tried then too. What is named on a usual record must be likelier than nothing, fitted as hard,
+   or close most of a gap that this leaves, a rare one. Where no model explains, a single law that
+   closes most of misfit and gap is named, and that something remains beside it.
 """
 
 from __future__ import annotations
@@ -91,14 +90,15 @@ def decide(
     answer = FleetAnswer(verdict="unknown effect", null=case.null, p_nothing=p, fits=tuple(fits))
     answer = _named(case, answer, [f for f in fits if case.explains(f)])
     if usual is not None:
-        if answer.fit is None and usual.verdict == "no disagreement":
+        unlikely = answer.fit is None or case.evidence(answer.fit) <= case.evidence(beyond.null)
+        if unlikely and usual.verdict == "no disagreement":
             return usual
         nothing = rival.hardest(fits)
         quiet = _silence(usual, held, (nothing,), p, _edge(case, nothing))
-        if answer.fit is None or not (
+        if unlikely or answer.fit is None or not (
                 (held is not None and quiet is None and silent is None
                  and held.gap([nothing, answer.fit], _edge(case, answer.fit)).closes(MOST))
-                or rival.beats(answer.fit, nothing)):
+                or rival.likelier(answer.fit, nothing)):
             return quiet or usual
     witness = witness or held
     if witness is not None and answer.verdict == "unknown effect" and not answer.equivalent:
@@ -163,9 +163,12 @@ def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit]) -> Fleet
     tested: list[tuple[LawFit, tuple[float, ...], tuple[LawFit, ...]]] = [
         (fit, (case.p_own(fit, case.nothing),), (case.null,))
         for fit in explaining if len(fit.terms) == 1]
-    for pair in [f for f in explaining if len(f.terms) == 2][:LARGEST_SET]:
+    best = max((case.evidence(f) for f, *_ in tested), default=-np.inf)
+    pairs = [f for f in explaining if len(f.terms) == 2 and case.evidence(f) > best]
+    for pair in pairs[:LARGEST_SET]:
         less = tuple(case.each_alone(pair, answer.fits)[::-1])  # of each law, without it
-        tested.append((pair, tuple(case.p_own(pair, f.cost) for f in less), less))
+        if case.evidence(pair) > max(map(case.evidence, less)):
+            tested.append((pair, tuple(case.p_own(pair, f.cost) for f in less), less))
         tested += [(f, (case.p_own(f, case.nothing),), (case.null,))
                    for f in less if case.explains(f)]
     good = [row for row in tested if max(row[1]) <= LEVEL]
@@ -183,7 +186,7 @@ def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit]) -> Fleet
     ordered = sorted(weights, key=lambda k: -weights[k])
     share = np.cumsum([weights[k] for k in ordered]) / sum(weights.values())
     kept = ordered[:int(np.searchsorted(share, SURE)) + 1]
-    chosen, p_value, less = min(  # a second law only where the evidence rules one alone out
+    chosen, p_value, less = min(  # the simplest that no second law adds to
         (row for row in good if frozenset(row[0].names) in kept),
         key=lambda row: (len(row[0].terms), -case.evidence(row[0])))
     equivalent = tuple(instead_of(chosen, name, kept) for name in chosen.names)

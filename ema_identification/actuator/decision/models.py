@@ -221,16 +221,10 @@ class Models:
         return sorted((p for p in found if p.signature.variant.effect not in fit.names),
                       key=lambda p: p.cost)
 
-    def beats(self, fit: LawFit, nothing: LawFit) -> bool:
-        """Whether laws gain more than useless ones do over none, fitted as hard: also about it.
-
-        What a fit leaves depends on how hard it was; what a law gains linearly about one does not.
-        """
-        about = [p for p in self.gains(nothing) if p.signature.variant.effect in fit.names]
-        least = min(fit.cost, self.refitted(fit).cost)
-        lower = replace(fit, cost=least)
-        return bool(about) and max(self.p_own(about[0], nothing.cost), self.p_own(
-            lower, min(nothing.cost, self.nothing))) <= LEVEL
+    def likelier(self, fit: LawFit, nothing: LawFit) -> bool:
+        """Whether a model is likelier than a fit of none, and than all that none has left."""
+        return max(map(self.evidence, (fit, self.refitted(fit)))) > max(
+            map(self.evidence, (nothing, replace(nothing, cost=self.nothing))))
 
     def pairs(self, singles: Sequence[LawFit]) -> list[LawFit]:
         """Return the fits of two laws.

@@ -176,17 +176,18 @@ def test_second_effects_are_tried_though_a_linear_gain_proves_nothing():
     assert pairs(backlash=2.0) == set()
 
 
-@pytest.mark.parametrize(("p", "named"), [(2.0 * LEVEL, ("a",)), (LEVEL, ("a", "b"))])
-def test_two_are_named_only_where_the_second_gains_more_than_useless_ones(p, named):
-    """Beside the better one alone, fitted as hard; whatever the evidence of two unlike models."""
+@pytest.mark.parametrize(("lead", "p", "named"), [
+    (-1.0, 0.0, ("a",)), (2.0, 0.0, ("a", "b")), (2.0, 2.0 * LEVEL, ("a",))])
+def test_two_are_named_where_they_are_likelier_and_the_second_gains_by_itself(lead, p, named):
+    """Then the first alone is no answer, and another law still may be."""
     def model(log, *names):
         return SimpleNamespace(names=names, terms=names, log=log, cost=100.0 - log)
 
-    null, one, other = model(-50.0), model(-2.0, "a"), model(-9.0, "c")
-    pair, alone = model(-4.0, "a", "b"), [one, model(-40.0, "b")]
+    null, one, other = model(-50.0), model(-lead, "a"), model(-9.0, "c")
+    pair, alone = model(0.0, "a", "b"), [one, model(-40.0, "b")]
     case = SimpleNamespace(nothing=null.cost, null=null, evidence=lambda f: f.log,
                            explains=lambda f: f.log > -10.0,
-                           p_own=lambda f, less: p if less == one.cost else 0.0,
+                           p_own=lambda f, less: p if f is pair else 0.0,
                            each_alone=lambda *_: alone)
     found = decision._named(case, FleetAnswer(verdict="unknown effect", null=null), [pair, other])
     assert found.fit.names == named
