@@ -47,13 +47,8 @@ def posterior_of(unit: TestedUnit, fit: LawFit) -> Posterior:
     return Posterior(np.append(coordinates(fit.terms), fit.z) + covariance @ pull, covariance)
 
 
-def simulated_posterior(unit: TestedUnit, fit: LawFit) -> Posterior:
-    """Return what runs of a model tell of its laws and of the unit's numbers, see the module."""
-    return measured(unit, fit)[0]
-
-
 def measured(unit: TestedUnit, fit: LawFit) -> tuple[Posterior, np.ndarray]:
-    """Return `simulated_posterior` and the slopes that the last round tells, as of a fit."""
+    """Return what runs of a model tell of its laws and of the unit's numbers, and the slopes."""
     rounds = list(islice(linearised(unit, fit), INTERVAL_ROUNDS))
     if not rounds:  # beside what the simulator can do
         return posterior_of(unit, fit), fit.slopes

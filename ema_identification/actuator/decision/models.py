@@ -54,7 +54,7 @@ class Models:
         self.nothing = self.null.cost
         """What no law leaves at least, also beyond the bands."""
         self._hard: list[LawFit] = []  # that have been pressed
-        self._measured: list[tuple[LawFit, Posterior, LawFit]] = []
+        self._measured: list[tuple[LawFit, Posterior, LawFit]] = []  # see `remeasured`
 
     def p_without(self) -> float:
         """Return `p_nothing` of the unit on runs."""

@@ -24,7 +24,7 @@ from ema_identification.actuator import gap
 from ema_identification.actuator.decision import fit
 from ema_identification.actuator.decision.answer import order_of, stages_of
 from ema_identification.actuator.decision.decide import decide
-from ema_identification.actuator.decision.intervals import simulated_posterior
+from ema_identification.actuator.decision.intervals import measured
 from ema_identification.actuator.decision.joint import DAYS, joint_unit
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.fleet import kept as kept_module
@@ -116,7 +116,7 @@ def test_runs_of_one_record_tell_nothing_of_the_day_of_another(joint):
         both = joint(seed)
         one = both.parts[0]
         of_one, of_both = (
-            np.sqrt(np.diag(simulated_posterior(u, u.without_law()).covariance)) for u in (
+            np.sqrt(np.diag(measured(u, u.without_law())[0].covariance)) for u in (
                 one, both))
         widths.append(of_both[:SIZE][~OF_DAY] / of_one[~OF_DAY])
     assert np.mean(widths) == pytest.approx(np.sqrt(0.5), rel=0.1)
