@@ -17,7 +17,8 @@
    of its own beyond the useless ones'. Two laws must be likelier than each alone, which then is no
    answer. The answer is the smallest set of names with `SURE` of the evidence, the simplest model
    in it; more than `LARGEST_SET`, or no model that explains, is unknown.
-4. What is named is measured anew, by runs over all that it may be (`intervals`).
+4. What is named is measured anew, by runs over all that it may be (`intervals`). A model with a
+   law whose size is not told from none there is no answer: the next one is.
 5. Held-out records judge: names that do not lower their gap, or leave it large and close less
    than most of it (`MOST`), are contradicted, and there is no silence where it is large: laws are
    tried then too. What is named on a usual record must be likelier than nothing, fitted as hard,
@@ -27,13 +28,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ema_identification.actuator.decision.answer import FleetAnswer, instead_of, stages_of
 from ema_identification.actuator.decision.fit import TestedUnit
+from ema_identification.actuator.decision.intervals import p_sizes
 from ema_identification.actuator.decision.models import LARGEST_SET, Models
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.ranks import LEVEL, both_of, p_nothing, share_of
@@ -88,7 +90,8 @@ def decide(
         wider += beyond.each_alone(pairs[0], wider)
     fits = case.finished([*singles, *wider, *pairs])
     answer = FleetAnswer(verdict="unknown effect", null=case.null, p_nothing=p, fits=tuple(fits))
-    answer = _named(case, answer, [f for f in fits if case.explains(f)])
+    explaining = [f for f in fits if case.explains(f)]
+    answer = _named(case, answer, explaining)
     if usual is not None:
         unlikely = answer.fit is None or case.evidence(answer.fit) <= case.evidence(beyond.null)
         if unlikely and usual.verdict == "no disagreement":
@@ -103,12 +106,12 @@ def decide(
     witness = witness or held
     if witness is not None and answer.verdict == "unknown effect" and not answer.equivalent:
         answer = _in_part(case, answer, witness)
-    edge = _edge(case, answer.fit)
-    answer = case.measured(answer) if edge == 1.0 else beyond.measured(
-        replace(answer, reasons=(OUT, *answer.reasons)))
+    answer = _measured(case, beyond, answer, explaining)
+    if usual is not None and answer.fit is None:
+        return usual
     if held is None:
         return answer
-    gap = held.gap(stages_of(answer), edge, known=answer.known)
+    gap = held.gap(stages_of(answer), _edge(case, answer.fit), known=answer.known)
     verdict, said = after_validation(
         answer.verdict, gap.values[0], gap.values[-1], gap.bound, "healthy units", gap.left(MOST))
     if usual is not None and (verdict == "contradicted" or gap.values[-1] >= gap.values[0]):
@@ -158,8 +161,9 @@ def _silence(answer: FleetAnswer, held: LawJudge | None, fits: Sequence[LawFit],
     return None
 
 
-def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit]) -> FleetAnswer:
-    """Return the answer with the names that the evidence leaves."""
+def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit],
+           unnamed: Collection[tuple[str, ...]] = ()) -> FleetAnswer:
+    """Return the answer with the names that the evidence leaves; `unnamed` : are no answer."""
     tested: list[tuple[LawFit, tuple[float, ...], tuple[LawFit, ...]]] = [
         (fit, (case.p_own(fit, case.nothing),), (case.null,))
         for fit in explaining if len(fit.terms) == 1]
@@ -171,7 +175,7 @@ def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit]) -> Fleet
             tested.append((pair, tuple(case.p_own(pair, f.cost) for f in less), less))
         tested += [(f, (case.p_own(f, case.nothing),), (case.null,))
                    for f in less if case.explains(f)]
-    good = [row for row in tested if max(row[1]) <= LEVEL]
+    good = [row for row in tested if max(row[1]) <= LEVEL and row[0].variants not in unnamed]
     more = [set(fit.names) for fit, *_ in good if len(fit.terms) > 1]
     good = [row for row in good if not any(set(row[0].names) < names for names in more)]
     if not good:
@@ -198,6 +202,28 @@ def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit]) -> Fleet
     return replace(answer, verdict="explained", fit=chosen, equivalent=equivalent,
                    p_value=p_value, closed=closed,
                    alone=less[::-1] if len(less) > 1 else ())
+
+
+def _measured(case: Models, beyond: Models, answer: FleetAnswer, explaining: list[LawFit]
+              ) -> FleetAnswer:
+    """Return the answer measured, of models in which the size of each law is told from none."""
+    unnamed: list[tuple[str, ...]] = []
+    while answer.fit is not None:
+        fit, edge = answer.fit, _edge(case, answer.fit)
+        found = case.measured(answer) if edge == 1.0 else beyond.measured(
+            replace(answer, reasons=(OUT, *answer.reasons)))
+        if found.known is None or max(p_sizes(found.known, fit)) <= LEVEL:
+            return found
+        unnamed.append(fit.variants)
+        answer = replace(
+            answer, verdict="unknown effect", fit=None, equivalent=(), p_value=(), closed=(),
+            alone=(), reasons=("the record is as a healthy one's with "
+                               f"{', or '.join(map(' and '.join, unnamed))}, "
+                               "but no size of it is told from none",))
+        if len(unnamed) < LARGEST_SET:
+            again = _named(case, answer, explaining, unnamed)
+            answer = again if again.fit is not None else answer
+    return answer
 
 
 def _nearest(case: Models, fits: Sequence[LawFit]) -> str:

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky
+from scipy.stats import chi2
 
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.slopes import bounded_least_squares
@@ -54,6 +55,21 @@ def measured(unit: TestedUnit, fit: LawFit) -> tuple[Posterior, np.ndarray]:
         return posterior_of(unit, fit), fit.slopes
     known = rounds[-1].known
     return known._replace(covariance=STRETCH**2 * known.covariance), rounds[-1].slopes
+
+
+def p_sizes(known: Posterior, fit: LawFit) -> tuple[float, ...]:
+    """Return how often each law would be measured as far from none if it had no size (Wald 1943).
+
+    Sizes are the coordinates with levels: the other ones say how a law goes on.
+    """
+    found, begin = [], 0
+    for term in fit.terms:
+        own = begin + np.flatnonzero([len(levels) > 0 for levels in term.variant.levels])
+        size = known.mean[own]
+        found.append(float(chi2.sf(
+            size @ np.linalg.solve(known.covariance[np.ix_(own, own)], size), len(own))))
+        begin += term.variant.size
+    return tuple(found)
 
 
 class Round(NamedTuple):

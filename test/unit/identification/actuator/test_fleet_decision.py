@@ -27,7 +27,7 @@ from ema_identification.actuator.decision import decide as decision
 from ema_identification.actuator.decision import models
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
 from ema_identification.actuator.decision.decide import EDGE, MOST, OUT, decide
-from ema_identification.actuator.decision.intervals import at
+from ema_identification.actuator.decision.intervals import at, p_sizes
 from ema_identification.actuator.decision.proposals import LawProposal, at_known_sizes, scores
 from ema_identification.actuator.decision.ranks import (
     LEVEL,
@@ -39,6 +39,7 @@ from ema_identification.actuator.decision.ranks import (
 from ema_identification.actuator.decision.slopes import law_slopes
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, Whitener
 from ema_identification.actuator.fleet.units import CHUNK, FULL, fleet_unit
+from ema_identification.actuator.laws.catalogue import variants
 from ema_identification.actuator.laws.terms import EffectTerm, LawFit, LawGap, Posterior
 from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_identification.actuator.words import candidates_of, parameters_of, recalibrated_of
@@ -181,7 +182,8 @@ def test_second_effects_are_tried_though_a_linear_gain_proves_nothing():
 def test_two_are_named_where_they_are_likelier_and_the_second_gains_by_itself(lead, p, named):
     """Then the first alone is no answer, and another law still may be."""
     def model(log, *names):
-        return SimpleNamespace(names=names, terms=names, log=log, cost=100.0 - log)
+        return SimpleNamespace(
+            names=names, variants=names, terms=names, log=log, cost=100.0 - log)
 
     null, one, other = model(-50.0), model(-lead, "a"), model(-9.0, "c")
     pair, alone = model(0.0, "a", "b"), [one, model(-40.0, "b")]
@@ -490,6 +492,47 @@ def test_no_law_has_the_credit_of_a_unit_fitted_better_beside_it(monkeypatch):
     found = decide(u, Near())
     assert (found.verdict, found.fit) == ("no disagreement", None)
     assert found.gap.values[0] < 1.0 < Near().gap([stuck]).values[0]
+
+
+@pytest.mark.parametrize(("size", "verdict"), [(1e-3, "unknown effect"), (1.0, "explained")])
+def test_a_law_beside_which_a_unit_is_fitted_better_is_a_name_with_a_size(
+        size, verdict, monkeypatch):
+    """Wherever the fit of no law stands still."""
+    u = unit(seed=7, viscous_friction=size)
+    case = models.Models(u)
+    term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([size * VISCOUS]))
+    law = u.begun(replace(u.on_library((term,), [case.null.z]), terms=(term,)), case.white,
+                  SETTLED_RUNS)
+    stuck, settled = replace(case.null, cost=50.0 * law.cost), type(u).settled
+    for place in decision, models:
+        monkeypatch.setattr(place, "p_nothing", lambda *_: 0.1 * LEVEL)
+    monkeypatch.setattr(models.Models, "singles", lambda self: [law])
+    monkeypatch.setattr(models.Models, "pairs", lambda *_: [])
+    monkeypatch.setattr(type(u), "settled", lambda self, fit, *given, **more: (
+        stuck if not fit.terms and more.get("salt") == 4 else settled(self, fit, *given, **more)))
+    found = decide(u)
+    assert found.verdict == verdict
+    assert (found.fit is None) == (size < 1.0)
+    assert ("with viscous_friction, but no size" in " ".join(found.reasons)) == (size < 1.0)
+
+
+def test_a_law_of_no_size_is_told_from_none_as_often_as_is_said():
+    """Wald's test: chi squared of the sizes, whatever the coordinates that are none."""
+    known = {v.effect: v for v in variants()}
+    terms = tuple(EffectTerm(variant=known[name], signature=SIGNATURE, u=np.zeros(1))
+                  for name in ("cogging_torque", "stribeck_friction", "viscous_friction"))
+    fit = replace(models.Models(unit(seed=3)).null, terms=terms)
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(5, 5))
+    draws = rng.normal(size=(4000, 5)) @ root.T
+    draws[:, 3] += 9.0  # at which speed a Stribeck effect falls
+    p = np.array([p_sizes(Posterior(x, root @ root.T), fit) for x in draws])
+    assert p.shape == (4000, 3)
+    for level in (0.01, 0.3):
+        assert (p <= level).mean(axis=0) == pytest.approx(
+            level, abs=4.0 * np.sqrt(level / 4000))
+    found = p_sizes(Posterior(np.array([3.0, 4.0, 2.0, 9.0, -1.0]), np.eye(5)), fit)
+    assert found == pytest.approx([np.exp(-12.5), 0.0455, 0.3173], rel=1e-3)
 
 
 @pytest.mark.parametrize(("after", "verdict"), [
