@@ -93,7 +93,7 @@ class HeldOut:
 
 
 def _healthy_gap(pair: tuple[TestedUnit, TestedUnit]) -> tuple[float, ...]:
-    held, fitted = pair
+    held, fitted = pair[0], replace(pair[1])  # what it works out goes with it
     return quadratic_gap(held, fitted, fitted.without_law()).values
 
 

@@ -125,6 +125,7 @@ def joint_unit(
     unit = _together(units, library)
     if scored is None:
         return unit
-    healthy = kept_of(libraries, "joint", [u for u in unit.set_aside() if u is not None], scored,
-                      folder)
+    healthy = kept_of(  # of a copy each: what a unit works out of all features goes with it
+        libraries, "joint", [u for u in unit.set_aside() if u is not None],
+        lambda one: scored(replace(one)), folder)
     return replace(unit, library=replace(library, healthy=healthy))

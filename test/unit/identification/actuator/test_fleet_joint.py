@@ -1,5 +1,6 @@
 """Several records of one unit judged together, on linear units."""
 
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -82,6 +83,29 @@ def test_one_record_is_itself():
     one = unit(seed=3)
     assert joint_unit([one]) is one
     assert one.parts == (one,)
+
+
+def test_what_a_healthy_unit_works_out_is_not_kept_while_others_are_ranked(
+        libraries, tmp_path, monkeypatch):
+    """Covariances of all features of two tests are 30 MB each, and there are 480 units."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    seen, most = list[weakref.ref](), 0
+
+    def scored(one):
+        nonlocal most
+        seen.append(weakref.ref(one.whitener(0)))
+        most = max(most, sum(ref() is not None for ref in seen))
+        return scores(one)
+
+    both = joint_unit([record_of(replace(x, aside=tuple(rows[:6] for rows in x.aside)), 3, z)
+                       for x, z in zip(libraries, two_days(3))], scored)
+    assert both.library.healthy.shape == (6, 4)
+    assert (len(seen), most) == (6, 1)
+    held = gap.HeldOut(unit=both, fitted=both)
+    monkeypatch.setattr(gap, "quadratic_gap", lambda held, fitted, null: (
+        seen.append(weakref.ref(fitted.whitener(0))) or LawGap(
+            values=(float(sum(ref() is not None for ref in seen)),), healthy=np.zeros(1))))
+    assert held.kept(None) == pytest.approx(1.0)
 
 
 def test_numbers_of_the_unit_are_shared_and_those_of_the_day_are_not(joint):
