@@ -27,6 +27,7 @@ from ema_identification.actuator.fleet.kept import kept_of
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, worst
 from ema_identification.actuator.laws.catalogue import OF_THE_ROTOR
 from ema_identification.actuator.laws.terms import SURE, LawFit, LawGap, Posterior, coordinates
+from ema_identification.actuator.measure.runs import Progress, silent
 from ema_identification.actuator.measure.signals import TURN
 from ema_identification.actuator.measure.tolerances import TOLERANCES
 
@@ -56,6 +57,7 @@ class HeldOut:
 
     unit: TestedUnit
     fitted: TestedUnit
+    progress: Progress = silent
 
     def gap(self, models: Sequence[LawFit], edge: float = 1.0, known: Posterior | None = None
             ) -> LawGap:
@@ -88,8 +90,8 @@ class HeldOut:
             self.unit.set_aside(), self.fitted.set_aside())
             if held is not None and fitted is not None]
         libraries = [part.library for unit in (self.unit, self.fitted) for part in unit.parts]
-        return kept_of(libraries, f"gaps{len(self.unit.parts)}", pairs, _healthy_gap,
-                       folder)[:, 0]
+        return kept_of(libraries, f"gaps{len(self.unit.parts)}", pairs, _healthy_gap, folder,
+                       progress=self.progress)[:, 0]
 
 
 def _healthy_gap(pair: tuple[TestedUnit, TestedUnit]) -> tuple[float, ...]:

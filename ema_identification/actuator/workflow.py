@@ -73,10 +73,10 @@ def identify_actuator(
     check_records(given, held_out, case.model, without, accepted)
     with threadpool_limits(limits=1):  # sums in one order: the last digit grows in limit cycles
         units = [case.unit(record) for record in measured]
-        unit, held = joint_unit(units, scores), None
+        unit, held = joint_unit(units, scores, progress=progress), None
         if validate:
             other = [case.unit(record, signatures=False) for record in validate]
-            held = HeldOut(unit=joint_unit(other), fitted=unit)
+            held = HeldOut(unit=joint_unit(other), fitted=unit, progress=progress)
         found = _said(unit, decide(unit, held, without=without, progress=progress), model, held)
         if not baseline:
             return found

@@ -18,6 +18,7 @@ from ema_identification.actuator.fleet.units import DAYS
 from ema_identification.actuator.laws.catalogue import Signature
 from ema_identification.actuator.laws.signatures import stacked
 from ema_identification.actuator.laws.terms import EffectTerm
+from ema_identification.actuator.measure.runs import Progress, silent
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +105,7 @@ def _together(units: Sequence[TestedUnit], library: FleetLibrary) -> JointUnit:
 def joint_unit(
     units: Sequence[TestedUnit],
     scored: Callable[[TestedUnit], tuple[float, ...]] | None = None,
-    folder: Path | None = None,
+    folder: Path | None = None, *, progress: Progress = silent,
 ) -> TestedUnit:
     """Return records of one unit as one; a single one as it is.
 
@@ -127,5 +128,5 @@ def joint_unit(
         return unit
     healthy = kept_of(  # of a copy each: what a unit works out of all features goes with it
         libraries, "joint", [u for u in unit.set_aside() if u is not None],
-        lambda one: scored(replace(one)), folder)
+        lambda one: scored(replace(one)), folder, progress=progress)
     return replace(unit, library=replace(library, healthy=healthy))

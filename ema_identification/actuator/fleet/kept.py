@@ -14,6 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 from ema_identification.actuator.fleet.surrogate import FleetLibrary
+from ema_identification.actuator.measure.runs import Progress, silent
 from ema_record import array_cache as cache
 from ema_record.kit import LIBRARY, kit_path
 
@@ -59,13 +60,19 @@ def kept_arrays(
 
 def kept_of(
     libraries: Sequence[FleetLibrary], what: str, units: Sequence[T],
-    scored: Callable[[T], tuple[float, ...]], folder: Path | None = None,
+    scored: Callable[[T], tuple[float, ...]], folder: Path | None = None, *,
+    progress: Progress = silent,
 ) -> np.ndarray:
     """Return what healthy units of several libraries leave, shape (n, numbers of `scored`)."""
     def agrees(kept: Mapping[str, np.ndarray]) -> bool:
         return "rows" in kept and len(kept["rows"]) == len(units) and np.allclose(
             [scored(unit) for unit in units[:AGAIN]], kept["rows"][:AGAIN], rtol=ALIKE)
 
-    return kept_arrays(
-        libraries, what, lambda: {"rows": np.array([scored(unit) for unit in units])}, agrees,
-        folder)["rows"]
+    def make() -> dict[str, np.ndarray]:
+        rows = []
+        for unit in units:
+            rows.append(scored(unit))
+            progress("healthy units of these tests", len(rows) / len(units))
+        return {"rows": np.array(rows)}
+
+    return kept_arrays(libraries, what, make, agrees, folder)["rows"]

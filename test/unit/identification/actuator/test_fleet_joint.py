@@ -89,7 +89,7 @@ def test_what_a_healthy_unit_works_out_is_not_kept_while_others_are_ranked(
         libraries, tmp_path, monkeypatch):
     """Covariances of all features of two tests are 30 MB each, and there are 480 units."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    seen, most = list[weakref.ref](), 0
+    seen, most, said = list[weakref.ref](), 0, []
 
     def scored(one):
         nonlocal most
@@ -98,9 +98,11 @@ def test_what_a_healthy_unit_works_out_is_not_kept_while_others_are_ranked(
         return scores(one)
 
     both = joint_unit([record_of(replace(x, aside=tuple(rows[:6] for rows in x.aside)), 3, z)
-                       for x, z in zip(libraries, two_days(3))], scored)
+                       for x, z in zip(libraries, two_days(3))], scored,
+                      progress=lambda what, share: said.append(share))
     assert both.library.healthy.shape == (6, 4)
     assert (len(seen), most) == (6, 1)
+    assert said == [pytest.approx((k + 1) / 6) for k in range(6)]
     held = gap.HeldOut(unit=both, fitted=both)
     monkeypatch.setattr(gap, "quadratic_gap", lambda held, fitted, null: (
         seen.append(weakref.ref(fitted.whitener(0))) or LawGap(
