@@ -215,11 +215,11 @@ def _measured(case: Models, beyond: Models, answer: FleetAnswer, explaining: lis
         if found.known is None or max(p_sizes(found.known, fit)) <= LEVEL:
             return found
         unnamed.append(fit.variants)
-        answer = replace(
-            answer, verdict="unknown effect", fit=None, equivalent=(), p_value=(), closed=(),
-            alone=(), reasons=("the record is as a healthy one's with "
-                               f"{', or '.join(map(' and '.join, unnamed))}, "
-                               "but no size of it is told from none",))
+        answer = FleetAnswer(
+            verdict="unknown effect", null=answer.null, p_nothing=answer.p_nothing,
+            fits=answer.fits, reasons=(
+                f"less is left with {', or '.join(map(' and '.join, unnamed))}, "
+                "but no size of it is told from none",))
         if len(unnamed) < LARGEST_SET:
             again = _named(case, answer, explaining, unnamed)
             answer = again if again.fit is not None else answer
