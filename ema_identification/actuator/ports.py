@@ -22,7 +22,8 @@ TORQUE_LINES = "motor torque", "rotor angle"
 SENSOR_FEATURES = ("position_step", "speed_step", "position_at_start", "gain_ab", "gain_ac",
                    "offset_a", "offset_b", "offset_c", "slip")
 STRONG_FEATURE = 8.0
-"""Residual of a feature that by itself settles a port (standard deviations)."""
+"""Residual of a feature that by itself settles a port (standard deviations); torque lines do where
+their part of the test is off by more than one such feature."""
 LEADING = 0.3
 """Least residual of a sensor's features, or of the torque's lines, of the largest of all, at which
 they settle a port: a large effect elsewhere moves them too, since it takes the recalibration
@@ -72,8 +73,9 @@ def _ports(
         found.append("sensor")
     if law is not None and not law.holds:  # nothing else breaks the law
         found += ["controller", *(["sensor"] if "sensor" not in found else [])]
-    ripple = max((g.largest for g in groups if (g.signal, g.against) == TORQUE_LINES), default=0.0)
-    if line is not None and ripple > LEADING * largest:
+    ripples = [g for g in groups if (g.signal, g.against) == TORQUE_LINES]
+    if line is not None and max(g.largest for g in ripples) > LEADING * largest and max(
+            g.excess for g in ripples) > np.log1p(STRONG_FEATURE**2):
         if line[0] > COMMUTATION and line[0] % COMMUTATION:
             found += ["motor torque", "transmission"]
         elif along < 0.0:  # what belongs to the windings turns over
@@ -112,7 +114,7 @@ def _by_physics(
             score["winding"] += 0.5 * x
             score["supply"] += 0.25 * x
         elif group.signal.startswith("motor travel"):
-            score["transmission"] += x
+            score["transmission"] += 0.5 * x if group.against == "test phase" else x
         elif group.signal == "motor speed":
             if group.against == "test phase" and right:
                 jump = jumps.get(group.place, 0.0)
@@ -189,6 +191,6 @@ def _panel(unit: TestedUnit, residual: np.ndarray) -> Panel:
         curves.append(Curve(label=signal, x=np.array(where, dtype=float), y=residual[where],
                             style="points"))
     return Panel(
-        name="unknown", title="What no effect of the catalogue explains, feature by feature.",
+        name="unknown", title="What the fit leaves, feature by feature.",
         x_label="number of the feature, in the order of the test",
         y_label="residual (standard deviations)", curves=tuple(curves), step="where")

@@ -131,8 +131,9 @@ def _said(
     rivals = _rivals(answer)
     proposed = separating_test(unit, rivals, seed=unit.seed) if len(rivals) > 1 else None
     fit = answer.null if answer.fit is None else answer.fit
-    something = answer.verdict in ("unknown effect", "partly explained") and (
-        answer.fit is None or rank(fit.cost / unit.size, unit.library.healthy[:, 0]) <= LEVEL)
+    left = answer.null if answer.verdict == "contradicted" else fit
+    something = answer.verdict in ("unknown effect", "partly explained", "contradicted") and (
+        answer.fit is None or rank(left.cost / unit.size, unit.library.healthy[:, 0]) <= LEVEL)
     found = Identification(
         verdict=answer.verdict, gap_before=gap.values[0], gap_after=gap.values[-1],
         noise_floor=gap.floor, held_out=answer.gap is not None,
@@ -141,7 +142,7 @@ def _said(
         next_test=None if proposed is None else proposed.text,
         next_profile=None if proposed is None else proposed.profile,
         recalibrated=recalibrated_of(unit, fit, answer.known), reasons=reasons_of(answer, gap),
-        unknown=unknown_shape(unit, residual_of(unit, fit), law) if something else None,
+        unknown=unknown_shape(unit, residual_of(unit, left), law) if something else None,
         model_text="" if answer.verdict == "contradicted" else _model_text(unit, fit, model))
     return replace(
         found, steps=steps_of(unit, answer, law, groups, found, gap),

@@ -136,6 +136,8 @@ def test_a_held_out_record_that_speaks_against_the_fit_contradicts_it():
     assert found.gap_after > 2.0 * found.gap_before
     assert "grew" in found.reasons[0]
     assert found.model_text == ""
+    assert found.unknown is not None  # there is no name, but a place
+    assert found.unknown.port.split(", ")[0] == "sensor"
 
 
 def test_two_effects_have_p_values_places_and_gaps_of_their_own():
