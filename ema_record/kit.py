@@ -62,7 +62,8 @@ def kit_folder() -> Path:
 def check_kit(folder: Path) -> Path:
     """Return `folder`; UsageError where it holds no `actuator.yaml`."""
     if not (folder / ACTUATOR).is_file():
-        what = "no such folder" if not folder.is_dir() else f"it holds no {ACTUATOR}"
+        what = ("it is a file, give the folder that holds it" if folder.is_file() else
+                f"it holds no {ACTUATOR}" if folder.is_dir() else "no such folder")
         raise UsageError(f"kit {folder}: {what}: 'ema new-actuator' begins one, "
                          "'ema commission' completes it")
     return folder

@@ -133,13 +133,13 @@ def _fault(name: str) -> Iterator[TextLine]:
 def _check(name: str) -> Iterator[TextLine]:
     from ema_record.checks.guard import OUTCOMES as EFFECTS
     from ema_record.checks.guard import RULES
-    from ema_record.checks.live import GROUPS
+    from ema_record.checks.live import rules_of
 
     say = words()
     key = f"check.{name}" if say.has(f"check.{name}") else f"check.{name.replace('_', ' ')}"
     yield TextLine(say("explain.check"), name.replace("_", " "), "bold")
     yield TextLine("", say(key))
-    parts = [rule for rule in GROUPS.get(name.replace("_", " "), ()) if rule != name]
+    parts = [rule for rule in rules_of(name.replace("_", " ")) if rule != name]
     for part in parts:
         yield TextLine("", f"{part}: {say(f'check.{part}')}")
     for remedy in dict.fromkeys(rule.remedy for rule in RULES if rule.name == name):

@@ -26,7 +26,7 @@ def man(
     """Print a page of the manual, or write all of them.
 
     To read one: ema man check | man -l -. To keep them: ema man --out ~/.local/share/man/man1,
-    then man ema-check. 'make' has done so for the environment that it makes.
+    then man ema-check. 'make bit' has done so for the environment that it makes.
 
     Example: `ema man check`
     """

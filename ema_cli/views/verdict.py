@@ -299,6 +299,6 @@ def next_commands(verdict: Facts, heading: Facts) -> list[str]:
     if cause == "rig":
         return [f"ema identify {bag} --check", f"ema identify {bag} --out why"]
     if outcome == "incomplete" and cause == "record":  # a bag that can be read is whole
-        return [f"ema recover {bag}", f"ema lint {bag}"]
+        return [f"ema recover {bag}"]
     rule = words().has(f"check.{cause}")
     return [f"ema lint {bag}", f"ema explain {cause if rule else outcome}"]

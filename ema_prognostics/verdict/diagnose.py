@@ -77,7 +77,8 @@ def diagnose(
     mode : ``robust``, the cascade with a healthy class and a guard, or ``paper``, the paper's
         two networks literally: it knows no healthy actuator.
     baseline : a healthy record of the same actuator and test, from its acceptance; sharpens
-        the verdict of mode ``robust``. For many records take `baseline_of` once.
+        the verdict of mode ``robust``, but of that record itself. For many records take
+        `baseline_of` once.
     checked : whether the record checks were asked before, and found nothing.
 
     Returns
@@ -149,6 +150,8 @@ def _robust_verdict(
             f"the baseline is of the test {baseline.record.profile.name!r}, the record of "
             "another: give a baseline of the same test"
         )
+    if baseline is not None and np.array_equal(baseline.record.samples, record.samples):
+        baseline = None  # a record that is compared with itself has not changed
     return verdict_of_features(extract(record, kind, actuator), kind, model,
                                None if baseline is None else baseline.features,
                                exact=_is_trained_test(record, kind, actuator))

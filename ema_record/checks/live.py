@@ -53,6 +53,8 @@ GROUPS = {
     "command reached": ("wrong_profile",),
 }
 """Rules of each check; the others go by their channel, see `group_of`."""
+BY_CHANNEL = "current sum", "speed against position"
+"""Checks of these others: of currents, and of all else."""
 _GROUP = {rule: group for group, rules in GROUPS.items() for rule in rules}
 
 
@@ -78,8 +80,13 @@ class CheckResult:
 
 def group_of(finding: Finding) -> str:
     """Return the check that tells of a finding of the guard."""
-    by_channel = "current sum" if "current" in finding.channel else "speed against position"
-    return _GROUP.get(finding.rule, by_channel)
+    return _GROUP.get(finding.rule, BY_CHANNEL["current" not in finding.channel])
+
+
+def rules_of(check: str) -> tuple[str, ...]:
+    """Return the rules of the guard that a check may tell of."""
+    others = [rule for rule in OUTCOMES if rule not in _GROUP] if check in BY_CHANNEL else []
+    return *GROUPS.get(check, ()), *others
 
 
 def check_record(record: Record, actuator: Actuator | None = None) -> list[CheckResult]:

@@ -129,6 +129,7 @@ def test_baseline_finds_what_the_fleet_model_does_not(model):
     base = record_of("extended", seed=77_040, **unit)
     worn = record_of("extended", "motor_friction.increase=0.08", seed=77_041, **unit)
     assert diagnose(worn, model).outcome == "healthy"
+    assert diagnose(worn, model, baseline=worn) == diagnose(worn, model)  # compares nothing
     verdict = diagnose(worn, model, baseline=base)
     assert [f.fault_class for f in verdict.faults] == ["friction"]
     again = record_of("extended", seed=77_042, **unit)

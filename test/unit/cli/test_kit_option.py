@@ -31,6 +31,7 @@ def test_every_command_has_it_and_says_so(name, capsys):
 
 @pytest.mark.parametrize(("arguments", "hint"), [
     (["effects", "--kit", "/nowhere"], "no such folder"),
+    (["effects", "--kit", __file__], "is a file, give the folder"),
     (["check", "--kit", "/tmp", "bag"], "holds no actuator.yaml"),
     (["check", "bag", "--kit"], "requires an argument"),
 ])

@@ -83,7 +83,8 @@ def test_lines_of_the_torque_in_words():
 
 @pytest.mark.parametrize(("name", "said"), [
     (["turn_short"], "resistance between each two phases"), (["Shorted", "turns"], "turn_short"),
-    (["gap"], "Verdict: INCOMPLETE"), (["current", "sum"], "star"), (["unknown"], "Repeat"),
+    (["gap"], "Verdict: INCOMPLETE"), (["current", "sum"], "sensor_scale"),
+    (["unknown"], "Repeat"),
     (["torque needed at full speed"], "N m"), (["interval"], "nine times in ten"),
     (["weak_magnets"], "No fault that the test names"),
     (["most like weak magnets"], "weak_magnets"),
