@@ -198,6 +198,8 @@ class Acquisition(NamedTuple):
     reference_currents: Annotated[int, _yes("whether the reference currents are recorded")]
     rotor_angle: Annotated[int, _yes("whether the rotor angle is recorded")]
     surface_position: Annotated[int, _yes("whether the surface position is recorded")]
+    commutation_latency: Annotated[
+        float, quantity("1", 0.0, 100.0, "control periods until the rotor's angle acts")] = 0.0
 
     @property
     def columns(self) -> tuple[int, ...]:

@@ -42,6 +42,8 @@ def main() -> None:
     six.add_argument("--quick", action="store_true", help="kits of a small training")
     six.add_argument("--exact", action="store_true",
                      help="the machines are as described; default: off, as data sheets are")
+    six.add_argument("--commutation-latency", type=float, default=0.0,
+                     help="of the machines, in control periods; no description says so")
     six.add_argument("--times", type=float, default=2.0, help="severities, in the kit's own a90")
     six.add_argument("--no-peer", dest="peer", action="store_false")
     six.add_argument("--peer-units", type=int, default=400)

@@ -202,6 +202,7 @@ def _run(a: Actuator, own: Own, s: Surroundings, d: Damage, averaged: bool, tabl
     speed_bit = a.converters.speed_range / 2.0**a.converters.speed_bits * q.converters
     position_bit = a.converters.position_range / 2.0**a.converters.position_bits * q.converters
     late = np.zeros(256)  # reference currents of the last control periods
+    angles = np.zeros(1 + int(q.commutation_latency * per_period + 0.5))  # of the last steps
     turned, omega, x, speed_x, i_z, amplitude, drawn = 0.0, 0.0, start, 0.0, 0.0, 0.0, 0.0
     valley, at = -1, int(q.time_at * (per_sample - 1) + 0.5)
     for step in range(n_out * per_sample):
@@ -225,11 +226,15 @@ def _run(a: Actuator, own: Own, s: Surroundings, d: Damage, averaged: bool, tabl
         row = min(int(theta / turn * grid), grid - 1)
         part = theta / turn * grid - row
         sensed = motor.pole_pairs * theta + d.hall
+        angles[step % len(angles)] = sensed
+        known = angles[(step + 1) % len(angles)]  # to the drive
         sector = math.floor(sensed / turn * 6.0 - 0.5) % 6
+        driven = math.floor(known / turn * 6.0 - 0.5) % 6
         for n in range(3):
             k[n] = table[row, n] + part * (table[row + 1, n] - table[row, n])
             wave = math.sin(sensed - PHI * n) if foc else SIGNS[sector, n]
-            ref[n], wanted[n] = amplitude * wave, acting * wave
+            acts = math.sin(known - PHI * n) if foc else SIGNS[driven, n]
+            ref[n], wanted[n] = amplitude * wave, acting * acts
             shift[n] = s.offset[n] + own.offset_drift[n] * t
             if failed and n == d.phase:
                 shift[n] += d.current_offset
@@ -240,7 +245,7 @@ def _run(a: Actuator, own: Own, s: Surroundings, d: Damage, averaged: bool, tabl
             if not relay and math.floor(t * f + 1e-9) != valley:
                 valley = math.floor(t * f + 1e-9)
                 if foc:
-                    _field_oriented(a.drive, rail, wanted, read, sensed, integral, leg)
+                    _field_oriented(a.drive, rail, wanted, read, known, integral, leg)
                 else:
                     _six_step(a.drive, rail, wanted, read, integral, leg)
             if relay:
@@ -267,8 +272,7 @@ def _run(a: Actuator, own: Own, s: Surroundings, d: Damage, averaged: bool, tabl
         twist = turned / ratio + start + mesh - x
         z = twist - min(max(twist, -half), half)
         pull = shaft.stiffness * z + shaft.damping * (omega / ratio - speed_x)
-        if pull * z <= 0.0:
-            pull = 0.0
+        pull = pull if pull * z > 0.0 else 0.0
         back = pull / ratio
         back *= 1.0 / a.gear.efficiency if back * omega > 0.0 else a.gear.efficiency
         before, before_x = omega, speed_x
@@ -276,8 +280,7 @@ def _run(a: Actuator, own: Own, s: Surroundings, d: Damage, averaged: bool, tabl
                        motor.inertia, dry, stuck, knee, dt)
         speed_x = _slide(speed_x, pull + s.load - surface.viscous_friction * speed_x,
                          surface.inertia, dry_x, stuck_x, knee / ratio, dt)
-        turned += dt * omega
-        x += dt * speed_x
+        turned, x = turned + dt * omega, x + dt * speed_x
         if abs(x) > surface.end_stop:
             x, speed_x = math.copysign(surface.end_stop, x), 0.0
         energy[2] += torque * 0.5 * (before + omega) * dt
@@ -288,8 +291,7 @@ def _run(a: Actuator, own: Own, s: Surroundings, d: Damage, averaged: bool, tabl
         energy[5] = 0.5 * (motor.inertia * omega**2 + surface.inertia * speed_x**2
                            + shaft.stiffness * z**2)
         for n in range(3):
-            total[n] += read[n]
-            total[3 + n] += ref[n]
+            total[n], total[3 + n] = total[n] + read[n], total[3 + n] + ref[n]
         total[6] += (1.0 + d.speed_gain) * before + noise[tick, 0]
         total[7] += x + noise[tick, 1] + slip
         total[8] += turned

@@ -83,9 +83,11 @@ def _kit(options: Namespace, machine: BenchMachine) -> Path:
 
 def _built(options: Namespace, machine: BenchMachine) -> Actuator:
     """Return the type as it is: off its description, unless that is said to be exact."""
+    a = machine.actuator._replace(acquisition=machine.actuator.acquisition._replace(
+        commutation_latency=options.commutation_latency))
     if options.exact:
-        return machine.actuator
-    return draw_type(machine.actuator, (options.seed, machine_names().index(machine.name)))
+        return a
+    return draw_type(a, (options.seed, machine_names().index(machine.name)))
 
 
 def make(options: Namespace) -> None:
@@ -131,7 +133,8 @@ def judged(options: Namespace, machine: BenchMachine) -> list[dict[str, Any]] | 
             seed=options.seed, fleet=TEST, duration=profile.duration, own=True)
         return judge_cases(
             cases, profile, Judge(), Ledger(Path(options.work) / machine.name / "judged.jsonl"),
-            decided_by(machine.spread, options.seed, options.part, sizes, options.exact),
+            decided_by(machine.spread, options.seed, options.part, sizes, options.exact,
+                       options.commutation_latency),
             say(machine.name), features=True)
 
 

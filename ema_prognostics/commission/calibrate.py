@@ -39,10 +39,11 @@ PRIORS: dict[str, float] = {
     "motor.phase_inductance": 0.15, "control.position_gain": 0.1, "control.speed_limit": 0.01,
     "control.proportional_gain": 0.1, "control.integral_gain": 0.2, "inverter.hysteresis": 0.1,
     "motor.flat_top": 0.05, "acquisition.reference_latency": 0.5,
-    "acquisition.command_latency": 0.5,
+    "acquisition.command_latency": 0.5, "acquisition.commutation_latency": 1.0,
 }
 """Standard deviation of what a description says: of the logarithm, of latencies in periods. A
-data sheet gives motor constants within their tolerance; friction and stiffness are assumed. Static
+data sheet gives motor constants within their tolerance; friction and stiffness are assumed; what
+commutates in software is a control period late, or none where gates do it. Static
 over dynamic friction stays as described: it acts only where the motor sticks, so no slope tells
 it, and what other laws of friction leave was taken for it."""
 UNTOLD = 0.75
@@ -59,7 +60,8 @@ TOLERANCE_OF = {
                      "control.integral_gain"),
 }
 """Parameters of each tolerance."""
-LATENCIES = ("acquisition.reference_latency", "acquisition.command_latency")
+LATENCIES = ("acquisition.reference_latency", "acquisition.command_latency",
+             "acquisition.commutation_latency")
 RELAY_ONLY = ("inverter.hysteresis", "motor.phase_resistance", "motor.phase_inductance")
 """Only a relay's currents show them: others hide them behind their current control."""
 LOAD = "load"

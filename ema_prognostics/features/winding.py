@@ -72,7 +72,8 @@ def _references(signals: Signals, n: int) -> list[tuple[np.ndarray, np.ndarray]]
 def _saturated(signals: Signals, length: float) -> np.ndarray:
     """Return where each leg stands still from a sample to the next, shape (3, k), k < n.
 
-    +1: on the upper rail, -1: on the lower, 0: not certain. `k` ends with `length`.
+    +1: on the upper rail, -1: on the lower, 0: not certain, such as while a change of the sector
+    is recorded and does not act yet. `k` ends with `length`.
     """
     begin_time = signals.record.profile.inverter_off + 2.0 / signals.rate
     n = int(np.searchsorted(signals.time, signals.record.profile.command_time + length))
@@ -80,8 +81,10 @@ def _saturated(signals: Signals, length: float) -> np.ndarray:
     margin = MARGIN * band
     theta = signals.theta[:n]
     place = (theta - np.pi / 6.0) / (np.pi / 3.0)
-    reach = 0.5 * np.diff(place)
-    sure = (np.floor(place[:-1] - reach) == np.floor(place[1:] + reach)) & (
+    reach, actuator = 0.5 * np.diff(place), signals.actuator
+    late = actuator.acquisition.commutation_latency * actuator.control.period
+    lag = actuator.motor.pole_pairs * signals.speed[:n - 1] * late / SECTOR
+    sure = (np.floor(place[:-1] - reach - lag) == np.floor(place[1:] + reach)) & (
         signals.time[:n - 1] > begin_time)
     found = np.zeros((3, n - 1), dtype=np.int8)
     readings = signals.record.samples[:n, PHASE_CURRENTS].T

@@ -96,15 +96,22 @@ def with_values(text: str, actuator: Actuator, tolerances: NamedTuple | None = N
     """Return the text of an `actuator.yaml` with the values of `actuator`, comments kept.
 
     A parameter stands on a line of its own, ``  name: value  # comment``; values that are equal
-    are left as they are written, and `tolerances` where they are not given.
+    are left as they are written, and `tolerances` where they are not given. One that the text
+    leaves at its default gets a line where it is no longer that.
     """
-    section, lines = "", []
+    section, lines = "", list[str]()
+    unsaid = {part: {name: value for name, value in getattr(actuator, part)._asdict().items()
+                     if value != of._field_defaults.get(name, value)}
+              for part, of in PARTS.items()}
+    ends: dict[str, int] = {}
     for line in text.splitlines():
         heading = re.match(r"([a-z_]+):\s*(#.*)?$", line)
         section = heading.group(1) if heading else section
         entry = re.match(r"(\s+)([a-z_0-9]+):(\s*)([^#\s]+)(\s*)(#.*)?$", line)
         if entry and (section in PARTS or (section == "tolerances" and tolerances is not None)):
             indent, name, gap, old, space, comment = entry.groups()
+            unsaid.get(section, {}).pop(name, None)
+            ends[section] = len(lines) + 1
             if section in PARTS:
                 part: NamedTuple = getattr(actuator, section)
                 old_one = actuator_from({section: {name: yaml.safe_load(old)}}, "text", actuator)
@@ -121,4 +128,8 @@ def with_values(text: str, actuator: Actuator, tolerances: NamedTuple | None = N
                              f"{comment or ''}".rstrip())
                 continue
         lines.append(line)
+    for section in sorted(ends, key=lambda name: -ends[name]):
+        lines[ends[section]:ends[section]] = [
+            _line(name, float(f"{value:.6g}"), _meaning(PARTS[section], name))
+            for name, value in unsaid.get(section, {}).items()]
     return "\n".join(lines) + "\n"

@@ -78,6 +78,22 @@ def sector_ahead(theta: float, direction: float) -> tuple[int, float]:
 
 
 @law
+def sectors_ahead(theta: float, lag: float, direction: float) -> tuple[int, int, float]:
+    """Return the sector, the one in which the currents are driven, the angle to the next end.
+
+    Parameters
+    ----------
+    theta, direction : as in `sector_ahead`.
+    lag : angle (rad) that the rotor turns in the time until a change of sector acts.
+    """
+    sector, gap = sector_ahead(theta, direction)
+    if lag == 0.0:
+        return sector, sector, gap
+    acting, other = sector_ahead(theta - lag, direction)
+    return sector, acting, min(gap, other)
+
+
+@law
 def relay(leg: float, excess: float, band: float) -> float:
     """Return the state ±1 of a leg: the hysteresis relay of its phase.
 

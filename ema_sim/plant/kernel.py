@@ -23,7 +23,7 @@ from ema_sim.plant import ports, sensor_ports
 from ema_sim.plant import state as st
 from ema_sim.plant.control import NEVER, arriving, quantise, reference_current
 from ema_sim.plant.currents import MOST_SWITCHES, SAME_TIME, advance_currents, circuit_of
-from ema_sim.plant.electrical import TURN, of_phases, reference_signs, sector_ahead
+from ema_sim.plant.electrical import TURN, of_phases, reference_signs, sectors_ahead
 from ema_sim.plant.mechanics import load_at, move
 from ema_sim.plant.modulation import control_phases, field_control
 from ema_sim.plant.parts import Legs, Load
@@ -88,9 +88,9 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
         band = a.inverter.hysteresis
         band_a, band_b, band_c = band / x.gain_a, band / x.gain_b, band / x.gain_c
         late = x.delay + a.acquisition.reference_latency
-        set_periods, act_periods = int(x.delay), int(late)
-        set_part = (x.delay - set_periods) * control.period
-        act_part = (late - act_periods) * control.period
+        set_periods, set_part = int(x.delay), x.delay % 1.0 * control.period
+        act_periods, act_part = int(late), late % 1.0 * control.period
+        lag = pairs * a.acquisition.commutation_latency * control.period
         carrier_period, time_at = 1.0 / drive.pwm_frequency, a.acquisition.time_at
 
         t = state[st.TIME]
@@ -107,7 +107,8 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
         history = state[st.HISTORY:]
         n_w, n_q = state[st.SPEED_NOISE], state[st.POSITION_NOISE]
         tick, sample, carrier = int(state[st.TICK]), int(state[st.SAMPLE]), int(state[st.CARRIER])
-        sector, gap, direction = int(state[st.SECTOR]), state[st.EDGE], state[st.DIRECTION]
+        sector, acting = int(state[st.SECTOR]), int(state[st.ACTING])
+        gap, direction = state[st.EDGE], state[st.DIRECTION]
         t_tick, t_carrier = tick * control.period, carrier * carrier_period
         first_tick, steps, reading, before, begun, charge = tick, 0, 0, 0.0, 0, 0.0
         rail = w.rail - ports.rail_drop(e, drawn)
@@ -121,7 +122,6 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
         if not math.isnan(state[st.SHAFT_TORQUE]):
             load = Load(
                 state[st.SHAFT_TORQUE], state[st.MOTOR_LOAD], load.surface, load.slope)
-        sign_a, sign_b, _ = reference_signs(sector)
         aim_a = aim_b = aim_c = next_a = next_b = next_c = ref_a = ref_b = ref_a1 = ref_b1 = 0.0
         changed = True
 
@@ -167,20 +167,21 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                 else:
                     if gap < ON_EDGE or direction * w_m < 0.0:
                         direction = 1.0 if w_m >= 0.0 else -1.0
-                        sector, gap = sector_ahead(q_e + x.angle, direction)
-                        sign_a, sign_b, _ = reference_signs(sector)
+                        sector, acting, gap = sectors_ahead(q_e + x.angle, lag * w_m, direction)
                         changed = True
                     if changed:
+                        sign_a, sign_b, _ = reference_signs(sector)
+                        late_a, late_b, _ = reference_signs(acting)
                         ref_a, ref_b = sign_a * i_set, sign_b * i_set
-                        aim_a, aim_b, aim_c = sensor_ports.read_as(x, sign_a, sign_b, i_act)
-                        next_a, next_b, next_c = sensor_ports.read_as(x, sign_a, sign_b, act_next)
+                        aim_a, aim_b, aim_c = sensor_ports.read_as(x, late_a, late_b, i_act)
+                        next_a, next_b, next_c = sensor_ports.read_as(x, late_a, late_b, act_next)
                         changed = False
                 if not relays and t >= t_carrier - SAME_TIME:
                     if not on:
                         s_a = s_b = s_c = x_a = x_b = x_c = 0.0
                     elif field:
                         s_a, s_b, s_c, x_a, x_b = field_control(
-                            drive, rail, wave, quadrature, i_act,
+                            drive, rail, wave, quadrature, lag * w_m, i_act,
                             i_a * x.gain_a + x.offset_a, i_b * x.gain_b + x.offset_b,
                             i_c * x.gain_c + x.offset_c, x_a, x_b,
                         )
@@ -317,9 +318,7 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
                 bus[reading] = (charge - before) * rate / (row + 1 - begun)
                 reading, before, begun = reading + 1, charge, row + 1
             if keep_trace:
-                trace[row, 0] = m_t * rate
-                trace[row, 1] = m_sh * rate
-                trace[row, 2] = m_ws * rate
+                trace[row, 0], trace[row, 1], trace[row, 2] = m_t * rate, m_sh * rate, m_ws * rate
             if not math.isfinite(m_w + m_a + m_s):
                 return NOT_FINITE
 
@@ -332,7 +331,8 @@ def _build(sources: str, kind: int, switching: bool) -> Callable[..., int]:
         state[st.SET_NEXT], state[st.SET_AT] = set_next, set_at
         state[st.ACT_NEXT], state[st.ACT_AT] = act_next, act_at
         state[st.U_A], state[st.U_B], state[st.U_C] = x_a, x_b, x_c
-        state[st.SECTOR], state[st.EDGE], state[st.DIRECTION] = sector, gap, direction
+        state[st.SECTOR], state[st.ACTING] = sector, acting
+        state[st.EDGE], state[st.DIRECTION] = gap, direction
         state[st.SHAFT_TORQUE], state[st.MOTOR_LOAD] = load.shaft, load.motor
         state[st.SPEED_NOISE], state[st.POSITION_NOISE] = n_w, n_q
         state[st.TICK], state[st.SAMPLE], state[st.CARRIER] = tick, sample, carrier

@@ -137,7 +137,7 @@ def rotor_currents(
 
 @law
 def field_control(
-    d: Drive, rail: float, sine: float, cosine: float, wanted: float,
+    d: Drive, rail: float, sine: float, cosine: float, lag: float, wanted: float,
     i_a: float, i_b: float, i_c: float, x_d: float, x_q: float,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
     """Return the legs' mean states and the new integrals (V): a PI control along d and q.
@@ -146,10 +146,14 @@ def field_control(
     ----------
     d, rail : as in `phase_control`.
     sine, cosine : of the angle of the commutation sensor.
+    lag : angle (rad) that the rotor has turned since the control knew it.
     wanted : current along q (A), the amplitude of the phases'; along d it is 0.
     i_a, i_b, i_c : currents read (A).
     x_d, x_q : integrals (V).
     """
+    sine_lag, cosine_lag = math.sin(lag), math.cos(lag)
+    sine, cosine = (sine * cosine_lag - cosine * sine_lag,
+                    cosine * cosine_lag + sine * sine_lag)
     i_d, i_q = rotor_currents(sine, cosine, i_a, i_b, i_c)
     error_d, error_q = -i_d, wanted - i_q
     step = d.integral_gain / d.pwm_frequency

@@ -11,15 +11,15 @@ from ema_record.actuator import Actuator
     ALPHA_M, ALPHA_S, I_SET, INTEGRAL, SPEED_NOISE, POSITION_NOISE, TICK, SAMPLE, THETA_0,
     STEPS, CHARGE, E_TERMINAL, E_COPPER, E_MOTOR, E_FRICTION_M, E_FRICTION_S, E_SHAFT, E_LOAD,
     I_ACT, SECTOR, EDGE, DIRECTION, SHAFT_TORQUE, MOTOR_LOAD, CARRIER, U_A, U_B, U_C,
-    SET_NEXT, SET_AT, ACT_NEXT, ACT_AT, I_BUS, HISTORY,
-) = range(46)  # fmt: skip
+    SET_NEXT, SET_AT, ACT_NEXT, ACT_AT, I_BUS, ACTING, HISTORY,
+) = range(47)  # fmt: skip
 """`I_SET` is the reference current as recorded, `I_ACT` as it acts; what follows each, and when
-(infinite: in this control period nothing). `SECTOR`, `EDGE`, `DIRECTION`
-are of the commutation, the angle to its next edge 0 where that is not known yet. The torques of
-the shaft (N m), on the surface and on the motor, are not numbers before the first step. With a
-carrier the states of the legs are their means over its period, `CARRIER` counts those that have
-begun, and U are the integrals of the current control (V; in the rotor's axes: d, q and none).
-`I_BUS` is the current of the source (A)."""
+(infinite: in this control period nothing). `SECTOR`, `EDGE`, `DIRECTION` are of the commutation,
+`ACTING` is its sector as it acts, the angle to the next edge of either 0 where that is not known
+yet. The torques of the shaft (N m), on the surface and on the motor, are not numbers before the
+first step. With a carrier the states of the legs are their means over its period, `CARRIER` counts
+those that have begun, and U are the integrals of the current control (V; in the rotor's axes: d, q
+and none). `I_BUS` is the current of the source (A)."""
 
 N_HISTORY = 512
 """Reference currents kept for their delay, one a control period: the longest is 2 ms of the

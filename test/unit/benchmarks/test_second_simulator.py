@@ -13,6 +13,7 @@ from benchmarks.any_actuator.described import Damage, Own, Surroundings
 from benchmarks.any_actuator.physics import rotor_table, run, shape, steps_of
 from benchmarks.any_actuator.records import BenchTest, record_of
 from ema_record.actuator import FOC, HARMONICS, INSTANT, PWM, RELAY, load_actuator
+from ema_record.channels import ROTOR_ANGLE
 from ema_record.profile import step_profile
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
@@ -238,6 +239,26 @@ def test_agreement_with_the_product_s_simulator(nominal, step):
     gap = ours.channel("surface_position")[part] - theirs.channel("surface_position")[part]
     assert np.abs(gap).max() < 2e-4
     assert ours.dc_bus[1:3, 2] == pytest.approx(theirs.dc_bus[1:3, 2], rel=0.01)
+
+
+@pytest.mark.parametrize("kind", [RELAY, PWM, FOC])
+def test_agreement_on_late_commutation(nominal, step, kind):
+    """What it does to the currents; the product turns an angle, ours is a true delay of it."""
+    a, found = nominal if kind == RELAY else modulated(nominal, kind), []
+    for latency in (4.0, 0.0):
+        late = a._replace(acquisition=a.acquisition._replace(commutation_latency=latency))
+        found.append([])
+        for record in (record_of(BenchTest(late, Own(), QUIET, Damage(), 1, "B"), step),
+                       simulate(step, actuator=late, noise=0.0)):
+            part = record.samples[(record.time > 0.1) & (record.time < 0.38)]
+            wave = np.exp(-1j * part[:, ROTOR_ANGLE])
+            found[-1].append((np.angle((wave * part[:, 2]).sum() / (wave * part[:, 5]).sum()),
+                              np.log(np.abs(part[:, 2:5]).mean())))
+    ours, theirs = np.subtract(*found)
+    lag = 4.0 * a.motor.pole_pairs * a.control.period * a.control.speed_limit
+    assert ours[0] == pytest.approx(-lag, rel=0.1)
+    assert ours[0] == pytest.approx(theirs[0], rel=0.05)  # they control each phase otherwise
+    assert ours[1] == pytest.approx(theirs[1], abs=0.02)
 
 
 @pytest.mark.parametrize("kind", [RELAY, PWM])

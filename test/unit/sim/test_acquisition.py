@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ema_record.actuator import FOC, INSTANT, MEAN, RELAY
+from ema_record.actuator import FOC, INSTANT, MEAN, PWM, RELAY
 from ema_record.channels import CHANNEL_NAMES
 from ema_record.profile import Profile, step_profile
 from ema_sim.effects import parse_effects
@@ -190,6 +190,42 @@ def test_a_delay_is_a_shift_in_time(latency):
     shift = round(latency * a.control.period * 1e6)
     assert late[10_000 + shift:10_600] == pytest.approx(at_once[10_000:10_600 - shift], abs=0.02)
     assert late[10_000 + shift - 2] < 1e-9 < late[10_000 + shift + 2]
+
+
+HEAVY = {"inertia": 1e3, "static_friction": 0.0, "dynamic_friction": 0.0}
+
+
+@pytest.mark.parametrize("speed", [100.0, -100.0])
+@pytest.mark.parametrize("kind", [RELAY, PWM])
+def test_late_commutation_turns_the_currents_on_so_much_later(kind, speed):
+    """At a constant speed: a phase that was off begins to carry current, its reference before."""
+    a = changed(motor=HEAVY, drive={"kind": kind},
+                control={"position_gain": 0.0, "speed_limit": 900.0},
+                acquisition={"commutation_latency": 3.0})
+    found = run(a, state_of(a, omega_m=speed), 0.05, inverter_on=0.005, rate=1e6).out
+    edges = np.flatnonzero((found[:-1, 5] == 0.0) & (found[1:, 5] != 0.0))
+    edges = edges[edges > 10_000]
+    assert len(edges) >= 1
+    on = 1.0  # A, of 22; the band of the relays is half as wide
+    for edge in edges:
+        first = edge + int(np.argmax(np.abs(found[edge:, 2]) > on))
+        late = (first - edge) * 1e-6 / a.control.period
+        assert 3.0 <= late < 4.0 + (kind == PWM), late
+        assert np.abs(found[edge - 500:edge + 140, 2]).max() < on
+
+
+@pytest.mark.parametrize("pairs", [1, 4])
+def test_late_angles_of_foc_turn_its_currents_by_as_much(pairs):
+    """Its axes are those of the angle that it knows: i = i_set sin(p (θ - ω τ) - φ_k)."""
+    a = changed(motor={**HEAVY, "pole_pairs": pairs}, drive={"kind": FOC},
+                control={"position_gain": 0.0, "integral_gain": 0.0},
+                acquisition={"commutation_latency": 2.0})
+    found = run(a, state_of(a, omega_m=150.0), 0.2, inverter_on=0.01, rate=100_000.0).out
+    part = found[8_000:8_000 + round(2.0 * math.pi / 150.0 * 1e5)]
+    lags = [np.angle(np.vdot(np.exp(1j * part[:, 8]), part[:, k])) for k in (5, 2)]
+    lag = (lags[0] - lags[1]) % (2.0 * math.pi)
+    assert min(lag, 2.0 * math.pi - lag) == pytest.approx(
+        pairs * 150.0 * 2.0 * a.control.period, rel=0.03)
 
 
 def test_the_longest_delay_is_kept():

@@ -15,6 +15,7 @@ from ema_prognostics.commission.acceptance import (
     read_acceptance,
 )
 from ema_prognostics.commission.calibrate import (
+    LATENCIES,
     Calibration,
     changed,
     parameters_of,
@@ -134,8 +135,10 @@ def test_static_friction_moves_with_the_dynamic_one_and_no_latency_falls_below_z
     more = changed(ACTUATOR, "motor.dynamic_friction", 0.5)
     ratio = ACTUATOR.motor.static_friction / ACTUATOR.motor.dynamic_friction
     assert more.motor.static_friction / more.motor.dynamic_friction == pytest.approx(ratio)
-    assert changed(ACTUATOR, "acquisition.reference_latency", -1.0).acquisition == (
-        ACTUATOR.acquisition)
+    for name in LATENCIES:
+        assert changed(ACTUATOR, name, -1.0).acquisition == ACTUATOR.acquisition
+        moved = changed(ACTUATOR, name, 1.5).acquisition
+        assert getattr(moved, name.split(".")[1]) == 1.5
 
 
 def test_only_a_relay_shows_its_band() -> None:

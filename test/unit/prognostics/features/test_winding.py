@@ -112,3 +112,16 @@ def test_a_converter_that_truncates_reads_the_speed_of_the_angle(offset) -> None
     for name, share in (("full", 1.0), ("quarter", 0.25)):
         assert found[f"speed_over_angle_{name}"] == pytest.approx(
             1e3 * offset * step / (share * a.control.speed_limit), abs=0.05)  # per mille
+
+
+def test_a_commutation_that_acts_late_is_not_taken_for_the_winding() -> None:
+    """Of a description that says so; one that does not sees another inductance."""
+    at_once, late = changed(), changed(acquisition={"commutation_latency": 3.0})
+    names = ("winding_inductance", "winding_resistance", "winding_back_emf", "sensor_angle")
+    usual, known, hidden = (
+        extract(simulate(load_profile("extended"), actuator=unit, seed=2), "extended", described)
+        for unit, described in ((at_once, at_once), (late, late), (late, at_once)))
+    told, untold = (np.array([abs(found[name] - usual[name]) for name in names])
+                    for found in (known, hidden))
+    assert told[:3].max() < 0.02
+    assert untold[0] > 5.0 * told[0]

@@ -11,6 +11,7 @@ from ema_record.data_sheet.derive import describe
 from ema_record.data_sheet.new_kit import new_kit
 from ema_record.data_sheet.quantities import QUANTITIES, Given, read_quantity
 from ema_record.data_sheet.sheet import read_sheet
+from ema_record.data_sheet.text import with_values
 from ema_record.errors import OutputError, UsageError
 from ema_record.kit import using_kit
 from ema_record.profile import load_profile, profile_names
@@ -231,3 +232,24 @@ def test_the_name_of_a_type_stays_a_comment(tmp_path):
     new_kit(named, tmp_path / "kit")
     with using_kit(tmp_path / "kit"):
         assert load_actuator().gear.ratio == 100.0
+
+
+@pytest.mark.parametrize("said", [True, False])
+def test_a_description_with_other_values_reads_back_as_they_are(tmp_path, said):
+    """Also of a parameter that its text left at the default, in a line at the section's end."""
+    new_kit(sheet(), tmp_path / "kit")
+    file = tmp_path / "kit" / "actuator.yaml"
+    lines = file.read_text(encoding="utf-8").splitlines()
+    if not said:
+        lines = [line for line in lines if "commutation_latency" not in line]
+    with using_kit(tmp_path / "kit"):
+        old = load_actuator()
+    new = old._replace(
+        acquisition=old.acquisition._replace(commutation_latency=1.25),
+        motor=old.motor._replace(phase_resistance=2.0 * old.motor.phase_resistance))
+    text = with_values("\n".join(lines) + "\n", new)
+    file.write_text(text, encoding="utf-8")
+    with using_kit(tmp_path / "kit"):
+        assert load_actuator() == new
+    assert text.count("commutation_latency: 1.25") == 1
+    assert with_values(text, new) == text
