@@ -14,9 +14,10 @@
    law explains nothing, or two are in question, it is fitted up to `EDGE` of the bands too, of two
    that explain each one, also from where both ended.
 3. A model *explains* if its cost is usual among healthy units; each law in it must have a gain
-   of its own beyond the useless ones'. Two laws must be likelier than each alone, which then is no
-   answer. The answer is the smallest set of names with `SURE` of the evidence, the simplest model
-   in it; more than `LARGEST_SET`, or no model that explains, is unknown.
+   of its own beyond the useless ones', beside the other one fitted as hard: a test of the level
+   `LEVEL`, corrected for the search. A law to which a second one adds so much is no answer alone.
+   The answer is the smallest set of names with `SURE` of the evidence, the simplest model in it;
+   more than `LARGEST_SET`, or no model that explains, is unknown.
 4. What is named is measured anew, by runs over all that it may be (`intervals`). A model with a
    law whose size is not told from none there is no answer: the next one is.
 5. Held-out records judge: names that do not lower their gap, or leave it large and close less
@@ -167,12 +168,9 @@ def _named(case: Models, answer: FleetAnswer, explaining: list[LawFit],
     tested: list[tuple[LawFit, tuple[float, ...], tuple[LawFit, ...]]] = [
         (fit, (case.p_own(fit, case.nothing),), (case.null,))
         for fit in explaining if len(fit.terms) == 1]
-    best = max((case.evidence(f) for f, *_ in tested), default=-np.inf)
-    pairs = [f for f in explaining if len(f.terms) == 2 and case.evidence(f) > best]
-    for pair in pairs[:LARGEST_SET]:
+    for pair in [f for f in explaining if len(f.terms) == 2][:LARGEST_SET]:
         less = tuple(case.each_alone(pair, answer.fits)[::-1])  # of each law, without it
-        if case.evidence(pair) > max(map(case.evidence, less)):
-            tested.append((pair, tuple(case.p_own(pair, f.cost) for f in less), less))
+        tested.append((pair, tuple(case.p_own(pair, f.cost) for f in less), less))
         tested += [(f, (case.p_own(f, case.nothing),), (case.null,))
                    for f in less if case.explains(f)]
     good = [row for row in tested if max(row[1]) <= LEVEL and row[0].variants not in unnamed]

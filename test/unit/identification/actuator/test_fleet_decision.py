@@ -178,9 +178,9 @@ def test_second_effects_are_tried_though_a_linear_gain_proves_nothing():
 
 
 @pytest.mark.parametrize(("lead", "p", "named"), [
-    (-1.0, 0.0, ("a",)), (2.0, 0.0, ("a", "b")), (2.0, 2.0 * LEVEL, ("a",))])
-def test_two_are_named_where_they_are_likelier_and_the_second_gains_by_itself(lead, p, named):
-    """Then the first alone is no answer, and another law still may be."""
+    (-1.0, LEVEL, ("a", "b")), (2.0, LEVEL, ("a", "b")), (2.0, 2.0 * LEVEL, ("a",))])
+def test_two_are_named_where_each_passes_its_own_test_beside_the_other(lead, p, named):
+    """Whatever the evidence of one alone, which is no answer then; another law still may be."""
     def model(log, *names):
         return SimpleNamespace(
             names=names, variants=names, terms=names, log=log, cost=100.0 - log)
