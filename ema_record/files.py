@@ -50,10 +50,9 @@ def exists(path: Path) -> OutputError:
 
 def cannot_write(path: Path, error: OSError) -> OutputError:
     """Return the error for an output that cannot be written."""
-    return OutputError(
-        f"{path}: cannot be written ({error.strerror or error}): choose a folder with write "
-        "permission and free space"
-    )
+    remedy = ("make its folder first" if isinstance(error, FileNotFoundError)
+              else "choose a folder with write permission and free space")
+    return OutputError(f"{path}: cannot be written ({error.strerror or error}): {remedy}")
 
 
 def sync_directory(path: Path) -> None:

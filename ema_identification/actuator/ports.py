@@ -191,6 +191,6 @@ def _panel(unit: TestedUnit, residual: np.ndarray) -> Panel:
         curves.append(Curve(label=signal, x=np.array(where, dtype=float), y=residual[where],
                             style="points"))
     return Panel(
-        name="unknown", title="What the fit leaves, feature by feature.",
+        name="unknown", title="What is left, feature by feature.",
         x_label="number of the feature, in the order of the test",
         y_label="residual (standard deviations)", curves=tuple(curves), step="where")

@@ -28,6 +28,12 @@ def test_a_link_that_points_nowhere_is_not_replaced(tmp_path):
     assert path.is_symlink() and not path.exists()
 
 
+def test_a_folder_that_is_missing_is_told_as_that(tmp_path):
+    with pytest.raises(OutputError, match=r"No such file or directory\): make its folder first"), (
+            new_file(tmp_path / "none" / "a.csv")):
+        pass
+
+
 def test_a_planted_link_is_not_followed(tmp_path):
     victim = tmp_path / "victim"
     victim.write_text("precious")
