@@ -233,8 +233,8 @@ def _run(a: Actuator, own: Own, s: Surroundings, d: Damage, averaged: bool, tabl
         for n in range(3):
             k[n] = table[row, n] + part * (table[row + 1, n] - table[row, n])
             wave = math.sin(sensed - PHI * n) if foc else SIGNS[sector, n]
-            acts = math.sin(known - PHI * n) if foc else SIGNS[driven, n]
-            ref[n], wanted[n] = amplitude * wave, acting * acts
+            old_wave = math.sin(known - PHI * n) if foc else SIGNS[driven, n]
+            ref[n], wanted[n] = amplitude * wave, acting * old_wave
             shift[n] = s.offset[n] + own.offset_drift[n] * t
             if failed and n == d.phase:
                 shift[n] += d.current_offset

@@ -80,7 +80,7 @@ def _saturated(signals: Signals, length: float) -> np.ndarray:
     band = signals.actuator.inverter.hysteresis
     margin = MARGIN * band
     theta = signals.theta[:n]
-    place = (theta - np.pi / 6.0) / (np.pi / 3.0)
+    place = (theta - FIRST_EDGE) / SECTOR
     reach, actuator = 0.5 * np.diff(place), signals.actuator
     late = actuator.acquisition.commutation_latency * actuator.control.period
     lag = actuator.motor.pole_pairs * signals.speed[:n - 1] * late / SECTOR

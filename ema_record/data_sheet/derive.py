@@ -254,9 +254,9 @@ def _recording(
     book.put("acquisition.view_rate", rate / 10.0, ASSUMED, "a tenth of the rate, for people")
     book.put("acquisition.sampling", "mean", ASSUMED, RECORDER)
     book.put("acquisition.time_at", 0.5, ASSUMED, "in the middle of a sample")
-    for name in ("command", "reference", "commutation"):
-        book.put(f"acquisition.{name}_latency", 0.0, ASSUMED, "in control periods; see tolerances"
-                 if name != "commutation" else "in control periods; records measure it")
+    for name, how in (("command", "see tolerances"), ("reference", "see tolerances"),
+                      ("commutation", "records measure it")):
+        book.put(f"acquisition.{name}_latency", 0.0, ASSUMED, f"in control periods; {how}")
     book.put("acquisition.converters", True, ASSUMED, RECORDER)
     for channel in ("phase_current_c", "reference_currents", "rotor_angle", "surface_position"):
         book.put(f"acquisition.{channel}", channel not in sheet.without,
