@@ -19,7 +19,8 @@
    The answer is the smallest set of names with `SURE` of the evidence, the simplest model in it;
    more than `LARGEST_SET`, or no model that explains, is unknown.
 4. What is named is measured anew, by runs over all that it may be (`intervals`). A model with a
-   law whose size is not told from none there is no answer: the next one is.
+   law whose size is not told from none there is no answer: the next one is. Of a single law a
+   size is also told by a fit of none that, begun where its own is, does not explain.
 5. Held-out records judge: names that do not lower their gap, or leave it large and close less
    than most of it (`MOST`), are contradicted, and there is no silence where it is large: laws are
    tried then too. What is named on a usual record must be likelier than nothing, fitted as hard,
@@ -210,7 +211,9 @@ def _measured(case: Models, beyond: Models, answer: FleetAnswer, explaining: lis
         fit, edge = answer.fit, _edge(case, answer.fit)
         found = case.measured(answer) if edge == 1.0 else beyond.measured(
             replace(answer, reasons=(OUT, *answer.reasons)))
-        if found.known is None or max(p_sizes(found.known, fit)) <= LEVEL:
+        if found.known is None or max(p_sizes(found.known, fit)) <= LEVEL or (
+                len(fit.terms) == 1 and not case.explains(
+                    (case if edge == 1.0 else beyond).hardest([fit]))):
             return found
         unnamed.append(fit.variants)
         answer = FleetAnswer(

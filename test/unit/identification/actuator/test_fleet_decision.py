@@ -494,10 +494,16 @@ def test_no_law_has_the_credit_of_a_unit_fitted_better_beside_it(monkeypatch):
     assert found.gap.values[0] < 1.0 < Near().gap([stuck]).values[0]
 
 
-@pytest.mark.parametrize(("size", "verdict"), [(1e-3, "unknown effect"), (1.0, "explained")])
+@pytest.mark.parametrize(("size", "told", "verdict"), [
+    (1e-3, True, "unknown effect"), (1.0, True, "explained"), (1.0, False, "explained")])
 def test_a_law_beside_which_a_unit_is_fitted_better_is_a_name_with_a_size(
-        size, verdict, monkeypatch):
-    """Wherever the fit of no law stands still."""
+        size, told, verdict, monkeypatch):
+    """Wherever the fit of no law stands still, and though its interval tells no size.
+
+    Then a fit of none, begun where that of the law is, does not explain.
+    """
+    if not told:
+        monkeypatch.setattr(decision, "p_sizes", lambda *_: (0.5,))
     u = unit(seed=7, viscous_friction=size)
     case = models.Models(u)
     term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([size * VISCOUS]))
