@@ -83,6 +83,7 @@ def cluster():
             process.wait()
 
 
+@pytest.mark.slow
 def test_results_do_not_depend_on_workers(plan, tmp_path):
     one = run_campaign(plan(), jobs=1, out=tmp_path / "one")
     run_campaign(plan(), jobs=2, out=tmp_path / "two")

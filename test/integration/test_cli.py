@@ -124,6 +124,7 @@ def test_simulate_and_export_plots(tmp_path, bag, capsys):
     assert not list(bag.parent.glob("*.csv"))
 
 
+@pytest.mark.slow
 def test_lint_and_export_take_a_directory_of_bags(tmp_path, bag, capsys):
     for name in ("one", "two"):
         shutil.copytree(bag, tmp_path / name)

@@ -48,6 +48,7 @@ def imported(folder, text, map_text=MAP):
                 str(folder / "bag")])
 
 
+@pytest.mark.slow
 def test_progress_is_seen_at_a_terminal_and_the_answer_after_it(tmp_path):
     assert imported(tmp_path, table(8.0)) == 0
     ours, theirs = pty.openpty()

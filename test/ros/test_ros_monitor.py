@@ -72,6 +72,7 @@ def test_refused_without_weight_on_wheels(chain, watcher, tmp_path):
     assert watcher.blocks == [], "the actuator moved"
 
 
+@pytest.mark.slow
 def test_a_request_that_overtakes_weight_on_wheels_waits_for_it(chain, watcher):
     watcher.node.send = False
     chain()
@@ -257,6 +258,7 @@ def messages(watcher, futures):
     return sorted(future.result().status[0].message for future in futures)
 
 
+@pytest.mark.slow
 def test_eight_callers_at_once_get_one_test_and_seven_refusals(chain, watcher, tmp_path):
     chain()
     assert messages(watcher, eight_callers(watcher)) == ["passed", *[RUNNING] * 7]
@@ -264,6 +266,7 @@ def test_eight_callers_at_once_get_one_test_and_seven_refusals(chain, watcher, t
     assert watcher.self_test()["passed"], "the monitor runs no second test"
 
 
+@pytest.mark.slow
 def test_an_interlock_that_opens_aborts_the_test_while_calls_wait(chain, watcher, tmp_path):
     """Also where the calls came before the first weight on wheels, and all waited for it."""
     watcher.node.send = False

@@ -37,6 +37,7 @@ def test_one_node_may_command_and_one_may_close_the_interlock(policy):
     assert all(publishers(topic) for topic in TOPICS)
 
 
+@pytest.mark.slow
 def test_the_nodes_do_what_they_may_and_no_more(policy, nodes, watcher):
     """The prognostics listen to the topics while there is no monitor."""
     graph = watcher.node

@@ -68,6 +68,7 @@ def listener(watcher):
     return Listener(watcher)
 
 
+@pytest.mark.slow
 def test_records_before_and_after_the_start_are_diagnosed_once(nodes, watcher, listener, bags):
     announce = make_publisher(watcher.node, BIT_RECORD)
     announce.publish(String(data=str(bags[0])))

@@ -58,6 +58,7 @@ def test_a_command_gives_all_samples_of_its_profile_in_real_time(nodes, watcher)
     assert float(watcher.actuator["surface_position"]) == pytest.approx(0.4, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_a_new_command_pre_empts_the_active_one(nodes, watcher):
     nodes.start(SIMULATOR)
     watcher.wait_for_simulator()
@@ -102,6 +103,7 @@ def test_a_command_out_of_bounds_is_refused_and_said(nodes, watcher):
     assert "5" in watcher.actuator["message"]
 
 
+@pytest.mark.slow
 def test_parameters_are_described_bounded_and_settable_when_idle(nodes, watcher):
     nodes.start(SIMULATOR, turn_short__phase="b")
     watcher.wait_for_simulator()

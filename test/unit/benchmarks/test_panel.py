@@ -35,6 +35,7 @@ def sealed(tmp_path, capsys):
     return tmp_path, [answer for answers in opened(tmp_path, PANEL) for answer in answers]
 
 
+@pytest.mark.slow
 def test_units_are_judged_two_at_a_time_and_none_twice(tmp_path, monkeypatch, capfd):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     panel = Panel(20263201, ("step",), {"own, nothing": 2, "own, unlisted off, nothing": 1})

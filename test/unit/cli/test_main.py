@@ -145,6 +145,7 @@ def test_closed_pipe_is_quiet(arguments, repository):
     assert complaint == b""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pipe", [
     "check bags/sim_0000_step | head -1", "-h | head -3", "effects | head -1",
 ])

@@ -103,6 +103,7 @@ def test_level_of_nothing_on_healthy_units():
     assert 0.35 < found.mean() < 0.7
 
 
+@pytest.mark.slow
 def test_a_unit_a_little_beyond_its_bands_lacks_nothing():
     """Bands are what people write down; far beyond them something is missing."""
     rng = np.random.default_rng(11)
@@ -113,6 +114,7 @@ def test_a_unit_a_little_beyond_its_bands_lacks_nothing():
         assert ("no disagreement" in said, "explained" in said) == (most > 0, False)
 
 
+@pytest.mark.slow
 def test_an_effect_of_a_unit_a_little_beyond_its_bands_is_named_alone():
     """No number that is beyond its band is a second effect."""
     beyond = 0
@@ -155,6 +157,7 @@ def test_what_is_hidden_is_decided(hidden, verdict):
     assert all(p <= LEVEL for p in found.p_value)
 
 
+@pytest.mark.slow
 def test_a_name_near_the_threshold_is_the_right_one_or_none():
     """Lindley's case: near the threshold silence is no error, another name is."""
     found = [decide(unit(seed=k, backlash=0.35)) for k in range(40, 50)]
@@ -211,6 +214,7 @@ def test_each_law_has_its_price():
             assert (case.evidence(laws) > case.evidence(none)) == likelier
 
 
+@pytest.mark.slow
 def test_what_is_rarer_than_one_in_twenty_is_named_only_if_it_is_likely():
     """Where every law is known as it is on the unit, hardly more than the ranks name."""
     hidden = [unit(seed=k, backlash=0.12) for k in range(40, 70)]
@@ -290,6 +294,7 @@ def test_a_fit_in_another_minimum_begins_anew_where_runs_lead():
     assert found.cost < 1.01 * case.unit.begun(truth, case.white, SETTLED_RUNS).cost
 
 
+@pytest.mark.slow
 def test_a_basin_that_is_too_narrow_for_slopes_is_reached_round_by_round():
     """What goes to and fro with a number has no slope over a round that is wider than a turn.
 
@@ -374,6 +379,7 @@ def test_evidence_charges_each_coordinate():
     assert log_evidence(SimpleNamespace(cost=np.inf, free=1), library) == -np.inf
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("simulator", [run, curved], ids=["linear", "curved"])
 def test_intervals_hold_nine_in_ten(simulator):
     """Also where what a large effect does depends on the unit, of which the library knows not."""
@@ -541,6 +547,7 @@ def test_a_law_of_no_size_is_told_from_none_as_often_as_is_said():
     assert found == pytest.approx([np.exp(-12.5), 0.0455, 0.3173], rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("after", "verdict"), [
     (left_of(10.0) - 0.01, "partly explained"), (left_of(10.0) + 0.01, "unknown effect")])
 def test_a_law_beside_which_something_remains_needs_a_witness(after, verdict):

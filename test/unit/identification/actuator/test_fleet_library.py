@@ -153,6 +153,7 @@ def test_the_shipped_library_is_of_this_code(shipped):
     assert not agrees(library, {k: v for k, v in kept.items() if k != "probed_laws"}, found)
 
 
+@pytest.mark.slow
 def test_units_set_aside_are_ranked_alike_by_any_number_of_workers(shipped):
     known, _ = shipped
     alone, shared = (np.concatenate(spread_out(
@@ -161,6 +162,7 @@ def test_units_set_aside_are_ranked_alike_by_any_number_of_workers(shipped):
     assert alone == pytest.approx(known.healthy[:5], rel=library_build.SAME[1])
 
 
+@pytest.mark.slow
 def test_what_is_shipped_of_healthy_units_is_of_the_shipped_libraries(tmp_path, monkeypatch):
     """The first use of held-out, accepted or several records need not fit them all anew."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

@@ -28,6 +28,7 @@ def test_the_lag_of_a_speed_is_found_where_there_is_one(late, moving):
     assert speed_lag([piece], 20.0, 2.0) == pytest.approx(late, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_filtered_speed_is_put_on_the_clock_of_the_position(axis, moving, recorded):
     t, q, v, a = moving()
     slow = signal.lfilter(*signal.bessel(2, 12.0, fs=1.0 / t[1]), v)
@@ -80,6 +81,7 @@ def test_a_crank_is_named_with_its_order(bench):
     assert values["order"] == 2.0
 
 
+@pytest.mark.slow
 def test_a_wave_in_time_is_named_and_stays_named_in_another_record(bench, tmp_path):
     def hum(phase):
         return lambda t, q, v, a: 0.5 * np.sin(2 * np.pi * 11.3 * t + phase)

@@ -29,6 +29,7 @@ def shifted(record, lag):
     return RigRecord(samples=samples, channels=record.channels, axis=record.axis, source="lag")
 
 
+@pytest.mark.slow
 def test_a_lag_below_one_interval_is_no_effect_and_a_longer_one_is_exact(bench):
     record = bench(noise=0.002, duration=12.0)
     held = identify_rig([shifted(record, 0.002)])
@@ -60,6 +61,7 @@ def test_a_load_on_a_spring_is_named_with_its_resonance(bench):
     assert values(found, "compliance.load_inertia").value == pytest.approx(0.03, rel=0.03)
 
 
+@pytest.mark.slow
 def test_friction_that_builds_up_slowly_is_named_with_its_distance(bench):
     found = identify_rig([bench(lambda t, q, v, a: 0.8 * _dahl(q, 0.12), duration=10.0)])
     assert [f.effect for f in found.findings] == ["coulomb_friction", "presliding_hysteresis"]
@@ -82,6 +84,7 @@ def test_the_state_of_dahls_model_is_that_of_its_equation():
     np.testing.assert_allclose(_build_up(position, 0.1), _dahl(position, 0.1), atol=0.01)
 
 
+@pytest.mark.slow
 def test_known_terms_off_by_one_factor_are_a_gain(bench):
     model = RigModel.model_validate({"rig": "r", "terms": [
         {"effect": "inertia", "parameters": {"value": 0.05 / 1.3}, "tolerance": 0.05},
@@ -92,6 +95,7 @@ def test_known_terms_off_by_one_factor_are_a_gain(bench):
     assert values(found, "viscous_friction.value").value == pytest.approx(0.4, rel=0.02)
 
 
+@pytest.mark.slow
 def test_an_inertia_below_its_tolerance_is_named_too(bench):
     model = RigModel.model_validate({"rig": "r", "terms": [
         {"effect": "inertia", "parameters": {"value": 0.08}, "tolerance": 0.1},

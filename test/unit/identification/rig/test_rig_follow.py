@@ -61,6 +61,7 @@ def test_a_record_that_cannot_be_used_says_why_and_the_others_stand(bench):
     assert found[0].parameters == found[2].parameters
 
 
+@pytest.mark.slow
 def test_without_a_model_what_the_first_and_last_record_show_is_followed(bench):
     records = [bench(), bench(lambda t, q, v, a: 0.15 * np.cos(8 * q), seed=2)]
     first, last = (named(f) for f in follow(records))

@@ -34,7 +34,7 @@ def test_trapezoid_is_flat_over_a_third_of_a_turn():
 def test_the_trapezoid_of_arrays_is_that_of_the_kernel(top):
     theta = np.linspace(0.0, TURN, 4001)[:-1]
     np.testing.assert_allclose(
-        unit_trapezoid(theta, top), [trapezoid.py_func(t, top) for t in theta], atol=1e-12)
+        unit_trapezoid(theta, top), [trapezoid(t, top) for t in theta], atol=1e-12)
 
 
 def test_torque_current_is_the_amplitude_when_two_phases_carry():

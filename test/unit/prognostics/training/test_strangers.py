@@ -164,6 +164,7 @@ def fleets() -> tuple[FleetFeatures, FleetFeatures, FleetFeatures]:
                                     "inertia_error", 12.0)
 
 
+@pytest.mark.slow
 def test_a_stranger_is_told_and_the_verdict_says_why(
     fleets: tuple[FleetFeatures, FleetFeatures, FleetFeatures]
 ) -> None:

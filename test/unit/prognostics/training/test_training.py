@@ -89,6 +89,7 @@ def test_a_campaign_about_another_actuator(campaigns: Campaigns, tmp_path: Path)
     assert np.array_equal(same.record, campaigns[0].record[: len(same)])
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes(campaigns: Campaigns, model: TrainedModel) -> None:
     assert model_text(train(campaigns)) == model_text(model)
 

@@ -118,6 +118,7 @@ def test_slow_growth_has_no_end_in_sight():
     assert (coming.lower, coming.median, coming.upper) == (HORIZON, None, None)
 
 
+@pytest.mark.slow
 def test_the_forecast_covers_growth_that_wanders():
     """Wiener processes with drift, seen with scatter: the 90 % interval holds the passage."""
     rng = np.random.default_rng(91_002)

@@ -52,6 +52,7 @@ def plain(found):
             } if fields else found
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=30)
 @given(st.data(), st.booleans())
 def test_messages_are_those_of_rosbags(data, little):

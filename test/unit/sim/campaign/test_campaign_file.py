@@ -79,6 +79,7 @@ def test_what_is_drawn_reaches_the_run():
     assert run.start_angle == 1.5
 
 
+@pytest.mark.slow
 def test_the_edges_of_a_carrier_are_simulated_where_the_plan_says_so(monkeypatch):
     seen = []
     monkeypatch.setattr(campaign_runs, "simulate", lambda *_, switching, **__: (

@@ -16,6 +16,8 @@ from ema_sim.simulate import simulate_traced
 from support.actuators import DEFAULT, OTHER, both_machines, changed
 from support.plant import lines, run, state_of
 
+pytestmark = pytest.mark.slow  # compiles seven kernels
+
 LOCKED = {"static_friction": 1e9, "dynamic_friction": 1e9}
 CURRENT = 7.0
 SINE = {"back_emf": HARMONICS}

@@ -14,6 +14,8 @@ from ema_sim.simulate import simulate_traced
 from support.actuators import both_machines, changed
 from support.plant import convergence, run, state_of
 
+pytestmark = pytest.mark.slow  # compiles six kernels
+
 SHAPE = {"back_emf": HARMONICS, "harmonic_3": 0.1, "harmonic_5": 0.05, "harmonic_7": -0.03}
 CASES = [(PWM, {}), (PWM, SHAPE), (PWM_INDEPENDENT, {}), (FOC, {}), (FOC, SHAPE)]
 IDS = ["pwm trapezoid", "pwm harmonics", "pwm_independent", "foc trapezoid", "foc harmonics"]

@@ -28,11 +28,11 @@ LOCKED = {"static_friction": 1e9, "dynamic_friction": 1e9}
 def test_table_1(begin, end, signs):
     for degrees in np.linspace(begin + 0.01, end - 0.01, 7):
         theta = math.radians(degrees)
-        assert reference_signs.py_func(sector_of.py_func(theta)) == signs
-        assert tuple(SECTOR_SIGNS[sector_of.py_func(theta)]) == signs
+        assert reference_signs(sector_of(theta)) == signs
+        assert tuple(SECTOR_SIGNS[sector_of(theta)]) == signs
         for direction in (1.0, -1.0):
-            sector, gap = sector_ahead.py_func(theta, direction)
-            assert reference_signs.py_func(sector) == signs
+            sector, gap = sector_ahead(theta, direction)
+            assert reference_signs(sector) == signs
             edge = begin if direction < 0 else end
             if edge in (0, 360):  # sector 330 deg to 30 deg goes on across 0
                 edge += direction * 30
@@ -42,9 +42,9 @@ def test_table_1(begin, end, signs):
 def test_table_1_follows_the_back_emf():
     """Two phases conduct, each where its trapezoid is flat and of the same sign."""
     for theta in np.linspace(0.001, 2 * math.pi - 0.001, 500):
-        signs = reference_signs.py_func(sector_of.py_func(theta))
+        signs = reference_signs(sector_of(theta))
         for phase, sign in enumerate(signs):
-            shape = trapezoid.py_func((theta - phase * 2 * math.pi / 3) % (2 * math.pi),
+            shape = trapezoid((theta - phase * 2 * math.pi / 3) % (2 * math.pi),
                                       2 * math.pi / 3)
             if sign:
                 assert shape == sign
