@@ -92,6 +92,7 @@ def test_model_file_and_profile_file(tmp_path):
     assert record.channel("motor_speed")[late].mean() == pytest.approx(400.0, rel=0.01)
 
 
+@pytest.mark.slow
 def test_the_edges_of_a_carrier(tmp_path):
     """With them the current has the ripple of the carrier, as the call gives it."""
     model, profile = tmp_path / "model.yaml", tmp_path / "mine.yaml"

@@ -195,6 +195,7 @@ def test_a_delay_is_a_shift_in_time(latency):
 HEAVY = {"inertia": 1e3, "static_friction": 0.0, "dynamic_friction": 0.0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [100.0, -100.0])
 @pytest.mark.parametrize("kind", [RELAY, PWM])
 def test_late_commutation_turns_the_currents_on_so_much_later(kind, speed):

@@ -127,6 +127,7 @@ def test_an_effect_of_a_unit_a_little_beyond_its_bands_is_named_alone():
     assert beyond > 0
 
 
+@pytest.mark.slow
 def test_likelihood_is_to_scale_on_healthy_units():
     units = [unit(seed=300 + k) for k in range(60)]
     fits = [u.without_law() for u in units]

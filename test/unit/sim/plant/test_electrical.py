@@ -45,7 +45,7 @@ def test_table_1_follows_the_back_emf():
         signs = reference_signs(sector_of(theta))
         for phase, sign in enumerate(signs):
             shape = trapezoid((theta - phase * 2 * math.pi / 3) % (2 * math.pi),
-                                      2 * math.pi / 3)
+                              2 * math.pi / 3)
             if sign:
                 assert shape == sign
             else:

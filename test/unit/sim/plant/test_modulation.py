@@ -139,6 +139,7 @@ def test_the_bound_of_the_gains_is_where_the_control_gets_unstable(integral, sha
             check_drive(a)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "sampling", "time_at", "rate", "shows"), [
     (PWM, MEAN, 1.0, 20e3, False), (FOC, MEAN, 0.5, 10e3, False), (FOC, MEAN, 1.0, 8e3, True),
     (PWM, MEAN, 1.0, 50e3, True), (PWM, INSTANT, 0.0, 20e3, False),
