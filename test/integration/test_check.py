@@ -102,6 +102,7 @@ def test_what_is_no_bag_is_not_judged(bags, capsys, tmp_path):
 HOSTILE = "[/] x [rad] y\x1b[2J\nHEALTHY $\\frac$"
 
 
+@pytest.mark.slow
 def test_a_hostile_serial_number_and_name_are_shown_as_they_are(tmp_path, capsys):
     name = HOSTILE.replace("/", "")
     folder = tmp_path / "flights"

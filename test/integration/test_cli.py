@@ -112,6 +112,7 @@ def test_the_edges_of_a_carrier(tmp_path):
     assert not np.array_equal(found[0].samples, edges.samples)
 
 
+@pytest.mark.slow
 def test_simulate_and_export_plots(tmp_path, bag, capsys):
     made = tmp_path / "made"
     assert run(["simulate", "--profile", "step", "--out", str(tmp_path / "b"), "--plot",

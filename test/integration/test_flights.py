@@ -54,6 +54,7 @@ def bags_in(lines):
     return [json.loads(line)["bag"].rpartition("/")[2] for line in lines]
 
 
+@pytest.mark.slow
 def test_json_is_one_object_a_bag_in_the_order_of_the_flights(growing, capsys):
     assert run(["check", str(growing), "--json"]) == 1
     lines = capsys.readouterr().out.splitlines()

@@ -142,6 +142,7 @@ def wearing(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_trend_of_files_says_what_grows_and_when_it_reaches_a_limit(wearing, capsys):
     options = ["trend", str(wearing / "runs"), "--map", str(wearing / "map.yaml"), "--model",
                str(wearing / "model.yaml"), "--limit", "coulomb_friction.level=0.5"]

@@ -106,6 +106,7 @@ def test_replay_without_a_listener_says_so(repository):
     assert "nobody listens" in run.stderr
 
 
+@pytest.mark.slow
 def test_a_healthy_actuator_is_called_healthy(tmp_path):
     run = ema("bit", "--profile", "step", "--out", tmp_path / "records", "--verbose")
     assert run.returncode == 0, run.stdout + run.stderr

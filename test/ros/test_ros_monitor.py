@@ -227,6 +227,7 @@ def test_ctrl_c_closes_the_record_as_interrupted(chain, watcher, tmp_path):
     assert float(watcher.actuator["surface_position"]) == pytest.approx(-0.4, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_a_second_request_during_a_test_is_refused(chain, watcher):
     chain()
     second = []
@@ -314,6 +315,7 @@ def test_a_second_monitor_on_the_domain_is_refused(chain, nodes, watcher):
     assert watcher.self_test()["passed"], "the first monitor was disturbed"
 
 
+@pytest.mark.slow
 def test_a_record_that_cannot_be_written_refuses_the_test(nodes, watcher, tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("here is no folder")

@@ -95,6 +95,7 @@ def test_a_record_by_parameter(nodes, listener, bags):
     assert listener.verdicts[0]["fault_class"] == "turn_short"
 
 
+@pytest.mark.slow
 def test_a_bad_record_has_a_verdict_too_that_does_not_tell_which_files_exist(
     nodes, watcher, listener, bags, tmp_path
 ):

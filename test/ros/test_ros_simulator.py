@@ -73,6 +73,7 @@ def test_a_new_command_pre_empts_the_active_one(nodes, watcher):
     assert float(watcher.actuator["surface_position"]) == pytest.approx(-0.3, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_it_obeys_on_the_wheels_alone(nodes, watcher):
     nodes.start(SIMULATOR)
     watcher.node.weight_on_wheels = False
@@ -93,6 +94,7 @@ def test_it_obeys_on_the_wheels_alone(nodes, watcher):
     assert watcher.actuator["command_stamp"] == stamp
 
 
+@pytest.mark.slow
 def test_a_command_out_of_bounds_is_refused_and_said(nodes, watcher):
     nodes.start(SIMULATOR)
     watcher.wait_for_simulator()

@@ -98,6 +98,7 @@ def test_a_machine_makes_physical_sense(loaded, name):
     assert 0.5 * c.current_range > 1.2 * a.inverter.current_limit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 def test_a_machine_follows_a_step_and_stands(loaded, name):
     """Slew speed within 0.5 %, overshoot below 2 %, arrives within 2 % of the step, at rest."""
@@ -115,6 +116,7 @@ def test_a_machine_follows_a_step_and_stands(loaded, name):
     assert np.abs(samples[end, 1]).mean() < 0.03 * omega
 
 
+@pytest.mark.slow
 def test_channels_that_are_not_recorded_are_not_there(loaded):
     a = next(m.actuator for m in loaded.values() if not m.actuator.acquisition.phase_current_c)
     test = draw_test(a, load_spread().tolerances, load_spread().conditions, (1, 2), 0, Damage(),
@@ -223,6 +225,7 @@ def test_rates_of_the_table():
     assert "**2 of 4" in text  # short of its target
 
 
+@pytest.mark.slow
 def test_a_fault_shows_in_the_record(loaded):
     """A surface with twice the friction needs as much more current as its share of the torque."""
     a = load_machine(MACHINES[0]).actuator
@@ -243,6 +246,7 @@ def test_a_fault_shows_in_the_record(loaded):
     assert current[1] / current[0] == pytest.approx(1.0 + dry / before, rel=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("group", ["motor_friction", "surface_friction"])
 def test_a_friction_is_at_most_what_the_unit_can_turn(group):
     """With that much it slews; with that and three tenths of all torque more it does not."""

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 
 from benchmarks.detection import sequences
 from benchmarks.detection.flight_scores import score_units
@@ -54,6 +55,7 @@ def test_the_bench_resumes_and_scores(tmp_path):
     assert set(score.faults) == set(TARGETS["fleet"])
 
 
+@pytest.mark.slow
 def test_the_bench_judges_as_the_diagnosis_does():
     course, model = sequences.draw_course(1, 12), load_model()
     record, acceptance = sequences.record_of(course, 12), sequences.record_of(course, 0)

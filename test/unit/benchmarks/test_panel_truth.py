@@ -52,6 +52,7 @@ def test_same_seed_same_answers_under_other_names(answers):
     assert [a.truth for a in other] != [a.truth for a in answers]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stratum", ["own, accepted, then one effect", "second, two effects",
                                      "own, outside the catalogue", "foc, second, one effect"])
 def test_what_is_drawn_is_what_the_unit_with_its_records_has(answers, stratum):
@@ -148,6 +149,7 @@ print(json.dumps({
 """
 
 
+@pytest.mark.slow
 def test_the_identifying_process_cannot_read_the_answers(answers, tmp_path, repository):
     sealed, free = tmp_path / "sealed", tmp_path / "free"
     part = seal(answers[:3], sealed)
@@ -173,6 +175,7 @@ def test_a_process_that_knows_the_truth_is_not_to_identify(tmp_path, repository)
     assert done.stderr.splitlines()[-1].startswith("ImportError: this process has imported the")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stratum", ["own, accepted, then one effect", "second, one effect",
                                      "pwm, second, one effect"])
 def test_a_bag_tells_nothing(answers, tmp_path, stratum):

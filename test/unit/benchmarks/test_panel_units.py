@@ -19,6 +19,7 @@ def row(stratum, seed, k):
     return row_of(answer, said_of([first], held_out, (), answer.without))
 
 
+@pytest.mark.slow
 def test_one_more_test_of_a_unit_is_of_the_same_unit_on_another_day():
     tests = ("step",)
     for stratum in ("own, one effect", "second, one effect", "pwm, second, one effect"):
@@ -31,6 +32,7 @@ def test_one_more_test_of_a_unit_is_of_the_same_unit_on_another_day():
         assert more.provenance.serial_number == made.records[0].provenance.serial_number
 
 
+@pytest.mark.slow
 def test_two_damages_of_the_second_simulator_are_of_two_families():
     for k in range(6):
         unit = STRATA["second, two effects"](3, k, ("step",))
@@ -81,6 +83,7 @@ def test_an_effect_is_not_visible_beside_one_that_does_the_same():
     assert 12.0 < found <= 16.0
 
 
+@pytest.mark.slow
 def test_of_two_effects_each_is_taken_away_by_itself():
     """The other one stays as it is hidden, on the same day with the same noise."""
     for stratum in ("own, unlisted off, two effects", "second, two effects"):

@@ -18,6 +18,8 @@ from ema_record.profile import step_profile
 from ema_sim.effects import parse_effects
 from ema_sim.simulate import simulate
 
+pytestmark = pytest.mark.slow  # compiles the second simulator
+
 QUIET = Surroundings(noise=(0.0, 0.0, 0.0))
 TURN = 2.0 * math.pi
 
@@ -56,7 +58,6 @@ def test_it_shares_no_module_with_the_product_s_simulator():
         assert not [m for m in imported if m.startswith(("ema_sim", "ema_prognostics"))]
 
 
-@pytest.mark.slow
 def test_current_of_a_locked_rotor(nominal, step):
     motor = nominal.motor._replace(static_friction=1e3, dynamic_friction=1e3)
     a = nominal._replace(

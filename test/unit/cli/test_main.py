@@ -172,6 +172,7 @@ def test_full_disk_is_one_line(unbuffered):
     assert "free some disk space" in done.stderr
 
 
+@pytest.mark.slow
 def test_ctrl_c_in_the_middle_is_one_line(tmp_path):
     """A long simulation is stopped; no bag and no half bag stays."""
     profile = tmp_path / "long.yaml"

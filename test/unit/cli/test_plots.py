@@ -117,6 +117,7 @@ def test_a_file_in_the_place_of_the_folder_is_refused_before_the_work(tmp_path, 
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_channels_that_were_not_recorded_are_rebuilt_and_that_is_said(tmp_path):
     record = rotating()
     record.samples[record.time < record.profile.inverter_off, 2:5] = 0.0

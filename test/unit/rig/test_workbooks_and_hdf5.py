@@ -190,6 +190,7 @@ def test_other_files_are_not_shown(tmp_path):
             imported(tmp_path / "a.h5", position={"column": name, "unit": "rad"})
 
 
+@pytest.mark.slow
 def test_a_workbook_that_unpacks_to_too_much_is_refused(tmp_path):
     path = tmp_path / "a.xlsx"
     FRAME.to_excel(path, index=False)

@@ -68,6 +68,7 @@ def test_other_sets_are_left_to_the_prediction():
                         "motor_friction": friction}) == ""
 
 
+@pytest.mark.slow
 def test_a_command_is_proposed_that_sets_the_candidates_apart(monkeypatch):
     """Linear units: every command shows the same, so the first one that was not run is enough."""
     example = SimpleMap()

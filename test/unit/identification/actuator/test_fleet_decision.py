@@ -136,6 +136,7 @@ def test_likelihood_is_to_scale_on_healthy_units():
     assert np.mean([f.cost for f in runs]) / FEATURES == pytest.approx(1.0, abs=0.08)
 
 
+@pytest.mark.slow
 def test_larger_effects_are_never_less_surprising():
     found = [p_of(unit(seed=5, backlash=x)) for x in (0.0, 0.2, 0.4, 0.8, 1.6)]
     assert found == sorted(found, reverse=True)
@@ -461,6 +462,7 @@ def test_most_of_a_gap_is_closed_where_there_is_one(before, after, closed):
     assert Held(before, after).gap([None, None]).closes(MOST) == closed
 
 
+@pytest.mark.slow
 def test_laws_are_tried_where_only_the_held_out_record_is_off():
     """A small effect that one record in twenty healthy ones would leave too."""
     small = unit(seed=7, backlash=0.12)
@@ -529,6 +531,7 @@ def test_a_law_beside_which_a_unit_is_fitted_better_is_a_name_with_a_size(
     assert ("with viscous_friction, but no size" in " ".join(found.reasons)) == (size < 1.0)
 
 
+@pytest.mark.slow
 def test_a_law_of_no_size_is_told_from_none_as_often_as_is_said():
     """Wald's test: chi squared of the sizes, whatever the coordinates that are none."""
     known = {v.effect: v for v in variants()}

@@ -49,6 +49,7 @@ def test_the_shape_against_speed_holds_no_filter(bench):
     np.testing.assert_allclose(shape.columns @ found, speed, atol=1e-8 * np.abs(speed).max())
 
 
+@pytest.mark.slow
 def test_a_first_order_lag_is_told_from_a_delay(moving, recorded):
     t, q, v, a = moving(duration=10.0)
     axis = Axis(name="motor", motion="rotary", input="voltage")

@@ -46,6 +46,7 @@ def test_the_share_is_that_of_the_input_about_its_mean():
     assert unexplained(story([0.9, 0.3], size=1.5)) == pytest.approx(0.2)
 
 
+@pytest.mark.slow
 def test_base_parameters_stand_on_the_terminal_and_in_the_model(bench, tmp_path, capsys):
     write_rig_bag(bench(), tmp_path / "bag")
     assert run(["identify", str(tmp_path / "bag"), "--out", str(tmp_path / "r")]) == 0

@@ -94,6 +94,7 @@ def test_same_seed_same_bytes(campaigns: Campaigns, model: TrainedModel) -> None
     assert model_text(train(campaigns)) == model_text(model)
 
 
+@pytest.mark.slow
 def test_a_training_says_for_which_actuator_it_was(
     model: TrainedModel, campaigns: Campaigns, monkeypatch: pytest.MonkeyPatch
 ) -> None:
