@@ -53,13 +53,16 @@ test: $(TEST_STAMP)
 test-slow: $(TEST_STAMP)
 	$(call run_tests,slow,slow)
 
+# Where tests with real ROS processes are, all of them (test_make.py looks): fewer files to read.
+ROS_TESTS := $(if $(filter test,$(TESTS)),test/ros test/unit/ros $(wildcard test/test_*.py),$(TESTS))
+
 # $(call run_tests,NAME,MARKER): tests with real ROS processes run one at a time, after all others.
 # Status 5 of pytest: none of that kind among TESTS.
 define run_tests
 	@$(PYTEST) -m 'not ros and $(2)' -n $(WORKERS) --dist loadfile \
 		--junitxml=$(RESULTS)/$(1).xml $(PYTEST_OPTIONS) $(TESTS); others=$$?; \
 	$(PYTEST) -m 'ros and $(2)' --junitxml=$(RESULTS)/$(1)-ros.xml \
-		$(PYTEST_OPTIONS) $(TESTS); ros=$$?; \
+		$(PYTEST_OPTIONS) $(ROS_TESTS); ros=$$?; \
 	case $$others,$$ros in \
 		0,0|0,5|5,0) echo 'make: all selected tests passed' ;; \
 		5,5) echo 'make: no $(1) test among TESTS=$(TESTS)' >&2; exit 1 ;; \

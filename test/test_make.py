@@ -29,6 +29,14 @@ def test_help_names_the_jobs(make):
             if job not in done.stdout] == []
 
 
+def test_what_starts_ros_is_where_make_looks_for_it(repository):
+    """`ROS_TESTS` of the Makefile leaves no test out."""
+    tests = repository / "test"
+    found = {path.parent for path in tests.rglob("test_*.py")
+             if "ros" in path.relative_to(tests).parts or "mark.ros\n" in path.read_text()}
+    assert found == {tests, tests / "ros", tests / "unit" / "ros"}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("job", "tests", "status"), [
     ("test", "test/test_requirements.py", 0),  # none with real processes among them

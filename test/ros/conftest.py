@@ -6,9 +6,9 @@ from ros_processes import Nodes, Watcher
 from ema_monitor.aircraft_node import aircraft
 
 
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     for item in items:
-        if "ros" in item.path.parts:
+        if "ros" in item.path.relative_to(config.rootpath).parts:
             item.add_marker("ros")
 
 
