@@ -44,6 +44,7 @@ from ema_sim.model_file import Model
 GAP_UNIT = ("rms of the tenth of the features that are off most, in standard deviations of what "
             "the model without an effect may be off when nothing is missing")
 HELD_OUT = "held-out records, which took no part in the fit"
+NO_TEST = "no test of the kit is likely to tell the names apart that fit equally well"
 FITTED = "the fitted records themselves: no held-out record was given"
 
 
@@ -141,7 +142,9 @@ def _said(
         findings=findings_of(unit, answer, gap), rivals=candidates_of(unit, answer),
         next_test=None if proposed is None else proposed.text,
         next_profile=None if proposed is None else proposed.profile,
-        recalibrated=recalibrated_of(unit, fit, answer.known), reasons=reasons_of(answer, gap),
+        recalibrated=recalibrated_of(unit, fit, answer.known),
+        reasons=(*reasons_of(answer, gap), *((NO_TEST,) if len(rivals) > 1 and proposed is None
+                                             else ())),
         unknown=unknown_shape(unit, residual_of(unit, left), law) if something else None,
         model_text="" if answer.verdict == "contradicted" else _model_text(unit, fit, model))
     return replace(

@@ -57,6 +57,8 @@ STRANGE = tuple(name for name, hidden in HIDEABLE.items() if hidden.without is n
 STRANGE_DAMAGES = tuple(name for name in DAMAGES if name in STRANGE)
 PWM, FOC = FOLDER / "joint_48v", FOLDER / "valve_12v"
 """Kits of machines with a carrier: currents in blocks, and in the rotor's axes."""
+ALIKE = ("turn_short", "rotor_eccentricity", "cogging_torque")
+"""Effects that a short test tells apart from another one least often: strata for sets of names."""
 RANGE = 1.3
 """Of bands that are wider than the description says."""
 
@@ -90,8 +92,9 @@ were."""
 def own_unit(
     seed: int, k: int, tests: tuple[str, ...], *, hidden: int = 0, listed: bool = False,
     strange: bool = False, bands: float = 1.0, accepted: bool = False, kit: Path | None = None,
+    only: tuple[str, ...] = tuple(HIDEABLE),
 ) -> HiddenUnit:
-    """Return a unit of our own simulator with `hidden` effects.
+    """Return a unit of our own simulator with `hidden` effects; `only` : one of these.
 
     `listed` : only what recalibration lists is off, latencies and the rest as given.
     """
@@ -117,7 +120,7 @@ def own_unit(
         usual = unlisted(model.actuator)
         z[-len(usual):] = [-1.0 if name.endswith(("latency", "stribeck_speed")) else 0.0
                            for name in usual]
-    pool = STRANGE if strange else tuple(HIDEABLE)
+    pool = STRANGE if strange else only
     order = np.random.default_rng([seed, 76]).permutation(len(pool))
     names: tuple[str, ...] = ()
     if hidden:
@@ -159,6 +162,7 @@ def test_of(name: str, kit: Path | None) -> Profile:
 def second_unit(
     seed: int, k: int, tests: tuple[str, ...], *, hidden: int = 0, strange: bool = False,
     bands: float = 1.0, accepted: bool = False, kit: Path | None = None,
+    only: tuple[str, ...] = LISTED_DAMAGES,
 ) -> HiddenUnit:
     """Return a unit of the second simulator, all of the kit's `tolerances` off."""
     a, spread = load_actuator(), load_spread()
@@ -167,7 +171,7 @@ def second_unit(
         for name, band in spread.tolerances._asdict().items()})
     rng = np.random.default_rng([seed, 78, k])
     names: tuple[str, ...] = ()
-    pool = STRANGE_DAMAGES if strange else LISTED_DAMAGES
+    pool = STRANGE_DAMAGES if strange else only
     if hidden:
         order = np.random.default_rng([seed, 75]).permutation(len(pool))
         names = draw_pair(rng, pool) if hidden == 2 else (pool[order[k % len(pool)]],)
@@ -256,6 +260,8 @@ STRATA: dict[str, partial[HiddenUnit]] = {
     "second, bands x 1.3, nothing": partial(second_unit, bands=RANGE),
     "second, nothing": partial(second_unit),
     "second, one effect": partial(second_unit, hidden=1),
+    "own, unlisted off, alike": partial(own_unit, hidden=1, only=ALIKE),
+    "second, alike": partial(second_unit, hidden=1, only=ALIKE),
     "second, two effects": partial(second_unit, hidden=2),
     "second, outside the catalogue": partial(second_unit, hidden=1, strange=True),
     "own, two effects": partial(own_unit, listed=True, hidden=2),

@@ -12,6 +12,8 @@ from ema_identification.actuator.next_test import (
     inseparable,
     phase_constants,
     separating_test,
+    separation_of,
+    separations_needed,
 )
 from ema_record.profile import load_profile
 from ema_record.spread import load_spread
@@ -66,6 +68,41 @@ def test_other_sets_are_left_to_the_prediction():
     assert inseparable({"turn_short": shorted(0.03), "motor_friction": friction}) == ""
     assert inseparable({**of(shorted(0.03), eccentric(-0.02, 2.1)),
                         "motor_friction": friction}) == ""
+
+
+@pytest.mark.parametrize("common", [0.0, 1.0])
+@pytest.mark.parametrize("apart", [0.0, 6.0, 30.0])
+def test_how_far_two_samples_are_apart_is_told_by_rows_that_chose_no_direction(apart, common):
+    """Of normal ones never more than Mahalanobis' distance, and half of it where that is large."""
+    rng, d = np.random.default_rng(5), 160
+    aside = np.r_[0.0, np.ones(5), np.zeros(d - 6)] / np.sqrt(5.0)
+
+    def sample(shift):
+        return shift * aside + rng.standard_normal((48, d)) + common * rng.standard_normal((48, 1))
+
+    found = np.mean([separation_of(sample(0.0), sample(apart)) for _ in range(8)])
+    most = apart * np.sqrt(aside @ np.linalg.solve(np.eye(d) + common**2, aside))
+    assert 0.5 * most <= found <= 1.1 * most + 0.4
+
+
+def test_what_differs_as_much_between_runs_of_one_candidate_sets_none_apart():
+    """All features differ by one deviation, along what both candidates do anyway."""
+    rng = np.random.default_rng(6)
+    both = [shift + 5.0 * rng.standard_normal((48, 1)) + 0.1 * rng.standard_normal((48, 160))
+            for shift in (0.0, 5.0)]
+    assert separation_of(*both) < 1.5
+
+
+def test_what_is_needed_to_leave_one_name_follows_from_the_evidence():
+    """Costs of the other one are normal about d + s², 2 s wide: counted, not derived."""
+    one = unit(seed=3)
+    likely, sure = separations_needed(one)
+    nu, d = one.library.freedom, one.size
+    rng = np.random.default_rng(6)
+    for s, share in ((likely, 0.5), (sure, 0.95)):
+        more = s**2 + 2.0 * s * rng.standard_normal(20000)
+        left = 0.5 * nu * more / d > np.log(19.0)
+        assert left.mean() == pytest.approx(share, abs=0.02)
 
 
 @pytest.mark.slow
