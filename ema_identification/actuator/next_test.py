@@ -70,9 +70,10 @@ PROFILES = ("extended", "ramps", "speeds", "steps", "deflections")
 """Commands that may be proposed where the kit has them, the default test first."""
 COMPARED = 3
 """Candidates that are compared."""
-TEST_RUNS, FOLDS = 48, 6
-"""Budget: runs of each candidate on each command; of which each sixth judges what the others
-chose."""
+FOLDS = 6
+"""One run in so many judges the direction that the others chose."""
+TEST_RUNS = 8 * FOLDS
+"""Budget: runs of each candidate on each command."""
 
 
 class Proposed(NamedTuple):

@@ -102,8 +102,15 @@ def draw_panel(panel: Panel) -> bytes:
 def _plain_numbers(axis: Any) -> None:
     """Label a logarithmic axis with plain numbers, between decades too where it is short."""
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axis.set_minor_formatter(LogFormatter(minor_thresholds=(1.5, 0.5)))
+    axis.set_minor_formatter(_Plain(minor_thresholds=(1.5, 0.5)))
     axis.set_tick_params(which="minor", labelsize=8.5, labelcolor=INK)
+
+
+class _Plain(LogFormatter):
+    """Labels where its parent does, without powers of ten."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return f"{x:g}" if super().__call__(x, pos) else ""
 
 
 def _draw(axes: Any, curve: Curve, style: dict[str, Any]) -> None:

@@ -218,6 +218,21 @@ def test_curves_of_one_colour_have_different_markers_and_the_legend_hides_none(m
     assert figure.legends[0].get_window_extent().y1 < figure.axes[0].get_window_extent().y0
 
 
+@pytest.mark.parametrize("ends", [(0.2, 8.0), (0.03, 40.0), (1e-3, 1e3)])
+def test_a_logarithmic_axis_has_plain_numbers(monkeypatch, ends):
+    figures = []
+    monkeypatch.setattr(plots, "to_png", lambda figure: figures.append(figure) or b"")
+    curve = Curve(label="", x=np.array([0.0, 1.0]), y=np.array(ends), style="points")
+    plots.draw_panel(Panel(name="axis", title="Axis.", x_label="x", y_label="y", step="show",
+                           curves=(curve,), log_y=True))
+    (figure,) = figures
+    figure.draw_without_rendering()
+    labels = [t.get_text() for minor in (False, True)
+              for t in figure.axes[0].yaxis.get_ticklabels(minor=minor) if t.get_text()]
+    assert len(labels) >= 3
+    assert all(f"{float(label):g}" == label for label in labels)
+
+
 def test_no_disagreement(explained, tmp_path):
     nothing = replace(
         explained, verdict="no disagreement", gap_before=explained.noise_floor, findings=(),
