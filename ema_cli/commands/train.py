@@ -20,8 +20,8 @@ def train(
         "--quick", help="A small training in one to two minutes, to try the way.")] = False,
     jobs: TrainingJobs = -1,
     work: Annotated[Path | None, typer.Option(
-        help="Folder that keeps what was simulated: a training that was stopped goes on."
-    )] = None,
+        "--work", metavar="DIR", help="Folder that keeps what was simulated: a training that was "
+        "stopped goes on.")] = None,
     model: Annotated[Path | None, typer.Option(
         "--model", metavar="FILE.yaml",
         help="Actuator around which the fleets spread: changes over the kit's.")] = None,

@@ -157,7 +157,8 @@ def parse_limit(text: str) -> tuple[str, float]:
         raise UsageError(f"--limit {text}: {unit!r} is no unit of {name}: give "
                          f"{' or '.join(u for u in factors if u)}")
     most = LARGEST_LIMIT[name] / factors[unit]
-    return name, factors[unit] * bounded(f"--limit {name}", number, 1e-6, most)
+    plain = "" if unit else "(5 mrad is 0.005)" if "mrad" in factors else "(5% is 0.05)"
+    return name, factors[unit] * bounded(f"--limit {name}", number, 1e-6, most, plain)
 
 
 def exit_status(found: UnitTrend) -> int:

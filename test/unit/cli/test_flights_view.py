@@ -36,8 +36,9 @@ def test_limits(text, expected):
 @pytest.mark.parametrize(("text", "problem"), [
     ("turnshort=5%", "did you mean 'turn_short'"), ("turn_short=5mrad", "is no unit"),
     ("turn_short", "is not a number"), ("backlash=-1", "out of bounds"),
-    ("backlash=2%", "no unit"), ("turn_short=5", "out of bounds: give 1e-06 to 1"),
-    ("backlash=2", "out of bounds: give 1e-06 to 0.1"),
+    ("backlash=2%", "no unit"), ("turn_short=5", r"out of bounds: give 1e-06 to 1 \(5% is 0.05\)"),
+    ("backlash=2", r"out of bounds: give 1e-06 to 0.1 \(5 mrad is 0.005\)"),
+    ("turn_short=200%", "out of bounds: give 1e-06 to 100$"),
 ])
 def test_limits_that_are_none(text, problem):
     with pytest.raises(UsageError, match=problem):
