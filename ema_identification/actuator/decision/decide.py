@@ -91,9 +91,9 @@ def decide(
     if pairs and case.explains(pairs[0]):
         wider += beyond.each_alone(pairs[0], wider)
     fits = case.finished([*singles, *wider, *pairs])
-    answer = FleetAnswer(verdict="unknown effect", null=case.null, p_nothing=p, fits=tuple(fits))
     explaining = [f for f in fits if case.explains(f)]
-    answer = _named(case, answer, explaining)
+    answer = _named(case, FleetAnswer(
+        verdict="unknown effect", null=case.null, p_nothing=p, fits=tuple(fits)), explaining)
     if usual is not None:
         unlikely = answer.fit is None or case.evidence(answer.fit) <= case.evidence(beyond.null)
         if unlikely and usual.verdict == "no disagreement":
@@ -254,8 +254,7 @@ def _in_part(case: Models, answer: FleetAnswer, held: LawJudge) -> FleetAnswer:
     if not singles:
         return answer
     best = singles[0]
-    closed = _share(case, best)
-    p = case.p_own(best, case.nothing)
+    closed, p = _share(case, best), case.p_own(best, case.nothing)
     if closed < MOST or p > LEVEL:
         return answer
     sure = case.evidence(best) + np.log(1.0 - SURE)

@@ -74,10 +74,7 @@ class Models:
         return log_evidence(fit, self.library)
 
     def fitted(self, starts: Sequence[LawFit]) -> list[LawFit]:
-        """Return the models fitted with the simulator, most evidence first.
-
-        Once one explains, only such go on.
-        """
+        """Return the models fitted, most evidence first; once one explains, only such go on."""
         points, others = list(starts), list[LawFit]()
         for runs in ROUNDS:
             points = self._ordered(self.unit.descended(
@@ -179,9 +176,8 @@ class Models:
     def singles(self) -> list[LawFit]:
         """Return the fits of single laws.
 
-        Where none explains the best, and the best on the library, are fitted as hard as can be,
-        for second laws are sought beside them; where several do each goes on with all slopes
-        simulated, for they are compared.
+        Where none explains the best, and the best on the library, are fitted as hard as can be:
+        second laws are sought beside them.
         """
         gains = linear_gains(self.unit, self.null, self.white, self.signatures)
         lists = (gains, sized(self.unit, self.signatures),
@@ -190,16 +186,35 @@ class Models:
                          for p in alternating(lists, SCREENED)), key=lambda f: f.cost)
         found = self.fitted([*starts[:PROPOSED], *self.beside(
             self.null, at_known_sizes(gains[:1]))])
-        if found and not self.explains(found[0]):
-            found[0] = self._pressed(found[0])
-            if not self.explains(found[0]) and starts[0].names != found[0].names:
-                hard = self._pressed(self.unit.begun(starts[0], self.white, SETTLED_RUNS))
-                found = [f for f in found if f.variants != hard.variants or f.cost < hard.cost]
-                found.append(hard)
-        elif sum(map(self.explains, found)) > 1:
-            found = [min(f, self.refitted(f), key=lambda f: f.cost) if self.explains(f) else f
-                     for f in found]
+        if not found or self.explains(found[0]):
+            return self.compared(found)
+        found[0] = self._pressed(found[0])
+        if not self.explains(found[0]) and starts[0].names != found[0].names:
+            hard = self._pressed(self.unit.begun(starts[0], self.white, SETTLED_RUNS))
+            found = [f for f in found if f.variants != hard.variants or f.cost < hard.cost]
+            found.append(hard)
         return self._ordered(found)
+
+    def compared(self, fits: Sequence[LawFit]) -> list[LawFit]:
+        """Return the fits, the next ones also begun beside the numbers that the best has found."""
+        best, found = None, self._ordered(fits)
+        for _ in range(LARGEST_SET):
+            if not found or found[0] is best:
+                break
+            best, *rest = found
+            rivals = [self._from(f, best) for f in rest[:LARGEST_SET]]
+            if any(end is not f for end, f in zip(rivals, rest)):
+                best = min(best, self.refitted(best), key=lambda f: f.cost)
+            found = self._ordered([best, *rivals, *rest[LARGEST_SET:]])
+        return found
+
+    def _from(self, fit: LawFit, best: LawFit) -> LawFit:
+        """Return a fit gone on from there and from another's numbers, where it explains."""
+        starts = [fit, replace(fit, z=best.z)]
+        if not self.explains(fit):
+            there = self.unit.descended(starts[1], self.before, runs=ROUNDS[-1], steps=LARGEST_SET)
+            starts = [there] if self.explains(there) else []
+        return min([fit, *map(self.refitted, starts)], key=lambda f: f.cost)
 
     def beside(self, fit: LawFit, proposals: Sequence[LawProposal]) -> list[LawFit]:
         """Return a fit with each law added at its size, all else as it is."""
