@@ -202,13 +202,13 @@ class Models:
             if not found or found[0] is best:
                 break
             best, *rest = found
-            rivals = [self._from(f, best) for f in rest[:LARGEST_SET]]
+            rivals = [self._also_beside(f, best) for f in rest[:LARGEST_SET]]
             if any(end is not f for end, f in zip(rivals, rest)):
                 best = min(best, self.refitted(best), key=lambda f: f.cost)
             found = self._ordered([best, *rivals, *rest[LARGEST_SET:]])
         return found
 
-    def _from(self, fit: LawFit, best: LawFit) -> LawFit:
+    def _also_beside(self, fit: LawFit, best: LawFit) -> LawFit:
         """Return a fit gone on from there and from another's numbers, where it explains."""
         starts = [fit, replace(fit, z=best.z)]
         if not self.explains(fit):

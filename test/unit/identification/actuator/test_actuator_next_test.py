@@ -1,6 +1,7 @@
 """The next test: machines that no command tells apart, and tests that tell the others."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -119,6 +120,28 @@ def test_a_command_is_proposed_that_sets_the_candidates_apart(monkeypatch):
     assert proposed is not None
     assert proposed.separation > 2.0
     assert "it would set backlash and" in proposed.text
+    blind = replace(answer.fit, slopes=np.zeros_like(answer.fit.slopes))  # may be anything
+    less = separating_test(one, [blind, *others])
+    assert less is None or 0.0 <= less.separation < proposed.separation
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("share", "told"), [(0.25, True), (0.75, False)])
+def test_runs_beside_what_can_be_simulated_do_not_count(monkeypatch, share, told):
+    monkeypatch.setattr(next_test, "feature_map", lambda *_: SimpleMap())
+    monkeypatch.setattr(next_test, "simulate", lambda *_, **__: None)
+    monkeypatch.setattr(next_test, "whole", lambda record, _: record)
+    one = unit(seed=3, backlash=2.0)
+    answer = decide(one)
+    others = [f for f in answer.fits if len(f.terms) == 1 and f.names != answer.fit.names][:1]
+
+    def often_cannot(*arguments):
+        found = simulator(*arguments)
+        return np.full_like(found, np.nan) if arguments[5] % 100 < 100 * share else found
+
+    simulator = one.simulator
+    part = replace(one, simulator=often_cannot)
+    assert (separating_test(part, [answer.fit, *others]) is not None) is told
 
 
 class SimpleMap:
