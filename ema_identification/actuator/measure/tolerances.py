@@ -17,7 +17,7 @@ import numpy as np
 from ema_identification.actuator.measure.signals import TURN
 from ema_record.actuator import Actuator
 from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS
-from ema_record.record import Record
+from ema_record.record import Record, scatter_at_rest
 from ema_sim.effects import EFFECTS, Effects
 from ema_sim.model_file import Model
 
@@ -175,9 +175,9 @@ def align(record: Record, model: Model) -> RecordConditions:
         voltage, drawn = _supply(record)
         bus = voltage / (2.0 * model.actuator.inverter.bus_voltage) - 1.0
         measured.add("bus")
-    off = record.at_rest
-    still = off if off.stop > off.start else slice(20)
-    turned = np.exp(1j * record.channel("rotor_angle")[still]).mean()
+    # Of the first samples alone: a load turns the rotor as soon as nothing holds it.
+    first = record.channel("rotor_angle")[:max(1, record.at_rest.start)]
+    turned = np.exp(1j * first).mean()
     return RecordConditions(
         temperature=temperature, bus=bus, bus_current=drawn, noise=_noise(record, model),
         start_angle=float(np.angle(turned)) % TURN, measured=frozenset(measured),
@@ -208,11 +208,12 @@ def _noise(record: Record, model: Model) -> NoiseFactors:
     if len(rest) < 40 or nominal.current <= 0.0:
         return NoiseFactors()
     speed, currents = rest[:, MOTOR_SPEED], rest[:, PHASE_CURRENTS]
-    current = float(np.sqrt(currents.var(axis=0, ddof=1).mean())) / nominal.current
+    current = float(np.sqrt((scatter_at_rest(currents) ** 2).mean())) / nominal.current
     shown = current
     if nominal.speed > 0.0 and len(np.unique(speed)) >= FEWEST_VALUES:
         c = a.converters
         step = a.acquisition.converters * c.speed_range / 2.0**c.speed_bits
         rounding = step**2 / 12.0  # of an even error
-        shown = math.sqrt(max(float(speed.var(ddof=1)) - rounding, 0.0)) / nominal.speed
+        scatter = float(scatter_at_rest(speed[:, None])[0])  # not the speed of one that turns
+        shown = math.sqrt(max(scatter**2 - rounding, 0.0)) / nominal.speed
     return NoiseFactors(*(float(np.clip(x, *NOISE_RANGE)) for x in (shown, current)))
