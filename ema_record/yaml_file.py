@@ -34,6 +34,11 @@ def load_yaml(path: Path, *, max_bytes: int = 1 << 20) -> object:
         raise UsageError(f"{path}: not UTF-8 text: save it as plain YAML") from None
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror or error}: check the file name") from None
+    return yaml_of(text, str(path))
+
+
+def yaml_of(text: str, where: str) -> object:
+    """Return what a YAML text holds, as `load_yaml`; `where` is for errors."""
     try:
         _check_structure(text)
         return yaml.load(text, Loader=_OurSafeLoader)  # noqa: S506  (a safe loader)
@@ -41,7 +46,7 @@ def load_yaml(path: Path, *, max_bytes: int = 1 << 20) -> object:
         mark = getattr(error, "problem_mark", None)
         line = f" line {mark.line + 1}:" if mark is not None else ""
         what = getattr(error, "problem", None) or re.split(r"[\n;]", str(error))[0]
-        raise UsageError(f"{path}:{line} malformed YAML: {what}") from None
+        raise UsageError(f"{where}:{line} malformed YAML: {what}") from None
 
 
 def _check_structure(text: str) -> None:

@@ -151,16 +151,16 @@ def read_npz(path: Path, needed: Sequence[str | int] | None) -> Table:
     columns: dict[str, np.ndarray] = {}
     try:
         with zipfile.ZipFile(path) as archive:
-            names = [entry.filename.removesuffix(".npy") for entry in archive.infolist()]
+            sizes = {entry.filename.removesuffix(".npy"): entry.file_size
+                     for entry in archive.infolist() if entry.filename.endswith(".npy")}
+            names = list(sizes)
             if needed is None:
                 needed = names
-            by_name = {base_name(str(name)) for name in needed if isinstance(name, str)}
+            by_name = {part for name in needed if isinstance(name, str)
+                       for part in (name, base_name(name))}
             by_number = {names[n] for n in needed if isinstance(n, int) and n < len(names)}
             wanted = (by_name | by_number) & set(names)
-            total = 0
-            for entry in archive.infolist():
-                if entry.filename.removesuffix(".npy") in wanted:
-                    total += entry.file_size
+            total = sum(sizes[name] for name in wanted)
             if total > MAX_FILE_BYTES:
                 raise InvalidRecordError(f"{path}: {total} bytes once unpacked, at most "
                                          f"{MAX_FILE_BYTES}: import a part of it")

@@ -153,7 +153,8 @@ def _of_joint(
     if topic.type == DYNAMIC_JOINT_STATE:
         fields = tuple(dict.fromkeys(
             str(kind) for message in messages for place, name in enumerate(message.joint_names)
-            if name == joint for kind in message.interface_values[place].interface_names))
+            if name == joint and place < len(message.interface_values)
+            for kind in message.interface_values[place].interface_names))
     measured = {}
     for kind in fields:
         read = of_joint(joint, kind)

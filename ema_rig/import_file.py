@@ -249,6 +249,8 @@ def _joined(
     if rig_map.run is not None:
         inside = chosen_runs(labels, rig_map.run.only, source, words)
         samples, time, labels = samples[inside], time[inside], labels[inside]
+    if not len(time):
+        raise InvalidRecordError(f"{source}: no samples of this axis: look at its columns")
     if rig_map.start is not None or rig_map.end is not None:
         low = -np.inf if rig_map.start is None else rig_map.start
         high = np.inf if rig_map.end is None else rig_map.end

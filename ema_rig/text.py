@@ -88,6 +88,16 @@ def table_of_text(
     text: str, path: Path, text_format: TextFormat, needed: Sequence[str | int] | None
 ) -> Table:
     """Return the columns of a text, as `read_text_table`; `path` is for errors."""
+    try:
+        return _table_of_text(text, path, text_format, needed)
+    except csv.Error as error:  # a cell of more than 128 KiB
+        raise InvalidRecordError(f"{path}: {error}: correct that cell, or leave its column out"
+                                 ) from None
+
+
+def _table_of_text(
+    text: str, path: Path, text_format: TextFormat, needed: Sequence[str | int] | None
+) -> Table:
     lines = text.split("\n", text_format.skip + 2000)
     layout = _layout(lines, _with_decimal(text_format, lines), path)
     count = len(layout.names)
@@ -111,7 +121,7 @@ def holds_numbers(text: str, text_format: TextFormat) -> bool:
     """Return whether a text has a row of numbers, by its first lines."""
     try:
         _layout(text.split("\n", text_format.skip + 2000), text_format, Path())
-    except InvalidRecordError:
+    except (InvalidRecordError, csv.Error):
         return False
     return True
 
@@ -275,7 +285,7 @@ def _rows(
     body: str, layout: _Layout, wanted: list[int], path: Path
 ) -> tuple[dict[int, Cells], tuple[str, ...]]:
     """Return the wanted columns of rows of any cells, and what was left out."""
-    reader = _numbered(body, layout)
+    reader = _numbered(body, layout, path)
     count = len(layout.names)
     parts: dict[int, list[CellBlock]] = {k: [] for k in wanted}
     short: tuple[int, int] | None = None
@@ -308,7 +318,7 @@ def _rows(
     return columns, () if short is None else (f"line {short[0]} is cut and left out",)
 
 
-def _numbered(body: str, layout: _Layout) -> Iterator[tuple[int, list[str]]]:
+def _numbered(body: str, layout: _Layout, path: Path) -> Iterator[tuple[int, list[str]]]:
     """Return the number of the line and the cells of each row."""
     stream = io.StringIO(body, newline="")
     if layout.delimiter is None and '"' not in body:
@@ -322,8 +332,8 @@ def _numbered(body: str, layout: _Layout) -> Iterator[tuple[int, list[str]]]:
             if any(cell.strip() for cell in cells) and not cells[0].startswith(_COMMENT):
                 yield layout.first + reader.line_num, cells
     except csv.Error as error:
-        raise InvalidRecordError(f"line {layout.first + reader.line_num}: {error}: correct that "
-                                 "line") from None
+        line = layout.first + reader.line_num
+        raise InvalidRecordError(f"{path}: line {line}: {error}: correct that line") from None
 
 
 def _uneven(path: Path, line: int, found: int, count: int) -> InvalidRecordError:

@@ -100,7 +100,7 @@ def _map_data(
 
 def _changed(data: Any, changes: list[str] | tuple[()]) -> Any:
     """Return the map with ``a.b=value`` set, the value as YAML reads it."""
-    import yaml
+    from ema_record.yaml_file import yaml_of
 
     if not isinstance(data, dict):
         return data
@@ -110,8 +110,8 @@ def _changed(data: Any, changes: list[str] | tuple[()]) -> Any:
         if not mark or not all(names):
             raise UsageError(f"--set {change[:60]!r}: write KEY=VALUE, as input.unit=A")
         try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError:
+            value = yaml_of(text, "--set")
+        except UsageError:
             raise UsageError(f"--set {change[:60]!r}: the value is no YAML: put it in quotes"
                              ) from None
         if names[-1] in ("column", "unit") and not isinstance(value, int | str):

@@ -86,7 +86,7 @@ class Proposed(NamedTuple):
     text: str
 
 
-def separating_test(unit: TestedUnit, fits: Sequence[LawFit], *, seed: int = 0) -> Proposed | None:
+def separating_test(unit: TestedUnit, fits: Sequence[LawFit]) -> Proposed | None:
     """Return a command whose features would differ between the candidates, whatever each may be.
 
     The first one that does surely, else the one that does most, if it is likely to leave one name;
@@ -96,7 +96,6 @@ def separating_test(unit: TestedUnit, fits: Sequence[LawFit], *, seed: int = 0) 
     ----------
     unit : the records at hand; their commands are not proposed again.
     fits : candidates that cannot be told apart; the first `COMPARED` count.
-    seed : of the runs.
     """
     common = set.intersection(*(set(f.names) for f in fits))
     by_name = {name: with_terms(f.terms, unit.library.model.effects)
@@ -113,7 +112,7 @@ def separating_test(unit: TestedUnit, fits: Sequence[LawFit], *, seed: int = 0) 
         profile = load_profile(name)
         if tuple(profile.points) in used:
             continue
-        separation = _separation(profile, unit, fits, seed)
+        separation = _separation(profile, unit, fits)
         if best is None or separation > best.separation:
             best = Proposed(profile, separation, (
                 f"run the profile {name!r} ({profile.description}): it would set "
@@ -138,19 +137,19 @@ def separations_needed(unit: TestedUnit) -> tuple[float, float]:
     return likely, float(z + np.hypot(z, likely))
 
 
-def _separation(
-    profile: Profile, unit: TestedUnit, fits: Sequence[LawFit], seed: int
-) -> float:
+def _separation(profile: Profile, unit: TestedUnit, fits: Sequence[LawFit]) -> float:
     """Return the least separation of two candidates on a command, 0 where one seldom can run it.
 
     Each is run all over what the records at hand leave it, on any day.
     """
-    library = unit.library
-    example = whole(simulate(profile, actuator=library.model.actuator, seed=seed,
+    library, part = unit.library, unit.parts[0]
+    example = whole(simulate(profile, actuator=library.model.actuator, seed=unit.seed,
                              rate=library.fmap.rate), library.model.actuator)
-    there = replace(unit.parts[0], seed=seed, library=replace(
-        library, fmap=feature_map(profile, library.model.actuator, example), left=None))
-    rng = np.random.default_rng([seed, 47])
+    there = TestedUnit(  # also of a unit beside its accepted records, which are of another test
+        values=part.values, conditions=part.conditions, seed=unit.seed, workers=part.workers,
+        simulator=part.simulator, library=replace(
+            library, fmap=feature_map(profile, library.model.actuator, example), left=None))
+    rng = np.random.default_rng([unit.seed, 47])
     runs = [np.array(there.run_all([(f.terms, f.z) for f in _drawn(unit, fit, rng)], 1,
                                    salt=47 + k, apart=True)) for k, fit in enumerate(fits)]
     samples = [rows[np.isfinite(rows).all(axis=1)] for rows in runs]  # what can be simulated

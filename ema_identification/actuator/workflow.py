@@ -130,7 +130,7 @@ def _said(
     law = None if run is None or first.record is None else control_law(
         first.record, run, first.library.model.actuator)
     rivals = _rivals(answer)
-    proposed = separating_test(unit, rivals, seed=unit.seed) if len(rivals) > 1 else None
+    proposed = separating_test(unit, rivals) if len(rivals) > 1 else None
     fit = answer.null if answer.fit is None else answer.fit
     left = answer.null if answer.verdict == "contradicted" else fit
     something = answer.verdict in ("unknown effect", "partly explained", "contradicted") and (

@@ -183,6 +183,10 @@ def _since(since: Identification | None) -> dict[str, Any] | None:
     }
 
 
+ALSO = "validate", "baseline", "without"
+"""Options of `ema identify` that are given again."""
+
+
 def next_commands(
     identification: Identification,
     out: Path,
@@ -198,10 +202,11 @@ def next_commands(
     """
     found = []
     measured = " ".join(shlex.quote(path) for path in as_list(inputs.get("measured", ())))
-    given = "".join(
-        f" --{option} {shlex.quote(value)}" for option in (
-            "validate", "baseline", "without", "profile")
-        for value in as_list(inputs.get(option, ()))) + kit_option()
+    def given(*options: str) -> str:
+        return "".join(f" --{option} {shlex.quote(value)}" for option in options
+                       for value in as_list(inputs.get(option, ()))) + kit_option()
+
+    own = ["model"] if Path(str(inputs.get("model", ""))).is_file() else []  # none of the kit
     if identification.model_text:
         model = shlex.quote(str(out / MODEL_FILE))
         if identification.machine == "actuator":
@@ -209,13 +214,14 @@ def next_commands(
                          f"{kit_option()}")
         if measured:
             again = shlex.quote(f"{out}_again")
-            found.append(f"ema identify {measured}{given} --model {model} --out {again}")
+            found.append(f"ema identify {measured}{given(*ALSO, 'profile')} --model {model} "
+                         f"--out {again}")
     if identification.next_profile is not None:
         test = shlex.quote(str(out / NEXT_TEST_FILE))
         found.append(f"ema bit --profile {test}{kit_option()}")
         if measured:
             both = shlex.quote(f"{out}_next")
-            found.append(f"ema identify {measured} NEW_RECORD{given} --out {both}")
+            found.append(f"ema identify {measured} NEW_RECORD{given(*ALSO, *own)} --out {both}")
     return found
 
 

@@ -133,6 +133,12 @@ def _trajectory(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
                 f"but {first.source} has a {first.axis.motion} one with {first.axis.input}: "
                 "identify records of one axis together"
             )
+        for channel in (POSITION, SPEED):
+            if record.has(channel) != first.has(channel):
+                raise UsageError(
+                    f"{record.source} has {'a' if record.has(channel) else 'no'} {channel} and "
+                    f"{first.source} has {'a' if first.has(channel) else 'none'}: identify "
+                    "records with the same channels together")
         check_record(record)
     notes: list[str] = []
     records = [cleaned(record, notes) for record in records]

@@ -38,6 +38,7 @@ from ema_identification.rig.report.words import (
 )
 from ema_identification.rig.search.alternatives import (
     LawChoice,
+    Trial,
     skew_words,
     standard_error,
     without_skew,
@@ -217,8 +218,7 @@ def _findings(found: Search, blocks: Blocks, gaps: list[float]) -> tuple[NamedEf
             parameters=(*own, *_rivals_parameters(found, index, choice, blocks)),
             where=where(plain, at, own), p_value=choice.trial.p_value,
             gap_before=gaps[index], gap_after=gaps[index + 1],
-            candidates=tuple(_candidate(trial.name, trial.score, trial.p_value, choice, trial)
-                             for trial in choice.trials)))
+            candidates=tuple(_candidate(trial, choice) for trial in choice.trials)))
     return tuple(findings)
 
 
@@ -235,18 +235,16 @@ def _rivals_parameters(
     return tuple(values)
 
 
-def _candidate(
-    name: str, score: float, p_value: float, choice: LawChoice | None, trial: object
-) -> Candidate:
-    if choice is not None and trial is choice.trial:
+def _candidate(trial: Trial, choice: LawChoice | None = None) -> Candidate:
+    if choice is not None and trial.name == choice.trial.name:
         reason = "taken"
-    elif choice is not None and name in choice.equivalent:
+    elif choice is not None and trial.name in choice.equivalent:
         reason = "cannot be told from the one taken"
-    elif p_value > LEVEL_OF_CHANCE:
+    elif trial.p_value > LEVEL_OF_CHANCE:
         reason = "no more than chance"
     else:
         reason = "helps less"
-    return Candidate(effect=name, score=score, p_value=p_value, reason=reason)
+    return Candidate(effect=trial.name, score=trial.score, p_value=trial.p_value, reason=reason)
 
 
 def _identification(given: RigModel, story: Story) -> Identification:
@@ -269,7 +267,7 @@ def _identification(given: RigModel, story: Story) -> Identification:
         gap_unit=f"residual of the {signal_name(trajectory)}, rms, "
                  f"{trajectory.axis.input_channel.unit} ({held})",
         findings=story.findings,
-        rivals=tuple(_candidate(t.name, t.score, t.p_value, None, t)
+        rivals=tuple(_candidate(t)
                      for t in found.last_trials[:MAX_RIVALS]),
         next_test=test, recalibrated=_recalibrated(story), unknown=unknown,
         reasons=(*said, *reasons_of(story)), unexplained=unexplained(story),

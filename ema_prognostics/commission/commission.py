@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -269,9 +270,10 @@ class _Work:
         file = self._draft / ACTUATOR
         former = actuator_hashes()
         text = with_values(file.read_text(encoding="utf-8"), actuator, tolerances)
-        lines = [line for line in text.splitlines() if not line.startswith(f"{FORMERLY}:")]
-        lines.append(f"{FORMERLY}: {json.dumps(list(former))}  # of the records taken with it")
-        file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        text = re.sub(rf"^{FORMERLY}:.*\n?([ -].*\n?)*", "", text, flags=re.MULTILINE)
+        text = text.rstrip("\n") + (
+            f"\n{FORMERLY}: {json.dumps(list(former))}  # of the records taken with it\n")
+        file.write_text(text, encoding="utf-8")
 
     def _simulated(self, what: str, begin: float, end: float) -> Callable[[int, int], None]:
         return lambda k, n: self._progress(f"{what}, {k} of {n} units",

@@ -96,7 +96,10 @@ class VerdictStore:
     def get(self, sha256: str | None) -> dict[str, Any] | None:
         """Return what was said of a bag of this content, None where nothing was."""
         text = self._verdicts.get(sha256 or "")
-        found = None if text is None else json.loads(text)
+        try:
+            found = None if text is None else json.loads(text)
+        except ValueError:
+            return None
         return found if isinstance(found, dict) else None
 
     def put(self, said: Iterable[tuple[str, dict[str, Any]]]) -> None:

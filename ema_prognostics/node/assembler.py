@@ -41,6 +41,7 @@ class RecordAssembler:
         self._command: bytes | None = None
         self._blocks: list[np.ndarray] = []
         self._count = 0
+        self._ahead = False  # blocks of the next test, whose command is still to come
         self._last_block = 0.0
         self._bus: deque[tuple[int, float, float]] = deque(maxlen=MAX_SLOW)
         self._temperature: deque[tuple[int, float]] = deque(maxlen=MAX_SLOW)
@@ -54,9 +55,9 @@ class RecordAssembler:
             The message is damaged, or the samples never end.
         """
         if topic == COMMAND:
-            if self._command is not None:
+            if self._command is not None and not self._ahead:
                 self._clear()
-            self._command = data
+            self._command, self._ahead = data, False
         elif topic == SAMPLES:
             self._take_block(decode_block(data), now)
         elif topic == DC_BUS:
@@ -70,7 +71,7 @@ class RecordAssembler:
         if len(block) == 0:
             return
         if self._blocks and block[0, TIME] <= self._blocks[-1][-1, TIME]:
-            self._blocks, self._count = [], 0
+            self._blocks, self._count, self._ahead = [], 0, True
         self._count += len(block)
         if self._count > MAX_SAMPLES:
             self._clear()

@@ -143,7 +143,8 @@ def _sorted_out(found: Salvage, source: str) -> _Parts:
             namespace = of if namespace is None else namespace
             topic = topic if of == namespace else message.channel.topic  # of another one
         kind = message.channel.schema_name
-        if kind not in (topics.get(topic), (topics.get(topic) or "").replace("/msg/", "/")):
+        known = topics.get(topic)
+        if known is None or kind not in (known, known.replace("/msg/", "/")):
             left_out[topic] += 1
             continue
         if topic == SAMPLES:

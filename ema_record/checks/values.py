@@ -90,7 +90,7 @@ class _Course:
             self.angle = _path(step)
         elif facts.has(SURFACE_POSITION):
             # Means over windows: the path of a noisy position is longer than that of the motor.
-            n = max(1, facts.window // 4)
+            n = max(1, min(facts.window, len(s)) // 4)
             slow = np.convolve(s[:, SURFACE_POSITION], np.full(n, 1.0 / n), mode="same")
             slow[:n], slow[-n:] = slow[n], slow[-n - 1]
             self.position = _path(np.diff(slow)) * facts.actuator.gear.ratio * pole_pairs

@@ -11,6 +11,7 @@ import yaml
 from ema_record.actuator import PARTS, Actuator, actuator_from
 from ema_record.data_sheet.derive import Description, bounds_of
 from ema_record.data_sheet.sheet import DataSheet
+from ema_record.errors import UsageError
 from ema_record.spread import Conditions, UnitTolerances
 
 TOLERANCES = {
@@ -107,6 +108,9 @@ def with_values(text: str, actuator: Actuator, tolerances: NamedTuple | None = N
     for line in text.splitlines():
         heading = re.match(r"([a-z_]+):\s*(#.*)?$", line)
         section = heading.group(1) if heading else section
+        if re.match(rf"({'|'.join(PARTS)}):\s*\{{", line):
+            raise UsageError(f"{line.partition(':')[0]}: all on one line, where no value can be "
+                             "put in its place: write each on a line of its own")
         entry = re.match(r"(\s+)([a-z_0-9]+):(\s*)([^#\s]+)(\s*)(#.*)?$", line)
         if entry and (section in PARTS or (section == "tolerances" and tolerances is not None)):
             indent, name, gap, old, space, comment = entry.groups()

@@ -231,7 +231,12 @@ def _check(name: str, setting: Distribution | Value, actuator: Actuator) -> None
             f"parameter {name}: {'a named option' if bounds.options else 'a whole number'}: "
             "give a choice or a grid"
         )
+    if relative and bounds.options:
+        raise UsageError(f"parameter {name}: relative serves only numbers")
     scale = _nominal(actuator, name) if relative else 1.0
+    if scale == 0.0:
+        raise UsageError(f"parameter {name}: 0 by itself, relative to which all is 0: leave "
+                         "'relative' out and give values")
     for value in setting.extremes if isinstance(setting, Distribution) else (setting,):
         if bounds.options:
             if str(value) not in bounds.options:

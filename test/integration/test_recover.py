@@ -11,6 +11,8 @@ import sys
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer as McapWriter
 
 from ema_cli.main import run
 from ema_record.bag.read import read_bag, write_bag
@@ -278,3 +280,31 @@ def test_a_cut_bag_of_a_recorder_with_few_channels(tmp_path):
     assert 0 < report.samples < len(record) and found.columns == (0, 1, 2, 3)
     np.testing.assert_array_equal(found.samples, record.samples[:report.samples])
     assert found.provenance.actuator == "0123456789abcdef"
+
+
+def test_a_foreign_channel_without_schema_is_left_out(good, tmp_path):
+    folder = tmp_path / "cut"
+    folder.mkdir()
+    with (folder / "cut_0.mcap").open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start()
+        channels = {}
+        (source,) = good.glob("*.mcap")
+        with source.open("rb") as of:
+            for schema, channel, message in make_reader(of).iter_messages():
+                if channel.topic not in channels:
+                    schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+                    channels[channel.topic] = writer.register_channel(
+                        channel.topic, channel.message_encoding, schema_id, channel.metadata)
+                writer.add_message(channels[channel.topic], message.log_time, message.data,
+                                   message.publish_time)
+            of.seek(0)
+            for metadata in make_reader(of).iter_metadata():
+                writer.add_metadata(metadata.name, metadata.metadata)
+        foo = writer.register_channel("/foo", "cdr", 0)
+        writer.add_message(foo, 10**9, b"x", 10**9)
+        writer.finish()
+    whole = (folder / "cut_0.mcap").read_bytes()
+    (folder / "cut_0.mcap").write_bytes(whole[:-200])
+    recover_bag(folder, tmp_path / "out")
+    assert len(read_bag(tmp_path / "out")) > 0

@@ -84,7 +84,7 @@ def with_discrepancy(library: FleetLibrary, left: Discrepancy, *, seed: int = 0)
     found = replace(library, left=left, aside=(conditions, features))
     name = "left_" + cache.key_of(
         hashlib.sha256(np.concatenate([library.weights.ravel(), *left]).tobytes()).hexdigest(),
-        str(seed), module=__name__)
+        str(seed), *(s.variant.name for s in library.signatures), module=__name__)
     ranked = cache.load(name)
     if ranked is None:
         units = [TestedUnit(library=found, values=values, conditions=conditions_of(row))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from ema_identification.report.words import number
@@ -114,7 +116,7 @@ def folded(before: InputBalance, after: InputBalance, order: float) -> Panel:
     size = np.hypot(*after.columns[:, after.span(index)].T)
     slow = size > min(0.2, 0.5 * float(size.max()))  # the filter lets it pass
     return Panel(
-        name=f"folded_{number(order, 4).replace('.', '_')}", step="name",
+        name=re.sub(r"\W+", "_", f"folded_{order:.9g}"), step="name",
         title=f"Residual folded over one period of the wave in position, {words}",
         x_label="phase of the wave (rad)", y_label=f"residual of the {label}",
         curves=(

@@ -103,3 +103,14 @@ def test_damaged_messages_are_errors_and_the_assembler_lives_on(record):
     assembler.take(COMMAND, encode_command(record.profile, EPOCH), 0.0)
     found, _ = feed(assembler, blocks)
     assert np.array_equal(found.samples, record.samples)
+
+
+def test_samples_before_their_command_after_a_test_that_was_cut(record):
+    assembler = RecordAssembler()
+    assembler.take(COMMAND, encode_command(record.profile, EPOCH), 0.0)
+    blocks = blocks_of(record)
+    assert feed(assembler, blocks[:10]) == (None, 10)
+    assert feed(assembler, blocks[:3], now=1.0) == (None, 3)
+    assembler.take(COMMAND, encode_command(record.profile, EPOCH + 10**10), 1.0)
+    found, _ = feed(assembler, blocks[3:], now=1.0)
+    assert found is not None and len(found) == len(record)

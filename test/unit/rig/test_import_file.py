@@ -3,6 +3,7 @@
 import gzip
 import io
 import pickle
+import zipfile
 
 import numpy as np
 import pytest
@@ -71,11 +72,15 @@ def test_gzip_mat_and_npz_hold_the_same(tmp_path):
     scipy.io.savemat(tmp_path / "b.mat", {k: v[:, None] for k, v in columns().items()})
     scipy.io.savemat(tmp_path / "c.mat", {"run": columns()}, do_compression=True)
     np.savez_compressed(tmp_path / "d.npz", **columns())
+    with zipfile.ZipFile(tmp_path / "d.npz", "a") as archive:
+        archive.writestr("README", "not an array")
     for name in ("a.txt.gz", "b.mat", "d.npz"):
         check(import_file(tmp_path / name, map_from(MAP, "map")))
+    np.savez(tmp_path / "e.npz", **{f"run.{k}": v for k, v in columns().items()})
     inside = {k: {**v, "column": f"run.{v['column']}"} if isinstance(v, dict) else v
               for k, v in MAP.items()}
     check(import_file(tmp_path / "c.mat", map_from(inside, "map")))
+    check(import_file(tmp_path / "e.npz", map_from(inside, "map")))
 
 
 def test_decimal_comma_columns_by_number_and_part_of_the_time(tmp_path):
@@ -236,6 +241,8 @@ def write_object_npz(path):
      "line 302: 2 columns, expected 4"),
     ("a.csv.gz", lambda p: p.write_bytes(gzip.compress(text().encode())[:-20]), "damaged gzip"),
     ("a.csv", lambda p: p.write_bytes(b""), "0 bytes"),
+    ("a.csv", lambda p: p.write_text('t,i,"' + 140_000 * "x" + '"\n1,2,3\n'), "field larger"),
+    ("a.npz", lambda p: np.savez(p, **{k: v[:0] for k, v in columns().items()}), "no samples"),
     ("a.parquet", lambda p: p.write_bytes(b"PAR1"), "no Parquet file"),
     ("a.ods", lambda p: p.write_bytes(b"PK"), "save it as XLSX or as CSV"),
     ("a.foo", lambda p: p.write_bytes(b"x"), "is not known: give one of .csv"),

@@ -133,6 +133,18 @@ def test_a_dynamic_joint_state_with_a_current(tmp_path, storage):
     check(import_file(path, map_from(guess_map(path, None, "elbow").data, "g")), "input_current")
 
 
+def test_a_dynamic_joint_state_that_lists_a_joint_without_values(tmp_path):
+    def empty(ns, row):
+        message = dynamic(ns, row)
+        message.interface_values = message.interface_values[:1]
+        return message
+
+    path = bag(tmp_path / "run", StoragePlugin.MCAP,
+               joints(empty, "control_msgs/msg/DynamicJointState", "/dynamic_joint_states"))
+    with pytest.raises((UsageError, InvalidRecordError)):
+        guess_map(path, None, "elbow")
+
+
 def test_a_sqlite_bag_of_before_iron_holds_no_definitions(tmp_path):
     path = bag(tmp_path / "run", StoragePlugin.SQLITE3,
                joints(dynamic, "control_msgs/msg/DynamicJointState", "/dynamic_joint_states"))

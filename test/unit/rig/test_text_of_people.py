@@ -212,7 +212,10 @@ def test_what_is_supposed_has_to_be_confirmed(tmp_path, capsys, monkeypatch):
     assert "say --set axis=... --set position.unit=... --set input.unit=..., or write" in error
     assert error.count("\n") == 1
     assert run(["import", "a.csv", "--set", "input.unit=N m", "--set", "position.unit=rad",
-                "--set", "axis=rotary", "--out", "bag"]) == 0
+                "--set", "axis=rotary", "--set", "position.scale=1e0", "--out", "bag"]) == 0
+    capsys.readouterr()
+    assert run(["import", "a.csv", "--set", "start=2024-13-45", "--out", "other"]) == 2
+    assert "the value is no YAML" in capsys.readouterr().err
     assert run(["import", "a.csv", "--guess"]) == 0
     assert "# supposed: input.unit: V" in capsys.readouterr().out
     written = yaml.safe_load((tmp_path / "a.map.yaml").read_text())

@@ -95,6 +95,19 @@ def test_what_knows_the_mechanical_angle_differs_from_turn_to_turn():
     assert differ == OF_THE_ROTOR
 
 
+def test_conditions_are_read_beside_a_load_that_turns_the_rotor_before_it_is_driven():
+    """The shaft winds up by 200 N m: half a radian, at up to 45 rad/s, in 20 ms."""
+    model = load_model_file()
+    loaded = parse_effects(["surface_load.constant=-200"], model.effects)
+    record = simulate(load_profile("step"), seed=5, start_angle=2.0, effects=loaded)
+    turned = np.ptp(np.unwrap(record.channel("rotor_angle")[record.at_rest]))
+    found = align(record, model)
+    assert turned > 0.3
+    assert found.start_angle == pytest.approx(2.0, abs=0.002)
+    assert found.noise.speed == pytest.approx(1.0, abs=0.2)
+    assert found.noise.current == pytest.approx(1.0, abs=0.2)
+
+
 def test_every_effect_of_the_catalogue_is_a_candidate():
     assert {v.effect for v in variants()} == set(EFFECTS)
 

@@ -16,7 +16,7 @@ from fleet_unit import (
     unit,
 )
 
-from ema_identification.actuator import gap
+from ema_identification.actuator import gap, next_test
 from ema_identification.actuator.decision import fit
 from ema_identification.actuator.decision.decide import decide
 from ema_identification.actuator.decision.proposals import scores
@@ -136,6 +136,30 @@ def test_discrepancy_of_a_type_is_taken_off(tmp_path, monkeypatch):
     verdicts = [decide(u).verdict for u in new]
     assert verdicts.count("no disagreement") >= 9
     assert sorted(p.name[:5] for p in (tmp_path / "ema_phm").iterdir()) == ["left_"]
+    plain = acceptance.with_discrepancy(replace(library, signatures=()), left)  # held out
+    assert not np.array_equal(plain.healthy, found.healthy)
+    again = acceptance.with_discrepancy(library, left)
+    assert np.array_equal(again.healthy, found.healthy)
+
+
+@pytest.mark.slow
+def test_a_test_is_proposed_for_a_change_by_runs_of_the_unit_as_it_is(ranked, monkeypatch):
+    """The accepted records are of another test, whose features are others."""
+    changed = pair(ranked, 5, backlash=2.0)
+    answer = decide(changed)
+    seen = []
+
+    def shorter(*arguments):
+        seen.append(run(*arguments)[:-1])
+        return seen[-1]
+
+    monkeypatch.setattr(next_test, "feature_map", lambda *_: None)
+    monkeypatch.setattr(next_test, "simulate", lambda *_, **__: None)
+    monkeypatch.setattr(next_test, "whole", lambda record, _: record)
+    object.__setattr__(changed, "simulator", shorter)
+    others = [f for f in answer.fits if f.names != answer.fit.names][:1]
+    assert next_test._separation(None, changed, [answer.fit, *others]) > 0.0
+    assert len(seen) == 2 * next_test.TEST_RUNS
 
 
 def test_a_kit_without_acceptance_records_has_no_discrepancy(tmp_path, monkeypatch):

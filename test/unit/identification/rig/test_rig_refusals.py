@@ -97,3 +97,11 @@ def test_gaps_split_the_record_and_are_said(bench):
     assert "1 gap of" in trajectory.notes[0]
     edge = 1.0 / trajectory.band
     assert not ((trajectory.time > 6.0 - 0.3 * edge) & (trajectory.time < 6.8)).any()
+
+
+@pytest.mark.parametrize(("first", "second"), [
+    (("position", "speed"), ("position",)), (("position",), ("speed",)),
+])
+def test_records_of_one_axis_have_the_same_channels(bench, first, second):
+    with pytest.raises(UsageError, match="identify records with the same channels together"):
+        prepare([bench(keep=first), bench(keep=second)], Settings())

@@ -121,6 +121,9 @@ def test_the_store_knows_what_changed(tmp_path):
         assert again.get(first) == {"x": 1}
         assert other.get(first) is None
         assert again.get(None) is None
+        other._write("INSERT OR REPLACE INTO verdicts VALUES (?, ?, ?)", [("other", "aa", "{")])
+    with VerdictStore("other", tmp_path) as damaged:
+        assert damaged.get("aa") is None
     (tmp_path / f"v{FORM}_{FILE}").write_bytes(b"damaged" * 1000)
     with VerdictStore("j", tmp_path) as damaged:
         assert damaged.get(first) is None

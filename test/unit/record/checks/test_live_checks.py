@@ -103,3 +103,9 @@ def test_numbers_beyond_all_sense_are_short(good, channel):
     said += [reason_of(finding) for finding in guard_findings(record)]
     assert "e+" in " ".join(said)
     assert max(map(len, said)) < 600 and not any(re.search(r"\d{20}", text) for text in said)
+
+
+def test_a_short_record_without_rotor_angle_is_looked_at(good):
+    samples = good.samples[:100].copy()
+    samples[:, CHANNEL_NAMES.index("rotor_angle")] = np.nan
+    assert guard_findings(replace(good, samples=samples)) is not None

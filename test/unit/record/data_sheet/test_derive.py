@@ -253,3 +253,5 @@ def test_a_description_with_other_values_reads_back_as_they_are(tmp_path, said):
         assert load_actuator() == new
     assert text.count("commutation_latency: 1.25") == 1
     assert with_values(text, new) == text
+    with pytest.raises(UsageError, match="motor: all on one line"):
+        with_values("motor: {inertia: 1e-5}\n", new)
