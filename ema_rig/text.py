@@ -332,8 +332,8 @@ def _numbered(body: str, layout: _Layout, path: Path) -> Iterator[tuple[int, lis
             if any(cell.strip() for cell in cells) and not cells[0].startswith(_COMMENT):
                 yield layout.first + reader.line_num, cells
     except csv.Error as error:
-        line = layout.first + reader.line_num
-        raise InvalidRecordError(f"{path}: line {line}: {error}: correct that line") from None
+        at = layout.first + reader.line_num
+        raise InvalidRecordError(f"{path}: line {at}: {error}: correct that line") from None
 
 
 def _uneven(path: Path, line: int, found: int, count: int) -> InvalidRecordError:

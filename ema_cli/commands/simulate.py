@@ -13,7 +13,7 @@ from ema_cli.console import check_new, check_new_file, drawing, note, print_json
 from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber, given_once
 from ema_record.errors import UsageError
 from ema_record.files import check_apart
-from ema_record.kit import kit_option
+from ema_record.kit import CASCADE, kit_folder, kit_option
 
 if TYPE_CHECKING:
     import numpy as np
@@ -128,8 +128,10 @@ def simulate(
         return 0
     for path in plots:
         say(str(path))
-    check = f"ema check {shlex.quote(str(written))}{kit_option()}"
-    note(f"simulated {chosen.duration:g} s in {wall:.2f} s; next: {check}")
+    check = f"next: ema check {shlex.quote(str(written))}{kit_option()}"
+    if not (kit_folder() / CASCADE).is_file():
+        check = "no verdict with this kit until 'ema commission' or 'ema train' has completed it"
+    note(f"simulated {chosen.duration:g} s in {wall:.2f} s; {check}")
     return 0
 
 

@@ -202,6 +202,7 @@ def next_commands(
     """
     found = []
     measured = " ".join(shlex.quote(path) for path in as_list(inputs.get("measured", ())))
+
     def given(*options: str) -> str:
         return "".join(f" --{option} {shlex.quote(value)}" for option in options
                        for value in as_list(inputs.get(option, ()))) + kit_option()
