@@ -29,9 +29,6 @@ Status = Literal["complete", "aborted", "interrupted"]
 SETTLING = 1e-3
 """Until the currents of the test before have gone once the inverter is off, and before it drives
 again (s): a coil gives its energy back through the diodes within L I / U, some 0.1 ms."""
-PARTS, PART_SAMPLES = 8, 16
-"""Into so many parts an interval at rest is cut at most, of at least so many samples, to tell
-noise from motion."""
 LARGEST_STEP = 1.5
 """Longest step of time, in sample intervals, after which no sample is missing."""
 
@@ -234,16 +231,3 @@ def check_samples(samples: np.ndarray, source: str) -> None:
             f"{source}: {samples[-1, TIME] - samples[0, TIME]:.3g} s long, at most "
             f"{MAX_DURATION:g} s: a record holds one test"
         )
-
-
-def scatter_at_rest(values: np.ndarray) -> np.ndarray:
-    """Return the noise of values, shape (n, m) -> (m,): rms about a line, of the middle part.
-
-    Of some parts of the interval: a shaft that unwinds as the drive lets go is motion.
-    """
-    found = []
-    for part in np.array_split(values, max(1, min(PARTS, len(values) // PART_SAMPLES))):
-        time = np.arange(len(part)) - 0.5 * (len(part) - 1)
-        rest = part - part.mean(axis=0) - np.outer(time, time @ part / (time @ time))
-        found.append(np.sqrt((rest**2).sum(axis=0) / (len(part) - 2)))
-    return np.asarray(median(np.transpose(found), axis=-1))

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ema_prognostics.features.consistency import scatter_at_rest
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import ProfileKind, profile_kind
 from ema_prognostics.verdict.judge import UNKNOWN_SERIAL, forbidden
@@ -25,7 +26,7 @@ from ema_record.channels import (
     SURFACE_POSITION,
 )
 from ema_record.errors import RecordError, UsageError
-from ema_record.record import Record, scatter_at_rest
+from ema_record.record import Record
 from ema_record.spread import Conditions
 from ema_sim.rebuild import present
 from ema_sim.simulate import simulate

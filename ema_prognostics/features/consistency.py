@@ -13,8 +13,7 @@ import numpy as np
 
 from ema_prognostics.features.signals import MIN_SAMPLES, Signals
 from ema_record.actuator import Actuator
-from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS
-from ema_record.record import scatter_at_rest
+from ema_record.channels import PHASE_CURRENTS, REFERENCE_CURRENTS, median
 
 QUIET = 0.25
 """Part of the declared noise below which all records are alike."""
@@ -22,11 +21,27 @@ TINY = 1e-9
 """Floor where nothing is declared, in the unit of the channel."""
 SMOOTHING = 41
 """Samples of the running mean that is taken off before a scatter is measured."""
+PARTS, PART_SAMPLES = 8, 16
+"""Into so many parts an interval at rest is cut at most, of at least so many samples, to tell
+noise from motion."""
 
 
 def _log(value: float, floor: float = 0.0) -> float:
     """Return the logarithm of a positive quantity, floored where it vanishes."""
     return float(np.log(max(value, floor, TINY)))
+
+
+def scatter_at_rest(values: np.ndarray) -> np.ndarray:
+    """Return the noise of values, shape (n, m) -> (m,): rms about a line, of the middle part.
+
+    Of some parts of the interval: a shaft that unwinds as the drive lets go is motion.
+    """
+    found = []
+    for part in np.array_split(values, max(1, min(PARTS, len(values) // PART_SAMPLES))):
+        time = np.arange(len(part)) - 0.5 * (len(part) - 1)
+        rest = part - part.mean(axis=0) - np.outer(time, time @ part / (time @ time))
+        found.append(np.sqrt((rest**2).sum(axis=0) / (len(part) - 2)))
+    return np.asarray(median(np.transpose(found), axis=-1))
 
 
 def detrended(x: np.ndarray, n: int = SMOOTHING) -> np.ndarray:

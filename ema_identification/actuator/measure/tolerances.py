@@ -17,7 +17,7 @@ import numpy as np
 from ema_identification.actuator.measure.signals import TURN
 from ema_record.actuator import Actuator
 from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS
-from ema_record.record import Record, scatter_at_rest
+from ema_record.record import Record
 from ema_sim.effects import EFFECTS, Effects
 from ema_sim.model_file import Model
 
@@ -161,6 +161,9 @@ NOISE_RANGE = (0.1, 20.0)
 """Factors on the sensor noise that are believed."""
 FEWEST_VALUES = 4
 """Of a speed at rest: one that reads fewer shows the steps of its converter, not its noise."""
+PARTS, PART_SAMPLES = 8, 16
+"""Into so many parts a rest is cut at most, of at least so many samples, to tell noise from
+motion: of some 2 ms, where the shaft swings in 20."""
 
 
 def align(record: Record, model: Model) -> RecordConditions:
@@ -197,6 +200,19 @@ def _supply(record: Record) -> tuple[float, float]:
     return float(voltage.mean()), float(current.mean())
 
 
+def _variance(values: np.ndarray) -> np.ndarray:
+    """Return the variance of noise, shape (n, m) -> (m,): about a parabola in each of some parts.
+
+    A load turns the rotor while nothing holds it, which is motion and no noise.
+    """
+    squares, freedom = np.zeros(values.shape[1]), 0
+    for part in np.array_split(values, max(1, min(PARTS, len(values) // PART_SAMPLES))):
+        basis = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, len(part)), 3))[0]
+        squares += ((part - basis @ (basis.T @ part)) ** 2).sum(axis=0)
+        freedom += len(part) - 3
+    return squares / freedom
+
+
 def _noise(record: Record, model: Model) -> NoiseFactors:
     """Return the factors on the noise, from what is read while the inverter is off.
 
@@ -208,12 +224,11 @@ def _noise(record: Record, model: Model) -> NoiseFactors:
     if len(rest) < 40 or nominal.current <= 0.0:
         return NoiseFactors()
     speed, currents = rest[:, MOTOR_SPEED], rest[:, PHASE_CURRENTS]
-    current = float(np.sqrt((scatter_at_rest(currents) ** 2).mean())) / nominal.current
+    current = math.sqrt(float(_variance(currents).mean())) / nominal.current
     shown = current
     if nominal.speed > 0.0 and len(np.unique(speed)) >= FEWEST_VALUES:
         c = a.converters
         step = a.acquisition.converters * c.speed_range / 2.0**c.speed_bits
         rounding = step**2 / 12.0  # of an even error
-        scatter = float(scatter_at_rest(speed[:, None])[0])  # not the speed of one that turns
-        shown = math.sqrt(max(scatter**2 - rounding, 0.0)) / nominal.speed
+        shown = math.sqrt(max(float(_variance(speed[:, None])[0]) - rounding, 0.0)) / nominal.speed
     return NoiseFactors(*(float(np.clip(x, *NOISE_RANGE)) for x in (shown, current)))
