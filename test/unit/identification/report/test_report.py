@@ -185,6 +185,15 @@ def test_what_to_run_next_is_understood_by_the_commands(explained, machine, tmp_
     assert any("'a b' c" in line and "--without backlash" in line for line in lines)
 
 
+def test_a_second_record_is_held_to_the_same_model_by_the_test_it_holds(explained, tmp_path):
+    model = tmp_path / "mine.yaml"
+    model.write_text("")
+    inputs = {"measured": ["a"], "model": str(model), "profile": "p.yaml"}
+    again, both = next_commands(explained, tmp_path / "out", inputs)[1::2]
+    assert "--profile p.yaml --model" in again and "mine.yaml" not in again
+    assert f"--model {model}" in both and "--profile" not in both
+
+
 def test_text_is_escaped(page):
     assert "UNIT-0042 <b>" not in page.read_text("utf-8")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import joblib
@@ -22,10 +23,11 @@ from ema_prognostics.commission.report import percent, report_page, write_report
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_prognostics.training.rates import rate
 from ema_record.actuator import load_actuator
+from ema_record.actuator_type import actuator_hashes
 from ema_record.bag.read import write_bag
-from ema_record.kit import ACTUATOR, LIBRARY, kit_path
+from ema_record.kit import ACTUATOR, LIBRARY, kit_path, using_kit
 from ema_record.spread import load_spread
-from support.simulations import record_of
+from support.simulations import make_kit, record_of
 
 
 def plain(hits: int, total: int) -> dict[str, float]:
@@ -226,3 +228,20 @@ def test_a_guard_that_fits_is_not_widened() -> None:
     assert widening(np.array([0.5])) == 1.0
     assert widening(np.array([np.inf, np.inf, 0.5])) == 1.0
     assert widening(np.array([1.0, 3.0, 5.0])) == WIDEN
+
+
+@pytest.mark.parametrize("before", ["formerly: ['0123456789abcdef']",
+                                    "formerly:\n  - '0123456789abcdef'  # of a type before\n"])
+def test_a_description_is_written_anew_whatever_way_its_former_hashes_stand(tmp_path, before):
+    kit = make_kit(tmp_path / "kit", {}, cascade=False)
+    file = kit / ACTUATOR
+    file.write_text(before + "\n" + file.read_text("utf-8"), "utf-8")
+    with using_kit(kit):
+        actuator = load_actuator()
+        new = actuator._replace(motor=actuator.motor._replace(
+            phase_resistance=2.0 * actuator.motor.phase_resistance))
+        commissioning._Work._write_actuator(SimpleNamespace(_draft=kit), new)
+    with using_kit(kit):
+        assert load_actuator() == new
+        assert "0123456789abcdef" in actuator_hashes()
+    assert file.read_text("utf-8").count("formerly:") == 1

@@ -150,6 +150,15 @@ def test_the_hash_is_that_of_sha256sum(place):
     assert content_hash(bag) == hashlib.sha256(printed.stdout).hexdigest()
 
 
+def test_parts_of_a_recorder_that_died_are_one_bag_from_within_too(tmp_path, monkeypatch):
+    (tmp_path / "parts").mkdir()
+    for k in (0, 1):
+        (tmp_path / "parts" / f"parts_{k}.mcap").write_bytes(b"")
+    assert bags_below([tmp_path / "parts"]) == [tmp_path / "parts"]
+    monkeypatch.chdir(tmp_path / "parts")
+    assert bags_below([Path()]) == [Path()]
+
+
 def test_every_object_keeps_the_contract(found):
     text = (files("ema_prognostics.verdict") / "verdict.schema.json").read_text("utf-8")
     assert text == schema.schema_text()
