@@ -137,7 +137,7 @@ def _trajectory(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
             if record.has(channel) != first.has(channel):
                 raise UsageError(
                     f"{record.source} has {'a' if record.has(channel) else 'no'} {channel} and "
-                    f"{first.source} has {'a' if first.has(channel) else 'none'}: identify "
+                    f"{first.source} has {'one' if first.has(channel) else 'none'}: identify "
                     "records with the same channels together")
         check_record(record)
     notes: list[str] = []
