@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from typing import TypeVar
 
 from ema_record.errors import UsageError
+from ema_record.kit import ENVIRONMENT, using_kit
 
 Task = TypeVar("Task")
 Done = TypeVar("Done")
@@ -28,7 +29,7 @@ def done_by_workers(
     function: Callable[[Task], Done], tasks: Sequence[Task], *, jobs: int | None = None,
     dask: str | None = None,
 ) -> Iterator[Done]:
-    """Yield what `function` makes of each task, in any order.
+    """Yield what `function` makes of each task with this process's kit, in any order.
 
     Parameters
     ----------
@@ -64,8 +65,15 @@ def _parallel(
 
     parallel = Parallel(return_as="generator_unordered", batch_size=1, **options)
     with _ignored_interrupts():
-        found: Iterator[Done] = parallel(delayed(function)(task) for task in tasks)
+        kit = os.environ.get(ENVIRONMENT) or None
+        found: Iterator[Done] = parallel(delayed(_with_kit)(kit, function, task) for task in tasks)
     return found
+
+
+def _with_kit(kit: str | None, function: Callable[[Task], Done], task: Task) -> Done:
+    """Do a task in a worker, which lives longer than the kit it was started with."""
+    with using_kit(kit):
+        return function(task)
 
 
 @contextmanager
