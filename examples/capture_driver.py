@@ -7,6 +7,7 @@ file; `pace`, how much faster than they were taken samples are published, 0: at 
 """
 import math
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -34,10 +35,9 @@ class CaptureHardware:
         self.controller = node.create_publisher(
             JointTrajectory, "joint_trajectory_controller/joint_trajectory", 10)
         node.create_subscription(JointState, "joint_states", self.on_joint_states, 10)
-        self.stopped = self.moving = False
+        self.blocks, self.stopped, self.moving = [], False, False
         self.surface_position = math.nan  # a status without a number counts as none
         self.speed = self.begin = self.end = self.first = 0.0
-        self.blocks = []
 
     @property
     def active(self):
@@ -50,8 +50,7 @@ class CaptureHardware:
 
     def move(self, points):
         points, problem = way(points, self.surface_position, self.actuator)
-        if not problem and self.blocks:
-            problem = "the last move is being read out"
+        problem = "the last move is being read out" if self.blocks else problem
         if not problem:
             self.buffer.unlink(missing_ok=True)
             self.send(points)
@@ -96,4 +95,5 @@ class CaptureHardware:
 
 if __name__ == "__main__":
     rclpy.init()
-    rclpy.spin(Driver(CaptureHardware))
+    with suppress(KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
+        rclpy.spin(Driver(CaptureHardware))

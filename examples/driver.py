@@ -1,6 +1,7 @@
 """A driver of an actuator, written against docs/driver.md; `Hardware` stands for the drive."""
 import array
 import time
+from contextlib import suppress
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -18,8 +19,7 @@ class Driver(Node):
     def __init__(self, make_hardware=Hardware):
         super().__init__("driver")
         self.hardware = make_hardware(self)
-        self.status, self.pending = (OK, "ready"), []
-        self.stamp = self.start = self.done = 0
+        self.status, self.pending, self.stamp, self.start, self.done = (OK, "ready"), [], 0, 0, 0
         self.wheels, self.sign = (False, 0.0), (0, 0.0)  # what was heard, and when
         keep_all = QoSProfile(history=HistoryPolicy.KEEP_ALL)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -76,11 +76,10 @@ class Driver(Node):
             self.report()
 
     def report(self, status=None):
-        self.status, drive = status or self.status, self.hardware
+        self.status, drive, bus = status or self.status, self.hardware, self.hardware.dc_bus
         header = Header(stamp=self.get_clock().now().to_msg())
-        if drive.dc_bus:  # V, and A that it takes; None: not measured
-            self.bus.publish(
-                BatteryState(header=header, voltage=drive.dc_bus[0], current=-drive.dc_bus[1]))
+        if bus:  # V, and A that it takes; None: not measured
+            self.bus.publish(BatteryState(header=header, voltage=bus[0], current=-bus[1]))
         values = {"state": "active" if drive.active else "idle", "command_stamp": self.stamp,
                   "surface_position": drive.surface_position, "start_time": self.start,
                   "samples_published": self.done, "acquisition": drive.acquisition}
@@ -96,4 +95,5 @@ def nanoseconds(stamp):
 
 if __name__ == "__main__":
     rclpy.init()
-    rclpy.spin(Driver())
+    with suppress(KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
+        rclpy.spin(Driver())

@@ -12,10 +12,12 @@ from __future__ import annotations
 
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import rclpy
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
@@ -124,7 +126,8 @@ class Controller(Node):
 def main() -> None:
     """Run the controller until the process is ended."""
     rclpy.init(args=sys.argv)
-    rclpy.spin(Controller())
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin(Controller())
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from contextlib import ExitStack, contextmanager
@@ -38,8 +39,8 @@ def process(repository, path, **parameters):
         stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": python},
     )
     yield started
-    started.kill()
-    _, errors = started.communicate()
+    started.send_signal(signal.SIGINT)
+    _, errors = started.communicate(timeout=60.0)
     assert "Traceback" not in errors, errors
     assert "refused: " not in errors, errors
 
