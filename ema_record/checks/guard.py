@@ -15,21 +15,12 @@ from typing import Literal
 import numpy as np
 
 from ema_record.actuator import Actuator
-from ema_record.checks import (
-    held,
-    origin,
-    physics,
-    sensors,
-    stream,
-    travel,
-    values,
-    whole_turns,
-)
+from ema_record.checks import origin, physics, sensors, stream, travel, values, whole_turns
 from ema_record.checks.facts import BagFacts, Finding, Rule, facts_of_record
 from ema_record.record import Record
 
 RULES: tuple[Rule, ...] = (*stream.RULES, *origin.RULES, *values.RULES, *physics.RULES,
-                           *sensors.RULES, *travel.RULES, *whole_turns.RULES, *held.RULES)
+                           *sensors.RULES, *travel.RULES, *whole_turns.RULES, sensors.HELD_SAMPLES)
 MAX_FINDINGS = 20
 """Most findings of one rule that are told."""
 
