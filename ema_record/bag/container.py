@@ -175,11 +175,7 @@ def _counts(information: dict[str, Any]) -> dict[str, int]:
 
 
 def read_content(
-    path: Path,
-    topics: frozenset[str],
-    *,
-    validate_crcs: bool = True,
-    file_order: bool = False,
+    path: Path, topics: frozenset[str], *, validate_crcs: bool = True, file_order: bool = False
 ) -> BagContent:
     """Return the messages of `topics`, sorted by log time, and all metadata.
 
@@ -266,13 +262,18 @@ def _check_types(mcap: McapStream, topics: frozenset[str]) -> None:
         if topic not in topics:
             continue
         expected = TOPICS[topic].type
-        found = re.sub(r"^(\w+)/(\w+)$", r"\1/msg/\2", channel.schema_name)
+        found = full_type(channel.schema_name)
         if found != expected or channel.message_encoding != MESSAGE_ENCODING:
             raise InvalidRecordError(
                 f"{mcap.name}: {channel.topic} is {found[:60]!r} in "
                 f"{channel.message_encoding[:20]!r}, expected {expected!r} in "
                 f"{MESSAGE_ENCODING!r}: record the topics of the actuator's test"
             )
+
+
+def full_type(name: str) -> str:
+    """Return the name of a message type with ``/msg/``, as it was written or without."""
+    return re.sub(r"^(\w+)/(\w+)$", r"\1/msg/\2", name)
 
 
 @contextmanager

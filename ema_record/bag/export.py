@@ -19,7 +19,7 @@ from ema_record.channels import (
     SURFACE_POSITION,
     TIME,
 )
-from ema_record.errors import OutputError, UsageError, unknown_name
+from ema_record.errors import OutputError, UsageError, library, unknown_name
 from ema_record.files import exists, new_file
 from ema_record.profile import Profile
 from ema_record.record import Record
@@ -103,14 +103,9 @@ def _write_csv(record: Record, path: Path) -> None:
 
 
 def _write_parquet(record: Record, path: Path) -> None:
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError:
-        raise UsageError(
-            "export to parquet needs the package pyarrow, which is not installed: "
-            "pip install pyarrow, or export to csv"
-        ) from None
+    pa = library("pyarrow", "export to parquet", "export to csv")
+    import pyarrow.parquet as pq
+
     recorded = record.columns
     schema = pa.schema(
         [pa.field(CHANNELS[k].name, pa.float64(), metadata={"unit": CHANNELS[k].unit})

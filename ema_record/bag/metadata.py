@@ -57,15 +57,10 @@ def qos_dict(qos: Qos) -> dict[str, Any]:
     }
 
 
-def offered_qos_profiles(qos: Qos) -> str:
-    """Return the YAML text of the channel metadata ``offered_qos_profiles``."""
-    return yaml.safe_dump([qos_dict(qos)], sort_keys=False).strip()
-
-
 def channel_metadata(topic: Topic) -> dict[str, str]:
     """Return the metadata of a topic's MCAP channel."""
-    return {"offered_qos_profiles": offered_qos_profiles(topic.qos),
-            "topic_type_hash": type_hash(topic.type)}
+    offered = yaml.safe_dump([qos_dict(topic.qos)], sort_keys=False).strip()
+    return {"offered_qos_profiles": offered, "topic_type_hash": type_hash(topic.type)}
 
 
 def topic_row(topic: Topic, count: int) -> dict[str, Any]:

@@ -44,20 +44,14 @@ from ema_record.wire.views import views_of
 _READ_TOPICS = frozenset({SAMPLES, COMMAND, DC_BUS, WINDING_TEMPERATURE})
 
 
-def read_bag(
-    path: str | Path, *, validate_crcs: bool = True, validate_values: bool = True
-) -> Record:
+def read_bag(path: str | Path, *, validate_values: bool = True) -> Record:
     """Return the record that a bag holds.
 
     Parameters
     ----------
-    path : path-like
-        A rosbag2 directory of any conforming recorder, or a single ``.mcap`` file.
-    validate_crcs : bool
-        Compare the checksums of the file.
-    validate_values : bool
-        Refuse samples that are not finite or whose time does not increase. Without it they
-        are left to the caller, as the record checks of the built-in test do.
+    path : a rosbag2 directory of any conforming recorder, or a single ``.mcap`` file.
+    validate_values : refuse samples that are not finite or whose time does not increase. Without
+        it they are left to the caller, as the record checks of the built-in test do.
 
     Returns
     -------
@@ -74,7 +68,7 @@ def read_bag(
         The recording was cut, or the test ended before a sample was recorded.
 
     """
-    bag = Recording(path, validate_crcs=validate_crcs)
+    bag = Recording(path)
     bag.check_counts()
     blocks = bag.blocks()
     if not blocks:
@@ -111,37 +105,26 @@ class Recording:
 
     Parameters
     ----------
-    path : path-like
-        See `read_bag`.
-    topics : sequence of str
-        What else is read.
-    as_recorded : bool
-        Leave messages in the order of the file, and note those that cannot be decoded in
-        `errors` instead of refusing the bag.
-    validate_crcs : bool
-        Compare the checksums of the file.
+    path : see `read_bag`.
+    topics : what else is read.
+    as_recorded : leave messages in the order of the file, and note those that cannot be decoded
+        in `errors` instead of refusing the bag.
 
     Attributes
     ----------
-    content : BagContent
-        Messages and metadata as they are.
-    test : TestMetadata
-        Our own metadata, as far as the bag has them.
-    errors : list of str
-        Messages that cannot be decoded, one line each; empty where they are refused.
+    content : messages and metadata as they are.
+    test : our own metadata, as far as the bag has them.
+    errors : messages that cannot be decoded, one line each; empty where they are refused.
 
     """
 
     def __init__(
-        self, path: str | Path, topics: Sequence[str] = (), *, as_recorded: bool = False,
-        validate_crcs: bool = True,
+        self, path: str | Path, topics: Sequence[str] = (), *, as_recorded: bool = False
     ) -> None:
         """Read the messages (InvalidRecordError, IncompleteRecordError: they cannot be)."""
         self.source = str(path)
         self.content = read_content(
-            Path(path), _READ_TOPICS.union(topics), validate_crcs=validate_crcs,
-            file_order=as_recorded,
-        )
+            Path(path), _READ_TOPICS.union(topics), file_order=as_recorded)
         test = read_test_metadata(self.content.metadata, self.source)
         self.test = replace(
             test, provenance=replace(test.provenance, namespace=self.content.namespace)
@@ -252,30 +235,14 @@ class Recording:
         return np.array(rows, dtype=np.float64).reshape(len(rows), 3 if topic == DC_BUS else 2)
 
 
-def write_bag(
-    record: Record,
-    path: str | Path,
-    *,
-    views: bool = True,
-    chunk_size: int | None = None,
-) -> Path:
+def write_bag(record: Record, path: str | Path, *, views: bool = True) -> Path:
     """Write a record as a bag, the same bytes for the same record.
 
     Parameters
     ----------
-    record : Record
-        At least one sample; channels that are NaN throughout are left out.
-    path : path-like
-        The directory to make.
-    views : bool
-        Also write the topics for people, decimated: joint states, phase currents.
-    chunk_size : int, optional
-        See `BagWriter`.
-
-    Returns
-    -------
-    Path
-        The directory.
+    record : at least one sample; channels that are NaN throughout are left out.
+    path : the directory to make, which is returned.
+    views : also write the topics for people, decimated: joint states, phase currents.
 
     Raises
     ------
@@ -285,13 +252,11 @@ def write_bag(
         No sample, or times before the acceptance of the command.
 
     """
-    from ema_record.bag.writer import CHUNK_SIZE, BagWriter
+    from ema_record.bag.writer import BagWriter
 
     messages = _messages(record, views=views)
-    with BagWriter(
-        path, profile=record.profile, provenance=record.provenance,
-        chunk_size=chunk_size or CHUNK_SIZE, flush_interval=None,
-    ) as writer:
+    with BagWriter(path, profile=record.profile, provenance=record.provenance,
+                   flush_interval=None) as writer:
         for time, topic, data in messages:
             writer.write_raw(topic, data, time)
         return writer.close(record.provenance.status)

@@ -46,8 +46,6 @@ FLUSH_INTERVAL = 0.04
 """Time after which messages are handed to the operating system while recording (s)."""
 FLUSH_BYTES = 64 << 10
 """The same for bytes, where a late process catches up: 41 ms of samples at 20 kHz."""
-MIN_CHUNK_SIZE = 256 << 10
-MAX_CHUNK_SIZE = 1 << 20
 MCAP_PROFILE = "ros2"
 LIBRARY = f"ema_phm {VERSION}; mcap-python {mcap.__version__}"
 
@@ -65,8 +63,6 @@ class RawBag:
         The topics of the bag.
     namespace : str
         Of the actuator: the topics are written under it, and are given without it.
-    chunk_size : int
-        256 KiB to 1 MiB.
     flush_interval : float or None
         Longest time that a message waits for a chunk to fill (s): so much of the recording
         and the block in progress are lost where the process is killed. None: until the chunk
@@ -86,14 +82,9 @@ class RawBag:
         records: Mapping[str, Mapping[str, str]],
         topics: Sequence[Topic],
         namespace: str = "",
-        chunk_size: int = CHUNK_SIZE,
         flush_interval: float | None = None,
     ) -> None:
         """Make the directory, and begin the file in it."""
-        if not MIN_CHUNK_SIZE <= chunk_size <= MAX_CHUNK_SIZE:
-            raise UsageError(
-                f"chunk size {chunk_size} is outside {MIN_CHUNK_SIZE} to {MAX_CHUNK_SIZE} bytes"
-            )
         self.path = Path(path)
         self.closed = False
         self._flush_interval = flush_interval
@@ -107,7 +98,7 @@ class RawBag:
         try:
             self._stream: IO[bytes] = self.file.open("xb")
             self._mcap = mcap.writer.Writer(
-                self._stream, chunk_size=chunk_size, enable_data_crcs=True
+                self._stream, chunk_size=CHUNK_SIZE, enable_data_crcs=True
             )
             self._mcap.start(profile=MCAP_PROFILE, library=LIBRARY)
             for name, values in records.items():
@@ -195,7 +186,7 @@ class RawBag:
         """End the chunk in progress and hand all bytes to the operating system.
 
         What was written before survives the death of this process; without it up to
-        `chunk_size` bytes of messages are lost.
+        `CHUNK_SIZE` bytes of messages are lost.
         """
         self._waiting_since = None
         self._waiting_bytes = 0
@@ -262,7 +253,7 @@ class BagWriter(RawBag):
     provenance : Provenance
         Serial number, software version, start time, namespace and hash of the actuator; its
         status and source are not used.
-    chunk_size, flush_interval, topics
+    flush_interval, topics
         See `RawBag`.
 
     """
@@ -273,7 +264,6 @@ class BagWriter(RawBag):
         *,
         profile: Profile,
         provenance: Provenance,
-        chunk_size: int = CHUNK_SIZE,
         flush_interval: float | None = FLUSH_INTERVAL,
         topics: Sequence[Topic] = BAG_TOPICS,
     ) -> None:
@@ -282,7 +272,7 @@ class BagWriter(RawBag):
         self.provenance = provenance
         super().__init__(
             path, records={START: start_record(profile, provenance)}, topics=topics,
-            namespace=provenance.namespace, chunk_size=chunk_size, flush_interval=flush_interval,
+            namespace=provenance.namespace, flush_interval=flush_interval,
         )
         self.flush()
 
