@@ -17,14 +17,7 @@ from functools import cache
 
 import numpy as np
 
-from ema_record.channels import (
-    ALL,
-    CHANNEL_LABEL,
-    N_CHANNELS,
-    check_channel_label,
-    columns_of,
-    label_of,
-)
+from ema_record.channels import ALL, CHANNEL_LABEL, N_CHANNELS, columns_of, label_of
 from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.limits import MAX_MESSAGE_BYTES
 
@@ -164,7 +157,7 @@ def decode_block(data: bytes | memoryview) -> np.ndarray:
         Damaged, too large, other channels, or one is missing that must be there.
 
     """
-    label, samples = decode_labelled(data, check_channel_label)
+    label, samples = decode_labelled(data, columns_of)
     if label == CHANNEL_LABEL:
         return samples
     whole = np.full((len(samples), N_CHANNELS), np.nan)
@@ -173,7 +166,7 @@ def decode_block(data: bytes | memoryview) -> np.ndarray:
 
 
 def decode_labelled(
-    data: bytes | memoryview, check: Callable[[str], None] | None = None
+    data: bytes | memoryview, check: Callable[[str], object] | None = None
 ) -> tuple[str, np.ndarray]:
     """Return the label of the channels and the samples of a std_msgs/Float64MultiArray.
 
