@@ -112,16 +112,13 @@ class ConformanceNode(Node):
             raise TestRefusedError(
                 f"the driver's state is {self.heard.values['state'][:40]!r}: wait until it is "
                 "idle")
-        alone = not self._another_aircraft()
+        alone = self.count_publishers(resolved(self, WEIGHT_ON_WHEELS)) <= 1
         if alone:
             self.heard.refused = self._command_to_stay(on_wheels=False)
         self.heard.held = self._command_to_stay(on_wheels=True)
         if alone and self._accepted(self.heard.held):
             self.heard.stopped = self._command_to_stay(on_wheels=True, open_after=0.3)
         return self.heard
-
-    def _another_aircraft(self) -> bool:
-        return self.count_publishers(resolved(self, WEIGHT_ON_WHEELS)) > 1
 
     def _look_at_the_graph(self) -> None:
         """Note who publishes and subscribes what, this node left out."""

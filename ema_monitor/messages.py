@@ -28,7 +28,6 @@ from ema_record.wire.topics import (
 )
 from ema_ros.messages import (
     PolledGroup,
-    Taken,
     diagnostic_status,
     make_polled_subscription,
     namespace_of,
@@ -70,15 +69,6 @@ class Request:
         """Its result: why the test did not run to its end; empty: it did."""
         self.statuses: list[DiagnosticStatus] = []
         self.passed = False
-
-
-def in_order(messages: list[Taken]) -> list[Taken]:
-    """Return messages of one publisher as it sent them.
-
-    The middleware hands over those that wait by the time of their source, which is another
-    order where its clock was set back.
-    """
-    return sorted(messages, key=lambda message: message.sequence)
 
 
 def level_status(
@@ -172,9 +162,7 @@ def fill_response(
     return response
 
 
-def find_actuator(
-    array: DiagnosticArray, namespace: str = ""
-) -> tuple[ActuatorStatus, str] | None:
+def find_actuator(array: DiagnosticArray, namespace: str) -> tuple[ActuatorStatus, str] | None:
     """Return what the actuator says of itself and its serial number, if it is in the array.
 
     Any driver may take the place of the emulated actuator. Its DiagnosticStatus is named

@@ -25,7 +25,6 @@ from ema_monitor.messages import (
     VerdictKeeper,
     fill_response,
     find_actuator,
-    in_order,
     level_status,
     record_statuses,
 )
@@ -195,11 +194,13 @@ class MonitorNode(EmaNode):
             self._deadman.publish(Header(stamp=stamp_message(self._last_sent)))
 
     def _drain(self) -> None:
-        self._recorder.begin_turn()
+        self._recorder.clock.look()
         for topic, subscription in self._polled.items():
             self._send_sign_of_life()
             taken = take_all(subscription)
-            for data, received, sent, _ in in_order(taken) if topic == SAMPLES else taken:
+            if topic == SAMPLES:  # as sent: they wait by a clock that may have been set back
+                taken.sort(key=lambda message: message.sequence)
+            for data, received, sent, _ in taken:
                 if topic == SAMPLES:
                     self._send_sign_of_life()  # a backlog on a machine that is loaded takes long
                     self._last_block = time.monotonic()
@@ -316,7 +317,7 @@ class MonitorNode(EmaNode):
             {"stage": stage.name.lower(),
              "interlock": self._interlock.reason(time.monotonic(), self._began) or "closed",
              "samples_recorded": str(self._recorder.samples_recorded),
-             "clock_step_s": f"{self._recorder.clock_step:.3f}"},
+             "clock_step_s": f"{self._recorder.clock.shift:.3f}"},
             self._serial,
         ))
 

@@ -52,8 +52,9 @@ from ema_ros.messages import (
 )
 from ema_ros.parameters import ParameterSpec, Value
 from ema_ros.process import StopSignal, report, run_node
+from ema_sim.model_file import load_model_file
 from ema_sim.node.server import ActuatorServer
-from ema_sim.node.settings import MODEL_FILE, load_model, parameter_specs, settings_from
+from ema_sim.node.settings import MODEL_FILE, parameter_specs, settings_from
 
 TICK = 0.010
 """Interval at which due blocks are looked for (s)."""
@@ -97,7 +98,7 @@ class SimulatorNode(EmaNode):
         super().__init__(stop)
         use_given_kit(self)
         model_file = given_parameters(self).get(MODEL_FILE.name, MODEL_FILE.default)
-        self._model = load_model(str(MODEL_FILE.check(model_file)))
+        self._model = load_model_file(str(MODEL_FILE.check(model_file)) or None)
         specs = parameter_specs(self._model)
         self._values = declare_parameters(self, [*specs, *SAFETY])
         self._slow_reader = float(self._values[SLOW_READER.name])

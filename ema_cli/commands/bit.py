@@ -167,9 +167,10 @@ def _simulators(
             hidden[namespace].append(rest if colon else setting)
     if effects or any(common[name] != value for name, value in UNCHANGED.items()):
         from ema_ros.parameters import check_values
-        from ema_sim.node.settings import load_model, parameter_specs
+        from ema_sim.model_file import load_model_file
+        from ema_sim.node.settings import parameter_specs
 
-        specs = parameter_specs(load_model(str(common["model_file"])))
+        specs = parameter_specs(load_model_file(str(common["model_file"]) or None))
         for namespace in namespaces:
             check_values(specs, {**common, **effect_parameters(hidden[namespace])})
     found = {}
