@@ -142,6 +142,8 @@ def bit(
             print_json(result)
         else:
             print_result(result)
+    from ema_prognostics.verdict.verdict import worst_status
+
     return worst_status([exit_status(result) for result in results])
 
 
@@ -192,11 +194,6 @@ def _enter(stack: contextlib.ExitStack, domain: int | None, *, with_drivers: boo
         use_fast_discovery(domain)
     else:
         enter_domain(stack.enter_context(private_domain(domain)))
-
-
-def worst_status(statuses: list[int]) -> int:
-    """Return the exit status of several tests: 2 before 4 before 1 before 3 before 0."""
-    return next((status for status in (2, 4, 1, 3) if status in statuses), 0)
 
 
 def exit_status(result: dict[str, Any]) -> int:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ema_cli.console import check_new, note, print_json, print_table, say
+from ema_cli.console import check_new, note, plain_table, print_json, print_table, say
 from ema_record.data_sheet.quantities import DRIVE, MOTOR, QUANTITIES, RECORDER
 from ema_record.errors import UsageError
 
@@ -146,8 +146,6 @@ def _described(description: Description, out: Path) -> dict[str, Any]:
 
 
 def _explain(description: Description, out: Path) -> None:
-    from rich.table import Table
-
     from ema_record.profiles.design import default_profiles
     from ema_record.profiles.motion import motion, torque_constant
 
@@ -155,7 +153,7 @@ def _explain(description: Description, out: Path) -> None:
     at, counts = motion(actuator), _counts(description)
     say(f"{out}: {counts['given']} parameters given, {counts['derived']} derived, "
         f"{counts['assumed']} assumed")
-    table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
+    table = plain_table(show_header=False)
     table.add_column(no_wrap=True)
     table.add_column()
     test = default_profiles(actuator)["extended"]

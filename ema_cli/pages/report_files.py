@@ -191,7 +191,7 @@ def _trace(record: Record) -> str:
         return ""
     return charts.trace(
         record.time, record.profile.command(record.time), measured,
-        [(begin, end, name) for begin, end, name in phases_of(record.profile)],
+        phases_of(record.profile),
         {"title": say("report.tested"), "command": say("report.command"),
          "measured": say("report.surface")})
 
