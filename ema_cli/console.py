@@ -283,7 +283,6 @@ def given_bags(paths: Iterable[Path]) -> list[Path]:
     ------
     InvalidRecordError
         There is none.
-
     """
     from ema_prognostics.trend.flights import bags_of, is_sequence
 

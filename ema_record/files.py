@@ -25,7 +25,6 @@ def make_new_directory(path: Path) -> None:
     ------
     OutputError
         It exists, or cannot be made.
-
     """
     try:
         path.mkdir(parents=True)
@@ -79,7 +78,6 @@ def put_back(path: Path, descriptor: int) -> bool:
     ------
     OSError
         It cannot be put back.
-
     """
     if os.fstat(descriptor).st_nlink > 0:
         return False
@@ -109,7 +107,6 @@ def new_file(path: Path) -> Iterator[Path]:
     ------
     OutputError
         `path` exists, or cannot be written.
-
     """
     if os.path.lexists(path):
         raise exists(path)
@@ -151,7 +148,6 @@ def read_bounded(path: Path, limit: int) -> bytes:
     ------
     OSError
         It cannot be read, is no regular file, or is larger.
-
     """
     def without_waiting(name: str, flags: int) -> int:
         return os.open(name, flags | os.O_NONBLOCK)

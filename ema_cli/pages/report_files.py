@@ -37,7 +37,6 @@ def write_report_file(path: Path, data: Mapping[str, Any], record: Record) -> No
         The ending is none of `FORMS`.
     OutputError
         It exists, or cannot be written.
-
     """
     with new_file(path) as temporary:
         temporary.write_text(form_of(path)(data, record), encoding="utf-8")

@@ -29,7 +29,6 @@ def draw(record: RigRecord, path: Path) -> None:
     ------
     OutputError
         It exists, or cannot be written.
-
     """
     channels = record.channels[1:]
     figure = Figure(figsize=(8.0, 1.7 * len(channels) + 0.5), layout="constrained")

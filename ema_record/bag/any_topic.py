@@ -55,7 +55,6 @@ def list_topics(path: Path) -> dict[str, AnyTopic]:
     ------
     InvalidRecordError, IncompleteRecordError
         As `messages_of`.
-
     """
     found: dict[str, AnyTopic] = {}
     files = _files(path)
@@ -72,16 +71,13 @@ def messages_of(path: Path, topics: frozenset[str]) -> Iterator[tuple[str, int, 
 
     Parameters
     ----------
-    path : Path
-        A rosbag2 directory, an ``.mcap`` or a ``.db3`` file.
-    topics : frozenset of str
-        Those that are wanted.
+    path : a rosbag2 directory, an ``.mcap`` or a ``.db3`` file.
+    topics : those that are wanted.
 
     Raises
     ------
     InvalidRecordError, IncompleteRecordError
         No bag; damaged; cut; more than `MAX_MESSAGES` messages of a topic.
-
     """
     files = _files(path)
     counts = dict.fromkeys(topics, 0)

@@ -13,20 +13,15 @@ def unpack(data: bytes, method: str, size: int, where: str) -> bytes:
 
     Parameters
     ----------
-    data : bytes
-        One frame.
-    method : str
-        ``""`` (none), ``zstd`` or ``lz4``.
-    size : int
-        Its size when unpacked, as its container says; already checked to be acceptable.
-    where : str
-        Named in errors.
+    data : one frame.
+    method : ``""`` (none), ``zstd`` or ``lz4``.
+    size : its size when unpacked, as its container says; already checked to be acceptable.
+    where : named in errors.
 
     Raises
     ------
     InvalidRecordError
         Damaged, of another size, or a method that is not known.
-
     """
     try:
         if method == "":

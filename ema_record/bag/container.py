@@ -70,10 +70,8 @@ def find_files(path: Path, storages: Sequence[str] = ("mcap",)) -> BagFiles:
 
     Parameters
     ----------
-    path : Path
-        The directory or file.
-    storages : sequence of str
-        Those that are read: ``mcap``, ``sqlite3``.
+    path : the directory or file.
+    storages : those that are read: ``mcap``, ``sqlite3``.
 
     Raises
     ------
@@ -81,7 +79,6 @@ def find_files(path: Path, storages: Sequence[str] = ("mcap",)) -> BagFiles:
         Nothing there, no bag, another storage, or a file of the bag is missing.
     IncompleteRecordError
         A recording without ``metadata.yaml``, which is written last.
-
     """
     try:
         if path.is_dir():
@@ -187,7 +184,6 @@ def read_content(
     InvalidRecordError, IncompleteRecordError
         See `find_files` and `mcap_stream.McapStream`; a topic of another type; too many
         messages; topics of several actuators.
-
     """
     files = find_files(path)
     content = BagContent()

@@ -49,13 +49,10 @@ def export_record(record: Record, path: str | Path, file_format: str) -> Path:
 
     Parameters
     ----------
-    record : Record
-        All its samples are written.
-    path : path-like
-        The file to make; for ``mcap`` the rosbag2 directory.
-    file_format : str
-        ``csv``: a column a channel that was recorded, its name and unit in the first line.
-        ``parquet``: the same, the unit in each field's metadata. ``mcap``: a bag of standard
+    record : all its samples are written.
+    path : the file to make; for ``mcap`` the rosbag2 directory.
+    file_format : ``csv``: a column a channel that was recorded, its name and unit in the first
+        line. ``parquet``: the same, the unit in each field's metadata. ``mcap``: a bag of standard
         messages, one a sample, for PlotJuggler and other plotters that do not split arrays, with
         the commanded position, bus, temperature, and the phases of the test as they begin; a
         channel that was not recorded is NaN.
@@ -71,7 +68,6 @@ def export_record(record: Record, path: str | Path, file_format: str) -> Path:
         `path` exists, or cannot be written.
     UsageError
         The format is not known, or pyarrow is missing for ``parquet``.
-
     """
     writer = _WRITERS.get(file_format)
     if writer is None:

@@ -83,20 +83,13 @@ class McapStream:
 
     Attributes
     ----------
-    file : binary file
-        At its beginning.
-    size : int
-        Bytes in `file`.
-    name : str
-        Named in errors.
-    topics : container of str, optional
-        Only these topics' messages are returned; None: all.
-    validate_crcs : bool
-        Whether checksums are compared.
-    on_damage : callable, optional
-        Takes what cannot be read, as one line, and how many bytes it is; reading goes on where
-        it can, and ends without an error. Without it damage is raised.
-
+    file : at its beginning.
+    size : bytes in `file`.
+    name : named in errors.
+    topics : only these topics' messages are returned; None: all.
+    validate_crcs : whether checksums are compared.
+    on_damage : takes what cannot be read, as one line, and how many bytes it is; reading goes on
+        where it can, and ends without an error. Without it damage is raised.
     """
 
     file: IO[bytes]
@@ -124,7 +117,6 @@ class McapStream:
             It is no MCAP file, or is damaged.
 
         With `on_damage` only what is no MCAP file, or is cut before its first record, raises.
-
         """
         if self.size == 0:
             raise InvalidRecordError(f"{self.name}: empty file (0 bytes): nothing was recorded")

@@ -66,7 +66,6 @@ def read_bag(path: str | Path, *, validate_values: bool = True) -> Record:
         No bag, damaged, or not a record of the actuator's test.
     IncompleteRecordError
         The recording was cut, or the test ended before a sample was recorded.
-
     """
     bag = Recording(path)
     bag.check_counts()
@@ -115,7 +114,6 @@ class Recording:
     content : messages and metadata as they are.
     test : our own metadata, as far as the bag has them.
     errors : messages that cannot be decoded, one line each; empty where they are refused.
-
     """
 
     def __init__(
@@ -200,13 +198,9 @@ class Recording:
 
         Parameters
         ----------
-        blocks : sequence of SampleBlock
-            At least one.
-        start : float, optional
-            Where the surface stood before (rad), default as the first sample says, if it does.
-        likely : Profile, optional
-            What it probably is.
-
+        blocks : at least one.
+        start : where the surface stood before (rad), default as the first sample says, if it does.
+        likely : what it probably is.
         """
         for message in self.command_before(blocks):
             first, last = blocks[0].samples[0], blocks[-1].samples[-1]
@@ -250,7 +244,6 @@ def write_bag(record: Record, path: str | Path, *, views: bool = True) -> Path:
         `path` exists, or cannot be written.
     UsageError
         No sample, or times before the acceptance of the command.
-
     """
     from ema_record.bag.writer import BagWriter
 

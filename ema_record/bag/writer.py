@@ -55,24 +55,18 @@ class RawBag:
 
     Parameters
     ----------
-    path : path-like
-        The directory to make; its name becomes the name of the MCAP file.
-    records : mapping of str to mapping
-        MCAP metadata that stand before the first message: values by name.
-    topics : sequence of Topic
-        The topics of the bag.
-    namespace : str
-        Of the actuator: the topics are written under it, and are given without it.
-    flush_interval : float or None
-        Longest time that a message waits for a chunk to fill (s): so much of the recording
-        and the block in progress are lost where the process is killed. None: until the chunk
-        is full; the bytes then do not depend on the clock.
+    path : the directory to make; its name becomes the name of the MCAP file.
+    records : MCAP metadata that stand before the first message: values by name.
+    topics : the topics of the bag.
+    namespace : of the actuator: the topics are written under it, and are given without it.
+    flush_interval : longest time that a message waits for a chunk to fill (s): so much of the
+        recording and the block in progress are lost where the process is killed. None: until the
+        chunk is full; the bytes then do not depend on the clock.
 
     Raises
     ------
     OutputError
         `path` exists, or cannot be written; also from `write_raw`, `flush` and `finish`.
-
     """
 
     def __init__(
@@ -136,15 +130,10 @@ class RawBag:
 
         Parameters
         ----------
-        topic : str
-            One of the topics of the bag.
-        data : bytes
-            CDR with its encapsulation.
-        log_time : int
-            Reception (ns since the epoch).
-        publish_time : int, optional
-            At the source (ns since the epoch); without it `log_time`.
-
+        topic : one of the topics of the bag.
+        data : CDR with its encapsulation.
+        log_time : reception (ns since the epoch).
+        publish_time : at the source (ns since the epoch); without it `log_time`.
         """
         channel = self._channels.get(topic)
         if channel is None:
@@ -203,11 +192,8 @@ class RawBag:
 
         Parameters
         ----------
-        records : mapping of str to mapping
-            Values by name, as at the beginning.
-        custom_data : mapping of str to str
-            For ``metadata.yaml``.
-
+        records : values by name, as at the beginning.
+        custom_data : for ``metadata.yaml``.
         """
         self.closed = True
         information = bagfile_information(
@@ -246,16 +232,12 @@ class BagWriter(RawBag):
 
     Parameters
     ----------
-    path : path-like
-        See `RawBag`.
-    profile : Profile
-        The test that is recorded.
-    provenance : Provenance
-        Serial number, software version, start time, namespace and hash of the actuator; its
-        status and source are not used.
+    path : see `RawBag`.
+    profile : the test that is recorded.
+    provenance : serial number, software version, start time, namespace and hash of the actuator;
+        its status and source are not used.
     flush_interval, topics
         See `RawBag`.
-
     """
 
     def __init__(
@@ -287,19 +269,15 @@ class BagWriter(RawBag):
 
         Parameters
         ----------
-        status : str
-            How the test ended: ``complete``, ``aborted`` or ``interrupted``.
-        start_time : int, optional
-            Acceptance of the command (ns since the epoch), where it is known better than at
-            the beginning.
-        recovery : mapping of str, optional
-            What was lost of the bag that this one was recovered from.
+        status : how the test ended: ``complete``, ``aborted`` or ``interrupted``.
+        start_time : acceptance of the command (ns since the epoch), where it is known better than
+            at the beginning.
+        recovery : what was lost of the bag that this one was recovered from.
 
         Returns
         -------
         Path
             The directory.
-
         """
         if self.closed:
             return self.path

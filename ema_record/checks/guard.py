@@ -72,18 +72,14 @@ def guard_findings(
 
     Parameters
     ----------
-    record : Record
-        One test, or its facts. Its samples may be of any value, in any order.
-    actuator : Actuator, optional
-        What was tested, default the kit's; facts know it.
-    names : collection of str
-        Rules that are asked, of `OUTCOMES`.
+    record : one test, or its facts. Its samples may be of any value, in any order.
+    actuator : what was tested, default the kit's; facts know it.
+    names : rules that are asked, of `OUTCOMES`.
 
     Returns
     -------
     tuple of Finding
         In the order of `OUTCOMES`; at most `MAX_FINDINGS` of one rule.
-
     """
     facts = facts_of_record(record, actuator) if isinstance(record, Record) else record
     found = [f for f in findings_of(facts, names) if _forbids(f)]

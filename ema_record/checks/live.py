@@ -94,11 +94,8 @@ def check_record(record: Record, actuator: Actuator | None = None) -> list[Check
 
     Parameters
     ----------
-    record : Record
-        One test. Its samples may be of any value, in any order.
-    actuator : Actuator, optional
-        What was tested, default the kit's.
-
+    record : one test. Its samples may be of any value, in any order.
+    actuator : what was tested, default the kit's.
     """
     facts = facts_of_record(record, actuator)
     return check_facts(facts, guard_findings(facts))

@@ -62,10 +62,8 @@ def encode_block(block: np.ndarray, label: str = CHANNEL_LABEL) -> bytes:
 
     Parameters
     ----------
-    block : ndarray, shape (n, m)
-        n >= 1.
-    label : str
-        Names and units of the m columns, with commas between.
+    block : ndarray, shape (n, m), n >= 1.
+    label : names and units of the m columns, with commas between.
 
     Returns
     -------
@@ -77,7 +75,6 @@ def encode_block(block: np.ndarray, label: str = CHANNEL_LABEL) -> bytes:
     ------
     UsageError
         Wrong shape, or more than `MAX_BLOCK_SIZE` samples.
-
     """
     head, at_size, at_length, columns = _prefix(label)
     if block.ndim != 2 or block.shape[1] != columns or not 1 <= len(block) <= MAX_BLOCK_SIZE:
@@ -155,7 +152,6 @@ def decode_block(data: bytes | memoryview) -> np.ndarray:
     ------
     InvalidRecordError
         Damaged, too large, other channels, or one is missing that must be there.
-
     """
     label, samples = decode_labelled(data, columns_of)
     if label == CHANNEL_LABEL:
@@ -172,10 +168,8 @@ def decode_labelled(
 
     Parameters
     ----------
-    data : bytes-like
-        CDR with its encapsulation, of either endianness.
-    check : callable, optional
-        Takes the label and raises unless it is right, before sizes are compared with it.
+    data : CDR with its encapsulation, of either endianness.
+    check : takes the label and raises unless it is right, before sizes are compared with it.
 
     Returns
     -------
@@ -189,7 +183,6 @@ def decode_labelled(
     ------
     InvalidRecordError
         Damaged, too large, or no block of [sample, channel].
-
     """
     if len(data) > MAX_MESSAGE_BYTES:
         raise InvalidRecordError(

@@ -115,7 +115,6 @@ def deserialize(data: bytes | memoryview, message_type: str, topic: str) -> Any:
     ------
     InvalidRecordError
         The message is damaged, or larger than `limits.MAX_SMALL_MESSAGE_BYTES`.
-
     """
     if len(data) > MAX_SMALL_MESSAGE_BYTES:
         raise InvalidRecordError(

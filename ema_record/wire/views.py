@@ -28,15 +28,12 @@ class Views:
 
     Attributes
     ----------
-    time : ndarray, shape (n,)
-        Since the acceptance of the command (s).
-    position : ndarray, shape (n, 2)
-        Motor (electrical, which is mechanical for one pole pair) and surface (rad).
-    velocity : ndarray, shape (n, 2)
-        Motor and surface (rad/s); that of the surface is the difference of its means.
-    phase_current : ndarray, shape (n, 3)
-        Phases a, b, c (A).
-
+    time : ndarray, shape (n,). Since the acceptance of the command (s).
+    position : ndarray, shape (n, 2). Motor (electrical, which is mechanical for one pole pair) and
+        surface (rad).
+    velocity : ndarray, shape (n, 2). Motor and surface (rad/s); that of the surface is the
+        difference of its means.
+    phase_current : ndarray, shape (n, 3). Phases a, b, c (A).
     """
 
     time: np.ndarray
@@ -62,11 +59,8 @@ class ViewDecimator:
 
     Parameters
     ----------
-    rate : float
-        Samples a second (1/s).
-    view_rate : float, optional
-        Views a second (1/s), default that of the nominal acquisition.
-
+    rate : samples a second (1/s).
+    view_rate : views a second (1/s), default that of the nominal acquisition.
     """
 
     def __init__(self, rate: float, view_rate: float | None = None) -> None:

@@ -97,7 +97,6 @@ def as_columns(result: Any) -> dict[str, np.ndarray]:
     ------
     UsageError
         It is neither numbers nor a mapping of names to numbers.
-
     """
     named = result if isinstance(result, Mapping) else {"result": result}
     columns = {}

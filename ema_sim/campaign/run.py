@@ -100,7 +100,6 @@ def run_campaign(
     Raises
     ------
     UsageError, OutputError.
-
     """
     campaign = prepare(plan if isinstance(plan, CampaignPlan) else load_plan(plan))
     keep = campaign.plan.keep

@@ -51,7 +51,6 @@ class CampaignFolder:
         The folder holds something else, or is of another plan or software.
     UsageError
         There is no campaign to read.
-
     """
 
     def __init__(self, path: str | Path, manifest: Mapping[str, object] | None = None) -> None:
@@ -192,7 +191,6 @@ def load_campaign(path: str | Path) -> Columns:
     -------
     dict of str to ndarray, shape (runs, ...)
         ``run``, ``seed``, ``failed``, ``profile``, ``parameters.<name>``, ``results.<name>``.
-
     """
     folder = CampaignFolder(path)
     done = sorted(folder.done())
