@@ -64,15 +64,10 @@ def sync_directory(path: Path) -> None:
 
 
 def put_back(path: Path, descriptor: int) -> bool:
-    """Give a file that was removed while it is being written its name back.
+    """Give a file that was removed while it is being written its name back; return if it was.
 
     Its bytes live as long as it is open. They are copied to a new file under the same name,
     the directory being made again, and `descriptor` goes on writing there.
-
-    Returns
-    -------
-    bool
-        Whether it had been removed.
 
     Raises
     ------

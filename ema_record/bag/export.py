@@ -45,7 +45,7 @@ _ROWS = 5000
 
 
 def export_record(record: Record, path: str | Path, file_format: str) -> Path:
-    """Write a record in the format of other tools.
+    """Write a record in the format of other tools and return what was written.
 
     Parameters
     ----------
@@ -56,11 +56,6 @@ def export_record(record: Record, path: str | Path, file_format: str) -> Path:
         messages, one a sample, for PlotJuggler and other plotters that do not split arrays, with
         the commanded position, bus, temperature, and the phases of the test as they begin; a
         channel that was not recorded is NaN.
-
-    Returns
-    -------
-    Path
-        What was written.
 
     Raises
     ------

@@ -197,8 +197,8 @@ class RawBag:
         """
         self.closed = True
         information = bagfile_information(
-            self.file.name, self._topic_counts(), min(self._first, self._last), self._last,
-            custom_data,
+            self.file.name, [(topic, self._counts[name]) for name, topic in self._topics.items()],
+            min(self._first, self._last), self._last, custom_data,
         )
         try:
             for name, values in {**records, ROSBAG2: rosbag2_record(information)}.items():
@@ -212,10 +212,6 @@ class RawBag:
         with new_file(self.path / METADATA_FILE) as temporary:
             temporary.write_text(metadata_yaml(information), encoding="utf-8")
         return self.path
-
-    def _topic_counts(self) -> list[tuple[Topic, int]]:
-        """Return topics as they are called in the bag, with their numbers of messages."""
-        return [(topic, self._counts[name]) for name, topic in self._topics.items()]
 
     def _failed(self, error: OSError) -> OutputError:
         """Return the error for a bag that cannot be continued, and give its file up."""
@@ -265,7 +261,7 @@ class BagWriter(RawBag):
         start_time: int | None = None,
         recovery: Mapping[str, str] | None = None,
     ) -> Path:
-        """Finish the bag; a second call does nothing.
+        """Finish the bag and return the directory; a second call does nothing.
 
         Parameters
         ----------
@@ -273,11 +269,6 @@ class BagWriter(RawBag):
         start_time : acceptance of the command (ns since the epoch), where it is known better than
             at the beginning.
         recovery : what was lost of the bag that this one was recovered from.
-
-        Returns
-        -------
-        Path
-            The directory.
         """
         if self.closed:
             return self.path

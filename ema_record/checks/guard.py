@@ -70,16 +70,13 @@ def guard_findings(
 ) -> tuple[Finding, ...]:
     """Return what forbids a verdict on `record`, the deciding one first; empty: nothing.
 
+    They are in the order of `OUTCOMES`; at most `MAX_FINDINGS` of one rule.
+
     Parameters
     ----------
     record : one test, or its facts. Its samples may be of any value, in any order.
     actuator : what was tested, default the kit's; facts know it.
     names : rules that are asked, of `OUTCOMES`.
-
-    Returns
-    -------
-    tuple of Finding
-        In the order of `OUTCOMES`; at most `MAX_FINDINGS` of one rule.
     """
     facts = facts_of_record(record, actuator) if isinstance(record, Record) else record
     found = [f for f in findings_of(facts, names) if _forbids(f)]
