@@ -102,14 +102,10 @@ class AircraftNode(Node):
             self.executor.spin_once(timeout_sec=0.0)
 
     def _on_timer(self) -> None:
-        other = self.gives_way and self._others_send()
-        if self.send and not other:
+        topic = resolved(self, WEIGHT_ON_WHEELS)
+        others = self.get_publishers_info_by_topic(topic) if self.gives_way else []
+        if self.send and all(info.node_name == NODE_NAME for info in others):
             self.send_weight_on_wheels()
-
-    def _others_send(self) -> bool:
-        """Whether a node of another name says if the aircraft stands on its wheels."""
-        infos = self.get_publishers_info_by_topic(resolved(self, WEIGHT_ON_WHEELS))
-        return any(info.node_name != NODE_NAME for info in infos)
 
     def state(self, name: str) -> str:
         """Return what a lifecycle node says of its state; empty: it is active.

@@ -65,12 +65,9 @@ def judged_flights(paths: Sequence[Path], judge: Judge) -> dict[str, list[Flight
     from ema_prognostics.trend.flights import Flight, read_flights
 
     bags = given_bags(paths)
-
-    def fly(bag: Path) -> Flight:
-        return Flight(**judge.of_bag(bag)._asdict())
-
     with progress(f"checking {len(bags)} bags", len(bags)) as advance:
-        return read_flights(bags, fly, advance)
+        return read_flights(
+            bags, lambda bag: Flight(**judge.of_bag(bag)._asdict()), advance)
 
 
 def print_flights(trend: UnitTrend) -> None:

@@ -159,7 +159,8 @@ class McapStream:
             raise self._cut_or_damaged()
         bound = _BOUNDS.get(opcode)
         if bound is None:
-            self._skip(length)
+            while length > 0:
+                length -= len(self._read(min(length, _PIECE)))
             return
         if length > bound:
             raise self._damaged(f"a record of {length} bytes, at most {bound}")
@@ -278,10 +279,6 @@ class McapStream:
         if self.validate_crcs:
             self._crc = zlib.crc32(data, self._crc)
         return data
-
-    def _skip(self, length: int) -> None:
-        while length > 0:
-            length -= len(self._read(min(length, _PIECE)))
 
     def _ends_with_magic(self) -> bool:
         if self.size < 2 * len(MAGIC):

@@ -39,7 +39,7 @@ from ema_record.wire.topics import (
 )
 from ema_record.wire.trajectory import decode_command, encode_command, trajectory_points
 from ema_record.wire.types import NANOSECONDS, deserialize, stamp_of
-from ema_record.wire.views import views_of
+from ema_record.wire.views import ViewDecimator
 
 _READ_TOPICS = frozenset({SAMPLES, COMMAND, DC_BUS, WINDING_TEMPERATURE})
 
@@ -268,7 +268,7 @@ def _messages(record: Record, *, views: bool) -> list[tuple[int, str, bytes]]:
         time = int(_stamps(block[-1:, TIME], start)[0])
         messages.append((time, SAMPLES, encode_samples(block, columns)))
     if views and len(record) > 1:
-        decimated = views_of(record.samples, record.rate)
+        decimated = ViewDecimator(record.rate).push(record.samples)
         stamps = decimated.stamps(start).tolist()
         messages += _on(JOINT_STATES, stamps, decimated.joint_states(start))
         messages += _on(PHASE_CURRENTS, stamps, decimated.phase_currents(start))

@@ -96,8 +96,3 @@ class ViewDecimator:
         before = self._last or (time[0] - 1.0, position[0])
         self._last = float(time[-1]), float(position[-1])
         return np.diff(position, prepend=before[1]) / np.diff(time, prepend=before[0])
-
-
-def views_of(samples: np.ndarray, rate: float) -> Views:
-    """Return the views of all samples, shape (n, 10), taken at `rate` (1/s)."""
-    return ViewDecimator(rate).push(samples)
