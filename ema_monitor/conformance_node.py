@@ -26,14 +26,7 @@ from ema_monitor.messages import (
 from ema_record.errors import InvalidRecordError, TestRefusedError
 from ema_record.profile import load_profile_dict
 from ema_record.wire.samples import decode_block
-from ema_record.wire.topics import (
-    COMMAND,
-    DC_BUS,
-    DEADMAN,
-    DIAGNOSTICS,
-    SAMPLES,
-    WEIGHT_ON_WHEELS,
-)
+from ema_record.wire.topics import COMMAND, DC_BUS, DEADMAN, DIAGNOSTICS, SAMPLES, WEIGHT_ON_WHEELS
 from ema_record.wire.trajectory import encode_command
 from ema_record.wire.types import NANOSECONDS, stamp_of
 from ema_ros.messages import (

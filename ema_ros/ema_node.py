@@ -22,14 +22,7 @@ from rclpy.timer import Timer
 
 from ema_record.errors import EmaError, UsageError
 from ema_record.kit import use_kit
-from ema_ros.parameters import (
-    AUTOSTART,
-    KIT,
-    USE_SIM_TIME,
-    ParameterSpec,
-    Value,
-    check_values,
-)
+from ema_ros.parameters import AUTOSTART, KIT, USE_SIM_TIME, ParameterSpec, Value, check_values
 from ema_ros.process import StopSignal
 
 LOOK_FOR_OTHERS = 0.6

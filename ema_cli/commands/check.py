@@ -8,15 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ema_cli.console import (
-    check_new_file,
-    drawing,
-    error_line,
-    note,
-    say,
-    speech,
-    stdout,
-)
+from ema_cli.console import check_new_file, drawing, error_line, note, say, speech, stdout
 from ema_cli.options import Baseline, Cascade, Commanded, Format
 from ema_cli.views.flights import draw_sequence, judged_flights, print_sequence
 from ema_cli.views.machine import Machine, check_format

@@ -12,12 +12,7 @@ from typing import IO, Any, NamedTuple
 
 from ema_record.bag.compression import unpack_zstd_stream
 from ema_record.bag.mcap_stream import McapMetadata, McapStream
-from ema_record.errors import (
-    IncompleteRecordError,
-    InvalidRecordError,
-    OutputError,
-    UsageError,
-)
+from ema_record.errors import IncompleteRecordError, InvalidRecordError, OutputError, UsageError
 from ema_record.files import exists
 from ema_record.limits import (
     MAX_FILES,

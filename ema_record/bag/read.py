@@ -11,22 +11,12 @@ import numpy as np
 from ema_record.bag.container import StoredMessage, read_content
 from ema_record.bag.metadata import read_test_metadata
 from ema_record.channels import SURFACE_POSITION, TIME
-from ema_record.errors import (
-    IncompleteRecordError,
-    InvalidRecordError,
-    RecordError,
-    UsageError,
-)
+from ema_record.errors import IncompleteRecordError, InvalidRecordError, RecordError, UsageError
 from ema_record.limits import MAX_SAMPLES
 from ema_record.profile import Profile
 from ema_record.record import Record, SampleBlock, check_samples
 from ema_record.wire.samples import BLOCK_SIZE, decode_block, encode_samples
-from ema_record.wire.sensors import (
-    bus_reading,
-    encode_bool,
-    encode_dc_bus,
-    encode_temperature,
-)
+from ema_record.wire.sensors import bus_reading, encode_bool, encode_dc_bus, encode_temperature
 from ema_record.wire.topics import (
     COMMAND,
     DC_BUS,
