@@ -54,7 +54,7 @@ from ema_record.wire.topics import (
 )
 from ema_record.wire.trajectory import encode_command
 from ema_record.wire.types import stamp_of
-from ema_ros.ema_node import EmaNode, declare_parameters, use_given_kit
+from ema_ros.ema_node import EmaNode, declare_parameters
 from ema_ros.interlock import Interlock
 from ema_ros.messages import (
     DiagnosticsPublisher,
@@ -86,7 +86,6 @@ class MonitorNode(EmaNode):
     def __init__(self, stop: StopSignal) -> None:
         """Read the parameters."""
         super().__init__(stop)
-        use_given_kit(self)
         self._values = declare_parameters(self, SPECS)
         self._serial = str(self._values["serial_number"])
         self._namespace = namespace_of(self)
@@ -341,9 +340,9 @@ class MonitorNode(EmaNode):
             self._command.wait_for_all_acked(Duration(seconds=1))
 
 
-def main(args: Sequence[str] | None = None) -> None:
+def main() -> None:
     """Run the node."""
-    sys.exit(run_node(rclpy, MonitorNode.started, args))
+    sys.exit(run_node(rclpy, MonitorNode.started))
 
 
 if __name__ == "__main__":

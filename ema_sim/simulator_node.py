@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
 
 import rclpy
 import rclpy.executors
@@ -25,13 +24,7 @@ from ema_record.wire.topics import (
 )
 from ema_record.wire.trajectory import command_points
 from ema_record.wire.types import NANOSECONDS, stamp_of
-from ema_ros.ema_node import (
-    EmaNode,
-    declare_parameters,
-    given_parameters,
-    on_parameters,
-    use_given_kit,
-)
+from ema_ros.ema_node import EmaNode, declare_parameters, given_parameters, on_parameters
 from ema_ros.interlock import DEFAULT_TIMEOUT, Deadman, Interlock
 from ema_ros.messages import (
     ERROR,
@@ -96,7 +89,6 @@ class SimulatorNode(EmaNode):
     def __init__(self, stop: StopSignal) -> None:
         """Read the parameters."""
         super().__init__(stop)
-        use_given_kit(self)
         model_file = given_parameters(self).get(MODEL_FILE.name, MODEL_FILE.default)
         self._model = load_model_file(str(MODEL_FILE.check(model_file)) or None)
         specs = parameter_specs(self._model)
@@ -279,9 +271,9 @@ class SimulatorNode(EmaNode):
         self._values = values
 
 
-def main(args: Sequence[str] | None = None) -> None:
+def main() -> None:
     """Run the node."""
-    sys.exit(run_node(rclpy, SimulatorNode.started, args))
+    sys.exit(run_node(rclpy, SimulatorNode.started))
 
 
 if __name__ == "__main__":
