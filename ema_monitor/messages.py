@@ -52,11 +52,6 @@ ACTUATOR_KEYS = {
 """What that status must say."""
 ACQUISITION, CAPTURE = "acquisition", "capture"
 """What it may say besides: the samples of a move come when it is over."""
-_LEVELS = {
-    Level.OK: DiagnosticStatus.OK,
-    Level.WARN: DiagnosticStatus.WARN,
-    Level.ERROR: DiagnosticStatus.ERROR,
-}
 
 
 class Request:
@@ -75,7 +70,7 @@ def level_status(
     name: str, level: Level, message: str, values: Mapping[str, str], hardware_id: str = ""
 ) -> DiagnosticStatus:
     """Return one diagnostic status of a level of the record checks."""
-    return diagnostic_status(name, _LEVELS[level], message, values, hardware_id)
+    return diagnostic_status(name, bytes([level]), message, values, hardware_id)
 
 
 class VerdictKeeper:

@@ -77,6 +77,7 @@ def bit(
     from ema_record.actuator import load_actuator
     from ema_record.profile import load_profile
     from ema_record.wire.topics import checked_namespace
+    from ema_ros.domain import enter_domain, private_domain, use_fast_discovery
     from ema_ros.supervisor import Supervisor
 
     chosen = load_profile(profile)
@@ -97,7 +98,10 @@ def bit(
     begin = time.monotonic()
     with contextlib.ExitStack() as stack:
         stack.enter_context(ended_by_signals())
-        _enter(stack, domain, with_drivers=no_simulator)
+        if no_simulator:
+            use_fast_discovery(domain)
+        else:  # a free domain, on this host alone
+            enter_domain(stack.enter_context(private_domain(domain)))
         supervisor = stack.enter_context(Supervisor(log))
         for namespace in namespaces:
             if not no_simulator:
@@ -184,16 +188,6 @@ def _simulators(
             found[namespace]["seed"] = int(common["seed"]) + number
             found[namespace]["serial_number"] = f"{common['serial_number']}-{number + 1}"
     return found
-
-
-def _enter(stack: contextlib.ExitStack, domain: int | None, *, with_drivers: bool) -> None:
-    """Enter the domain of the test: a free one on this host alone, or that of the drivers."""
-    from ema_ros.domain import enter_domain, private_domain, use_fast_discovery
-
-    if with_drivers:
-        use_fast_discovery(domain)
-    else:
-        enter_domain(stack.enter_context(private_domain(domain)))
 
 
 def exit_status(result: dict[str, Any]) -> int:
