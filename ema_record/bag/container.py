@@ -44,7 +44,6 @@ class StoredMessage(NamedTuple):
     """One message of a topic."""
 
     log_time: int
-    publish_time: int
     data: bytes | memoryview
 
 
@@ -200,7 +199,7 @@ def read_content(
                             f"{file}: more than {MAX_MESSAGES} messages of {topic}: publish "
                             "larger blocks"
                         )
-                    messages.append(StoredMessage(item.log_time, item.publish_time, item.data))
+                    messages.append(StoredMessage(item.log_time, item.data))
                 _check_types(mcap, topics)
                 for name in (split_name(channel.topic) for channel in mcap.channels):
                     content.topics.add(name.topic)

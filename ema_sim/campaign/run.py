@@ -22,13 +22,7 @@ from ema_record.errors import OutputError, SimulationError, UsageError
 from ema_record.profile import Profile
 from ema_record.sources import source_hash
 from ema_sim.campaign.plan import CampaignPlan, load_plan
-from ema_sim.campaign.reductions import (
-    Reduction,
-    as_columns,
-    named_reduction,
-    reduction_name,
-    summary,
-)
+from ema_sim.campaign.reductions import Reduction, as_columns, reduction_name, summary
 from ema_sim.campaign.runs import Campaign, prepare
 from ema_sim.campaign.store import (
     BAGS,
@@ -107,7 +101,10 @@ def run_campaign(
     if bags and out is None:
         raise UsageError("keep bags: say where to: give a folder (out, --out)")
     check_jobs(jobs)
-    reduction = summary if bags else named_reduction(keep) if reduce is None else reduce
+    if reduce is None and keep not in ("summary", "bags"):
+        raise UsageError(f"keep {keep[:80]!r}: give summary or bags; a function of your own needs "
+                         "the Python call run_campaign")
+    reduction = summary if reduce is None else reduce
     size = max(CHUNK, -(-campaign.runs // MAX_CHUNKS))
     tasks = [
         Task(campaign, number, range(first, min(first + size, campaign.runs)), reduction,
