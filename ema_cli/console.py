@@ -14,7 +14,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ema_record.errors import InvalidRecordError
 
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
-
-Item = TypeVar("Item")
 
 WRONG_USE = 2
 SOON = 3.0
@@ -100,6 +98,13 @@ def styled(*parts: str | tuple[str, str]) -> Text:
         text, style = (part, "") if isinstance(part, str) else part
         line.append(neutral(text), style)
     return line
+
+
+def plain_table(**options: Any) -> Table:
+    """Return a table without lines."""
+    from rich.table import Table
+
+    return Table(box=None, padding=(0, 2, 0, 0), **options)
 
 
 def print_table(table: Table) -> None:
@@ -193,16 +198,12 @@ def progress(description: str, total: float | None = None) -> Iterator[Callable[
 
     Parameters
     ----------
-    description : str
-        What takes the time.
-    total : float, optional
-        The value at which it is done; None shows that it is alive.
+    description : what takes the time.
+    total : the value at which it is done; None shows that it is alive.
 
     Yields
     ------
-    callable
-        Takes how much is done by now, in the unit of `total`.
-
+    Takes how much is done by now, in the unit of `total`.
     """
     with _bar(description, total) as update:
         yield lambda done: update(completed=done)
@@ -216,9 +217,7 @@ def progress_of(description: str) -> Iterator[Callable[[str, float], None]]:
 
     Yields
     ------
-    callable
-        Takes what goes on and how much of the whole is done, 0 to 1.
-
+    Takes what goes on and how much of the whole is done, 0 to 1.
     """
     with _bar(description, 1.0) as update:
         pace = _Pace()
@@ -271,14 +270,6 @@ def drawing() -> Iterator[None]:
         yield
 
 
-def track(items: Iterable[Item], description: str, total: int) -> Iterator[Item]:
-    """Yield `items`, `total` of them, with a progress bar."""
-    with progress(description, total) as advance:
-        for index, item in enumerate(items):
-            yield item
-            advance(index + 1)
-
-
 def error_line(text: str) -> None:
     """Print an error as one line on standard error."""
     with contextlib.suppress(OSError, ValueError):
@@ -292,7 +283,6 @@ def given_bags(paths: Iterable[Path]) -> list[Path]:
     ------
     InvalidRecordError
         There is none.
-
     """
     from ema_prognostics.trend.flights import bags_of, is_sequence
 
@@ -311,18 +301,17 @@ def given_bags(paths: Iterable[Path]) -> list[Path]:
     return bags
 
 
-def check_new(*folders: Path | None) -> None:
-    """Raise OutputError unless these folders can be made; called before the work begins."""
+def check_new(folder: Path | None) -> None:
+    """Raise OutputError unless this folder can be made; called before the work begins."""
     from ema_record.bag.container import check_place
 
-    for folder in folders:
-        if folder is None:
-            continue
-        check_place(folder)
-        first = folder
-        while not first.parent.exists():
-            first = first.parent
-        _try_to_write(first, folder)
+    if folder is None:
+        return
+    check_place(folder)
+    first = folder
+    while not first.parent.exists():
+        first = first.parent
+    _try_to_write(first, folder)
 
 
 def check_new_file(*files: Path | None) -> None:

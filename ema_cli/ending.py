@@ -62,7 +62,8 @@ def guarded(command: Callable[[], int]) -> int:
         if error.errno == errno.EPIPE:
             return _pipe_closed()
         where = f"{error.filename}: " if error.filename is not None else ""
-        error_line(f"{where}{error.strerror or error}: {_remedy(error)}")
+        error_line(f"{where}{error.strerror or error}: "
+                   f"{_REMEDIES.get(error.errno or 0, 'check the file and the disk')}")
         return WRONG_USE
     except MemoryError:
         error_line("not enough memory: close other programs or use a smaller record")
@@ -112,10 +113,6 @@ _REMEDIES = {
     errno.EISDIR: "it is a folder, give a file",
     errno.ENAMETOOLONG: "choose a shorter name",
 }
-
-
-def _remedy(error: OSError) -> str:
-    return _REMEDIES.get(error.errno or 0, "check the file and the disk")
 
 
 _ROS_MODULES = frozenset(

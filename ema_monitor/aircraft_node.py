@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from typing import Any
 
 import rclpy
@@ -51,15 +51,11 @@ A request, and its answer, is lost where one side has found the other and not ye
 """
 
 
-@contextmanager
-def aircraft() -> Iterator[AircraftNode]:
-    """Yield the node, in a context of its own that leaves the signals to the caller."""
-    with aircrafts([""]) as (node,):
-        yield node
-
-
 def aircrafts(namespaces: Sequence[str]) -> AbstractContextManager[Sequence[AircraftNode]]:
-    """Yield a node for each actuator, by its namespace; all are spun together."""
+    """Yield a node for each actuator, by its namespace; all are spun together.
+
+    They are in a context of their own, which leaves the signals to the caller.
+    """
     return spun(rclpy, lambda context: [AircraftNode(context, namespace, first=number == 0)
                                         for number, namespace in enumerate(namespaces)])
 
@@ -67,9 +63,7 @@ def aircrafts(namespaces: Sequence[str]) -> AbstractContextManager[Sequence[Airc
 class AircraftNode(Node):
     """Sends weight on wheels, calls the self-test of one actuator, listens for its verdict."""
 
-    def __init__(
-        self, context: rclpy.Context, namespace: str = "", *, first: bool = True
-    ) -> None:
+    def __init__(self, context: rclpy.Context, namespace: str, *, first: bool) -> None:
         """Appear on the graph, on the ground, in the namespace of the actuator.
 
         Only the first one of an aircraft sends weight on wheels, and hears `/diagnostics`.
@@ -108,14 +102,10 @@ class AircraftNode(Node):
             self.executor.spin_once(timeout_sec=0.0)
 
     def _on_timer(self) -> None:
-        other = self.gives_way and self._others_send()
-        if self.send and not other:
+        topic = resolved(self, WEIGHT_ON_WHEELS)
+        others = self.get_publishers_info_by_topic(topic) if self.gives_way else []
+        if self.send and all(info.node_name == NODE_NAME for info in others):
             self.send_weight_on_wheels()
-
-    def _others_send(self) -> bool:
-        """Whether a node of another name says if the aircraft stands on its wheels."""
-        infos = self.get_publishers_info_by_topic(resolved(self, WEIGHT_ON_WHEELS))
-        return any(info.node_name != NODE_NAME for info in infos)
 
     def state(self, name: str) -> str:
         """Return what a lifecycle node says of its state; empty: it is active.

@@ -26,14 +26,7 @@ from ema_monitor.messages import (
 from ema_record.errors import InvalidRecordError, TestRefusedError
 from ema_record.profile import load_profile_dict
 from ema_record.wire.samples import decode_block
-from ema_record.wire.topics import (
-    COMMAND,
-    DC_BUS,
-    DEADMAN,
-    DIAGNOSTICS,
-    SAMPLES,
-    WEIGHT_ON_WHEELS,
-)
+from ema_record.wire.topics import COMMAND, DC_BUS, DEADMAN, DIAGNOSTICS, SAMPLES, WEIGHT_ON_WHEELS
 from ema_record.wire.trajectory import encode_command
 from ema_record.wire.types import NANOSECONDS, stamp_of
 from ema_ros.messages import (
@@ -112,16 +105,13 @@ class ConformanceNode(Node):
             raise TestRefusedError(
                 f"the driver's state is {self.heard.values['state'][:40]!r}: wait until it is "
                 "idle")
-        alone = not self._another_aircraft()
+        alone = self.count_publishers(resolved(self, WEIGHT_ON_WHEELS)) <= 1
         if alone:
             self.heard.refused = self._command_to_stay(on_wheels=False)
         self.heard.held = self._command_to_stay(on_wheels=True)
         if alone and self._accepted(self.heard.held):
             self.heard.stopped = self._command_to_stay(on_wheels=True, open_after=0.3)
         return self.heard
-
-    def _another_aircraft(self) -> bool:
-        return self.count_publishers(resolved(self, WEIGHT_ON_WHEELS)) > 1
 
     def _look_at_the_graph(self) -> None:
         """Note who publishes and subscribes what, this node left out."""

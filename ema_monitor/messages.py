@@ -28,7 +28,6 @@ from ema_record.wire.topics import (
 )
 from ema_ros.messages import (
     PolledGroup,
-    Taken,
     diagnostic_status,
     make_polled_subscription,
     namespace_of,
@@ -53,11 +52,6 @@ ACTUATOR_KEYS = {
 """What that status must say."""
 ACQUISITION, CAPTURE = "acquisition", "capture"
 """What it may say besides: the samples of a move come when it is over."""
-_LEVELS = {
-    Level.OK: DiagnosticStatus.OK,
-    Level.WARN: DiagnosticStatus.WARN,
-    Level.ERROR: DiagnosticStatus.ERROR,
-}
 
 
 class Request:
@@ -72,20 +66,11 @@ class Request:
         self.passed = False
 
 
-def in_order(messages: list[Taken]) -> list[Taken]:
-    """Return messages of one publisher as it sent them.
-
-    The middleware hands over those that wait by the time of their source, which is another
-    order where its clock was set back.
-    """
-    return sorted(messages, key=lambda message: message.sequence)
-
-
 def level_status(
     name: str, level: Level, message: str, values: Mapping[str, str], hardware_id: str = ""
 ) -> DiagnosticStatus:
     """Return one diagnostic status of a level of the record checks."""
-    return diagnostic_status(name, _LEVELS[level], message, values, hardware_id)
+    return diagnostic_status(name, bytes([level]), message, values, hardware_id)
 
 
 class VerdictKeeper:
@@ -172,9 +157,7 @@ def fill_response(
     return response
 
 
-def find_actuator(
-    array: DiagnosticArray, namespace: str = ""
-) -> tuple[ActuatorStatus, str] | None:
+def find_actuator(array: DiagnosticArray, namespace: str) -> tuple[ActuatorStatus, str] | None:
     """Return what the actuator says of itself and its serial number, if it is in the array.
 
     Any driver may take the place of the emulated actuator. Its DiagnosticStatus is named

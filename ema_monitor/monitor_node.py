@@ -25,7 +25,6 @@ from ema_monitor.messages import (
     VerdictKeeper,
     fill_response,
     find_actuator,
-    in_order,
     level_status,
     record_statuses,
 )
@@ -55,7 +54,7 @@ from ema_record.wire.topics import (
 )
 from ema_record.wire.trajectory import encode_command
 from ema_record.wire.types import stamp_of
-from ema_ros.ema_node import EmaNode, declare_parameters, use_given_kit
+from ema_ros.ema_node import EmaNode, declare_parameters
 from ema_ros.interlock import Interlock
 from ema_ros.messages import (
     DiagnosticsPublisher,
@@ -87,7 +86,6 @@ class MonitorNode(EmaNode):
     def __init__(self, stop: StopSignal) -> None:
         """Read the parameters."""
         super().__init__(stop)
-        use_given_kit(self)
         self._values = declare_parameters(self, SPECS)
         self._serial = str(self._values["serial_number"])
         self._namespace = namespace_of(self)
@@ -195,11 +193,13 @@ class MonitorNode(EmaNode):
             self._deadman.publish(Header(stamp=stamp_message(self._last_sent)))
 
     def _drain(self) -> None:
-        self._recorder.begin_turn()
+        self._recorder.clock.look()
         for topic, subscription in self._polled.items():
             self._send_sign_of_life()
             taken = take_all(subscription)
-            for data, received, sent, _ in in_order(taken) if topic == SAMPLES else taken:
+            if topic == SAMPLES:  # as sent: they wait by a clock that may have been set back
+                taken.sort(key=lambda message: message.sequence)
+            for data, received, sent, _ in taken:
                 if topic == SAMPLES:
                     self._send_sign_of_life()  # a backlog on a machine that is loaded takes long
                     self._last_block = time.monotonic()
@@ -316,7 +316,7 @@ class MonitorNode(EmaNode):
             {"stage": stage.name.lower(),
              "interlock": self._interlock.reason(time.monotonic(), self._began) or "closed",
              "samples_recorded": str(self._recorder.samples_recorded),
-             "clock_step_s": f"{self._recorder.clock_step:.3f}"},
+             "clock_step_s": f"{self._recorder.clock.shift:.3f}"},
             self._serial,
         ))
 
@@ -340,9 +340,9 @@ class MonitorNode(EmaNode):
             self._command.wait_for_all_acked(Duration(seconds=1))
 
 
-def main(args: Sequence[str] | None = None) -> None:
+def main() -> None:
     """Run the node."""
-    sys.exit(run_node(rclpy, MonitorNode.started, args))
+    sys.exit(run_node(rclpy, MonitorNode.started))
 
 
 if __name__ == "__main__":

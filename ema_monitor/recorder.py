@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 import time
@@ -36,11 +35,11 @@ def new_bag_path(
     serial = re.sub(r"[^A-Za-z0-9.-]+", "-", serial_number).strip("-.")[:40] or "unknown"
     prefix = name.replace("/", "_") + "_" if name else ""
     stem = f"{prefix}{serial}_{begin}_{profile}"
-    for number in itertools.count(1):
-        path = directory / (stem if number == 1 else f"{stem}_{number}")
-        if not path.exists():
-            return path
-    raise AssertionError
+    path, number = directory / stem, 1
+    while path.exists():
+        number += 1
+        path = directory / f"{stem}_{number}"
+    return path
 
 
 class LogClock:
@@ -92,7 +91,8 @@ class BitRecorder:
         self._namespace = namespace
         self._writer: BagWriter | None = None
         self._blocks: list[np.ndarray] = []
-        self._clock = LogClock()
+        self.clock = LogClock()
+        """Since the bag was opened."""
         self.samples_received = 0
         """Since `reset_count`."""
         self.last_sample = -1.0
@@ -116,17 +116,8 @@ class BitRecorder:
             ),
         )
         self._blocks = []
-        self._clock = LogClock()
+        self.clock = LogClock()
         self.samples_recorded = 0
-
-    @property
-    def clock_step(self) -> float:
-        """By how much the host's clock has stepped since the bag was opened (s)."""
-        return self._clock.shift
-
-    def begin_turn(self) -> None:
-        """Look at the clocks before messages are taken."""
-        self._clock.look()
 
     def take(self, topic: str, data: bytes, received: int, publish_time: int) -> None:
         """Take one serialised message.
@@ -140,7 +131,7 @@ class BitRecorder:
         """
         if self._writer is not None and topic in _IN_BAG:
             self._writer.write_raw(
-                topic, data, self._clock.log_time(topic, received), publish_time
+                topic, data, self.clock.log_time(topic, received), publish_time
             )
         if topic != SAMPLES:
             return

@@ -16,10 +16,10 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from ema_monitor.moves import MOVE_SPEED, ramp, step_to
 from ema_monitor.observation import ACTUATOR_TIMEOUT, Observation
 from ema_record.actuator import Actuator
-from ema_record.profile import Profile
+from ema_record.limits import MAX_DURATION
+from ema_record.profile import Profile, load_profile_dict
 from ema_record.record import Status
 
 AT_START = 0.005
@@ -35,6 +35,10 @@ RETURN_TIMEOUT = 5.0
 """Longest wait for the surface to be back after an abort, beyond its way from stop to stop (s)."""
 STOP_TIMEOUT = 2.0
 """Longest wait for the surface to be at rest after a stop (s)."""
+MOVE_SPEED = 0.5
+"""Of a move (of the slew speed)."""
+ENDS = 0.1
+"""Time before and after a move (s): the inverter comes on, the drive settles."""
 
 
 class Stage(enum.Enum):
@@ -322,3 +326,19 @@ class TestSequence:
                 or seen.samples_received >= seen.actuator.samples_published
             )
         )
+
+
+def ramp(start: float, end: float, speed: float) -> Profile:
+    """Return a move from `start` to `end` (rad) at `speed` (rad/s); faster where it never ends."""
+    moving = min(max(abs(end - start) / speed, 1e-3), MAX_DURATION - 2.0 * ENDS)
+    times = (0.0, ENDS, ENDS + moving, 2.0 * ENDS + moving)
+    return _move(list(zip(times, (start, start, end, end))))
+
+
+def step_to(position: float) -> Profile:
+    """Return the command of one point: be at `position` (rad), at once."""
+    return _move([(1e-3, position)])
+
+
+def _move(points: list[tuple[float, float]]) -> Profile:
+    return load_profile_dict({"name": "move", "points": points, "description": "move"}, "move")

@@ -6,7 +6,6 @@ import os
 import sys
 import time
 from collections import deque
-from collections.abc import Sequence
 from pathlib import Path
 
 import rclpy
@@ -25,7 +24,7 @@ from ema_record.bag.container import METADATA_FILE
 from ema_record.bag.read import read_bag
 from ema_record.errors import EmaError, InvalidRecordError, RecordError, UsageError
 from ema_record.wire.topics import BIT_RECORD, SEVERITY, VERDICT
-from ema_ros.ema_node import EmaNode, declare_parameters, use_given_kit
+from ema_ros.ema_node import EmaNode, declare_parameters
 from ema_ros.messages import (
     OK,
     DiagnosticsPublisher,
@@ -76,7 +75,6 @@ class PrognosticsNode(EmaNode):
     def __init__(self, stop: StopSignal) -> None:
         """Read the parameters."""
         super().__init__(stop)
-        use_given_kit(self)
         self._values = declare_parameters(self, SPECS)
         self._done: deque[str] = deque(maxlen=REMEMBERED)
         self._records = 0
@@ -190,10 +188,10 @@ class PrognosticsNode(EmaNode):
         ), *self._statuses)
 
 
-def main(args: Sequence[str] | None = None) -> None:
+def main() -> None:
     """Run the node; what records and commands goes before."""
     os.nice(NICE)
-    sys.exit(run_node(rclpy, PrognosticsNode.started, args))
+    sys.exit(run_node(rclpy, PrognosticsNode.started))
 
 
 if __name__ == "__main__":

@@ -302,11 +302,11 @@ def _of_kit(path: Path, _changed: int) -> Actuator:
     return Actuator(**{name: _checked(name, data[name], str(path)) for name in PARTS})
 
 
-def sections_of(path: str | Path, where: str = "") -> Mapping[str, Any]:
-    """Return the sections of a model file, not looked into; `where` names it in errors."""
+def sections_of(path: str | Path) -> Mapping[str, Any]:
+    """Return the sections of a model file, not looked into."""
     data = load_yaml(Path(path))
     if not isinstance(data, Mapping):
-        raise UsageError(f"{where or path}: expected sections such as 'motor:', see {NOMINAL}")
+        raise UsageError(f"{path}: expected sections such as 'motor:', see {NOMINAL}")
     return data
 
 

@@ -128,12 +128,6 @@ def recorded_columns(samples: np.ndarray) -> tuple[int, ...]:
     return tuple(c for c in ALL if c in present or c in needed)
 
 
-def check_channel_label(label: str) -> None:
-    """Raise InvalidRecordError unless `label` names channels of a record."""
-    if label != CHANNEL_LABEL:
-        columns_of(label)
-
-
 def channels_to_pandas(
     samples: np.ndarray, channels: Sequence[Channel], attributes: dict[str, Any]
 ) -> Any:

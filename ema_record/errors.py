@@ -79,15 +79,10 @@ def unknown_name(kind: str, name: str, known: Iterable[str], remedy: str) -> Usa
 
     Parameters
     ----------
-    kind : str
-        What the name stands for, e.g. ``"effect"``.
-    name : str
-        The name as given.
-    known : iterable of str
-        All valid names.
-    remedy : str
-        Where the valid names are listed, e.g. ``"ema effects lists them"``.
-
+    kind : what the name stands for, e.g. ``"effect"``.
+    name : the name as given.
+    known : all valid names.
+    remedy : where the valid names are listed, e.g. ``"ema effects lists them"``.
     """
     near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}? " if near else ""
@@ -127,17 +122,12 @@ def first_problem(
 
     Parameters
     ----------
-    error : ValidationError
-        As raised.
-    where : str
-        The file or topic that the data come from.
-    whole : str
-        Name of the whole, where no field of it is to blame.
-    remedy : str
-        What to do, or where the form is shown.
-    branch : str
-        Of a union pydantic reports every branch; a problem in the one of this name says the most.
-
+    error : as raised.
+    where : the file or topic that the data come from.
+    whole : name of the whole, where no field of it is to blame.
+    remedy : what to do, or where the form is shown.
+    branch : of a union pydantic reports every branch; a problem in the one of this name says the
+        most.
     """
     problems = error.errors()
 

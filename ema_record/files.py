@@ -25,7 +25,6 @@ def make_new_directory(path: Path) -> None:
     ------
     OutputError
         It exists, or cannot be made.
-
     """
     try:
         path.mkdir(parents=True)
@@ -65,21 +64,15 @@ def sync_directory(path: Path) -> None:
 
 
 def put_back(path: Path, descriptor: int) -> bool:
-    """Give a file that was removed while it is being written its name back.
+    """Give a file that was removed while it is being written its name back; return if it was.
 
     Its bytes live as long as it is open. They are copied to a new file under the same name,
     the directory being made again, and `descriptor` goes on writing there.
-
-    Returns
-    -------
-    bool
-        Whether it had been removed.
 
     Raises
     ------
     OSError
         It cannot be put back.
-
     """
     if os.fstat(descriptor).st_nlink > 0:
         return False
@@ -109,7 +102,6 @@ def new_file(path: Path) -> Iterator[Path]:
     ------
     OutputError
         `path` exists, or cannot be written.
-
     """
     if os.path.lexists(path):
         raise exists(path)
@@ -151,7 +143,6 @@ def read_bounded(path: Path, limit: int) -> bytes:
     ------
     OSError
         It cannot be read, is no regular file, or is larger.
-
     """
     def without_waiting(name: str, flags: int) -> int:
         return os.open(name, flags | os.O_NONBLOCK)

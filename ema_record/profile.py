@@ -103,15 +103,13 @@ class Profile(BaseModel):
 
         Parameters
         ----------
-        time : ndarray, shape (n,)
-            Since the acceptance of the command (s).
+        time : ndarray, shape (n,). Since the acceptance of the command (s).
 
         Returns
         -------
         ndarray, shape (n,)
             Position (rad). At a step the later value holds; outside the points the first
             or last position holds.
-
         """
         t = np.asarray([p[0] for p in self.points])
         x = np.asarray([p[1] for p in self.points])

@@ -77,18 +77,13 @@ class Record:
 
     Attributes
     ----------
-    samples : ndarray, shape (n, 10)
-        One row a sample, columns as in `channels.CHANNELS`; NaN throughout where the recorder
-        lacks a channel.
-    profile : Profile
-        The position command.
-    provenance : Provenance
-        Serial number, versions, status.
-    dc_bus : ndarray, shape (m, 3)
-        Time (s), bus voltage (V), bus current (A), positive into the drive.
-    winding_temperature : ndarray, shape (m, 2)
-        Time (s), temperature (degC).
-
+    samples : ndarray, shape (n, 10). One row a sample, columns as in `channels.CHANNELS`; NaN
+        throughout where the recorder lacks a channel.
+    profile : the position command.
+    provenance : serial number, versions, status.
+    dc_bus : ndarray, shape (m, 3). Time (s), bus voltage (V), bus current (A), positive into the
+        drive.
+    winding_temperature : ndarray, shape (m, 2). Time (s), temperature (degC).
     """
 
     samples: np.ndarray
@@ -203,7 +198,6 @@ def check_samples(samples: np.ndarray, source: str) -> None:
     ------
     InvalidRecordError
         The first sample that is wrong is named.
-
     """
     finite = np.isfinite(samples)
     if not finite.all():

@@ -25,16 +25,13 @@ def source_hash(*modules: str, root: Path = ROOT) -> str:
 
     Parameters
     ----------
-    *modules : str
-        Dotted names, e.g. ``ema_sim.simulate``.
-    root : Path
-        Folder that holds the packages.
+    *modules : dotted names, e.g. ``ema_sim.simulate``.
+    root : folder that holds the packages.
 
     Raises
     ------
     ModuleNotFoundError
         There is no such module of ours.
-
     """
     digest = hashlib.sha256()
     for name, path in sorted(sources_of(*modules, root=root).items()):

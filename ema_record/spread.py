@@ -90,37 +90,25 @@ def most_of(name: str) -> float:
 _Part = TypeVar("_Part", UnitTolerances, Conditions)
 
 
-def load_spread(path: str | Path | None = None) -> TypeSpread:
-    """Return the spread that a model file describes; default the present kit's.
+def load_spread() -> TypeSpread:
+    """Return the spread that the present kit describes.
 
     Raises
     ------
     UsageError
         An unknown name, or a value out of bounds.
     """
-    own = _of_kit(*kit_file(ACTUATOR))
-    return own if path is None else spread_from(sections_of(path), str(path), own)
+    return _of_kit(*kit_file(ACTUATOR))
 
 
 @cache
 def _of_kit(path: Path, _changed: int) -> TypeSpread:
-    return spread_from(sections_of(path), str(path), ({}, {}))
+    data = sections_of(path)
+    return TypeSpread(_section(UnitTolerances, "tolerances", data, str(path)),
+                      _section(Conditions, "conditions", data, str(path)))
 
 
-def spread_from(
-    data: Mapping[str, Any], where: str,
-    base: TypeSpread | tuple[Mapping[str, float], Mapping[str, float]],
-) -> TypeSpread:
-    """Return `base` with what the sections of a model file change."""
-    return TypeSpread(
-        _section(UnitTolerances, "tolerances", data, where, base[0]),
-        _section(Conditions, "conditions", data, where, base[1]))
-
-
-def _section(
-    part: type[_Part], name: str, data: Mapping[str, Any], where: str,
-    base: _Part | Mapping[str, float],
-) -> _Part:
+def _section(part: type[_Part], name: str, data: Mapping[str, Any], where: str) -> _Part:
     values = data.get(name, {})
     if not isinstance(values, Mapping):
         raise UsageError(f"{where}: {name}: expected parameters and values")
@@ -128,9 +116,8 @@ def _section(
         if key not in part._fields:
             raise unknown_name(f"parameter of {name} in {where}", str(key), part._fields,
                                f"see {NOMINAL}")
-    given = base if isinstance(base, Mapping) else base._asdict()
     try:
-        found = TypeAdapter(part).validate_python({**given, **values})
+        found = TypeAdapter(part).validate_python(dict(values))
     except ValidationError as error:
         text = first_problem(error, f"{where}: {name}", name, f"see {NOMINAL}")
         raise UsageError(text) from None

@@ -11,8 +11,8 @@ import yaml
 from ema_record.errors import UsageError
 from ema_record.files import read_bounded
 
-MAX_DEPTH = 50
-"""Deepest nesting of lists and mappings."""
+MAX_BYTES, MAX_DEPTH = 1 << 20, 50
+"""Largest file; deepest nesting of lists and mappings."""
 
 _Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -26,10 +26,10 @@ _OurSafeLoader.add_implicit_resolver(
     list("-+.0123456789"))
 
 
-def load_yaml(path: Path, *, max_bytes: int = 1 << 20) -> object:
+def load_yaml(path: Path) -> object:
     """Return what the YAML file holds (safe loader, no aliases, bounded size)."""
     try:
-        text = read_bounded(path, max_bytes).decode("utf-8")
+        text = read_bounded(path, MAX_BYTES).decode("utf-8")
     except UnicodeDecodeError:
         raise UsageError(f"{path}: not UTF-8 text: save it as plain YAML") from None
     except OSError as error:

@@ -22,14 +22,7 @@ from rclpy.timer import Timer
 
 from ema_record.errors import EmaError, UsageError
 from ema_record.kit import use_kit
-from ema_ros.parameters import (
-    AUTOSTART,
-    KIT,
-    USE_SIM_TIME,
-    ParameterSpec,
-    Value,
-    check_values,
-)
+from ema_ros.parameters import AUTOSTART, KIT, USE_SIM_TIME, ParameterSpec, Value, check_values
 from ema_ros.process import StopSignal
 
 LOOK_FOR_OTHERS = 0.6
@@ -37,7 +30,7 @@ LOOK_FOR_OTHERS = 0.6
 
 
 class EmaNode(LifecycleNode):
-    """A lifecycle node that `process.run_node` can run, with all the parameters it was given.
+    """A lifecycle node that `process.run_node` can run, with all its parameters and its kit.
 
     A node reads its parameters when it is made, loads and compiles when it is configured, and
     listens and acts while it is active. Unless its parameter ``autostart`` is false it goes
@@ -50,7 +43,7 @@ class EmaNode(LifecycleNode):
     Raises
     ------
     UsageError
-        A parameter was given without a value.
+        A parameter was given without a value, or the kit that `KIT` names is none.
     """
 
     name = ""
@@ -71,6 +64,7 @@ class EmaNode(LifecycleNode):
         self._stop = stop
         self.is_active = False
         self._active_entities: list[tuple[Callable[[Any], object], Any]] = []
+        use_kit(str(KIT.check(given_parameters(self).get(KIT.name, KIT.default))))
 
     def configure(self) -> None:
         """Load and compile what the node works with (EmaError: it cannot)."""
@@ -154,17 +148,6 @@ class EmaNode(LifecycleNode):
             self.problem = error
             raise
         return TransitionCallbackReturn.SUCCESS
-
-
-def use_given_kit(node: Node) -> None:
-    """Work with the kit that the node's parameter `KIT` names, if it does.
-
-    Raises
-    ------
-    UsageError
-        There is no such kit.
-    """
-    use_kit(str(KIT.check(given_parameters(node).get(KIT.name, KIT.default))))
 
 
 def declare_parameters(node: Node, specs: Iterable[ParameterSpec]) -> dict[str, Value]:

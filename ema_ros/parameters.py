@@ -47,7 +47,6 @@ class ParameterSpec:
         ------
         UsageError
             Wrong type, out of bounds, or none of the options.
-
         """
         if isinstance(self.default, float) and type(value) is int:
             value = float(value)
@@ -97,7 +96,6 @@ def check_values(specs: Iterable[ParameterSpec], given: Mapping[str, Any]) -> di
     UsageError
         A name that no parameter has (the nearest one is named), a wrong value, or simulated
         time.
-
     """
     known = {spec.name: spec for spec in specs}
     if given.get(USE_SIM_TIME):

@@ -122,11 +122,7 @@ def spun(ros: Any, make_nodes: Callable[[Any], Sequence[T]]) -> Iterator[Sequenc
         ros.try_shutdown(context=context)
 
 
-def run_node(
-    ros: Any,
-    make_node: Callable[[StopSignal], Any],
-    args: Sequence[str] | None = None,
-) -> int:
+def run_node(ros: Any, make_node: Callable[[StopSignal], Any]) -> int:
     """Run one node until it is told to stop; return the exit status of the process.
 
     Parameters
@@ -135,14 +131,13 @@ def run_node(
     make_node : takes the stop signal, returns the node, whose callbacks run in this thread.
         Its ``shut_down()`` is called while it still has its executor, its ``exit_status`` is
         returned. From then on the end is bounded: the caller is to leave the process.
-    args : command line, default that of the process.
     """
     prepare_environment()
     stop = StopSignal()
     try:
         stop.install()
         end_with_parent()
-        ros.init(args=args, signal_handler_options=ros.signals.SignalHandlerOptions.NO)
+        ros.init(signal_handler_options=ros.signals.SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:  # the arguments of the client library
         report(f"error: {(str(error).splitlines() or [''])[0]}")
         return 2

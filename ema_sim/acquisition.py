@@ -14,12 +14,7 @@ from threading import Lock
 import numpy as np
 from numba import njit
 
-from ema_record.actuator import (
-    NOISE_RATE,
-    Acquisition,
-    Actuator,
-    Converters,
-)
+from ema_record.actuator import NOISE_RATE, Acquisition, Actuator, Converters
 from ema_record.channels import (
     MOTOR_SPEED,
     N_CHANNELS,

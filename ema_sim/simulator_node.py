@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
 
 import rclpy
 import rclpy.executors
@@ -25,13 +24,7 @@ from ema_record.wire.topics import (
 )
 from ema_record.wire.trajectory import command_points
 from ema_record.wire.types import NANOSECONDS, stamp_of
-from ema_ros.ema_node import (
-    EmaNode,
-    declare_parameters,
-    given_parameters,
-    on_parameters,
-    use_given_kit,
-)
+from ema_ros.ema_node import EmaNode, declare_parameters, given_parameters, on_parameters
 from ema_ros.interlock import DEFAULT_TIMEOUT, Deadman, Interlock
 from ema_ros.messages import (
     ERROR,
@@ -52,8 +45,9 @@ from ema_ros.messages import (
 )
 from ema_ros.parameters import ParameterSpec, Value
 from ema_ros.process import StopSignal, report, run_node
+from ema_sim.model_file import load_model_file
 from ema_sim.node.server import ActuatorServer
-from ema_sim.node.settings import MODEL_FILE, load_model, parameter_specs, settings_from
+from ema_sim.node.settings import MODEL_FILE, parameter_specs, settings_from
 
 TICK = 0.010
 """Interval at which due blocks are looked for (s)."""
@@ -95,9 +89,8 @@ class SimulatorNode(EmaNode):
     def __init__(self, stop: StopSignal) -> None:
         """Read the parameters."""
         super().__init__(stop)
-        use_given_kit(self)
         model_file = given_parameters(self).get(MODEL_FILE.name, MODEL_FILE.default)
-        self._model = load_model(str(MODEL_FILE.check(model_file)))
+        self._model = load_model_file(str(MODEL_FILE.check(model_file)) or None)
         specs = parameter_specs(self._model)
         self._values = declare_parameters(self, [*specs, *SAFETY])
         self._slow_reader = float(self._values[SLOW_READER.name])
@@ -278,9 +271,9 @@ class SimulatorNode(EmaNode):
         self._values = values
 
 
-def main(args: Sequence[str] | None = None) -> None:
+def main() -> None:
     """Run the node."""
-    sys.exit(run_node(rclpy, SimulatorNode.started, args))
+    sys.exit(run_node(rclpy, SimulatorNode.started))
 
 
 if __name__ == "__main__":

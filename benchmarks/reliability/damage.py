@@ -18,6 +18,7 @@ from random import Random
 import numpy as np
 
 from benchmarks.ledger import Ledger, Row
+from ema_record.bag import writer
 from ema_record.bag.read import read_bag, write_bag
 from ema_record.errors import IncompleteRecordError, RecordError
 from ema_record.profile import load_profile
@@ -29,9 +30,10 @@ CHUNK = 6
 
 def good_bags(folder: Path, seed: int) -> list[Path]:
     """Return one bag of each profile."""
+    writer.CHUNK_SIZE = 256 << 10  # several, which may be damaged one by one
     return [
         write_bag(simulate(load_profile(name), seed=seed, start_time=1_790_000_000 * 10**9),
-                  folder / name, chunk_size=256 << 10)
+                  folder / name)
         for name in ("step", "extended")
     ]
 

@@ -22,7 +22,7 @@ from random import Random
 from std_msgs.msg import String
 
 from benchmarks.ledger import Ledger, Row
-from ema_monitor.aircraft_node import AircraftNode, aircraft
+from ema_monitor.aircraft_node import AircraftNode, aircrafts
 from ema_monitor.chain import PROGNOSTICS
 from ema_record.kit import share_path
 from ema_record.wire.topics import BIT_RECORD
@@ -68,7 +68,7 @@ def node(folder: Path) -> Iterator[AircraftNode]:
         enter_domain(domain)
         with Supervisor(folder / "prognostics.log") as supervisor:
             supervisor.start(PROGNOSTICS, {})
-            with aircraft() as listener:
+            with aircrafts([""]) as (listener,):
                 yield listener
 
 

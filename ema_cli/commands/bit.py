@@ -77,6 +77,7 @@ def bit(
     from ema_record.actuator import load_actuator
     from ema_record.profile import load_profile
     from ema_record.wire.topics import checked_namespace
+    from ema_ros.domain import enter_domain, private_domain, use_fast_discovery
     from ema_ros.supervisor import Supervisor
 
     chosen = load_profile(profile)
@@ -97,7 +98,10 @@ def bit(
     begin = time.monotonic()
     with contextlib.ExitStack() as stack:
         stack.enter_context(ended_by_signals())
-        _enter(stack, domain, with_drivers=no_simulator)
+        if no_simulator:
+            use_fast_discovery(domain)
+        else:  # a free domain, on this host alone
+            enter_domain(stack.enter_context(private_domain(domain)))
         supervisor = stack.enter_context(Supervisor(log))
         for namespace in namespaces:
             if not no_simulator:
@@ -142,6 +146,8 @@ def bit(
             print_json(result)
         else:
             print_result(result)
+    from ema_prognostics.verdict.verdict import worst_status
+
     return worst_status([exit_status(result) for result in results])
 
 
@@ -167,9 +173,10 @@ def _simulators(
             hidden[namespace].append(rest if colon else setting)
     if effects or any(common[name] != value for name, value in UNCHANGED.items()):
         from ema_ros.parameters import check_values
-        from ema_sim.node.settings import load_model, parameter_specs
+        from ema_sim.model_file import load_model_file
+        from ema_sim.node.settings import parameter_specs
 
-        specs = parameter_specs(load_model(str(common["model_file"])))
+        specs = parameter_specs(load_model_file(str(common["model_file"]) or None))
         for namespace in namespaces:
             check_values(specs, {**common, **effect_parameters(hidden[namespace])})
     found = {}
@@ -181,21 +188,6 @@ def _simulators(
             found[namespace]["seed"] = int(common["seed"]) + number
             found[namespace]["serial_number"] = f"{common['serial_number']}-{number + 1}"
     return found
-
-
-def _enter(stack: contextlib.ExitStack, domain: int | None, *, with_drivers: bool) -> None:
-    """Enter the domain of the test: a free one on this host alone, or that of the drivers."""
-    from ema_ros.domain import enter_domain, private_domain, use_fast_discovery
-
-    if with_drivers:
-        use_fast_discovery(domain)
-    else:
-        enter_domain(stack.enter_context(private_domain(domain)))
-
-
-def worst_status(statuses: list[int]) -> int:
-    """Return the exit status of several tests: 2 before 4 before 1 before 3 before 0."""
-    return next((status for status in (2, 4, 1, 3) if status in statuses), 0)
 
 
 def exit_status(result: dict[str, Any]) -> int:

@@ -8,18 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ema_cli.console import (
-    check_new_file,
-    drawing,
-    error_line,
-    note,
-    say,
-    speech,
-    stdout,
-)
+from ema_cli.console import check_new_file, drawing, error_line, note, say, speech, stdout
 from ema_cli.options import Baseline, Cascade, Commanded, Format
 from ema_cli.views.flights import draw_sequence, judged_flights, print_sequence
 from ema_cli.views.machine import Machine, check_format
+from ema_cli.views.pictures import picture_format, save_picture
 from ema_cli.views.verdict import print_verdict
 from ema_record.errors import InvalidRecordError, UsageError, unknown_name
 
@@ -74,8 +67,6 @@ def check(
         if len(bags) != 1:
             raise UsageError(f"--plot {plot}: {len(bags)} bags given, a picture shows one: give "
                              "one bag, or one directory of flights")
-        from ema_cli.views.pictures import picture_format
-
         picture_format(plot)
         check_new_file(plot)
     judge = Judge(model, baseline, profile=profile, mode=mode)
@@ -104,7 +95,7 @@ def check(
         heading = {} if found is None else found.heading() | {"given": given}
         statuses.append(verdict.exit_status)
         if out is not None:
-            out.verdict(judged)
+            out.print(out.object_of(judged))
         elif other is not None:
             error_line(verdict.reasons[0])
         else:
@@ -125,7 +116,6 @@ def _draw(found: Examination | None, judge: Judge, plot: Path) -> None:
         raise UsageError(f"--plot {plot}: there is no record to draw")
     with drawing():
         from ema_cli.views.evidence_plot import evidence_figure
-        from ema_cli.views.pictures import save_picture
         from ema_prognostics.features.profile_kind import profile_kind
 
         kind = profile_kind(found.record.profile)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -90,18 +90,13 @@ def _values(command: str, before: str, options: dict[str, Any]) -> Sequence[str]
     from ema_prognostics.words import CLASSES, languages
 
     name = getattr(options.get(before), "name", before)
-    if name == "effect":
-        return effects()
-    if name == "profile":
-        return profiles()
-    if name == "kit":
-        return kits()
-    known: dict[str, Sequence[str]] = {
-        "lang": languages(), "color": ["auto", "always", "never"], "mode": ["robust", "paper"],
-        "limit": [f"{one}=" for one in CLASSES],
+    known: dict[str, Callable[[], Sequence[str]]] = {
+        "effect": effects, "profile": profiles, "kit": kits, "lang": languages,
+        "color": lambda: ["auto", "always", "never"], "mode": lambda: ["robust", "paper"],
+        "limit": lambda: [f"{one}=" for one in CLASSES],
     }
     if name in known:
-        return known[name]
+        return known[name]()
     if before.startswith("-") and not getattr(options.get(before), "is_flag", False):
         return []
     if command == "effects":

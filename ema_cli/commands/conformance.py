@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ema_cli.console import print_json, print_table, progress, styled
+from ema_cli.console import plain_table, print_json, print_table, progress, styled
 from ema_record.errors import bounded
 
 STYLES = {"ok": "green", "absent": "yellow", "untested": "yellow", "WRONG": "bold red"}
@@ -48,9 +48,7 @@ def conformance(
         for line in lines:
             print_json(line._asdict())
     else:
-        from rich.table import Table
-
-        table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
+        table = plain_table(show_header=False)
         for line in lines:
             table.add_row(styled((line.outcome, STYLES[line.outcome])), styled(line.item),
                           styled(line.text))

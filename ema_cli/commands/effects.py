@@ -6,13 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ema_cli.console import print_json, print_table, stdout, styled
+from ema_cli.console import plain_table, print_json, print_table, stdout, styled
 from ema_cli.lines import NO_BREAK, TextLine, print_lines
 from ema_record.errors import unknown_name
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from ema_sim.effects import Effect, Field
 
 WIDE = 80
@@ -84,16 +82,6 @@ def unit_text(field: Field) -> str:
     return "" if unit == "1" else unit
 
 
-def _table(*columns: str) -> Table:
-    """Return a table without lines, the names of its first column whole."""
-    from rich.table import Table
-
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for index, column in enumerate(columns):
-        table.add_column(column, no_wrap=index == 0)
-    return table
-
-
 def _print_table(chosen: list[Effect]) -> None:
     """Print a paragraph an effect: what it is, its parameters with bounds, unit and default."""
     lines = []
@@ -115,7 +103,9 @@ def _explain(effect: Effect) -> None:
     console.print(styled((effect.name, "bold"), f"  ({effect.port} port)"))
     console.print(f"{effect.summary}\n\n  {effect.equation}\n")
     if console.width >= WIDE:
-        table = _table("parameter", "bounds", "unit", "default", "meaning")
+        table = plain_table(pad_edge=False)
+        for column in ("parameter", "bounds", "unit", "default", "meaning"):
+            table.add_column(column, no_wrap=column == "parameter")
         for field in effect.fields:
             table.add_row(f"{effect.name}.{field.name}", bounds_text(field), unit_text(field),
                           field.default_text, field.kind.text)

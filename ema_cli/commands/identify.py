@@ -115,13 +115,9 @@ def identify(
     inputs: dict[str, str | list[str]] = {
         "measured": [str(p) for p in measured],
         "model": kit_name() if model is None else str(model),
+        **{name: list(map(str, given)) for name, given in (
+            ("validate", validate), ("baseline", baseline), ("without", without)) if given},
     }
-    if validate:
-        inputs["validate"] = [str(p) for p in validate]
-    if baseline:
-        inputs["baseline"] = [str(p) for p in baseline]
-    if without:
-        inputs["without"] = list(without)
     if profile:
         inputs["profile"] = profile
     found = write_answer(found, out)

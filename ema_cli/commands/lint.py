@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ema_cli.console import error_line, given_bags, print_json, say, track
+from ema_cli.console import error_line, given_bags, print_json, progress, say
 
 if TYPE_CHECKING:
     from ema_record.checks.run import LintReport
@@ -36,13 +36,15 @@ def lint(
     actuator = load_actuator(model)
     status = 0
     found = given_bags(bags)
-    for bag in track(found, "reading", len(found)):
-        report = lint_bag(bag, actuator)
-        status = max(status, report.exit_status)
-        if as_json:
-            print_json(report.to_dict())
-        else:
-            _print(report)
+    with progress("reading", len(found)) as advance:
+        for done, bag in enumerate(found, start=1):
+            report = lint_bag(bag, actuator)
+            status = max(status, report.exit_status)
+            if as_json:
+                print_json(report.to_dict())
+            else:
+                _print(report)
+            advance(done)
     return status
 
 

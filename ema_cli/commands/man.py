@@ -56,17 +56,14 @@ def title(command: str) -> str:
 
 def page(command: str) -> str:
     """Return a page as roff with the macros of man(7); the same text for the same version."""
+    from ema_cli.main import COMMANDS
+
+    others = [title("")] if command else [title(name) for name in COMMANDS]
     return "\n".join([
         f'.TH "{title(command).upper()}" "1" "" "ema {VERSION}" "ema_phm"',
         *(_of_command(command) if command else _of_all()),
         ".SH SEE ALSO",
-        ", ".join(rf"\fB{_text(other)}\fR(1)" for other in _others(command)), ""])
-
-
-def _others(command: str) -> list[str]:
-    from ema_cli.main import COMMANDS
-
-    return [title("")] if command else [title(name) for name in COMMANDS]
+        ", ".join(rf"\fB{_text(other)}\fR(1)" for other in others), ""])
 
 
 def _of_all() -> list[str]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ema_cli.console import check_new, note, print_json, print_table, say
+from ema_cli.console import check_new, note, plain_table, print_json, print_table, say
 from ema_record.data_sheet.quantities import DRIVE, MOTOR, QUANTITIES, RECORDER
 from ema_record.errors import UsageError
 
@@ -76,8 +76,8 @@ def new_actuator(
     Example: `ema new-actuator --out kit --resistance 1.2ohm --inductance 0.194mH --kv 475rpm/V \
 --pole-pairs 1 --inertia 34gcm2 --gear 100 --end-stop 40deg --current-limit 7.5A --bus 24V`
     """
-    from ema_record.data_sheet.new_kit import new_kit
     from ema_record.data_sheet.sheet import read_sheet
+    from ema_record.data_sheet.text import new_kit
 
     texts = {option: text for option in QUANTITIES
              if (text := stated.get(option.replace("-", "_"))) is not None}
@@ -146,8 +146,6 @@ def _described(description: Description, out: Path) -> dict[str, Any]:
 
 
 def _explain(description: Description, out: Path) -> None:
-    from rich.table import Table
-
     from ema_record.profiles.design import default_profiles
     from ema_record.profiles.motion import motion, torque_constant
 
@@ -155,7 +153,7 @@ def _explain(description: Description, out: Path) -> None:
     at, counts = motion(actuator), _counts(description)
     say(f"{out}: {counts['given']} parameters given, {counts['derived']} derived, "
         f"{counts['assumed']} assumed")
-    table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
+    table = plain_table(show_header=False)
     table.add_column(no_wrap=True)
     table.add_column()
     test = default_profiles(actuator)["extended"]

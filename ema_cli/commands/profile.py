@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ema_cli.console import note, print_json, print_table, stdout
+from ema_cli.console import note, plain_table, print_json, print_table, stdout
 from ema_cli.lines import print_text
 from ema_record.errors import UsageError, unknown_name
 
@@ -116,20 +116,8 @@ def _described(chosen: Profile, actuator: Actuator) -> dict[str, Any]:
     }
 
 
-def _columns(*names: str) -> Any:
-    from rich.table import Table
-
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for index, name in enumerate(names):
-        table.add_column(name, justify="left" if index == len(names) - 1 else "right",
-                         no_wrap=True)
-    return table
-
-
 def _list(chosen: list[Profile], actuator: Actuator) -> None:
-    from rich.table import Table
-
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    table = plain_table(pad_edge=False)
     for column in ("test", "s", "of stroke", "does"):
         table.add_column(column, no_wrap=column != "does")
     for one in chosen:
@@ -145,7 +133,9 @@ def _explain(chosen: Profile, actuator: Actuator) -> None:
     print_text(f"{chosen.name}: {chosen.description or 'no description'}", console)
     names = ("s", "rad", "of stroke", "rad left", "rad/s", "of slew", "turns", "how")
     kept = [n for n in names if console.width >= WIDE or n not in LEFT_OUT]
-    table = _columns(*kept)
+    table = plain_table(pad_edge=False)
+    for name in kept:
+        table.add_column(name, justify="left" if name == "how" else "right", no_wrap=True)
     for move in moves(chosen, actuator):
         speed, slew = (("", "") if not move.speed or move.slew is None
                        else (f"{move.speed:+.4g}", f"{abs(move.slew):.3g}"))

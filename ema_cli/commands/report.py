@@ -16,11 +16,6 @@ from ema_record.files import check_apart
 if TYPE_CHECKING:
     from ema_prognostics.verdict.examination import Examination
 
-Ata = Annotated[str, typer.Option("--ata", metavar="TEXT", help="ATA chapter.")]
-Aircraft = Annotated[str, typer.Option("--aircraft", metavar="TEXT", help="Registration.")]
-WorkOrder = Annotated[str, typer.Option("--work-order", metavar="TEXT", help="Its number.")]
-Operator = Annotated[str, typer.Option("--operator", metavar="TEXT", help="Operator, station.")]
-
 
 def report(
     bags: Annotated[list[Path], typer.Argument(
@@ -29,10 +24,10 @@ def report(
     out: Annotated[list[Path] | None, typer.Option(
         "--out", "-o", metavar="FILE.html|.xml|.json", show_default="BAG.html beside the bag",
         help="Report to write; repeatable.")] = None,
-    ata: Ata = "",
-    aircraft: Aircraft = "",
-    work_order: WorkOrder = "",
-    operator: Operator = "",
+    ata: Annotated[str, typer.Option(metavar="TEXT", help="ATA chapter.")] = "",
+    aircraft: Annotated[str, typer.Option(metavar="TEXT", help="Registration.")] = "",
+    work_order: Annotated[str, typer.Option(metavar="TEXT", help="Its number.")] = "",
+    operator: Annotated[str, typer.Option(metavar="TEXT", help="Operator, station.")] = "",
     profile: Commanded = None,
     model: Cascade = None,
     baseline: Baseline = None,

@@ -80,8 +80,16 @@ def simulate(
     from ema_sim.simulate import simulate_traced
 
     if campaign is not None:
+        from ema_sim.campaign.plan import load_plan
+        from ema_sim.campaign.runs import prepare
+
         _refuse_own_options(context, campaign)
-        return simulate_campaign(campaign, out, jobs=jobs, dask=dask, run=run, as_json=as_json)
+        if jobs is not None and dask is not None:
+            raise UsageError(f"--jobs {jobs} and --dask {dask} exclude each other: give one")
+        all_runs = prepare(load_plan(campaign))
+        if run is not None:
+            return _one_run(all_runs, run, out, as_json)
+        return _all_runs(all_runs, campaign, out, jobs=jobs, dask=dask, as_json=as_json)
     if jobs is not None or dask is not None or run is not None:
         raise UsageError("--jobs, --dask and --run belong to a campaign: give --campaign FILE")
     check_new(out)
@@ -191,38 +199,6 @@ def write_trace(path: Path, time: np.ndarray, trace: np.ndarray) -> None:
             temporary, np.column_stack([time, trace]), fmt="%.9g", delimiter=",", comments="",
             header=",".join(["time[s]", *TRACE_LABELS]),
         )
-
-
-def simulate_campaign(
-    file: Path,
-    out: Path,
-    *,
-    jobs: int | None = None,
-    dask: str | None = None,
-    run: int | None = None,
-    as_json: bool = False,
-) -> int:
-    """Make the runs of a campaign file, or one of them alone, and return the exit status.
-
-    Parameters
-    ----------
-    file : campaign file.
-    out : folder of the campaign; with `run` the bag to make.
-    jobs : worker processes, default one a core.
-    dask : address of a dask scheduler, instead of `jobs`.
-    run : number of the one run to make.
-    as_json : print one object instead of lines for people.
-
-    """
-    from ema_sim.campaign.plan import load_plan
-    from ema_sim.campaign.runs import prepare
-
-    if jobs is not None and dask is not None:
-        raise UsageError(f"--jobs {jobs} and --dask {dask} exclude each other: give one")
-    campaign = prepare(load_plan(file))
-    if run is not None:
-        return _one_run(campaign, run, out, as_json)
-    return _all_runs(campaign, file, out, jobs=jobs, dask=dask, as_json=as_json)
 
 
 def _one_run(campaign: Campaign, index: int, out: Path, as_json: bool) -> int:

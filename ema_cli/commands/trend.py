@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -25,6 +24,7 @@ from ema_cli.views.flights import (
     unit_name,
 )
 from ema_cli.views.machine import Machine, check_format
+from ema_cli.views.pictures import picture_format
 from ema_cli.views.rig_trend import RigTrend, draw_values, first_is_rig, rig_trend
 from ema_cli.views.rig_trend import trend_lines as rig_lines
 from ema_prognostics.words import class_name, scaled
@@ -80,12 +80,11 @@ def trend(
     from ema_prognostics.trend.flights import is_sequence, what_else
     from ema_prognostics.trend.unit_trend import trend_of
     from ema_prognostics.verdict.judge import Judge
+    from ema_prognostics.verdict.verdict import worst_status
 
     chosen = parse_rule(rule)
     form = check_format(form, json=json)
     if plot is not None:
-        from ema_cli.views.pictures import picture_format
-
         picture_format(plot)
     check_new_file(plot)
     if map_file is not None or first_is_rig(bags):
@@ -116,8 +115,7 @@ def trend(
             print_text(line, stdout())
     if plot is not None:
         draw_sequence(trends, plot)
-    statuses = [exit_status(found) for found in trends]
-    return next(s for s in (2, 1, 3, 0) if s in statuses)
+    return worst_status([exit_status(found) for found in trends])
 
 
 def _of_rig(found: RigTrend, plot: Path | None, form: str) -> int:
@@ -172,19 +170,15 @@ def exit_status(found: UnitTrend) -> int:
     return 3 if pending or found.suspected or not copies[-1].answered else 0
 
 
-def trend_lines(
-    found: UnitTrend, limits: Mapping[str, float] = MappingProxyType({})
-) -> list[str]:
+def trend_lines(found: UnitTrend, limits: Mapping[str, float]) -> list[str]:
     """Return the trend of an actuator in words, a fact a line."""
     count = len(found.flights) - len(found.copies)
     answered = count - len(found.unanswered)
     flights = counted(count, "flight")
     lines = [f"Actuator {unit_name(found)}: {flights}, {answered} of them gave an answer"]
     if found.unanswered:
-        lines.append(
-            f"  no answer, counted neither as healthy nor as faulty: "
-            f"{number_list(found.unanswered)}"
-        )
+        lines.append("  no answer, counted neither as healthy nor as faulty: "
+                     + number_list(found.unanswered))
         for flight in found.flights:
             if flight.number in found.unanswered:
                 verdict = flight.verdict
@@ -209,8 +203,7 @@ def trend_lines(
 
 
 def growth_lines(
-    fault: FaultTrend, flights: Sequence[Flight] = (),
-    limits: Mapping[str, float] = MappingProxyType({}),
+    fault: FaultTrend, flights: Sequence[Flight], limits: Mapping[str, float]
 ) -> list[str]:
     """Return rate and forecast of one fault, or why there is none."""
     if fault.episodes[-1].cleared is not None:

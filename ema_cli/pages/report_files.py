@@ -37,7 +37,6 @@ def write_report_file(path: Path, data: Mapping[str, Any], record: Record) -> No
         The ending is none of `FORMS`.
     OutputError
         It exists, or cannot be written.
-
     """
     with new_file(path) as temporary:
         temporary.write_text(form_of(path)(data, record), encoding="utf-8")
@@ -191,7 +190,7 @@ def _trace(record: Record) -> str:
         return ""
     return charts.trace(
         record.time, record.profile.command(record.time), measured,
-        [(begin, end, name) for begin, end, name in phases_of(record.profile)],
+        phases_of(record.profile),
         {"title": say("report.tested"), "command": say("report.command"),
          "measured": say("report.surface")})
 

@@ -193,8 +193,8 @@ def folded(record: Record, kind: ProfileKind) -> np.ndarray:
     return np.array([fold(turns, currents[:, k], FOLD_BINS) for k in range(3)])
 
 
-def healthy_currents(record: Record, kind: ProfileKind, units: int = UNITS) -> np.ndarray:
-    """Return `folded` of simulated healthy units, shape (units, 3, FOLD_BINS) (A)."""
+def healthy_currents(record: Record, kind: ProfileKind) -> np.ndarray:
+    """Return `folded` of `UNITS` simulated healthy units, shape (n, 3, FOLD_BINS) (A)."""
     from ema_prognostics.training.conditions import (
         actuator_of,
         draw_conditions,
@@ -207,7 +207,7 @@ def healthy_currents(record: Record, kind: ProfileKind, units: int = UNITS) -> n
 
     rng, spread, nominal = np.random.default_rng(SEED), load_spread(), load_actuator()
     found = []
-    for _ in range(units):
+    for _ in range(UNITS):
         unit, conditions = draw_unit(rng, spread.tolerances), draw_conditions(
             rng, spread.conditions)
         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ema_cli.console import print_table, say, styled
+from ema_cli.console import plain_table, print_table, say, stdout, styled
 from ema_record.errors import counted
 from ema_record.record import iso_time
 
@@ -19,12 +19,8 @@ NARROW = 90
 
 def print_fleet(fleet: Fleet) -> None:
     """Print the units and how many there are in each state."""
-    from rich.table import Table
-
-    from ema_cli.console import stdout
-
     wide = stdout().width >= NARROW
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
+    table = plain_table(pad_edge=False, header_style="dim")
     table.add_column("unit", overflow="fold")
     table.add_column("state", no_wrap=True)
     table.add_column("finding")

@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ema_cli.console import (
-    drawing,
-    given_bags,
-    note,
-    progress,
-    stdout,
-    styled,
-)
+from ema_cli.console import drawing, given_bags, note, progress, stdout, styled
 from ema_cli.lines import print_rows, print_text
+from ema_cli.views.pictures import save_picture
 from ema_cli.views.verdict import STYLES
 from ema_prognostics.words import class_name, severity_words
 from ema_record.errors import UsageError, counted
+from ema_record.record import iso_time
 
 if TYPE_CHECKING:
     from ema_cli.views.machine import Machine
@@ -54,9 +48,9 @@ def draw_sequence(trends: Sequence[UnitTrend], plot: Path) -> None:
             "actuator in a directory of its own"
         )
     with drawing():
-        from ema_cli.views.flights_plot import plot_trend
+        from ema_cli.views.flights_plot import trend_figure
 
-        plot_trend(trends[0], plot)
+        save_picture(trend_figure(trends[0]), plot)
     note(f"plot: {plot}")
 
 
@@ -71,12 +65,9 @@ def judged_flights(paths: Sequence[Path], judge: Judge) -> dict[str, list[Flight
     from ema_prognostics.trend.flights import Flight, read_flights
 
     bags = given_bags(paths)
-
-    def fly(bag: Path) -> Flight:
-        return Flight(**judge.of_bag(bag)._asdict())
-
     with progress(f"checking {len(bags)} bags", len(bags)) as advance:
-        return read_flights(bags, fly, advance)
+        return read_flights(
+            bags, lambda bag: Flight(**judge.of_bag(bag)._asdict()), advance)
 
 
 def print_flights(trend: UnitTrend) -> None:
@@ -88,8 +79,9 @@ def print_flights(trend: UnitTrend) -> None:
     rows = []
     for flight in trend.flights:
         outcome = flight.verdict.outcome
+        time = (iso_time(flight.start_time) or "not known")[:16].replace("T", " ")
         cells = (
-            str(flight.number), _time(flight.start_time), Path(flight.verdict.bag).name,
+            str(flight.number), time, Path(flight.verdict.bag).name,
             (outcome.upper(), STYLES.get(outcome, "bold")), "; ".join(_findings(flight)),
         )
         rows.append([cells[k] for k in shown])
@@ -118,12 +110,6 @@ def _findings(flight: Flight) -> list[str]:
             f.level or "",
         ) if part) for f in verdict.faults
     ]
-
-
-def _time(start_time: int) -> str:
-    if not start_time:
-        return "not known"
-    return datetime.fromtimestamp(start_time / 1e9, tz=timezone.utc).strftime("%Y-%m-%d %H:%M")
 
 
 def about(flights: Sequence[Flight], number: int) -> str:
@@ -189,10 +175,10 @@ def fall_lines(fault: FaultTrend) -> list[str]:
     ]
 
 
-def number_list(numbers: Sequence[int | str], most: int = 12) -> str:
+def number_list(numbers: Sequence[int | str]) -> str:
     """Return numbers with a comma between, the first few of many."""
-    text = ", ".join(str(n) for n in numbers[:most])
-    return text + (f" and {len(numbers) - most} more" if len(numbers) > most else "")
+    text = ", ".join(map(str, numbers[:12]))
+    return text + (f" and {len(numbers) - 12} more" if len(numbers) > 12 else "")
 
 
 def trend_object(trend: UnitTrend, out: Machine) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -11,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from ema_cli.views.pictures import save_picture
 from ema_cli.views.record_plots import (
     BLACK,
     BLUE,
@@ -40,11 +38,6 @@ NO_PHASE = BLUE
 LONGEST_AHEAD = 3.0
 """Of the flights that there are, drawn ahead at most."""
 FEWEST_AHEAD = 5
-
-
-def plot_trend(trend: UnitTrend, path: Path) -> Path:
-    """Plot the flights of an actuator into a picture that does not exist yet; return its path."""
-    return save_picture(trend_figure(trend), path)
 
 
 def trend_figure(trend: UnitTrend) -> Figure:

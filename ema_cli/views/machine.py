@@ -50,10 +50,6 @@ class Machine:
         return verdict_object(Judged(said.verdict, said.serial_number, said.start_time,
                                      said.profile), self._trace)
 
-    def verdict(self, said: Flight | Judged) -> None:
-        """Print the verdict on a bag."""
-        self.print(self.object_of(said))
-
     def print(self, found: Mapping[str, Any]) -> None:
         """Print an object."""
         if self.kind == "json":

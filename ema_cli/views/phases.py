@@ -8,12 +8,12 @@ from ema_record.actuator import load_actuator
 from ema_record.profile import Profile
 from ema_record.profiles.plan import test_plan
 
-Phase = tuple[float, float, str]
-"""Begin, end (s after the acceptance of the command), name."""
 
+def phases_of(profile: Profile) -> list[tuple[float, float, str]]:
+    """Return the parts of a test that the diagnosis looks at; empty for a test not known.
 
-def phases_of(profile: Profile) -> list[Phase]:
-    """Return the parts of a test that the diagnosis looks at; empty for a test not known."""
+    Of each: begin, end (s after the acceptance of the command), name.
+    """
     actuator = load_actuator()
     if profile_kind(profile, actuator) is None:
         return []

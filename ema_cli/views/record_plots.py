@@ -71,13 +71,10 @@ def plot_record(record: Record, folder: Path, *, trace: np.ndarray | None = None
 
     Parameters
     ----------
-    record : Record
-        What is shown.
-    folder : Path
-        Where the PNG go; made if it does not exist.
-    trace : ndarray, shape (n, 3), optional
-        Motor torque (N m), shaft torque (N m), surface speed (rad/s) from the simulation.
-        Without it the torque is estimated from the currents, and labelled so.
+    record : what is shown.
+    folder : where the PNG go; made if it does not exist.
+    trace : ndarray, shape (n, 3). Motor torque (N m), shaft torque (N m), surface speed (rad/s)
+        from the simulation. Without it the torque is estimated from the currents, and labelled so.
 
     Returns
     -------
@@ -89,7 +86,6 @@ def plot_record(record: Record, folder: Path, *, trace: np.ndarray | None = None
     ------
     OutputError
         A plot exists, or cannot be written.
-
     """
     check_plot_folder(folder)
     figures = record_figures(record, trace=trace)
@@ -199,7 +195,6 @@ def speed_spectrum(turns: Turns) -> tuple[np.ndarray, np.ndarray]:
         Multiples of f_e, spaced by one over the number of turns.
     amplitude : ndarray, same shape
         Peak (rad/s); 0 at order 0.
-
     """
     whole = replace(turns, theta=turns.theta / turns.count)  # all the turns as one
     lines = rotor_lines(whole, turns.samples[:, MOTOR_SPEED], MAX_ORDER * turns.count)

@@ -22,14 +22,13 @@ def first_rows(record: RigRecord) -> list[list[str]]:
             *([f"{value:.6g}" for value in row] for row in record.samples[:ROWS])]
 
 
-def draw(record: RigRecord, path: Path) -> Path:
+def draw(record: RigRecord, path: Path) -> None:
     """Draw each channel over time into a PNG that is new.
 
     Raises
     ------
     OutputError
         It exists, or cannot be written.
-
     """
     channels = record.channels[1:]
     figure = Figure(figsize=(8.0, 1.7 * len(channels) + 0.5), layout="constrained")
@@ -41,7 +40,7 @@ def draw(record: RigRecord, path: Path) -> Path:
         axis.grid(visible=True, color="#DDDDDD")
     axes[-1].set_xlabel("time (s)")
     figure.suptitle(f"{record.axis.name}: {len(record)} samples at {record.rate:.4g} 1/s")
-    return save_picture(figure, path)
+    save_picture(figure, path)
 
 
 def _thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -60,7 +60,6 @@ def first_is_rig(paths: Sequence[Path]) -> bool:
     ------
     UsageError
         It is one of ROS 2 that was not imported.
-
     """
     from ema_prognostics.trend.flights import bags_of, is_sequence
     from ema_record.bag.any_topic import list_topics
@@ -97,7 +96,6 @@ def rig_trend(
     map_file : as for `ema import`.
     model : whose terms are followed; default what the first and the last record show.
     limits : ``NAME=VALUE``, or ``NAME=+P%`` over the mean of the first records.
-
     """
     from ema_identification.rig.fit.model import load_rig_model
     from ema_identification.rig.follow import follow

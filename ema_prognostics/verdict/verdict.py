@@ -17,7 +17,7 @@ Measure = Literal["healthy", "bound"]
 EXIT_STATUS: dict[Outcome, int] = {
     "healthy": 0, "fault": 1, "unknown": 3, "incomplete": 3, "invalid": 2,
 }
-_WORST_FIRST = (2, 1, 3, 0)
+_WORST_FIRST = (2, 4, 1, 3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -185,7 +185,7 @@ def verdict_of_dict(found: Mapping[str, Any]) -> Verdict:
 
 
 def worst_status(statuses: list[int]) -> int:
-    """Return the exit status of several bags: 2 before 1 before 3 before 0."""
+    """Return the exit status of several bags or tests: 2 before 4 before 1 before 3 before 0."""
     return next((status for status in _WORST_FIRST if status in statuses), 0)
 
 

@@ -66,18 +66,12 @@ def add_last_message(
 
     Parameters
     ----------
-    bag : Path
-        A whole bag of one file, as `BagWriter` leaves it.
-    topic : Topic
-        As it is called in the bag.
-    data : bytes
-        CDR with its encapsulation.
-    log_time : int
-        Reception (ns since the epoch).
-    said : mapping of str to str
-        For the metadata of file and directory.
-    attached : bytes, optional
-        JSON, for an attachment of the file.
+    bag : a whole bag of one file, as `BagWriter` leaves it.
+    topic : as it is called in the bag.
+    data : CDR with its encapsulation.
+    log_time : reception (ns since the epoch).
+    said : for the metadata of file and directory.
+    attached : JSON, for an attachment of the file.
 
     Raises
     ------
@@ -85,7 +79,6 @@ def add_last_message(
         The bag is none of ours, or has that topic.
     OutputError
         It cannot be written; it is as it was.
-
     """
     place = bag / METADATA_FILE
     files = find_files(bag).paths

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
@@ -15,6 +14,7 @@ from ema_record.bag.container import (
     METADATA_FILE,
     BagFiles,
     find_files,
+    full_type,
     opened,
     unreadable,
 )
@@ -55,7 +55,6 @@ def list_topics(path: Path) -> dict[str, AnyTopic]:
     ------
     InvalidRecordError, IncompleteRecordError
         As `messages_of`.
-
     """
     found: dict[str, AnyTopic] = {}
     files = _files(path)
@@ -72,16 +71,13 @@ def messages_of(path: Path, topics: frozenset[str]) -> Iterator[tuple[str, int, 
 
     Parameters
     ----------
-    path : Path
-        A rosbag2 directory, an ``.mcap`` or a ``.db3`` file.
-    topics : frozenset of str
-        Those that are wanted.
+    path : a rosbag2 directory, an ``.mcap`` or a ``.db3`` file.
+    topics : those that are wanted.
 
     Raises
     ------
     InvalidRecordError, IncompleteRecordError
         No bag; damaged; cut; more than `MAX_MESSAGES` messages of a topic.
-
     """
     files = _files(path)
     counts = dict.fromkeys(topics, 0)
@@ -117,15 +113,11 @@ def _topics_of_file(file: Path, files: BagFiles) -> list[AnyTopic]:
                     topic = item.channel.topic
                     counts[topic] = counts.get(topic, 0) + 1
             return [
-                AnyTopic(c.topic, _full(c.schema_name), c.message_encoding, c.schema_encoding,
+                AnyTopic(c.topic, full_type(c.schema_name), c.message_encoding, c.schema_encoding,
                          c.schema.decode("utf-8", errors="replace"), counts.get(c.topic, 0))
                 for c in mcap.channels]
     except OSError as error:
         raise unreadable(file, error) from None
-
-
-def _full(message_type: str) -> str:
-    return re.sub(r"^(\w+)/(\w+)$", r"\1/msg/\2", message_type)
 
 
 def _of_mcap(file: Path, topics: frozenset[str]) -> Iterator[tuple[str, int, bytes]]:
@@ -166,7 +158,7 @@ def _topics_of_sqlite(file: Path) -> list[AnyTopic]:
             counts = {int(k): int(n) for k, n in database.execute(
                 "SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id")}
             rows = database.execute("SELECT id, name, type, serialization_format FROM topics")
-            return [AnyTopic(str(name), _full(str(kind)), str(encoding),
+            return [AnyTopic(str(name), full_type(str(kind)), str(encoding),
                              *schemas.get(str(kind), ("", "")), counts.get(int(number), 0))
                     for number, name, kind, encoding in rows]
     except (sqlite3.Error, ValueError, TypeError) as error:

@@ -13,20 +13,15 @@ def unpack(data: bytes, method: str, size: int, where: str) -> bytes:
 
     Parameters
     ----------
-    data : bytes
-        One frame.
-    method : str
-        ``""`` (none), ``zstd`` or ``lz4``.
-    size : int
-        Its size when unpacked, as its container says; already checked to be acceptable.
-    where : str
-        Named in errors.
+    data : one frame.
+    method : ``""`` (none), ``zstd`` or ``lz4``.
+    size : its size when unpacked, as its container says; already checked to be acceptable.
+    where : named in errors.
 
     Raises
     ------
     InvalidRecordError
         Damaged, of another size, or a method that is not known.
-
     """
     try:
         if method == "":
@@ -47,14 +42,10 @@ def unpack(data: bytes, method: str, size: int, where: str) -> bytes:
         ) from None
     if len(result) != size:
         raise InvalidRecordError(
-            f"{where}: unpacks to {_at_least(len(result), size)} bytes, announced are {size}: "
-            "damaged, or made to exhaust the memory"
+            f"{where}: unpacks to {f'more than {size}' if len(result) > size else len(result)} "
+            f"bytes, announced are {size}: damaged, or made to exhaust the memory"
         )
     return result
-
-
-def _at_least(found: int, size: int) -> str:
-    return f"more than {size}" if found > size else str(found)
 
 
 def _unpack_zstd(data: bytes, size: int, where: str) -> bytes:
@@ -65,10 +56,9 @@ def _unpack_zstd(data: bytes, size: int, where: str) -> bytes:
             f"{where}: its zstd frame announces {announced} bytes, its record {size}: damaged, "
             "or made to exhaust the memory"
         )
-    unpacker = zstandard.ZstdDecompressor()
     if size == 0:
         return b""
-    return unpacker.decompress(data, max_output_size=size)
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
 
 
 def unpack_zstd_stream(data: bytes, bound: int, where: str) -> bytes:

@@ -12,12 +12,7 @@ from typing import IO, Any, NamedTuple
 
 from ema_record.bag.compression import unpack_zstd_stream
 from ema_record.bag.mcap_stream import McapMetadata, McapStream
-from ema_record.errors import (
-    IncompleteRecordError,
-    InvalidRecordError,
-    OutputError,
-    UsageError,
-)
+from ema_record.errors import IncompleteRecordError, InvalidRecordError, OutputError, UsageError
 from ema_record.files import exists
 from ema_record.limits import (
     MAX_FILES,
@@ -49,7 +44,6 @@ class StoredMessage(NamedTuple):
     """One message of a topic."""
 
     log_time: int
-    publish_time: int
     data: bytes | memoryview
 
 
@@ -70,10 +64,8 @@ def find_files(path: Path, storages: Sequence[str] = ("mcap",)) -> BagFiles:
 
     Parameters
     ----------
-    path : Path
-        The directory or file.
-    storages : sequence of str
-        Those that are read: ``mcap``, ``sqlite3``.
+    path : the directory or file.
+    storages : those that are read: ``mcap``, ``sqlite3``.
 
     Raises
     ------
@@ -81,7 +73,6 @@ def find_files(path: Path, storages: Sequence[str] = ("mcap",)) -> BagFiles:
         Nothing there, no bag, another storage, or a file of the bag is missing.
     IncompleteRecordError
         A recording without ``metadata.yaml``, which is written last.
-
     """
     try:
         if path.is_dir():
@@ -175,11 +166,7 @@ def _counts(information: dict[str, Any]) -> dict[str, int]:
 
 
 def read_content(
-    path: Path,
-    topics: frozenset[str],
-    *,
-    validate_crcs: bool = True,
-    file_order: bool = False,
+    path: Path, topics: frozenset[str], *, validate_crcs: bool = True, file_order: bool = False
 ) -> BagContent:
     """Return the messages of `topics`, sorted by log time, and all metadata.
 
@@ -191,7 +178,6 @@ def read_content(
     InvalidRecordError, IncompleteRecordError
         See `find_files` and `mcap_stream.McapStream`; a topic of another type; too many
         messages; topics of several actuators.
-
     """
     files = find_files(path)
     content = BagContent()
@@ -213,7 +199,7 @@ def read_content(
                             f"{file}: more than {MAX_MESSAGES} messages of {topic}: publish "
                             "larger blocks"
                         )
-                    messages.append(StoredMessage(item.log_time, item.publish_time, item.data))
+                    messages.append(StoredMessage(item.log_time, item.data))
                 _check_types(mcap, topics)
                 for name in (split_name(channel.topic) for channel in mcap.channels):
                     content.topics.add(name.topic)
@@ -266,13 +252,18 @@ def _check_types(mcap: McapStream, topics: frozenset[str]) -> None:
         if topic not in topics:
             continue
         expected = TOPICS[topic].type
-        found = re.sub(r"^(\w+)/(\w+)$", r"\1/msg/\2", channel.schema_name)
+        found = full_type(channel.schema_name)
         if found != expected or channel.message_encoding != MESSAGE_ENCODING:
             raise InvalidRecordError(
                 f"{mcap.name}: {channel.topic} is {found[:60]!r} in "
                 f"{channel.message_encoding[:20]!r}, expected {expected!r} in "
                 f"{MESSAGE_ENCODING!r}: record the topics of the actuator's test"
             )
+
+
+def full_type(name: str) -> str:
+    """Return the name of a message type with ``/msg/``, as it was written or without."""
+    return re.sub(r"^(\w+)/(\w+)$", r"\1/msg/\2", name)
 
 
 @contextmanager

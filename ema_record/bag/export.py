@@ -19,7 +19,7 @@ from ema_record.channels import (
     SURFACE_POSITION,
     TIME,
 )
-from ema_record.errors import OutputError, UsageError, unknown_name
+from ema_record.errors import OutputError, UsageError, library, unknown_name
 from ema_record.files import exists, new_file
 from ema_record.profile import Profile
 from ema_record.record import Record
@@ -45,25 +45,17 @@ _ROWS = 5000
 
 
 def export_record(record: Record, path: str | Path, file_format: str) -> Path:
-    """Write a record in the format of other tools.
+    """Write a record in the format of other tools and return what was written.
 
     Parameters
     ----------
-    record : Record
-        All its samples are written.
-    path : path-like
-        The file to make; for ``mcap`` the rosbag2 directory.
-    file_format : str
-        ``csv``: a column a channel that was recorded, its name and unit in the first line.
-        ``parquet``: the same, the unit in each field's metadata. ``mcap``: a bag of standard
+    record : all its samples are written.
+    path : the file to make; for ``mcap`` the rosbag2 directory.
+    file_format : ``csv``: a column a channel that was recorded, its name and unit in the first
+        line. ``parquet``: the same, the unit in each field's metadata. ``mcap``: a bag of standard
         messages, one a sample, for PlotJuggler and other plotters that do not split arrays, with
         the commanded position, bus, temperature, and the phases of the test as they begin; a
         channel that was not recorded is NaN.
-
-    Returns
-    -------
-    Path
-        What was written.
 
     Raises
     ------
@@ -71,7 +63,6 @@ def export_record(record: Record, path: str | Path, file_format: str) -> Path:
         `path` exists, or cannot be written.
     UsageError
         The format is not known, or pyarrow is missing for ``parquet``.
-
     """
     writer = _WRITERS.get(file_format)
     if writer is None:
@@ -103,14 +94,9 @@ def _write_csv(record: Record, path: Path) -> None:
 
 
 def _write_parquet(record: Record, path: Path) -> None:
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError:
-        raise UsageError(
-            "export to parquet needs the package pyarrow, which is not installed: "
-            "pip install pyarrow, or export to csv"
-        ) from None
+    pa = library("pyarrow", "export to parquet", "export to csv")
+    import pyarrow.parquet as pq
+
     recorded = record.columns
     schema = pa.schema(
         [pa.field(CHANNELS[k].name, pa.float64(), metadata={"unit": CHANNELS[k].unit})

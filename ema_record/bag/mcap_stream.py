@@ -83,20 +83,13 @@ class McapStream:
 
     Attributes
     ----------
-    file : binary file
-        At its beginning.
-    size : int
-        Bytes in `file`.
-    name : str
-        Named in errors.
-    topics : container of str, optional
-        Only these topics' messages are returned; None: all.
-    validate_crcs : bool
-        Whether checksums are compared.
-    on_damage : callable, optional
-        Takes what cannot be read, as one line, and how many bytes it is; reading goes on where
-        it can, and ends without an error. Without it damage is raised.
-
+    file : at its beginning.
+    size : bytes in `file`.
+    name : named in errors.
+    topics : only these topics' messages are returned; None: all.
+    validate_crcs : whether checksums are compared.
+    on_damage : takes what cannot be read, as one line, and how many bytes it is; reading goes on
+        where it can, and ends without an error. Without it damage is raised.
     """
 
     file: IO[bytes]
@@ -124,7 +117,6 @@ class McapStream:
             It is no MCAP file, or is damaged.
 
         With `on_damage` only what is no MCAP file, or is cut before its first record, raises.
-
         """
         if self.size == 0:
             raise InvalidRecordError(f"{self.name}: empty file (0 bytes): nothing was recorded")
@@ -167,7 +159,8 @@ class McapStream:
             raise self._cut_or_damaged()
         bound = _BOUNDS.get(opcode)
         if bound is None:
-            self._skip(length)
+            while length > 0:
+                length -= len(self._read(min(length, _PIECE)))
             return
         if length > bound:
             raise self._damaged(f"a record of {length} bytes, at most {bound}")
@@ -286,10 +279,6 @@ class McapStream:
         if self.validate_crcs:
             self._crc = zlib.crc32(data, self._crc)
         return data
-
-    def _skip(self, length: int) -> None:
-        while length > 0:
-            length -= len(self._read(min(length, _PIECE)))
 
     def _ends_with_magic(self) -> bool:
         if self.size < 2 * len(MAGIC):

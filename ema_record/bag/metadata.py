@@ -57,15 +57,10 @@ def qos_dict(qos: Qos) -> dict[str, Any]:
     }
 
 
-def offered_qos_profiles(qos: Qos) -> str:
-    """Return the YAML text of the channel metadata ``offered_qos_profiles``."""
-    return yaml.safe_dump([qos_dict(qos)], sort_keys=False).strip()
-
-
 def channel_metadata(topic: Topic) -> dict[str, str]:
     """Return the metadata of a topic's MCAP channel."""
-    return {"offered_qos_profiles": offered_qos_profiles(topic.qos),
-            "topic_type_hash": type_hash(topic.type)}
+    offered = yaml.safe_dump([qos_dict(topic.qos)], sort_keys=False).strip()
+    return {"offered_qos_profiles": offered, "topic_type_hash": type_hash(topic.type)}
 
 
 def topic_row(topic: Topic, count: int) -> dict[str, Any]:
@@ -90,15 +85,10 @@ def bagfile_information(
 
     Parameters
     ----------
-    file_name : str
-        In the directory of the bag.
-    counts : sequence of (Topic, int)
-        Topics in the order of the file, with their numbers of messages.
-    first, last : int
-        Earliest and latest log time (ns since the epoch).
-    custom_data : mapping of str to str
-        What the bag says of itself.
-
+    file_name : in the directory of the bag.
+    counts : topics in the order of the file, with their numbers of messages.
+    first, last : earliest and latest log time (ns since the epoch).
+    custom_data : what the bag says of itself.
     """
     message_count = sum(count for _, count in counts)
     return {
@@ -195,7 +185,6 @@ def read_test_metadata(records: Mapping[str, Mapping[str, str]], source: str) ->
     ------
     InvalidRecordError
         A value is damaged or out of bounds, or the bag is a rig's.
-
     """
     if RIG in records:
         raise RigRecordError(

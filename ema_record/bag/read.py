@@ -11,22 +11,12 @@ import numpy as np
 from ema_record.bag.container import StoredMessage, read_content
 from ema_record.bag.metadata import read_test_metadata
 from ema_record.channels import SURFACE_POSITION, TIME
-from ema_record.errors import (
-    IncompleteRecordError,
-    InvalidRecordError,
-    RecordError,
-    UsageError,
-)
+from ema_record.errors import IncompleteRecordError, InvalidRecordError, RecordError, UsageError
 from ema_record.limits import MAX_SAMPLES
 from ema_record.profile import Profile
 from ema_record.record import Record, SampleBlock, check_samples
 from ema_record.wire.samples import BLOCK_SIZE, decode_block, encode_samples
-from ema_record.wire.sensors import (
-    bus_reading,
-    encode_bool,
-    encode_dc_bus,
-    encode_temperature,
-)
+from ema_record.wire.sensors import bus_reading, encode_bool, encode_dc_bus, encode_temperature
 from ema_record.wire.topics import (
     COMMAND,
     DC_BUS,
@@ -39,25 +29,19 @@ from ema_record.wire.topics import (
 )
 from ema_record.wire.trajectory import decode_command, encode_command, trajectory_points
 from ema_record.wire.types import NANOSECONDS, deserialize, stamp_of
-from ema_record.wire.views import views_of
+from ema_record.wire.views import ViewDecimator
 
 _READ_TOPICS = frozenset({SAMPLES, COMMAND, DC_BUS, WINDING_TEMPERATURE})
 
 
-def read_bag(
-    path: str | Path, *, validate_crcs: bool = True, validate_values: bool = True
-) -> Record:
+def read_bag(path: str | Path, *, validate_values: bool = True) -> Record:
     """Return the record that a bag holds.
 
     Parameters
     ----------
-    path : path-like
-        A rosbag2 directory of any conforming recorder, or a single ``.mcap`` file.
-    validate_crcs : bool
-        Compare the checksums of the file.
-    validate_values : bool
-        Refuse samples that are not finite or whose time does not increase. Without it they
-        are left to the caller, as the record checks of the built-in test do.
+    path : a rosbag2 directory of any conforming recorder, or a single ``.mcap`` file.
+    validate_values : refuse samples that are not finite or whose time does not increase. Without
+        it they are left to the caller, as the record checks of the built-in test do.
 
     Returns
     -------
@@ -72,9 +56,8 @@ def read_bag(
         No bag, damaged, or not a record of the actuator's test.
     IncompleteRecordError
         The recording was cut, or the test ended before a sample was recorded.
-
     """
-    bag = Recording(path, validate_crcs=validate_crcs)
+    bag = Recording(path)
     bag.check_counts()
     blocks = bag.blocks()
     if not blocks:
@@ -111,37 +94,25 @@ class Recording:
 
     Parameters
     ----------
-    path : path-like
-        See `read_bag`.
-    topics : sequence of str
-        What else is read.
-    as_recorded : bool
-        Leave messages in the order of the file, and note those that cannot be decoded in
-        `errors` instead of refusing the bag.
-    validate_crcs : bool
-        Compare the checksums of the file.
+    path : see `read_bag`.
+    topics : what else is read.
+    as_recorded : leave messages in the order of the file, and note those that cannot be decoded
+        in `errors` instead of refusing the bag.
 
     Attributes
     ----------
-    content : BagContent
-        Messages and metadata as they are.
-    test : TestMetadata
-        Our own metadata, as far as the bag has them.
-    errors : list of str
-        Messages that cannot be decoded, one line each; empty where they are refused.
-
+    content : messages and metadata as they are.
+    test : our own metadata, as far as the bag has them.
+    errors : messages that cannot be decoded, one line each; empty where they are refused.
     """
 
     def __init__(
-        self, path: str | Path, topics: Sequence[str] = (), *, as_recorded: bool = False,
-        validate_crcs: bool = True,
+        self, path: str | Path, topics: Sequence[str] = (), *, as_recorded: bool = False
     ) -> None:
         """Read the messages (InvalidRecordError, IncompleteRecordError: they cannot be)."""
         self.source = str(path)
         self.content = read_content(
-            Path(path), _READ_TOPICS.union(topics), validate_crcs=validate_crcs,
-            file_order=as_recorded,
-        )
+            Path(path), _READ_TOPICS.union(topics), file_order=as_recorded)
         test = read_test_metadata(self.content.metadata, self.source)
         self.test = replace(
             test, provenance=replace(test.provenance, namespace=self.content.namespace)
@@ -217,13 +188,9 @@ class Recording:
 
         Parameters
         ----------
-        blocks : sequence of SampleBlock
-            At least one.
-        start : float, optional
-            Where the surface stood before (rad), default as the first sample says, if it does.
-        likely : Profile, optional
-            What it probably is.
-
+        blocks : at least one.
+        start : where the surface stood before (rad), default as the first sample says, if it does.
+        likely : what it probably is.
         """
         for message in self.command_before(blocks):
             first, last = blocks[0].samples[0], blocks[-1].samples[-1]
@@ -252,30 +219,14 @@ class Recording:
         return np.array(rows, dtype=np.float64).reshape(len(rows), 3 if topic == DC_BUS else 2)
 
 
-def write_bag(
-    record: Record,
-    path: str | Path,
-    *,
-    views: bool = True,
-    chunk_size: int | None = None,
-) -> Path:
+def write_bag(record: Record, path: str | Path, *, views: bool = True) -> Path:
     """Write a record as a bag, the same bytes for the same record.
 
     Parameters
     ----------
-    record : Record
-        At least one sample; channels that are NaN throughout are left out.
-    path : path-like
-        The directory to make.
-    views : bool
-        Also write the topics for people, decimated: joint states, phase currents.
-    chunk_size : int, optional
-        See `BagWriter`.
-
-    Returns
-    -------
-    Path
-        The directory.
+    record : at least one sample; channels that are NaN throughout are left out.
+    path : the directory to make, which is returned.
+    views : also write the topics for people, decimated: joint states, phase currents.
 
     Raises
     ------
@@ -283,15 +234,12 @@ def write_bag(
         `path` exists, or cannot be written.
     UsageError
         No sample, or times before the acceptance of the command.
-
     """
-    from ema_record.bag.writer import CHUNK_SIZE, BagWriter
+    from ema_record.bag.writer import BagWriter
 
     messages = _messages(record, views=views)
-    with BagWriter(
-        path, profile=record.profile, provenance=record.provenance,
-        chunk_size=chunk_size or CHUNK_SIZE, flush_interval=None,
-    ) as writer:
+    with BagWriter(path, profile=record.profile, provenance=record.provenance,
+                   flush_interval=None) as writer:
         for time, topic, data in messages:
             writer.write_raw(topic, data, time)
         return writer.close(record.provenance.status)
@@ -310,7 +258,7 @@ def _messages(record: Record, *, views: bool) -> list[tuple[int, str, bytes]]:
         time = int(_stamps(block[-1:, TIME], start)[0])
         messages.append((time, SAMPLES, encode_samples(block, columns)))
     if views and len(record) > 1:
-        decimated = views_of(record.samples, record.rate)
+        decimated = ViewDecimator(record.rate).push(record.samples)
         stamps = decimated.stamps(start).tolist()
         messages += _on(JOINT_STATES, stamps, decimated.joint_states(start))
         messages += _on(PHASE_CURRENTS, stamps, decimated.phase_currents(start))

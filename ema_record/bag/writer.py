@@ -46,8 +46,6 @@ FLUSH_INTERVAL = 0.04
 """Time after which messages are handed to the operating system while recording (s)."""
 FLUSH_BYTES = 64 << 10
 """The same for bytes, where a late process catches up: 41 ms of samples at 20 kHz."""
-MIN_CHUNK_SIZE = 256 << 10
-MAX_CHUNK_SIZE = 1 << 20
 MCAP_PROFILE = "ros2"
 LIBRARY = f"ema_phm {VERSION}; mcap-python {mcap.__version__}"
 
@@ -57,26 +55,18 @@ class RawBag:
 
     Parameters
     ----------
-    path : path-like
-        The directory to make; its name becomes the name of the MCAP file.
-    records : mapping of str to mapping
-        MCAP metadata that stand before the first message: values by name.
-    topics : sequence of Topic
-        The topics of the bag.
-    namespace : str
-        Of the actuator: the topics are written under it, and are given without it.
-    chunk_size : int
-        256 KiB to 1 MiB.
-    flush_interval : float or None
-        Longest time that a message waits for a chunk to fill (s): so much of the recording
-        and the block in progress are lost where the process is killed. None: until the chunk
-        is full; the bytes then do not depend on the clock.
+    path : the directory to make; its name becomes the name of the MCAP file.
+    records : MCAP metadata that stand before the first message: values by name.
+    topics : the topics of the bag.
+    namespace : of the actuator: the topics are written under it, and are given without it.
+    flush_interval : longest time that a message waits for a chunk to fill (s): so much of the
+        recording and the block in progress are lost where the process is killed. None: until the
+        chunk is full; the bytes then do not depend on the clock.
 
     Raises
     ------
     OutputError
         `path` exists, or cannot be written; also from `write_raw`, `flush` and `finish`.
-
     """
 
     def __init__(
@@ -86,14 +76,9 @@ class RawBag:
         records: Mapping[str, Mapping[str, str]],
         topics: Sequence[Topic],
         namespace: str = "",
-        chunk_size: int = CHUNK_SIZE,
         flush_interval: float | None = None,
     ) -> None:
         """Make the directory, and begin the file in it."""
-        if not MIN_CHUNK_SIZE <= chunk_size <= MAX_CHUNK_SIZE:
-            raise UsageError(
-                f"chunk size {chunk_size} is outside {MIN_CHUNK_SIZE} to {MAX_CHUNK_SIZE} bytes"
-            )
         self.path = Path(path)
         self.closed = False
         self._flush_interval = flush_interval
@@ -107,7 +92,7 @@ class RawBag:
         try:
             self._stream: IO[bytes] = self.file.open("xb")
             self._mcap = mcap.writer.Writer(
-                self._stream, chunk_size=chunk_size, enable_data_crcs=True
+                self._stream, chunk_size=CHUNK_SIZE, enable_data_crcs=True
             )
             self._mcap.start(profile=MCAP_PROFILE, library=LIBRARY)
             for name, values in records.items():
@@ -145,15 +130,10 @@ class RawBag:
 
         Parameters
         ----------
-        topic : str
-            One of the topics of the bag.
-        data : bytes
-            CDR with its encapsulation.
-        log_time : int
-            Reception (ns since the epoch).
-        publish_time : int, optional
-            At the source (ns since the epoch); without it `log_time`.
-
+        topic : one of the topics of the bag.
+        data : CDR with its encapsulation.
+        log_time : reception (ns since the epoch).
+        publish_time : at the source (ns since the epoch); without it `log_time`.
         """
         channel = self._channels.get(topic)
         if channel is None:
@@ -195,7 +175,7 @@ class RawBag:
         """End the chunk in progress and hand all bytes to the operating system.
 
         What was written before survives the death of this process; without it up to
-        `chunk_size` bytes of messages are lost.
+        `CHUNK_SIZE` bytes of messages are lost.
         """
         self._waiting_since = None
         self._waiting_bytes = 0
@@ -212,16 +192,13 @@ class RawBag:
 
         Parameters
         ----------
-        records : mapping of str to mapping
-            Values by name, as at the beginning.
-        custom_data : mapping of str to str
-            For ``metadata.yaml``.
-
+        records : values by name, as at the beginning.
+        custom_data : for ``metadata.yaml``.
         """
         self.closed = True
         information = bagfile_information(
-            self.file.name, self._topic_counts(), min(self._first, self._last), self._last,
-            custom_data,
+            self.file.name, [(topic, self._counts[name]) for name, topic in self._topics.items()],
+            min(self._first, self._last), self._last, custom_data,
         )
         try:
             for name, values in {**records, ROSBAG2: rosbag2_record(information)}.items():
@@ -235,10 +212,6 @@ class RawBag:
         with new_file(self.path / METADATA_FILE) as temporary:
             temporary.write_text(metadata_yaml(information), encoding="utf-8")
         return self.path
-
-    def _topic_counts(self) -> list[tuple[Topic, int]]:
-        """Return topics as they are called in the bag, with their numbers of messages."""
-        return [(topic, self._counts[name]) for name, topic in self._topics.items()]
 
     def _failed(self, error: OSError) -> OutputError:
         """Return the error for a bag that cannot be continued, and give its file up."""
@@ -255,16 +228,12 @@ class BagWriter(RawBag):
 
     Parameters
     ----------
-    path : path-like
+    path : see `RawBag`.
+    profile : the test that is recorded.
+    provenance : serial number, software version, start time, namespace and hash of the actuator;
+        its status and source are not used.
+    flush_interval, topics
         See `RawBag`.
-    profile : Profile
-        The test that is recorded.
-    provenance : Provenance
-        Serial number, software version, start time, namespace and hash of the actuator; its
-        status and source are not used.
-    chunk_size, flush_interval, topics
-        See `RawBag`.
-
     """
 
     def __init__(
@@ -273,7 +242,6 @@ class BagWriter(RawBag):
         *,
         profile: Profile,
         provenance: Provenance,
-        chunk_size: int = CHUNK_SIZE,
         flush_interval: float | None = FLUSH_INTERVAL,
         topics: Sequence[Topic] = BAG_TOPICS,
     ) -> None:
@@ -282,7 +250,7 @@ class BagWriter(RawBag):
         self.provenance = provenance
         super().__init__(
             path, records={START: start_record(profile, provenance)}, topics=topics,
-            namespace=provenance.namespace, chunk_size=chunk_size, flush_interval=flush_interval,
+            namespace=provenance.namespace, flush_interval=flush_interval,
         )
         self.flush()
 
@@ -293,23 +261,14 @@ class BagWriter(RawBag):
         start_time: int | None = None,
         recovery: Mapping[str, str] | None = None,
     ) -> Path:
-        """Finish the bag; a second call does nothing.
+        """Finish the bag and return the directory; a second call does nothing.
 
         Parameters
         ----------
-        status : str
-            How the test ended: ``complete``, ``aborted`` or ``interrupted``.
-        start_time : int, optional
-            Acceptance of the command (ns since the epoch), where it is known better than at
-            the beginning.
-        recovery : mapping of str, optional
-            What was lost of the bag that this one was recovered from.
-
-        Returns
-        -------
-        Path
-            The directory.
-
+        status : how the test ended: ``complete``, ``aborted`` or ``interrupted``.
+        start_time : acceptance of the command (ns since the epoch), where it is known better than
+            at the beginning.
+        recovery : what was lost of the bag that this one was recovered from.
         """
         if self.closed:
             return self.path

@@ -57,16 +57,12 @@ class Motion:
 
     Attributes
     ----------
-    time : ndarray, shape (m,)
-        Of the later sample (s).
-    turned : ndarray, shape (m,)
-        Motor speed times interval (rad).
-    angle : ndarray, shape (m,)
-        What the motor turned as the rotor angle says (rad); NaN without that channel.
-    travel : ndarray, shape (m,)
-        The same as the surface position says: its change times the gear ratio (rad); NaN
-        without that channel.
-
+    time : ndarray, shape (m,). Of the later sample (s).
+    turned : ndarray, shape (m,). Motor speed times interval (rad).
+    angle : ndarray, shape (m,). What the motor turned as the rotor angle says (rad); NaN without
+        that channel.
+    travel : ndarray, shape (m,). The same as the surface position says: its change times the gear
+        ratio (rad); NaN without that channel.
     """
 
     time: np.ndarray

@@ -15,21 +15,12 @@ from typing import Literal
 import numpy as np
 
 from ema_record.actuator import Actuator
-from ema_record.checks import (
-    held,
-    origin,
-    physics,
-    sensors,
-    stream,
-    travel,
-    values,
-    whole_turns,
-)
+from ema_record.checks import origin, physics, sensors, stream, travel, values, whole_turns
 from ema_record.checks.facts import BagFacts, Finding, Rule, facts_of_record
 from ema_record.record import Record
 
 RULES: tuple[Rule, ...] = (*stream.RULES, *origin.RULES, *values.RULES, *physics.RULES,
-                           *sensors.RULES, *travel.RULES, *whole_turns.RULES, *held.RULES)
+                           *sensors.RULES, *travel.RULES, *whole_turns.RULES, sensors.HELD_SAMPLES)
 MAX_FINDINGS = 20
 """Most findings of one rule that are told."""
 
@@ -79,30 +70,19 @@ def guard_findings(
 ) -> tuple[Finding, ...]:
     """Return what forbids a verdict on `record`, the deciding one first; empty: nothing.
 
+    They are in the order of `OUTCOMES`; at most `MAX_FINDINGS` of one rule.
+
     Parameters
     ----------
-    record : Record
-        One test, or its facts. Its samples may be of any value, in any order.
-    actuator : Actuator, optional
-        What was tested, default the kit's; facts know it.
-    names : collection of str
-        Rules that are asked, of `OUTCOMES`.
-
-    Returns
-    -------
-    tuple of Finding
-        In the order of `OUTCOMES`; at most `MAX_FINDINGS` of one rule.
-
+    record : one test, or its facts. Its samples may be of any value, in any order.
+    actuator : what was tested, default the kit's; facts know it.
+    names : rules that are asked, of `OUTCOMES`.
     """
     facts = facts_of_record(record, actuator) if isinstance(record, Record) else record
-    found = [f for f in findings_of(facts, names) if _forbids(f)]
+    found = [f for f in findings_of(facts, names)  # a record may be longer than its test
+             if f.rule != "record_length" or (f.size or 0.0) > 0.0]
     order = list(OUTCOMES)
     return tuple(sorted(found, key=lambda finding: order.index(finding.rule)))
-
-
-def _forbids(finding: Finding) -> bool:
-    """Return whether a finding forbids: a record may be longer than its test."""
-    return finding.rule != "record_length" or (finding.size or 0.0) > 0.0
 
 
 def outcome_of(findings: Sequence[Finding]) -> Outcome:

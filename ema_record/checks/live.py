@@ -94,11 +94,8 @@ def check_record(record: Record, actuator: Actuator | None = None) -> list[Check
 
     Parameters
     ----------
-    record : Record
-        One test. Its samples may be of any value, in any order.
-    actuator : Actuator, optional
-        What was tested, default the kit's.
-
+    record : one test. Its samples may be of any value, in any order.
+    actuator : what was tested, default the kit's.
     """
     facts = facts_of_record(record, actuator)
     return check_facts(facts, guard_findings(facts))
@@ -236,9 +233,8 @@ def _saturation(facts: BagFacts) -> CheckResult:
     limit = facts.actuator.inverter.current_limit
     asked = REFERENCE_CURRENTS if facts.has_references else facts.currents
     reference = np.abs(facts.samples[:, asked]).max(axis=1, initial=0.0)
-    edges = np.flatnonzero(np.diff(np.concatenate(
-        [[0], (reference >= 0.99 * limit).astype(np.int8), [0]]
-    )))
+    at_limit = (reference >= 0.99 * limit).astype(np.int8)
+    edges = np.flatnonzero(np.diff(at_limit, prepend=0, append=0))
     longest = int((edges[1::2] - edges[::2]).max()) * facts.interval if len(edges) else 0.0
     usual = SATURATION_TIME * facts.run_up
     return CheckResult(
@@ -251,8 +247,7 @@ def _saturation(facts: BagFacts) -> CheckResult:
 def _current_sum(facts: BagFacts) -> CheckResult:
     """Check that the phase currents of the star sum to zero in the mean."""
     if len(facts.currents) < 3:
-        return CheckResult(name="current sum", level=Level.OK, message="two currents: no sum",
-                           values={})
+        return CheckResult(name="current sum", level=Level.OK, message="two currents: no sum")
     limits = (facts.offset_bound(SUM_OFFSET),
               CURRENT_SUM * facts.actuator.inverter.current_limit)
     total = facts.samples[:, PHASE_CURRENTS].sum(axis=1)
@@ -270,7 +265,7 @@ def _speed_against_position(facts: BagFacts) -> CheckResult:
     s, stop = facts.samples, facts.actuator.surface.end_stop
     if not facts.has(SURFACE_POSITION):
         return CheckResult(name="speed against position", level=Level.OK,
-                           message="the position was not recorded", values={})
+                           message="the position was not recorded")
     travel = np.zeros(len(s))
     if len(s) > 1:
         speed = s[:, MOTOR_SPEED] / facts.actuator.gear.ratio

@@ -8,12 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ema_record.actuator_type import OWN_KIT, another_actuator, is_of_another_actuator
-from ema_record.channels import (
-    CHANNELS,
-    MOTOR_SPEED,
-    REFERENCE_CURRENTS,
-    TIME,
-)
+from ema_record.channels import CHANNELS, MOTOR_SPEED, REFERENCE_CURRENTS, TIME
 from ema_record.checks.facts import BagFacts, Hit, Rule
 from ema_record.errors import UsageError
 from ema_record.kit import kit_name

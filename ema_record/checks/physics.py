@@ -60,14 +60,10 @@ def ratios(facts: BagFacts) -> Ratios | None:
     if len(turned) < 100:
         return None
     angle, travel = (
-        _slope(turned, moved[moving]) if facts.has(column) else 1.0
+        float((turned @ moved[moving]) / (turned @ turned)) if facts.has(column) else 1.0
         for column, moved in ((ROTOR_ANGLE, motion.angle), (SURFACE_POSITION, motion.travel))
     )
     return Ratios(angle=angle, travel=travel)
-
-
-def _slope(x: np.ndarray, y: np.ndarray) -> float:
-    return float((x @ y) / (x @ x))
 
 
 def _is(value: float, ratio: float) -> bool:

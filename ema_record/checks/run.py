@@ -36,36 +36,27 @@ class LintReport:
         }
 
 
-def facts_of_bag(path: str | Path, actuator: Actuator | None = None) -> BagFacts:
-    """Read a bag for the rules; `actuator` defaults to the kit's.
-
-    Raises
-    ------
-    InvalidRecordError, IncompleteRecordError
-        It cannot be read at all: no bag, cut, or damaged.
-
-    """
-    bag = Recording(path, (WEIGHT_ON_WHEELS,), as_recorded=True)
-    blocks, content = bag.blocks(), bag.content
-    return BagFacts(
-        actuator=load_actuator() if actuator is None else actuator, blocks=blocks,
-        said=bag.test.profile, provenance=bag.test.provenance,
-        command=bag.command(blocks) if blocks else None,
-        bus_voltage=bag.slow(DC_BUS)[:, 1],
-        winding_temperature=bag.slow(WINDING_TEMPERATURE)[:, 1],
-        topics=frozenset(topic for topic, messages in content.messages.items() if messages),
-        has_start=START in content.metadata, recovered=content.metadata.get(RECOVERY),
-        weight_on_wheels=[
-            bytes(m.data[4:5]) != b"\x00" for m in content.messages.get(WEIGHT_ON_WHEELS, [])
-        ],
-        errors=bag.errors,
-    )
-
-
 def lint_bag(path: str | Path, actuator: Actuator | None = None) -> LintReport:
-    """Return what all rules find in a bag; one that cannot be read is told, not raised."""
+    """Return what all rules find in a bag; one that cannot be read is told, not raised.
+
+    `actuator` is what was tested, default the kit's.
+    """
     try:
-        facts = facts_of_bag(path, actuator)
+        bag = Recording(path, (WEIGHT_ON_WHEELS,), as_recorded=True)
+        blocks, content = bag.blocks(), bag.content
+        facts = BagFacts(
+            actuator=load_actuator() if actuator is None else actuator, blocks=blocks,
+            said=bag.test.profile, provenance=bag.test.provenance,
+            command=bag.command(blocks) if blocks else None,
+            bus_voltage=bag.slow(DC_BUS)[:, 1],
+            winding_temperature=bag.slow(WINDING_TEMPERATURE)[:, 1],
+            topics=frozenset(topic for topic, found in content.messages.items() if found),
+            has_start=START in content.metadata, recovered=content.metadata.get(RECOVERY),
+            weight_on_wheels=[
+                bytes(m.data[4:5]) != b"\x00" for m in content.messages.get(WEIGHT_ON_WHEELS, [])
+            ],
+            errors=bag.errors,
+        )
     except RecordError as error:
         return LintReport(bag=str(path), findings=(), unreadable=str(error))
     findings = findings_of(facts, {rule.name for rule in RULES})

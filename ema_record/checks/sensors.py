@@ -6,6 +6,10 @@ sensor is told from a broken actuator. Bounds are shares of what the kit says of
 times and more beyond what a good sensor may do (gain, offset and noise of the kit's conditions).
 What is better than that (an exact sum, no rounding, no noise) breaks none of them; what a
 recorder lacks is not asked for.
+
+Held values are samples of a current that were stored and not taken. A converter that is coarse, or
+a current that is quiet, repeats values too: changes of a held channel are larger than the steps of
+its converter, or come in a fixed beat; a long run of one value is another matter (`values.stuck`).
 """
 
 from __future__ import annotations
@@ -52,6 +56,18 @@ UNLIMITED = (0.1364, 0.9091)
 """Reference currents that are neither noise nor the limit (of the limit)."""
 STEADY_TIME = 1e-3
 """For which a reference is constant before its current is compared (s)."""
+HELD = 0.05
+"""Share of the samples of a driven phase current that repeat the one before."""
+COARSE = 0.5
+"""Added to it over the median change in steps of the converter: what rounding repeats, doubled."""
+FINE = 2.0
+"""Median change, in those steps, from which rounding explains few repeats."""
+BEAT = 0.5
+"""Changes that follow a change at once, of those by chance, that only a fixed beat has."""
+LONGEST = 16
+"""Samples for which a value is held; longer is a current that stands still."""
+DRIVEN = 1e-3
+"""Current that counts as driven, of the limit, where the references were not recorded."""
 _PHASES = "abc"
 
 
@@ -244,6 +260,52 @@ def _noise(values: np.ndarray, bound: float, window: int) -> tuple[float, int]:
     return float(noise.max()), int(np.argmax(noise > bound))
 
 
+def held(facts: BagFacts) -> Iterator[Hit]:
+    """Find phase currents that often repeat the sample before: samples were not taken."""
+    s = facts.samples
+    off = facts.profile.inverter_off + SETTLED if facts.profile else 0.0
+    s = s[int(np.searchsorted(s[:, TIME], off)):]
+    if facts.has_references:
+        driven = (s[1:, REFERENCE_CURRENTS] != 0.0).any(axis=1)
+    else:
+        least = DRIVEN * facts.actuator.inverter.current_limit
+        driven = (np.abs(s[1:, facts.currents]) > least).any(axis=1)
+    if driven.sum() < facts.window:
+        return
+    for column in facts.currents:
+        share, first = held_share(np.abs(np.diff(s[:, column])), driven)
+        if share > HELD:
+            name = CHANNELS[column].name
+            yield Hit(f"{100 * share:.0f} % of the samples of {name} repeat the one before",
+                      float(s[1 + first, TIME]), share, "", name)
+
+
+def held_share(change: np.ndarray, driven: np.ndarray) -> tuple[float, int]:
+    """Return the share of samples that are held, 0 where rounding explains it, and the first.
+
+    Parameters
+    ----------
+    change : ndarray, shape (n,). Absolute changes from sample to sample (A).
+    driven : ndarray of bool, shape (n,). Where they count.
+    """
+    same = change == 0.0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
+    driven = driven.copy()
+    long = edges[1::2] - edges[::2] >= LONGEST
+    for begin, end in zip(edges[::2][long].tolist(), edges[1::2][long].tolist()):
+        driven[begin:end] = False
+    repeats, changes = driven & same, change[driven & ~same]
+    if not (len(changes) and repeats.any()):
+        return 0.0, 0
+    share = float(repeats.sum() / driven.sum())
+    steps = float(median(changes) / changes.min())
+    after = ~same[:-1] & driven[1:]  # samples after a change
+    follows = float((after & ~same[1:]).sum() / max(1, int(after.sum())))
+    beaten = follows < BEAT * (1.0 - share)
+    rough = steps > FINE and share > HELD + COARSE / steps
+    return (share if beaten or rough else 0.0), int(np.argmax(repeats))
+
+
 _CALIBRATE = "calibrate or replace the transducer, then record the test again"
 _WIRES = "check the transducer, its screen and its plug, then record the test again"
 RULES = (
@@ -251,3 +313,5 @@ RULES = (
     Rule(name="sensor_offset", find=current_offsets, remedy=_CALIBRATE),
     Rule(name="sensor_noise", find=noises, remedy=_WIRES),
 )
+HELD_SAMPLES = Rule(name="held_samples", find=held, remedy=_WIRES)
+"""Told last of all rules."""

@@ -123,7 +123,9 @@ def describe(sheet: DataSheet) -> Description:
     _recording(book, sheet, limit, speed, period)
     current_gains(book.put, sheet, so_far, period)
     relay_band(book.put, sheet, so_far, drive)
-    motion_gains(book.put, _with_placeholders(book))
+    for name in ("position_gain", "proportional_gain", "integral_gain"):  # not known before
+        book.put(f"control.{name}", 1.0, DERIVED, "")
+    motion_gains(book.put, book.actuator())
     return Description(book.actuator(), book.entries)
 
 
@@ -262,10 +264,3 @@ def _recording(
         book.put(f"acquisition.{channel}", channel not in sheet.without,
                  GIVEN if channel in sheet.without else ASSUMED,
                  f"--without {channel}" if channel in sheet.without else "it is recorded")
-
-
-def _with_placeholders(book: _Book) -> Actuator:
-    """Return the actuator before its gains of speed and position are known."""
-    for name in ("position_gain", "proportional_gain", "integral_gain"):
-        book.put(f"control.{name}", 1.0, DERIVED, "")
-    return book.actuator()

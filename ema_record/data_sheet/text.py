@@ -1,17 +1,25 @@
-"""The file `actuator.yaml` of a description: every parameter, its unit, and where it is from."""
+"""A kit from a data sheet; its `actuator.yaml`: each parameter, its unit, and where it is from."""
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
+import tempfile
 import textwrap
+from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
 
 import yaml
 
 from ema_record.actuator import PARTS, Actuator, actuator_from
-from ema_record.data_sheet.derive import Description, bounds_of
+from ema_record.data_sheet.derive import Description, bounds_of, describe
 from ema_record.data_sheet.sheet import DataSheet
 from ema_record.errors import UsageError
+from ema_record.files import cannot_write, exists
+from ema_record.kit import ACTUATOR, PROFILES
+from ema_record.profiles.design import default_profiles
+from ema_record.profiles.text import write_profiles
 from ema_record.spread import Conditions, UnitTolerances
 
 TOLERANCES = {
@@ -23,6 +31,53 @@ TOLERANCES = {
 """As units of one type differ that no one has measured yet (docs/kit.md)."""
 LOAD_SHARE, OFFSET_SHARE = 0.3, 1.0 / 440.0
 """Of the surface's dry friction; of the current limit."""
+NAMES = {
+    "control.speed_limit": "--speed", "inverter.current_limit": "--current-limit",
+    "motor.torque_limit": "--peak-torque", "acquisition.rate": "--rate",
+    "shaft.stiffness": "--stiffness", "shaft.backlash": "--backlash",
+}
+"""What parameters are called on the command line."""
+
+
+def new_kit(sheet: DataSheet, out: Path) -> Description:
+    """Write the kit of a data sheet into the new folder `out` and return its description.
+
+    Raises
+    ------
+    UsageError
+        The actuator is not possible, or cannot make its own tests; nothing is written.
+    OutputError
+        `out` exists, or cannot be written.
+    """
+    if os.path.lexists(out):
+        raise exists(out)
+    try:
+        description = describe(sheet)
+        default_profiles(description.actuator)
+    except UsageError as error:
+        said = str(error)
+        for parameter, option in NAMES.items():
+            said = said.replace(parameter, option)
+        if not sheet.has("rate"):
+            said = said.replace("--rate", "without --rate, one a control period,")
+        raise UsageError(said) from None
+    text = actuator_yaml(description, sheet)
+    draft: Path | None = None
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        draft = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+        draft.chmod(0o755)
+        (draft / ACTUATOR).write_text(text, encoding="utf-8")
+        write_profiles(description.actuator, draft / PROFILES)
+        if os.path.lexists(out):  # an empty folder would be replaced
+            raise exists(out)
+        draft.rename(out)
+    except OSError as error:
+        raise cannot_write(out, error) from None
+    finally:
+        if draft is not None:
+            shutil.rmtree(draft, ignore_errors=True)
+    return description
 
 
 def conditions(description: Description) -> dict[str, float]:

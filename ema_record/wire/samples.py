@@ -17,14 +17,7 @@ from functools import cache
 
 import numpy as np
 
-from ema_record.channels import (
-    ALL,
-    CHANNEL_LABEL,
-    N_CHANNELS,
-    check_channel_label,
-    columns_of,
-    label_of,
-)
+from ema_record.channels import ALL, CHANNEL_LABEL, N_CHANNELS, columns_of, label_of
 from ema_record.errors import InvalidRecordError, UsageError
 from ema_record.limits import MAX_MESSAGE_BYTES
 
@@ -69,10 +62,8 @@ def encode_block(block: np.ndarray, label: str = CHANNEL_LABEL) -> bytes:
 
     Parameters
     ----------
-    block : ndarray, shape (n, m)
-        n >= 1.
-    label : str
-        Names and units of the m columns, with commas between.
+    block : ndarray, shape (n, m), n >= 1.
+    label : names and units of the m columns, with commas between.
 
     Returns
     -------
@@ -84,7 +75,6 @@ def encode_block(block: np.ndarray, label: str = CHANNEL_LABEL) -> bytes:
     ------
     UsageError
         Wrong shape, or more than `MAX_BLOCK_SIZE` samples.
-
     """
     head, at_size, at_length, columns = _prefix(label)
     if block.ndim != 2 or block.shape[1] != columns or not 1 <= len(block) <= MAX_BLOCK_SIZE:
@@ -162,9 +152,8 @@ def decode_block(data: bytes | memoryview) -> np.ndarray:
     ------
     InvalidRecordError
         Damaged, too large, other channels, or one is missing that must be there.
-
     """
-    label, samples = decode_labelled(data, check_channel_label)
+    label, samples = decode_labelled(data, columns_of)
     if label == CHANNEL_LABEL:
         return samples
     whole = np.full((len(samples), N_CHANNELS), np.nan)
@@ -173,16 +162,14 @@ def decode_block(data: bytes | memoryview) -> np.ndarray:
 
 
 def decode_labelled(
-    data: bytes | memoryview, check: Callable[[str], None] | None = None
+    data: bytes | memoryview, check: Callable[[str], object] | None = None
 ) -> tuple[str, np.ndarray]:
     """Return the label of the channels and the samples of a std_msgs/Float64MultiArray.
 
     Parameters
     ----------
-    data : bytes-like
-        CDR with its encapsulation, of either endianness.
-    check : callable, optional
-        Takes the label and raises unless it is right, before sizes are compared with it.
+    data : CDR with its encapsulation, of either endianness.
+    check : takes the label and raises unless it is right, before sizes are compared with it.
 
     Returns
     -------
@@ -196,7 +183,6 @@ def decode_labelled(
     ------
     InvalidRecordError
         Damaged, too large, or no block of [sample, channel].
-
     """
     if len(data) > MAX_MESSAGE_BYTES:
         raise InvalidRecordError(

@@ -41,13 +41,9 @@ class MessageTemplate:
 
     Parameters
     ----------
-    message_type : str
-        E.g. ``sensor_msgs/msg/Temperature``.
-    fields : mapping of str to str
-        Names and numpy formats (``<f8``, ``<f4``, ``<i4``, ``<u4``) of the numbers.
-    build : callable
-        Takes a dict of the numbers, returns the message.
-
+    message_type : e.g. ``sensor_msgs/msg/Temperature``.
+    fields : names and numpy formats (``<f8``, ``<f4``, ``<i4``, ``<u4``) of the numbers.
+    build : takes a dict of the numbers, returns the message.
     """
 
     def __init__(
@@ -75,11 +71,9 @@ class MessageTemplate:
 
         Parameters
         ----------
-        stamps : ndarray of int64, shape (n,)
-            Stamps of the headers (ns since the epoch).
-        columns : mapping of str to ndarray, shape (n,)
-            The numbers of each field other than ``sec`` and ``nanosec``.
-
+        stamps : ndarray of int64, shape (n,). Stamps of the headers (ns since the epoch).
+        columns : mapping of str to ndarray, shape (n,). The numbers of each field other than
+            ``sec`` and ``nanosec``.
         """
         size = len(self._bytes)
         buffer = bytearray(self._bytes * len(stamps))
@@ -161,13 +155,9 @@ def encode_joint_states(
 
     Parameters
     ----------
-    stamps : ndarray of int64, shape (n,)
-        Ns since the epoch.
-    position : ndarray, shape (n, 2)
-        Motor, surface (rad).
-    velocity : ndarray, shape (n, 2)
-        Motor, surface (rad/s).
-
+    stamps : ndarray of int64, shape (n,) (ns since the epoch).
+    position : ndarray, shape (n, 2). Motor, surface (rad).
+    velocity : ndarray, shape (n, 2). Motor, surface (rad/s).
     """
     return _joint_state().encode(stamps, {
         "motor_position": position[:, 0], "surface_position": position[:, 1],
@@ -185,13 +175,10 @@ def encode_dc_bus(stamps: np.ndarray, voltage: np.ndarray, current: np.ndarray) 
 
     Parameters
     ----------
-    stamps : ndarray of int64, shape (n,)
-        Ns since the epoch.
-    voltage : ndarray, shape (n,)
-        Between the rails (V).
-    current : ndarray, shape (n,)
-        Positive into the drive (A); the message counts it negative: the supply is discharged.
-
+    stamps : ndarray of int64, shape (n,) (ns since the epoch).
+    voltage : ndarray, shape (n,). Between the rails (V).
+    current : ndarray, shape (n,). Positive into the drive (A); the message counts it negative: the
+        supply is discharged.
     """
     drawn = np.subtract(0.0, current)  # without a negative zero
     return _battery_state().encode(stamps, {"voltage": voltage, "current": drawn})

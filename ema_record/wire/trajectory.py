@@ -97,7 +97,6 @@ def command_points(message: Any) -> list[tuple[float, float]]:
     ------
     UsageError
         It does not move `surface`, has no or too many points, or a point without position.
-
     """
     names = [str(name) for name in message.joint_names[:64]]
     if JOINT_SURFACE not in names:
@@ -132,20 +131,16 @@ def profile_from_points(
 
     Parameters
     ----------
-    points : sequence of (float, float)
-        Time from the acceptance of the command (s), surface position (rad). One point alone
+    points : time from the acceptance of the command (s), surface position (rad). One point alone
         is a step to its position at its time.
-    start : float or None
-        Position of the surface before a single point's step (rad); None: not known, then it is
+    start : position of the surface before a single point's step (rad); None: not known, then it is
         that of the kit's step to there, or the middle.
-    duration : float, optional
-        Length of a single point's test (s); without it that of the kit's ``step``.
+    duration : length of a single point's test (s); without it that of the kit's ``step``.
 
     Raises
     ------
     UsageError
         A time or position out of bounds, or times that run back.
-
     """
     known = [load_profile(name) for name in profile_names()]
     if len(points) == 1:
@@ -194,7 +189,6 @@ def decode_command(
     ------
     InvalidRecordError
         The message is damaged, or holds no valid profile.
-
     """
     message = deserialize(data, JOINT_TRAJECTORY, COMMAND)
     try:

@@ -28,15 +28,12 @@ class Views:
 
     Attributes
     ----------
-    time : ndarray, shape (n,)
-        Since the acceptance of the command (s).
-    position : ndarray, shape (n, 2)
-        Motor (electrical, which is mechanical for one pole pair) and surface (rad).
-    velocity : ndarray, shape (n, 2)
-        Motor and surface (rad/s); that of the surface is the difference of its means.
-    phase_current : ndarray, shape (n, 3)
-        Phases a, b, c (A).
-
+    time : ndarray, shape (n,). Since the acceptance of the command (s).
+    position : ndarray, shape (n, 2). Motor (electrical, which is mechanical for one pole pair) and
+        surface (rad).
+    velocity : ndarray, shape (n, 2). Motor and surface (rad/s); that of the surface is the
+        difference of its means.
+    phase_current : ndarray, shape (n, 3). Phases a, b, c (A).
     """
 
     time: np.ndarray
@@ -62,11 +59,8 @@ class ViewDecimator:
 
     Parameters
     ----------
-    rate : float
-        Samples a second (1/s).
-    view_rate : float, optional
-        Views a second (1/s), default that of the nominal acquisition.
-
+    rate : samples a second (1/s).
+    view_rate : views a second (1/s), default that of the nominal acquisition.
     """
 
     def __init__(self, rate: float, view_rate: float | None = None) -> None:
@@ -102,8 +96,3 @@ class ViewDecimator:
         before = self._last or (time[0] - 1.0, position[0])
         self._last = float(time[-1]), float(position[-1])
         return np.diff(position, prepend=before[1]) / np.diff(time, prepend=before[0])
-
-
-def views_of(samples: np.ndarray, rate: float) -> Views:
-    """Return the views of all samples, shape (n, 10), taken at `rate` (1/s)."""
-    return ViewDecimator(rate).push(samples)

@@ -77,7 +77,6 @@ class Distribution(BaseModel):
         ------
         ValueError
             The normal distribution misses the bounds.
-
         """
         if self.uniform is not None:
             return float(rng.uniform(*self.uniform))

@@ -67,7 +67,6 @@ def load_plan(path: str | Path) -> CampaignPlan:
     ------
     UsageError
         The file cannot be read or is no plan; one line says where and why.
-
     """
     return plan_from(load_yaml(Path(path)), str(path))
 

@@ -70,20 +70,6 @@ def summary(record: Record) -> dict[str, float]:
     return found
 
 
-REDUCTIONS: dict[str, Reduction] = {"summary": summary}
-"""What a campaign file may name; a function of one's own is given to `run_campaign`."""
-
-
-def named_reduction(name: str) -> Reduction:
-    """Return the reduction that a campaign file names; UsageError for another name."""
-    if name not in REDUCTIONS:
-        raise UsageError(
-            f"keep {name[:80]!r}: give {', '.join(REDUCTIONS)} or bags; a function of your own "
-            "needs the Python call run_campaign"
-        )
-    return REDUCTIONS[name]
-
-
 def reduction_name(reduction: Reduction) -> str:
     """Return the name by which a manifest knows a reduction."""
     module = getattr(reduction, "__module__", type(reduction).__module__)
@@ -97,7 +83,6 @@ def as_columns(result: Any) -> dict[str, np.ndarray]:
     ------
     UsageError
         It is neither numbers nor a mapping of names to numbers.
-
     """
     named = result if isinstance(result, Mapping) else {"result": result}
     columns = {}

@@ -10,7 +10,7 @@ import hashlib
 import inspect
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
@@ -22,23 +22,16 @@ from ema_record.errors import OutputError, SimulationError, UsageError
 from ema_record.profile import Profile
 from ema_record.sources import source_hash
 from ema_sim.campaign.plan import CampaignPlan, load_plan
-from ema_sim.campaign.reductions import (
-    Reduction,
-    as_columns,
-    named_reduction,
-    reduction_name,
-    summary,
-)
+from ema_sim.campaign.reductions import Reduction, as_columns, reduction_name, summary
 from ema_sim.campaign.runs import Campaign, prepare
 from ema_sim.campaign.store import (
+    BAGS,
     PARAMETERS,
     RESULTS,
     CampaignFolder,
     Columns,
     manifest_of,
     merge,
-    place_of_bag,
-    unfinished,
 )
 from ema_sim.campaign.workers import check_jobs, done_by_workers
 from ema_sim.simulate import simulate
@@ -101,14 +94,17 @@ def run_campaign(
     Raises
     ------
     UsageError, OutputError.
-
     """
     campaign = prepare(plan if isinstance(plan, CampaignPlan) else load_plan(plan))
-    bags = reduce is None and campaign.plan.keep == "bags"
+    keep = campaign.plan.keep
+    bags = reduce is None and keep == "bags"
     if bags and out is None:
         raise UsageError("keep bags: say where to: give a folder (out, --out)")
     check_jobs(jobs)
-    reduction = reduce if reduce is not None else _reduction_of(campaign.plan)
+    if reduce is None and keep not in ("summary", "bags"):
+        raise UsageError(f"keep {keep[:80]!r}: give summary or bags; a function of your own needs "
+                         "the Python call run_campaign")
+    reduction = summary if reduce is None else reduce
     size = max(CHUNK, -(-campaign.runs // MAX_CHUNKS))
     tasks = [
         Task(campaign, number, range(first, min(first + size, campaign.runs)), reduction,
@@ -124,7 +120,11 @@ def run_campaign(
         count = sum(len(c["run"]) for c in finished.values())
         if progress is not None:
             progress(count)
-        for done in _make([t for t in tasks if t.number not in finished], jobs, dask):
+        left = [task for task in tasks if task.number not in finished]
+        if dask is None and min(jobs or os.cpu_count() or 1, len(left)) > 1:
+            # Compile the kernel into the cache before several workers want it at once.
+            simulate(Profile(name="warm", points=((0.0, 0.0), (0.001, 0.0)), inverter_off=0.0))
+        for done in done_by_workers(make_runs, left, jobs=jobs, dask=dask):
             if done.sources != source_hash(MODULE):
                 raise UsageError(
                     f"a worker{f' of dask {dask}' if dask else ''} has other sources of this "
@@ -185,11 +185,11 @@ def _stack(made: list[dict[str, np.ndarray] | None]) -> Columns:
 
 def _keep_bag(task: Task, index: int, record: object) -> None:
     """Write the bag of a run under its final name, unless it is there from before."""
-    path = place_of_bag(task.bags, index)
+    path = Path(task.bags) / BAGS / f"run_{index:06d}"
     if path.exists():
         return
     path.parent.mkdir(exist_ok=True)
-    temporary = unfinished(path)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     shutil.rmtree(temporary, ignore_errors=True)
     write_bag(record, temporary)  # type: ignore[arg-type]
     try:
@@ -198,22 +198,6 @@ def _keep_bag(task: Task, index: int, record: object) -> None:
         shutil.rmtree(temporary, ignore_errors=True)
         if not path.exists():
             raise OutputError(f"{path}: cannot be written: check the folder") from None
-
-
-def _make(tasks: list[Task], jobs: int | None, dask: str | None) -> Iterator[Done]:
-    """Yield the finished tasks in any order."""
-    if dask is None and min(jobs or os.cpu_count() or 1, len(tasks)) > 1:
-        _warm()
-    yield from done_by_workers(make_runs, tasks, jobs=jobs, dask=dask)
-
-
-def _warm() -> None:
-    """Compile the kernel into the cache before several workers want it at once."""
-    simulate(Profile(name="warm", points=((0.0, 0.0), (0.001, 0.0)), inverter_off=0.0))
-
-
-def _reduction_of(plan: CampaignPlan) -> Reduction:
-    return summary if plan.keep == "bags" else named_reduction(plan.keep)
 
 
 def _manifest(campaign: Campaign, reduction: Reduction, bags: bool, size: int) -> dict:

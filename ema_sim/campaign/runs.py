@@ -157,7 +157,6 @@ def prepare(plan: CampaignPlan) -> Campaign:
     ------
     UsageError
         An unknown name, a value out of bounds, a grid too large.
-
     """
     profiles = tuple(load_profile(name) for name in plan.profile)
     model = load_model_file(plan.model)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import fcntl
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -52,7 +51,6 @@ class CampaignFolder:
         The folder holds something else, or is of another plan or software.
     UsageError
         There is no campaign to read.
-
     """
 
     def __init__(self, path: str | Path, manifest: Mapping[str, object] | None = None) -> None:
@@ -193,20 +191,9 @@ def load_campaign(path: str | Path) -> Columns:
     -------
     dict of str to ndarray, shape (runs, ...)
         ``run``, ``seed``, ``failed``, ``profile``, ``parameters.<name>``, ``results.<name>``.
-
     """
     folder = CampaignFolder(path)
     done = sorted(folder.done())
     if not done:
         raise UsageError(f"{path}: no run is finished yet: run the campaign")
     return merge([folder.load(chunk) for chunk in done])
-
-
-def place_of_bag(folder: str, index: int) -> Path:
-    """Return where the bag of a run goes."""
-    return Path(folder) / BAGS / f"run_{index:06d}"
-
-
-def unfinished(path: Path) -> Path:
-    """Return the name under which a folder is made before it is renamed."""
-    return path.with_name(f".{path.name}.{os.getpid()}.tmp")

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -30,12 +29,8 @@ from ema_record.wire.topics import (
 )
 from ema_record.wire.trajectory import UNNAMED, profile_from_points
 from ema_record.wire.types import NANOSECONDS
-from ema_sim.node.settings import (
-    SimulatorSettings,
-    load_model,
-    parameter_specs,
-    settings_from,
-)
+from ema_sim.model_file import load_model_file
+from ema_sim.node.settings import SimulatorSettings, parameter_specs, settings_from
 from ema_sim.plant.state import THETA_E
 
 INVERTER_OFF = 0.020
@@ -104,29 +99,9 @@ UNPACED_BUDGET = 0.010
 """Wall time of one turn when the simulation runs as fast as it can (s)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Pacer:
-    """Says how much of a run is due.
-
-    Attributes
-    ----------
-    begin : clock at the begin of the run (s).
-    factor : simulated seconds a second, 0 for as fast as possible.
-    """
-
-    begin: float
-    factor: float
-
-    def due(self, now: float) -> float:
-        """Return the simulated time up to which samples are due at clock `now` (s)."""
-        if self.factor == 0.0:
-            return math.inf
-        return (now - self.begin) * self.factor
-
-
 def compile_kernel() -> None:
     """Compile all that a node needs, into the cache beside the sources, so that none waits."""
-    model = load_model("")
+    model = load_model_file()
     values = {spec.name: spec.default for spec in parameter_specs(model)}
     ActuatorServer(settings_from(values, model))
 
@@ -173,7 +148,7 @@ class ActuatorServer:
         self.runs = 0
         self.stopped = ""
         """Why the current or last run was stopped; empty: it was not."""
-        self._pacer = Pacer(0.0, settings.real_time_factor)
+        self._begin = 0.0
         self._views = settings.decimator()
         self._next_idle = 0.0
 
@@ -215,7 +190,7 @@ class ActuatorServer:
         idle = not self.active
         self.session.command(profile)
         if idle:
-            self._pacer = Pacer(self._clock(), self.settings.real_time_factor)
+            self._begin = self._clock()
             self._views = self.settings.decimator()
             self.start_time = self._wall_clock()
             self.samples_published = 0
@@ -263,8 +238,8 @@ class ActuatorServer:
             yield from self._idle()
             return
         now = self._clock()
-        rate = self.settings.rate
-        due = self._pacer.due(now)
+        rate, factor = self.settings.rate, self.settings.real_time_factor
+        due = (now - self._begin) * factor if factor else math.inf
         while self.active and self._clock() - now <= UNPACED_BUDGET:
             if (self.samples_published + self.settings.block_size) / rate > due:
                 break

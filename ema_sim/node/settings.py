@@ -13,7 +13,7 @@ from ema_ros.parameters import KIT, ParameterSpec, Value
 from ema_sim.effects.base import Choice
 from ema_sim.effects.registry import EFFECTS, Effects
 from ema_sim.effects.settings import effects_from_mapping
-from ema_sim.model_file import Model, load_model_file
+from ema_sim.model_file import Model
 from ema_sim.session import NOISE_LEVELS, RATES, ActuatorSession
 
 BLOCK_TIME = 0.02
@@ -49,11 +49,6 @@ _FIXED = (
         text="simulated seconds a second; 0: as fast as possible",
     ),
 )
-
-
-def load_model(path: str) -> Model:
-    """Return the model of the parameter `model_file`."""
-    return load_model_file(path or None)
 
 
 def parameter_specs(model: Model) -> list[ParameterSpec]:

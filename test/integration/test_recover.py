@@ -51,7 +51,9 @@ def record():
 
 @pytest.fixture(scope="module")
 def good(record, tmp_path_factory):
-    return write_bag(record, tmp_path_factory.mktemp("good") / "good", chunk_size=256 << 10)
+    with pytest.MonkeyPatch.context() as small:
+        small.setattr("ema_record.bag.writer.CHUNK_SIZE", 256 << 10)
+        return write_bag(record, tmp_path_factory.mktemp("good") / "good")
 
 
 def content(folder):

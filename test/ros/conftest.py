@@ -3,7 +3,7 @@
 import pytest
 from ros_processes import Nodes, Watcher
 
-from ema_monitor.aircraft_node import aircraft
+from ema_monitor.aircraft_node import aircrafts
 
 
 def pytest_collection_modifyitems(config, items):
@@ -31,5 +31,5 @@ def nodes(ros_domain, tmp_path):
 @pytest.fixture
 def watcher(nodes):
     """Return the aircraft of this test, on the ground."""
-    with aircraft() as node:
+    with aircrafts([""]) as (node,):
         yield Watcher(node, nodes)

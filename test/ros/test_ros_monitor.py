@@ -13,8 +13,8 @@ from ros_processes import MONITOR, SIMULATOR
 from std_srvs.srv import Trigger
 
 from ema_monitor.messages import find_actuator
-from ema_monitor.moves import step_to
 from ema_monitor.observation import ActuatorStatus
+from ema_monitor.sequence import step_to
 from ema_record.bag.read import read_bag
 from ema_record.wire.topics import SELF_TEST_SERVICE
 

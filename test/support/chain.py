@@ -19,7 +19,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
 
 from ema_cli.commands.bit import MONITOR, PROGNOSTICS, SIMULATOR
-from ema_monitor.aircraft_node import AircraftNode, aircraft, answer_of
+from ema_monitor.aircraft_node import AircraftNode, aircrafts, answer_of
 from ema_monitor.chain import summarise
 from ema_record.wire.topics import DIAGNOSTICS
 from ema_ros.domain import enter_domain, private_domain
@@ -165,7 +165,7 @@ def chain(
     with contextlib.ExitStack() as stack:
         enter_domain(stack.enter_context(private_domain(domain)))
         supervisor = stack.enter_context(Supervisor(out / "nodes.log"))
-        node = stack.enter_context(aircraft())
+        (node,) = stack.enter_context(aircrafts([""]))
         found = Chain(node, supervisor, out, {
             SIMULATOR: simulator or {}, PROGNOSTICS: {},
             MONITOR: {"profile": profile, "output_directory": str(out), **(monitor or {})},

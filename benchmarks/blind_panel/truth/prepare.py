@@ -12,7 +12,7 @@ from benchmarks.blind_panel.truth.answers import Answer, Panel, drawn
 from benchmarks.blind_panel.truth.bags import make_bags, make_next_bag
 from benchmarks.blind_panel.truth.seal import commitment_of, parts, seal, unseal
 from benchmarks.ledger import Ledger
-from ema_cli.console import track
+from ema_cli.console import progress
 from ema_record.profile import load_profile_dict
 
 
@@ -42,8 +42,9 @@ def prepare(out: Path, panel: Panel, workers: int) -> None:
     todo = [answer for answer in order if not (out / BAGS / answer.id).exists()]
     done = Parallel(n_jobs=workers, return_as="generator_unordered")(
         delayed(make_bags)(answer, out / BAGS) for answer in todo)
-    for _ in track(done, "bags", len(todo)):
-        pass
+    with progress("bags", len(todo)) as advance:
+        for number, _ in enumerate(done, start=1):
+            advance(number)
 
 
 def record_proposed(out: Path, panel: Panel) -> None:

@@ -268,7 +268,7 @@ def test_what_cannot_be_written_is_known_before(tmp_path):
     with pytest.raises(OutputError, match="would lie inside a bag"):
         console.check_new(tmp_path / "bag" / "another")
     shutil.rmtree(tmp_path / "bag")
-    console.check_new(tmp_path / "no folder" / "folder", None)
+    console.check_new(tmp_path / "no folder" / "folder")
     console.check_new_file(tmp_path / "file", None)
     assert list(tmp_path.iterdir()) == [taken]
 

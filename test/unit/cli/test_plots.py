@@ -153,7 +153,6 @@ def examined(repository):
 def test_evidence_shows_each_reason_outside_of_healthy_units(examined, monkeypatch):
     found, judge = examined
     monkeypatch.setattr(evidence_plot, "UNITS", 2)
-    monkeypatch.setattr(evidence_plot.healthy_currents, "__defaults__", (2,))
     figure = evidence_plot.evidence_figure(found, judge.fleet_cascade("extended"))
     reasons, others = figure.axes[:3], figure.axes[3:]
     for axes, evidence in zip(reasons, found.verdict.evidence):

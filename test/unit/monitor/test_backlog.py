@@ -24,7 +24,7 @@ def test_a_sign_of_life_comes_between_the_messages_of_a_backlog(monkeypatch, sta
                         lambda _: [Taken(b"", 0, 0, number) for number in range(100)])
     monkeypatch.setattr(monitor_node.time, "monotonic", lambda: clock[0])
     node = MonitorNode.__new__(MonitorNode)
-    node._recorder = SimpleNamespace(begin_turn=lambda: None, take=take)
+    node._recorder = SimpleNamespace(clock=SimpleNamespace(look=lambda: None), take=take)
     node._polled, node._last_block = {SAMPLES: None}, 0.0
     node._sequence = SimpleNamespace(stage=stage)
     node._deadman = SimpleNamespace(publish=lambda header: signs.append((clock[0], header)))

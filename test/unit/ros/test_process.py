@@ -25,7 +25,7 @@ executor = types.SimpleNamespace(
     add_node=lambda node: None, remove_node=lambda node: None,
     spin_once=lambda timeout_sec: {spin}, shutdown=lambda timeout_sec: {shutdown},
 )
-status = process.run_node(ros, lambda stop: Node(), [])
+status = process.run_node(ros, lambda stop: Node())
 {after}
 raise SystemExit(status)
 """

@@ -169,7 +169,6 @@ def test_checksum_of_an_uncompressed_chunk(tmp_path, record):
     data[data.index(block) + 1000] ^= 1
     path.write_bytes(data)
     fails(path, InvalidRecordError, "checksum of a chunk")
-    assert len(read_bag(path, validate_crcs=False)) == 500
 
 
 def test_bag_without_samples(tmp_path):

@@ -11,9 +11,9 @@ from ema_record.bag.read import write_bag
 from ema_record.channels import ALL
 from ema_record.checks.facts import facts_of_record
 from ema_record.checks.guard import guard_findings, outcome_of
-from ema_record.checks.held import held_share
 from ema_record.checks.live import Level, check_record, worst
 from ema_record.checks.run import lint_bag
+from ema_record.checks.sensors import held_share
 from ema_record.checks.stream import irregular, reception_clock
 from ema_record.checks.whole_turns import RULES, WholeTurns, whole_turns
 from ema_record.record import SampleBlock

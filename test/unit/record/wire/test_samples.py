@@ -14,7 +14,6 @@ from ema_record.channels import (
     ALL,
     CHANNEL_LABEL,
     N_CHANNELS,
-    check_channel_label,
     columns_of,
     label_of,
     recorded_columns,
@@ -134,7 +133,7 @@ def test_damage_is_an_error_or_the_same_shape(at, damage):
                                    CHANNEL_LABEL + ",", CHANNEL_LABEL[:-1], ""])
 def test_a_label_that_differs_by_a_character_is_refused(label):
     with pytest.raises(InvalidRecordError, match="/ema/samples"):
-        check_channel_label(label)
+        columns_of(label)
 
 
 @settings(max_examples=200, deadline=None)
@@ -192,13 +191,13 @@ def test_channels_that_a_recorder_lacks_are_nan(columns, block):
 ])
 def test_what_must_be_there(columns, missing):
     with pytest.raises(InvalidRecordError, match=f"no channel {missing}"):
-        check_channel_label(label_of(columns))
+        columns_of(label_of(columns))
 
 
 @pytest.mark.parametrize("columns", [(0, 1, 2, 3, 3), (1, 0, 2, 3), (0, 1, 3, 2)])
 def test_channels_keep_their_order(columns):
     with pytest.raises(InvalidRecordError, match="keep the order"):
-        check_channel_label(label_of(columns))
+        columns_of(label_of(columns))
 
 
 def test_a_column_of_nan_that_must_be_there_counts_as_recorded():

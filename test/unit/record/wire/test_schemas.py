@@ -9,7 +9,7 @@ import pytest
 import yaml
 from rosbags.rosbag2.metadata import parse_qos
 
-from ema_record.bag.metadata import offered_qos_profiles
+from ema_record.bag.metadata import channel_metadata
 from ema_record.version import VERSION
 from ema_record.wire.topics import BAG_TOPICS, TOPICS
 from ema_record.wire.types import definition, type_hash
@@ -77,7 +77,7 @@ def test_definition_equals_the_installed_one(message_type):
 
 @pytest.mark.parametrize("topic", BAG_TOPICS, ids=lambda topic: topic.name)
 def test_offered_qos_is_what_readers_expect(topic):
-    text = offered_qos_profiles(topic.qos)
+    text = channel_metadata(topic)["offered_qos_profiles"]
     assert len(yaml.safe_load(text)) == 1
     (parsed,) = parse_qos(text)
     assert parsed.reliability.name.lower() == topic.qos.reliability

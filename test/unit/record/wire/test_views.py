@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from ema_record.channels import N_CHANNELS, ROTOR_ANGLE
 from ema_record.wire.sensors import bus_reading, encode_dc_bus, encode_temperature
-from ema_record.wire.views import ViewDecimator, views_of
+from ema_record.wire.views import ViewDecimator
 
 RATE = 20_000.0
 
@@ -21,7 +21,7 @@ def test_a_constant_slew():
     samples[:, 2:5] = [1.0, -3.0, 2.0]
     samples[:, ROTOR_ANGLE] = 790.0 * time
     samples[:, 9] = 1.58 * time
-    views = views_of(samples, RATE)
+    views = ViewDecimator(RATE).push(samples)
     assert len(views.time) == 100
     np.testing.assert_allclose(np.diff(views.time), 1.0 / 2000.0)
     np.testing.assert_allclose(views.position[:, 0], 790.0 * views.time)
@@ -36,7 +36,7 @@ def test_an_angle_that_wraps_is_not_averaged_over_the_wrap():
     samples = np.zeros((2000, N_CHANNELS))
     samples[:, 0] = time
     samples[:, ROTOR_ANGLE] = np.mod(790.0 * time, 2 * np.pi)
-    views = views_of(samples, RATE)
+    views = ViewDecimator(RATE).push(samples)
     error = views.position[:, 0] - 790.0 * views.time
     np.testing.assert_allclose(np.mod(error + np.pi, 2 * np.pi) - np.pi, 0.0, atol=1e-9)
 
@@ -47,7 +47,7 @@ def test_block_by_block_gives_the_same(lengths, rate):
     n = sum(lengths)
     samples = np.random.default_rng(n).normal(size=(n, N_CHANNELS))
     samples[:, 0] = (np.arange(n) + 0.5) / rate
-    whole = views_of(samples, rate)
+    whole = ViewDecimator(rate).push(samples)
     decimator, at, parts = ViewDecimator(rate), 0, []
     for length in lengths:
         parts.append(decimator.push(samples[at:at + length]))
@@ -67,7 +67,7 @@ def test_what_rclpy_reads():
     samples = rng.normal(size=(40, N_CHANNELS))
     samples[:, 0] = (np.arange(40) + 0.5) / RATE
     start = 1_790_000_000_999_900_000
-    views = views_of(samples, RATE)
+    views = ViewDecimator(RATE).push(samples)
     stamps = views.stamps(start)
     for k, data in enumerate(views.joint_states(start)):
         message = deserialize_message(data, JointState)

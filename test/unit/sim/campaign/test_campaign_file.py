@@ -4,7 +4,7 @@ import pytest
 from ema_record.errors import UsageError
 from ema_sim.campaign import runs as campaign_runs
 from ema_sim.campaign.plan import load_plan, plan_from
-from ema_sim.campaign.reductions import named_reduction, summary
+from ema_sim.campaign.run import run_campaign
 from ema_sim.campaign.runs import prepare
 from ema_sim.effects import EFFECTS
 from support.simulations import record_of
@@ -172,8 +172,4 @@ def test_plan_file(tmp_path):
 )
 def test_a_file_names_no_code(name):
     with pytest.raises(UsageError, match="keep"):
-        named_reduction(name)
-
-
-def test_the_named_reduction_is_found():
-    assert named_reduction("summary") is summary
+        run_campaign(plan_from({**STEP, "keep": name}, "test"))
