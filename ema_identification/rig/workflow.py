@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -56,20 +55,6 @@ MAX_RIVALS = 8
 QUANTILE = 1.645
 """Standard errors of the noise floor that make its 95 % bound."""
 HIDEABLE = (*LAWS, "inertia_change")
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Judge:
-    """Measures the gap: on records that were held out, or on held-out blocks."""
-
-    blocks: Blocks
-    held: tuple[Design, ...]
-
-    def gap(self, balance: InputBalance) -> float:
-        """Return the rms of the held-out residual."""
-        if self.held:
-            return rms(np.concatenate([balance.residual_on(d) for d in self.held]))
-        return rms(balance.held_out(self.blocks))
 
 
 def check_rig(
@@ -138,8 +123,8 @@ def identify_rig(
 
     found = search(start, blocks, shapes, set(without), report)
     say("measuring the gap", 0.93)
-    judge = _Judge(blocks=blocks, held=held)
-    gaps = [judge.gap(balance) for balance in found.stages]
+    gaps = [rms(np.concatenate([balance.residual_on(d) for d in held]) if held
+                else balance.held_out(blocks)) for balance in found.stages]
     floor, bound = _noise_floor(found, blocks, held)
     findings = _findings(found, blocks, gaps)
     targets = [d.trajectory.target for d in held] or [trajectory.target]
@@ -157,8 +142,6 @@ def _held_designs(
     validate: Sequence[RigRecord], settings: Settings, design: Design
 ) -> tuple[Design, ...]:
     """Return the designs of the held-out records, under the same filter."""
-    if not validate:
-        return ()
     trajectory = design.trajectory
     same = settings.model_copy(
         update={"band": trajectory.band, "standstill": trajectory.standstill})
@@ -255,9 +238,10 @@ def _identification(given: RigModel, story: Story) -> Identification:
                         panel=unknown_panel(found.unknown, trajectory))
     verdict, said = outcome(story)
     ambiguous = next((f for f in story.findings if f.equivalent), None)
-    test = next_test((ambiguous.effect, *ambiguous.equivalent), trajectory) \
-        if ambiguous is not None else None
-    if test is None and found.unknown is not None:
+    test = None
+    if ambiguous is not None:
+        test = next_test((ambiguous.effect, *ambiguous.equivalent), trajectory)
+    elif found.unknown is not None:
         test = for_unknown(found.unknown.shape.against, trajectory)
     held = f"record{'s' if story.validated > 1 else ''} held out" if story.validated else \
         f"{story.blocks.count} blocks, each predicted from the others; they also chose the laws"
@@ -267,8 +251,7 @@ def _identification(given: RigModel, story: Story) -> Identification:
         gap_unit=f"residual of the {signal_name(trajectory)}, rms, "
                  f"{trajectory.axis.input_channel.unit} ({held})",
         findings=story.findings,
-        rivals=tuple(_candidate(t)
-                     for t in found.last_trials[:MAX_RIVALS]),
+        rivals=tuple(_candidate(t) for t in found.last_trials[:MAX_RIVALS]),
         next_test=test, recalibrated=_recalibrated(story), unknown=unknown,
         reasons=(*said, *reasons_of(story)), unexplained=unexplained(story),
         steps=all_steps(story),
@@ -279,9 +262,6 @@ def _identification(given: RigModel, story: Story) -> Identification:
 
 def _recalibrated(story: Story) -> tuple[Parameter, ...]:
     """Return the parameters of the model's own terms, in the model at the end."""
-    found: list[Parameter] = []
-    for index in range(len(story.start.terms)):
-        if story.found.balance.replaced(index):
-            continue
-        found += parameters(story.found.balance, index, story.blocks)
-    return tuple(found)
+    balance = story.found.balance
+    return tuple(p for index in range(len(story.start.terms)) if not balance.replaced(index)
+                 for p in parameters(balance, index, story.blocks))

@@ -38,7 +38,8 @@ def _outer_load(segment: Segment, trajectory: Trajectory, _s: Shape) -> Sequence
     return (np.abs(segment.disturbance) * sign(segment, trajectory),)
 
 
-def _both_directions(trajectory: Trajectory) -> bool:
+def both_directions(trajectory: Trajectory) -> bool:
+    """Return whether a motion goes both ways, not just by chance."""
     forward = float(np.mean(trajectory.speed > 0))
     return 0.02 < forward < 0.98
 
@@ -62,7 +63,7 @@ ASYMMETRIC_FRICTION = Law(
     equation="u = D |v|; the part that does not grow with speed is an offset",
     reference="Swevers et al. 1997, IEEE Control Systems 17(5)",
     against="speed", coefficients=("viscous_difference",), units={"viscous_difference": "u/v"},
-    columns=lambda segment, _t, _s: (np.abs(segment.smooth_speed),), applies=_both_directions,
+    columns=lambda segment, _t, _s: (np.abs(segment.smooth_speed),), applies=both_directions,
 )
 STRIBECK_FRICTION = Law(
     name="stribeck_friction", meaning="dry friction that falls as the speed rises",

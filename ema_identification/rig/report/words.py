@@ -91,33 +91,25 @@ def wave_words(trajectory: Trajectory, order: float) -> str:
     return f"period {number(1e3 / order, 4)} mm"
 
 
-def amplitude(left: Left) -> float:
-    """Return the amplitude of a wave, or the rms of a smooth shape."""
-    if left.shape.order is not None:
-        return float(math.hypot(*left.coefficients[:2]))
-    values = left.shape.columns @ left.coefficients
-    return float(np.std(values))
-
-
 def shape_words(left: Left, trajectory: Trajectory) -> str:
     """Return what a nameless shape looks like."""
     axis = trajectory.axis
     unit = axis.input_channel.unit
     port = signal_name(trajectory)
-    if left.shape.against == "frequency" and left.shape.order is not None:
+    if left.shape.order is not None:
+        size = f"amplitude {number(math.hypot(*left.coefficients[:2]))} {unit}"
+        if left.shape.against == "position":
+            return (f"{port}, periodic in position, {wave_words(trajectory, left.shape.order)}, "
+                    f"{size}")
         whose = "where the motion has one too: an effect of the motion, or a disturbance" \
             if left.shape.of_motion else "whatever the motion: a disturbance"
-        return (f"{port}, a wave in time at {number(left.shape.order, 4)} Hz {whose}, amplitude "
-                f"{number(amplitude(left))} {unit}")
-    if left.shape.order is not None:
-        return (f"{port}, periodic in position, {wave_words(trajectory, left.shape.order)}, "
-                f"amplitude {number(amplitude(left))} {unit}")
+        return f"{port}, a wave in time at {number(left.shape.order, 4)} Hz {whose}, {size}"
     x, y = curve(left, trajectory)
     if left.shape.label == "speed and direction":
         return f"{port}, friction against speed: {_friction_words(x, y, axis.speed_unit, unit)}"
     low, high = float(np.min(y)), float(np.max(y))
     x_unit = {"position": axis.position_unit, "test phase": "s"}.get(
-        left.shape.against, f"{axis.speed_unit}²" if axis.motion == "rotary" else "m/s²")
+        left.shape.against, f"{axis.speed_unit}²")
     return (f"{port}, depends on {left.shape.label}: {number(low)} {unit} at "
             f"{number(float(x[np.argmin(y)]))} {x_unit} to {number(high)} {unit} at "
             f"{number(float(x[np.argmax(y)]))} {x_unit}")
@@ -130,7 +122,6 @@ def curve(left: Left, trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     quantity = {
         "speed": trajectory.speed, "position": trajectory.position,
         "load": trajectory.acceleration, "test phase": trajectory.time,
-        "frequency": trajectory.time,
     }[against]
     if label == "angle within a turn":
         quantity = np.mod(quantity, 2 * np.pi)
@@ -219,10 +210,8 @@ _BY_SPEED = frozenset({"coulomb_friction", "stribeck_friction", "quadratic_drag"
                        "viscous_friction", "sublinear_viscous_friction", "asymmetric_friction"})
 
 
-def next_test(names: Sequence[str], trajectory: Trajectory) -> str | None:
-    """Return the excitation that would separate `names`, or None for a single name."""
-    if len(names) < 2:
-        return None
+def next_test(names: Sequence[str], trajectory: Trajectory) -> str:
+    """Return the excitation that would separate `names`, two or more."""
     given = frozenset(names)
     fast = float(np.quantile(np.abs(trajectory.speed), 0.98))
     unit = trajectory.axis.speed_unit
@@ -243,7 +232,7 @@ def for_unknown(against: str, trajectory: Trajectory) -> str:
     if against == "speed":
         return (f"constant-speed runs in both directions at five speeds between "
                 f"{0.02 * fast:.3g} and {fast:.3g} {unit}")
-    if against in ("position", "rotor angle"):
+    if against == "position":
         return ("a slow constant-speed run in both directions over the whole travel or a full "
                 f"turn, at {0.05 * fast:.3g} {unit} or less")
     if against == "frequency":
@@ -251,12 +240,3 @@ def for_unknown(against: str, trajectory: Trajectory) -> str:
     if against == "load":
         return "the same motion at twice and at half the acceleration"
     return "the same motion repeated ten times without a pause: what changes is heat or wear"
-
-
-def one_direction(trajectory: Trajectory) -> str | None:
-    """Return a note where the record moves one way only."""
-    forward = float(np.mean(trajectory.speed > 0))
-    if 0.02 < forward < 0.98:
-        return None
-    return ("the axis moves one way only: Coulomb friction and an offset look alike; record both "
-            "directions")

@@ -37,7 +37,7 @@ class GenericShape:
     """Regressors of one smooth dependence, already filtered and gated, shape (rows, k)."""
 
     against: str
-    """``speed``, ``position``, ``load``, ``frequency``, ``test phase``, ``rotor angle``."""
+    """``speed``, ``position``, ``load``, ``frequency``, ``test phase``."""
     label: str
     """For people: ``speed and direction``."""
     columns: np.ndarray
