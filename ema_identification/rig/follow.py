@@ -170,7 +170,7 @@ def _with_own_shape(
     left = [float(np.sum(other.fit.residual**2)) for other in tried]
     best = refined(balance, grid[int(np.argmin(left))])
     full = _free(balance.design, (*balance.terms, best))
-    before, after = (float(np.sum(b.held_out(blocks) ** 2)) for b in (balance, full))
+    before, after = balance.squares(blocks), full.squares(blocks)
     size = WITH_OWN_SHAPE[law.name]
     if before < (1.0 + MISSED) * after or (law.positive and full.fit.coefficients[-1] < 0.0):
         if size == "frequency":  # no resonance in the band is no number

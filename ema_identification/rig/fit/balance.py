@@ -226,6 +226,15 @@ class InputBalance:
         """Return the residual of each row under the fit of all other blocks, shape (rows,)."""
         return held_out(self.free_columns, self.target, blocks)
 
+    def squares(self, blocks: Blocks) -> float:
+        """Return the sum of the squares of `held_out`."""
+        return float(np.sum(self.held_out(blocks) ** 2))
+
+    def squares_beside(self, columns: np.ndarray, blocks: Blocks) -> float:
+        """Return that sum with further regressors beside the free ones, shape (rows, k)."""
+        rest = held_out(np.column_stack([self.free_columns, columns]), self.target, blocks)
+        return float(rest @ rest)
+
     def columns_of(self, term: Term) -> np.ndarray:
         """Return the regressors of a term that might be added, shape (rows, k)."""
         if term.law.of_prediction:
@@ -293,6 +302,19 @@ class InputBalance:
     def led(self, lead: float) -> InputBalance:
         """Return the balance with the input later by `lead` (s) than it was recorded."""
         return InputBalance(design=self.design.led(lead), terms=self.terms, bounds=self.bounds)
+
+    def later(self, change: float, place: int) -> InputBalance:
+        """Return the balance with its input later by `change` (s) and its delay smaller by that.
+
+        `place` is where the coefficient of the delay stands.
+        """
+        if change == 0.0:
+            return self
+        low, high = self.bounds.low.copy(), self.bounds.high.copy()
+        low[place] -= change
+        high[place] -= change
+        return InputBalance(design=self.design.led(self.design.lead + change), terms=self.terms,
+                            bounds=CoefficientBounds(low=low, high=high))
 
     def residual_on(self, design: Design) -> np.ndarray:
         """Return the residual of this fit on another record, shape (rows there,)."""

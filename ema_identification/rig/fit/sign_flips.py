@@ -129,6 +129,12 @@ def orthonormal(columns: np.ndarray) -> np.ndarray:
     return basis
 
 
+def squares_taken(columns: np.ndarray, basis: np.ndarray, residual: np.ndarray) -> float:
+    """Return the squares that columns take of a residual beside an orthonormal basis."""
+    own = orthonormal(columns - basis @ (basis.T @ columns))
+    return float(np.sum((own.T @ residual) ** 2))
+
+
 def _block_moments(
     candidates: Sequence[np.ndarray], basis: np.ndarray, residual: np.ndarray, blocks: Blocks
 ) -> tuple[np.ndarray, np.ndarray]:
