@@ -9,7 +9,7 @@ import numpy as np
 
 from ema_identification.report.words import number
 from ema_identification.result import Parameter, Where
-from ema_identification.rig.fit.balance import InputBalance
+from ema_identification.rig.fit.balance import InputBalance, rms
 from ema_identification.rig.laws.base import Term
 from ema_identification.rig.search.remainder import Left
 from ema_identification.rig.signals.trajectory import Trajectory
@@ -28,12 +28,10 @@ def where(balance: InputBalance, index: int, found: Sequence[Parameter]) -> Wher
     term, trajectory = balance.terms[index], balance.design.trajectory
     axis = trajectory.axis
     unit = axis.input_channel.unit
-    column = balance.columns[:, balance.span(index)] @ balance.fit.coefficients[
-        balance.span(index)]
-    share = float(np.sqrt(np.mean(column**2)))
-    if term.law.name == "control_delay":
-        slope = balance.columns[:, balance.span(index)]
-        share = float(np.sqrt(np.mean(slope**2))) * abs(found[0].value)
+    span = balance.span(index)
+    columns = balance.columns[:, span]
+    share = rms(columns) * abs(found[0].value) if term.law.name == "control_delay" else rms(
+        columns @ balance.fit.coefficients[span])
     values = {p.name.split(".")[1]: p for p in found}
     fast = float(np.quantile(np.abs(trajectory.speed), 0.98))
     text = {

@@ -220,10 +220,15 @@ class Trajectory:
         return resting / total
 
     @property
+    def travel(self) -> tuple[float, float]:
+        """Smallest and largest position (m or rad)."""
+        return (min(float(s.position.min()) for s in self.segments),
+                max(float(s.position.max()) for s in self.segments))
+
+    @property
     def turns(self) -> float:
         """Travel between the extreme positions, in turns of a rotary axis or in m."""
-        low = min(float(s.position.min()) for s in self.segments)
-        high = max(float(s.position.max()) for s in self.segments)
+        low, high = self.travel
         return (high - low) / (2 * np.pi if self.axis.motion == "rotary" else 1.0)
 
 
