@@ -19,7 +19,8 @@ InputQuantity = Literal["voltage", "current", "force", "torque"]
 OUTPUT_UNITS: dict[str, tuple[str, str]] = {"linear": ("m", "m/s"), "rotary": ("rad", "rad/s")}
 """Units of position and speed."""
 LOAD_QUANTITY: dict[str, InputQuantity] = {"linear": "force", "rotary": "torque"}
-INPUT_UNITS: dict[str, str] = {"voltage": "V", "current": "A", "force": "N", "torque": "N m"}
+INPUT_UNITS: dict[InputQuantity, str] = {
+    "voltage": "V", "current": "A", "force": "N", "torque": "N m"}
 
 TIME = "time"
 POSITION = "position"

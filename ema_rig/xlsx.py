@@ -10,6 +10,7 @@ import datetime as dt
 import io
 import zipfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -65,8 +66,7 @@ def read_xlsx(
     found = table_of_text(text, path, layout, needed)
     if len(names) == 1:
         return found
-    return Table(columns=found.columns, source=found.source, units=found.units,
-                 notes=(f"sheet {name!r} of {len(names)}", *found.notes))
+    return replace(found, notes=(f"sheet {name!r} of {len(names)}", *found.notes))
 
 
 def _chosen(
@@ -99,7 +99,7 @@ def _text(sheet: Any, source: str) -> str:
                                      "import a part of it")
         if cells:
             stream.write("\n" * (number - last - 1))
-            writer.writerow([*cells, ""] if len(cells) == 1 and not cells[0] else cells)
+            writer.writerow(cells)
             last = number
     return stream.getvalue()
 
