@@ -19,10 +19,18 @@ from ema_rig.hdf5 import read_hdf5
 from ema_rig.map import Column, InputColumn, RigMap, TextFormat
 from ema_rig.record import INPUT_UNITS, Axis, InputQuantity, RigRecord
 from ema_rig.ros_bag import read_ros_bag
-from ema_rig.runs import chosen_runs, one_after_another, restarts, run_labels
 from ema_rig.table import MAX_FILE_BYTES, Table
 from ema_rig.text import read_text_table
-from ema_rig.times import one_clock, seconds, single_stamps, unwrapped
+from ema_rig.times import (
+    chosen_runs,
+    one_after_another,
+    one_clock,
+    restarts,
+    run_labels,
+    seconds,
+    single_stamps,
+    unwrapped,
+)
 from ema_rig.units import SI_OF, is_unit, unit_factor
 from ema_rig.xlsx import read_xlsx
 

@@ -13,8 +13,8 @@ from ema_record.yaml_file import load_yaml
 from ema_rig.record import InputQuantity
 
 SEE = "docs/rigs.md shows the form"
-ROLES = ("input", "position", "speed", "output_position", "reference_position",
-         "reference_speed", "disturbance")
+RIG_COLUMNS = ("input", "position", "speed", "output_position", "reference_position",
+               "reference_speed", "disturbance")
 """Columns of a rig, keys of its map."""
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 ColumnName = Annotated[str, Field(min_length=1, max_length=200)] | Annotated[
@@ -151,8 +151,8 @@ class RigMap(_Part):
 
     @property
     def roles(self) -> dict[str, Column]:
-        """The columns of a rig that are given, of `ROLES`."""
-        return {name: part for name in ROLES if (part := getattr(self, name)) is not None}
+        """The columns of a rig that are given, of `RIG_COLUMNS`."""
+        return {name: part for name in RIG_COLUMNS if (part := getattr(self, name)) is not None}
 
     @model_validator(mode="after")
     def _fits_the_axis(self) -> RigMap:

@@ -232,10 +232,11 @@ def _candidate(trial: Trial, choice: LawChoice | None = None) -> Candidate:
 
 def _identification(given: RigModel, story: Story) -> Identification:
     found, trajectory = story.found, story.trajectory
-    unknown = None
+    unknown, panels = None, all_panels(found.stages[0], found.balance)
     if found.unknown is not None:
+        panels = (*panels, unknown_panel(found.unknown, trajectory))
         unknown = Shape(port=signal_name(trajectory), text=shape_words(found.unknown, trajectory),
-                        panel=unknown_panel(found.unknown, trajectory))
+                        panel=panels[-1])
     verdict, said = outcome(story)
     ambiguous = next((f for f in story.findings if f.equivalent), None)
     test = None
@@ -254,8 +255,7 @@ def _identification(given: RigModel, story: Story) -> Identification:
         rivals=tuple(_candidate(t) for t in found.last_trials[:MAX_RIVALS]),
         next_test=test, recalibrated=_recalibrated(story), unknown=unknown,
         reasons=(*said, *reasons_of(story)), unexplained=unexplained(story),
-        steps=all_steps(story),
-        panels=all_panels(found.stages[0], found.balance, found.unknown),
+        steps=all_steps(story), panels=panels,
         model_text="" if verdict == "contradicted" else updated_text(given, story),
     )
 

@@ -19,19 +19,8 @@ MAX_POINTS = 4000
 SPECTRUM_BINS = 400
 
 
-def all_panels(
-    before: InputBalance, after: InputBalance, unknown: Left | None
-) -> tuple[Panel, ...]:
-    """Return every plot of an identification.
-
-    Parameters
-    ----------
-    before, after : InputBalance
-        The model as given and with what was found.
-    unknown : Left, optional
-        The shape that no law holds.
-
-    """
+def all_panels(before: InputBalance, after: InputBalance) -> tuple[Panel, ...]:
+    """Return the plots of the model as given and with what was found."""
     trajectory = before.design.trajectory
     axis = trajectory.axis
     panels = [over_time(before, after),
@@ -39,10 +28,7 @@ def all_panels(
               against(before, after, trajectory.position, "position", axis.position_unit)]
     orders = [t.shape[0] for t in after.terms if t.law.in_position][:3]
     panels += [folded(before, after, order) for order in dict.fromkeys(orders)]
-    panels += [spectrum(before, after), correlation(before, after)]
-    if unknown is not None:
-        panels.append(unknown_panel(unknown, after.design.trajectory))
-    return tuple(panels)
+    return (*panels, spectrum(before, after), correlation(before, after))
 
 
 def _labels(trajectory: Trajectory) -> tuple[str, str]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_identification.report.words import number
+from ema_identification.report.words import number, quantity
 from ema_identification.result import Parameter, Where
 from ema_identification.rig.fit.balance import InputBalance, rms
 from ema_identification.rig.laws.base import Term
@@ -32,54 +32,47 @@ def where(balance: InputBalance, index: int, found: Sequence[Parameter]) -> Wher
     columns = balance.columns[:, span]
     share = rms(columns) * abs(found[0].value) if term.law.name == "control_delay" else rms(
         columns @ balance.fit.coefficients[span])
-    values = {p.name.split(".")[1]: p for p in found}
+    values = {p.name.split(".")[1]: p.value for p in found}
+    shown = {p.name.split(".")[1]: quantity(p) for p in found}
     fast = float(np.quantile(np.abs(trajectory.speed), 0.98))
+    at_fast = f"{unit} at {number(fast)} {axis.speed_unit}"
     text = {
-        "coulomb_friction": lambda: f"±{_q(values['level'])} with the direction of motion, at "
-                                    "all speeds",
-        "offset": lambda: f"{_q(values['value'])} in both directions, at all speeds",
-        "asymmetric_friction": lambda: _asymmetric(values, fast, axis.speed_unit, unit),
-        "stribeck_friction": lambda: f"{_q(values['increase'])} more towards standstill, gone "
-                                     f"above about {_q(values['speed'])}",
+        "coulomb_friction": lambda: f"±{shown['level']} with the direction of motion, at all "
+                                    "speeds",
+        "offset": lambda: f"{shown['value']} in both directions, at all speeds",
+        "asymmetric_friction": lambda: (
+            f"grows with speed, by {number(values['viscous_difference'] * fast)} {unit} one way "
+            f"and {number(-values['viscous_difference'] * fast)} {unit} the other in friction, at "
+            f"{number(fast)} {axis.speed_unit}"),
+        "stribeck_friction": lambda: f"{shown['increase']} more towards standstill, gone above "
+                                     f"about {shown['speed']}",
         "quadratic_drag": lambda: "rises with the square of the speed, to "
-                                  f"{number(values['value'].value * fast**2)} {unit} at "
-                                  f"{number(fast)} {axis.speed_unit}",
+                                  f"{number(values['value'] * fast**2)} {at_fast}",
         "sublinear_viscous_friction": lambda: "rises with the root of the speed, to "
-        f"{number(values['value'].value * math.sqrt(fast))} {unit} at {number(fast)} "
-        f"{axis.speed_unit}",
-        "spring": lambda: f"{_q(values['stiffness'])} about rest at "
-                          f"{_q(values['rest'])}",
+                                              f"{number(values['value'] * math.sqrt(fast))} "
+                                              f"{at_fast}",
+        "spring": lambda: f"{shown['stiffness']} about rest at {shown['rest']}",
         "control_delay": lambda: "where the input changes fast: the motion lags by "
-                                 f"{number(1e3 * values['delay'].value)} ms",
+                                 f"{number(1e3 * values['delay'])} ms",
         "presliding_hysteresis": lambda: "after each reversal, within "
-                                         f"{_q(values['distance'])} of travel",
-        "periodic_disturbance": lambda: f"a wave in time at {_q(values['frequency'])}, whatever "
-                                        f"the motion, amplitude {_q(values['amplitude'])}",
-        "position_dependent_inertia": lambda: "inertia that changes by "
-        f"±{_q(values['amplitude'])}, {number(term.shape[0])} times a turn",
+                                         f"{shown['distance']} of travel",
+        "periodic_disturbance": lambda: f"a wave in time at {shown['frequency']}, whatever the "
+                                        f"motion, amplitude {shown['amplitude']}",
+        "position_dependent_inertia": lambda: f"inertia that changes by ±{shown['amplitude']}, "
+                                              f"{number(term.shape[0])} times a turn",
         "drive_lag": lambda: "where the input changes fast: time constant "
-                             f"{number(1e3 * values['time_constant'].value)} ms",
-        "backlash": lambda: f"after each reversal, while {_q(values['gap'])} are crossed",
+                             f"{number(1e3 * values['time_constant'])} ms",
+        "backlash": lambda: f"after each reversal, while {shown['gap']} are crossed",
     }
     if term.law.in_position:
         said = (f"periodic in position, {wave_words(trajectory, term.shape[0])}, amplitude "
-                f"{_q(values['amplitude'])}")
+                f"{shown['amplitude']}")
     else:
         said = text.get(term.law.name, lambda: f"{term.law.meaning}: {term.law.equation}")()
     in_angle = term.law.in_position and axis.motion == "rotary"
     against = "rotor angle" if in_angle else term.law.against
     return Where(signal=signal_name(trajectory), against=against,
                  text=f"{said} ({number(share)} {unit} rms)")
-
-
-def _q(parameter: Parameter) -> str:
-    return f"{number(parameter.value)} {parameter.unit}"
-
-
-def _asymmetric(values: dict[str, Parameter], fast: float, speed: str, unit: str) -> str:
-    size = values["viscous_difference"].value * fast
-    return (f"grows with speed, by {number(size)} {unit} one way and {number(-size)} {unit} the "
-            f"other in friction, at {number(fast)} {speed}")
 
 
 def wave_words(trajectory: Trajectory, order: float) -> str:

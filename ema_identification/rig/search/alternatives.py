@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
-from ema_identification.rig.fit.balance import InputBalance
+from ema_identification.rig.fit.balance import InputBalance, rms
 from ema_identification.rig.fit.regression import Blocks
 from ema_identification.rig.fit.sign_flips import orthonormal, squares_taken
 from ema_identification.rig.laws.base import Law, Term
@@ -187,8 +187,7 @@ def _best_shift(balance: InputBalance, index: int) -> float:
     """Return the change of the input's lead (s), of a few within bounds, that fits best."""
     place = balance.span(index).start
     trajectory = balance.design.trajectory
-    hard = float(np.sqrt(np.mean(trajectory.acceleration**2)))
-    slow = float(np.sqrt(np.mean(trajectory.speed**2))) / max(hard, 1e-300)
+    slow = rms(trajectory.speed) / max(rms(trajectory.acceleration), 1e-300)
     low, high = balance.bounds.low[place], balance.bounds.high[place]
     changes = [0.0, *(float(share * slow) for share in SHIFTS if low <= share * slow <= high)]
     plain = balance.without(index)
