@@ -12,7 +12,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.io import loadmat, whosmat
@@ -216,24 +216,22 @@ def read_parquet(path: Path, needed: Sequence[str | int] | None) -> Table:
     return Table(columns=columns, source=str(path), units=units)
 
 
-def _column(values: object, where: str, pa: object) -> Cells:
+def _column(values: Any, where: str, pa: Any) -> Cells:
     """Return one column: numbers as float64 with NaN where null, times in seconds, or words."""
-    kind = values.type  # type: ignore[attr-defined]
-    types = pa.types  # type: ignore[attr-defined]
+    kind, types = values.type, pa.types
     if types.is_timestamp(kind) or types.is_time(kind) or types.is_duration(kind):
-        found = values.to_numpy()  # type: ignore[attr-defined]
+        found = values.to_numpy()
         if found.dtype.kind not in "mM":
             raise InvalidRecordError(f"{where} is {kind}: save its time as seconds or as a "
                                      "timestamp")
         nanoseconds = found.astype(f"{found.dtype.kind}8[ns]").astype(np.int64)
         return np.asarray((nanoseconds - nanoseconds[:1]) * 1e-9, dtype=np.float64)
     if types.is_string(kind) or types.is_large_string(kind):
-        cells = [text or "" for text in values.to_pylist()]  # type: ignore[attr-defined]
+        cells = [text or "" for text in values.to_pylist()]
         part = CellBlock.of(cells, range(1, len(cells) + 1), ".")
         return TextColumn((part,)) if part.values is None else part.values
     if not (types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind)
             or types.is_decimal(kind)):
         raise InvalidRecordError(f"{where} is {str(kind)[:40]}, expected numbers, times or words: "
                                  "name another column")
-    return np.array([float("nan") if v is None else float(v)
-                     for v in values.to_pylist()])  # type: ignore[attr-defined]
+    return np.array([float("nan") if v is None else float(v) for v in values.to_pylist()])

@@ -195,27 +195,17 @@ def _findings(found: Search, blocks: Blocks, gaps: list[float]) -> tuple[NamedEf
         law = choice.trial.term.law
         plain, at = without_modifiers(found.balance, first + index)
         own = parameters(plain, at, blocks)
+        rivals = [p for trial in choice.trials  # each in the place of the chosen one
+                  if trial.name in choice.equivalent and trial.companion is None
+                  for p in parameters(found.stages[index].joined(trial.term), first + index,
+                                      blocks)]
         findings.append(NamedEffect(
             effect=choice.trial.name, equivalent=choice.equivalent,
             formula=Formula(law.meaning, law.equation, law.reference),
-            parameters=(*own, *_rivals_parameters(found, index, choice, blocks)),
-            where=where(plain, at, own), p_value=choice.trial.p_value,
-            gap_before=gaps[index], gap_after=gaps[index + 1],
+            parameters=(*own, *rivals), where=where(plain, at, own),
+            p_value=choice.trial.p_value, gap_before=gaps[index], gap_after=gaps[index + 1],
             candidates=tuple(_candidate(trial, choice) for trial in choice.trials)))
     return tuple(findings)
-
-
-def _rivals_parameters(
-    found: Search, index: int, choice: LawChoice, blocks: Blocks
-) -> tuple[Parameter, ...]:
-    """Return the parameters of equivalent laws, each in the place of the chosen one."""
-    first = len(found.stages[0].terms)
-    values: list[Parameter] = []
-    for trial in choice.trials:
-        if trial.name in choice.equivalent and trial.companion is None:
-            before = found.stages[index]
-            values += parameters(before.joined(trial.term), first + index, blocks)
-    return tuple(values)
 
 
 def _candidate(trial: Trial, choice: LawChoice | None = None) -> Candidate:

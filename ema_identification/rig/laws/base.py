@@ -19,14 +19,6 @@ LOCATED = 0.05
 Grid = Callable[[Trajectory], Sequence[Shape]]
 
 
-def _no_shape(_trajectory: Trajectory) -> Sequence[Shape]:
-    return ((),)
-
-
-def _always(_trajectory: Trajectory) -> bool:
-    return True
-
-
 @dataclass(frozen=True, kw_only=True)
 class Law:
     """One effect: ``input = ... + sum of coefficient times column``.
@@ -48,10 +40,10 @@ class Law:
     acceleration, with ``/`` and ``*`` between them."""
     columns: Columns
     shape: tuple[str, ...] = ()
-    grid: Grid = _no_shape
+    grid: Grid = field(default=lambda _t: ((),))
     requires: tuple[str, ...] = ()
     """Laws without which it has no meaning."""
-    applies: Callable[[Trajectory], bool] = _always
+    applies: Callable[[Trajectory], bool] = field(default=lambda _t: True)
     of_prediction: bool = False
     """Whether its columns are made of what the other terms predict (`Trajectory` carries it)."""
     linear: bool = True

@@ -37,8 +37,8 @@ def cleaned(record: RigRecord, notes: list[str]) -> RigRecord:
     kept = [record.axis.input_channel.name, POSITION, SPEED]
     places = [k for k, channel in enumerate(record.channels) if channel.name in kept]
     steps = np.diff(record.time)
-    near = np.r_[False, steps <= GAP * np.median(steps)] & np.r_[
-        steps <= GAP * np.median(steps), False]
+    whole = steps <= GAP * np.median(steps)
+    near = np.r_[False, whole] & np.r_[whole, False]
     for k in places:
         spikes = spikes_of(samples[:, k])
         spikes = spikes[near[spikes]]
