@@ -243,13 +243,14 @@ class InputBalance:
 
     def joined(self, term: Term) -> InputBalance:
         """Return the balance with one more term, free; it takes the place of its like."""
-        least = 0.0 if term.law.positive else -np.inf
-        bounds = self.bounds
+        count = len(term.law.coefficients)
+        low = np.append(self.bounds.low, np.full(count, 0.0 if term.law.positive else -np.inf))
+        high = np.append(self.bounds.high, np.full(count, np.inf))
         for index, other in enumerate(self.terms):
             if other.key == term.key:
-                bounds = bounds.at_zero(self.span(index))
+                low[self.span(index)] = high[self.span(index)] = 0.0
         return InputBalance(design=self.design, terms=(*self.terms, term),
-                            bounds=bounds.joined(len(term.law.coefficients), least))
+                            bounds=CoefficientBounds(low=low, high=high))
 
     def replaced(self, index: int) -> bool:
         """Return whether a later term takes the place of the one at `index`."""

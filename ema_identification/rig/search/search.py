@@ -40,16 +40,12 @@ Way = tuple[list[InputBalance], list[LawChoice], tuple[Trial, ...], list[Term]]
 
 
 def rebuilt(start: InputBalance, choices: list[LawChoice], blocks: Blocks) -> list[InputBalance]:
-    """Return the start and the balance after each choice."""
+    """Return the start and the balance after each choice, its input on the clock of the motion."""
     stages = [start]
     for choice in choices:
-        stages.append(_added(stages[-1], choice.trial.term, blocks))
+        joined = with_whole_delay(stages[-1].joined(choice.trial.term))
+        stages.append(without_skew(joined, blocks))
     return stages
-
-
-def _added(balance: InputBalance, term: Term, blocks: Blocks) -> InputBalance:
-    """Return the balance with one more term, its input on the clock of the motion."""
-    return without_skew(with_whole_delay(balance.joined(term)), blocks)
 
 
 def forward(start: InputBalance, look: Look) -> Way:
@@ -72,13 +68,13 @@ def forward(start: InputBalance, look: Look) -> Way:
 
 def _one_way(start: InputBalance, look: Look) -> tuple[Way, bool]:
     """Return what one order of the laws leads to, and whether it was contested."""
-    balance, stages = start, [start]
+    stages = [start]
     choices: list[LawChoice] = []
     trials: tuple[Trial, ...] = ()
     contested = False
     exchanges = 0
     while len(choices) < MAX_ADDED:
-        choice, trials = choose(balance, look)
+        choice, trials = choose(stages[-1], look)
         if choice is None:
             better = _exchanged(start, choices, stages, look) \
                 if exchanges < MAX_EXCHANGES else None
@@ -86,16 +82,12 @@ def _one_way(start: InputBalance, look: Look) -> tuple[Way, bool]:
                 break
             exchanges += 1
             choices, stages = better
-            balance = stages[-1]
             continue
         contested = contested or choice.contested
         for one in _one_by_one(choice):
             look.report(f"found {one.trial.name}")
-            balance = _added(balance, one.trial.term, look.blocks)
             choices.append(one)
-            stages.append(balance)
         choices, stages = _polished(start, choices, look.blocks)
-        balance = stages[-1]
     choices, stages, dropped = pruned(start, choices, look.blocks)
     choices, stages, more = _simplified(start, choices, stages, look)
     dropped += more
