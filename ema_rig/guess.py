@@ -137,9 +137,7 @@ def _messages(path: Path, topic: AnyTopic) -> Iterator[Any]:
         yield decoded(decode, data, topic, number, str(path))
 
 
-def _of_joint(
-    path: Path, topic: AnyTopic, joint: str | None, given: Mapping[str, str]
-) -> Guess:
+def _of_joint(path: Path, topic: AnyTopic, joint: str | None, given: Mapping[str, str]) -> Guess:
     """Return the map of a joint; fields that the recorder left empty or NaN are left out."""
     messages = list(_messages(path, topic))
     joints = sorted({name for message in messages for name in joints_of(message)})

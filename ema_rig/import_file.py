@@ -111,9 +111,7 @@ def _table(rig_map: RigMap, path: Path, parts: Iterable[Column]) -> Table:
     return read_table(path, rig_map.format, needed)
 
 
-def read_table(
-    path: Path, text_format: TextFormat, needed: Sequence[str | int] | None
-) -> Table:
+def read_table(path: Path, text_format: TextFormat, needed: Sequence[str | int] | None) -> Table:
     """Return the columns of a file that is no bag.
 
     Parameters

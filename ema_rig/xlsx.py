@@ -23,9 +23,7 @@ MAX_CELL, MAX_SHEETS = 32_767, 20
 """Characters of a cell, as of a spreadsheet; and sheets that are looked at."""
 
 
-def read_xlsx(
-    path: Path, text_format: TextFormat, needed: Sequence[str | int] | None
-) -> Table:
+def read_xlsx(path: Path, text_format: TextFormat, needed: Sequence[str | int] | None) -> Table:
     """Return the columns of a sheet: ``format.sheet`` of the map, or the first with numbers.
 
     Raises
@@ -69,9 +67,7 @@ def read_xlsx(
     return replace(found, notes=(f"sheet {name!r} of {len(names)}", *found.notes))
 
 
-def _chosen(
-    book: Any, names: Sequence[str], layout: TextFormat, source: str
-) -> tuple[str, str]:
+def _chosen(book: Any, names: Sequence[str], layout: TextFormat, source: str) -> tuple[str, str]:
     """Return the name and the text of the sheet that the map names, or the first with numbers."""
     if layout.sheet is not None:
         return layout.sheet, _text(book[layout.sheet], source)

@@ -150,9 +150,7 @@ def _write_guess(guessed: Guess, file: Path, out: Path | None, as_json: bool) ->
     return 0
 
 
-def _preview(
-    file: Path, rig_map: RigMap, guessed: Guess, out: Path | None, as_json: bool
-) -> int:
+def _preview(file: Path, rig_map: RigMap, guessed: Guess, out: Path | None, as_json: bool) -> int:
     """Show what the map makes of the file."""
     import yaml
 
@@ -220,9 +218,7 @@ def _thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return time[rows], values[rows]
 
 
-def _import(
-    file: Path, rig_map: RigMap, out: Path, as_json: bool, remarks: list[str]
-) -> int:
+def _import(file: Path, rig_map: RigMap, out: Path, as_json: bool, remarks: list[str]) -> int:
     """Write the bag and say what was done."""
     from ema_record.bag.read import write_bag
     from ema_record.channels import CHANNELS

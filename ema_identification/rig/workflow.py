@@ -20,7 +20,7 @@ from ema_identification.result import (
 from ema_identification.rig.fit.balance import Design, InputBalance, rms
 from ema_identification.rig.fit.estimates import parameters, without_modifiers
 from ema_identification.rig.fit.known import known_balance
-from ema_identification.rig.fit.model import RigModel, Settings, load_rig_model
+from ema_identification.rig.fit.model import RigModel, load_rig_model
 from ema_identification.rig.fit.regression import Blocks, fit, held_out, make_blocks
 from ema_identification.rig.fit.sign_flips import LEVEL_OF_CHANCE
 from ema_identification.rig.fit.visible import Check, what_shows
@@ -57,9 +57,7 @@ QUANTILE = 1.645
 HIDEABLE = (*LAWS, "inertia_change")
 
 
-def check_rig(
-    measured: Sequence[RigRecord], model: str | Path | None
-) -> Check:
+def check_rig(measured: Sequence[RigRecord], model: str | Path | None) -> Check:
     """Return what records can show, before anything is fitted; raises as `identify_rig`."""
     return what_shows(prepare(measured, load_rig_model(model).settings))
 
@@ -111,7 +109,9 @@ def identify_rig(
     freest = freest_columns(start.columns, smooth)
     blocks = make_blocks(trajectory, fit(freest, trajectory.target).residual)
     start = without_skew(start, blocks)
-    held = _held_designs(validate, given.settings, design)
+    same = given.settings.model_copy(
+        update={"band": trajectory.band, "standstill": trajectory.standstill})
+    held = tuple(Design(prepare([record], same)) for record in validate)
     waves = waves_in_position(design)
     shapes = [*smooth, *waves]
     before = tuple(portrait(start, blocks, shapes))
@@ -136,16 +136,6 @@ def identify_rig(
                   findings=findings, validated=len(validate))
     say("done", 1.0)
     return _identification(given, story)
-
-
-def _held_designs(
-    validate: Sequence[RigRecord], settings: Settings, design: Design
-) -> tuple[Design, ...]:
-    """Return the designs of the held-out records, under the same filter."""
-    trajectory = design.trajectory
-    same = settings.model_copy(
-        update={"band": trajectory.band, "standstill": trajectory.standstill})
-    return tuple(Design(prepare([record], same)) for record in validate)
 
 
 def _noise_floor(found: Search, blocks: Blocks, held: Sequence[Design]) -> tuple[float, float]:

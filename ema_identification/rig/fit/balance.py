@@ -132,9 +132,7 @@ class Design:
             parts.append(self._cache[key])
         return np.concatenate(parts, axis=1)
 
-    def matrix(
-        self, terms: Sequence[Term], coefficients: np.ndarray | None = None
-    ) -> np.ndarray:
+    def matrix(self, terms: Sequence[Term], coefficients: np.ndarray | None = None) -> np.ndarray:
         """Return the regressors of all terms side by side, shape (rows, columns)."""
         parts = [
             self.of_prediction(term, terms, coefficients) if term.law.of_prediction

@@ -85,9 +85,7 @@ def resonances_grid(trajectory: Trajectory) -> Sequence[Shape]:
                  for f in np.geomspace(0.05 * trajectory.band, 0.5 * trajectory.band, 12))
 
 
-def _lagging_load(
-    segment: Segment, _trajectory: Trajectory, shape: Shape
-) -> Sequence[np.ndarray]:
+def _lagging_load(segment: Segment, _trajectory: Trajectory, shape: Shape) -> Sequence[np.ndarray]:
     """Return the acceleration of a load on a spring less that of the drive."""
     omega, damping = 2.0 * np.pi * shape[0], shape[1]
     warped = 2.0 * segment.rate * np.tan(0.5 * omega * segment.step)
@@ -105,9 +103,7 @@ def frequencies_grid(trajectory: Trajectory) -> Sequence[Shape]:
     return tuple((float(f),) for f in np.arange(4.0 * step, trajectory.band, step))
 
 
-def _wave_in_time(
-    segment: Segment, _trajectory: Trajectory, shape: Shape
-) -> Sequence[np.ndarray]:
+def _wave_in_time(segment: Segment, _trajectory: Trajectory, shape: Shape) -> Sequence[np.ndarray]:
     phase = 2.0 * np.pi * shape[0] * segment.time
     return np.cos(phase), np.sin(phase)
 
