@@ -48,10 +48,11 @@ def known_balance(model: RigModel, design: Design) -> tuple[InputBalance, tuple[
     balance = InputBalance(
         design=design, terms=tuple(terms),
         bounds=CoefficientBounds(low=np.array(low), high=np.array(high)))
-    if "control_delay" in balance.names:
-        at = balance.span(balance.names.index("control_delay")).start
-        if math.isfinite(high[at]):  # its middle is a shift in time
+    for index, name in enumerate(balance.names):
+        at = balance.span(index).start
+        if name == "control_delay" and math.isfinite(high[at]):  # its middle is a shift in time
             balance = balance.later(0.5 * (low[at] + high[at]), at)
+            break
     for index in reversed(range(len(balance.terms))):
         span = balance.span(index)
         if np.isinf(balance.bounds.high[span]).all() and repeated(balance, span):
