@@ -12,14 +12,14 @@ import zipfile
 import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.io import loadmat, whosmat
 
 from ema_record.array_cache import DAMAGED
 from ema_record.errors import InvalidRecordError, UsageError
-from ema_rig.hdf5 import read_hdf5
+from ema_rig.hdf5 import NUMERIC, read_hdf5
 from ema_rig.table import (
     MAX_FILE_BYTES,
     CellBlock,
@@ -33,8 +33,6 @@ from ema_rig.table import (
 )
 
 T = TypeVar("T")
-_NUMERIC = frozenset({"double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32",
-                      "int64", "uint64", "logical"})
 _HDF5 = b"\x89HDF"
 _ARRAY, _COMPRESSED, _OPAQUE = 14, 15, 17
 """Of an element, one that is packed; of an array (MAT-File Format of MathWorks, level 5)."""
@@ -60,7 +58,7 @@ def read_mat(path: Path, needed: Sequence[str | int] | None) -> Table:
     listed = _by_scipy(lambda: whosmat(str(path)), path)
     contents = {name: (shape, kind) for name, shape, kind in listed}
     if needed is None:
-        needed = [name for name, (_, kind) in contents.items() if kind in _NUMERIC | {"struct"}]
+        needed = [name for name, (_, kind) in contents.items() if kind in NUMERIC | {"struct"}]
     if any(isinstance(name, int) for name in needed):
         raise UsageError(f"{path}: columns of a MAT file have names, not numbers: it holds "
                          f"{', '.join(list(contents)[:12])}")
@@ -68,7 +66,7 @@ def read_mat(path: Path, needed: Sequence[str | int] | None) -> Table:
     total = 0
     for name in wanted:
         shape, kind = contents[name]
-        if kind not in _NUMERIC | {"struct"}:
+        if kind not in NUMERIC | {"struct"}:
             raise InvalidRecordError(f"{path}: {name} is a MATLAB {kind}, expected an array of "
                                      "numbers: convert it with double(...) and save again")
         if len(shape) == 2 and kind != "struct":
@@ -117,7 +115,9 @@ def _by_scipy(read: Callable[[], T], path: Path) -> T:
         try:
             return read()
         except Exception as error:  # noqa: BLE001  (also UnboundLocalError, by fuzzing)
-            raise _damaged(path, error) from None
+            raise InvalidRecordError(
+                f"{path}: no MAT file of level 5, or damaged "
+                f"({' '.join(str(error).split())[:80]}): save it again with '-v7'") from None
 
 
 def _collect(columns: dict[str, np.ndarray], name: str, value: np.ndarray, path: Path) -> None:
@@ -132,11 +132,6 @@ def _collect(columns: dict[str, np.ndarray], name: str, value: np.ndarray, path:
                 columns[f"{name}.{member}"] = inner.astype(np.float64)
         return
     columns[name] = real_array(value, f"{path}: {name}")
-
-
-def _damaged(path: Path, error: Exception) -> InvalidRecordError:
-    return InvalidRecordError(f"{path}: no MAT file of level 5, or damaged "
-                              f"({' '.join(str(error).split())[:80]}): save it again with '-v7'")
 
 
 def read_npz(path: Path, needed: Sequence[str | int] | None) -> Table:
@@ -221,24 +216,22 @@ def read_parquet(path: Path, needed: Sequence[str | int] | None) -> Table:
     return Table(columns=columns, source=str(path), units=units)
 
 
-def _column(values: object, where: str, pa: object) -> Cells:
+def _column(values: Any, where: str, pa: Any) -> Cells:
     """Return one column: numbers as float64 with NaN where null, times in seconds, or words."""
-    kind = values.type  # type: ignore[attr-defined]
-    types = pa.types  # type: ignore[attr-defined]
+    kind, types = values.type, pa.types
     if types.is_timestamp(kind) or types.is_time(kind) or types.is_duration(kind):
-        found = values.to_numpy()  # type: ignore[attr-defined]
+        found = values.to_numpy()
         if found.dtype.kind not in "mM":
             raise InvalidRecordError(f"{where} is {kind}: save its time as seconds or as a "
                                      "timestamp")
         nanoseconds = found.astype(f"{found.dtype.kind}8[ns]").astype(np.int64)
         return np.asarray((nanoseconds - nanoseconds[:1]) * 1e-9, dtype=np.float64)
     if types.is_string(kind) or types.is_large_string(kind):
-        cells = [text or "" for text in values.to_pylist()]  # type: ignore[attr-defined]
+        cells = [text or "" for text in values.to_pylist()]
         part = CellBlock.of(cells, range(1, len(cells) + 1), ".")
         return TextColumn((part,)) if part.values is None else part.values
     if not (types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind)
             or types.is_decimal(kind)):
         raise InvalidRecordError(f"{where} is {str(kind)[:40]}, expected numbers, times or words: "
                                  "name another column")
-    return np.array([float("nan") if v is None else float(v)
-                     for v in values.to_pylist()])  # type: ignore[attr-defined]
+    return np.array([float("nan") if v is None else float(v) for v in values.to_pylist()])

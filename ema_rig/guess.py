@@ -7,8 +7,9 @@ What is a mere guess is said, and has to be confirmed.
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -64,7 +65,7 @@ _QUANTITIES = {"position": ("angle", "length"), "speed": ("angular speed", "line
 class Guess:
     """A map as data, and what of it is not known but supposed."""
 
-    data: dict[str, Any]
+    data: Any
     supposed: list[str] = field(default_factory=list)
     """One line each: key, value and why; these are to be confirmed."""
     remarks: list[str] = field(default_factory=list)
@@ -119,28 +120,26 @@ def _of_bag(
     if joint is not None:
         raise UsageError(f"{path}: --joint {joint}: {topic} is {chosen.type}, which lists no "
                          "joints: leave it out")
-    decode = decoder_of(chosen, str(path))
     rows: dict[str, list[float]] = {}
-    for number, (_, _, data) in enumerate(messages_of(path, frozenset({topic})), start=1):
-        for label, value in numbers_in(decoded(decode, data, chosen, number, str(path))).items():
+    for message in _messages(path, chosen):
+        for label, value in numbers_in(message).items():
             rows.setdefault(label, []).append(value)
-        if number >= LOOKED_AT:
-            break
     table = Table(columns={label: np.array(values) for label, values in rows.items()},
                   source=f"{path}: {topic}")
     return _of_table(table, name, {"topic": topic}, given)
 
 
-def _of_joint(
-    path: Path, topic: AnyTopic, joint: str | None, given: Mapping[str, str]
-) -> Guess:
-    """Return the map of a joint; fields that the recorder left empty or NaN are left out."""
+def _messages(path: Path, topic: AnyTopic) -> Iterator[Any]:
+    """Yield the messages of a topic that are looked at."""
     decode = decoder_of(topic, str(path))
-    messages = []
-    for number, (_, _, data) in enumerate(messages_of(path, frozenset({topic.name})), start=1):
-        messages.append(decoded(decode, data, topic, number, str(path)))
-        if number >= LOOKED_AT:
-            break
+    looked_at = itertools.islice(messages_of(path, frozenset({topic.name})), LOOKED_AT)
+    for number, (_, _, data) in enumerate(looked_at, start=1):
+        yield decoded(decode, data, topic, number, str(path))
+
+
+def _of_joint(path: Path, topic: AnyTopic, joint: str | None, given: Mapping[str, str]) -> Guess:
+    """Return the map of a joint; fields that the recorder left empty or NaN are left out."""
+    messages = list(_messages(path, topic))
     joints = sorted({name for message in messages for name in joints_of(message)})
     if joint is None and len(joints) == 1:
         joint = joints[0]

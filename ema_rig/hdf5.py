@@ -24,8 +24,9 @@ MAX_NAMES, MAX_DEPTH = 10_000, 8
 MAX_RATIO = 2000
 """Of the bytes of a dataset to those that are stored; deflate packs 1032 into one."""
 CLASS = "MATLAB_class"
-_PLAIN = frozenset({"double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32",
-                    "int64", "uint64", "logical"})
+NUMERIC = frozenset({"double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32",
+                     "int64", "uint64", "logical"})
+"""Classes of MATLAB that are arrays of numbers."""
 _TABLES = ("table", "timetable")
 _MAGIC = 0xDD000000
 _MAX_METADATA = 64 << 20
@@ -156,7 +157,7 @@ def plain_leaf(found: Any, kind: str, unit: str = "") -> Leaf:
 
 def trouble(found: Any, dtype: np.dtype, dimensions: int, kind: str) -> str:
     """Return why a dataset is not read, empty where it is."""
-    if kind and kind not in _PLAIN:
+    if kind and kind not in NUMERIC:
         return (f"is a MATLAB {kind[:40]}, expected an array of numbers, a structure, a table or "
                 "a timetable: save its values by double(...)")
     if found.external or found.is_virtual:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 
@@ -19,10 +19,18 @@ from ema_rig.hdf5 import read_hdf5
 from ema_rig.map import Column, InputColumn, RigMap, TextFormat
 from ema_rig.record import INPUT_UNITS, Axis, InputQuantity, RigRecord
 from ema_rig.ros_bag import read_ros_bag
-from ema_rig.runs import chosen_runs, one_after_another, restarts, run_labels
 from ema_rig.table import MAX_FILE_BYTES, Table
 from ema_rig.text import read_text_table
-from ema_rig.times import one_clock, seconds, single_stamps, unwrapped
+from ema_rig.times import (
+    chosen_runs,
+    one_after_another,
+    one_clock,
+    restarts,
+    run_labels,
+    seconds,
+    single_stamps,
+    unwrapped,
+)
 from ema_rig.units import SI_OF, is_unit, unit_factor
 from ema_rig.xlsx import read_xlsx
 
@@ -33,7 +41,7 @@ READERS = {".mat": read_mat, ".npz": read_npz, ".parquet": read_parquet,
 ELSEWHERE = {
     **dict.fromkeys((".xls", ".ods", ".xlsb"), "this spreadsheet is not read: save it as XLSX or "
                     "as CSV (in the menu 'save as'), then import that file"),
-    **dict.fromkeys((".bag",), "a bag of ROS 1 is not read: convert it with 'rosbags-convert'"),
+    ".bag": "a bag of ROS 1 is not read: convert it with 'rosbags-convert'",
 }
 """What is known and not read, and what to do with it."""
 GAP = 5.0
@@ -69,30 +77,22 @@ def import_file(path: str | Path, rig_map: RigMap) -> RigRecord | Record:
     if rig_map.axis == "actuator":
         return _actuator(rig_map, Path(path))
     assert rig_map.input is not None  # the map says so
-    table = _table(rig_map, Path(path), _columns(rig_map).values())
+    table = _table(rig_map, Path(path), rig_map.roles.values())
     quantity = rig_map.input.acts_as or _quantity(rig_map.input, source)
     axis = Axis(name=rig_map.name, motion=rig_map.axis, input=quantity,
                 description=rig_map.description, pole_pairs=rig_map.pole_pairs)
     notes = list(table.notes)
     given = {channel.name: channel for channel in axis.channels}
     columns: dict[str, np.ndarray] = {}
-    for name, part in _columns(rig_map).items():
+    parts: dict[str, Column] = {}
+    for name, part in rig_map.roles.items():
         channel = given[axis.input_channel.name if name == "input" else name]
-        if isinstance(part, InputColumn):
-            columns[channel.name] = _input(table, part, quantity)
-        else:
-            columns[channel.name] = _converted(table, part, name, _QUANTITY_OF[channel.unit])
-    parts = {given[axis.input_channel.name if name == "input" else name].name: part
-             for name, part in _columns(rig_map).items()}
+        parts[channel.name] = part
+        columns[channel.name] = _input(table, part, quantity) if isinstance(
+            part, InputColumn) else _converted(table, part, name, _QUANTITY_OF[channel.unit])
     samples, chosen = _joined(table, rig_map, columns, parts, axis.channels, notes)
     axis = axis.model_copy(update={"notes": tuple(notes)})
     return RigRecord(samples=samples, channels=chosen, axis=axis, source=source)
-
-
-def _columns(rig_map: RigMap) -> dict[str, Column]:
-    names = ("input", "position", "speed", "output_position", "reference_position",
-             "reference_speed", "disturbance")
-    return {name: part for name in names if (part := getattr(rig_map, name)) is not None}
 
 
 def _table(rig_map: RigMap, path: Path, parts: Iterable[Column]) -> Table:
@@ -111,9 +111,7 @@ def _table(rig_map: RigMap, path: Path, parts: Iterable[Column]) -> Table:
     return read_table(path, rig_map.format, needed)
 
 
-def read_table(
-    path: Path, text_format: TextFormat, needed: Sequence[str | int] | None
-) -> Table:
+def read_table(path: Path, text_format: TextFormat, needed: Sequence[str | int] | None) -> Table:
     """Return the columns of a file that is no bag.
 
     Parameters
@@ -157,13 +155,10 @@ def read_table(
 
 def _quantity(part: Column, source: str) -> InputQuantity:
     """Return what the input is, by its unit."""
-    for quantity in get_args(InputQuantity):
-        try:
+    for quantity in INPUT_UNITS:
+        with contextlib.suppress(UsageError):
             unit_factor(part.unit, quantity, source)
-        except UsageError:
-            continue
-        found: InputQuantity = quantity
-        return found
+            return quantity
     if not is_unit(part.unit):
         unit_factor(part.unit, "force", f"{source}: input")  # says which unit is near
     raise UsageError(f"{source}: input: unit {part.unit!r} measures none of "
@@ -179,7 +174,7 @@ def _converted(table: Table, part: Column, name: str, quantity: str) -> np.ndarr
     return (values - part.zero) * (factor * part.scale)
 
 
-def _input(table: Table, part: InputColumn, quantity: str) -> np.ndarray:
+def _input(table: Table, part: InputColumn, quantity: InputQuantity) -> np.ndarray:
     """Return the input, turned into what it acts as."""
     if part.gain is None:
         return _converted(table, part, "input", quantity)
@@ -238,11 +233,8 @@ def _joined(
     chosen = tuple(c for c in channels if c.name == "time" or c.name in columns)
     ordered = [time if c.name == "time" else columns[c.name] for c in chosen]
     samples = np.column_stack(ordered)
-    words: dict[float, str] = {}
-    if rig_map.run is None:
-        labels = restarts(time)
-    else:
-        labels, words = run_labels(table, rig_map.run.column)
+    labels, words = (restarts(time), {}) if rig_map.run is None else run_labels(
+        table, rig_map.run.column)
     if len(labels) != len(time):
         raise InvalidRecordError(f"{source}: columns of different length: time {len(time)}, run "
                                  f"{len(labels)}")

@@ -13,6 +13,9 @@ from ema_record.yaml_file import load_yaml
 from ema_rig.record import InputQuantity
 
 SEE = "docs/rigs.md shows the form"
+RIG_COLUMNS = ("input", "position", "speed", "output_position", "reference_position",
+               "reference_speed", "disturbance")
+"""Columns of a rig, keys of its map."""
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 ColumnName = Annotated[str, Field(min_length=1, max_length=200)] | Annotated[
     int, Field(ge=0, le=9999)]
@@ -146,14 +149,17 @@ class RigMap(_Part):
     mixed_rates: bool = False
     """Cells are empty where their column was not sampled; each column is taken by itself."""
 
+    @property
+    def roles(self) -> dict[str, Column]:
+        """The columns of a rig that are given, of `RIG_COLUMNS`."""
+        return {name: part for name in RIG_COLUMNS if (part := getattr(self, name)) is not None}
+
     @model_validator(mode="after")
     def _fits_the_axis(self) -> RigMap:
-        own = ("input", "position", "speed", "output_position", "reference_position",
-               "reference_speed", "disturbance")
         if self.axis == "actuator":
-            given = [name for name in own if getattr(self, name) is not None]
-            if given:
-                raise ValueError(f"{given[0]!r} is for a rig; an actuator has 'channels'")
+            if self.roles:
+                raise ValueError(f"{next(iter(self.roles))!r} is for a rig; an actuator has "
+                                 "'channels'")
             extra = [name for name in self.channels if name not in CHANNEL_NAMES[1:]]
             if extra:
                 raise ValueError(f"'channels' has the unknown {extra[0]!r}; an actuator has "

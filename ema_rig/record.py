@@ -16,10 +16,9 @@ from ema_record.record import html_of
 Motion = Literal["linear", "rotary"]
 InputQuantity = Literal["voltage", "current", "force", "torque"]
 
-OUTPUT_UNITS: dict[str, tuple[str, str]] = {"linear": ("m", "m/s"), "rotary": ("rad", "rad/s")}
-"""Units of position and speed."""
 LOAD_QUANTITY: dict[str, InputQuantity] = {"linear": "force", "rotary": "torque"}
-INPUT_UNITS: dict[str, str] = {"voltage": "V", "current": "A", "force": "N", "torque": "N m"}
+INPUT_UNITS: dict[InputQuantity, str] = {
+    "voltage": "V", "current": "A", "force": "N", "torque": "N m"}
 
 TIME = "time"
 POSITION = "position"
@@ -57,22 +56,21 @@ class Axis(BaseModel):
     @property
     def position_unit(self) -> str:
         """``m`` or ``rad``."""
-        return OUTPUT_UNITS[self.motion][0]
+        return "m" if self.motion == "linear" else "rad"
 
     @property
     def speed_unit(self) -> str:
         """``m/s`` or ``rad/s``."""
-        return OUTPUT_UNITS[self.motion][1]
+        return f"{self.position_unit}/s"
 
     @property
     def channels(self) -> tuple[Channel, ...]:
         """All channels that a record of this axis may have, in their order."""
-        position, speed = OUTPUT_UNITS[self.motion]
+        position, speed = self.position_unit, self.speed_unit
         return (
             Channel(TIME, "s"), self.input_channel, Channel(POSITION, position),
             Channel(SPEED, speed), Channel(OUTPUT_POSITION, position),
-            Channel(REFERENCE_POSITION, position),
-            Channel(REFERENCE_SPEED, speed),
+            Channel(REFERENCE_POSITION, position), Channel(REFERENCE_SPEED, speed),
             Channel(DISTURBANCE, INPUT_UNITS[LOAD_QUANTITY[self.motion]]),
         )
 

@@ -62,7 +62,7 @@ class _Layout:
 
 
 def read_text_table(
-    path: Path, text_format: TextFormat, needed: Sequence[str | int] | None = None
+    path: Path, text_format: TextFormat, needed: Sequence[str | int] | None
 ) -> Table:
     """Return the columns of a text file, which may be compressed by gzip.
 
@@ -72,8 +72,8 @@ def read_text_table(
         In UTF-8, UTF-16 or Latin-1.
     text_format : TextFormat
         How it is laid out, where that is known.
-    needed : sequence of str or int, optional
-        Columns that are wanted; all where not given.
+    needed : sequence of str or int, or None
+        Columns that are wanted, all where None.
 
     Raises
     ------
@@ -88,18 +88,12 @@ def table_of_text(
     text: str, path: Path, text_format: TextFormat, needed: Sequence[str | int] | None
 ) -> Table:
     """Return the columns of a text, as `read_text_table`; `path` is for errors."""
+    lines = text.split("\n", text_format.skip + 2000)
     try:
-        return _table_of_text(text, path, text_format, needed)
+        layout = _layout(lines, _with_decimal(text_format, lines), path)
     except csv.Error as error:  # a cell of more than 128 KiB
         raise InvalidRecordError(f"{path}: {error}: correct that cell, or leave its column out"
                                  ) from None
-
-
-def _table_of_text(
-    text: str, path: Path, text_format: TextFormat, needed: Sequence[str | int] | None
-) -> Table:
-    lines = text.split("\n", text_format.skip + 2000)
-    layout = _layout(lines, _with_decimal(text_format, lines), path)
     count = len(layout.names)
     check_shape(text.count("\n") + 1 - layout.first, count, str(path))
     body = text.split("\n", layout.first)[-1]
@@ -296,9 +290,8 @@ def _rows(
         for line, cells in itertools.islice(reader, _ROWS):
             if short is not None:
                 raise _uneven(path, *short, count)
-            if len(cells) != count:
-                while len(cells) > count and not cells[-1].strip():
-                    cells.pop()
+            while len(cells) > count and not cells[-1].strip():
+                cells.pop()
             if len(cells) == count:
                 rows.append(cells)
                 lines.append(line)

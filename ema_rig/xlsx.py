@@ -10,6 +10,7 @@ import datetime as dt
 import io
 import zipfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,7 @@ MAX_CELL, MAX_SHEETS = 32_767, 20
 """Characters of a cell, as of a spreadsheet; and sheets that are looked at."""
 
 
-def read_xlsx(
-    path: Path, text_format: TextFormat, needed: Sequence[str | int] | None
-) -> Table:
+def read_xlsx(path: Path, text_format: TextFormat, needed: Sequence[str | int] | None) -> Table:
     """Return the columns of a sheet: ``format.sheet`` of the map, or the first with numbers.
 
     Raises
@@ -65,13 +64,10 @@ def read_xlsx(
     found = table_of_text(text, path, layout, needed)
     if len(names) == 1:
         return found
-    return Table(columns=found.columns, source=found.source, units=found.units,
-                 notes=(f"sheet {name!r} of {len(names)}", *found.notes))
+    return replace(found, notes=(f"sheet {name!r} of {len(names)}", *found.notes))
 
 
-def _chosen(
-    book: Any, names: Sequence[str], layout: TextFormat, source: str
-) -> tuple[str, str]:
+def _chosen(book: Any, names: Sequence[str], layout: TextFormat, source: str) -> tuple[str, str]:
     """Return the name and the text of the sheet that the map names, or the first with numbers."""
     if layout.sheet is not None:
         return layout.sheet, _text(book[layout.sheet], source)
@@ -99,7 +95,7 @@ def _text(sheet: Any, source: str) -> str:
                                      "import a part of it")
         if cells:
             stream.write("\n" * (number - last - 1))
-            writer.writerow([*cells, ""] if len(cells) == 1 and not cells[0] else cells)
+            writer.writerow(cells)
             last = number
     return stream.getvalue()
 

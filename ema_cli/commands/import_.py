@@ -13,8 +13,17 @@ from ema_cli.options import given_once
 from ema_record.errors import UsageError
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from ema_rig.guess import Guess
     from ema_rig.map import RigMap
+    from ema_rig.record import RigRecord
+
+ROWS = 5
+"""Rows of a preview."""
+POINTS = 4000
+"""Most points of a line; of each interval its smallest and its largest value."""
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#7F7F7F", "#E69F00")
 
 
 def import_(
@@ -53,41 +62,38 @@ def import_(
 
     if guess and map_file is not None:
         raise UsageError("--guess writes a map, --map gives one: leave one of them out")
+    changes = changes or []
     given_once("--set", changes)
-    told = dict(change.partition("=")[::2] for change in changes or ())
-    data, guessed = _map_data(file, map_file, topic, joint, told)
-    where = str(map_file or "guessed map")
-    data = _changed(data, changes or ())
+    told = dict(change.partition("=")[::2] for change in changes)
+    guessed = _map(file, map_file, topic, joint, told)
+    guessed.data = _changed(guessed.data, changes)
     if guess:
-        return _write_guess(guessed, data, file, out, as_json)
-    rig_map = map_from(data, where)
+        return _write_guess(guessed, file, out, as_json)
+    rig_map = map_from(guessed.data, str(map_file or "guessed map"))
     if preview:
         return _preview(file, rig_map, guessed, out, as_json)
-    if guessed is not None:
-        open_ = [line for line in guessed.supposed if line.partition(":")[0] not in told]
-        if open_:
-            keys = " ".join(f"--set {line.partition(':')[0]}=..." for line in open_)
-            raise UsageError(f"{file}: not known from the file: {'; '.join(open_)}: say {keys}, "
-                             "or write the map with --guess")
-    return _import(file, rig_map, out or Path(rig_map.name), as_json,
-                   guessed.remarks if guessed is not None else [])
+    open_ = [line for line in guessed.supposed if line.partition(":")[0] not in told]
+    if open_:
+        keys = " ".join(f"--set {line.partition(':')[0]}=..." for line in open_)
+        raise UsageError(f"{file}: not known from the file: {'; '.join(open_)}: say {keys}, "
+                         "or write the map with --guess")
+    return _import(file, rig_map, out or Path(rig_map.name), as_json, guessed.remarks)
 
 
-def _map_data(
+def _map(
     file: Path, map_file: Path | None, topic: str | None, joint: str | None,
     told: dict[str, str],
-) -> tuple[Any, Guess | None]:
-    """Return the map as data, and the guess that it is where no file gives it."""
+) -> Guess:
+    """Return the map that a file gives, as a guess that supposes nothing, or a guess."""
     from ema_record.bag.any_topic import is_bag
     from ema_record.yaml_file import load_yaml
-    from ema_rig.guess import guess_map
+    from ema_rig.guess import Guess, guess_map
 
     if map_file is None:
         with progress(f"looking at {file}"):
             if told.get("axis") == "actuator":
                 raise UsageError("a map of an actuator is not guessed: give --map with 'channels'")
-            guessed = guess_map(file, topic, joint, told)
-        return guessed.data, guessed
+            return guess_map(file, topic, joint, told)
     data = load_yaml(map_file)
     if (topic or joint) and file.exists() and not is_bag(file):
         raise UsageError(f"{file}: --topic and --joint are for bags of ROS 2: leave them out")
@@ -95,10 +101,10 @@ def _map_data(
         bag = data["bag"] if isinstance(data.get("bag"), dict) else {}
         given = {"topic": topic, "joint": joint}
         data = {**data, "bag": {**bag, **{k: v for k, v in given.items() if v}}}
-    return data, None
+    return Guess(data=data)
 
 
-def _changed(data: Any, changes: list[str] | tuple[()]) -> Any:
+def _changed(data: Any, changes: list[str]) -> Any:
     """Return the map with ``a.b=value`` set, the value as YAML reads it."""
     from ema_record.yaml_file import yaml_of
 
@@ -125,22 +131,18 @@ def _changed(data: Any, changes: list[str] | tuple[()]) -> Any:
     return data
 
 
-def _write_guess(
-    guessed: Guess | None, data: Any, file: Path, out: Path | None, as_json: bool
-) -> int:
+def _write_guess(guessed: Guess, file: Path, out: Path | None, as_json: bool) -> int:
     """Write the map that was guessed."""
     from ema_record.files import new_file
 
-    assert guessed is not None  # without --map
-    guessed.data = data
     target = out if out is not None and out.suffix in (".yaml", ".yml") else Path(
-        f"{out or data.get('name', 'rig')}.map.yaml")
+        f"{out or guessed.data.get('name', 'rig')}.map.yaml")
     check_new_file(target)
     text = guessed.text(str(file))
     with new_file(target) as temporary:
         temporary.write_text(text, encoding="utf-8")
     if as_json:
-        print_json({"map": data, "written": str(target), "supposed": guessed.supposed,
+        print_json({"map": guessed.data, "written": str(target), "supposed": guessed.supposed,
                     "remarks": guessed.remarks})
         return 0
     say_lines(text)
@@ -148,9 +150,7 @@ def _write_guess(
     return 0
 
 
-def _preview(
-    file: Path, rig_map: RigMap, guessed: Guess | None, out: Path | None, as_json: bool
-) -> int:
+def _preview(file: Path, rig_map: RigMap, guessed: Guess, out: Path | None, as_json: bool) -> int:
     """Show what the map makes of the file."""
     import yaml
 
@@ -165,21 +165,17 @@ def _preview(
     if isinstance(record, Record):
         raise UsageError("--preview is for a rig: import the bag, then plot it with 'ema export "
                          "BAG --plot DIR'")
-    from ema_cli.views.rig_preview import draw, first_rows
-
-    draw(record, picture)
-    rows = first_rows(record)
-    supposed = [] if guessed is None else guessed.supposed
-    remarks = [*([] if guessed is None else guessed.remarks), *record.axis.notes]
+    _draw(record, picture)
+    rows = [[channel.label for channel in record.channels],
+            *([f"{value:.6g}" for value in row] for row in record.samples[:ROWS])]
+    remarks = [*guessed.remarks, *record.axis.notes]
     if as_json:
         print_json({"map": rig_map.model_dump(exclude_defaults=True), "rows": rows,
-                    "supposed": supposed, "remarks": remarks, "picture": str(picture)})
+                    "supposed": guessed.supposed, "remarks": remarks, "picture": str(picture)})
         return 0
     say_lines(yaml.safe_dump(rig_map.model_dump(mode="json", exclude_defaults=True),
                              sort_keys=False, allow_unicode=True))
-    for line in supposed:
-        say(f"# supposed: {line}")
-    for line in remarks:
+    for line in (*(f"supposed: {line}" for line in guessed.supposed), *remarks):
         say(f"# {line}")
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     for row in rows:
@@ -189,9 +185,40 @@ def _preview(
     return 0
 
 
-def _import(
-    file: Path, rig_map: RigMap, out: Path, as_json: bool, remarks: list[str]
-) -> int:
+def _draw(record: RigRecord, path: Path) -> None:
+    """Draw each channel over time into a PNG that is new."""
+    from matplotlib.figure import Figure
+
+    from ema_cli.views.pictures import save_picture
+
+    channels = record.channels[1:]
+    figure = Figure(figsize=(8.0, 1.7 * len(channels) + 0.5), layout="constrained")
+    axes = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
+    for k, (axis, channel) in enumerate(zip(axes, channels)):
+        axis.plot(*_thinned(record.time, record.samples[:, k + 1]), linewidth=0.8,
+                  color=COLOURS[k % len(COLOURS)])
+        axis.set_ylabel(f"{channel.name.replace('_', ' ')}\n({channel.unit})")
+        axis.grid(visible=True, color="#DDDDDD")
+    axes[-1].set_xlabel("time (s)")
+    figure.suptitle(f"{record.axis.name}: {len(record)} samples at {record.rate:.4g} 1/s")
+    save_picture(figure, path)
+
+
+def _thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a line of at most `POINTS` points that looks the same."""
+    import numpy as np
+
+    step = len(values) // (POINTS // 2)
+    if step < 2:
+        return time, values
+    count = len(values) // step
+    blocks = values[:count * step].reshape(count, step)
+    both = np.sort(np.column_stack([blocks.argmin(axis=1), blocks.argmax(axis=1)]), axis=1)
+    rows = (both + step * np.arange(count)[:, None]).ravel()
+    return time[rows], values[rows]
+
+
+def _import(file: Path, rig_map: RigMap, out: Path, as_json: bool, remarks: list[str]) -> int:
     """Write the bag and say what was done."""
     from ema_record.bag.read import write_bag
     from ema_record.channels import CHANNELS

@@ -6,6 +6,7 @@ What a format has no place for is named, with its value, in the file and to the 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -226,7 +227,7 @@ def _python(name: str, axis: ModelAxis, terms: Terms, _gain: float, _body: float
             continue
         order = values.get("order", 0.0) * (1.0 if axis.motion == "rotary" else 2.0 * math.pi)
         given = {k: f"({v!r})" for k, v in {**values, "wave": order}.items()}
-        if all(f"{{{k}}}" not in LAW_TEXTS[law] or k in given for k in _symbols(LAW_TEXTS[law])):
+        if all(symbol in given for symbol in re.findall(r"{(\w+)}", LAW_TEXTS[law])):
             sums[law in _DRY].append(LAW_TEXTS[law].format(**given))
     left_out = _left_out(terms, ("inertia", *LAW_TEXTS))
     text = _PYTHON.format(
@@ -234,10 +235,6 @@ def _python(name: str, axis: ModelAxis, terms: Terms, _gain: float, _body: float
         missing="; ".join(left_out) or "nothing", inertia=repr(_value(terms, "inertia", "value")),
         friction=_sum(sums[True]), load=_sum(sums[False]))
     return Exported(text, left_out)
-
-
-def _symbols(text: str) -> list[str]:
-    return [part.split("}")[0] for part in text.split("{")[1:]]
 
 
 def _sum(parts: list[str]) -> str:

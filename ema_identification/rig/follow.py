@@ -6,7 +6,7 @@ bounds, so that what is not there scatters about zero and the intervals stay hon
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from ema_identification.rig.search.alternatives import refined, without_skew
 from ema_identification.rig.search.shapes import freest_columns, smooth_shapes
 from ema_identification.rig.signals.trajectory import Trajectory
 from ema_identification.rig.signals.two_sides import lost_and_wound
-from ema_identification.rig.workflow import identify_rig
+from ema_identification.rig.workflow import Progress, identify_rig
 from ema_record.errors import RecordError
 from ema_rig.record import OUTPUT_POSITION, POSITION, RigRecord
 
@@ -42,7 +42,6 @@ LEFT_OUT = ("phase", "order", "rest", "middle", "damping")
 MISSED = 0.02
 """A law with a shape of its own is in a record if its held-out squares rise by this share without
 it."""
-Say = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +56,8 @@ class Followed:
 
 @threadpool_limits.wrap(limits=1)
 def follow(
-    records: Sequence[RigRecord], model: RigModel | None = None, say: Say = lambda _w, _s: None,
+    records: Sequence[RigRecord], model: RigModel | None = None,
+    say: Progress = lambda _w, _s: None,
 ) -> tuple[Followed, ...]:
     """Return the parameters of each record, all fitted alike.
 
@@ -96,7 +96,7 @@ def follow(
     return tuple(found[index] for index in range(len(records)))
 
 
-def _terms(usable: Sequence[RigRecord], model: RigModel | None, say: Say) -> tuple[Term, ...]:
+def _terms(usable: Sequence[RigRecord], model: RigModel | None, say: Progress) -> tuple[Term, ...]:
     """Return the terms that are followed, each law and shape once."""
     models = [model] if model is not None else []
     if model is None:
@@ -170,7 +170,7 @@ def _with_own_shape(
     left = [float(np.sum(other.fit.residual**2)) for other in tried]
     best = refined(balance, grid[int(np.argmin(left))])
     full = _free(balance.design, (*balance.terms, best))
-    before, after = (float(np.sum(b.held_out(blocks) ** 2)) for b in (balance, full))
+    before, after = balance.squares(blocks), full.squares(blocks)
     size = WITH_OWN_SHAPE[law.name]
     if before < (1.0 + MISSED) * after or (law.positive and full.fit.coefficients[-1] < 0.0):
         if size == "frequency":  # no resonance in the band is no number

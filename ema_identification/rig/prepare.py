@@ -12,12 +12,7 @@ from ema_identification.rig.fit.model import Settings
 from ema_identification.rig.fit.visible import what_shows
 from ema_identification.rig.signals.agree import agreeing_band
 from ema_identification.rig.signals.clocks import earlier, response_band, speed_lag, speed_noise
-from ema_identification.rig.signals.plausible import (
-    GAP,
-    RUN,
-    check_columns,
-    check_input,
-)
+from ema_identification.rig.signals.plausible import GAP, RUN, check_columns, check_input
 from ema_identification.rig.signals.recorder import cleaned
 from ema_identification.rig.signals.trajectory import (
     Segment,
@@ -148,15 +143,15 @@ def _trajectory(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
     for record in records:
         check_columns(record)
     is_position = not first.has(SPEED)
-    bands = [response_band(p["position" if is_position else "speed"], float(p["rate"]),
-                           is_position=is_position) for p in raw]
-    longest = int(np.argmax([len(p["time"]) for p in raw]))
-    edge = settings.band or bands[longest].edge
+    longest = max(raw, key=lambda piece: len(piece["time"]))
+    band = response_band(longest[POSITION if is_position else SPEED], float(longest["rate"]),
+                         is_position=is_position)
+    edge = settings.band or band.edge
     if first.has(SPEED) and first.has(POSITION):
-        _one_clock(raw, edge, bands[longest].motion, notes)
+        _one_clock(raw, edge, band.motion, notes)
     if settings.band is None and settings.decimate is None:
-        edge = agreeing_band(raw, edge, bands[longest].motion, notes)
-    quiet = speed_noise(replace(bands[longest], edge=edge), is_position=is_position)
+        edge = agreeing_band(raw, edge, band.motion, notes)
+    quiet = speed_noise(replace(band, edge=edge), is_position=is_position)
     if first.has(POSITION) and first.has(OUTPUT_POSITION):
         notes.append(between_the_sides([p for p in raw if OUTPUT_POSITION in p], edge,
                                        first.axis.position_unit))

@@ -8,8 +8,9 @@ from ema_identification.report.words import number
 from ema_identification.result import Outcome, after_validation
 from ema_identification.rig.fit.estimates import parameters
 from ema_identification.rig.fit.known import common_factor
+from ema_identification.rig.laws.static import both_directions
 from ema_identification.rig.report.steps import Story
-from ema_identification.rig.report.words import one_direction, shape_words, signal_name, term_words
+from ema_identification.rig.report.words import shape_words, signal_name, term_words
 from ema_identification.rig.search.remainder import main_shape
 
 MUCH = 0.1
@@ -79,9 +80,9 @@ def _not_shown(story: Story) -> list[str]:
 def reasons_of(story: Story) -> tuple[str, ...]:
     """Return what there is to say of an answer, one line each."""
     reasons = [*story.check.lines, *story.notes, *_not_shown(story)]
-    one_way = one_direction(story.trajectory)
-    if one_way:
-        reasons.append(one_way)
+    if not both_directions(story.trajectory):
+        reasons.append("the axis moves one way only: Coulomb friction and an offset look alike; "
+                       "record both directions")
     if story.found.given_up:
         reasons.append("given up, as they only stood in for a shape that no law holds: "
                        + ", ".join(story.found.given_up))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ from ema_identification.result import (
 from ema_identification.rig.fit.balance import Design, InputBalance, rms
 from ema_identification.rig.fit.estimates import parameters, without_modifiers
 from ema_identification.rig.fit.known import known_balance
-from ema_identification.rig.fit.model import RigModel, Settings, load_rig_model
+from ema_identification.rig.fit.model import RigModel, load_rig_model
 from ema_identification.rig.fit.regression import Blocks, fit, held_out, make_blocks
 from ema_identification.rig.fit.sign_flips import LEVEL_OF_CHANCE
 from ema_identification.rig.fit.visible import Check, what_shows
@@ -58,23 +57,7 @@ QUANTILE = 1.645
 HIDEABLE = (*LAWS, "inertia_change")
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Judge:
-    """Measures the gap: on records that were held out, or on held-out blocks."""
-
-    blocks: Blocks
-    held: tuple[Design, ...]
-
-    def gap(self, balance: InputBalance) -> float:
-        """Return the rms of the held-out residual."""
-        if self.held:
-            return rms(np.concatenate([balance.residual_on(d) for d in self.held]))
-        return rms(balance.held_out(self.blocks))
-
-
-def check_rig(
-    measured: Sequence[RigRecord], model: str | Path | None
-) -> Check:
+def check_rig(measured: Sequence[RigRecord], model: str | Path | None) -> Check:
     """Return what records can show, before anything is fitted; raises as `identify_rig`."""
     return what_shows(prepare(measured, load_rig_model(model).settings))
 
@@ -126,7 +109,9 @@ def identify_rig(
     freest = freest_columns(start.columns, smooth)
     blocks = make_blocks(trajectory, fit(freest, trajectory.target).residual)
     start = without_skew(start, blocks)
-    held = _held_designs(validate, given.settings, design)
+    same = given.settings.model_copy(
+        update={"band": trajectory.band, "standstill": trajectory.standstill})
+    held = tuple(Design(prepare([record], same)) for record in validate)
     waves = waves_in_position(design)
     shapes = [*smooth, *waves]
     before = tuple(portrait(start, blocks, shapes))
@@ -138,8 +123,8 @@ def identify_rig(
 
     found = search(start, blocks, shapes, set(without), report)
     say("measuring the gap", 0.93)
-    judge = _Judge(blocks=blocks, held=held)
-    gaps = [judge.gap(balance) for balance in found.stages]
+    gaps = [rms(np.concatenate([balance.residual_on(d) for d in held]) if held
+                else balance.held_out(blocks)) for balance in found.stages]
     floor, bound = _noise_floor(found, blocks, held)
     findings = _findings(found, blocks, gaps)
     targets = [d.trajectory.target for d in held] or [trajectory.target]
@@ -151,18 +136,6 @@ def identify_rig(
                   findings=findings, validated=len(validate))
     say("done", 1.0)
     return _identification(given, story)
-
-
-def _held_designs(
-    validate: Sequence[RigRecord], settings: Settings, design: Design
-) -> tuple[Design, ...]:
-    """Return the designs of the held-out records, under the same filter."""
-    if not validate:
-        return ()
-    trajectory = design.trajectory
-    same = settings.model_copy(
-        update={"band": trajectory.band, "standstill": trajectory.standstill})
-    return tuple(Design(prepare([record], same)) for record in validate)
 
 
 def _noise_floor(found: Search, blocks: Blocks, held: Sequence[Design]) -> tuple[float, float]:
@@ -212,27 +185,17 @@ def _findings(found: Search, blocks: Blocks, gaps: list[float]) -> tuple[NamedEf
         law = choice.trial.term.law
         plain, at = without_modifiers(found.balance, first + index)
         own = parameters(plain, at, blocks)
+        rivals = [p for trial in choice.trials  # each in the place of the chosen one
+                  if trial.name in choice.equivalent and trial.companion is None
+                  for p in parameters(found.stages[index].joined(trial.term), first + index,
+                                      blocks)]
         findings.append(NamedEffect(
             effect=choice.trial.name, equivalent=choice.equivalent,
             formula=Formula(law.meaning, law.equation, law.reference),
-            parameters=(*own, *_rivals_parameters(found, index, choice, blocks)),
-            where=where(plain, at, own), p_value=choice.trial.p_value,
-            gap_before=gaps[index], gap_after=gaps[index + 1],
+            parameters=(*own, *rivals), where=where(plain, at, own),
+            p_value=choice.trial.p_value, gap_before=gaps[index], gap_after=gaps[index + 1],
             candidates=tuple(_candidate(trial, choice) for trial in choice.trials)))
     return tuple(findings)
-
-
-def _rivals_parameters(
-    found: Search, index: int, choice: LawChoice, blocks: Blocks
-) -> tuple[Parameter, ...]:
-    """Return the parameters of equivalent laws, each in the place of the chosen one."""
-    first = len(found.stages[0].terms)
-    values: list[Parameter] = []
-    for trial in choice.trials:
-        if trial.name in choice.equivalent and trial.companion is None:
-            before = found.stages[index]
-            values += parameters(before.joined(trial.term), first + index, blocks)
-    return tuple(values)
 
 
 def _candidate(trial: Trial, choice: LawChoice | None = None) -> Candidate:
@@ -249,15 +212,17 @@ def _candidate(trial: Trial, choice: LawChoice | None = None) -> Candidate:
 
 def _identification(given: RigModel, story: Story) -> Identification:
     found, trajectory = story.found, story.trajectory
-    unknown = None
+    unknown, panels = None, all_panels(found.stages[0], found.balance)
     if found.unknown is not None:
+        panels = (*panels, unknown_panel(found.unknown, trajectory))
         unknown = Shape(port=signal_name(trajectory), text=shape_words(found.unknown, trajectory),
-                        panel=unknown_panel(found.unknown, trajectory))
+                        panel=panels[-1])
     verdict, said = outcome(story)
     ambiguous = next((f for f in story.findings if f.equivalent), None)
-    test = next_test((ambiguous.effect, *ambiguous.equivalent), trajectory) \
-        if ambiguous is not None else None
-    if test is None and found.unknown is not None:
+    test = None
+    if ambiguous is not None:
+        test = next_test((ambiguous.effect, *ambiguous.equivalent), trajectory)
+    elif found.unknown is not None:
         test = for_unknown(found.unknown.shape.against, trajectory)
     held = f"record{'s' if story.validated > 1 else ''} held out" if story.validated else \
         f"{story.blocks.count} blocks, each predicted from the others; they also chose the laws"
@@ -267,21 +232,16 @@ def _identification(given: RigModel, story: Story) -> Identification:
         gap_unit=f"residual of the {signal_name(trajectory)}, rms, "
                  f"{trajectory.axis.input_channel.unit} ({held})",
         findings=story.findings,
-        rivals=tuple(_candidate(t)
-                     for t in found.last_trials[:MAX_RIVALS]),
+        rivals=tuple(_candidate(t) for t in found.last_trials[:MAX_RIVALS]),
         next_test=test, recalibrated=_recalibrated(story), unknown=unknown,
         reasons=(*said, *reasons_of(story)), unexplained=unexplained(story),
-        steps=all_steps(story),
-        panels=all_panels(found.stages[0], found.balance, found.unknown),
+        steps=all_steps(story), panels=panels,
         model_text="" if verdict == "contradicted" else updated_text(given, story),
     )
 
 
 def _recalibrated(story: Story) -> tuple[Parameter, ...]:
     """Return the parameters of the model's own terms, in the model at the end."""
-    found: list[Parameter] = []
-    for index in range(len(story.start.terms)):
-        if story.found.balance.replaced(index):
-            continue
-        found += parameters(story.found.balance, index, story.blocks)
-    return tuple(found)
+    balance = story.found.balance
+    return tuple(p for index in range(len(story.start.terms)) if not balance.replaced(index)
+                 for p in parameters(balance, index, story.blocks))

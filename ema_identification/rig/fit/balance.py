@@ -132,9 +132,7 @@ class Design:
             parts.append(self._cache[key])
         return np.concatenate(parts, axis=1)
 
-    def matrix(
-        self, terms: Sequence[Term], coefficients: np.ndarray | None = None
-    ) -> np.ndarray:
+    def matrix(self, terms: Sequence[Term], coefficients: np.ndarray | None = None) -> np.ndarray:
         """Return the regressors of all terms side by side, shape (rows, columns)."""
         parts = [
             self.of_prediction(term, terms, coefficients) if term.law.of_prediction
@@ -226,6 +224,15 @@ class InputBalance:
         """Return the residual of each row under the fit of all other blocks, shape (rows,)."""
         return held_out(self.free_columns, self.target, blocks)
 
+    def squares(self, blocks: Blocks) -> float:
+        """Return the sum of the squares of `held_out`."""
+        return float(np.sum(self.held_out(blocks) ** 2))
+
+    def squares_beside(self, columns: np.ndarray, blocks: Blocks) -> float:
+        """Return that sum with further regressors beside the free ones, shape (rows, k)."""
+        rest = held_out(np.column_stack([self.free_columns, columns]), self.target, blocks)
+        return float(rest @ rest)
+
     def columns_of(self, term: Term) -> np.ndarray:
         """Return the regressors of a term that might be added, shape (rows, k)."""
         if term.law.of_prediction:
@@ -234,13 +241,14 @@ class InputBalance:
 
     def joined(self, term: Term) -> InputBalance:
         """Return the balance with one more term, free; it takes the place of its like."""
-        least = 0.0 if term.law.positive else -np.inf
-        bounds = self.bounds
+        count = len(term.law.coefficients)
+        low = np.append(self.bounds.low, np.full(count, 0.0 if term.law.positive else -np.inf))
+        high = np.append(self.bounds.high, np.full(count, np.inf))
         for index, other in enumerate(self.terms):
             if other.key == term.key:
-                bounds = bounds.at_zero(self.span(index))
+                low[self.span(index)] = high[self.span(index)] = 0.0
         return InputBalance(design=self.design, terms=(*self.terms, term),
-                            bounds=bounds.joined(len(term.law.coefficients), least))
+                            bounds=CoefficientBounds(low=low, high=high))
 
     def replaced(self, index: int) -> bool:
         """Return whether a later term takes the place of the one at `index`."""
@@ -293,6 +301,19 @@ class InputBalance:
     def led(self, lead: float) -> InputBalance:
         """Return the balance with the input later by `lead` (s) than it was recorded."""
         return InputBalance(design=self.design.led(lead), terms=self.terms, bounds=self.bounds)
+
+    def later(self, change: float, place: int) -> InputBalance:
+        """Return the balance with its input later by `change` (s) and its delay smaller by that.
+
+        `place` is where the coefficient of the delay stands.
+        """
+        if change == 0.0:
+            return self
+        low, high = self.bounds.low.copy(), self.bounds.high.copy()
+        low[place] -= change
+        high[place] -= change
+        return InputBalance(design=self.design.led(self.design.lead + change), terms=self.terms,
+                            bounds=CoefficientBounds(low=low, high=high))
 
     def residual_on(self, design: Design) -> np.ndarray:
         """Return the residual of this fit on another record, shape (rows there,)."""

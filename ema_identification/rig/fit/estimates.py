@@ -60,17 +60,22 @@ def parameters(balance: InputBalance, index: int, blocks: Blocks) -> tuple[Param
     columns_and_slopes = np.column_stack([columns, *slopes])
     variance = covariance(columns_and_slopes, balance.fit.residual, blocks) \
         + _of_reversals(balance, columns_and_slopes)
-    axis = balance.design.trajectory.axis
-    units = term.law.units
     found: list[Parameter] = []
+
+    def add(name: str, value: float, wide: float) -> None:
+        found.append(Parameter(
+            name=f"{term.law.name}.{name}", value=value, low=value - wide, high=value + wide,
+            unit=unit_of(term.law.units[name], balance.design.trajectory.axis)))
+
     if term.law.periodic:
-        found += _wave(term, values, variance, own, blocks, units, balance)
-    else:
+        for name, value, wide in _wave(term, values, variance, own, blocks):
+            add(name, value, wide)
+    else:  # a part of a delay is a shift of the input
+        shift = balance.design.lead if term.law.name == "control_delay" else 0.0
         for k, name in enumerate(term.law.coefficients):
             wide = half_width(variance[own[k], own[k]] + (SYSTEMATIC * float(values[k])) ** 2,
                               blocks) if len(own) == len(values) else 0.0
-            found.append(_parameter(term, name, float(values[k]) + _shift(balance, term), wide,
-                                    unit_of(units[name], axis)))
+            add(name, float(values[k]) + shift, wide)
     for k, name in enumerate(term.law.shape):
         wide = 0.0
         if slopes:
@@ -79,7 +84,7 @@ def parameters(balance: InputBalance, index: int, blocks: Blocks) -> tuple[Param
             wide = half_width(variance[at, at] + least**2, blocks)
             if term.law.against == "test phase":  # a gap is not negative
                 wide = min(wide, abs(term.shape[k]))
-        found.append(_parameter(term, name, term.shape[k], wide, unit_of(units[name], axis)))
+        add(name, term.shape[k], wide)
     return tuple(found)
 
 
@@ -101,16 +106,6 @@ def _of_reversals(balance: InputBalance, columns: np.ndarray) -> np.ndarray:
                                 rcond=1e-6)
     change[kept] = found / scale[kept]
     return np.outer(change, change)
-
-
-def _shift(balance: InputBalance, term: Term) -> float:
-    """Return the part of a delay that is a shift of the input."""
-    return balance.design.lead if term.law.name == "control_delay" else 0.0
-
-
-def _parameter(term: Term, name: str, value: float, wide: float, unit: str) -> Parameter:
-    return Parameter(name=f"{term.law.name}.{name}", value=value, low=value - wide,
-                     high=value + wide, unit=unit)
 
 
 def _slopes(balance: InputBalance, index: int) -> list[np.ndarray]:
@@ -138,12 +133,9 @@ def _slopes(balance: InputBalance, index: int) -> list[np.ndarray]:
 
 
 def _wave(
-    term: Term, values: np.ndarray, variance: np.ndarray, own: list[int], blocks: Blocks,
-    units: object, balance: InputBalance,
-) -> list[Parameter]:
-    """Return amplitude and phase of a wave."""
-    assert isinstance(units, dict)
-    axis = balance.design.trajectory.axis
+    term: Term, values: np.ndarray, variance: np.ndarray, own: list[int], blocks: Blocks
+) -> list[tuple[str, float, float]]:
+    """Return amplitude and phase of a wave, with half the interval of each."""
     named = physical(term.law, term.shape, values)
     size, phase = named["amplitude"], named["phase"]
     if len(own) == 2 and size > 0.0:
@@ -155,5 +147,4 @@ def _wave(
         angle = min(half_width(float(across @ block @ across), blocks), math.pi)
     else:
         wide = angle = 0.0
-    return [_parameter(term, "amplitude", size, wide, unit_of(units["amplitude"], axis)),
-            _parameter(term, "phase", phase, angle, "rad")]
+    return [("amplitude", size, wide), ("phase", phase, angle)]

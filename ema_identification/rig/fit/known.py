@@ -45,10 +45,14 @@ def known_balance(model: RigModel, design: Design) -> tuple[InputBalance, tuple[
         least = 0.0 if term.law.positive else -math.inf
         low += [least if free else max(value - room, least) for value in values]
         high += [math.inf if free else value + room for value in values]
-    design, low, high = _delayed(design, terms, low, high)
     balance = InputBalance(
         design=design, terms=tuple(terms),
         bounds=CoefficientBounds(low=np.array(low), high=np.array(high)))
+    for index, name in enumerate(balance.names):
+        at = balance.span(index).start
+        if name == "control_delay" and math.isfinite(high[at]):  # its middle is a shift in time
+            balance = balance.later(0.5 * (low[at] + high[at]), at)
+            break
     for index in reversed(range(len(balance.terms))):
         span = balance.span(index)
         if np.isinf(balance.bounds.high[span]).all() and repeated(balance, span):
@@ -56,21 +60,6 @@ def known_balance(model: RigModel, design: Design) -> tuple[InputBalance, tuple[
                          "excite it beside the other terms")
             balance = balance.without(index)
     return balance, tuple(notes)
-
-
-def _delayed(
-    design: Design, terms: list[Term], low: list[float], high: list[float]
-) -> tuple[Design, list[float], list[float]]:
-    """Return the design under a delay that the model has, and the bounds of what is left."""
-    at = 0
-    for term in terms:
-        if term.law.name == "control_delay" and np.isfinite(high[at]):
-            lead = 0.5 * (low[at] + high[at])
-            low, high = low.copy(), high.copy()
-            low[at], high[at] = low[at] - lead, high[at] - lead
-            return design.led(lead), low, high
-        at += len(term.law.coefficients)
-    return design, low, high
 
 
 def repeated(balance: InputBalance, span: slice) -> bool:

@@ -130,11 +130,10 @@ def _check_parameters(term: KnownTerm, source: str) -> None:
 
 def dump_rig_model(model: RigModel, comment: str = "") -> str:
     """Return the YAML text of a model."""
-    data = model.model_dump(exclude_defaults=True)
-    data = {"rig": model.rig, "terms": [_plain(term) for term in model.terms],
-            **({} if model.axis is None else {"axis": {
-                **data["axis"], "travel": list(model.axis.travel)}}),
-            **({"settings": data["settings"]} if "settings" in data else {})}
+    dumped = model.model_dump(mode="json", exclude_defaults=True)
+    data: dict[str, object] = {
+        "rig": model.rig, "terms": [_plain(term) for term in model.terms],
+        **{key: dumped[key] for key in ("axis", "settings") if key in dumped}}
     head = "".join(f"# {line}\n" for line in comment.splitlines())
     return head + yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=90,
                                  default_flow_style=None)

@@ -99,17 +99,6 @@ class CoefficientBounds:
     low: np.ndarray
     high: np.ndarray
 
-    def at_zero(self, span: slice) -> CoefficientBounds:
-        """Return these bounds with the coefficients of `span` held at zero."""
-        low, high = self.low.copy(), self.high.copy()
-        low[span] = high[span] = 0.0
-        return CoefficientBounds(low=low, high=high)
-
-    def joined(self, count: int, least: float) -> CoefficientBounds:
-        """Return these bounds and `count` coefficients of at least `least` after them."""
-        return CoefficientBounds(low=np.concatenate([self.low, np.full(count, least)]),
-                                 high=np.concatenate([self.high, np.full(count, np.inf)]))
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinearFit:

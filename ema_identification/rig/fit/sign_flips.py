@@ -39,8 +39,7 @@ class Screening:
 
 
 def screen_by_sign_flips(
-    candidates: Sequence[np.ndarray], known: np.ndarray, residual: np.ndarray, blocks: Blocks,
-    flips: int = FLIPS,
+    candidates: Sequence[np.ndarray], known: np.ndarray, residual: np.ndarray, blocks: Blocks
 ) -> Screening:
     """Return what each candidate adds beyond the known columns.
 
@@ -54,8 +53,6 @@ def screen_by_sign_flips(
         Of the model.
     blocks : Blocks
         What flips together.
-    flips : int
-        Number of sign flips.
 
     """
     basis = orthonormal(known)
@@ -72,16 +69,16 @@ def screen_by_sign_flips(
             for place, index in enumerate(chosen):
                 moments[:, starts[index]:starts[index] + size] = pieces[:, place]
                 coefficients[index] = own[place]
-    signs = np.random.default_rng(SEED).choice([-1.0, 1.0], size=(flips, blocks.count))
+    signs = np.random.default_rng(SEED).choice([-1.0, 1.0], size=(FLIPS, blocks.count))
     observed = np.add.reduceat(moments.sum(axis=0) ** 2, starts)
     flipped = np.add.reduceat((signs @ moments) ** 2, starts, axis=1)
     mean, variance = _null_moments(moments, starts, sizes)
     surprise = _normal_score(observed, mean, variance)
     largest = np.sort(_normal_score(flipped, mean, variance).max(axis=1))
-    counts = flips - np.searchsorted(largest, surprise, side="left")
+    counts = FLIPS - np.searchsorted(largest, surprise, side="left")
     return Screening(
         gain=(observed - mean) / max(float(residual @ residual), 1e-300),
-        p_value=special.ndtr(-surprise), family_p_value=(1.0 + counts) / (1.0 + flips),
+        p_value=special.ndtr(-surprise), family_p_value=(1.0 + counts) / (1.0 + FLIPS),
         coefficients=tuple(coefficients),
     )
 
@@ -127,6 +124,12 @@ def orthonormal(columns: np.ndarray) -> np.ndarray:
     left, values, _ = np.linalg.svd(upper.R, full_matrices=False)
     basis: np.ndarray = upper.Q @ left[:, values > 1e-9 * values[0]]
     return basis
+
+
+def squares_taken(columns: np.ndarray, basis: np.ndarray, residual: np.ndarray) -> float:
+    """Return the squares that columns take of a residual beside an orthonormal basis."""
+    own = orthonormal(columns - basis @ (basis.T @ columns))
+    return float(np.sum((own.T @ residual) ** 2))
 
 
 def _block_moments(

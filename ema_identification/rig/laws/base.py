@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ema_identification.rig.signals.trajectory import Segment, Trajectory
-from ema_rig.record import Axis
+from ema_rig.record import LOAD_QUANTITY, Axis
 
 Shape = tuple[float, ...]
 """Values of the parameters in which a law is not linear, in the order of `Law.shape`."""
@@ -17,14 +17,6 @@ Columns = Callable[[Segment, Trajectory, Shape], Sequence[np.ndarray]]
 LEAST_PART, MOST_PART = 0.2, 0.9
 LOCATED = 0.05
 Grid = Callable[[Trajectory], Sequence[Shape]]
-
-
-def _no_shape(_trajectory: Trajectory) -> Sequence[Shape]:
-    return ((),)
-
-
-def _always(_trajectory: Trajectory) -> bool:
-    return True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,10 +40,10 @@ class Law:
     acceleration, with ``/`` and ``*`` between them."""
     columns: Columns
     shape: tuple[str, ...] = ()
-    grid: Grid = _no_shape
+    grid: Grid = field(default=lambda _t: ((),))
     requires: tuple[str, ...] = ()
     """Laws without which it has no meaning."""
-    applies: Callable[[Trajectory], bool] = _always
+    applies: Callable[[Trajectory], bool] = field(default=lambda _t: True)
     of_prediction: bool = False
     """Whether its columns are made of what the other terms predict (`Trajectory` carries it)."""
     linear: bool = True
@@ -129,12 +121,8 @@ def unit_of(pattern: str, axis: Axis) -> str:
         "u/v²": f"{base} s²/{length}²", "u/v^0.5": f"{base} (s/{length})^0.5",
         "u*s²/a": f"{base} s⁴/{length}",
     }
-    if pattern == "u/a" and axis.motion == "linear" and axis.input == "force":
-        return "kg"
-    if pattern == "u/a" and axis.motion == "rotary" and axis.input == "torque":
-        return "kg m²"
-    if axis.motion == "rotary" and axis.input == "torque":
-        known["u/v"] = "N m s/rad"
+    if pattern == "u/a" and axis.input == LOAD_QUANTITY[axis.motion]:
+        return "kg" if axis.motion == "linear" else "kg m²"
     return known[pattern]
 
 
@@ -146,15 +134,13 @@ def sign(segment: Segment, trajectory: Trajectory) -> np.ndarray:
     return direction
 
 
-def amplitude_phase(cosine: float, sine: float) -> tuple[float, float]:
-    """Return amplitude and phase of ``cosine cos(y) + sine sin(y) = A cos(y - phase)``."""
-    return math.hypot(cosine, sine), math.atan2(sine, cosine)
-
-
 def physical(law: Law, shape: Sequence[float], coefficients: np.ndarray) -> dict[str, float]:
-    """Return all parameters of a term by name, periodic ones as amplitude and phase."""
+    """Return all parameters of a term by name.
+
+    Of periodic ones amplitude and phase: ``cosine cos(y) + sine sin(y) = A cos(y - phase)``.
+    """
     named = dict(zip(law.shape, (float(value) for value in shape)))
     if law.periodic:
-        size, phase = amplitude_phase(float(coefficients[0]), float(coefficients[1]))
-        return {**named, "amplitude": size, "phase": phase}
+        cosine, sine = map(float, coefficients)
+        return {**named, "amplitude": math.hypot(cosine, sine), "phase": math.atan2(sine, cosine)}
     return {**named, **dict(zip(law.coefficients, (float(c) for c in coefficients)))}

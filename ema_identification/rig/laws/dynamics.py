@@ -9,7 +9,6 @@ from scipy import signal
 
 from ema_identification.rig.laws.base import Law, Shape, sign
 from ema_identification.rig.signals.trajectory import Segment, Trajectory, derivative
-from ema_rig.record import Axis
 
 TWO_LEVELS = 0.2
 """Spread of the size of an input over its mean, below which it has two levels only."""
@@ -74,12 +73,6 @@ def _derivative_of_prediction(
     return (derivative(trajectory.smoothed(segment, segment.prediction), segment.step),)
 
 
-def _sign_of_prediction(
-    segment: Segment, trajectory: Trajectory, _shape: Shape
-) -> Sequence[np.ndarray]:
-    return (np.sign(trajectory.smoothed(segment, segment.prediction)),)
-
-
 def _many_levels(trajectory: Trajectory) -> bool:
     """Return whether the input has more than two levels; else its sign is the input itself."""
     size = np.abs(trajectory.target)
@@ -92,9 +85,7 @@ def resonances_grid(trajectory: Trajectory) -> Sequence[Shape]:
                  for f in np.geomspace(0.05 * trajectory.band, 0.5 * trajectory.band, 12))
 
 
-def _lagging_load(
-    segment: Segment, _trajectory: Trajectory, shape: Shape
-) -> Sequence[np.ndarray]:
+def _lagging_load(segment: Segment, _trajectory: Trajectory, shape: Shape) -> Sequence[np.ndarray]:
     """Return the acceleration of a load on a spring less that of the drive."""
     omega, damping = 2.0 * np.pi * shape[0], shape[1]
     warped = 2.0 * segment.rate * np.tan(0.5 * omega * segment.step)
@@ -106,19 +97,13 @@ def _lagging_load(
     return (load - segment.acceleration,)
 
 
-def _above(segment: Segment, _trajectory: Trajectory, _shape: Shape) -> Sequence[np.ndarray]:
-    return (derivative(derivative(segment.acceleration, segment.step), segment.step),)
-
-
 def frequencies_grid(trajectory: Trajectory) -> Sequence[Shape]:
     """Return frequencies within the band, half the resolution of the record apart (Hz)."""
     step = 0.5 / max(float(np.ptp(trajectory.time)), 1e-9)
     return tuple((float(f),) for f in np.arange(4.0 * step, trajectory.band, step))
 
 
-def _wave_in_time(
-    segment: Segment, _trajectory: Trajectory, shape: Shape
-) -> Sequence[np.ndarray]:
+def _wave_in_time(segment: Segment, _trajectory: Trajectory, shape: Shape) -> Sequence[np.ndarray]:
     phase = 2.0 * np.pi * shape[0] * segment.time
     return np.cos(phase), np.sin(phase)
 
@@ -127,10 +112,6 @@ def _one_clock(trajectory: Trajectory) -> bool:
     """Return whether all stretches follow one another in time: of one record."""
     return all(a.time[-1] < b.time[0]
                for a, b in zip(trajectory.segments[:-1], trajectory.segments[1:]))
-
-
-def _or_inductance(axis: Axis, _shape: Shape) -> tuple[str, ...]:
-    return ("winding_inductance",) if axis.input == "voltage" else ()
 
 
 HYSTERESIS = Law(
@@ -165,7 +146,8 @@ LAG = Law(
     equation="u = û + τ dû/dt", reference="Ellis 2012, Control System Design Guide, ch. 6",
     against="frequency", coefficients=("time_constant",), units={"time_constant": "s"},
     columns=_derivative_of_prediction, of_prediction=True, dynamic=True, positive=True,
-    equivalent=_or_inductance, excludes=("control_delay",),
+    equivalent=lambda axis, _s: ("winding_inductance",) if axis.input == "voltage" else (),
+    excludes=("control_delay",),
 )
 COMPLIANCE = Law(
     name="compliance", meaning="the load hangs on a spring: a belt, a shaft, a gear",
@@ -180,15 +162,18 @@ DEAD_ZONE = Law(
     name="dead_zone", meaning="the drive swallows a part of the input around zero",
     equation="u = û + d sign(û)", reference="Tao, Kokotović 1994, IEEE Trans. Aut. Control 39(1)",
     against="load", coefficients=("width",), units={"width": "u"},
-    columns=_sign_of_prediction, of_prediction=True, linear=False, applies=_many_levels,
-    positive=True,
+    columns=lambda segment, trajectory, _s: (
+        np.sign(trajectory.smoothed(segment, segment.prediction)),),
+    of_prediction=True, linear=False, applies=_many_levels, positive=True,
 )
 LOAD_SIDE_COMPLIANCE = Law(
     name="load_side_compliance",
     meaning="the sensor sits at a load that hangs on a spring: the drive moves before it",
     equation="u = J a + c a'', c = J_1 J_2 / k; resonance at √(J / c)",
     reference="Ellis, Lorenz 2000, IEEE IAS Annual Meeting (two-mass drives)",
-    against="frequency", coefficients=("value",), units={"value": "u*s²/a"}, columns=_above,
+    against="frequency", coefficients=("value",), units={"value": "u*s²/a"},
+    columns=lambda segment, _t, _s: (
+        derivative(derivative(segment.acceleration, segment.step), segment.step),),
     dynamic=True, positive=True,
 )
 PERIODIC_DISTURBANCE = Law(

@@ -29,16 +29,8 @@ def _stribeck(segment: Segment, trajectory: Trajectory, shape: Shape) -> Sequenc
     return (sign(segment, trajectory) * np.exp(-(ratio**2)),)
 
 
-def _load(segment: Segment, trajectory: Trajectory, _shape: Shape) -> Sequence[np.ndarray]:
-    load = np.abs(trajectory.smoothed(segment, segment.acceleration))
-    return (load * sign(segment, trajectory),)
-
-
-def _outer_load(segment: Segment, trajectory: Trajectory, _s: Shape) -> Sequence[np.ndarray]:
-    return (np.abs(segment.disturbance) * sign(segment, trajectory),)
-
-
-def _both_directions(trajectory: Trajectory) -> bool:
+def both_directions(trajectory: Trajectory) -> bool:
+    """Return whether a motion goes both ways, not just by chance."""
     forward = float(np.mean(trajectory.speed > 0))
     return 0.02 < forward < 0.98
 
@@ -62,7 +54,7 @@ ASYMMETRIC_FRICTION = Law(
     equation="u = D |v|; the part that does not grow with speed is an offset",
     reference="Swevers et al. 1997, IEEE Control Systems 17(5)",
     against="speed", coefficients=("viscous_difference",), units={"viscous_difference": "u/v"},
-    columns=lambda segment, _t, _s: (np.abs(segment.smooth_speed),), applies=_both_directions,
+    columns=lambda segment, _t, _s: (np.abs(segment.smooth_speed),), applies=both_directions,
 )
 STRIBECK_FRICTION = Law(
     name="stribeck_friction", meaning="dry friction that falls as the speed rises",
@@ -93,18 +85,20 @@ LOAD_DEPENDENT_FRICTION = Law(
     name="load_dependent_friction",
     meaning="dry friction in proportion to the inertial load that is transmitted",
     equation="u = μ |a| sign(v)", reference="Hamon et al. 2010, IFAC 43(10)",
-    against="load", coefficients=("value",), units={"value": "u/a"}, columns=_load,
-    requires=("coulomb_friction",),
-    positive=True,
+    against="load", coefficients=("value",), units={"value": "u/a"},
+    columns=lambda segment, trajectory, _s: (
+        np.abs(trajectory.smoothed(segment, segment.acceleration)) * sign(segment, trajectory),),
+    requires=("coulomb_friction",), positive=True,
 )
 OUTER_LOAD_FRICTION = Law(
     name="external_load_friction",
     meaning="dry friction in proportion to the external load", equation="u = μ |d| sign(v)",
     reference="Hamon et al. 2010, IFAC 43(10)",
-    against="load", coefficients=("value",), units={"value": "1"}, columns=_outer_load,
-    requires=("coulomb_friction",),
+    against="load", coefficients=("value",), units={"value": "1"},
+    columns=lambda segment, trajectory, _s: (
+        np.abs(segment.disturbance) * sign(segment, trajectory),),
+    requires=("coulomb_friction",), positive=True,
     applies=lambda trajectory: trajectory.has_disturbance,
-    positive=True,
 )
 POSITION_DEPENDENT_FRICTION = Law(
     name="position_dependent_friction",
@@ -120,10 +114,6 @@ POSITION_DEPENDENT_FRICTION = Law(
 )
 
 
-def _with_back_emf(axis: Axis, _shape: tuple[float, ...]) -> tuple[str, ...]:
-    return ("back_emf",) if axis.input == "voltage" else ()
-
-
 INERTIA = Law(
     name="inertia", meaning="inertia of everything that moves",
     equation="u = J a", reference="Newton's second law",
@@ -135,8 +125,8 @@ VISCOUS_FRICTION = Law(
     equation="u = B v; a voltage also drives against the back-EMF, which is in proportion too",
     reference=_REVIEW,
     against="speed", coefficients=("value",), units={"value": "u/v"},
-    columns=lambda segment, _t, _s: (segment.speed,), equivalent=_with_back_emf,
-    positive=True,
+    columns=lambda segment, _t, _s: (segment.speed,), positive=True,
+    equivalent=lambda axis, _s: ("back_emf",) if axis.input == "voltage" else (),
 )
 DISTURBANCE = Law(
     name="disturbance", meaning="the known force or torque from outside, which helps the input",

@@ -19,27 +19,16 @@ MAX_POINTS = 4000
 SPECTRUM_BINS = 400
 
 
-def all_panels(
-    before: InputBalance, after: InputBalance, unknown: Left | None
-) -> tuple[Panel, ...]:
-    """Return every plot of an identification.
-
-    Parameters
-    ----------
-    before, after : InputBalance
-        The model as given and with what was found.
-    unknown : Left, optional
-        The shape that no law holds.
-
-    """
-    panels = [over_time(before, after), against_speed(before, after),
-              against_position(before, after)]
+def all_panels(before: InputBalance, after: InputBalance) -> tuple[Panel, ...]:
+    """Return the plots of the model as given and with what was found."""
+    trajectory = before.design.trajectory
+    axis = trajectory.axis
+    panels = [over_time(before, after),
+              against(before, after, trajectory.speed, "speed", axis.speed_unit),
+              against(before, after, trajectory.position, "position", axis.position_unit)]
     orders = [t.shape[0] for t in after.terms if t.law.in_position][:3]
     panels += [folded(before, after, order) for order in dict.fromkeys(orders)]
-    panels += [spectrum(before, after), correlation(before, after)]
-    if unknown is not None:
-        panels.append(unknown_panel(unknown, after.design.trajectory))
-    return tuple(panels)
+    return (*panels, spectrum(before, after), correlation(before, after))
 
 
 def _labels(trajectory: Trajectory) -> tuple[str, str]:
@@ -69,28 +58,16 @@ def over_time(before: InputBalance, after: InputBalance) -> Panel:
         ))
 
 
-def against_speed(before: InputBalance, after: InputBalance) -> Panel:
-    """Return the residual against speed."""
-    trajectory = before.design.trajectory
-    return _against(before, after, trajectory.speed, "residual_speed",
-                    f"speed ({trajectory.axis.speed_unit})", "speed")
-
-
-def against_position(before: InputBalance, after: InputBalance) -> Panel:
-    """Return the residual against position."""
-    trajectory = before.design.trajectory
-    return _against(before, after, trajectory.position, "residual_position",
-                    f"position ({trajectory.axis.position_unit})", "position")
-
-
-def _against(
-    before: InputBalance, after: InputBalance, x: np.ndarray, name: str, x_label: str, word: str
+def against(
+    before: InputBalance, after: InputBalance, x: np.ndarray, name: str, unit: str
 ) -> Panel:
+    """Return the residual against speed or position, shape (rows,)."""
     port, label = _labels(before.design.trajectory)
     thin = slice(None, None, max(1, len(x) // MAX_POINTS))
     return Panel(
-        name=name, step="where", x_label=x_label, y_label=f"residual of the {label}",
-        title=f"Residual of the {port} against {word}: points before, lines are means",
+        name=f"residual_{name}", step="where", x_label=f"{name} ({unit})",
+        y_label=f"residual of the {label}",
+        title=f"Residual of the {port} against {name}: points before, lines are means",
         curves=(
             Curve(label="before", x=x[thin], y=before.fit.residual[thin], role="before",
                   style="points"),
@@ -111,13 +88,14 @@ def folded(before: InputBalance, after: InputBalance, order: float) -> Panel:
     phase = np.mod(wave(trajectory, order) * trajectory.position, 2 * np.pi)
     index = next(i for i, t in enumerate(after.terms)
                  if t.law.in_position and t.shape[0] == order)
-    own = after.columns[:, after.span(index)] @ after.fit.coefficients[after.span(index)]
-    words = wave_words(trajectory, order)
-    size = np.hypot(*after.columns[:, after.span(index)].T)
+    span = after.span(index)
+    own = after.columns[:, span] @ after.fit.coefficients[span]
+    size = np.hypot(*after.columns[:, span].T)
     slow = size > min(0.2, 0.5 * float(size.max()))  # the filter lets it pass
     return Panel(
         name=re.sub(r"\W+", "_", f"folded_{order:.9g}"), step="name",
-        title=f"Residual folded over one period of the wave in position, {words}",
+        title=f"Residual folded over one period of the wave in position, "
+              f"{wave_words(trajectory, order)}",
         x_label="phase of the wave (rad)", y_label=f"residual of the {label}",
         curves=(
             _means("without this wave", phase[slow], (after.fit.residual + own)[slow], "before"),
@@ -169,9 +147,9 @@ def unknown_panel(left: Left, trajectory: Trajectory) -> Panel:
     port, label = _labels(trajectory)
     axis = trajectory.axis
     if left.shape.order is not None:
-        phase = np.linspace(0.0, 4 * np.pi, 200)
-        first, second = left.coefficients[:2]
-        x, y = phase, first * np.cos(phase) + second * np.sin(phase)
+        x = np.linspace(0.0, 4 * np.pi, 200)
+        first, second = left.coefficients
+        y = first * np.cos(x) + second * np.sin(x)
         x_label = "phase of the wave (rad)"
     else:
         x, y = curve(left, trajectory)

@@ -170,12 +170,12 @@ MOST = 1.0
 
 def _axis_of(trajectory: Trajectory) -> ModelAxis:
     """Return what axis it is and how far, fast and hard it was driven."""
-    segments = trajectory.segments
-    low, high = (min(s.position.min() for s in segments), max(s.position.max() for s in segments))
+    low, high = trajectory.travel
+    fast = max(np.abs(s.smooth_speed).max() for s in trajectory.segments)
     return ModelAxis(
         motion=trajectory.axis.motion, input=trajectory.axis.input,
         travel=(float(f"{low:.6g}"), float(f"{high:.6g}")),
-        largest_speed=float(f"{max(np.abs(s.smooth_speed).max() for s in segments):.6g}"),
+        largest_speed=float(f"{fast:.6g}"),
         largest_input=float(f"{np.abs(trajectory.target).max():.6g}"))
 
 

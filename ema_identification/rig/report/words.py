@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ema_identification.report.words import number
+from ema_identification.report.words import number, quantity
 from ema_identification.result import Parameter, Where
-from ema_identification.rig.fit.balance import InputBalance
+from ema_identification.rig.fit.balance import InputBalance, rms
 from ema_identification.rig.laws.base import Term
 from ema_identification.rig.search.remainder import Left
 from ema_identification.rig.signals.trajectory import Trajectory
@@ -28,60 +28,51 @@ def where(balance: InputBalance, index: int, found: Sequence[Parameter]) -> Wher
     term, trajectory = balance.terms[index], balance.design.trajectory
     axis = trajectory.axis
     unit = axis.input_channel.unit
-    column = balance.columns[:, balance.span(index)] @ balance.fit.coefficients[
-        balance.span(index)]
-    share = float(np.sqrt(np.mean(column**2)))
-    if term.law.name == "control_delay":
-        slope = balance.columns[:, balance.span(index)]
-        share = float(np.sqrt(np.mean(slope**2))) * abs(found[0].value)
-    values = {p.name.split(".")[1]: p for p in found}
+    span = balance.span(index)
+    columns = balance.columns[:, span]
+    share = rms(columns) * abs(found[0].value) if term.law.name == "control_delay" else rms(
+        columns @ balance.fit.coefficients[span])
+    values = {p.name.split(".")[1]: p.value for p in found}
+    shown = {p.name.split(".")[1]: quantity(p) for p in found}
     fast = float(np.quantile(np.abs(trajectory.speed), 0.98))
+    at_fast = f"{unit} at {number(fast)} {axis.speed_unit}"
     text = {
-        "coulomb_friction": lambda: f"±{_q(values['level'])} with the direction of motion, at "
-                                    "all speeds",
-        "offset": lambda: f"{_q(values['value'])} in both directions, at all speeds",
-        "asymmetric_friction": lambda: _asymmetric(values, fast, axis.speed_unit, unit),
-        "stribeck_friction": lambda: f"{_q(values['increase'])} more towards standstill, gone "
-                                     f"above about {_q(values['speed'])}",
+        "coulomb_friction": lambda: f"±{shown['level']} with the direction of motion, at all "
+                                    "speeds",
+        "offset": lambda: f"{shown['value']} in both directions, at all speeds",
+        "asymmetric_friction": lambda: (
+            f"grows with speed, by {number(values['viscous_difference'] * fast)} {unit} one way "
+            f"and {number(-values['viscous_difference'] * fast)} {unit} the other in friction, at "
+            f"{number(fast)} {axis.speed_unit}"),
+        "stribeck_friction": lambda: f"{shown['increase']} more towards standstill, gone above "
+                                     f"about {shown['speed']}",
         "quadratic_drag": lambda: "rises with the square of the speed, to "
-                                  f"{number(values['value'].value * fast**2)} {unit} at "
-                                  f"{number(fast)} {axis.speed_unit}",
+                                  f"{number(values['value'] * fast**2)} {at_fast}",
         "sublinear_viscous_friction": lambda: "rises with the root of the speed, to "
-        f"{number(values['value'].value * math.sqrt(fast))} {unit} at {number(fast)} "
-        f"{axis.speed_unit}",
-        "spring": lambda: f"{_q(values['stiffness'])} about rest at "
-                          f"{_q(values['rest'])}",
+                                              f"{number(values['value'] * math.sqrt(fast))} "
+                                              f"{at_fast}",
+        "spring": lambda: f"{shown['stiffness']} about rest at {shown['rest']}",
         "control_delay": lambda: "where the input changes fast: the motion lags by "
-                                 f"{number(1e3 * values['delay'].value)} ms",
+                                 f"{number(1e3 * values['delay'])} ms",
         "presliding_hysteresis": lambda: "after each reversal, within "
-                                         f"{_q(values['distance'])} of travel",
-        "periodic_disturbance": lambda: f"a wave in time at {_q(values['frequency'])}, whatever "
-                                        f"the motion, amplitude {_q(values['amplitude'])}",
-        "position_dependent_inertia": lambda: "inertia that changes by "
-        f"±{_q(values['amplitude'])}, {number(term.shape[0])} times a turn",
+                                         f"{shown['distance']} of travel",
+        "periodic_disturbance": lambda: f"a wave in time at {shown['frequency']}, whatever the "
+                                        f"motion, amplitude {shown['amplitude']}",
+        "position_dependent_inertia": lambda: f"inertia that changes by ±{shown['amplitude']}, "
+                                              f"{number(term.shape[0])} times a turn",
         "drive_lag": lambda: "where the input changes fast: time constant "
-                             f"{number(1e3 * values['time_constant'].value)} ms",
-        "backlash": lambda: f"after each reversal, while {_q(values['gap'])} are crossed",
+                             f"{number(1e3 * values['time_constant'])} ms",
+        "backlash": lambda: f"after each reversal, while {shown['gap']} are crossed",
     }
     if term.law.in_position:
         said = (f"periodic in position, {wave_words(trajectory, term.shape[0])}, amplitude "
-                f"{_q(values['amplitude'])}")
+                f"{shown['amplitude']}")
     else:
         said = text.get(term.law.name, lambda: f"{term.law.meaning}: {term.law.equation}")()
     in_angle = term.law.in_position and axis.motion == "rotary"
     against = "rotor angle" if in_angle else term.law.against
     return Where(signal=signal_name(trajectory), against=against,
                  text=f"{said} ({number(share)} {unit} rms)")
-
-
-def _q(parameter: Parameter) -> str:
-    return f"{number(parameter.value)} {parameter.unit}"
-
-
-def _asymmetric(values: dict[str, Parameter], fast: float, speed: str, unit: str) -> str:
-    size = values["viscous_difference"].value * fast
-    return (f"grows with speed, by {number(size)} {unit} one way and {number(-size)} {unit} the "
-            f"other in friction, at {number(fast)} {speed}")
 
 
 def wave_words(trajectory: Trajectory, order: float) -> str:
@@ -91,33 +82,25 @@ def wave_words(trajectory: Trajectory, order: float) -> str:
     return f"period {number(1e3 / order, 4)} mm"
 
 
-def amplitude(left: Left) -> float:
-    """Return the amplitude of a wave, or the rms of a smooth shape."""
-    if left.shape.order is not None:
-        return float(math.hypot(*left.coefficients[:2]))
-    values = left.shape.columns @ left.coefficients
-    return float(np.std(values))
-
-
 def shape_words(left: Left, trajectory: Trajectory) -> str:
     """Return what a nameless shape looks like."""
     axis = trajectory.axis
     unit = axis.input_channel.unit
     port = signal_name(trajectory)
-    if left.shape.against == "frequency" and left.shape.order is not None:
+    if left.shape.order is not None:
+        size = f"amplitude {number(math.hypot(*left.coefficients[:2]))} {unit}"
+        if left.shape.against == "position":
+            return (f"{port}, periodic in position, {wave_words(trajectory, left.shape.order)}, "
+                    f"{size}")
         whose = "where the motion has one too: an effect of the motion, or a disturbance" \
             if left.shape.of_motion else "whatever the motion: a disturbance"
-        return (f"{port}, a wave in time at {number(left.shape.order, 4)} Hz {whose}, amplitude "
-                f"{number(amplitude(left))} {unit}")
-    if left.shape.order is not None:
-        return (f"{port}, periodic in position, {wave_words(trajectory, left.shape.order)}, "
-                f"amplitude {number(amplitude(left))} {unit}")
+        return f"{port}, a wave in time at {number(left.shape.order, 4)} Hz {whose}, {size}"
     x, y = curve(left, trajectory)
     if left.shape.label == "speed and direction":
         return f"{port}, friction against speed: {_friction_words(x, y, axis.speed_unit, unit)}"
     low, high = float(np.min(y)), float(np.max(y))
     x_unit = {"position": axis.position_unit, "test phase": "s"}.get(
-        left.shape.against, f"{axis.speed_unit}²" if axis.motion == "rotary" else "m/s²")
+        left.shape.against, f"{axis.speed_unit}²")
     return (f"{port}, depends on {left.shape.label}: {number(low)} {unit} at "
             f"{number(float(x[np.argmin(y)]))} {x_unit} to {number(high)} {unit} at "
             f"{number(float(x[np.argmax(y)]))} {x_unit}")
@@ -130,7 +113,6 @@ def curve(left: Left, trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     quantity = {
         "speed": trajectory.speed, "position": trajectory.position,
         "load": trajectory.acceleration, "test phase": trajectory.time,
-        "frequency": trajectory.time,
     }[against]
     if label == "angle within a turn":
         quantity = np.mod(quantity, 2 * np.pi)
@@ -219,10 +201,8 @@ _BY_SPEED = frozenset({"coulomb_friction", "stribeck_friction", "quadratic_drag"
                        "viscous_friction", "sublinear_viscous_friction", "asymmetric_friction"})
 
 
-def next_test(names: Sequence[str], trajectory: Trajectory) -> str | None:
-    """Return the excitation that would separate `names`, or None for a single name."""
-    if len(names) < 2:
-        return None
+def next_test(names: Sequence[str], trajectory: Trajectory) -> str:
+    """Return the excitation that would separate `names`, two or more."""
     given = frozenset(names)
     fast = float(np.quantile(np.abs(trajectory.speed), 0.98))
     unit = trajectory.axis.speed_unit
@@ -243,7 +223,7 @@ def for_unknown(against: str, trajectory: Trajectory) -> str:
     if against == "speed":
         return (f"constant-speed runs in both directions at five speeds between "
                 f"{0.02 * fast:.3g} and {fast:.3g} {unit}")
-    if against in ("position", "rotor angle"):
+    if against == "position":
         return ("a slow constant-speed run in both directions over the whole travel or a full "
                 f"turn, at {0.05 * fast:.3g} {unit} or less")
     if against == "frequency":
@@ -251,12 +231,3 @@ def for_unknown(against: str, trajectory: Trajectory) -> str:
     if against == "load":
         return "the same motion at twice and at half the acceleration"
     return "the same motion repeated ten times without a pause: what changes is heat or wear"
-
-
-def one_direction(trajectory: Trajectory) -> str | None:
-    """Return a note where the record moves one way only."""
-    forward = float(np.mean(trajectory.speed > 0))
-    if 0.02 < forward < 0.98:
-        return None
-    return ("the axis moves one way only: Coulomb friction and an offset look alike; record both "
-            "directions")

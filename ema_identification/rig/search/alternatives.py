@@ -9,14 +9,14 @@ how a record was made, not an effect of the axis; a lag of more than one interva
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import optimize
 
-from ema_identification.rig.fit.balance import InputBalance
-from ema_identification.rig.fit.regression import Blocks, held_out
-from ema_identification.rig.fit.sign_flips import orthonormal
+from ema_identification.rig.fit.balance import InputBalance, rms
+from ema_identification.rig.fit.regression import Blocks
+from ema_identification.rig.fit.sign_flips import orthonormal, squares_taken
 from ema_identification.rig.laws.base import Law, Term
 from ema_identification.rig.laws.dynamics import DELAY
 from ema_identification.rig.laws.static import is_whole
@@ -108,9 +108,7 @@ def _shape_moved(balance: InputBalance, term: Term, place: int) -> Term:
         return Term(law=term.law, shape=(*term.shape[:place], candidate, *term.shape[place + 1:]))
 
     def left(candidate: float) -> float:
-        columns = balance.design.columns(at(candidate), trajectory)
-        columns = orthonormal(columns - basis @ (basis.T @ columns))
-        return -float(np.sum((columns.T @ residual) ** 2))
+        return -squares_taken(balance.design.columns(at(candidate), trajectory), basis, residual)
 
     found = optimize.minimize_scalar(
         left, bounds=(low, high), method="bounded", options={"maxiter": EVALUATIONS})
@@ -126,13 +124,8 @@ def best_placed(balance: InputBalance, law: Law) -> Term:
     balance.design.evaluate(terms)
     basis = orthonormal(balance.free_columns)
     residual = balance.target - basis @ (basis.T @ balance.target)
-
-    def taken(term: Term) -> float:
-        columns = balance.design.columns(term)
-        columns = orthonormal(columns - basis @ (basis.T @ columns))
-        return float(np.sum((columns.T @ residual) ** 2))
-
-    return max(terms, key=taken)
+    return max(terms, key=lambda term: squares_taken(
+        balance.design.columns(term), basis, residual))
 
 
 MOST = 1.0
@@ -143,13 +136,6 @@ SHIFTS = (-0.2, -0.1, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6)
 CLOSE = 1e-3
 """Change of a lag at which the iteration ends, in sampling intervals."""
 _DELAY = Term(law=DELAY)
-_LAG = "drive_lag"
-
-
-def delay_index(balance: InputBalance) -> int | None:
-    """Return the index of the model's own delay, None where it has none."""
-    names = [term.law.name for term in balance.terms]
-    return names.index(_DELAY.law.name) if _DELAY.law.name in names else None
 
 
 def without_skew(balance: InputBalance, blocks: Blocks) -> InputBalance:
@@ -158,7 +144,7 @@ def without_skew(balance: InputBalance, blocks: Blocks) -> InputBalance:
     Only where blocks that are held out agree. A balance that has a delay or a lag among its
     terms is returned as it is.
     """
-    if delay_index(balance) is not None or _LAG in balance.names or not balance.terms:
+    if {DELAY.name, "drive_lag"} & set(balance.names) or not balance.terms:
         return balance
     lead = balance.design.lead
     for _ in range(ITERATIONS):
@@ -173,8 +159,7 @@ def without_skew(balance: InputBalance, blocks: Blocks) -> InputBalance:
     if abs(lead) > MOST * balance.design.trajectory.interval:
         return plain
     moved = balance.led(lead)
-    squares = [float(np.sum(b.held_out(blocks) ** 2)) for b in (plain, moved)]
-    return moved if squares[1] < squares[0] else plain
+    return moved if moved.squares(blocks) < plain.squares(blocks) else plain
 
 
 def with_whole_delay(balance: InputBalance) -> InputBalance:
@@ -183,38 +168,26 @@ def with_whole_delay(balance: InputBalance) -> InputBalance:
     What is left to the slope's coefficient is a small correction of that shift. A delay that is
     new is first looked for among shifts: its slope alone may be taken for inertia.
     """
-    index = delay_index(balance)
-    if index is None:
+    if DELAY.name not in balance.names:
         return balance
+    index = balance.names.index(DELAY.name)
     place = balance.span(index).start
     interval = balance.design.trajectory.interval
     if abs(balance.design.lead) <= MOST * interval:
-        balance = _moved(balance, place, _best_shift(balance, index))
+        balance = balance.later(_best_shift(balance, index), place)
     for _ in range(ITERATIONS):
         change = float(balance.fit.coefficients[place])
-        balance = _moved(balance, place, change)
+        balance = balance.later(change, place)
         if abs(change) < CLOSE * interval:
             break
     return balance
-
-
-def _moved(balance: InputBalance, place: int, change: float) -> InputBalance:
-    """Return the balance with its input later by `change` (s), and its delay smaller by that."""
-    if change == 0.0:
-        return balance
-    bounds = replace(balance.bounds, low=balance.bounds.low.copy(),
-                     high=balance.bounds.high.copy())
-    bounds.low[place] -= change
-    bounds.high[place] -= change
-    return replace(balance.led(balance.design.lead + change), bounds=bounds)
 
 
 def _best_shift(balance: InputBalance, index: int) -> float:
     """Return the change of the input's lead (s), of a few within bounds, that fits best."""
     place = balance.span(index).start
     trajectory = balance.design.trajectory
-    hard = float(np.sqrt(np.mean(trajectory.acceleration**2)))
-    slow = float(np.sqrt(np.mean(trajectory.speed**2))) / max(hard, 1e-300)
+    slow = rms(trajectory.speed) / max(rms(trajectory.acceleration), 1e-300)
     low, high = balance.bounds.low[place], balance.bounds.high[place]
     changes = [0.0, *(float(share * slow) for share in SHIFTS if low <= share * slow <= high)]
     plain = balance.without(index)
@@ -225,7 +198,7 @@ def _best_shift(balance: InputBalance, index: int) -> float:
 def skew_words(balance: InputBalance) -> tuple[str, ...]:
     """Return what was done to the clock of the input, for people."""
     lead = balance.design.lead
-    if lead == 0.0 or delay_index(balance) is not None:
+    if lead == 0.0 or DELAY.name in balance.names:
         return ()
     share = lead / balance.design.trajectory.interval
     return (f"input taken {1e3 * lead:.3g} ms later ({share:.2f} of a sampling interval), where "
@@ -262,10 +235,8 @@ def equivalents(
         near = simple and trial.score <= TWICE * chosen.score
         if trial.gain < SAME * chosen.gain or not (tied or near):
             continue
-        after = held_out(
-            np.column_stack([joined.free_columns, joined.columns_of(trial.term)]), joined.target,
-            blocks)
-        extra = (chosen.squares.sum() - float(after @ after)) / squares.sum()
+        after = joined.squares_beside(joined.columns_of(trial.term), blocks)
+        extra = (chosen.squares.sum() - after) / squares.sum()
         if extra < OVERLAP * trial.gain:
             names.append(trial.name)
             names += trial.term.law.equivalent(balance.design.trajectory.axis, trial.term.shape)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ema_identification.rig.fit.balance import InputBalance
-from ema_identification.rig.fit.regression import Blocks, held_out
+from ema_identification.rig.fit.regression import Blocks
 from ema_identification.rig.fit.sign_flips import LEVEL_OF_CHANCE, screen_by_sign_flips
 from ema_identification.rig.search.shapes import GenericShape
 
@@ -65,32 +65,32 @@ def portrait(balance: InputBalance, blocks: Blocks, shapes: Sequence[GenericShap
     """
     found = screen_by_sign_flips([shape.columns for shape in shapes], balance.free_columns,
                                  balance.fit.residual, blocks)
-    squares = float(np.sum(balance.held_out(blocks) ** 2))
+    squares = balance.squares(blocks)
     total = float(np.sum(balance.design.trajectory.target**2))
     waves = [i for i in np.argsort(-found.gain) if shapes[i].order is not None][:MAX_HELD_OUT]
     smooth = [i for i, shape in enumerate(shapes) if shape.order is None]
     left = []
     for index in [*smooth, *waves]:
         shape = shapes[index]
-        columns = np.column_stack([balance.free_columns, shape.columns])
-        after = held_out(columns, balance.target, blocks)
+        after = balance.squares_beside(shape.columns, blocks)
         left.append(Left(
-            shape=shape, gain=1.0 - float(after @ after) / squares,
+            shape=shape, gain=1.0 - after / squares,
             p_value=min(1.0, float(found.family_p_value[index])
                         + (shape.looks - 1) * float(found.p_value[index])),
-            share=math.sqrt(max(squares - float(after @ after), 0.0) / total),
-            coefficients=_smoothest(columns, balance.target, shape)))
+            share=math.sqrt(max(squares - after, 0.0) / total),
+            coefficients=_smoothest(balance, shape)))
     return sorted(left, key=lambda item: -item.gain)
 
 
-def _smoothest(columns: np.ndarray, target: np.ndarray, shape: GenericShape) -> np.ndarray:
-    """Return the coefficients of a shape beside the known terms in front of it.
+def _smoothest(balance: InputBalance, shape: GenericShape) -> np.ndarray:
+    """Return the coefficients of a shape beside the known terms.
 
     A smooth shape can hold what a known term holds (a viscous friction); of all such splits
     that is taken in which the shape changes least along its abscissa, and then is smallest.
     """
+    columns = np.column_stack([balance.free_columns, shape.columns])
     scale = np.sqrt(np.maximum(np.mean(columns**2, axis=0), 1e-300))
-    first = columns.shape[1] - shape.columns.shape[1]
+    first = balance.free_columns.shape[1]
     rows = []
     at = first
     for size in shape.groups:
@@ -99,11 +99,11 @@ def _smoothest(columns: np.ndarray, target: np.ndarray, shape: GenericShape) -> 
             row[k], row[k + 1] = -1.0, 1.0
             rows.append(row)
         at += size
-    weight = SMOOTHING * np.sqrt(len(target)) * float(scale[first:].mean())
+    weight = SMOOTHING * np.sqrt(len(columns)) * float(scale[first:].mean())
     small = np.eye(columns.shape[1])[first:] * (SMALL * weight)
     steps = weight * np.array(rows).reshape(len(rows), columns.shape[1])
     stacked = np.vstack([columns, steps, small])
-    extended = np.concatenate([target, np.zeros(len(steps) + len(small))])
+    extended = np.concatenate([balance.target, np.zeros(len(steps) + len(small))])
     found, *_ = np.linalg.lstsq(stacked / scale, extended, rcond=1e-9)
     return np.asarray((found / scale)[first:])
 
@@ -138,8 +138,7 @@ def mimics(balance: InputBalance, blocks: Blocks, left: Left, first: int) -> lis
         Index of the first term that was added.
 
     """
-    now = float(np.sum(balance.held_out(blocks) ** 2))
-    shaped = _held_out_with(balance, blocks, left)
+    now, shaped = balance.squares(blocks), balance.squares_beside(left.shape.columns, blocks)
     taken = now - shaped
     groups: dict[str, list[int]] = {}
     for index in range(first, len(balance.terms)):
@@ -149,22 +148,11 @@ def mimics(balance: InputBalance, blocks: Blocks, left: Left, first: int) -> lis
             groups.setdefault(term.law.against, []).append(index)
     found: list[int] = []
     for indices in groups.values():
-        smaller = without_all(balance, indices)
-        own = float(np.sum(smaller.held_out(blocks) ** 2)) - now
-        beside = _held_out_with(smaller, blocks, left) - shaped
+        smaller = balance
+        for index in reversed(indices):
+            smaller = smaller.without(index)
+        own = smaller.squares(blocks) - now
+        beside = smaller.squares_beside(left.shape.columns, blocks) - shaped
         if taken > MIMICRY * (taken + max(own, 0.0)) and beside < COLLAPSE * own:
             found += indices
     return sorted(found)
-
-
-def without_all(balance: InputBalance, indices: Sequence[int]) -> InputBalance:
-    """Return the balance without several terms."""
-    for index in sorted(indices, reverse=True):
-        balance = balance.without(index)
-    return balance
-
-
-def _held_out_with(balance: InputBalance, blocks: Blocks, left: Left) -> float:
-    columns = np.column_stack([balance.free_columns, left.shape.columns])
-    after = held_out(columns, balance.target, blocks)
-    return float(after @ after)

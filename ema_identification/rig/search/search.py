@@ -23,7 +23,7 @@ from ema_identification.rig.search.alternatives import (
     without_skew,
 )
 from ema_identification.rig.search.remainder import Left, main_shape, mimics, portrait
-from ema_identification.rig.search.selection import choose, least_loss, located, prune
+from ema_identification.rig.search.selection import Look, choose, least_loss, located, prune
 from ema_identification.rig.search.shapes import GenericShape, freest_columns, waves_in_time
 
 MAX_ADDED = 12
@@ -39,35 +39,13 @@ Way = tuple[list[InputBalance], list[LawChoice], tuple[Trial, ...], list[Term]]
 """Stages, choices, what was tried at the end and not taken, what was pruned."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Look:
-    """What every look for a law has in common."""
-
-    blocks: Blocks
-    hidden: frozenset[str]
-    report: Callable[[str], None]
-    smooth: list[GenericShape]
-    freest: np.ndarray
-
-    def at(
-        self, balance: InputBalance, plain_first: bool
-    ) -> tuple[LawChoice | None, tuple[Trial, ...]]:
-        """Return what a balance lacks, and all that was tried."""
-        return choose(balance, self.blocks, self.hidden, self.report, self.smooth, self.freest,
-                      plain_first)
-
-
 def rebuilt(start: InputBalance, choices: list[LawChoice], blocks: Blocks) -> list[InputBalance]:
-    """Return the start and the balance after each choice."""
+    """Return the start and the balance after each choice, its input on the clock of the motion."""
     stages = [start]
     for choice in choices:
-        stages.append(_added(stages[-1], choice.trial.term, blocks))
+        joined = with_whole_delay(stages[-1].joined(choice.trial.term))
+        stages.append(without_skew(joined, blocks))
     return stages
-
-
-def _added(balance: InputBalance, term: Term, blocks: Blocks) -> InputBalance:
-    """Return the balance with one more term, its input on the clock of the motion."""
-    return without_skew(with_whole_delay(balance.joined(term)), blocks)
 
 
 def forward(start: InputBalance, look: Look) -> Way:
@@ -76,12 +54,11 @@ def forward(start: InputBalance, look: Look) -> Way:
     Where a law that filters the motion had to wait for a plain one though it took more, the
     other order is tried too, and taken if it leaves clearly less.
     """
-    way, contested = _one_way(start, look, plain_first=True)
+    way, contested = _one_way(start, look)
     if not contested:
         return way
-    other, _ = _one_way(start, look, plain_first=False)
-    squares = [float(np.sum(stages[-1].held_out(look.blocks) ** 2))
-               for stages, *_ in (way, other)]
+    other, _ = _one_way(start, replace(look, plain_first=False))
+    squares = [stages[-1].squares(look.blocks) for stages, *_ in (way, other)]
     sizes = [sum(c.trial.term.law.complexity for c in choices)
              for _, choices, *_ in (way, other)]
     clearly = squares[1] < CLEARLY_LESS * squares[0]
@@ -89,38 +66,34 @@ def forward(start: InputBalance, look: Look) -> Way:
     return other if clearly or as_well else way
 
 
-def _one_way(start: InputBalance, look: Look, *, plain_first: bool) -> tuple[Way, bool]:
+def _one_way(start: InputBalance, look: Look) -> tuple[Way, bool]:
     """Return what one order of the laws leads to, and whether it was contested."""
-    balance, stages = start, [start]
+    stages = [start]
     choices: list[LawChoice] = []
     trials: tuple[Trial, ...] = ()
     contested = False
     exchanges = 0
     while len(choices) < MAX_ADDED:
-        choice, trials = look.at(balance, plain_first)
+        choice, trials = choose(stages[-1], look)
         if choice is None:
-            better = _exchanged(start, choices, stages, look, plain_first) \
+            better = _exchanged(start, choices, stages, look) \
                 if exchanges < MAX_EXCHANGES else None
             if better is None:
                 break
             exchanges += 1
             choices, stages = better
-            balance = stages[-1]
             continue
         contested = contested or choice.contested
         for one in _one_by_one(choice):
             look.report(f"found {one.trial.name}")
-            balance = _added(balance, one.trial.term, look.blocks)
             choices.append(one)
-            stages.append(balance)
         choices, stages = _polished(start, choices, look.blocks)
-        balance = stages[-1]
     choices, stages, dropped = pruned(start, choices, look.blocks)
     choices, stages, more = _simplified(start, choices, stages, look)
     dropped += more
     lost = _not_there(stages[-1], len(start.terms), look.blocks)
     if lost:
-        return _one_way(start, replace(look, hidden=look.hidden | lost), plain_first=plain_first)
+        return _one_way(start, replace(look, hidden=look.hidden | lost))
     return (stages, choices, trials, dropped), contested
 
 
@@ -133,17 +106,16 @@ def _simplified(
     the difference.
     """
     dropped: list[Term] = []
-    first = len(start.terms)
     index = 0
     while index < len(choices) and len(choices) > 1:
         own = choices[index].trial.term
         rivals = [k for k, other in enumerate(choices) if k > index and other.trial.term.law.shape
                   and other.trial.term.law.against == own.law.against
                   and not other.trial.term.law.repeats]
-        now = float(np.sum(stages[-1].held_out(look.blocks) ** 2))
+        now = stages[-1].squares(look.blocks)
         better = None if any(own.law.name in c.trial.term.law.requires for c in choices) else next(
             (found for k in rivals if (found := _without(
-                start, choices, stages[-1], index, k, look, first, now)) is not None), None)
+                start, choices, stages[-1], index, k, look, now)) is not None), None)
         if better is None:
             index += 1
             continue
@@ -155,18 +127,18 @@ def _simplified(
 
 def _without(
     start: InputBalance, choices: list[LawChoice], end: InputBalance, index: int, rival: int,
-    look: Look, first: int, now: float,
+    look: Look, now: float,
 ) -> tuple[list[LawChoice], list[InputBalance]] | None:
     """Return the choices without one, another one placed anew; None where that leaves more."""
     term = choices[rival].trial.term
-    rest = end.without(max(first + index, first + rival)).without(
-        min(first + index, first + rival))
+    first = len(start.terms)
+    rest = end.without(first + rival).without(first + index)  # the rival is the later one
     placed = refined(rest, best_placed(rest, term.law))
     others = [replace(c, trial=replace(c.trial, term=placed)) if k == rival else c
               for k, c in enumerate(choices) if k != index]
     others, stages = _polished(start, others, look.blocks)
-    left = float(np.sum(stages[-1].held_out(look.blocks) ** 2))
-    return (others, stages) if left < now + least_loss(end, now) else None
+    most = now + least_loss(end, now)
+    return (others, stages) if stages[-1].squares(look.blocks) < most else None
 
 
 def _not_there(end: InputBalance, first: int, blocks: Blocks) -> frozenset[str]:
@@ -178,26 +150,26 @@ def _not_there(end: InputBalance, first: int, blocks: Blocks) -> frozenset[str]:
 
 
 def _exchanged(
-    start: InputBalance, choices: list[LawChoice], stages: list[InputBalance], look: Look,
-    plain_first: bool,
+    start: InputBalance, choices: list[LawChoice], stages: list[InputBalance], look: Look
 ) -> tuple[list[LawChoice], list[InputBalance]] | None:
     """Return the choices with one law in place of another that explains clearly more."""
     first = len(start.terms)
     if not 2 <= len(choices) <= MOST_TO_EXCHANGE:
         return None
-    before = float(np.sum(stages[-1].held_out(look.blocks) ** 2))
+    before = stages[-1].squares(look.blocks)
     for index, old in enumerate(choices):
         name = old.trial.term.law.name
         others = choices[:index] + choices[index + 1:]
         if any(name in other.trial.term.law.requires for other in others):
             continue
-        choice, _ = look.at(stages[-1].without(first + index), plain_first)
+        choice, _ = choose(stages[-1].without(first + index), look)
         if choice is None or choice.trial.term.law.name == name:
             continue
-        tried = rebuilt(start, [*others, *_one_by_one(choice)], look.blocks)
-        if float(np.sum(tried[-1].held_out(look.blocks) ** 2)) < CLEARLY_LESS * before:
+        others += _one_by_one(choice)
+        tried = rebuilt(start, others, look.blocks)
+        if tried[-1].squares(look.blocks) < CLEARLY_LESS * before:
             look.report(f"{choice.trial.name} in place of {name}")
-            return _polished(start, [*others, *_one_by_one(choice)], look.blocks)
+            return _polished(start, others, look.blocks)
     return None
 
 
@@ -283,11 +255,10 @@ def search(
 
     """
     smooth = [shape for shape in shapes if shape.order is None]
-    freest = freest_columns(start.columns, smooth)
     look = Look(blocks=blocks, hidden=frozenset(hidden), report=report, smooth=smooth,
-                freest=freest)
+                freest=freest_columns(start.columns, smooth))
     stages, choices, trials, dropped = forward(start, look)
-    left = _left(stages[-1], blocks, shapes, freest, report)
+    left = _left(stages[-1], look, shapes)
     unknown = main_shape(left)
     given_up: list[str] = []
     if unknown is not None:
@@ -298,20 +269,17 @@ def search(
             choices = [c for k, c in enumerate(choices) if first + k not in stand_ins]
             choices, stages, more = pruned(start, choices, blocks)
             dropped += more
-            left = _left(stages[-1], blocks, shapes, freest, report)
+            left = _left(stages[-1], look, shapes)
             unknown = main_shape(left) or unknown
     return Search(
         stages=tuple(stages), choices=tuple(choices), last_trials=trials, left=tuple(left),
         unknown=unknown, dropped=tuple(dropped), given_up=tuple(dict.fromkeys(given_up)))
 
 
-def _left(
-    end: InputBalance, blocks: Blocks, shapes: list[GenericShape], freest: np.ndarray,
-    report: Callable[[str], None],
-) -> list[Left]:
-    report("looking at what is left")
-    in_time = waves_in_time(end.design.trajectory, end.fit.residual, freest)
-    return portrait(end, blocks, [*shapes, *in_time])
+def _left(end: InputBalance, look: Look, shapes: list[GenericShape]) -> list[Left]:
+    look.report("looking at what is left")
+    in_time = waves_in_time(end.design.trajectory, end.fit.residual, look.freest)
+    return portrait(end, look.blocks, [*shapes, *in_time])
 
 
 def whiteness(balance: InputBalance) -> tuple[np.ndarray, np.ndarray, float]:

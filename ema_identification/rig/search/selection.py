@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ema_identification.rig.fit.balance import BASE_LAWS, InputBalance, rms
 from ema_identification.rig.fit.estimates import parameters
-from ema_identification.rig.fit.regression import Blocks, held_out
-from ema_identification.rig.fit.sign_flips import (
-    LEVEL_OF_CHANCE,
-    p_of_much,
-    screen_by_sign_flips,
-)
+from ema_identification.rig.fit.regression import Blocks
+from ema_identification.rig.fit.sign_flips import LEVEL_OF_CHANCE, p_of_much, screen_by_sign_flips
 from ema_identification.rig.laws import LAWS
 from ema_identification.rig.laws.base import LOCATED, Law, Term
 from ema_identification.rig.search.alternatives import (
@@ -120,42 +117,37 @@ PHASE = 1.0
 """Half the interval of the phase of a wave in position, at most (rad)."""
 MAX_TRIED = 12
 
-Reporter = Callable[[str], None]
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """What every look for a law has in common."""
+
+    blocks: Blocks
+    """What is held out together."""
+    hidden: frozenset[str]
+    """Names that may not be used."""
+    report: Callable[[str], None]
+    """Takes a line for the person who waits."""
+    smooth: list[GenericShape]
+    """A law that takes less than half of what such a shape takes against the same quantity is not
+    the law."""
+    freest: np.ndarray
+    """Regressors of the freest model, which say what a wave in time may be of the motion; shape
+    (rows, k)."""
+    plain_first: bool = True
+    """Whether laws that filter the motion wait for those that do not."""
 
 
-def choose(
-    balance: InputBalance, blocks: Blocks, hidden: Collection[str], report: Reporter,
-    shapes: Sequence[GenericShape], freest: np.ndarray, plain_first: bool,
-) -> tuple[LawChoice | None, tuple[Trial, ...]]:
-    """Return the law that a balance lacks, None where none is worth naming; and all trials.
-
-    Parameters
-    ----------
-    balance : InputBalance
-        The model so far.
-    blocks : Blocks
-        What is held out together.
-    hidden : collection of str
-        Names that may not be used.
-    report : callable
-        Takes a line for the person who waits.
-    shapes : sequence of GenericShape
-        Smooth shapes; a law that takes less than half of what such a shape takes against the
-        same quantity is not the law.
-    freest : ndarray, shape (rows, k)
-        Regressors of the freest model, which say what a wave in time may be of the motion.
-    plain_first : bool
-        Whether laws that filter the motion wait for those that do not.
-
-    """
-    peaks = waves_in_time(balance.design.trajectory, balance.fit.residual, freest)
+def choose(balance: InputBalance, look: Look) -> tuple[LawChoice | None, tuple[Trial, ...]]:
+    """Return the law that a balance lacks, None where none is worth naming; and all trials."""
+    blocks = look.blocks
+    peaks = waves_in_time(balance.design.trajectory, balance.fit.residual, look.freest)
     looks = max((peak.looks for peak in peaks), default=1)
-    candidates = candidate_terms(
-        balance, hidden, [peak.order for peak in peaks
-                          if peak.order is not None and not peak.of_motion])
+    candidates = candidate_terms(balance, look.hidden, [
+        peak.order for peak in peaks if peak.order is not None and not peak.of_motion])
     if not candidates:
         return None, ()
-    report(f"screening {len(candidates)} regressors")
+    look.report(f"screening {len(candidates)} regressors")
     columns = [np.concatenate([balance.columns_of(term) for term in terms], axis=1)
                for _, terms in candidates]
     found = screen_by_sign_flips(columns, balance.free_columns, balance.fit.residual, blocks)
@@ -197,28 +189,24 @@ def choose(
     trials.sort(key=lambda trial: -trial.gain)
     good = [trial for trial in trials if trial.significant]
     if good:
-        most = _taken_by_shapes(balance, blocks, shapes, float(squares.sum()))
+        most = _taken_by_shapes(balance, look, float(squares.sum()))
         good = [trial for trial in good
                 if trial.gain >= OUTDONE * most.get(trial.term.law.against, 0.0)]
     if not good:
         return None, tuple(trials)
-    chosen = _simplest(good, {term.law.name for term in balance.terms}, plain_first)
+    chosen = _simplest(good, {term.law.name for term in balance.terms}, look.plain_first)
     return LawChoice(
         trial=chosen, equivalent=equivalents(balance, blocks, chosen, good, squares),
         trials=tuple(trials), contested=good[0].term.law.dynamic and not chosen.term.law.dynamic,
     ), tuple(trials)
 
 
-def _taken_by_shapes(
-    balance: InputBalance, blocks: Blocks, shapes: Sequence[GenericShape], squares: float
-) -> dict[str, float]:
+def _taken_by_shapes(balance: InputBalance, look: Look, squares: float) -> dict[str, float]:
     """Return the share of the held-out squares that smooth shapes take, by what they follow."""
     most: dict[str, float] = {}
-    for shape in shapes:
-        if shape.order is None and shape.label in PLAIN_SHAPES:
-            after = held_out(np.column_stack([balance.free_columns, shape.columns]),
-                             balance.target, blocks)
-            gain = 1.0 - float(after @ after) / squares
+    for shape in look.smooth:
+        if shape.label in PLAIN_SHAPES:
+            gain = 1.0 - balance.squares_beside(shape.columns, look.blocks) / squares
             most[shape.against] = max(gain, most.get(shape.against, 0.0))
     return most
 
@@ -315,14 +303,14 @@ def prune(balance: InputBalance, blocks: Blocks, protected: int) -> list[Term]:
     """
     dropped: list[Term] = []
     while len(balance.terms) > protected:
-        squares = float(np.sum(balance.held_out(blocks) ** 2))
+        squares = balance.squares(blocks)
         worst, least = None, least_loss(balance, squares)
         for index in range(protected, len(balance.terms)):
             if any(balance.terms[index].law.name in other.law.requires
                    for other in balance.terms):
                 continue
             smaller = balance.without(index)
-            loss = float(np.sum(smaller.held_out(blocks) ** 2)) - squares
+            loss = smaller.squares(blocks) - squares
             if loss < least:
                 worst, least = index, loss
         if worst is None:

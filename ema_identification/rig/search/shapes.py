@@ -6,7 +6,6 @@ wave in position or time. They say where something is left, and what it looks li
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from ema_identification.rig.fit.balance import Design
 from ema_identification.rig.fit.regression import autocorrelation
 from ema_identification.rig.laws.base import Term
 from ema_identification.rig.laws.static import COGGING_TORQUE, orders
-from ema_identification.rig.signals.trajectory import Segment, Trajectory
+from ema_identification.rig.signals.trajectory import Column, Segment, Trajectory
 
 KNOTS = 9
 PLACES = 21
@@ -37,7 +36,7 @@ class GenericShape:
     """Regressors of one smooth dependence, already filtered and gated, shape (rows, k)."""
 
     against: str
-    """``speed``, ``position``, ``load``, ``frequency``, ``test phase``, ``rotor angle``."""
+    """``speed``, ``position``, ``load``, ``frequency``, ``test phase``."""
     label: str
     """For people: ``speed and direction``."""
     columns: np.ndarray
@@ -65,56 +64,40 @@ def smooth_shapes(trajectory: Trajectory) -> list[GenericShape]:
     load_knots = np.unique(np.quantile(trajectory.acceleration, np.linspace(0.002, 0.998, 7)))
     time_knots = np.linspace(trajectory.time.min(), trajectory.time.max(), 6)
 
-    def by_direction(values: Callable[[Segment], np.ndarray], knots: np.ndarray) -> list[Column]:
-        def column(segment: Segment, k: int, forward: bool) -> np.ndarray:
-            moving = (segment.smooth_speed > 0.0) == forward
-            hat: np.ndarray = np.interp(values(segment), knots, np.eye(len(knots))[k]) * moving
-            return hat
+    def by_direction(segment: Segment) -> np.ndarray:
+        speed = segment.smooth_speed
+        hats, forward = _hats(np.abs(speed), speed_knots), speed > 0.0
+        return np.hstack([hats * forward[:, None], hats * ~forward[:, None]])
 
-        return [lambda s, k=k, f=f: column(s, k, f)  # type: ignore[misc]
-                for f in (True, False) for k in range(len(knots))]
+    def signed(hats: np.ndarray, segment: Segment) -> np.ndarray:
+        return hats * np.sign(segment.smooth_speed)[:, None]
 
-    def plain(values: Callable[[Segment], np.ndarray], knots: np.ndarray) -> list[Column]:
-        def column(segment: Segment, k: int) -> np.ndarray:
-            hat: np.ndarray = np.interp(values(segment), knots, np.eye(len(knots))[k])
-            return hat
-
-        return [lambda s, k=k: column(s, k) for k in range(len(knots))]  # type: ignore[misc]
-
-    def times_sign(columns: list[Column]) -> list[Column]:
-        return [lambda s, c=c: c(s) * np.sign(s.smooth_speed)  # type: ignore[misc]
-                for c in columns]
-
-    def position(segment: Segment) -> np.ndarray:
-        return segment.position
-
-    def load(segment: Segment) -> np.ndarray:
-        return trajectory.smoothed(segment, segment.acceleration)
-
-    sides: dict[str, tuple[int, ...]] = {"speed": (len(speed_knots), len(speed_knots))}
-    sets: list[tuple[str, str, list[Column]]] = [
-        ("speed", "speed and direction",
-         by_direction(lambda s: np.abs(s.smooth_speed), speed_knots)),
-        ("position", "position", plain(position, place_knots)),
+    sets: list[tuple[str, str, Column]] = [
+        ("speed", "speed and direction", by_direction),
+        ("position", "position", lambda s: _hats(s.position, place_knots)),
         ("position", "position, with the sign of the speed",
-         times_sign(plain(position, place_knots))),
-        ("load", "acceleration, with the sign of the speed", times_sign(plain(load, load_knots))),
-        ("test phase", "time", plain(lambda s: s.time, time_knots)),
+         lambda s: signed(_hats(s.position, place_knots), s)),
+        ("load", "acceleration, with the sign of the speed",
+         lambda s: signed(_hats(trajectory.smoothed(s, s.acceleration), load_knots), s)),
+        ("test phase", "time", lambda s: _hats(s.time, time_knots)),
     ]
     if trajectory.axis.motion == "rotary" and trajectory.turns > 1.2:
         angles = np.linspace(0.0, 2 * np.pi, 13)
         sets.append(("position", "angle within a turn",
-                     plain(lambda s: np.mod(s.position, 2 * np.pi), angles)))
-    shapes = [GenericShape(against=against, label=label, rank=1 + rank,
-                           groups=sides.get(against, (len(columns),)),
-                           columns=_filtered(trajectory, columns))
-              for rank, (against, label, columns) in enumerate(sets)]
+                     lambda s: _hats(np.mod(s.position, 2 * np.pi), angles)))
+    shapes = []
+    for rank, (against, label, column) in enumerate(sets):
+        columns = trajectory.reduce(column)
+        sides = 2 if against == "speed" else 1
+        shapes.append(GenericShape(
+            against=against, label=label, rank=1 + rank, columns=columns,
+            groups=(columns.shape[1] // sides,) * sides))
     return [_with_plain_speed(trajectory, shapes[0], speed_knots), *shapes[1:]]
 
 
-def _filtered(trajectory: Trajectory, columns: list[Column]) -> np.ndarray:
-    """Return all columns at once, which is quicker than one by one, shape (rows, k)."""
-    return trajectory.reduce(lambda s: np.column_stack([column(s) for column in columns]))
+def _hats(values: np.ndarray, knots: np.ndarray) -> np.ndarray:
+    """Return the hat functions of the knots at the values, shape (n, knots)."""
+    return np.column_stack([np.interp(values, knots, hat) for hat in np.eye(len(knots))])
 
 
 def _with_plain_speed(
@@ -130,17 +113,12 @@ def _with_plain_speed(
     return replace(shape, columns=shape.columns + np.outer(line, values / (values @ values)))
 
 
-Column = Callable[[Segment], np.ndarray]
-
-
 def waves_in_position(design: Design) -> list[GenericShape]:
     """Return one shape for each order that the record can show."""
-    design.evaluate([Term(law=COGGING_TORQUE, shape=shape) for shape in orders(design.trajectory)])
-    return [
-        GenericShape(against="position", label="a wave in position", order=shape[0],
-                     columns=design.columns(Term(law=COGGING_TORQUE, shape=shape)))
-        for shape in orders(design.trajectory)
-    ]
+    terms = [Term(law=COGGING_TORQUE, shape=shape) for shape in orders(design.trajectory)]
+    design.evaluate(terms)
+    return [GenericShape(against="position", label="a wave in position", order=term.shape[0],
+                         columns=design.columns(term)) for term in terms]
 
 
 def waves_in_time(

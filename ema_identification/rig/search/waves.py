@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ema_identification.rig.fit.balance import InputBalance
-from ema_identification.rig.fit.sign_flips import orthonormal
+from ema_identification.rig.fit.sign_flips import orthonormal, squares_taken
 from ema_identification.rig.laws.base import Term
 from ema_identification.rig.laws.static import LEAST_PERIODS, wave
 
@@ -62,15 +62,10 @@ def _slower_does_better(balance: InputBalance, index: int) -> bool:
     span = balance.span(index)
     others = orthonormal(np.delete(balance.columns, range(span.start, span.stop), axis=1))
     target = trajectory.target - others @ (others.T @ trajectory.target)
-
-    def taken(columns: np.ndarray) -> float:
-        own = orthonormal(columns - others @ (others.T @ columns))
-        return float(np.sum((own.T @ target) ** 2))
-
     slow = [Term(law=balance.terms[index].law, shape=(float(n) / trajectory.turns,))
             for n in np.arange(1.0, LEAST_PERIODS, 0.25)]
-    most = max(taken(balance.design.columns(term)) for term in slow)
-    return most > taken(balance.columns[:, span])
+    most = max(squares_taken(balance.design.columns(term), others, target) for term in slow)
+    return most > squares_taken(balance.columns[:, span], others, target)
 
 
 def _at_several_speeds(phase: np.ndarray, speed: np.ndarray) -> bool:

@@ -37,8 +37,8 @@ def cleaned(record: RigRecord, notes: list[str]) -> RigRecord:
     kept = [record.axis.input_channel.name, POSITION, SPEED]
     places = [k for k, channel in enumerate(record.channels) if channel.name in kept]
     steps = np.diff(record.time)
-    near = np.r_[False, steps <= GAP * np.median(steps)] & np.r_[
-        steps <= GAP * np.median(steps), False]
+    whole = steps <= GAP * np.median(steps)
+    near = np.r_[False, whole] & np.r_[whole, False]
     for k in places:
         spikes = spikes_of(samples[:, k])
         spikes = spikes[near[spikes]]
@@ -69,8 +69,6 @@ def cleaned(record: RigRecord, notes: list[str]) -> RigRecord:
 
 def spikes_of(values: np.ndarray) -> np.ndarray:
     """Return the samples that stand alone, shape (k,); a step is none, as it does not return."""
-    if len(values) < 10:
-        return np.empty(0, dtype=np.int64)
     bend = values[1:-1] - 0.5 * (values[2:] + values[:-2])
     low, high = np.quantile(values, [0.01, 0.99])
     usual = 1.4826 * float(np.median(np.abs(bend)))
@@ -88,10 +86,8 @@ def held_for(values: np.ndarray) -> tuple[int, int]:
     Held ones change at every m-th sample only, whatever the motion. A command of a few levels that
     keeps a clock is no held one: it is what it says in between too.
     """
-    if len(np.unique(values)) < LEVELS:
-        return 1, 0
     changes = np.nonzero(np.diff(values))[0] + 1
-    if len(changes) < LEAST_CHANGES or len(changes) > 0.55 * len(values):
+    if len(np.unique(values)) < LEVELS or not LEAST_CHANGES <= len(changes) <= 0.55 * len(values):
         return 1, 0
     for m in range(MOST_HELD, 1, -1):
         phases = np.bincount(changes % m, minlength=m)

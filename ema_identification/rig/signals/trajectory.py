@@ -79,14 +79,14 @@ class Trajectory:
     """Cut-off of the filter (Hz)."""
     standstill: float
     """Speeds below it count as standstill (m/s or rad/s)."""
-    interval: float = 0.0
+    interval: float
     """Between samples as they were recorded (s)."""
-    gate: float = 0.0
+    gate: float
     """Rows so near to a reversal are left out, in periods of the band."""
-    decimation: int | None = None
+    decimation: int | None
     """Given: the filter of `scipy.signal.decimate` by this factor in place of our own."""
-    has_disturbance: bool = False
-    notes: tuple[str, ...] = field(default=())
+    has_disturbance: bool
+    notes: tuple[str, ...]
 
     def smoothed(self, segment: Segment, values: np.ndarray) -> np.ndarray:
         """Return `values` within the band, without delay, at the full rate."""
@@ -220,10 +220,15 @@ class Trajectory:
         return resting / total
 
     @property
+    def travel(self) -> tuple[float, float]:
+        """Smallest and largest position (m or rad)."""
+        return (min(float(s.position.min()) for s in self.segments),
+                max(float(s.position.max()) for s in self.segments))
+
+    @property
     def turns(self) -> float:
         """Travel between the extreme positions, in turns of a rotary axis or in m."""
-        low = min(float(s.position.min()) for s in self.segments)
-        high = max(float(s.position.max()) for s in self.segments)
+        low, high = self.travel
         return (high - low) / (2 * np.pi if self.axis.motion == "rotary" else 1.0)
 
 

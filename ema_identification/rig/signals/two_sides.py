@@ -73,9 +73,7 @@ def lost_and_wound(pieces: Sequence[dict[str, np.ndarray]], band: float) -> \
     return first, second
 
 
-def between_the_sides(
-    pieces: Sequence[dict[str, np.ndarray]], band: float, unit: str
-) -> str:
+def between_the_sides(pieces: Sequence[dict[str, np.ndarray]], band: float, unit: str) -> str:
     """Return what lies between the two sides in words; `unit` is that of the positions."""
     found = lost_and_wound(pieces, band)
     if isinstance(found, str):

@@ -116,8 +116,9 @@ def test_intervals_hold_with_coloured_noise():
     assert 0.84 <= hits / 300 <= 0.95
 
 
-def test_sign_flips_reject_by_chance_as_often_as_they_say():
+def test_sign_flips_reject_by_chance_as_often_as_they_say(monkeypatch):
     """5 % of 400 draws with coloured noise and 30 candidates, a constant among them."""
+    monkeypatch.setattr("ema_identification.rig.fit.sign_flips.FLIPS", 199)
     rng = np.random.default_rng(7)
     blocks, small = even_blocks(600, 30), 0
     t = np.arange(600)
@@ -125,7 +126,7 @@ def test_sign_flips_reject_by_chance_as_often_as_they_say():
         np.column_stack([np.cos(0.07 * k * t), np.sin(0.07 * k * t)]) for k in range(1, 30)]
     for _ in range(400):
         noise = np.convolve(rng.standard_normal(604), np.ones(5), mode="valid")
-        found = screen_by_sign_flips(candidates, np.empty((600, 0)), noise, blocks, flips=199)
+        found = screen_by_sign_flips(candidates, np.empty((600, 0)), noise, blocks)
         small += found.family_p_value.min() <= 0.05
     assert 0.02 <= small / 400 <= 0.09
 

@@ -13,8 +13,8 @@ from ema_identification.rig.laws import LAWS
 from ema_identification.rig.laws.base import Term
 from ema_identification.rig.prepare import prepare
 from ema_identification.rig.search.remainder import main_shape, mimics, portrait
-from ema_identification.rig.search.search import Look, forward
-from ema_identification.rig.search.selection import located, prune
+from ema_identification.rig.search.search import forward
+from ema_identification.rig.search.selection import Look, located, prune
 from ema_identification.rig.search.shapes import (
     freest_columns,
     smooth_shapes,
