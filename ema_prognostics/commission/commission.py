@@ -55,8 +55,12 @@ from ema_prognostics.training.fleet import (
 )
 from ema_prognostics.training.rates import rate
 from ema_prognostics.training.strangers import draw_stranger
-from ema_prognostics.training.train_model import VALIDATION_SEED, TrainingSettings
-from ema_prognostics.training.training_jobs import VIEWS, TrainingFleets
+from ema_prognostics.training.train_model import (
+    VALIDATION_SEED,
+    VIEWS,
+    TrainingFleets,
+    TrainingSettings,
+)
 from ema_prognostics.training.view_training import sound_rows, stricter, train_view
 from ema_record.actuator import FORMERLY, Actuator, load_actuator
 from ema_record.actuator_type import actuator_hash, actuator_hashes
