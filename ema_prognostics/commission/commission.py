@@ -51,7 +51,7 @@ from ema_prognostics.training.fleet import (
     DrawType,
     FleetFeatures,
     draw_of_mix,
-    simulate_fleet,
+    simulate_fleets,
 )
 from ema_prognostics.training.rates import rate
 from ema_prognostics.training.strangers import draw_stranger
@@ -279,17 +279,15 @@ class _Work:
             f"\n{FORMERLY}: {json.dumps(list(former))}  # of the records taken with it\n")
         file.write_text(text, encoding="utf-8")
 
-    def _simulated(self, what: str, begin: float, end: float) -> Callable[[int, int], None]:
-        return lambda k, n: self._progress(f"{what}, {k} of {n} units",
-                                           begin + (end - begin) * k / n)
-
     def _fleet(self, actuator: Actuator, what: str, units: int, seed: int, *, begin: float,
                end: float, healthy: bool = False, draw: DrawFault = draw_of_mix,
                draw_type: DrawType | None = None) -> FleetFeatures:
-        return simulate_fleet(
-            self._acceptance.kind, units, seed, healthy=healthy, draw=draw, draw_type=draw_type,
+        kind = self._acceptance.kind
+        return simulate_fleets(
+            (kind,), units, seed, healthy=healthy, draw=draw, draw_type=draw_type,
             jobs=self._jobs, folder=self._folder, model=Model(actuator, Effects()),
-            progress=self._simulated(what, begin, end))
+            progress=lambda k, n: self._progress(
+                f"{what}, {k} of {n} units", begin + (end - begin) * k / n))[kind]
 
     def _fleets(self, calibration: Calibration, what: str, units: Sequence[int], seed: int,
                 begin: float, end: float) -> TrainingFleets:
