@@ -43,9 +43,10 @@ from ema_prognostics.commission.quality import (
     largest,
     too_many_alarms,
 )
-from ema_prognostics.commission.report import write_report
+from ema_prognostics.commission.report import report_page
 from ema_prognostics.features.vector import steady
 from ema_prognostics.training.evaluation import evaluated
+from ema_prognostics.training.faults import draw_stranger
 from ema_prognostics.training.fleet import (
     DrawFault,
     DrawType,
@@ -54,7 +55,6 @@ from ema_prognostics.training.fleet import (
     simulate_fleets,
 )
 from ema_prognostics.training.rates import rate
-from ema_prognostics.training.strangers import draw_stranger
 from ema_prognostics.training.train_model import (
     VALIDATION_SEED,
     VIEWS,
@@ -257,7 +257,7 @@ class _Work:
         save_model(model_file, self._draft / CASCADE)
         found["cascade_sha256"] = model_file.sha256
         (self._draft / VALIDATION).write_text(json.dumps(found, indent=1), encoding="utf-8")
-        write_report(found, self._draft / REPORT)
+        (self._draft / REPORT).write_text(report_page(found), encoding="utf-8")
         return found
 
     def _make_library(self) -> bool:

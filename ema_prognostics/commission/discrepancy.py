@@ -91,7 +91,6 @@ def widened(view: ViewPart, factor: float, strangers: float) -> ViewPart:
     def wide(part: LimitPart) -> LimitPart:
         return part.model_copy(update={
             "limit": rounded(factor * np.array(part.limit)), "distance": factor * part.distance,
-            "tail": part.tail,
             "groups": {name: g.model_copy(update={"distance": factor * g.distance})
                        for name, g in part.groups.items()},
         })

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from ema_prognostics.cascade.classes import FAULTS
@@ -108,11 +107,6 @@ unexplained, in healthy deviations: {{ left|join("; ") }}. This discrepancy is
 subtracted, and its uncertainty is part of the training. {{ library }}</p>
 </body></html>
 """
-
-
-def write_report(validation: dict[str, Any], path: Path) -> None:
-    """Write the page of what `validation.json` holds."""
-    path.write_text(report_page(validation), encoding="utf-8")
 
 
 def report_page(validation: dict[str, Any]) -> str:

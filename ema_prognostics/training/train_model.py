@@ -16,13 +16,13 @@ from ema_prognostics.features.profile_kind import ProfileKind
 from ema_prognostics.paper.cascade import PaperCascade
 from ema_prognostics.paper.experiment import PaperSettings, run_experiment
 from ema_prognostics.training.evaluation import evaluated
+from ema_prognostics.training.faults import draw_stranger
 from ema_prognostics.training.fleet import (
     DrawFault,
     FleetFeatures,
     draw_of_mix,
     simulate_fleets,
 )
-from ema_prognostics.training.strangers import draw_stranger
 from ema_prognostics.training.view_training import train_view
 from ema_record.actuator import RELAY, TRAPEZOID, load_actuator
 from ema_record.actuator_type import actuator_hash
