@@ -31,7 +31,7 @@ from ema_prognostics.cascade.classes import (
 from ema_prognostics.cascade.guard_groups import group_columns
 from ema_prognostics.cascade.inputs import SURFACE, input_names
 from ema_prognostics.cascade.lines import DERIVED, NO_CONSTANTS
-from ema_prognostics.cascade.model_body import GuardPart, LimitPart, StrangersPart, ViewPart
+from ema_prognostics.cascade.model_body import LimitPart, StrangersPart, ViewPart
 from ema_prognostics.features.vector import ABSOLUTE, SWINGS
 from ema_prognostics.networks.network import Network
 
@@ -247,21 +247,21 @@ def limits_of(part: LimitPart, checked: list[str]) -> Limits:
     """Return the limits of a kind of record for the `checked` features."""
     groups = tuple(
         GroupLimit(columns, np.array(part.groups[name].whitening), part.groups[name].distance)
-        for name, columns in group_columns(checked).items())
+        for name, columns in group_columns(tuple(checked)).items())
     return Limits(np.array(part.limit), np.array(part.whitening), part.distance,
                   np.array(part.tail), groups)
 
 
-def build_guard(view: ViewPart, data: GuardPart) -> Guard:
+def build_guard(view: ViewPart) -> Guard:
     """Return the guard of a view."""
-    names = input_names(view.names)
+    names, data = input_names(view.names), view.guard
     return Guard(
         drivers=np.array([names.index(n) for n in data.drivers]),
         checked=np.array([names.index(n) for n in data.checked]),
         signed=signed(data.checked), mean=data.mean.build(), scale=data.scale.build(),
         limits=tuple(limits_of(data.limits[k], data.checked)  # type: ignore[index]
                      for k in KINDS_FOUND),
-        groups=tuple(group_columns(data.checked)),
+        groups=tuple(group_columns(tuple(data.checked))),
         measured=np.array([names.index(n) for n in data.seen], dtype=int),
         seen=np.array(list(data.seen.values())).reshape(-1, 2),
     )

@@ -269,7 +269,8 @@ class GuardPart(Part):
             raise ValueError("limits of the guard are missing")
         if any(len(part.limit) != len(self.checked) for part in self.limits.values()):
             raise ValueError("one limit a checked feature is needed")
-        sizes = {name: len(columns) for name, columns in group_columns(self.checked).items()}
+        sizes = {name: len(columns)
+                 for name, columns in group_columns(tuple(self.checked)).items()}
         for part in self.limits.values():
             found = {name: [len(row) for row in g.whitening] for name, g in part.groups.items()}
             if found != {name: [n] * n for name, n in sizes.items()}:
@@ -312,7 +313,7 @@ class ViewPart(Part):
     severity: dict[str, SeverityPart]
     doubt: Annotated[float, Field(ge=0.0, le=1.0)]
     """Least probability of healthy at which a record without a fault is called healthy."""
-    guard: GuardPart | None
+    guard: GuardPart
     strangers: StrangersPart | None = None
     """What else befalls actuators; None: only the guard tells it."""
 
@@ -328,8 +329,7 @@ class ViewPart(Part):
         if self.strangers is not None and any(
                 len(row) != d for one in self.strangers.filters.values() for row in one.weights):
             raise ValueError("a filter of the strangers does not fit the inputs")
-        if self.guard is not None and not {*self.guard.drivers, *self.guard.checked} <= {
-                *input_names(self.names)}:
+        if not {*self.guard.drivers, *self.guard.checked} <= {*input_names(self.names)}:
             raise ValueError("the guard names inputs that the view does not have")
         return self
 

@@ -82,11 +82,9 @@ def widened(view: ViewPart, factor: float, strangers: float) -> ViewPart:
 
     Parameters
     ----------
-    view : with a guard.
     factor : by which the guard's limits grow.
     strangers : the same of the filters for strangers.
     """
-    assert view.guard is not None
 
     def wide(part: LimitPart) -> LimitPart:
         return part.model_copy(update={

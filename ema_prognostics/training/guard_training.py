@@ -82,7 +82,7 @@ def _groups(known: np.ndarray, z: np.ndarray, checked: list[str], margin: float
             ) -> dict[str, GroupPart]:
     """Return the limits of the groups: scatter of `known` residuals, distance of those in `z`."""
     found = {}
-    for name, columns in group_columns(checked).items():
+    for name, columns in group_columns(tuple(checked)).items():
         whitening = _whitening(squeeze(known[:, columns], GROUP_SQUEEZE))
         squeezed = squeeze(z[:, columns], GROUP_SQUEEZE)
         length = np.linalg.norm(squeezed @ whitening.T, axis=1)
