@@ -103,7 +103,7 @@ def _winding(signals: Signals, plan: TestPlan) -> dict[str, float]:
             found[f"rise_{name}"], found[f"rise_spread_{name}"] = rise(signals, begin, end)
     if kind == RELAY:  # the only drive whose leg voltages a record tells
         found |= winding(signals, plan.slow_from)
-    return found | control_loop(signals, (plan.full_speed,))
+    return found | control_loop(signals, *plan.full_speed)
 
 
 def _sag(record: Record, actuator: Actuator) -> float:
@@ -135,12 +135,10 @@ def extract(
     signals = prepare(record, actuator)
     plan = test_plan(record.profile, signals.actuator)
     slews = plan.segments
-    wide = kind == "extended"
     balances = {
-        name: torque_balance(signals, *segment, high=True) for name, segment in slews.items()
-    }
+        name: torque_balance(signals, *segment) for name, segment in slews.items()}
     found: dict[str, float] = {}
-    if wide:
+    if kind == "extended":
         slow = _slow(signals, plan)
         ramps = [window for window in (plan.ramp, plan.ramp_back) if window is not None]
         dry, balances = dry_friction(signals, balances, ramps, exp(slow["torque_ramp"]))

@@ -6,7 +6,6 @@ next level (`growth`, `forecast`); what grows below what a flight can announce (
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
@@ -216,17 +215,10 @@ def _ahead(
     if history.fault_class in limits:
         levels[LIMIT] = limits[history.fault_class]
     for name, severity in sorted(levels.items(), key=lambda item: item[1]):
-        coming = forecast(view, severity)
-        if coming is None:
-            continue
-        lower, median, upper = (
-            None if t is None else now + math.ceil(t)
-            for t in (coming.lower, coming.median, coming.upper)
-        )
-        assert lower is not None
-        found.append(LevelForecast(
-            level=name, severity=severity, flight=median, interval=(lower, upper),
-        ))
+        if (coming := forecast(view, severity)) is not None:
+            flight, interval = coming.after(now)
+            found.append(LevelForecast(
+                level=name, severity=severity, flight=flight, interval=interval))
     return tuple(found)
 
 
