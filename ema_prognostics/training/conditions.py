@@ -219,8 +219,8 @@ def actuator_of(nominal: Actuator, unit: Unit, conditions: RunConditions) -> Act
         acquisition=acquisition._replace(
             command_latency=acquisition.command_latency + unit.latency[0],
             reference_latency=acquisition.reference_latency + unit.latency[1],
-            sampling=_other(acquisition.sampling) if recorder.kind == "sampled"
-            else acquisition.sampling,
+            sampling=acquisition.sampling if recorder.kind != "sampled"
+            else MEAN if acquisition.sampling == INSTANT else INSTANT,
         ),
     )
 
@@ -228,10 +228,6 @@ def actuator_of(nominal: Actuator, unit: Unit, conditions: RunConditions) -> Act
 def _over(static: float, dynamic: float) -> float:
     """Return static over dynamic friction, 1 of an actuator without."""
     return static / dynamic if dynamic > 0.0 else 1.0
-
-
-def _other(sampling: int) -> int:
-    return MEAN if sampling == INSTANT else INSTANT
 
 
 def _converters(declared: Converters, recorder: Recorder) -> Converters:

@@ -27,12 +27,11 @@ from ema_prognostics.trend.evidence import suspicion
 from ema_prognostics.trend.flights import Flight
 from ema_prognostics.trend.forecast import Outlook, forecast, outlook
 from ema_prognostics.trend.growth import Growth, growth
+from ema_prognostics.verdict.verdict import plain
 from ema_prognostics.words import class_name
 from ema_record.errors import library
 from ema_record.record import html_of, iso_time
 
-DIGITS = 6
-"""Significant digits of a number in the JSON object."""
 NAMES = ("medium", "large")
 """Levels that lie ahead of a small fault, in their order."""
 LIMIT = "limit"
@@ -237,11 +236,7 @@ def _suspected(flights: Sequence[Flight], faults: Sequence[FaultTrend]) -> dict[
 
 def _growth_dict(found: Growth) -> dict[str, Any]:
     return {
-        "flights": found.count, "growing": found.growing, "rate": _rounded(found.rate),
-        "rate_interval": [_rounded(v) for v in found.rate_interval],
-        "p_value": _rounded(found.p_value), "severity": _rounded(found.severity),
+        "flights": found.count, "growing": found.growing, "rate": plain(found.rate),
+        "rate_interval": plain(found.rate_interval), "p_value": plain(found.p_value),
+        "severity": plain(found.severity),
     }
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.{DIGITS}g}")

@@ -63,7 +63,7 @@ def verdict_of_guard(
         return None
     found = guard_evidence(cascade, detection)
     first = found[0].feature
-    reasons = [UNLIKE[cause], *words_of(found), f"next: {next_step(first, ENGLISH)}"]
+    reasons = [UNLIKE[cause], *words_of(found), f"next: {next_step(first)}"]
     return unknown_verdict(*reasons, cause=cause, evidence=found)
 
 
