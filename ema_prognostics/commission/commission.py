@@ -13,7 +13,7 @@ import os
 import re
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -92,26 +92,12 @@ MakeLibrary = Callable[[Sequence[Record], Path, Progress], bool]
 kit's library, or leaves that to its first use; returns which. Goes on where it was."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Commissioning:
-    """A kit that was made, and what it is worth.
-
-    Attributes
-    ----------
-    kit : its folder.
-    validation : what `validation.json` holds.
-    """
-
-    kit: Path
-    validation: dict[str, Any]
-
-
 def commission(
     paths: Sequence[str | Path], description: str | Path, out: str | Path, *, quick: bool = False,
     seed: int = 1, jobs: int = -1, progress: Progress = lambda _what, _part: None,
     library: MakeLibrary | None = None,
-) -> Commissioning:
-    """Make a kit.
+) -> dict[str, Any]:
+    """Make a kit; return what its `validation.json` holds.
 
     Parameters
     ----------
@@ -153,7 +139,7 @@ def commission(
         draft.rename(target)
     except OSError as error:
         raise OutputError(f"{target}: {error.strerror or error}: the kit is {draft}") from None
-    return Commissioning(kit=target, validation=found)
+    return found
 
 
 def make_draft(description: Path, draft: Path) -> None:

@@ -7,7 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from ema_prognostics.cascade.classes import CLASS_OF, FAULTS, OUTPUTS, SHORTS, UNITS
+from ema_prognostics.cascade.classes import (
+    CLASS_OF,
+    FAULTS,
+    OUTPUTS,
+    SEVERITY_OF,
+    SHORTS,
+    UNITS,
+)
 from ema_prognostics.cascade.find import Cascade, Detection
 from ema_prognostics.cascade.guard import BESIDE_OWN
 from ema_prognostics.cascade.model_body import View, ViewPart
@@ -128,9 +135,7 @@ def _severities(
         column = next(c for c in columns if campaign.severity[k, c] > 0.0)
         truth = float(campaign.severity[k, column])
         for output, s in zip(detections[k].outputs, detections[k].severity):
-            same = output == OUTPUTS[column] or (
-                output in SHORTS and OUTPUTS[column] in SHORTS)
-            if same:
+            if SEVERITY_OF[output] == SEVERITY_OF[OUTPUTS[column]]:
                 inside.append(s.lower <= truth <= s.upper)
                 error.append(abs(s.value - truth) / truth)
     return inside, error

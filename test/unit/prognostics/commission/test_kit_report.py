@@ -166,9 +166,8 @@ def test_the_library_is_made_unless_it_is_quick(
     built: list[Any] = []
     monkeypatch.setattr(library_build, "fleet_library", lambda *_, **more: built.append(more))
 
-    def fake(paths: Any, description: Any, out: Path, *, library: Any, **_: Any) -> Any:
-        told = library([record_of("step", seed=3)], folder, lambda *_: None)
-        return commissioning.Commissioning(kit=out, validation=validation(library=told))
+    def fake(*_: Any, library: Any, **__: Any) -> Any:
+        return validation(library=library([record_of("step", seed=3)], folder, lambda *_: None))
 
     monkeypatch.setattr(commissioning, "commission", fake)
     assert run(["commission", str(bag), "--actuator", str(kit_path(ACTUATOR)), "--out",
