@@ -80,17 +80,13 @@ class NetworkPart(Part):
     @classmethod
     def of(cls, network: Network) -> NetworkPart:
         """Return a network as data."""
-        values = {n: getattr(network, n) for n in cls.model_fields if n != "output_law"}
+        values = {n: getattr(network, n) for n in cls.model_fields}
         return cls.model_validate({
-            **{n: rounded(np.asarray(v)) for n, v in values.items()},
-            "output_law": network.output_law,
-        })
+            n: v if n == "output_law" else rounded(v) for n, v in values.items()})
 
     def build(self) -> Network:
         """Return the network as arrays."""
-        values = {n: np.array(getattr(self, n)) for n in type(self).model_fields
-                  if n != "output_law"}
-        return Network(**values, output_law=self.output_law)
+        return Network(**{n: v if n == "output_law" else np.array(v) for n, v in self})
 
     def check_size(self, inputs: int, outputs: int) -> None:
         """Raise ValueError unless the network has that many inputs and outputs."""
