@@ -118,6 +118,11 @@ def squeeze(z: np.ndarray, bound: float = SQUEEZE) -> np.ndarray:
     return bound * np.tanh(z / bound)
 
 
+def length(z: np.ndarray, whitening: np.ndarray, bound: float = SQUEEZE) -> np.ndarray:
+    """Return the length, shape (n,), of scaled residuals, shape (n, m), squeezed and whitened."""
+    return np.linalg.norm(squeeze(z, bound) @ whitening.T, axis=1)
+
+
 class GroupLimit(NamedTuple):
     """How far features that belong together may be off."""
 
@@ -127,11 +132,6 @@ class GroupLimit(NamedTuple):
     """Of their squeezed, scaled residuals, shape (g, g)."""
     distance: float
     """Usual bound of the whitened residuals' length."""
-
-    def length(self, z: np.ndarray) -> np.ndarray:
-        """Return the length, shape (n,), of scaled residuals `z`, shape (n, m)."""
-        squeezed = squeeze(z[:, self.columns], GROUP_SQUEEZE)
-        return np.linalg.norm(squeezed @ self.whitening.T, axis=1)
 
 
 class Limits(NamedTuple):
@@ -159,9 +159,10 @@ class Limits(NamedTuple):
         -------
         ndarray, shape (n, m + groups + 1).
         """
-        length = np.linalg.norm(squeeze(z) @ self.whitening.T, axis=1)
-        groups = [g.length(z) / g.distance for g in self.groups]
-        return np.column_stack([np.abs(z) / self.limit, *groups, length / self.distance])
+        groups = [length(z[:, g.columns], g.whitening, GROUP_SQUEEZE) / g.distance
+                  for g in self.groups]
+        return np.column_stack([np.abs(z) / self.limit, *groups,
+                                length(z, self.whitening) / self.distance])
 
     def known(self, scores: np.ndarray) -> np.ndarray:
         """Return the probability that records with these scores are of a known kind."""

@@ -49,8 +49,7 @@ class LevelForecast:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
-        return {"level": self.level, "severity": self.severity, "flight": self.flight,
-                "interval": list(self.interval)}
+        return {**asdict(self), "interval": list(self.interval)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -103,8 +103,7 @@ class ValueTrend:
             "values": [{"record": int(n), "value": v, "interval": [low, high]}
                        for n, v, low, high in zip(self.number, self.value.tolist(),
                                                   self.lower.tolist(), self.upper.tolist())],
-            "steps": [{"record": s.record, "before": s.before, "after": s.after,
-                       "interval": list(s.interval), "p_value": s.p_value} for s in self.steps],
+            "steps": [{**s._asdict(), "interval": list(s.interval)} for s in self.steps],
             "growth": rate,
             "limit": None if self.limit is None else {
                 "value": self.limit.limit, "passed": self.limit.passed,
