@@ -47,11 +47,6 @@ def _pair(found: dict[str, float], speed: str, ahead: Balance, back: Balance) ->
         found[f"high_{band}_{speed}"] = float(np.log(max(high, back.high[band]) + 1e-5))
 
 
-def _ramp_torque(signals: Signals, begin: float, end: float) -> float:
-    part = signals.between(begin, end)
-    return float(signals.torque_constant * median(signals.torque_current[part]))
-
-
 def _start(signals: Signals, full: Balance, end: float) -> dict[str, float]:
     """Time from the command to 90 % of the full speed (ms), and the peak of the speed."""
     part = signals.between(0.0, end)
@@ -70,7 +65,9 @@ def _slow(signals: Signals, plan: TestPlan) -> dict[str, float]:
     floor = LEAST_TORQUE * signals.actuator.friction_torque
     ramps = [window for window in (plan.ramp, plan.ramp_back) if window is not None]
     quarters = [plan.segments[n][:2] for n in ("quarter", "quarter_back")]
-    ahead, back = (_ramp_torque(signals, *window) for window in ramps)
+    ahead, back = (
+        float(signals.torque_constant * median(signals.torque_current[signals.between(*window)]))
+        for window in ramps)
     found["torque_ramp"] = float(np.log(max(0.5 * (ahead - back), floor)))
     found["load_ramp"] = 0.5 * (ahead + back)
     gaps: list[LostMotion] = [

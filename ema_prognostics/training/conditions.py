@@ -172,9 +172,9 @@ def actuator_of(nominal: Actuator, unit: Unit, conditions: RunConditions) -> Act
     dry_m = motor.dynamic_friction * (1.0 + unit.motor_friction)
     dry_s = surface.dynamic_friction * (1.0 + unit.surface_friction)
     over_m, over_s = (
-        max(1.0, (1.0 + part) * _over(static, dynamic)) for part, static, dynamic in zip(
-            unit.static_ratio, (motor.static_friction, surface.static_friction),
-            (motor.dynamic_friction, surface.dynamic_friction)))
+        max(1.0, (1.0 + part) * (of.static_friction / of.dynamic_friction
+                                 if of.dynamic_friction > 0.0 else 1.0))
+        for part, of in zip(unit.static_ratio, (motor, surface)))
     return nominal._replace(
         drive=_times(nominal.drive, proportional_gain=1.0 + unit.current_gains[0],
                      integral_gain=1.0 + unit.current_gains[1]),
@@ -214,11 +214,6 @@ def actuator_of(nominal: Actuator, unit: Unit, conditions: RunConditions) -> Act
 def _times(section: Any, **factors: float) -> Any:
     """Return a section of a description with some of its values multiplied."""
     return section._replace(**{n: getattr(section, n) * by for n, by in factors.items()})
-
-
-def _over(static: float, dynamic: float) -> float:
-    """Return static over dynamic friction, 1 of an actuator without."""
-    return static / dynamic if dynamic > 0.0 else 1.0
 
 
 def _converters(declared: Converters, recorder: Recorder) -> Converters:

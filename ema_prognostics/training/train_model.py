@@ -188,9 +188,11 @@ def train_model(
     progress("validation", 0.95)
     held_out = {kind: evaluated(trained.views[kind], (held[kind], sound[kind], odd[kind]))
                 for kind in kinds}
+    paper = None if trained.paper is None else PaperPart(
+        ann_a=NetworkPart.of(trained.paper.ann_a),
+        ann_b={n: NetworkPart.of(b) for n, b in trained.paper.ann_b.items()})  # type: ignore[misc]
     body = Body(
-        views=views, paper=None if trained.paper is None else _paper_part(trained.paper),
-        actuator=actuator_hash(),
+        views=views, paper=paper, actuator=actuator_hash(),
         training={
             "seed": seed, "quick": quick, "software_version": VERSION,
             "settings": asdict(size), "held_out": held_out,
@@ -199,10 +201,3 @@ def train_model(
     )
     progress("done", 1.0)
     return model_of(body)
-
-
-def _paper_part(paper: PaperCascade) -> PaperPart:
-    return PaperPart(
-        ann_a=NetworkPart.of(paper.ann_a),
-        ann_b={name: NetworkPart.of(b) for name, b in paper.ann_b.items()},  # type: ignore[misc]
-    )
