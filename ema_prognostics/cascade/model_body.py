@@ -86,7 +86,8 @@ class NetworkPart(Part):
 
     def build(self) -> Network:
         """Return the network as arrays."""
-        return Network(**{n: v if n == "output_law" else np.array(v) for n, v in self})
+        values: dict[str, Any] = {n: v if n == "output_law" else np.array(v) for n, v in self}
+        return Network(**values)
 
     def check_size(self, inputs: int, outputs: int) -> None:
         """Raise ValueError unless the network has that many inputs and outputs."""

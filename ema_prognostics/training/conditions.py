@@ -172,9 +172,10 @@ def actuator_of(nominal: Actuator, unit: Unit, conditions: RunConditions) -> Act
     dry_m = motor.dynamic_friction * (1.0 + unit.motor_friction)
     dry_s = surface.dynamic_friction * (1.0 + unit.surface_friction)
     over_m, over_s = (
-        max(1.0, (1.0 + part) * (of.static_friction / of.dynamic_friction
-                                 if of.dynamic_friction > 0.0 else 1.0))
-        for part, of in zip(unit.static_ratio, (motor, surface)))
+        max(1.0, (1.0 + part) * (static / dynamic if dynamic > 0.0 else 1.0))
+        for part, static, dynamic in zip(
+            unit.static_ratio, (motor.static_friction, surface.static_friction),
+            (motor.dynamic_friction, surface.dynamic_friction)))
     return nominal._replace(
         drive=_times(nominal.drive, proportional_gain=1.0 + unit.current_gains[0],
                      integral_gain=1.0 + unit.current_gains[1]),

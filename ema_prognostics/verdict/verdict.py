@@ -155,8 +155,10 @@ def verdict_of_dict(found: Mapping[str, Any]) -> Verdict:
     """Return the verdict that a JSON object tells, as far as flights are compared by it."""
     return Verdict(
         outcome=found["verdict"], bag=found["bag"], alternatives=tuple(found["alternatives"]),
-        faults=tuple(Fault(**{name: tuple(value) if isinstance(value, list) else value
-                              for name, value in fault.items()}) for fault in found["faults"]),
+        faults=tuple(Fault(**{**fault, "severity_interval": None if
+                              fault["severity_interval"] is None
+                              else tuple(fault["severity_interval"])})
+                     for fault in found["faults"]),
         probabilities=dict(found["probabilities"]), reasons=tuple(found["reasons"]),
     )
 
