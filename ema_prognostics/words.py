@@ -125,12 +125,9 @@ def name_of(fault_class: str, language: str | None = None) -> str:
     return words(language)(f"fault.{fault_class}.name") or fault_class
 
 
-def class_name(
-    fault_class: str, phase: str | None = None, language: str | None = None
-) -> str:
+def class_name(fault_class: str, phase: str | None = None) -> str:
     """Return a fault in words: ``turn short, phase b``."""
-    tail = words(language)("phase", phase=phase) if phase else ""
-    return name_of(fault_class, language) + tail
+    return name_of(fault_class) + (words()("phase", phase=phase) if phase else "")
 
 
 def scaled(
@@ -173,9 +170,9 @@ def step_kind(feature: str) -> str:
     return next((kind for names, kind in STEP_KINDS if feature.startswith(names)), "")
 
 
-def next_step(feature: str, language: str | None = None) -> str:
-    """Return what to do where a feature is unlike anything known; empty: no one feature."""
-    return words(language)(f"next_steps.{step_kind(feature) or 'repeat'}")
+def next_step(feature: str) -> str:
+    """Return what to do where a feature is unlike anything known, in English."""
+    return words(ENGLISH)(f"next_steps.{step_kind(feature) or 'repeat'}")
 
 
 def feature_words(name: str, language: str | None = None) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.any_actuator.machines import TEST_NAME
 from benchmarks.detection.peers import UNNAMED, Perceptron
-from ema_prognostics.training.fleet import simulate_fleet
+from ema_prognostics.training.fleet import simulate_fleets
 from ema_record.kit import using_kit
 
 SEED = 991
@@ -34,7 +34,7 @@ def perceptron_rows(kit: Path, rows: Sequence[dict[str, Any]], *, units: int, jo
     folder : keeps the fleet.
     """
     with using_kit(kit):
-        fleet = simulate_fleet(TEST_NAME, units, SEED, jobs=jobs, folder=folder)
+        fleet = simulate_fleets((TEST_NAME,), units, SEED, jobs=jobs, folder=folder)[TEST_NAME]
     perceptron = Perceptron(fleet)
     found = [{**row, "outcome": "invalid", "named": [], "alternatives": [], "interval": None,
               "named_phase": None} for row in rows]

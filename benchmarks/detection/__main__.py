@@ -23,7 +23,7 @@ from benchmarks.detection.plots import plot_detection, plot_reliability
 from benchmarks.detection.print_table import print_tables
 from benchmarks.detection.table import TARGETS, fault_groups, fault_numbers, numbers
 from ema_prognostics.cascade.model_file import load_model
-from ema_prognostics.training.fleet import simulate_fleet
+from ema_prognostics.training.fleet import simulate_fleets
 
 
 def _progress(what: str, started: float) -> None:
@@ -67,9 +67,9 @@ def main() -> None:
     if not options.only_table:
         _progress("training campaign", started)
         size = model.training["settings"]
-        campaign = simulate_fleet(
-            "extended", size["units"], model.training["seed"], healthy=False,
-            jobs=options.jobs, folder=options.campaign or options.work)
+        campaign = simulate_fleets(
+            ("extended",), size["units"], model.training["seed"], jobs=options.jobs,
+            folder=options.campaign or options.work)["extended"]
         _progress("peers", started)
         result["comparison"] = comparison(
             campaign, fleet, judged, result["views"]["fleet"]["visible from"], model,

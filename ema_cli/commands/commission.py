@@ -57,14 +57,13 @@ def commission(
 
     with_library = not quick if library is None else library
     with progress_of("commissioning") as advance:
-        made = make(given_bags(records), actuator, out, quick=quick, seed=seed, jobs=jobs or -1,
-                    progress=advance, library=make_library)
-    found = made.validation
+        found = make(given_bags(records), actuator, out, quick=quick, seed=seed, jobs=jobs or -1,
+                     progress=advance, library=make_library)
     if as_json:
-        print_json({"kit": str(made.kit), **found})
+        print_json({"kit": str(out), **found})
         return 0
     views = found["held_out"][found["profile"]]
-    say(f"{made.kit}: kit of {len(found['units'])} units, test {found['profile']}")
+    say(f"{out}: kit of {len(found['units'])} units, test {found['profile']}")
     for view, title in (("fleet", "without a baseline"), ("baseline", "with a baseline")):
         one = views[view]
         say(f"  {title}: false alarms {percent(one['false alarms'])}, unknown "
@@ -74,5 +73,5 @@ def commission(
             if isinstance(one[name], dict) and "a90" in one[name]))
     if not found["library"]:
         note("no library for 'ema identify': it is made at its first use, in some minutes")
-    note(f"{made.kit / REPORT} says more; next: ema check RECORD --kit {made.kit}")
+    note(f"{out / REPORT} says more; next: ema check RECORD --kit {out}")
     return 0

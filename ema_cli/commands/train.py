@@ -36,8 +36,8 @@ def train(
     Example: `ema train --out model.json`
     """
     from ema_prognostics.cascade.model_file import load_model, save_model
+    from ema_prognostics.training.evaluation import validation_data, validation_report
     from ema_prognostics.training.train_model import train_model
-    from ema_prognostics.training.validation_report import validation_data, validation_report
     from ema_sim.model_file import load_model_file
 
     report, data = out.with_suffix(".validation.md"), out.with_suffix(".validation.json")

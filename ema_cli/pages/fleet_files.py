@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.resources import files
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ema_cli.console import check_new_file
 from ema_cli.views.fleet_table import summary
-from ema_prognostics.fleet.metrics import open_metrics
+from ema_prognostics.fleet.fleet import STATES, Fleet, FleetUnit, share_of_large
 from ema_prognostics.fleet.tables import OURS, is_own_parquet, write_parquet
 from ema_prognostics.trend.unit_trend import UnitTrend
 from ema_record.errors import library
 from ema_record.files import cannot_write, check_apart, exists
 from ema_record.record import iso_time
 from ema_record.version import VERSION
-
-if TYPE_CHECKING:
-    from ema_prognostics.fleet.fleet import Fleet, FleetUnit
 
 MARK = 600
 """Bytes of a text file within which it must name this command to be replaced."""
@@ -127,3 +124,40 @@ def sparkline(trend: UnitTrend) -> dict[str, Any]:
     return {"points": " ".join(f"{x},{y}" for x, y in points), "last": points[-1:],
             "width": width, "height": height if points else 0.0, "strip": STRIP,
             "cell": round(0.9 * step, 1), "cells": cells}
+
+
+def open_metrics(fleet: Fleet) -> str:
+    """Return the state of the units as OpenMetrics 1.0 text, for a textfile collector.
+
+    It holds gauges alone, so that readers of the older text format of Prometheus take it too.
+    """
+    units = [({"serial_number": u.serial_number or "unknown"}, u) for u in fleet.units]
+    lines = [
+        "# TYPE ema_unit_state gauge",
+        f"# HELP ema_unit_state What the unit needs, written by {OURS}.",
+        *(_sample("ema_unit_state", labels | {"ema_unit_state": state}, int(u.state == state))
+          for labels, u in units for state in STATES),
+        "# TYPE ema_unit_tests gauge", "# HELP ema_unit_tests Bags of the unit.",
+        *(_sample("ema_unit_tests", labels, len(u.objects)) for labels, u in units),
+        "# TYPE ema_unit_last_test_timestamp_seconds gauge",
+        "# UNIT ema_unit_last_test_timestamp_seconds seconds",
+        "# HELP ema_unit_last_test_timestamp_seconds Start of the last test.",
+        *(_sample("ema_unit_last_test_timestamp_seconds", labels, u.last.start_time / 1e9)
+          for labels, u in units if u.last.start_time),
+        "# TYPE ema_fault_severity_ratio gauge", "# UNIT ema_fault_severity_ratio ratio",
+        "# HELP ema_fault_severity_ratio Severity now, of that of a large fault.",
+        *(_sample("ema_fault_severity_ratio", labels | {
+            "fault_class": f.history.fault_class, "phase": f.history.phase or "",
+            "confirmed": str(f.present).lower()}, share_of_large(f))
+          for labels, u in units for f in u.trend.faults if f.episodes[-1].cleared is None),
+    ]
+    return "\n".join([*lines, "# EOF"]) + "\n"
+
+
+def _sample(name: str, labels: Mapping[str, str], value: float) -> str:
+    inside = ",".join(f'{key}="{_escaped(text)}"' for key, text in labels.items())
+    return f"{name}{{{inside}}} {value:.10g}"
+
+
+def _escaped(text: str) -> str:
+    return text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")

@@ -48,7 +48,7 @@ class Detection:
     probability : ndarray, shape (8,), of the outputs.
     margin : ndarray, shape (5,), logit of each family less its threshold.
     guard : ndarray, shape (m + groups + 1,), of each feature checked, of each group of them,
-        of all together; above 1: unusual. Empty: no guard.
+        of all together; above 1: unusual.
     stranger : how much something is there that is no fault of a family, but known to befall
         actuators, over the usual limit; above 1: unusual.
     stranger_kind : what it is most like.
@@ -75,7 +75,7 @@ class Detection:
         bound : of the guard's scores.
         stranger : whether the odds of a stranger count.
         """
-        return bool(self.guard.max(initial=0.0) > bound or (stranger and self.stranger > 1.0))
+        return bool(self.guard.max() > bound or (stranger and self.stranger > 1.0))
 
     @property
     def healthy(self) -> float:
@@ -160,7 +160,7 @@ class Cascade:
         self._severity = {
             n: SeverityNetwork(part, self.inputs) for n, part in view.severity.items()
         }
-        self.guard = build_guard(view, view.guard) if view.guard is not None else None
+        self.guard = build_guard(view)
         self._strangers = (
             None if view.strangers is None else StrangerFilters(view.strangers))
 
@@ -189,11 +189,9 @@ class Cascade:
         outputs_of = [announced(*row) for row in zip(p, self._announceable(margin, p, size))]
         present = np.array([[o in outputs for o in OUTPUTS] for outputs in outputs_of])
         kind = kind_found(np.where(present, np.maximum(size, LEAST_SEVERITY), 0.0))
-        guard, known = np.empty((len(x), 0)), np.ones(len(x))
-        if self.guard is not None:
-            guard, known = self.guard.scores(u, kind, exact=exact)
+        guard, known = self.guard.scores(u, kind, exact=exact)
         strange = Strange(np.zeros(len(x)), ("",) * len(x), np.ones(len(x)))
-        if self._strangers is not None and self.guard is not None and exact:
+        if self._strangers is not None and exact:
             strange = self._strangers(self.guard.bounded(turned), kind)
             known = np.minimum(known, probability_known(strange.rate))
         found = []

@@ -31,7 +31,7 @@ from ema_prognostics.cascade.classes import (
 from ema_prognostics.cascade.guard_groups import group_columns
 from ema_prognostics.cascade.inputs import SURFACE, input_names
 from ema_prognostics.cascade.lines import DERIVED, NO_CONSTANTS
-from ema_prognostics.cascade.model_body import GuardPart, LimitPart, StrangersPart, ViewPart
+from ema_prognostics.cascade.model_body import LimitPart, StrangersPart, ViewPart
 from ema_prognostics.features.vector import ABSOLUTE, SWINGS
 from ema_prognostics.networks.network import Network
 
@@ -118,6 +118,11 @@ def squeeze(z: np.ndarray, bound: float = SQUEEZE) -> np.ndarray:
     return bound * np.tanh(z / bound)
 
 
+def length(z: np.ndarray, whitening: np.ndarray, bound: float = SQUEEZE) -> np.ndarray:
+    """Return the length, shape (n,), of scaled residuals, shape (n, m), squeezed and whitened."""
+    return np.linalg.norm(squeeze(z, bound) @ whitening.T, axis=1)
+
+
 class GroupLimit(NamedTuple):
     """How far features that belong together may be off."""
 
@@ -127,11 +132,6 @@ class GroupLimit(NamedTuple):
     """Of their squeezed, scaled residuals, shape (g, g)."""
     distance: float
     """Usual bound of the whitened residuals' length."""
-
-    def length(self, z: np.ndarray) -> np.ndarray:
-        """Return the length, shape (n,), of scaled residuals `z`, shape (n, m)."""
-        squeezed = squeeze(z[:, self.columns], GROUP_SQUEEZE)
-        return np.linalg.norm(squeezed @ self.whitening.T, axis=1)
 
 
 class Limits(NamedTuple):
@@ -159,9 +159,10 @@ class Limits(NamedTuple):
         -------
         ndarray, shape (n, m + groups + 1).
         """
-        length = np.linalg.norm(squeeze(z) @ self.whitening.T, axis=1)
-        groups = [g.length(z) / g.distance for g in self.groups]
-        return np.column_stack([np.abs(z) / self.limit, *groups, length / self.distance])
+        groups = [length(z[:, g.columns], g.whitening, GROUP_SQUEEZE) / g.distance
+                  for g in self.groups]
+        return np.column_stack([np.abs(z) / self.limit, *groups,
+                                length(z, self.whitening) / self.distance])
 
     def known(self, scores: np.ndarray) -> np.ndarray:
         """Return the probability that records with these scores are of a known kind."""
@@ -247,21 +248,21 @@ def limits_of(part: LimitPart, checked: list[str]) -> Limits:
     """Return the limits of a kind of record for the `checked` features."""
     groups = tuple(
         GroupLimit(columns, np.array(part.groups[name].whitening), part.groups[name].distance)
-        for name, columns in group_columns(checked).items())
+        for name, columns in group_columns(tuple(checked)).items())
     return Limits(np.array(part.limit), np.array(part.whitening), part.distance,
                   np.array(part.tail), groups)
 
 
-def build_guard(view: ViewPart, data: GuardPart) -> Guard:
+def build_guard(view: ViewPart) -> Guard:
     """Return the guard of a view."""
-    names = input_names(view.names)
+    names, data = input_names(view.names), view.guard
     return Guard(
         drivers=np.array([names.index(n) for n in data.drivers]),
         checked=np.array([names.index(n) for n in data.checked]),
         signed=signed(data.checked), mean=data.mean.build(), scale=data.scale.build(),
         limits=tuple(limits_of(data.limits[k], data.checked)  # type: ignore[index]
                      for k in KINDS_FOUND),
-        groups=tuple(group_columns(data.checked)),
+        groups=tuple(group_columns(tuple(data.checked))),
         measured=np.array([names.index(n) for n in data.seen], dtype=int),
         seen=np.array(list(data.seen.values())).reshape(-1, 2),
     )

@@ -6,7 +6,7 @@ before any of them, or the distance of all hundred features, is unusual.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
@@ -34,14 +34,12 @@ By physics, not by what a stranger moves. Differences between the windings make 
 short moves them itself, and the drivers do not tell how much."""
 
 
-def group_columns(checked: Sequence[str]) -> Mapping[str, np.ndarray]:
-    """Return where the features of each group stand among the `checked` ones."""
-    return _group_columns(tuple(checked))
-
-
 @lru_cache(maxsize=16)
-def _group_columns(checked: tuple[str, ...]) -> Mapping[str, np.ndarray]:
-    """Return the same; a model asks it of the same features for each of its limits."""
+def group_columns(checked: tuple[str, ...]) -> Mapping[str, np.ndarray]:
+    """Return where the features of each group stand among the `checked` ones.
+
+    Kept, since a model asks it of the same features for each of its limits.
+    """
     found = {
         name: np.array([k for k, n in enumerate(checked) if n.startswith(group)])
         for name, group in GROUPS.items()

@@ -27,6 +27,11 @@ _WINDING = ("resistance_", "inductance_")
 """How the windings of the phases differ."""
 _SCATTER = ("noise_speed", "torque_quarter", "torque_full")
 """What the scatter of the lines depends on."""
+_ASYMMETRY = (
+    "amplitude_1", "amplitude_2", "amplitude_3", "amplitude_4", "short_like_best", "short_unlike",
+    "resistance_spread", "inductance_spread", "winding_like_best", "lines_and_winding_best",
+    *_SCATTER)
+"""What phases that are unlike each other move."""
 _RECORDER = ("amplitude_", "torque_rms_", "noise_current_least", "noise_speed", "high_")
 """What tells lines of the rotor from those of the recorder: samples that are instants fold the
 switching onto any line, by as much as onto the others."""
@@ -37,16 +42,11 @@ _BALANCE = (
 )
 """What the mean torque depends on."""
 GROUPS: dict[str, tuple[str, ...]] = {
-    "asymmetry": ("amplitude_1", "amplitude_2", "amplitude_3", "amplitude_4",
-                  "short_like_best", "short_unlike", "resistance_spread", "inductance_spread",
-                  "winding_like_best", "lines_and_winding_best", *_SCATTER),
+    "asymmetry": _ASYMMETRY,
     "short": ("short_like_a", "short_like_b", "short_like_c", "short_unlike", "amplitude_1",
               "amplitude_3", "winding_like_", *_WINDING, *_SCATTER),
     "eccentricity": ("first_line_strength", "third_line_strength", *_RECORDER),
-    "static_eccentricity": ("amplitude_1", "amplitude_2", "amplitude_3", "amplitude_4",
-                            "short_like_best", "short_unlike", "resistance_spread",
-                            "inductance_spread", "winding_like_best", "lines_and_winding_best",
-                            *_SCATTER),
+    "static_eccentricity": _ASYMMETRY,
     "motor_friction": _BALANCE,
     "surface_friction": _BALANCE,
     "backlash": ("gap_", "lag_", "shaft_slope", "start_stiffness", "torque_ramp", "load_ramp",
@@ -83,8 +83,9 @@ def group_inputs(group: str, input_names: Sequence[str], *, size: bool = False) 
 def input_names(names: Sequence[str]) -> list[str]:
     """Return the names of all inputs for features `names`."""
     surface = mechanical_names(names)
-    own = [f"{ABSOLUTE}{n}" for n in (*DERIVED, *surface)] if _absolute(names) else []
-    return [*names, *DERIVED, *surface, *own]
+    own = any(n.startswith(ABSOLUTE) for n in names)
+    return [*names, *DERIVED, *surface,
+            *(f"{ABSOLUTE}{n}" for n in (*DERIVED, *surface) if own)]
 
 
 def mechanical_names(names: Sequence[str]) -> list[str]:
@@ -123,10 +124,6 @@ def mechanical(names: Sequence[str], x: np.ndarray) -> np.ndarray:
         compliance = np.log(wound / (twice_a_torque * torque))
         found += [compliance, compliance + np.log(np.maximum(of("shaft_slope"), 0.05))]
     return np.column_stack(found)
-
-
-def _absolute(names: Sequence[str]) -> bool:
-    return any(n.startswith(ABSOLUTE) for n in names)
 
 
 def derive(

@@ -15,7 +15,6 @@ import json
 import types
 import typing
 from collections.abc import Iterator, Mapping
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -79,7 +78,7 @@ def kept_model(path: str | Path | None = None) -> TrainedModel:
         return kept
     model = load_model()
     if _hash_of(place) == found:  # the very file that was read
-        save(name, _Packed(model, found).arrays)
+        save(name, _packed(model, found))
         _forget_old()
     return model
 
@@ -104,38 +103,29 @@ def _layout(file: str) -> list[str]:
     return [file, VERSION, *DERIVED]
 
 
-class _Packed:
-    """A model as one array of all its numbers, and a tree of where they are.
+def _packed(model: TrainedModel, file: str) -> dict[str, np.ndarray]:
+    """Return a model as one array of all its numbers, and a tree of where they are, as JSON.
 
     In the tree a list is ``["list", ...]``, and one of numbers ``["array", start, shape]``.
     """
+    numbers: list[np.ndarray] = [np.empty(0)]
 
-    def __init__(self, model: TrainedModel, file: str) -> None:
-        """Take the body of a model apart."""
-        self._numbers: list[np.ndarray] = []
-        self._length = 0
-        self._tree = {"layout": _layout(file), "sha256": model.sha256,
-                      "training": model.training,
-                      "body": self._packed(model.body.model_dump(exclude={"training"}))}
-
-    @cached_property
-    def arrays(self) -> dict[str, np.ndarray]:
-        """What goes into the cache."""
-        tree = np.frombuffer(json.dumps(self._tree).encode(), dtype=np.uint8)
-        numbers = np.concatenate([*self._numbers, np.empty(0)])
-        return {"tree": tree, "numbers": numbers}
-
-    def _packed(self, value: Any) -> Any:
+    def packed(value: Any) -> Any:
         if isinstance(value, dict):
-            return {name: self._packed(inner) for name, inner in value.items()}
+            return {name: packed(inner) for name, inner in value.items()}
         if not isinstance(value, list | tuple):
             return value
         array = _numbers_in(value)
         if array is None:
-            return ["list", *(self._packed(inner) for inner in value)]
-        start, self._length = self._length, self._length + array.size
-        self._numbers.append(array.ravel())
+            return ["list", *(packed(inner) for inner in value)]
+        start = sum(part.size for part in numbers)
+        numbers.append(array.ravel())
         return ["array", start, list(array.shape)]
+
+    tree = {"layout": _layout(file), "sha256": model.sha256, "training": model.training,
+            "body": packed(model.body.model_dump(exclude={"training"}))}
+    return {"tree": np.frombuffer(json.dumps(tree).encode(), dtype=np.uint8),
+            "numbers": np.concatenate(numbers)}
 
 
 def _numbers_in(value: list[Any] | tuple[Any, ...]) -> np.ndarray | None:

@@ -80,17 +80,14 @@ class NetworkPart(Part):
     @classmethod
     def of(cls, network: Network) -> NetworkPart:
         """Return a network as data."""
-        values = {n: getattr(network, n) for n in cls.model_fields if n != "output_law"}
+        values = {n: getattr(network, n) for n in cls.model_fields}
         return cls.model_validate({
-            **{n: rounded(np.asarray(v)) for n, v in values.items()},
-            "output_law": network.output_law,
-        })
+            n: v if n == "output_law" else rounded(v) for n, v in values.items()})
 
     def build(self) -> Network:
         """Return the network as arrays."""
-        values = {n: np.array(getattr(self, n)) for n in type(self).model_fields
-                  if n != "output_law"}
-        return Network(**values, output_law=self.output_law)
+        values: dict[str, Any] = {n: v if n == "output_law" else np.array(v) for n, v in self}
+        return Network(**values)
 
     def check_size(self, inputs: int, outputs: int) -> None:
         """Raise ValueError unless the network has that many inputs and outputs."""
@@ -269,7 +266,8 @@ class GuardPart(Part):
             raise ValueError("limits of the guard are missing")
         if any(len(part.limit) != len(self.checked) for part in self.limits.values()):
             raise ValueError("one limit a checked feature is needed")
-        sizes = {name: len(columns) for name, columns in group_columns(self.checked).items()}
+        sizes = {name: len(columns)
+                 for name, columns in group_columns(tuple(self.checked)).items()}
         for part in self.limits.values():
             found = {name: [len(row) for row in g.whitening] for name, g in part.groups.items()}
             if found != {name: [n] * n for name, n in sizes.items()}:
@@ -312,7 +310,7 @@ class ViewPart(Part):
     severity: dict[str, SeverityPart]
     doubt: Annotated[float, Field(ge=0.0, le=1.0)]
     """Least probability of healthy at which a record without a fault is called healthy."""
-    guard: GuardPart | None
+    guard: GuardPart
     strangers: StrangersPart | None = None
     """What else befalls actuators; None: only the guard tells it."""
 
@@ -328,8 +326,7 @@ class ViewPart(Part):
         if self.strangers is not None and any(
                 len(row) != d for one in self.strangers.filters.values() for row in one.weights):
             raise ValueError("a filter of the strangers does not fit the inputs")
-        if self.guard is not None and not {*self.guard.drivers, *self.guard.checked} <= {
-                *input_names(self.names)}:
+        if not {*self.guard.drivers, *self.guard.checked} <= {*input_names(self.names)}:
             raise ValueError("the guard names inputs that the view does not have")
         return self
 

@@ -41,7 +41,7 @@ MIN_STEPS = 6
 NOISE_ERROR = 0.1
 """Relative error of a measured noise: few samples, steps of the converter."""
 ROUNDED = 0.3
-"""Share of repeated values in the steps of a channel from which it counts as rounded."""
+"""Share of different values of a channel below which it counts as rounded."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,7 +151,8 @@ def measured_recorder(
         if (seen := _noise(own, columns[name])) is not None:
             noise[name] = noise_level(getattr(actuator.noise, name),
                                       level / seen * np.array(found[name]), conditions)
-    rounded = all(_rounded(record.samples[:, MOTOR_SPEED]) for record in records)
+    speeds = [record.samples[:, MOTOR_SPEED] for record in records]
+    rounded = all(len(np.unique(speed)) < ROUNDED * len(speed) for speed in speeds)
     currents = range(PHASE_CURRENTS.start, PHASE_CURRENTS.stop)
     return actuator._replace(
         noise=actuator.noise._replace(**noise),
@@ -195,8 +196,3 @@ def _noise(record: Record, place: slice) -> float | None:
     if len(values) < LEAST_SAMPLES or len(np.unique(values[:, 0])) < MIN_STEPS:
         return None
     return float(scatter_at_rest(values).mean())
-
-
-def _rounded(values: np.ndarray) -> bool:
-    """Whether values, shape (n,), stand on the steps of a converter: few distinct ones."""
-    return len(np.unique(values)) < ROUNDED * len(values)

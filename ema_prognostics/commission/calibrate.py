@@ -270,7 +270,9 @@ def calibrate(
                              "check torque, friction and control gains of the description")
         # Latencies are not below 0: what was simulated counts, not what was drawn.
         taken = np.maximum(steps, least)
-        features = _drawn_in(found[done][:, used])
+        features = found[done][:, used]
+        center, scale = np.median(features, axis=0), np.maximum(features.std(axis=0), 1e-9)
+        features = center + scale * np.clip((features - center) / scale, -CLIP, CLIP)
         x, left = estimate(taken[done], features, mean[used], prior, sigma[used] / root,
                            len(np.unique(units)))
         wide = np.minimum(NARROWER * np.sqrt(np.diag(left)), prior)
@@ -282,7 +284,9 @@ def calibrate(
     units_own = _deviations(tolerances, actuator)
     own = np.array([units_own.get(name, 0.0) for name in chosen]) / root
     return Calibration(
-        actuator=corrected, changes=_changes(actuator, corrected, chosen), names=tuple(names),
+        actuator=corrected, names=tuple(names),
+        changes={n: _value(corrected, n) / (1.0 if n in LATENCIES else _value(actuator, n))
+                 for n in chosen},
         covariance=left[:-1, :-1] + np.diag(own**2),
         before=np.where(used, off[0], 0.0), after=np.where(used, off[1], 0.0),
     )
@@ -302,12 +306,6 @@ def _deviations(tolerances: UnitTolerances, actuator: Actuator) -> dict[str, flo
             "flat_top": tolerances.flat_top / actuator.motor.flat_top}
     return {parameter: half[name] / np.sqrt(3.0)
             for name, of in TOLERANCE_OF.items() for parameter in of}
-
-
-def _drawn_in(features: np.ndarray) -> np.ndarray:
-    """Return features, shape (n, d), of which far ones are drawn in."""
-    center, scale = np.median(features, axis=0), np.maximum(features.std(axis=0), 1e-9)
-    return np.asarray(center + scale * np.clip((features - center) / scale, -CLIP, CLIP))
 
 
 def wider(tolerances: UnitTolerances, nominal: Actuator, left: Mapping[str, float]
@@ -334,11 +332,3 @@ def wider(tolerances: UnitTolerances, nominal: Actuator, left: Mapping[str, floa
 def _value(actuator: Actuator, name: str) -> float:
     section, _, field = name.partition(".")
     return float(getattr(getattr(actuator, section), field))
-
-
-def _changes(old: Actuator, new: Actuator, names: Sequence[str]) -> dict[str, float]:
-    found = {}
-    for name in names:
-        was, now = _value(old, name), _value(new, name)
-        found[name] = now if name in LATENCIES else now / was
-    return found

@@ -13,7 +13,7 @@ import os
 import re
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -43,20 +43,24 @@ from ema_prognostics.commission.quality import (
     largest,
     too_many_alarms,
 )
-from ema_prognostics.commission.report import write_report
+from ema_prognostics.commission.report import report_page
 from ema_prognostics.features.vector import steady
 from ema_prognostics.training.evaluation import evaluated
+from ema_prognostics.training.faults import draw_stranger
 from ema_prognostics.training.fleet import (
     DrawFault,
     DrawType,
     FleetFeatures,
     draw_of_mix,
-    simulate_fleet,
+    simulate_fleets,
 )
 from ema_prognostics.training.rates import rate
-from ema_prognostics.training.strangers import draw_stranger
-from ema_prognostics.training.train_model import VALIDATION_SEED, TrainingSettings
-from ema_prognostics.training.training_jobs import VIEWS, TrainingFleets
+from ema_prognostics.training.train_model import (
+    VALIDATION_SEED,
+    VIEWS,
+    TrainingFleets,
+    TrainingSettings,
+)
 from ema_prognostics.training.view_training import sound_rows, stricter, train_view
 from ema_record.actuator import FORMERLY, Actuator, load_actuator
 from ema_record.actuator_type import actuator_hash, actuator_hashes
@@ -88,26 +92,12 @@ MakeLibrary = Callable[[Sequence[Record], Path, Progress], bool]
 kit's library, or leaves that to its first use; returns which. Goes on where it was."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Commissioning:
-    """A kit that was made, and what it is worth.
-
-    Attributes
-    ----------
-    kit : its folder.
-    validation : what `validation.json` holds.
-    """
-
-    kit: Path
-    validation: dict[str, Any]
-
-
 def commission(
     paths: Sequence[str | Path], description: str | Path, out: str | Path, *, quick: bool = False,
     seed: int = 1, jobs: int = -1, progress: Progress = lambda _what, _part: None,
     library: MakeLibrary | None = None,
-) -> Commissioning:
-    """Make a kit.
+) -> dict[str, Any]:
+    """Make a kit; return what its `validation.json` holds.
 
     Parameters
     ----------
@@ -149,7 +139,7 @@ def commission(
         draft.rename(target)
     except OSError as error:
         raise OutputError(f"{target}: {error.strerror or error}: the kit is {draft}") from None
-    return Commissioning(kit=target, validation=found)
+    return found
 
 
 def make_draft(description: Path, draft: Path) -> None:
@@ -253,7 +243,7 @@ class _Work:
         save_model(model_file, self._draft / CASCADE)
         found["cascade_sha256"] = model_file.sha256
         (self._draft / VALIDATION).write_text(json.dumps(found, indent=1), encoding="utf-8")
-        write_report(found, self._draft / REPORT)
+        (self._draft / REPORT).write_text(report_page(found), encoding="utf-8")
         return found
 
     def _make_library(self) -> bool:
@@ -275,17 +265,15 @@ class _Work:
             f"\n{FORMERLY}: {json.dumps(list(former))}  # of the records taken with it\n")
         file.write_text(text, encoding="utf-8")
 
-    def _simulated(self, what: str, begin: float, end: float) -> Callable[[int, int], None]:
-        return lambda k, n: self._progress(f"{what}, {k} of {n} units",
-                                           begin + (end - begin) * k / n)
-
     def _fleet(self, actuator: Actuator, what: str, units: int, seed: int, *, begin: float,
                end: float, healthy: bool = False, draw: DrawFault = draw_of_mix,
                draw_type: DrawType | None = None) -> FleetFeatures:
-        return simulate_fleet(
-            self._acceptance.kind, units, seed, healthy=healthy, draw=draw, draw_type=draw_type,
+        kind = self._acceptance.kind
+        return simulate_fleets(
+            (kind,), units, seed, healthy=healthy, draw=draw, draw_type=draw_type,
             jobs=self._jobs, folder=self._folder, model=Model(actuator, Effects()),
-            progress=self._simulated(what, begin, end))
+            progress=lambda k, n: self._progress(
+                f"{what}, {k} of {n} units", begin + (end - begin) * k / n))[kind]
 
     def _fleets(self, calibration: Calibration, what: str, units: Sequence[int], seed: int,
                 begin: float, end: float) -> TrainingFleets:

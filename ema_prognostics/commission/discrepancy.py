@@ -82,16 +82,13 @@ def widened(view: ViewPart, factor: float, strangers: float) -> ViewPart:
 
     Parameters
     ----------
-    view : with a guard.
     factor : by which the guard's limits grow.
     strangers : the same of the filters for strangers.
     """
-    assert view.guard is not None
 
     def wide(part: LimitPart) -> LimitPart:
         return part.model_copy(update={
             "limit": rounded(factor * np.array(part.limit)), "distance": factor * part.distance,
-            "tail": part.tail,
             "groups": {name: g.model_copy(update={"distance": factor * g.distance})
                        for name, g in part.groups.items()},
         })

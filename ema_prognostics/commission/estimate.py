@@ -5,8 +5,6 @@ Gelman et al., Bayesian Data Analysis, 2013, 14.8: the prior counts as further o
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 SURE = 3.0
@@ -16,18 +14,13 @@ BEYOND, TURNS = 3.0, 20
 1964: it weighs as if it were that many off); repetitions of this."""
 
 
-class Estimate(NamedTuple):
-    """Parameters, shape (p,), and the covariance of their errors, shape (p, p)."""
-
-    value: np.ndarray
-    covariance: np.ndarray
-
-
 def estimate(
     parameters: np.ndarray, features: np.ndarray, measured: np.ndarray, prior: np.ndarray,
     error: np.ndarray, units: int,
-) -> Estimate:
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the parameters of greatest posterior density of a linear model of the features.
+
+    With them, shape (p,), the covariance of their errors, shape (p, p).
 
     Parameters
     ----------
@@ -37,42 +30,35 @@ def estimate(
     prior : ndarray, shape (p,). Standard deviations.
     error : ndarray, shape (d,). Standard deviation of that of `measured`, a mean of `units`.
     """
-    model = _slopes(parameters, features)
-    jacobian = model.jacobian
-    wanted = measured - model.level + jacobian @ model.center
-    error = np.hypot(error, model.scatter / np.sqrt(units))
+    level, jacobian, scatter = _slopes(parameters, features)
+    wanted = measured - level + jacobian @ parameters.mean(axis=0)
+    error = np.hypot(error, scatter / np.sqrt(units))
     now = error
     for _ in range(TURNS):
         weighed = jacobian / now[:, None]**2
         inverse = np.linalg.inv(weighed.T @ jacobian + np.diag(prior**-2.0))
         value = inverse @ weighed.T @ wanted
         now = np.maximum(error, np.abs(wanted - jacobian @ value) / BEYOND)
-    return Estimate(value, inverse)
+    return value, inverse
 
 
-class _Slopes(NamedTuple):
-    """A linear model of the features of draws."""
-
-    center: np.ndarray
-    """Mean parameters of the draws, shape (p,)."""
-    level: np.ndarray
-    """Features there, shape (d,)."""
-    jacobian: np.ndarray
-    """Shape (d, p)."""
-    scatter: np.ndarray
-    """Standard deviation of the features about the model, shape (d,)."""
-
-
-def _slopes(parameters: np.ndarray, features: np.ndarray) -> _Slopes:
+def _slopes(
+    parameters: np.ndarray, features: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the slopes by least squares; those of less than `SURE` of their errors are 0.
 
     Else a hundred features that tell nothing of a parameter would tell much together.
+
+    Returns
+    -------
+    ndarray, shape (d,), features at the mean of the parameters; ndarray, shape (d, p), slopes;
+    ndarray, shape (d,), standard deviation of the features about the model.
     """
-    center = parameters.mean(axis=0)
-    design = np.column_stack([np.ones(len(parameters)), parameters - center])
+    design = np.column_stack(
+        [np.ones(len(parameters)), parameters - parameters.mean(axis=0)])
     slopes, *_ = np.linalg.lstsq(design, features, rcond=None)
     freedom = max(len(design) - design.shape[1], 1)
     scatter = np.sqrt(np.sum((features - design @ slopes)**2, axis=0) / freedom)
     error = np.sqrt(np.diag(np.linalg.inv(design.T @ design))[1:])[:, None] * scatter
     sure = np.where(np.abs(slopes[1:]) > SURE * error, slopes[1:], 0.0)
-    return _Slopes(center, slopes[0], sure.T, scatter)
+    return slopes[0], sure.T, scatter

@@ -120,7 +120,7 @@ def judge_left_out(
         x = corrected_row(dict(zip(names, row)), fleet.view.names, left)
         detection = fleet.find(x)[0]
         outcomes.append(outcome_of(detection))
-        judged = not detection.outputs and not detection.doubtful and detection.guard.size
+        judged = not detection.outputs and not detection.doubtful
         scores.append([float(detection.guard.max()), detection.stranger] if judged
                       else [np.inf, np.inf])
     guard, strangers = (widening(np.array(column)) for column in zip(*scores))

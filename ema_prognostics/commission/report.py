@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from ema_prognostics.cascade.classes import FAULTS
@@ -105,14 +104,11 @@ fleet, or as what was simulated of it does. {{ channels }}</p>
 {% endfor %}</ul>
 <p class="small">{% if same %}By less than {{ noticed }} %: {{ same|join(", ") }}. {% endif %}Still
 unexplained, in healthy deviations: {{ left|join("; ") }}. This discrepancy is
-subtracted, and its uncertainty is part of the training. {{ library }}</p>
+subtracted, and its uncertainty is part of the training. The library for ema identify is
+{%- if not v.library %} not{% endif %} in the kit
+{%- if not v.library %}: it is made at its first use{% endif %}.</p>
 </body></html>
 """
-
-
-def write_report(validation: dict[str, Any], path: Path) -> None:
-    """Write the page of what `validation.json` holds."""
-    path.write_text(report_page(validation), encoding="utf-8")
 
 
 def report_page(validation: dict[str, Any]) -> str:
@@ -141,7 +137,7 @@ def report_page(validation: dict[str, Any]) -> str:
         changed=[(n.removeprefix("acquisition."), _change(n, x)) for n, x in changes
                  if _extent(n, x) >= NOTICED],
         same=[n for n, x in changes if _extent(n, x) < NOTICED],
-        channels=_channels(actuator["acquisition"]), library=_library(validation),
+        channels=_channels(actuator["acquisition"]),
     )
 
 
@@ -190,9 +186,3 @@ def _channels(acquisition: dict[str, Any]) -> str:
         return "The recorder has all channels."
     return (f"Not recorded: {', '.join(absent)}; rebuilt from the other channels, in the training "
             "too, so the figures above hold for that.")
-
-
-def _library(validation: dict[str, Any]) -> str:
-    if validation.get("library"):
-        return "The library for ema identify is in the kit."
-    return "The library for ema identify is not in the kit: it is made at its first use."

@@ -69,7 +69,7 @@ class Balance(NamedTuple):
     speed: float
     """Mean speed along the sense of rotation (rad/s)."""
     high: dict[str, float]
-    """Largest |m_h| of the lines `other_orders`, in each of `BANDS`; empty: not asked for."""
+    """Largest |m_h| of the lines `other_orders`, in each of `BANDS`."""
     swing: float
     """Amplitude of what is in the speed beside the mean and no turn of the rotor repeats, in
     parts of the mean, of the median turn; 0 where that is noise or the rotor made but one."""
@@ -178,9 +178,7 @@ def _without_cycle(
     return signal - np.array(columns).T @ fit[:len(columns)], told, swing
 
 
-def torque_balance(
-    signals: Signals, begin: float, end: float, min_turns: int, *, high: bool = False
-) -> Balance:
+def torque_balance(signals: Signals, begin: float, end: float, min_turns: int) -> Balance:
     """Return the balance between two times after the first command (s).
 
     Raises
@@ -202,10 +200,8 @@ def torque_balance(
     orders = line_orders(pairs)
     signal, told, swing = _without_cycle(turns, signal, orders, pairs)
     lines = rotor_lines(turns, signal, orders)
-    h = np.array(orders)
-    if high:
-        lines = np.vstack([lines, _other_lines(turns, signal, lines, pairs)])
-        h = np.concatenate([h, other_orders(pairs)])
+    lines = np.vstack([lines, _other_lines(turns, signal, lines, pairs)])
+    h = np.concatenate([orders, other_orders(pairs)])
     k2 = signals.torque_constant
     mean_speed, mean = lines[0, 0].real, lines[0, 1].real
     if turns.direction * mean * k2 <= DRIVEN * signals.actuator.friction_torque:
@@ -216,7 +212,7 @@ def torque_balance(
     turning = pairs * mean_speed  # electrical: the lines are those of `theta`
     residual = (1j * motor.inertia * h * turning * lines[1:, 0] - k2 * lines[1:, 1]) / (k2 * mean)
     largest, least = {}, 0
-    for band, most in BANDS.items() if high else ():
+    for band, most in BANDS.items():
         inside = (h[HARMONICS:] > least) & (h[HARMONICS:] <= most)
         largest[band], least = float(np.abs(residual[HARMONICS:][inside]).max()), most
     return Balance(

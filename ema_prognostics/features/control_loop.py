@@ -43,7 +43,7 @@ def _command(signals: Signals, part: slice) -> np.ndarray:
     return np.where(whole, value, np.nan)
 
 
-def control_loop(signals: Signals, windows: tuple[tuple[float, float], ...]) -> dict[str, float]:
+def control_loop(signals: Signals, begin: float, end: float) -> dict[str, float]:
     """Return the delay of the control, log of ms, and its gain, log of that of the model.
 
     Delays below a period of the control are alike: a digital control acts once a period.
@@ -51,21 +51,17 @@ def control_loop(signals: Signals, windows: tuple[tuple[float, float], ...]) -> 
     Parameters
     ----------
     signals : of the record.
-    windows : slews at the limit of the speed, where the position does not act (s after the
+    begin, end : a slew at the limit of the speed, where the position does not act (s after the
         first command).
     """
     lags = min(MOST_LAGS, int(LONGEST * signals.rate))
-    rows, sides = [], []
-    for begin, end in windows:
-        part = signals.between(begin, end)
-        speed, wanted = signals.speed[part], _command(signals, part)
-        noise = speed[1:-1] - 0.5 * (speed[2:] + speed[:-2])
-        answer = wanted[1:-1] - 0.5 * (wanted[2:] + wanted[:-2])
-        late = np.lib.stride_tricks.sliding_window_view(noise, lags + 1)[:, ::-1]
-        known = np.isfinite(answer[lags:])
-        rows.append(late[known])
-        sides.append(answer[lags:][known])
-    x, y = np.vstack(rows), np.concatenate(sides)
+    part = signals.between(begin, end)
+    speed, wanted = signals.speed[part], _command(signals, part)
+    noise = speed[1:-1] - 0.5 * (speed[2:] + speed[:-2])
+    change = (wanted[1:-1] - 0.5 * (wanted[2:] + wanted[:-2]))[lags:]
+    late = np.lib.stride_tricks.sliding_window_view(noise, lags + 1)[:, ::-1]
+    known = np.isfinite(change)
+    x, y = late[known], change[known]
     control, acquisition = signals.actuator.control, signals.actuator.acquisition
     declared = np.zeros(lags + 1)
     late_by = acquisition.reference_latency * control.period * signals.rate

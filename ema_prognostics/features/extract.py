@@ -47,11 +47,6 @@ def _pair(found: dict[str, float], speed: str, ahead: Balance, back: Balance) ->
         found[f"high_{band}_{speed}"] = float(np.log(max(high, back.high[band]) + 1e-5))
 
 
-def _ramp_torque(signals: Signals, begin: float, end: float) -> float:
-    part = signals.between(begin, end)
-    return float(signals.torque_constant * median(signals.torque_current[part]))
-
-
 def _start(signals: Signals, full: Balance, end: float) -> dict[str, float]:
     """Time from the command to 90 % of the full speed (ms), and the peak of the speed."""
     part = signals.between(0.0, end)
@@ -70,7 +65,9 @@ def _slow(signals: Signals, plan: TestPlan) -> dict[str, float]:
     floor = LEAST_TORQUE * signals.actuator.friction_torque
     ramps = [window for window in (plan.ramp, plan.ramp_back) if window is not None]
     quarters = [plan.segments[n][:2] for n in ("quarter", "quarter_back")]
-    ahead, back = (_ramp_torque(signals, *window) for window in ramps)
+    ahead, back = (
+        float(signals.torque_constant * median(signals.torque_current[signals.between(*window)]))
+        for window in ramps)
     found["torque_ramp"] = float(np.log(max(0.5 * (ahead - back), floor)))
     found["load_ramp"] = 0.5 * (ahead + back)
     gaps: list[LostMotion] = [
@@ -103,7 +100,7 @@ def _winding(signals: Signals, plan: TestPlan) -> dict[str, float]:
             found[f"rise_{name}"], found[f"rise_spread_{name}"] = rise(signals, begin, end)
     if kind == RELAY:  # the only drive whose leg voltages a record tells
         found |= winding(signals, plan.slow_from)
-    return found | control_loop(signals, (plan.full_speed,))
+    return found | control_loop(signals, *plan.full_speed)
 
 
 def _sag(record: Record, actuator: Actuator) -> float:
@@ -135,12 +132,10 @@ def extract(
     signals = prepare(record, actuator)
     plan = test_plan(record.profile, signals.actuator)
     slews = plan.segments
-    wide = kind == "extended"
     balances = {
-        name: torque_balance(signals, *segment, high=True) for name, segment in slews.items()
-    }
+        name: torque_balance(signals, *segment) for name, segment in slews.items()}
     found: dict[str, float] = {}
-    if wide:
+    if kind == "extended":
         slow = _slow(signals, plan)
         ramps = [window for window in (plan.ramp, plan.ramp_back) if window is not None]
         dry, balances = dry_friction(signals, balances, ramps, exp(slow["torque_ramp"]))

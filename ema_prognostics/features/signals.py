@@ -52,14 +52,13 @@ def current_sensors(record: Record, *, two: bool = False) -> CurrentSensors:
     currents = record.samples[:, PHASE_CURRENTS]
     rest = currents[record.at_rest]
     offset = rest.mean(axis=0) if len(rest) >= MIN_SAMPLES else np.zeros(3)
-    if two:
-        return CurrentSensors(offset=offset, gain=np.ones(3))
-    on = currents[record.at_rest.stop:].T - offset[:, None]
-    _, vectors = np.linalg.eigh(on @ on.T)
-    normal = np.abs(vectors[:, 0])
-    if normal.min() < 0.2:  # a phase carries no current: no gain can be told
-        return CurrentSensors(offset=offset, gain=np.ones(3))
-    gain = 1.0 / normal
+    gain = np.ones(3)
+    if not two:
+        on = currents[record.at_rest.stop:].T - offset[:, None]
+        _, vectors = np.linalg.eigh(on @ on.T)
+        normal = np.abs(vectors[:, 0])
+        if normal.min() >= 0.2:  # else a phase carries no current: no gain can be told
+            gain = 1.0 / normal
     return CurrentSensors(offset=offset, gain=gain / gain.mean())
 
 

@@ -69,11 +69,10 @@ def start_features(signals: Signals, begin: float, end: float) -> dict[str, floa
     at_rest = float(lag[rest].mean()) if rest.any() else float(lag[0])
     width = max(1, round(SMOOTHING * signals.rate))
     length = START_SHARE * begin
-    start = lag[signals.between(0.0, length)]
-    sums = np.concatenate([[0.0], np.cumsum(start)])
+    part = signals.between(0.0, length)
+    sums = np.concatenate([[0.0], np.cumsum(lag[part])])
     peak = float(np.max(sums[width:] - sums[:-width]) / width)
     first, second = start_stiffness(signals, 0.4 * length)
-    part = signals.between(0.0, length)
     travel = direction * (theta[part] - theta[part][0]) / signals.actuator.wind_up
     found: dict[str, float] = {}
     last = at_rest

@@ -189,9 +189,6 @@ def winding(signals: Signals, length: float) -> dict[str, float]:
     }
 
 
-FLOOR = 1e-9
-
-
 def rise(signals: Signals, begin: float, end: float) -> tuple[float, float]:
     """Return the mean take-over and its spread between the phases, as logarithms.
 
@@ -211,7 +208,7 @@ def rise(signals: Signals, begin: float, end: float) -> tuple[float, float]:
         incoming = since < SECTOR
         wanted = reference[incoming, phase]
         missing = np.abs(wanted) - np.sign(wanted) * signals.currents[part][incoming, phase]
-        lack[phase] = missing.sum() / max(float(wanted @ wanted), FLOOR)
+        lack[phase] = missing.sum() / max(float(wanted @ wanted), TINY)
     mean = float(lack.mean())
     turned = complex(lack @ np.exp(1j * THIRD * np.arange(3)))
     return (float(np.log(max(mean, 1e-6))),

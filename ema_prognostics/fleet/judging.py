@@ -35,9 +35,9 @@ class JudgeSettings(NamedTuple):
     def of(cls, model: str | Path | None, profile: str | Path | None) -> JudgeSettings:
         """Return the settings of the present kit, with paths that hold in another process."""
         def place(given: str | Path | None) -> str | None:
-            path = None if given is None else Path(given)
-            return str(path.resolve()) if path is not None and path.is_file() else (
-                None if given is None else str(given))
+            if given is None:
+                return None
+            return str(Path(given).resolve() if Path(given).is_file() else given)
 
         return cls(str(kit_folder().resolve()), place(model), place(profile))
 

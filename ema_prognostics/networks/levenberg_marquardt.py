@@ -26,11 +26,6 @@ MAX_EVALUATIONS = 200
 """Of a fit."""
 
 
-def n_weights(d: int, h: int, k: int) -> int:
-    """Return the number of weights of a network d - h - k, biases included."""
-    return d * h + h + h * k + k
-
-
 def residuals(
     w: np.ndarray, x: np.ndarray, t: np.ndarray, h: int, alpha: float
 ) -> np.ndarray:
@@ -105,7 +100,7 @@ def train(
     fits = []
     with threadpool_limits(limits=1):
         for _ in range(n_restarts):
-            start = rng.normal(size=n_weights(d, hidden, k))
+            start = rng.normal(size=(d + 1) * hidden + (hidden + 1) * k)
             start[: d * hidden] /= np.sqrt(d)
             start[d * hidden + hidden:-k] /= np.sqrt(hidden)
             fits.append(least_squares(

@@ -36,16 +36,14 @@ CUTS: dict[int, tuple[int, ...]] = {2: (1, 14, 21), 3: (1, 6, 14, 21)}
 ANN_B_INPUTS: dict[FaultName, tuple[str, ...]] = {
     "turn_short": TURN_SHORT_INPUTS, "rotor_eccentricity": ECCENTRICITY_INPUTS,
 }
-LEVELS: dict[int, tuple[str, ...]] = {2: ("small", "large"), 3: ("small", "medium", "large")}
+LEVELS = ("small", "medium", "large")
+"""Of ANN_B with three columns."""
 
 
 def level_target(rows: np.ndarray, columns: int) -> np.ndarray:
     """Return ANN_B's target, shape (n, columns), for `rows` 1..21, shape (n,)."""
-    cuts = CUTS.get(columns)
-    if cuts is None:  # equal parts
-        cuts = tuple(np.linspace(1, N_EXTENTS, columns + 1).round().astype(int))
-    rows = np.asarray(rows)[:, None]
-    return ((rows >= np.array(cuts[:-1])) & (rows <= np.array(cuts[1:]))).astype(int)
+    cuts, rows = np.array(CUTS[columns]), rows[:, None]
+    return ((rows >= cuts[:-1]) & (rows <= cuts[1:])).astype(int)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -73,16 +73,14 @@ def portion_centre(phase: int, positive: bool) -> float:
     return (0.25 if positive else 0.75) * TURN + phase * TURN / 3.0
 
 
-def portions(turns: Turns) -> np.ndarray:
-    """Return the second-degree fits of the six portions.
+def concavity(turns: Turns) -> np.ndarray:
+    """Return the concavity, shape (2, 3): [positive or negative portion, phase] (A).
 
-    Returns
-    -------
-    ndarray, shape (2, 3, 3). [positive or negative portion, phase, coefficient of 1, u, u²]
-    in A, where u = -1..1 runs along the trimmed portion.
+    The sag of the fit against its chord, positive where the portion is convex: the coefficient
+    of u², where u = -1..1 runs along the trimmed portion.
     """
     current = turns.samples[:, REFERENCE_CURRENTS]
-    fits = np.empty((2, 3, 3))
+    found = np.empty((2, 3))
     for sign in range(2):
         for phase in range(3):
             centre = portion_centre(phase, sign == 0)
@@ -96,18 +94,9 @@ def portions(turns: Turns) -> np.ndarray:
             u = u[inside]
             design = np.stack([np.ones_like(u), u, u * u], axis=1)
             weighted = design * turns.weight[inside, None]
-            fits[sign, phase] = np.linalg.solve(
-                weighted.T @ design, weighted.T @ current[inside, phase]
-            )
-    return fits
-
-
-def concavity(turns: Turns) -> np.ndarray:
-    """Return the concavity, shape (2, 3): [positive or negative portion, phase] (A).
-
-    The sag of the fit against its chord, positive where the portion is convex.
-    """
-    return portions(turns)[:, :, 2]
+            found[sign, phase] = np.linalg.solve(
+                weighted.T @ design, weighted.T @ current[inside, phase])[2]
+    return found
 
 
 HARMONICS = 6

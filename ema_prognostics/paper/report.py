@@ -46,7 +46,7 @@ def paper_report(experiment: PaperExperiment) -> dict[str, Any]:
         },
         "accuracies": accuracies,
         "tables": _tables(experiment),
-        "statements": [asdict(s) for s in check_statements(experiment)],
+        "statements": [s._asdict() for s in check_statements(experiment)],
         "met": all(a["met"] for a in accuracies if a["start_angles"] == "same"),
     }
 

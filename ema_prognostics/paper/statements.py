@@ -6,7 +6,7 @@ monotone where its rank correlation with the extent is at least 0.98 in magnitud
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import spearmanr
@@ -21,8 +21,7 @@ FIGURE_EXTENTS: dict[FaultName, float] = {"turn_short": 0.25, "rotor_eccentricit
 """Extents of the paper's Figs 9 and 10."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Statement:
+class Statement(NamedTuple):
     """One statement of the paper and what we found."""
 
     section: str
@@ -45,11 +44,8 @@ def _rank(curve: np.ndarray) -> float:
 def _monotone(section: str, text: str, curve: np.ndarray, unit: str, *, rising: bool = False
               ) -> Statement:
     rank = _rank(curve)
-    return Statement(
-        section=section, text=text,
-        reproduced=(rank if rising else abs(rank)) >= MONOTONE,
-        evidence=f"rank correlation {rank:+.3f}; {curve[0]:.4g} to {curve[-1]:.4g} {unit}",
-    )
+    return Statement(section, text, (rank if rising else abs(rank)) >= MONOTONE,
+                     f"rank correlation {rank:+.3f}; {curve[0]:.4g} to {curve[-1]:.4g} {unit}")
 
 
 def check_statements(experiment: PaperExperiment) -> list[Statement]:
@@ -71,25 +67,15 @@ def _portions(figure: dict[FaultName, list[PaperFeatures]]) -> list[Statement]:
     size = np.array([f.concavity for f in figure["rotor_eccentricity"]]).mean(axis=0)
     return [
         Statement(
-            section="V.B", text="SC 25 %: two negative and one positive concavity in the "
-            "positive portion", reproduced=bool(positive >= 0.95),
-            evidence=f"signs (-,+,-) for a, b, c in {positive:.0%} of the portions",
-        ),
-        Statement(
-            section="V.B", text="SC 25 %: the opposite in the negative portion",
-            reproduced=bool(negative >= 0.95),
-            evidence=f"signs (+,-,+) in {negative:.0%} of the portions",
-        ),
-        Statement(
-            section="V.B", text="RE 5 %: concavity of the positive portion always positive",
-            reproduced=bool(up >= 0.95),
-            evidence=f"positive in {up:.0%}; mean {_list(size[0])} A",
-        ),
-        Statement(
-            section="V.B", text="RE 5 %: concavity of the negative portion always positive",
-            reproduced=bool(down >= 0.95),
-            evidence=f"positive in {down:.0%}; mean {_list(size[1])} A",
-        ),
+            "V.B", "SC 25 %: two negative and one positive concavity in the positive portion",
+            bool(positive >= 0.95),
+            f"signs (-,+,-) for a, b, c in {positive:.0%} of the portions"),
+        Statement("V.B", "SC 25 %: the opposite in the negative portion", bool(negative >= 0.95),
+                  f"signs (+,-,+) in {negative:.0%} of the portions"),
+        Statement("V.B", "RE 5 %: concavity of the positive portion always positive",
+                  bool(up >= 0.95), f"positive in {up:.0%}; mean {_list(size[0])} A"),
+        Statement("V.B", "RE 5 %: concavity of the negative portion always positive",
+                  bool(down >= 0.95), f"positive in {down:.0%}; mean {_list(size[1])} A"),
     ]
 
 
@@ -108,47 +94,32 @@ def _envelope(
     mean = _curve(eccentric, "envelope_mean")
     rank, swing = _rank(mean), float(np.ptp(mean) / mean.mean())
     return [
-        Statement(
-            section="V.B", text="SC: positive and negative portions symmetric to the axis",
-            reproduced=symmetric <= -0.9,
-            evidence=f"correlation {symmetric:+.3f} (symmetric -1, shifted +1)",
-        ),
-        Statement(
-            section="V.B", text="RE: positive and negative portions only shifted",
-            reproduced=shifted >= 0.9, evidence=f"correlation {shifted:+.3f} at 5 %",
-        ),
+        Statement("V.B", "SC: positive and negative portions symmetric to the axis",
+                  symmetric <= -0.9, f"correlation {symmetric:+.3f} (symmetric -1, shifted +1)"),
+        Statement("V.B", "RE: positive and negative portions only shifted", shifted >= 0.9,
+                  f"correlation {shifted:+.3f} at 5 %"),
         _monotone("V.B", "SC: maximum of the envelope grows monotonously",
                   _curve(short, "envelope_maximum"), "A", rising=True),
-        Statement(
-            section="V.B", text="RE: maximum of the envelope constant, then rapid growth",
-            reproduced=late > 3.0 * early,
-            evidence=f"varies by {early:.3f} A over rows 1-14, changes by {late:+.3f} A "
-            "over rows 14-21",
-        ),
+        Statement("V.B", "RE: maximum of the envelope constant, then rapid growth",
+                  late > 3.0 * early, f"varies by {early:.3f} A over rows 1-14, changes by "
+                  f"{late:+.3f} A over rows 14-21"),
         _monotone("V.B", "SC: mean of the envelope grows monotonously",
                   _curve(short, "envelope_mean"), "A", rising=True),
-        Statement(
-            section="V.B", text="RE: mean of the envelope oscillates around a mean value",
-            reproduced=abs(rank) < 0.5 and swing < 0.01,
-            evidence=f"rank correlation {rank:+.3f}, swing {swing:.2%} of the mean: "
-            + ("a slow monotone fall" if rank < -0.5 else "no trend"),
-        ),
+        Statement("V.B", "RE: mean of the envelope oscillates around a mean value",
+                  abs(rank) < 0.5 and swing < 0.01,
+                  f"rank correlation {rank:+.3f}, swing {swing:.2%} of the mean: "
+                  + ("a slow monotone fall" if rank < -0.5 else "no trend")),
     ]
 
 
 def _lines(experiment: PaperExperiment) -> list[Statement]:
     short, eccentric = (experiment.clean[fault] for fault in FAULTS)
-    found = []
     frequency = float(np.mean([f.frequency for a in short for f in a]))
-    for multiple, hertz in ((0, 0), (2, 251), (4, 503), (6, 755)):
-        found.append(_monotone(
-            "V.C", f"SC: line at {hertz} Hz monotone (ours {multiple} f_e = "
-            f"{multiple * frequency:.0f} Hz)", _curve(short, "speed_lines", multiple), "rad/s",
-        ))
-    for multiple, hertz in ((0, 0), (1, 122), (3, 375)):
-        found.append(_monotone(
-            "V.C", f"RE: line at {hertz} Hz monotone (ours {multiple} f_e = "
-            f"{multiple * frequency:.0f} Hz)", _curve(eccentric, "speed_lines", multiple),
-            "rad/s",
-        ))
-    return found
+    return [
+        _monotone("V.C", f"{fault}: line at {hertz} Hz monotone (ours {multiple} f_e = "
+                  f"{multiple * frequency:.0f} Hz)", _curve(curves, "speed_lines", multiple),
+                  "rad/s")
+        for fault, curves, lines in (
+            ("SC", short, ((0, 0), (2, 251), (4, 503), (6, 755))),
+            ("RE", eccentric, ((0, 0), (1, 122), (3, 375))))
+        for multiple, hertz in lines]

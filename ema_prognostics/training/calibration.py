@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 
-COVERAGE = 0.9
 BORNE_OUT = 40
 """Records by which a probability is told: a standard error of 0.08 or less."""
 TILT = 0.01
@@ -39,7 +38,7 @@ def tail_quantile(score: np.ndarray, rate: float) -> float:
     return base + scale / shape * ((rate / tail) ** -shape - 1.0)
 
 
-def conformal_quantile(residual: np.ndarray, coverage: float = COVERAGE) -> float:
+def conformal_quantile(residual: np.ndarray, coverage: float) -> float:
     """Return the split-conformal half width: covers a new residual with `coverage`.
 
     Parameters
@@ -52,8 +51,7 @@ def conformal_quantile(residual: np.ndarray, coverage: float = COVERAGE) -> floa
 
 
 def local_quantiles(
-    value: np.ndarray, residual: np.ndarray, coverage: float = COVERAGE,
-    most_bins: int = MOST_BINS,
+    value: np.ndarray, residual: np.ndarray, coverage: float, most_bins: int = MOST_BINS,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return split-conformal half widths that depend on a value: bins of as many residuals each.
 

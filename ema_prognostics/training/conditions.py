@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -168,24 +168,23 @@ def actuator_of(nominal: Actuator, unit: Unit, conditions: RunConditions) -> Act
     """Return the actuator of a unit, its sensors and recorder as in one test."""
     speed, current, position = conditions.noise
     recorder = conditions.recorder or unit.recorder
-    motor, surface, shaft, control = (
-        nominal.motor, nominal.surface, nominal.shaft, nominal.control)
-    drive, acquisition = nominal.drive, nominal.acquisition
+    motor, surface, acquisition = nominal.motor, nominal.surface, nominal.acquisition
     dry_m = motor.dynamic_friction * (1.0 + unit.motor_friction)
     dry_s = surface.dynamic_friction * (1.0 + unit.surface_friction)
     over_m, over_s = (
-        max(1.0, (1.0 + part) * _over(static, dynamic)) for part, static, dynamic in zip(
+        max(1.0, (1.0 + part) * (static / dynamic if dynamic > 0.0 else 1.0))
+        for part, static, dynamic in zip(
             unit.static_ratio, (motor.static_friction, surface.static_friction),
             (motor.dynamic_friction, surface.dynamic_friction)))
     return nominal._replace(
-        drive=drive._replace(
-            proportional_gain=drive.proportional_gain * (1.0 + unit.current_gains[0]),
-            integral_gain=drive.integral_gain * (1.0 + unit.current_gains[1]),
-        ),
-        inverter=nominal.inverter._replace(
-            hysteresis=nominal.inverter.hysteresis * (1.0 + unit.hysteresis)),
-        motor=motor._replace(
-            back_emf_constant=motor.back_emf_constant * (1.0 + unit.back_emf),
+        drive=_times(nominal.drive, proportional_gain=1.0 + unit.current_gains[0],
+                     integral_gain=1.0 + unit.current_gains[1]),
+        inverter=_times(nominal.inverter, hysteresis=1.0 + unit.hysteresis),
+        motor=_times(
+            motor, back_emf_constant=1.0 + unit.back_emf, phase_resistance=1.0 + unit.resistance,
+            phase_inductance=1.0 + unit.inductance, inertia=1.0 + unit.inertia[0],
+            viscous_friction=unit.viscous[0],
+        )._replace(
             back_emf_deviation_a=unit.back_emf_phase[0],
             back_emf_deviation_b=unit.back_emf_phase[1],
             back_emf_deviation_c=unit.back_emf_phase[2],
@@ -193,45 +192,29 @@ def actuator_of(nominal: Actuator, unit: Unit, conditions: RunConditions) -> Act
             harmonic_3=motor.harmonic_3 + unit.harmonics[0],
             harmonic_5=motor.harmonic_5 + unit.harmonics[1],
             harmonic_7=motor.harmonic_7 + unit.harmonics[2],
-            phase_resistance=motor.phase_resistance * (1.0 + unit.resistance),
-            phase_inductance=motor.phase_inductance * (1.0 + unit.inductance),
-            inertia=motor.inertia * (1.0 + unit.inertia[0]),
-            viscous_friction=motor.viscous_friction * unit.viscous[0],
             dynamic_friction=dry_m, static_friction=dry_m * over_m,
         ),
-        surface=surface._replace(
-            inertia=surface.inertia * (1.0 + unit.inertia[1]),
-            viscous_friction=surface.viscous_friction * unit.viscous[1],
-            dynamic_friction=dry_s, static_friction=dry_s * over_s,
-        ),
-        shaft=shaft._replace(stiffness=shaft.stiffness * (1.0 + unit.stiffness),
-                             damping=shaft.damping * (1.0 + unit.damping),
-                             backlash=shaft.backlash * (1.0 + unit.backlash)),
-        control=control._replace(
-            position_gain=control.position_gain * (1.0 + unit.gains[0]),
-            proportional_gain=control.proportional_gain * (1.0 + unit.gains[1]),
-            integral_gain=control.integral_gain * (1.0 + unit.gains[2]),
-        ),
+        surface=_times(
+            surface, inertia=1.0 + unit.inertia[1], viscous_friction=unit.viscous[1],
+        )._replace(dynamic_friction=dry_s, static_friction=dry_s * over_s),
+        shaft=_times(nominal.shaft, stiffness=1.0 + unit.stiffness, damping=1.0 + unit.damping,
+                     backlash=1.0 + unit.backlash),
+        control=_times(nominal.control, position_gain=1.0 + unit.gains[0],
+                       proportional_gain=1.0 + unit.gains[1], integral_gain=1.0 + unit.gains[2]),
         converters=_converters(nominal.converters, recorder),
-        noise=nominal.noise._replace(
-            speed=nominal.noise.speed * speed, current=nominal.noise.current * current,
-            position=nominal.noise.position * position),
+        noise=_times(nominal.noise, speed=speed, current=current, position=position),
         acquisition=acquisition._replace(
             command_latency=acquisition.command_latency + unit.latency[0],
             reference_latency=acquisition.reference_latency + unit.latency[1],
-            sampling=_other(acquisition.sampling) if recorder.kind == "sampled"
-            else acquisition.sampling,
+            sampling=acquisition.sampling if recorder.kind != "sampled"
+            else MEAN if acquisition.sampling == INSTANT else INSTANT,
         ),
     )
 
 
-def _over(static: float, dynamic: float) -> float:
-    """Return static over dynamic friction, 1 of an actuator without."""
-    return static / dynamic if dynamic > 0.0 else 1.0
-
-
-def _other(sampling: int) -> int:
-    return MEAN if sampling == INSTANT else INSTANT
+def _times(section: Any, **factors: float) -> Any:
+    """Return a section of a description with some of its values multiplied."""
+    return section._replace(**{n: getattr(section, n) * by for n, by in factors.items()})
 
 
 def _converters(declared: Converters, recorder: Recorder) -> Converters:

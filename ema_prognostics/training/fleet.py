@@ -44,6 +44,8 @@ MIX = (("healthy", 0.16), ("turn_short", 0.20), ("static", 0.06), ("rotor_eccent
        ("friction", 0.15), ("backlash", 0.09), ("pair", 0.16))
 """What the tests of the training units have, with probabilities."""
 TESTS_A_UNIT = 3
+CHUNK = 10
+"""Units a job."""
 LEAST_FRICTION = 1e-12
 """Floor of a dry friction (N m): there may be none."""
 LEAST_UNITS = 0.5
@@ -209,23 +211,11 @@ def _run(kinds: tuple[ProfileKind, ...], always: Effects, plans: list[_UnitPlan]
     return arrays
 
 
-def simulate_fleet(
-    kind: ProfileKind, units: int, seed: int, *, healthy: bool = False, jobs: int = 1,
-    progress: Callable[[int, int], None] = lambda _done, _all: None, chunk: int = 10,
-    folder: Path | None = None, model: Model | None = None, draw: DrawFault = draw_of_mix,
-    draw_type: DrawType | None = None,
-) -> FleetFeatures:
-    """Return the features of one kind of test, see `simulate_fleets`."""
-    return simulate_fleets(
-        (kind,), units, seed, healthy=healthy, jobs=jobs, progress=progress, chunk=chunk,
-        folder=folder, model=model, draw=draw, draw_type=draw_type)[kind]
-
-
 def simulate_fleets(
     kinds: tuple[ProfileKind, ...], units: int, seed: int, *, healthy: bool = False,
     jobs: int = 1, progress: Callable[[int, int], None] = lambda _done, _all: None,
-    chunk: int = 10, folder: Path | None = None, model: Model | None = None,
-    draw: DrawFault = draw_of_mix, draw_type: DrawType | None = None,
+    folder: Path | None = None, model: Model | None = None, draw: DrawFault = draw_of_mix,
+    draw_type: DrawType | None = None,
 ) -> dict[ProfileKind, FleetFeatures]:
     """Simulate `units` units and return their features by kind of test.
 
@@ -237,7 +227,6 @@ def simulate_fleets(
     healthy : only healthy tests, for the calibration of false alarms.
     jobs : processes.
     progress : called with units done and all units.
-    chunk : units a job.
     folder : keeps what is done, so that a campaign that was stopped goes on.
     model : the actuator around which the fleet spreads, with effects that all its units have;
         default that of the present kit.
@@ -250,10 +239,10 @@ def simulate_fleets(
     spread, of = load_spread(), model or load_model_file()
     plans = [_draw(np.random.default_rng(s), healthy, spread, draw,
                    draw_type or (lambda _: of.actuator)) for s in streams]
-    parts = [plans[i:i + chunk] for i in range(0, units, chunk)]
+    parts = [plans[i:i + CHUNK] for i in range(0, units, CHUNK)]
     source = "" if draw is draw_of_mix else source_hash(draw.__module__)
     keys = [sources_key(json.dumps([kinds, repr(of), [repr(plan.type) for plan in part], seed,
-                                    healthy, chunk, k]), source)
+                                    healthy, CHUNK, k]), source)
             for k, part in enumerate(parts)]
     work = Parallel(n_jobs=jobs, return_as="generator")(
         delayed(_run)(kinds, of.effects, part, key, folder, kit_folder())
@@ -261,7 +250,7 @@ def simulate_fleets(
     results = []
     for result in work:
         results.append(result)
-        progress(min(chunk * len(results), units), units)
+        progress(min(CHUNK * len(results), units), units)
     return {kind: _collected(kind, parts, results, _dry(of.actuator)) for kind in kinds}
 
 

@@ -16,6 +16,7 @@ from ema_prognostics.cascade.guard import (
     NO_FAULT_MOVES,
     checked_of,
     drivers_of,
+    length,
     limits_of,
     signed,
     squeeze,
@@ -82,11 +83,10 @@ def _groups(known: np.ndarray, z: np.ndarray, checked: list[str], margin: float
             ) -> dict[str, GroupPart]:
     """Return the limits of the groups: scatter of `known` residuals, distance of those in `z`."""
     found = {}
-    for name, columns in group_columns(checked).items():
+    for name, columns in group_columns(tuple(checked)).items():
         whitening = _whitening(squeeze(known[:, columns], GROUP_SQUEEZE))
-        squeezed = squeeze(z[:, columns], GROUP_SQUEEZE)
-        length = np.linalg.norm(squeezed @ whitening.T, axis=1)
-        distance = margin * tail_quantile(length, GROUP_RATE)
+        distance = margin * tail_quantile(
+            length(z[:, columns], whitening, GROUP_SQUEEZE), GROUP_RATE)
         found[name] = GroupPart(whitening=rounded(whitening), distance=float(f"{distance:.6g}"))
     return found
 
@@ -106,10 +106,10 @@ def _limits(
     margin, all_margin : on the limits of the features, shape (m,), and on those of several.
     """
     whitening = _whitening(squeeze(known))
-    length = np.linalg.norm(squeeze(z) @ whitening.T, axis=1)
     each = np.array([max(tail_quantile(v, SINGLE_RATE), 1e-3) for v in np.abs(z).T])
     worst = (np.abs(z) / each).max(axis=1)
-    limit, distance = each * tail_quantile(worst, GUARD_RATE), tail_quantile(length, GUARD_RATE)
+    limit = each * tail_quantile(worst, GUARD_RATE)
+    distance = tail_quantile(length(z, whitening), GUARD_RATE)
     part = LimitPart(
         limit=rounded(margin * np.maximum(limit, least)), whitening=rounded(whitening),
         distance=float(f"{all_margin * distance:.6g}"), tail=[0.0] * len(TAIL_RATES),

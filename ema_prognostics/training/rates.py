@@ -52,12 +52,6 @@ class DetectionCurve(NamedTuple):
     origin: float = 0.0
     """Added to the severity before its logarithm."""
 
-    def probability(self, severity: np.ndarray) -> np.ndarray:
-        """Return the probability of detection at severities, shape (n,)."""
-        from scipy.special import expit
-
-        return expit(self.intercept + self.slope * np.log(self.origin + severity))
-
 
 ORIGIN = {"friction": 1.0, "motor_friction": 1.0, "surface_friction": 1.0}
 """Of the curves of detection, see `detection_curve`; others: 0. Chosen on the fleets of the

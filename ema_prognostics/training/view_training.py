@@ -104,13 +104,6 @@ def rates_of(kind: str, view: View, most: float) -> dict[str, float]:
     return {name: min(rate, most) for name, rate in rates.items()}
 
 
-def _turn_labels(y: np.ndarray, thirds: int) -> np.ndarray:
-    """Return severities, shape (n, 8), after `vector.rotate` by `thirds`."""
-    out = y.copy()
-    out[:, :3] = np.roll(y[:, :3], -thirds, axis=1)
-    return out
-
-
 def train_view(
     campaign: FleetFeatures, healthy: FleetFeatures, kind: str, view: View, *, seed: int,
     hidden: int, iterations: int, strangers: FleetFeatures | None = None,
@@ -157,9 +150,9 @@ def train_view(
     inputs = Inputs(names, lines, absolute, np.array(center), np.array(spread))
     xs = np.vstack([x[fit], extra])
     ys = np.vstack([y[fit], np.zeros((len(extra), y.shape[1]))])
-    records = TrainingRecords(xs, ys, weight, itself, tests[:len(itself)].astype(float), own)
     rates = rates_of(kind, view, alarms)
-    work = _Work(inputs, records, rates, seed, hidden, iterations)
+    work = _Work(inputs, xs, ys, weight, itself, tests[:len(itself)].astype(float), own, view,
+                 rates, {"hidden": hidden, "seed": seed, "iterations": iterations})
     parts = campaign.unit % HELD_BACK
     families, members = {}, {}
     for name, outputs in FAMILIES.items():
@@ -185,7 +178,7 @@ def train_view(
         center=center, spread=spread, families=families, members=members, severity=severity,
         doubt=0.0, guard=guard,
     )
-    judge = build_guard(part, guard)
+    judge = build_guard(part)
     strange = None if strangers is None else train_strangers(
         inputs.input_names,
         lambda rows: judge.bounded([inputs(rotate(rows, names, k)) for k in range(3)]),
@@ -197,9 +190,10 @@ def train_view(
     return part.model_copy(update={"doubt": float(np.clip(float(f"{doubt:.6g}"), 0.0, 1.0))})
 
 
-class TrainingRecords(NamedTuple):
-    """What the networks of a view are trained on."""
+class _Work(NamedTuple):
+    """Records that train, and the training of each network on them."""
 
+    inputs: Inputs
     x: np.ndarray
     """Features, shape (n, d)."""
     y: np.ndarray
@@ -212,31 +206,17 @@ class TrainingRecords(NamedTuple):
     """Shape (m,)."""
     own: np.ndarray | None
     """Log of the units' own friction, shape (n, 2); None with a baseline."""
-
-
-class _Work:
-    """Records that train, and the training of each network on them."""
-
-    def __init__(
-        self, inputs: Inputs, records: TrainingRecords, rates: dict[str, float], seed: int,
-        hidden: int, iterations: int,
-    ) -> None:
-        """Keep what trains."""
-        self._inputs, self._records = inputs, records
-        self._x, self._y, self._own = records.x, records.y, records.own
-        self._rates = rates
-        self._settings: dict[str, Any] = {"hidden": hidden, "seed": seed}
-        self._iterations = iterations
-        self._view: View = "baseline" if records.own is None else "fleet"
+    view: View
+    rates: dict[str, float]
+    settings: dict[str, Any]
+    """Hidden neurons, seed and most steps of the networks."""
 
     def _see(self, group: str, x: np.ndarray, *, size: bool = False) -> np.ndarray:
         """Return the inputs of a group; for the shorts those seen from each phase."""
-        columns = self._inputs.columns(
-            group_inputs(group, self._inputs.input_names, size=size))
+        columns = self.inputs.columns(group_inputs(group, self.inputs.input_names, size=size))
         turns = 3 if group == "short" else 1
-        return np.vstack([
-            self._inputs(rotate(x, self._inputs.names, k))[:, columns] for k in range(turns)
-        ])
+        return np.vstack([self.inputs(rotate(x, self.inputs.names, k))[:, columns]
+                          for k in range(turns)])
 
     def _announced(
         self, group: str, x: np.ndarray, families: dict[str, FamilyPart]
@@ -251,7 +231,7 @@ class _Work:
     def _label(group: str, y: np.ndarray) -> np.ndarray:
         """Return the severity of a group, for the shorts that of each phase."""
         if group == "short":
-            return np.concatenate([_turn_labels(y, k)[:, 0] for k in range(3)])
+            return y[:, :3].T.ravel()
         return y[:, OUTPUTS.index(group)]
 
     def family(self, name: str, sound: np.ndarray, tests: int) -> FamilyPart:
@@ -259,25 +239,24 @@ class _Work:
 
         The first `tests` records are no acceptance records.
         """
-        x, weight = self._x, self._records.weight
+        x, weight = self.x, self.weight
         if name in ITSELF:
-            x = np.vstack([x, self._records.itself])
-            weight = np.concatenate([weight, self._records.itself_weight])
+            x = np.vstack([x, self.itself])
+            weight = np.concatenate([weight, self.itself_weight])
         there = np.zeros(len(x), dtype=bool)
-        there[:len(self._y)] = self._y[:, [OUTPUTS.index(o) for o in FAMILIES[name]]].any(axis=1)
-        if name in FRICTIONS and self._own is not None:
-            network = self._friction(self._own[:, FRICTIONS.index(name)], name, there)
+        there[:len(self.y)] = self.y[:, [OUTPUTS.index(o) for o in FAMILIES[name]]].any(axis=1)
+        if name in FRICTIONS and self.own is not None:
+            network = self._friction(self.own[:, FRICTIONS.index(name)], name, there)
             # One logistic curve is not how probable: within what units differ by nearly none is
             # an increase, beyond it all are.
             curve = borne_out(logit(network(self._see(name, x[:tests]))[:, 0]), there[:tests])
         else:
             curve = np.zeros(1), np.zeros(1)
-            network = fit_classifier(self._see(name, x), there, iterations=self._iterations,
-                                     weight=weight, **self._settings)
+            network = fit_classifier(self._see(name, x), there, weight=weight, **self.settings)
         part = NetworkPart.of(network)
         score = logit(part.build()(self._see(name, sound))[:, 0])
-        threshold = float(f"{tail_quantile(score, self._rates[name]):.6g}")
-        return FamilyPart(inputs=group_inputs(name, self._inputs.input_names), network=part,
+        threshold = float(f"{tail_quantile(score, self.rates[name]):.6g}")
+        return FamilyPart(inputs=group_inputs(name, self.inputs.input_names), network=part,
                           threshold=threshold, knots=rounded(curve[0]), logits=rounded(curve[1]))
 
     def _friction(self, own: np.ndarray, name: str, there: np.ndarray) -> Network:
@@ -287,19 +266,19 @@ class _Work:
         every record tells of; how probable an increase is at that friction is one logistic
         curve. With a baseline the unit's own falls out, and a classifier finds less than 1 %.
         """
-        total = own + np.log1p(self._y[:, OUTPUTS.index(name)])
-        x = self._see(name, self._x)
-        network = fit_regressor(x, total[:, None], iterations=self._iterations, members=MEMBERS,
-                                weight=self._records.weight, **self._settings)
-        return as_classifier(network, network(x)[:, 0], there, self._records.weight)
+        total = own + np.log1p(self.y[:, OUTPUTS.index(name)])
+        x = self._see(name, self.x)
+        network = fit_regressor(x, total[:, None], members=MEMBERS, weight=self.weight,
+                                **self.settings)
+        return as_classifier(network, network(x)[:, 0], there, self.weight)
 
     def member(self, group: str, family: str) -> MemberPart:
         """Return the network that says which, trained where the family is there."""
         columns = [OUTPUTS.index(o) for o in FAMILIES[family]]
-        there = self._y[:, columns].max(axis=1) > 0.0
-        x, label = self._see(group, self._x[there]), self._label(group, self._y[there])
-        network = fit_classifier(x, label > 0.0, iterations=self._iterations, **self._settings)
-        return MemberPart(inputs=group_inputs(group, self._inputs.input_names),
+        there = self.y[:, columns].max(axis=1) > 0.0
+        x, label = self._see(group, self.x[there]), self._label(group, self.y[there])
+        network = fit_classifier(x, label > 0.0, **self.settings)
+        return MemberPart(inputs=group_inputs(group, self.inputs.input_names),
                           network=NetworkPart.of(network))
 
     def severity(
@@ -319,12 +298,12 @@ class _Work:
         there = label > 0.0
         turns = 3 if group == "short" else 1
         parts, alone = np.tile(part, turns), np.tile((y > 0.0).sum(axis=1) == 1, turns)
-        noise = np.tile(self._inputs.noise(self._inputs(x)), turns)
+        noise = np.tile(self.inputs.noise(self.inputs(x)), turns)
         return train_severity(
-            group, self._view, self._see(group, x, size=True)[there], label[there],
+            group, self.view, self._see(group, x, size=True)[there], label[there],
             parts[there], self._announced(group, x, families)[there], alone[there],
-            noise[there], group_inputs(group, self._inputs.input_names, size=True),
-            iterations=self._iterations, **self._settings)
+            noise[there], group_inputs(group, self.inputs.input_names, size=True),
+            **self.settings)
 
 
 def _filters(

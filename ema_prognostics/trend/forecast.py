@@ -22,6 +22,8 @@ Z. W. Birnbaum and S. C. Saunders, J. Appl. Prob. 6 (1969) 319 (passage).
 from __future__ import annotations
 
 import functools
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -75,6 +77,12 @@ class Forecast(NamedTuple):
     median: float | None
     lower: float
     upper: float | None
+
+    def after(self, last: int) -> tuple[int | None, tuple[int, int | None]]:
+        """Return the number of the flight that reaches it, and its interval; `last`: of now."""
+        median, upper = (None if t is None else last + math.ceil(t)
+                         for t in (self.median, self.upper))
+        return median, (last + math.ceil(self.lower), upper)
 
 
 class PassageLaw(NamedTuple):
@@ -208,17 +216,12 @@ def course(seen: Outlook, flights: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     ----------
     flights : ndarray, shape (n,). Increasing, from 0.
     """
-    mean, covariance = seen.mean, seen.covariance
-    scale = seen.pace * _elapsed(seen.acceleration, seen.steadily, flights[:, None])
     found = np.empty((3, len(flights)))
     tail = 0.5 - 0.5 * INTERVAL
-    for k in range(len(flights)):
-        if k:
-            mean, covariance = _ahead(mean, covariance, scale[k] - scale[k - 1],
-                                      flights[k] - flights[k - 1], seen.memory, seen.variance)
-        wide = np.sqrt(covariance[0, 0] + (seen.shared * mean[0]) ** 2)
-        grid = np.linspace((mean[0] - 4.0 * wide).min(), (mean[0] + 4.0 * wide).max(), 400)
-        below = ndtr((grid[:, None] - mean[0]) / wide) @ seen.weight
+    for k, (mean, variance) in enumerate(_coming(seen, flights)):
+        wide = np.sqrt(variance + (seen.shared * mean) ** 2)
+        grid = np.linspace((mean - 4.0 * wide).min(), (mean + 4.0 * wide).max(), 400)
+        below = ndtr((grid[:, None] - mean) / wide) @ seen.weight
         found[:, k] = np.interp([0.5, tail, 1.0 - tail], below, grid)
     return found[0], found[1], found[2]
 
@@ -296,19 +299,24 @@ def _ahead(
     return move(mean), covariance
 
 
-def _passed(seen: Outlook, level: float, flights: np.ndarray) -> np.ndarray:
-    """Return the probability that `level` is reached within `flights`, which begin at 0."""
+def _coming(seen: Outlook, flights: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield mean and variance of the severity after each of `flights`, which begin at 0."""
     mean, covariance = seen.mean, seen.covariance
     scale = seen.pace * _elapsed(seen.acceleration, seen.steadily, flights[:, None])
-    known = (level * seen.shared) ** 2
-    each = np.zeros(len(seen.weight))
-    passed = np.zeros(len(flights))
     for k in range(len(flights)):
         if k:
             mean, covariance = _ahead(mean, covariance, scale[k] - scale[k - 1],
                                       flights[k] - flights[k - 1], seen.memory, seen.variance)
-        above = (mean[0] - level) / np.sqrt(covariance[0, 0] + known)
-        each = np.maximum(each, ndtr(above))
+        yield mean[0], covariance[0, 0]
+
+
+def _passed(seen: Outlook, level: float, flights: np.ndarray) -> np.ndarray:
+    """Return the probability that `level` is reached within `flights`, which begin at 0."""
+    known = (level * seen.shared) ** 2
+    each = np.zeros(len(seen.weight))
+    passed = np.zeros(len(flights))
+    for k, (mean, variance) in enumerate(_coming(seen, flights)):
+        each = np.maximum(each, ndtr((mean - level) / np.sqrt(variance + known)))
         passed[k] = seen.weight @ each
         if passed[k] > 1.0 - 1e-6:
             passed[k:] = 1.0

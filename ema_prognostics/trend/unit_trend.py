@@ -6,7 +6,6 @@ next level (`growth`, `forecast`); what grows below what a flight can announce (
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
@@ -28,12 +27,11 @@ from ema_prognostics.trend.evidence import suspicion
 from ema_prognostics.trend.flights import Flight
 from ema_prognostics.trend.forecast import Outlook, forecast, outlook
 from ema_prognostics.trend.growth import Growth, growth
+from ema_prognostics.verdict.verdict import plain
 from ema_prognostics.words import class_name
 from ema_record.errors import library
 from ema_record.record import html_of, iso_time
 
-DIGITS = 6
-"""Significant digits of a number in the JSON object."""
 NAMES = ("medium", "large")
 """Levels that lie ahead of a small fault, in their order."""
 LIMIT = "limit"
@@ -51,8 +49,7 @@ class LevelForecast:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
-        return {"level": self.level, "severity": self.severity, "flight": self.flight,
-                "interval": list(self.interval)}
+        return {**asdict(self), "interval": list(self.interval)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -216,17 +213,10 @@ def _ahead(
     if history.fault_class in limits:
         levels[LIMIT] = limits[history.fault_class]
     for name, severity in sorted(levels.items(), key=lambda item: item[1]):
-        coming = forecast(view, severity)
-        if coming is None:
-            continue
-        lower, median, upper = (
-            None if t is None else now + math.ceil(t)
-            for t in (coming.lower, coming.median, coming.upper)
-        )
-        assert lower is not None
-        found.append(LevelForecast(
-            level=name, severity=severity, flight=median, interval=(lower, upper),
-        ))
+        if (coming := forecast(view, severity)) is not None:
+            flight, interval = coming.after(now)
+            found.append(LevelForecast(
+                level=name, severity=severity, flight=flight, interval=interval))
     return tuple(found)
 
 
@@ -245,11 +235,7 @@ def _suspected(flights: Sequence[Flight], faults: Sequence[FaultTrend]) -> dict[
 
 def _growth_dict(found: Growth) -> dict[str, Any]:
     return {
-        "flights": found.count, "growing": found.growing, "rate": _rounded(found.rate),
-        "rate_interval": [_rounded(v) for v in found.rate_interval],
-        "p_value": _rounded(found.p_value), "severity": _rounded(found.severity),
+        "flights": found.count, "growing": found.growing, "rate": plain(found.rate),
+        "rate_interval": plain(found.rate_interval), "p_value": plain(found.p_value),
+        "severity": plain(found.severity),
     }
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.{DIGITS}g}")

@@ -103,8 +103,7 @@ class ValueTrend:
             "values": [{"record": int(n), "value": v, "interval": [low, high]}
                        for n, v, low, high in zip(self.number, self.value.tolist(),
                                                   self.lower.tolist(), self.upper.tolist())],
-            "steps": [{"record": s.record, "before": s.before, "after": s.after,
-                       "interval": list(s.interval), "p_value": s.p_value} for s in self.steps],
+            "steps": [{**s._asdict(), "interval": list(s.interval)} for s in self.steps],
             "growth": rate,
             "limit": None if self.limit is None else {
                 "value": self.limit.limit, "passed": self.limit.passed,
@@ -163,13 +162,8 @@ def _passage(found: ValueTrend, limit: float) -> Passage:
     if rise is None or found.way != side:
         return Passage(limit, passed=False, record=None, interval=None)
     ahead = _coming(found, rise, limit)
-    if ahead is None:
-        return Passage(limit, passed=False, record=None, interval=None)
-    last = int(found.number[-1])
-    lower, median, upper = (None if t is None else last + math.ceil(t)
-                            for t in (ahead.lower, ahead.median, ahead.upper))
-    assert lower is not None
-    return Passage(limit, passed=False, record=median, interval=(lower, upper))
+    record, interval = (None, None) if ahead is None else ahead.after(int(found.number[-1]))
+    return Passage(limit, passed=False, record=record, interval=interval)
 
 
 def _coming(found: ValueTrend, rise: Growth, limit: float) -> Forecast | None:

@@ -260,7 +260,7 @@ def _paper_verdict(record: Record, model: TrainedModel) -> Verdict:
     levels = model.paper.level(fault, features)
     return Verdict(
         outcome="fault",
-        faults=(Fault(fault_class=fault, level=LEVELS[3][int(np.argmax(levels))]),),
+        faults=(Fault(fault_class=fault, level=LEVELS[int(np.argmax(levels))]),),
         probabilities=dict(zip(FAULTS, map(float, outputs))),
         reasons=(PAPER_CAVEAT,),
     )

@@ -47,25 +47,25 @@ class Examination:
     @property
     def serial_number(self) -> str:
         """Of the actuator, empty where not known."""
-        return "" if self.record is None else _serial_number(self.record)
+        return _serial_number(self.record)
 
     @property
     def time(self) -> datetime | None:
         """Start of the test (UTC), None where not known."""
-        return None if self.record is None else _time(self.record)
+        return _time(self.record)
 
     def heading(self) -> dict[str, Any]:
         """Return what stands above a verdict: unit, time, test, checks, versions."""
         return heading_of(self.record, self.checks, self.model)
 
 
-def _serial_number(record: Record) -> str:
-    said = record.provenance.serial_number
+def _serial_number(record: Record | None) -> str:
+    said = UNKNOWN_SERIAL if record is None else record.provenance.serial_number
     return "" if said == UNKNOWN_SERIAL else said
 
 
-def _time(record: Record) -> datetime | None:
-    start = record.provenance.start_time
+def _time(record: Record | None) -> datetime | None:
+    start = 0 if record is None else record.provenance.start_time
     return datetime.fromtimestamp(start / 1e9, tz=timezone.utc) if start else None
 
 
@@ -73,21 +73,16 @@ def heading_of(
     record: Record | None, checks: Sequence[CheckResult], model: str
 ) -> dict[str, Any]:
     """Return what stands above a verdict; unit, test and time are empty where not known."""
-    time = None if record is None else _time(record)
+    time = _time(record)
+    kit = "default kit" if is_default_kit() else f"kit {kit_folder().name}"
     return {
-        "serial_number": "" if record is None else _serial_number(record),
+        "serial_number": _serial_number(record),
         "profile": "" if record is None else record.profile.name,
         "start_time": "" if time is None else time.isoformat(timespec="milliseconds"),
         "checks": [{"name": c.name, "level": int(c.level), "message": c.message}
                    for c in checks],
-        "software_version": VERSION, "model": model, "kit": kit_text(),
+        "software_version": VERSION, "model": model, "kit": f"{kit} {kit_sha256()[:8]}",
     }
-
-
-def kit_text() -> str:
-    """Return the present kit and its hash, short: that of the JSON object."""
-    name = "default kit" if is_default_kit() else f"kit {kit_folder().name}"
-    return f"{name} {kit_sha256()[:8]}"
 
 
 def examine(judge: Judge, bag: str | Path) -> Examination:

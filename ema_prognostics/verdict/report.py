@@ -29,8 +29,6 @@ def words_of(evidence: Sequence[Symptom]) -> list[str]:
 def guard_evidence(cascade: Cascade, detection: Detection) -> list[Symptom]:
     """Return what the guard finds unusual: a stranger, features, groups of them, or all."""
     guard = cascade.guard
-    if guard is None:
-        return []
     like = [Symptom(feature=f"{STRANGER}.{detection.stranger_kind}", measure="bound",
                     times=detection.stranger)] if detection.stranger > 1.0 else []
     if like and not detection.unusual(stranger=False):
@@ -65,7 +63,7 @@ def verdict_of_guard(
         return None
     found = guard_evidence(cascade, detection)
     first = found[0].feature
-    reasons = [UNLIKE[cause], *words_of(found), f"next: {next_step(first, ENGLISH)}"]
+    reasons = [UNLIKE[cause], *words_of(found), f"next: {next_step(first)}"]
     return unknown_verdict(*reasons, cause=cause, evidence=found)
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, NamedTuple
 
-from ema_prognostics.words import ENGLISH, feature_words
+from ema_prognostics.words import ENGLISH, class_name, feature_words, severity_words
 
 Outcome = Literal["healthy", "fault", "unknown", "incomplete", "invalid"]
 DIGITS = 6
@@ -38,15 +38,7 @@ class Fault:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
-        interval = self.severity_interval
-        return {
-            "fault_class": self.fault_class,
-            "phase": self.phase,
-            "severity": _rounded(self.severity),
-            "severity_unit": self.severity_unit,
-            "severity_interval": None if interval is None else [_rounded(v) for v in interval],
-            "level": self.level,
-        }
+        return {name: plain(value) for name, value in asdict(self).items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,19 +65,8 @@ class Symptom:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as JSON values, with the feature in words."""
-        return {
-            "feature": self.feature, "words": feature_words(self.feature, ENGLISH),
-            "measure": self.measure, "times": _rounded(self.times, TOLD),
-            "value": None if self.value is None else _rounded(self.value, TOLD), "unit": self.unit,
-            "healthy": None if self.healthy is None else [_rounded(v, TOLD) for v in self.healthy],
-            "own": None if self.own is None else [_rounded(v, TOLD) for v in self.own],
-        }
-
-
-_NO_FAULT = {
-    "fault_class": None, "phase": None, "severity": None, "severity_unit": None,
-    "severity_interval": None, "level": None,
-}
+        found = {name: plain(value, TOLD) for name, value in asdict(self).items()}
+        return {"feature": self.feature, "words": feature_words(self.feature, ENGLISH), **found}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,8 +103,6 @@ class Verdict:
 
     def __repr__(self) -> str:
         """Return one line: outcome, and each fault with its size."""
-        from ema_prognostics.words import class_name, severity_words
-
         faults = ", ".join(
             f"{class_name(f.fault_class, f.phase)} "
             f"{severity_words(f.fault_class, f.severity, f.severity_interval)}".rstrip()
@@ -147,7 +126,7 @@ class Verdict:
             "bag": self.bag,
             **({"actuator": self.actuator} if self.actuator else {}),
             "verdict": self.outcome,
-            **(self.faults[0].to_dict() if self.faults else _NO_FAULT),
+            **(self.faults[0].to_dict() if self.faults else dict.fromkeys(Fault.__slots__)),
             "faults": [f.to_dict() for f in self.faults],
             "alternatives": list(self.alternatives),
             "probabilities": {
@@ -189,5 +168,10 @@ def worst_status(statuses: list[int]) -> int:
     return next((status for status in _WORST_FIRST if status in statuses), 0)
 
 
-def _rounded(value: float | None, digits: int = DIGITS) -> float | None:
-    return None if value is None else float(f"{value:.{digits}g}")
+def plain(value: Any, digits: int = DIGITS) -> Any:
+    """Return a JSON value: a number with so many digits, an interval as a list; others stay."""
+    if value is None or isinstance(value, str):
+        return value
+    if isinstance(value, tuple | list):
+        return [plain(v, digits) for v in value]
+    return float(f"{value:.{digits}g}")

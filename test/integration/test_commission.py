@@ -82,7 +82,7 @@ def test_a_kit_is_made_and_a_stopped_run_is_taken_up(tmp_path):
     assert before and kept == [before]  # what was simulated is not simulated again
     assert not (out / "work").exists() and not work.parent.exists()
     text = json.loads((out / VALIDATION).read_text(encoding="utf-8"))
-    assert text == json.loads(json.dumps(found.validation))
+    assert text == json.loads(json.dumps(found))
     assert {r["left_out"] for r in text["records"]} == {"healthy"}
     with using_kit(out):
         model = load_model()

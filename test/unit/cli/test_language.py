@@ -12,6 +12,7 @@ from ema_prognostics.words import (
     class_name,
     feature_words,
     languages,
+    name_of,
     next_step,
     words,
 )
@@ -37,7 +38,7 @@ def test_what_a_table_lacks_is_english(tmp_path, monkeypatch):
     own.write_text('fault:\n  backlash: {name: jeu}\n')
     monkeypatch.setenv(ENVIRONMENT, str(own))
     assert (class_name("backlash"), class_name("friction")) == ("jeu", "friction")
-    assert class_name("backlash", language="en") == "backlash"
+    assert name_of("backlash", "en") == "backlash"
 
 
 @pytest.mark.parametrize(("text", "problem"), [

@@ -134,7 +134,7 @@ def test_group_is_unusual_where_none_of_its_features_is() -> None:
 
 
 def test_groups_hold_features_of_one_part_of_the_physics() -> None:
-    checked = ["shaft_bend", "control_gain", "lag_ramp", "inertia", "rise_time"]
+    checked = ("shaft_bend", "control_gain", "lag_ramp", "inertia", "rise_time")
     found = group_columns(checked)
     assert found["transmission"].tolist() == [0, 2]
     assert found["acceleration"].tolist() == [3, 4]

@@ -57,7 +57,7 @@ def test_the_body_of_a_type_with_a_discrepancy_and_without_the_paper(cache):
     left = DiscrepancyPart(names=["a", "b"], mean=[0.5, -1.0], spread=[1.0, 2.0])
     body = model.body.model_copy(
         update={"paper": None, "actuator": "0" * 16, "discrepancy": {"step": left}})
-    save("model_x", kept._Packed(replace(model, body=body), "file").arrays)
+    save("model_x", kept._packed(replace(model, body=body), "file"))
     found = kept._unpacked("model_x", "file")
     assert found.paper is None and found.body.actuator == "0" * 16
     assert found.body.discrepancy["step"].names == left.names

@@ -19,7 +19,7 @@ from ema_prognostics.cascade.classes import FAULTS, OUTPUTS
 from ema_prognostics.commission import commission as commissioning
 from ema_prognostics.commission.bound import FALSE_ALARMS, linear_bound
 from ema_prognostics.commission.quality import WIDEN, widening
-from ema_prognostics.commission.report import percent, report_page, write_report
+from ema_prognostics.commission.report import percent, report_page
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_prognostics.training.rates import rate
 from ema_record.actuator import load_actuator
@@ -88,9 +88,8 @@ def words(page: str) -> str:
     return " ".join(found.words)
 
 
-def test_the_page_says_what_a_buyer_asks(tmp_path: Path) -> None:
-    write_report(validation(), tmp_path / "report.html")
-    said = words((tmp_path / "report.html").read_text(encoding="utf-8"))
+def test_the_page_says_what_a_buyer_asks() -> None:
+    said = words(report_page(validation()))
     for part in (
         "850 other simulated tests", "healthy called a fault 0.2 % (0.0–1.4) of 400",
         "healthy called unknown 0.8 %", "acceptance records called unknown 1 of 8 5 %",
@@ -167,9 +166,8 @@ def test_the_library_is_made_unless_it_is_quick(
     built: list[Any] = []
     monkeypatch.setattr(library_build, "fleet_library", lambda *_, **more: built.append(more))
 
-    def fake(paths: Any, description: Any, out: Path, *, library: Any, **_: Any) -> Any:
-        told = library([record_of("step", seed=3)], folder, lambda *_: None)
-        return commissioning.Commissioning(kit=out, validation=validation(library=told))
+    def fake(*_: Any, library: Any, **__: Any) -> Any:
+        return validation(library=library([record_of("step", seed=3)], folder, lambda *_: None))
 
     monkeypatch.setattr(commissioning, "commission", fake)
     assert run(["commission", str(bag), "--actuator", str(kit_path(ACTUATOR)), "--out",

@@ -103,8 +103,8 @@ def test_teeth_that_are_no_multiple_of_the_pole_pairs_have_a_line() -> None:
     assert 3.4 in orders and not {2.0, 3.8, 4.0, 4.2} & set(orders)
     assert other_orders(1).tolist() == list(range(7, 37))
     high = {line: torque_balance(
-        prepare(slewing_record(current_lines=[(line, 0.35, 0.4)]), five), 0.1, 0.36, 20,
-        high=True).high["low"] for line in (3.4, 4.2)}
+        prepare(slewing_record(current_lines=[(line, 0.35, 0.4)]), five), 0.1, 0.36, 20
+    ).high["low"] for line in (3.4, 4.2)}
     assert high[3.4] == pytest.approx(0.05, rel=0.02)
     assert high[4.2] < 0.01
 

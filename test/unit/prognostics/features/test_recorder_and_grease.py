@@ -77,11 +77,11 @@ def test_floors_follow_the_declaration() -> None:
 def test_a_controller_that_is_not_heard_counts_as_declared() -> None:
     record = simulate(load_profile("step"), noise=0.0, seed=2, actuator=ACTUATOR._replace(
         converters=ACTUATOR.converters._replace(speed_bits=32, position_bits=32)))
-    found = control_loop(prepare(record), ((0.10, 0.36),))
+    found = control_loop(prepare(record), 0.10, 0.36)
     assert found["control_gain"] == pytest.approx(0.0, abs=0.1)
     heard = control_loop(prepare(simulate(load_profile("step"), seed=2, actuator=ACTUATOR._replace(
         control=ACTUATOR.control._replace(
-            proportional_gain=0.8 * ACTUATOR.control.proportional_gain)))), ((0.10, 0.36),))
+            proportional_gain=0.8 * ACTUATOR.control.proportional_gain)))), 0.10, 0.36)
     assert heard["control_gain"] == pytest.approx(np.log(0.8), abs=0.06)
 
 

@@ -46,10 +46,10 @@ def test_nor_is_a_drift_or_noise() -> None:
 
 def test_a_limit_cycle_is_taken_off_the_lines() -> None:
     own = [(1, 6.0, 0.3), (2, 9.0, -0.7)]
-    alone = torque_balance(prepare(slewing_record(speed_lines=own)), 0.1, 0.36, 20, high=True)
+    alone = torque_balance(prepare(slewing_record(speed_lines=own)), 0.1, 0.36, 20)
     cycle = [(1.23, 80.0, 0.4), (2.46, 12.0, 1.0), (3.69, 5.0, 2.0)]
     found = torque_balance(
-        prepare(slewing_record(speed_lines=[*own, *cycle])), 0.1, 0.36, 20, high=True)
+        prepare(slewing_record(speed_lines=[*own, *cycle])), 0.1, 0.36, 20)
     assert found.swing == pytest.approx(80.0 / 790.6, rel=0.1) and found.told.all()
     assert abs(found.residual - alone.residual).max() < 0.02 * abs(alone.residual).max()
     # Without it line 1 alone is off by several times itself.

@@ -53,7 +53,7 @@ def test_tail_of_an_exponential() -> None:
 
 def test_conformal_width_covers() -> None:
     rng = np.random.default_rng(2)
-    width = conformal_quantile(np.abs(rng.normal(size=4000)))
+    width = conformal_quantile(np.abs(rng.normal(size=4000)), 0.9)
     assert np.mean(np.abs(rng.normal(size=40_000)) <= width) == pytest.approx(0.9, abs=0.02)
 
 
@@ -61,10 +61,10 @@ def test_width_follows_what_the_residual_depends_on() -> None:
     rng = np.random.default_rng(5)
     value = rng.uniform(0.0, 1.0, 6000)
     residual = np.abs(rng.normal(size=6000)) * (1.0 + value)
-    knots, width = local_quantiles(value, residual)
+    knots, width = local_quantiles(value, residual, 0.9)
     assert (np.diff(knots) > 0.0).all()
     assert width == pytest.approx(1.645 * (1.0 + knots), rel=0.12)
-    assert len(local_quantiles(value, residual, most_bins=3)[0]) == 3
+    assert len(local_quantiles(value, residual, 0.9, 3)[0]) == 3
     inside = residual <= np.interp(value, knots, width)
     for low in (0.0, 0.4, 0.8):
         assert inside[(value >= low) & (value < low + 0.2)].mean() == pytest.approx(0.9, abs=0.04)

@@ -11,7 +11,7 @@ from ema_prognostics.cascade.classes import OUTPUTS
 from ema_prognostics.cascade.find import Cascade
 from ema_prognostics.cascade.model_file import load_model
 from ema_prognostics.training.evaluation import evaluate
-from ema_prognostics.training.fleet import simulate_fleet
+from ema_prognostics.training.fleet import simulate_fleets
 from ema_record.actuator import load_actuator
 from ema_record.profiles.motion import RESERVE, friction_at, torque_at, turnable
 
@@ -41,7 +41,8 @@ def test_what_an_actuator_turns_leaves_the_reserve_and_no_more(part: str) -> Non
 def test_a_friction_that_cannot_be_turned_counts_nowhere() -> None:
     model = load_model()
     view = model.body.views["step/fleet"]
-    fleet, healthy = simulate_fleet("step", 4, 91), simulate_fleet("step", 3, 92, healthy=True)
+    fleet = simulate_fleets(("step",), 4, 91)["step"]
+    healthy = simulate_fleets(("step",), 3, 92, healthy=True)["step"]
     severity = np.zeros_like(fleet.severity)
     column = OUTPUTS.index("motor_friction")
     severity[:, column] = 0.1

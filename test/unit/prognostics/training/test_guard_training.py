@@ -50,7 +50,7 @@ def guard() -> Guard:
         mean=part.mean.build(), scale=part.scale.build(),
         limits=tuple(limits_of(part.limits[k], part.checked)  # type: ignore[index]
                      for k in KINDS_FOUND),
-        groups=tuple(group_columns(part.checked)))
+        groups=tuple(group_columns(tuple(part.checked))))
 
 
 def score(guard: Guard, **changed: float) -> float:

@@ -54,7 +54,6 @@ def test_growth_that_multiplies_is_counted_from_one() -> None:
     found = detection_curve(x, np.log1p(x) + own > np.log(1.12), origin=1.0)
     assert found is not None
     assert found.a90 == pytest.approx(1.12 * 9.0**0.04 - 1.0, rel=0.05)
-    assert found.probability(np.array([found.a90])) == pytest.approx(0.9)
 
 
 def test_a_curve_that_hardly_rises_has_its_bound_beyond_all_severities() -> None:

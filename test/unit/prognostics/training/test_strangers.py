@@ -12,10 +12,9 @@ from ema_prognostics.cascade.classes import KINDS_FOUND
 from ema_prognostics.cascade.find import Cascade
 from ema_prognostics.cascade.guard import STRANGER_RATE, StrangerFilters
 from ema_prognostics.training.evaluation import outcome_of
-from ema_prognostics.training.faults import Stranger
-from ema_prognostics.training.fleet import FleetFeatures, simulate_fleet
+from ema_prognostics.training.faults import Stranger, draw_stranger, kinds_of
+from ema_prognostics.training.fleet import FleetFeatures, simulate_fleets
 from ema_prognostics.training.stranger_training import train_strangers
-from ema_prognostics.training.strangers import draw_stranger, kinds_of
 from ema_prognostics.training.view_training import train_view
 from ema_prognostics.verdict.report import verdict_of_guard
 from ema_record.actuator import load_actuator
@@ -158,9 +157,9 @@ def shifted(fleet: FleetFeatures, name: str, by: float) -> FleetFeatures:
 @pytest.fixture(scope="module")
 def fleets() -> tuple[FleetFeatures, FleetFeatures, FleetFeatures]:
     """Return small fleets; the strangers are healthy records whose inertia is off."""
-    faults = simulate_fleet("step", 24, 31)
-    healthy = simulate_fleet("step", 24, 32, healthy=True)
-    return faults, healthy, shifted(simulate_fleet("step", 24, 33, healthy=True),
+    faults = simulate_fleets(("step",), 24, 31)["step"]
+    healthy = simulate_fleets(("step",), 24, 32, healthy=True)["step"]
+    return faults, healthy, shifted(simulate_fleets(("step",), 24, 33, healthy=True)["step"],
                                     "inertia_error", 12.0)
 
 

@@ -20,11 +20,9 @@ from ema_prognostics.cascade.model_file import (
     save_model,
 )
 from ema_prognostics.training import train_model
-from ema_prognostics.training.evaluation import evaluated
-from ema_prognostics.training.fleet import FleetFeatures, simulate_fleet
-from ema_prognostics.training.train_model import TrainingSettings
-from ema_prognostics.training.training_jobs import VIEWS, Trained
-from ema_prognostics.training.validation_report import validation_report
+from ema_prognostics.training.evaluation import evaluated, validation_report
+from ema_prognostics.training.fleet import FleetFeatures, simulate_fleets
+from ema_prognostics.training.train_model import VIEWS, Trained, TrainingSettings
 from ema_prognostics.training.view_training import sound_rows, stricter, train_view
 from ema_prognostics.verdict.diagnose import diagnose
 from ema_record.actuator_type import actuator_hash
@@ -40,9 +38,9 @@ Campaigns = tuple[FleetFeatures, FleetFeatures]
 @pytest.fixture(scope="module")
 def campaigns(tmp_path_factory: pytest.TempPathFactory) -> Campaigns:
     folder = tmp_path_factory.mktemp("campaign")
-    made = (simulate_fleet("step", 16, 31, folder=folder),
-            simulate_fleet("step", 8, 32, healthy=True, folder=folder))
-    again = simulate_fleet("step", 16, 31, folder=folder)
+    made = (simulate_fleets(("step",), 16, 31, folder=folder)["step"],
+            simulate_fleets(("step",), 8, 32, healthy=True, folder=folder)["step"])
+    again = simulate_fleets(("step",), 16, 31, folder=folder)["step"]
     assert np.array_equal(made[0].record, again.record)  # from the kept parts
     assert np.array_equal(made[0].friction, again.friction)
     return made
@@ -74,7 +72,7 @@ def model(campaigns: Campaigns) -> TrainedModel:
 
 
 def test_campaign_follows_from_the_seed(campaigns: Campaigns) -> None:
-    again = simulate_fleet("step", 2, 31)
+    again = simulate_fleets(("step",), 2, 31)["step"]
     assert np.array_equal(again.record, campaigns[0].record[: len(again)])
     assert (campaigns[1].severity == 0.0).all()
 
@@ -82,10 +80,10 @@ def test_campaign_follows_from_the_seed(campaigns: Campaigns) -> None:
 def test_a_campaign_about_another_actuator(campaigns: Campaigns, tmp_path: Path) -> None:
     file = tmp_path / "model.yaml"
     file.write_text("effects:\n  cogging_torque: {amplitude: 0.05, periods: 18}\n")
-    other = simulate_fleet("step", 2, 31, model=load_model_file(file))
+    other = simulate_fleets(("step",), 2, 31, model=load_model_file(file))["step"]
     assert np.array_equal(other.severity, campaigns[0].severity[: len(other)])
     assert not np.allclose(other.record, campaigns[0].record[: len(other)])
-    same = simulate_fleet("step", 2, 31, model=load_model_file())
+    same = simulate_fleets(("step",), 2, 31, model=load_model_file())["step"]
     assert np.array_equal(same.record, campaigns[0].record[: len(same)])
 
 
