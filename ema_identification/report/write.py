@@ -136,7 +136,8 @@ def write_page(
     page = _render(
         **page_context(identification, panels, title=title, inputs=inputs),
         commands=next_commands(identification, out, inputs), not_drawn=not_drawn,
-        pictures={name: _data_uri(png) for name, png in pictures.items()},
+        pictures={name: "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+                  for name, png in pictures.items()},
     )
     try:
         (out / PLOTS).mkdir()
@@ -151,9 +152,7 @@ def write_page(
 
 def _write_files(folder: Path, identification: Identification) -> None:
     """Write everything but page and plots."""
-    texts = {
-        JSON_FILE: json.dumps(identification.to_dict(), indent=2, ensure_ascii=False) + "\n",
-    }
+    texts = {JSON_FILE: json.dumps(identification.to_dict(), indent=2, ensure_ascii=False) + "\n"}
     if identification.model_text:
         texts[MODEL_FILE] = identification.model_text
     if identification.next_profile is not None:
@@ -176,16 +175,11 @@ def _panels(identification: Identification) -> tuple[Panel, ...]:
     for name in names:
         if not name.replace("_", "").isalnum():
             raise UsageError(f"plot {name!r}: a name has letters, digits and _ only")
-    if len(set(names)) < len(names):
-        double = next(name for name in names if names.count(name) > 1)
-        raise UsageError(f"plot {double!r}: there are two of that name: give each its own")
+    if double := [name for name in names if names.count(name) > 1]:
+        raise UsageError(f"plot {double[0]!r}: there are two of that name: give each its own")
     if len(panels) > MAX_PANELS:
         raise UsageError(f"{len(panels)} plots: a report holds at most {MAX_PANELS}")
     return panels
-
-
-def _data_uri(png: bytes) -> str:
-    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
 def _render(**context: Any) -> str:

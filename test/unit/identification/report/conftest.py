@@ -96,7 +96,7 @@ def explained(curves):
         curves=(Curve(label="measured less model", x=np.arange(1, 31), y=lines[1:31],
                       role="before", style="points"),
                 Curve(label="measured less its repeat", x=np.arange(1, 31), y=noise[1:31],
-                      role="floor", style="steps")),
+                      role="floor")),
         log_y=True,
     )
     return Identification(
