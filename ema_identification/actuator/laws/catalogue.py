@@ -123,7 +123,10 @@ class Signature:
         """Return the added features at coordinates `u`, shape (d,)."""
         total = np.zeros(self.values[0].shape[1])
         for x, levels, values in zip(u, self.levels, self.values):
-            total += self._along(float(x), levels, values)
+            if len(levels) > 1:
+                k = _interval(float(x), levels)
+                part = (x - levels[k]) / (levels[k + 1] - levels[k])
+                total += values[k] + part * (values[k + 1] - values[k])
         return total
 
     def slope(self, u: np.ndarray) -> np.ndarray:
@@ -135,14 +138,6 @@ class Signature:
                 found[:, k] = (values[place + 1] - values[place]) / (
                     levels[place + 1] - levels[place])
         return found
-
-    @staticmethod
-    def _along(x: float, levels: np.ndarray, values: np.ndarray) -> np.ndarray:
-        if len(levels) < 2:
-            return np.zeros(values.shape[1])
-        k = _interval(x, levels)
-        part = (x - levels[k]) / (levels[k + 1] - levels[k])
-        return np.asarray(values[k] + part * (values[k + 1] - values[k]))
 
 
 def _interval(x: float, levels: np.ndarray) -> int:
@@ -167,30 +162,23 @@ def _one(
     """Return a variant with one severity."""
     kind = {f.name: f.kind for f in EFFECTS[effect].fields}[parameter]
     assert isinstance(kind, Quantity)
-
-    def settings(u: np.ndarray) -> Settings:
-        return {parameter: neutral + float(u[0]), **others}
-
     return Variant(
         name=f"{effect} {label}".strip(), effect=effect,
         levels=(_bounded(kind, levels, neutral),),
-        settings=settings, low=(kind.lower - neutral,), high=(kind.upper - neutral,),
+        settings=lambda u: {parameter: neutral + float(u[0]), **others},
+        low=(kind.lower - neutral,), high=(kind.upper - neutral,),
         condition=condition,
     )
 
 
 def _many(effect: str, levels: Mapping[str, Sequence[float]]) -> Variant:
     """Return a variant with several severities."""
-    names = tuple(levels)
     kinds = {f.name: f.kind for f in EFFECTS[effect].fields if isinstance(f.kind, Quantity)}
-
-    def settings(u: np.ndarray) -> Settings:
-        return {name: float(x) for name, x in zip(names, u)}
-
-    bounds = [kinds[name] for name in names]
+    bounds = [kinds[name] for name in levels]
     return Variant(
         name=effect, effect=effect,
-        levels=tuple(_bounded(kinds[n], levels[n]) for n in names), settings=settings,
+        levels=tuple(_bounded(kinds[n], levels[n]) for n in levels),
+        settings=lambda u: dict(zip(levels, map(float, u))),
         low=tuple(b.lower for b in bounds), high=tuple(b.upper for b in bounds),
     )
 
@@ -205,15 +193,13 @@ def _vector(
     """
     kind = {f.name: f.kind for f in EFFECTS[effect].fields}[amplitude]
     assert isinstance(kind, Quantity)
-
-    def settings(u: np.ndarray) -> Settings:
-        return {amplitude: math.hypot(u[0], u[1]), **others,
-                angle: _wrap(quarter + math.atan2(u[1], u[0]))}
-
     return Variant(
         name=f"{effect} {label}".strip(), effect=effect,
         levels=(_both(*_bounded(kind, levels)),) * 2,
-        settings=settings, low=(-kind.upper,) * 2, high=(kind.upper,) * 2,
+        settings=lambda u: {
+            amplitude: math.hypot(u[0], u[1]), **others,
+            angle: math.remainder(quarter + math.atan2(u[1], u[0]), 2.0 * math.pi)},
+        low=(-kind.upper,) * 2, high=(kind.upper,) * 2,
     )
 
 
@@ -223,17 +209,11 @@ def ripple(effect: str, periods: float, *levels: float) -> Variant:
                    quarter=0.5 * math.pi, periods=periods)
 
 
-def _wrap(angle: float) -> float:
-    return math.remainder(angle, 2.0 * math.pi)
-
-
 def _stribeck(speed: float, slowest: float, fastest: float) -> Variant:
-    def settings(u: np.ndarray) -> Settings:
-        return {"increase": float(u[0]), "speed": speed * math.exp(float(u[1]))}
-
     return Variant(
         name=f"stribeck_friction at {speed:g} rad/s", effect="stribeck_friction",
-        levels=((-0.4, -0.1, 0.1, 0.4, 1.2), ()), settings=settings,
+        levels=((-0.4, -0.1, 0.1, 0.4, 1.2), ()),
+        settings=lambda u: {"increase": float(u[0]), "speed": speed * math.exp(float(u[1]))},
         low=(-0.5, math.log(slowest / speed)), high=(3.0, math.log(fastest / speed)),
     )
 

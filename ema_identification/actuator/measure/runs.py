@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.recorder import whole
-from ema_identification.actuator.measure.signals import TURN
 from ema_identification.actuator.measure.tolerances import N_TOLERANCES, RecordConditions, realise
 from ema_record import array_cache as cache
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.kit import kit_folder, using_kit
 from ema_sim.drives import shows_carrier
 from ema_sim.effects import Effects
+from ema_sim.machine import TURN
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
 
@@ -30,11 +30,10 @@ def silent(_what: str, _share: float) -> None:
     """Show no progress."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class UnitRun:
+class UnitRun(NamedTuple):
     """One run of the nominal unit."""
 
-    conditions: RecordConditions
+    start_angle: float
     seed: int
     effects: Effects | None = None
     """In place of those of the model."""
@@ -43,9 +42,10 @@ class UnitRun:
 def run_case(model: Model, case: UnitRun, fmap: FeatureMap) -> np.ndarray:
     """Return the features of a case, shape (d,); NaN where it left the simulator's domain."""
     actuator, effects = realise(
-        model, np.zeros(N_TOLERANCES), case.conditions, case.effects)
-    # The conditions hold what the sensor of the rotor angle reads.
-    angle = case.conditions.start_angle - effects.hall_misalignment.angle
+        model, np.zeros(N_TOLERANCES), RecordConditions(start_angle=case.start_angle),
+        case.effects)
+    # The case holds what the sensor of the rotor angle reads.
+    angle = case.start_angle - effects.hall_misalignment.angle
     try:
         return fmap.extract(whole(simulate(
             fmap.profile, actuator=actuator, effects=effects, seed=case.seed,
