@@ -28,8 +28,8 @@ from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, worst
 from ema_identification.actuator.laws.catalogue import OF_THE_ROTOR
 from ema_identification.actuator.laws.terms import SURE, LawFit, LawGap, Posterior, coordinates
 from ema_identification.actuator.measure.runs import Progress, silent
-from ema_identification.actuator.measure.signals import TURN
 from ema_identification.actuator.measure.tolerances import TOLERANCES
+from ema_sim.machine import TURN
 
 DAY_STEPS = 2
 """Of a fit of what belongs to the day, in which the quadratic is nearly straight."""

@@ -11,11 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_identification.actuator.measure.signals import TURN
 from ema_record.actuator import Actuator, Control
 from ema_record.channels import REFERENCE_CURRENTS
 from ema_record.record import Record
-from ema_sim.machine import unit_trapezoid
+from ema_sim.machine import TURN, unit_trapezoid
 
 BLOCK = 20
 """Samples of a sum, over which what converters and instants of reading differ by cancels. Gains
