@@ -112,9 +112,9 @@ def identify(
 
         found = run(records, model, validate=held, baseline=accepted, without=without or (),
                     progress=step, workers=workers, seed=seed)
-    inputs: dict[str, str | list[str]] = {
+    inputs = {
         "measured": [str(p) for p in measured],
-        "model": kit_name() if model is None else str(model),
+        "model": [kit_name() if model is None else str(model)],
     }
     if validate:
         inputs["validate"] = [str(p) for p in validate]
@@ -123,7 +123,7 @@ def identify(
     if without:
         inputs["without"] = list(without)
     if profile:
-        inputs["profile"] = profile
+        inputs["profile"] = [profile]
     found = write_answer(found, out)
     if json:
         print_json(found.to_dict())

@@ -33,7 +33,7 @@ def page_context(
     panels: Sequence[Panel],
     *,
     title: str,
-    inputs: Mapping[str, str | Sequence[str]],
+    inputs: Mapping[str, Sequence[str]],
 ) -> dict[str, Any]:
     """Return the variables of the template."""
     unknown = identification.unknown
@@ -50,7 +50,7 @@ def page_context(
     ]
     return {
         "title": title,
-        "inputs": {role: as_list(value) for role, value in inputs.items()},
+        "inputs": inputs,
         "version": VERSION,
         "verdict": identification.verdict,
         "tone": TONES[identification.verdict],
@@ -190,7 +190,7 @@ ALSO = "validate", "baseline", "without"
 def next_commands(
     identification: Identification,
     out: Path,
-    inputs: Mapping[str, str | Sequence[str]],
+    inputs: Mapping[str, Sequence[str]],
 ) -> list[str]:
     """Return commands that use the updated model, check it, and run the proposed test.
 
@@ -201,13 +201,13 @@ def next_commands(
     inputs : as `write_page` has them; what `ema identify` was given is given again.
     """
     found = []
-    measured = " ".join(shlex.quote(path) for path in as_list(inputs.get("measured", ())))
+    measured = " ".join(shlex.quote(path) for path in inputs.get("measured", ()))
 
     def given(*options: str) -> str:
         return "".join(f" --{option} {shlex.quote(value)}" for option in options
-                       for value in as_list(inputs.get(option, ()))) + kit_option()
+                       for value in inputs.get(option, ())) + kit_option()
 
-    own = ["model"] if Path(str(inputs.get("model", ""))).is_file() else []  # none of the kit
+    own = ["model"] if Path(*inputs.get("model", ())).is_file() else []  # none of the kit
     if identification.model_text:
         model = shlex.quote(str(out / MODEL_FILE))
         if identification.machine == "actuator":
@@ -224,8 +224,3 @@ def next_commands(
             both = shlex.quote(f"{out}_next")
             found.append(f"ema identify {measured} NEW_RECORD{given(*ALSO, *own)} --out {both}")
     return found
-
-
-def as_list(value: str | Sequence[str]) -> list[str]:
-    """Return one or several texts as a list."""
-    return [value] if isinstance(value, str) else [str(item) for item in value]

@@ -17,22 +17,11 @@ import yaml
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from ema_identification.report.page import (
-    MODEL_FILE,
-    NEXT_TEST_FILE,
-    next_commands,
-    page_context,
-)
+from ema_identification.report.page import MODEL_FILE, NEXT_TEST_FILE, next_commands, page_context
 from ema_identification.report.plots import draw_gap, draw_panel
 from ema_identification.result import Identification, Panel
 from ema_record.errors import UsageError
-from ema_record.files import (
-    cannot_write,
-    exists,
-    make_new_directory,
-    new_file,
-    sync_directory,
-)
+from ema_record.files import cannot_write, exists, make_new_directory, new_file, sync_directory
 
 HTML_FILE = "report.html"
 JSON_FILE = "identification.json"
@@ -96,7 +85,7 @@ def write_page(
     out_dir: str | Path,
     *,
     title: str,
-    inputs: Mapping[str, str | Sequence[str]],
+    inputs: Mapping[str, Sequence[str]],
 ) -> Page:
     """Draw the plots and write the page into the folder of an answer.
 
@@ -112,7 +101,7 @@ def write_page(
     title : str
         Headline of the page, for example the serial number.
     inputs : mapping
-        What was compared, by its role: ``{"measured": ["a", "b"], "model": "nominal"}``.
+        What was compared, by its role: ``{"measured": ["a", "b"], "model": ["nominal"]}``.
 
     Raises
     ------

@@ -25,7 +25,7 @@ from ema_record.profile import load_profile
 from ema_sim.model_file import load_model_file
 from support.simulations import make_kit
 
-INPUTS = {"measured": ["unit_extended"], "validate": "unit_step", "model": "nominal"}
+INPUTS = {"measured": ["unit_extended"], "validate": ["unit_step"], "model": ["nominal"]}
 
 
 def text_of(page):
@@ -170,7 +170,7 @@ def test_what_to_run_next_is_understood_by_the_commands(explained, machine, tmp_
     found = replace(explained, machine=machine,
                     next_profile=explained.next_profile if machine == "actuator" else None)
     inputs = {"measured": ["a b", "c"], "validate": ["d"], "without": ["backlash"],
-              "baseline": ["e"], "model": "nominal"}
+              "baseline": ["e"], "model": ["nominal"]}
     with using_kit(make_kit(tmp_path / "a kit", {}, cascade=False)):
         lines = next_commands(found, tmp_path / "re port", inputs)
     assert all("/a kit'" in line and "--kit" in line for line in lines)
@@ -188,7 +188,7 @@ def test_what_to_run_next_is_understood_by_the_commands(explained, machine, tmp_
 def test_a_second_record_is_held_to_the_same_model_by_the_test_it_holds(explained, tmp_path):
     model = tmp_path / "mine.yaml"
     model.write_text("")
-    inputs = {"measured": ["a"], "model": str(model), "profile": "p.yaml"}
+    inputs = {"measured": ["a"], "model": [str(model)], "profile": ["p.yaml"]}
     again, both = next_commands(explained, tmp_path / "out", inputs)[1::2]
     assert "--profile p.yaml --model" in again and "mine.yaml" not in again
     assert f"--model {model}" in both and "--profile" not in both
