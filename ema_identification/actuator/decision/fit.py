@@ -26,12 +26,7 @@ from ema_identification.actuator.decision.slopes import (
     law_slopes,
     simulated_slopes,
 )
-from ema_identification.actuator.fleet.surrogate import (
-    FleetLibrary,
-    Whitener,
-    least_size,
-    mended,
-)
+from ema_identification.actuator.fleet.surrogate import FleetLibrary, Whitener, least_size, mended
 from ema_identification.actuator.fleet.units import fleet_features
 from ema_identification.actuator.laws.terms import (
     EffectTerm,
@@ -124,9 +119,7 @@ class TestedUnit:
 
     def set_aside(self) -> list[TestedUnit | None]:
         """Return the healthy units that built nothing, in their order; None where a run failed."""
-        return [TestedUnit(library=self.library, values=values, conditions=conditions_of(row))
-                if np.isfinite(values).all() else None
-                for row, values in zip(*self.library.aside)]
+        return units_aside(self.library)
 
     def noise(self) -> np.ndarray:
         """Return the covariance of the features of a run."""
@@ -207,10 +200,8 @@ class TestedUnit:
         """
         white = self.whitener(0)
         plain = replace(white, straight=True)
-        found = []
-        for z in starts:
-            found.append(self._recalibrated(white, terms, z))
-            found.append(self._recalibrated(white, *self._recalibrated(plain, terms, z)[:2]))
+        found = [self._recalibrated(white, *start) for z in starts for start in (
+            (terms, z), self._recalibrated(plain, terms, z)[:2])]
         terms, z, cost = min(found, key=lambda row: row[2])
         return LawFit(terms=terms, z=z, mean=self._known(terms, z), cost=cost, runs=0,
                       slopes=self._known_slopes(terms, z))
@@ -346,3 +337,9 @@ class TestedUnit:
         return bounded_least_squares(
             both[:, :-1], both[:, -1], np.minimum(lower, -1e-9), np.maximum(upper, 1e-9), weight,
             np.append(u, z - self.centre), damping)
+
+
+def units_aside(library: FleetLibrary) -> list[TestedUnit | None]:
+    """Return the units set aside in their order; None where a run failed."""
+    return [TestedUnit(library=library, values=values, conditions=conditions_of(row))
+            if np.isfinite(values).all() else None for row, values in zip(*library.aside)]

@@ -308,26 +308,23 @@ class FleetRuns:
 
 def _chunk(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first: int, last: int,
            repeated: int) -> np.ndarray:
-    from threadpoolctl import threadpool_limits
-
     rows = []
-    with threadpool_limits(limits=1):
-        for k in range(first, last):
-            rng = np.random.default_rng([seed, 7, k])  # the same unit in every test
-            z, given = draw_fleet_unit(rng, model.actuator), draw_fleet_conditions(rng, spread)
-            seeds, n = rng.integers(2**31, size=2), len(z) + CONDITIONS
-            row = np.full(n + 2 * len(fmap.features), np.nan)
-            row[:len(z)] = z
-            try:
-                record = fleet_record(model, spread, fmap, z, given, int(seeds[0]))
-                row[len(z):n] = align(record, model).row()
-                row[n:n + len(fmap.features)] = fmap.extract(record)
-            except (SimulationError, InvalidRecordError):  # left out
-                pass
-            if k < repeated:
-                row[-len(fmap.features):] = fleet_features(
-                    model, spread, fmap, z, given, int(seeds[1]))
-            rows.append(row)
+    for k in range(first, last):
+        rng = np.random.default_rng([seed, 7, k])  # the same unit in every test
+        z, given = draw_fleet_unit(rng, model.actuator), draw_fleet_conditions(rng, spread)
+        seeds, n = rng.integers(2**31, size=2), len(z) + CONDITIONS
+        row = np.full(n + 2 * len(fmap.features), np.nan)
+        row[:len(z)] = z
+        try:
+            record = fleet_record(model, spread, fmap, z, given, int(seeds[0]))
+            row[len(z):n] = align(record, model).row()
+            row[n:n + len(fmap.features)] = fmap.extract(record)
+        except (SimulationError, InvalidRecordError):  # left out
+            pass
+        if k < repeated:
+            row[-len(fmap.features):] = fleet_features(
+                model, spread, fmap, z, given, int(seeds[1]))
+        rows.append(row)
     return np.array(rows)
 
 

@@ -17,7 +17,6 @@ from typing import ClassVar
 
 import numpy as np
 from scipy.optimize import brentq
-from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
 from ema_identification.actuator.decision.proposals import Scores, scores
@@ -118,7 +117,8 @@ def changed_unit(
         unsure += np.diag(np.linalg.inv(columns.T @ columns + PRIOR * np.eye(len(own))))
     unsure /= len(accepted) ** 2
     at = tuple(np.where(day, f.z, own) for f in fits)
-    before = np.mean([u.library.mean(z, u.conditions) for u, z in zip(accepted, at)], axis=0)
+    before = np.mean([u.library.means(z[None], u.conditions)[0]
+                      for u, z in zip(accepted, at)], axis=0)
     return ChangedUnit(
         library=replace(unit.library, left=None), conditions=unit.conditions, seed=unit.seed,
         values=unit.values - np.mean([u.values for u in accepted], axis=0) + before,
@@ -192,10 +192,9 @@ def _pairs(library: FleetLibrary, rows: np.ndarray, part: slice) -> list[Changed
 def _ranked(library: FleetLibrary, rows: np.ndarray, apart: float, first: int, last: int
             ) -> np.ndarray:
     """Return the scores of some of the units, shape (n, 4)."""
-    with threadpool_limits(limits=1):
-        units = _pairs(library, rows, slice(first, last))
-        found = [scores(replace(unit, apart=apart)) for unit in units]
-    return np.array(found).reshape(-1, len(Scores._fields))
+    units = _pairs(library, rows, slice(first, last))
+    return np.array([scores(replace(unit, apart=apart)) for unit in units]).reshape(
+        -1, len(Scores._fields))
 
 
 def _judged(

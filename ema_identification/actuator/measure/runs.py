@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.recorder import whole
@@ -57,10 +58,7 @@ def run_case(model: Model, case: UnitRun, fmap: FeatureMap) -> np.ndarray:
 
 
 def _chunk(model: Model, cases: Sequence[UnitRun], fmap: FeatureMap) -> np.ndarray:
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(limits=1):
-        return np.array([run_case(model, case, fmap) for case in cases])
+    return np.array([run_case(model, case, fmap) for case in cases])
 
 
 def run_cases(
@@ -78,7 +76,7 @@ def spread_out(
     function: Callable[..., np.ndarray], arguments: Sequence[tuple[object, ...]], *, workers: int,
     progress: Progress = silent, what: str = "runs", keep: str = "",
 ) -> list[np.ndarray]:
-    """Return ``function(*a)`` for each of `arguments`, in order, with the present kit.
+    """Return ``function(*a)`` for each of `arguments`, in order, with the present kit, one thread.
 
     `keep` : name under which each part is kept in the cache as it is done; a call that was
     stopped goes on there. Whoever has kept the whole removes the parts (`array_cache.forget`).
@@ -92,7 +90,8 @@ def spread_out(
 
     def results() -> Iterator[np.ndarray]:
         if workers == 1 or len(missing) < 2:
-            yield from (function(*arguments[k]) for k in missing)
+            with threadpool_limits(limits=1):
+                yield from (function(*arguments[k]) for k in missing)
             return
         from joblib import Parallel, delayed
 
@@ -108,5 +107,6 @@ def spread_out(
 
 
 def _in_kit(kit: Path, function: Callable[..., np.ndarray], *arguments: object) -> np.ndarray:
-    with using_kit(kit):  # a process that lives on may have been begun with another
+    # A process that lives on may have been begun with another kit.
+    with using_kit(kit), threadpool_limits(limits=1):
         return function(*arguments)

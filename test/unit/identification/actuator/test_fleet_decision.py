@@ -29,13 +29,7 @@ from ema_identification.actuator.decision.answer import FleetAnswer, log_evidenc
 from ema_identification.actuator.decision.decide import EDGE, MOST, OUT, decide
 from ema_identification.actuator.decision.intervals import at, p_sizes
 from ema_identification.actuator.decision.proposals import LawProposal, at_known_sizes, scores
-from ema_identification.actuator.decision.ranks import (
-    LEVEL,
-    both_of,
-    p_nothing,
-    rank,
-    share_of,
-)
+from ema_identification.actuator.decision.ranks import LEVEL, both_of, p_nothing, rank, share_of
 from ema_identification.actuator.decision.slopes import law_slopes
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, Whitener
 from ema_identification.actuator.fleet.units import CHUNK, FULL, fleet_unit
