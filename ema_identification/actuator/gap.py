@@ -220,7 +220,7 @@ def _root(unit: TestedUnit) -> np.ndarray:
 
 def _yardstick(fitted: TestedUnit, null: LawFit | None = None) -> np.ndarray:
     """Return the covariance of the fitted unit, shape (width, width); of the day: none."""
-    null = fitted.without_law() if null is None or null.runs else null
+    null = null or fitted.without_law()
     columns = fitted.whitener(0).columns(null.slopes, fitted.values - null.mean)
     own, day = slice(fitted.library.width), fitted.library.of_day
     found = np.linalg.inv(columns.T @ columns + PRIOR * np.eye(columns.shape[1]))[own, own]

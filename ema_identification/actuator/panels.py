@@ -122,11 +122,9 @@ def _vectors(unit: TestedUnit, fits: Sequence[tuple[str, LawFit]]) -> list[Panel
         segment = max(locked, key=lambda s: _line_power(fmap, left, s.name))
         orders = [h for h in range(1, 25) if f"{segment.name}.torque_line_{h}_re" in index]
         stem = f"{segment.name}.torque_line"
-        rows = []
-        for role, v in vectors:
-            lines = [2e-3 * np.hypot(v[index[f"{stem}_{h}_re"]], v[index[f"{stem}_{h}_im"]])
-                     for h in orders]
-            rows.append((role, np.array(orders, dtype=float), np.array(lines)))
+        rows = [(role, np.array(orders, dtype=float), np.array([
+            2e-3 * np.hypot(v[index[f"{stem}_{h}_re"]], v[index[f"{stem}_{h}_im"]])
+            for h in orders])) for role, v in vectors]
         panels.append(Panel(
             name="torque_lines", title=f"Torque periodic in rotor angle: {segment.text}.",
             x_label="periods a turn", y_label="amplitude (N m)", step="where",

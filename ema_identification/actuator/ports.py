@@ -169,15 +169,11 @@ def _turns_with_direction(values: dict[str, float]) -> float:
 
 def _words(line: tuple[int, float, str] | None, groups: Sequence[ResidualGroup]) -> str:
     """Return the measured shape in words with numbers."""
-    parts = []
-    if line is not None:
-        order, torque, place = line
-        parts.append(f"motor torque periodic in rotor angle, {order} a turn, {torque:.2g} N m "
-                     f"({place})")
-    for group in groups[:3]:
-        parts.append(f"{group.signal} against {group.against}, {group.place}, up to "
-                     f"{group.largest:.0f} standard deviations")
-    return "; ".join(parts)
+    parts = [] if line is None else [
+        "motor torque periodic in rotor angle, {} a turn, {:.2g} N m ({})".format(*line)]
+    return "; ".join([*parts, *(
+        f"{group.signal} against {group.against}, {group.place}, up to {group.largest:.0f} "
+        "standard deviations" for group in groups[:3])])
 
 
 def _panel(unit: TestedUnit, residual: np.ndarray) -> Panel:

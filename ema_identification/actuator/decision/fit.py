@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
-from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import cholesky
@@ -69,7 +68,6 @@ class TestedUnit:
     simulator : gives the features of a run; its arguments are those of `fleet_features`.
     record : itself, for pictures.
     edge : half widths of its band that a number may be off, 1 by the description; of each or all.
-    plain : whether its noise is that of the library as it is.
     """
 
     library: FleetLibrary
@@ -82,7 +80,6 @@ class TestedUnit:
     simulator: Callable[..., np.ndarray] = fleet_features
     record: Record | None = None
     edge: float | np.ndarray = 1.0
-    plain: ClassVar[bool] = True
     _whiteners: dict[tuple[int, bytes], Whitener] = field(
         init=False, repr=False, compare=False, default_factory=dict)
     _runs: dict[tuple[Effects, bytes, int], np.ndarray] = field(
@@ -138,7 +135,8 @@ class TestedUnit:
     def whitener(self, runs: int, before: np.ndarray | None = None) -> Whitener:
         """Return the whitening; `before`: features without a law, to which its error belongs."""
         key = runs, b"" if before is None else before.tobytes()
-        if self.plain and self.library.left is None and not runs and before is None:  # one of all
+        if (type(self) is TestedUnit and self.library.left is None and not runs
+                and before is None):  # that of the library, one of all its units
             deviation = self.library.surrogate.deviation(self.conditions.noise)
             return Whitener(deviation=deviation, root=self.library.root)
         if key not in self._whiteners:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -29,7 +28,6 @@ class JointUnit(TestedUnit):
     """
 
     each: tuple[TestedUnit, ...]
-    plain: ClassVar[bool] = False
 
     @property
     def parts(self) -> tuple[TestedUnit, ...]:

@@ -94,14 +94,11 @@ class Variant:
 
     def effects(self, u: np.ndarray, base: Effects) -> Effects:
         """Return `base` with the effect at the coordinates `u`, shape (size,)."""
-        values = getattr(base, self.effect)
-        moved = {}
-        known = {f.name: f.kind for f in EFFECTS[self.effect].fields}
-        for name, value in self.settings(u).items():
-            kind = known[name]
-            moved[name] = (float(np.clip(value, kind.lower, kind.upper))
-                           if isinstance(kind, Quantity) else int(value))
-        return base._replace(**{self.effect: values._replace(**moved)})
+        kinds = {f.name: f.kind for f in EFFECTS[self.effect].fields}
+        moved = {name: float(np.clip(value, kind.lower, kind.upper))
+                 if isinstance(kind := kinds[name], Quantity) else int(value)
+                 for name, value in self.settings(u).items()}
+        return base._replace(**{self.effect: getattr(base, self.effect)._replace(**moved)})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

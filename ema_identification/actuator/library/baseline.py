@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 from scipy.optimize import brentq
@@ -56,7 +55,6 @@ class ChangedUnit(TestedUnit):
     at: tuple[np.ndarray, ...]
     before: np.ndarray
     apart: float = 0.0
-    plain: ClassVar[bool] = False
 
     def covariance(self, runs: int) -> np.ndarray:
         """Return the covariance of what is off: of both records, see the module."""

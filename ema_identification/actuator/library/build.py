@@ -150,7 +150,6 @@ def fleet_library(
     where it was.
     """
     spread = load_spread()
-    rate = model.actuator.acquisition.rate if rate is None else rate
     fmap = feature_map(profile, model.actuator, whole(simulate(
         profile, actuator=model.actuator, effects=model.effects, seed=seed, rate=rate),
         model.actuator))
