@@ -24,8 +24,6 @@ NEXT_TEST_FILE = "next_test.yaml"
 """In the folder of an identification."""
 MAX_CANDIDATES = 12
 """Rows of the table of candidates; the rest is in the JSON file's steps."""
-TONES = {"no disagreement": "good", "explained": "good", "partly explained": "open",
-         "unknown effect": "open", "contradicted": "open"}
 
 
 def page_context(
@@ -53,7 +51,7 @@ def page_context(
         "inputs": inputs,
         "version": VERSION,
         "verdict": identification.verdict,
-        "tone": TONES[identification.verdict],
+        "tone": "open" if identification.exit_status else "good",
         "sentence": words.verdict_sentence(identification),
         "advice": advice(identification),
         "figures": _figures(identification),

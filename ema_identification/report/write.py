@@ -19,16 +19,13 @@ from markupsafe import Markup
 
 from ema_identification.report.page import MODEL_FILE, NEXT_TEST_FILE, next_commands, page_context
 from ema_identification.report.plots import draw_gap, draw_panel
-from ema_identification.result import Identification, Panel
-from ema_record.errors import UsageError
+from ema_identification.result import Identification
 from ema_record.files import cannot_write, exists, make_new_directory, new_file, sync_directory
 
 HTML_FILE = "report.html"
 JSON_FILE = "identification.json"
 PLOTS = "plots"
 GAP_PLOT = "gap_by_stage"
-MAX_PANELS = 60
-"""More plots than anyone reads: an error of the caller."""
 
 
 def write_answer(identification: Identification, out_dir: str | Path) -> Identification:
@@ -107,12 +104,13 @@ def write_page(
     ------
     OutputError
         The folder cannot be written.
-    UsageError
-        Panels with one name, or too many of them.
 
     """
     out = Path(out_dir)
-    panels = _panels(identification)
+    panels, unknown = identification.panels, identification.unknown
+    shape = None if unknown is None else unknown.panel
+    if shape is not None and shape.name not in {panel.name for panel in panels}:
+        panels = (shape, *panels)
     drawings: dict[str, Callable[[], bytes]] = {GAP_PLOT: partial(draw_gap, identification)}
     drawings |= {panel.name: partial(draw_panel, panel) for panel in panels}
     pictures: dict[str, bytes] = {}
@@ -152,23 +150,6 @@ def _write_files(folder: Path, identification: Identification) -> None:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
-
-
-def _panels(identification: Identification) -> tuple[Panel, ...]:
-    """Return all panels, the shape of an unknown effect first."""
-    panels = identification.panels
-    shape = identification.unknown.panel if identification.unknown is not None else None
-    if shape is not None and shape.name not in {panel.name for panel in panels}:
-        panels = (shape, *panels)
-    names = [panel.name for panel in panels] + [GAP_PLOT]
-    for name in names:
-        if not name.replace("_", "").isalnum():
-            raise UsageError(f"plot {name!r}: a name has letters, digits and _ only")
-    if double := [name for name in names if names.count(name) > 1]:
-        raise UsageError(f"plot {double[0]!r}: there are two of that name: give each its own")
-    if len(panels) > MAX_PANELS:
-        raise UsageError(f"{len(panels)} plots: a report holds at most {MAX_PANELS}")
-    return panels
 
 
 def _render(**context: Any) -> str:
