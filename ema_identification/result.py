@@ -121,9 +121,9 @@ class NamedEffect:
     """Of the hypothesis that it adds nothing to the model with all others."""
     gap_before: float
     gap_after: float
+    formula: Formula
     choices: Mapping[str, str] = field(default_factory=dict)
     """Parameters that are no numbers, dotted: ``turn_short.phase`` is ``b``."""
-    formula: Formula | None = None
     candidates: tuple[Candidate, ...] = ()
     """All that were compared at this step, best first."""
 
@@ -132,7 +132,7 @@ class NamedEffect:
         return {
             "effect": self.effect, "equivalent": list(self.equivalent),
             "parameters": [p.to_dict() for p in self.parameters], "choices": dict(self.choices),
-            "equation": "" if self.formula is None else self.formula.equation,
+            "equation": self.formula.equation,
             "where": asdict(self.where), "p_value": self.p_value,
             "gap_before": self.gap_before, "gap_after": self.gap_after,
         }
@@ -161,7 +161,7 @@ class Panel:
     """With unit."""
     y_label: str
     curves: tuple[Curve, ...]
-    step: str = ""
+    step: str
     """The step of the workflow that it belongs to, a key of `Identification.steps`."""
     log_y: bool = False
 
@@ -184,7 +184,7 @@ class Shape:
     port: str
     text: str
     """``motor torque, periodic in rotor angle, 12 a turn, 0.011 N m``."""
-    panel: Panel | None = None
+    panel: Panel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -35,7 +35,7 @@ def page_context(
 ) -> dict[str, Any]:
     """Return the variables of the template."""
     unknown = identification.unknown
-    shape = unknown.panel.name if unknown is not None and unknown.panel is not None else ""
+    shape = unknown.panel.name if unknown is not None else ""
     by_step: dict[str, list[Panel]] = {}
     for panel in panels:
         if panel.name != shape:
@@ -43,7 +43,7 @@ def page_context(
     steps = [
         {"name": step.name, "text": step.text, "head": step.rows[0] if step.rows else (),
          "rows": step.rows[1:],
-         "panels": by_step.pop(step.name, []) if step.name not in ("where", "show") else []}
+         "panels": [] if step.name in ("where", "show") else by_step.get(step.name, [])}
         for step in identification.steps
     ]
     return {
@@ -66,10 +66,9 @@ def page_context(
         "recalibrated": [_parameter(p) for p in identification.recalibrated],
         "level": f"{INTERVAL_LEVEL:.0%}".replace("%", " %"),
         "reasons": identification.reasons,
-        "show_panels": by_step.pop("show", []),
-        "where_panels": by_step.pop("where", []),
+        "show_panels": by_step.get("show", []),
+        "where_panels": by_step.get("where", []),
         "steps": steps,
-        "other_panels": [panel for group in by_step.values() for panel in group],
         "titles": {panel.name: panel.title for panel in panels},
     }
 

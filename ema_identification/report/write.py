@@ -108,9 +108,8 @@ def write_page(
     """
     out = Path(out_dir)
     panels, unknown = identification.panels, identification.unknown
-    shape = None if unknown is None else unknown.panel
-    if shape is not None and shape.name not in {panel.name for panel in panels}:
-        panels = (shape, *panels)
+    if unknown is not None and unknown.panel.name not in {panel.name for panel in panels}:
+        panels = (unknown.panel, *panels)
     drawings: dict[str, Callable[[], bytes]] = {GAP_PLOT: partial(draw_gap, identification)}
     drawings |= {panel.name: partial(draw_panel, panel) for panel in panels}
     pictures: dict[str, bytes] = {}

@@ -134,7 +134,7 @@ def unknown(curves):
         unknown=Shape(
             port="motor torque",
             text="motor torque, periodic in rotor angle, 12 a turn, 0.030 N m",
-            panel=Panel(name="shape", title="What is left, over rotor angle.",
+            panel=Panel(name="shape", step="where", title="What is left, over rotor angle.",
                         x_label="rotor angle (deg)", y_label="torque current (A)",
                         curves=(Curve(label="", x=x, y=residual, role="before"),)),
         ),
