@@ -3,7 +3,7 @@
 Each variant has the coordinates that the data must tell. A coordinate is a number that is zero
 where the effect is absent and in which the features change nearly in proportion: a severity, or
 the cosine and sine parts of an amplitude with a phase. What is no ratio is sized by the actuator's
-own scales (`Scales`).
+own scales (`variants`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,36 +27,6 @@ LARGEST_DELAY = 0.8
 OF_THE_ROTOR = frozenset({
     "rotor_eccentricity", "cogging_torque", "gear_mesh_ripple", "speed_sensor_runout"})
 """Effects that know the mechanical angle, of which a record tells the part of a pole pair."""
-
-
-class Scales(NamedTuple):
-    """Units in which effects of an actuator are small or large."""
-
-    torque: float
-    """Dry friction, at the motor (N m)."""
-    surface_torque: float
-    """The same at the surface (N m)."""
-    speed: float
-    """Highest of the motor (rad/s)."""
-    turn: float
-    """Electrical radian at that speed (s)."""
-    travel: float
-    """Of the motor until a surface at rest starts, at the surface (rad)."""
-    stroke: float
-    """To the end stop (rad)."""
-    voltage: float
-    """Between a rail and the middle (V)."""
-    current: float
-    """Limit (A)."""
-
-
-def scales_of(a: Actuator) -> Scales:
-    """Return the scales of an actuator."""
-    return Scales(
-        torque=a.friction_torque, surface_torque=a.gear.ratio * a.friction_torque,
-        speed=a.control.speed_limit, turn=1.0 / (a.motor.pole_pairs * a.control.speed_limit),
-        travel=a.wind_up / a.gear.ratio, stroke=a.surface.end_stop,
-        voltage=a.inverter.bus_voltage, current=a.inverter.current_limit)
 
 
 def sizes(scale: float, *shares: float) -> tuple[float, ...]:
@@ -218,9 +187,15 @@ def _stribeck(speed: float, slowest: float, fastest: float) -> Variant:
 def variants(actuator: Actuator | None = None) -> tuple[Variant, ...]:
     """Return all candidates for an actuator, default the present kit's."""
     a = load_actuator() if actuator is None else actuator
-    unit = scales_of(a)
+    torque = a.friction_torque  # dry, at the motor (N m)
+    surface_torque = a.gear.ratio * torque
+    speed = a.control.speed_limit  # of the motor (rad/s)
+    turn = 1.0 / (a.motor.pole_pairs * speed)  # electrical radian at that speed (s)
+    travel = a.wind_up / a.gear.ratio  # until a surface at rest starts, at the surface (rad)
+    voltage = a.inverter.bus_voltage  # between a rail and the middle (V)
+    current = a.inverter.current_limit  # (A)
     found: list[Variant] = []
-    slowest, fastest = sizes(unit.speed, 6.3e-4, 0.63)
+    slowest, fastest = sizes(speed, 6.3e-4, 0.63)
     for k, phase in enumerate("abc"):
         for mode, text in ((1, "physical"), (0, "paper")):
             found.append(_one("turn_short", "fraction", (0.01, 0.04, 0.15, 0.4),
@@ -240,40 +215,35 @@ def variants(actuator: Actuator | None = None) -> tuple[Variant, ...]:
         _one("winding_temperature", "temperature", (-50.0, -20.0, 20.0, 60.0, 120.0),
              neutral=20.0, condition="temperature"),
         _one("magnetic_saturation", "inverse_current",
-             sizes(1.0 / unit.current, 0.22, 0.44, 0.88, 1.76)),
+             sizes(1.0 / current, 0.22, 0.44, 0.88, 1.76)),
         _one("hall_misalignment", "angle", _both(0.02, 0.1, 0.3)),
-        _one("control_delay", "delay", sizes(unit.turn, 0.024, 0.079, 0.24, LARGEST_DELAY)),
-        _vector("cogging_torque", "amplitude", "phase", sizes(unit.torque, 0.012, 0.048, 0.19),
-                label="12 a turn", quarter=0.5 * math.pi, periods=12.0),
+        _one("control_delay", "delay", sizes(turn, 0.024, 0.079, 0.24, LARGEST_DELAY)),
+        ripple("cogging_torque", 12.0, *sizes(torque, 0.012, 0.048, 0.19)),
         _one("motor_friction", "increase", (-0.4, -0.15, 0.15, 0.4, 1.0)),
         _one("surface_friction", "increase", (-0.4, -0.15, 0.15, 0.4, 1.0, 2.0)),
         _one("viscous_friction", "coefficient", (
-            -a.motor.viscous_friction,
-            *sizes(unit.torque / unit.speed, 0.094, 0.38, 0.94, 1.9))),
-        *(_stribeck(speed, slowest, fastest)
-          for speed in sizes(unit.speed, 6.3e-3, 0.025, 0.126)),
+            -a.motor.viscous_friction, *sizes(torque / speed, 0.094, 0.38, 0.94, 1.9))),
+        *(_stribeck(x, slowest, fastest) for x in sizes(speed, 6.3e-3, 0.025, 0.126)),
         _one("load_dependent_friction", "coefficient", (0.03, 0.1, 0.3, 0.6)),
         _one("backlash", "increase", (
-            -a.shaft.backlash, *sizes(unit.travel, 0.1, 0.3, 1.0, 3.0, 8.0))),
+            -a.shaft.backlash, *sizes(travel, 0.1, 0.3, 1.0, 3.0, 8.0))),
         _one("shaft_compliance", "increase", (-0.5, -0.2, 0.2, 0.6, 2.0, 6.0)),
-        _vector("gear_mesh_ripple", "amplitude", "phase",
-                sizes(unit.travel, 0.003, 0.015, 0.06), label="17 a turn",
-                quarter=0.5 * math.pi, periods=17.0),
-        _one("inverter_voltage_drop", "drop", sizes(unit.voltage, 0.0104, 0.031, 0.083, 0.167)),
+        ripple("gear_mesh_ripple", 17.0, *sizes(travel, 0.003, 0.015, 0.06)),
+        _one("inverter_voltage_drop", "drop", sizes(voltage, 0.0104, 0.031, 0.083, 0.167)),
         _one("bus_voltage_sag", "resistance",
-             sizes(2.0 * unit.voltage / unit.current, 0.0115, 0.046, 0.137, 0.344)),
+             sizes(2.0 * voltage / current, 0.0115, 0.046, 0.137, 0.344)),
         _one("bus_voltage_change", "change", _both(0.1, 0.3), condition="bus"),
         _many("current_sensor_offset", {
-            f"phase_{p}": _both(*sizes(unit.current, 0.00455, 0.0227, 0.091)) for p in "abc"}),
+            f"phase_{p}": _both(*sizes(current, 0.00455, 0.0227, 0.091)) for p in "abc"}),
         _many("current_sensor_gain", {f"phase_{p}": _both(0.02, 0.08, 0.25) for p in "abc"}),
         _vector("speed_sensor_runout", "amplitude", "angle", (0.002, 0.01, 0.05)),
-        _one("position_sensor_offset", "offset", _both(*sizes(unit.travel, 0.5, 5.0, 50.0))),
+        _one("position_sensor_offset", "offset", _both(*sizes(travel, 0.5, 5.0, 50.0))),
         _one("quantisation", "position_bits_lost", (1.0, 2.0, 3.0, 5.0), label="position"),
         _one("quantisation", "speed_bits_lost", (1.0, 2.0, 3.0, 5.0), label="speed"),
         _one("inertia_change", "motor", (-0.4, -0.15, 0.15, 0.5, 1.5), label="motor"),
         _one("inertia_change", "surface", (-0.5, 0.5, 2.0, 6.0, 15.0), label="surface"),
         _many("surface_load", {
-            "constant": _both(*sizes(unit.surface_torque, 0.19, 0.57, 1.43)),
-            "slope": _both(*sizes(unit.surface_torque / unit.stroke, 0.286, 1.14, 3.43))}),
+            "constant": _both(*sizes(surface_torque, 0.19, 0.57, 1.43)),
+            "slope": _both(*sizes(surface_torque / a.surface.end_stop, 0.286, 1.14, 3.43))}),
     ]
     return tuple(found)
