@@ -144,10 +144,9 @@ def recalibrated_of(
     mean, spread = known.mean[fit.free:], np.sqrt(np.diag(known.covariance))[fit.free:]
     low_z, high_z = mean - QUANTILE * spread, mean + QUANTILE * spread
     edge = np.maximum(1.0, np.abs(fit.z))  # of its band, or where it was fitted beyond
-    ends = [np.clip(z, -edge, edge)
-            for z in (np.minimum(low_z, fit.z), fit.z, np.maximum(high_z, fit.z))]
-    library = unit.library
-    low, value, high = (deviations(library.model.actuator, library.spread, z) for z in ends)
+    low, value, high = (
+        deviations(unit.library.model.actuator, unit.library.spread, np.clip(z, -edge, edge))
+        for z in (np.minimum(low_z, fit.z), fit.z, np.maximum(high_z, fit.z)))
     return tuple(Parameter(name=name, value=x, low=low[name][0], high=high[name][0], unit=of)
                  for name, (x, of) in value.items())
 
