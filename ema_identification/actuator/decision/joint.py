@@ -83,11 +83,8 @@ class JointUnit(TestedUnit):
 
     def set_aside(self) -> list[TestedUnit | None]:
         """Return healthy units, each in all tests: they are the same ones in every test."""
-        found: list[TestedUnit | None] = []
-        for units in zip(*(part.set_aside() for part in self.each)):
-            good = [unit for unit in units if unit is not None]
-            found.append(_together(good, self.library) if len(good) == len(units) else None)
-        return found
+        return [_together([unit for unit in units if unit], self.library) if all(units) else None
+                for units in zip(*(part.set_aside() for part in self.each))]
 
 
 def _together(units: Sequence[TestedUnit], library: FleetLibrary) -> JointUnit:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import brentq
 
-from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
+from ema_identification.actuator.decision.fit import PRIOR, TestedUnit, units_aside
 from ema_identification.actuator.decision.proposals import Scores, scores
 from ema_identification.actuator.fleet.kept import AGAIN, ALIKE, kept_arrays
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, FleetLibrary
@@ -176,15 +176,10 @@ def with_baselines(
 
 def _pairs(library: FleetLibrary, rows: np.ndarray, part: slice) -> list[ChangedUnit]:
     """Return some of the healthy units on another day beside themselves, without `apart`."""
-    found = []
-    conditions, features = library.aside
-    for row, given, values in zip(rows[part], conditions[part], features[part]):
-        if np.isfinite(row).all() and np.isfinite(values).all():
-            later, before = (
-                TestedUnit(library=library, values=y, conditions=conditions_of(c))
-                for y, c in (np.split(row, [len(row) - CONDITIONS]), (values, given)))
-            found.append(changed_unit(later, [before], 0.0))
-    return found
+    return [changed_unit(TestedUnit(library=library, values=row[:-CONDITIONS],
+                                    conditions=conditions_of(row[-CONDITIONS:])), [before], 0.0)
+            for row, before in zip(rows[part], units_aside(library)[part])
+            if before and np.isfinite(row).all()]
 
 
 def _ranked(library: FleetLibrary, rows: np.ndarray, apart: float, first: int, last: int

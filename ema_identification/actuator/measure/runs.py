@@ -67,9 +67,9 @@ def run_cases(
 ) -> np.ndarray:
     """Return the features of many cases, shape (n, d); the same for any number of workers."""
     chunks = [cases[i:i + CHUNK] for i in range(0, len(cases), CHUNK)]
-    return np.concatenate(list(spread_out(
+    return np.concatenate(spread_out(
         _chunk, [(model, chunk, fmap) for chunk in chunks], workers=workers, progress=progress,
-        what=what, keep=keep)))
+        what=what, keep=keep))
 
 
 def spread_out(
