@@ -65,9 +65,7 @@ def identify(
         return identify_rig(
             cast("Sequence[RigRecord]", measured), model,
             validate=cast("Sequence[RigRecord]", validate), without=without, progress=progress)
-    records = cast("Sequence[Record]", measured)
-    held = cast("Sequence[Record]", validate)
-    accepted = cast("Sequence[Record]", baseline)
+    records, held, accepted = (cast("Sequence[Record]", x) for x in (measured, validate, baseline))
     _check_one_unit((*records, *held, *accepted))
     _check_kit((*records, *held, *accepted))
     _check_roles(records, held, accepted)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -84,10 +84,6 @@ class Where:
     text: str
     """In words, with numbers and units."""
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the object of the JSON contract."""
-        return {"signal": self.signal, "against": self.against, "text": self.text}
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
@@ -101,11 +97,6 @@ class Candidate:
     """Of the hypothesis that it adds nothing."""
     reason: str = ""
     """Why it was taken or left."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the object of the JSON contract."""
-        return {"effect": self.effect, "score": self.score, "p_value": self.p_value,
-                "reason": self.reason}
 
 
 class Formula(NamedTuple):
@@ -130,9 +121,9 @@ class NamedEffect:
     """Of the hypothesis that it adds nothing to the model with all others."""
     gap_before: float
     gap_after: float
+    formula: Formula
     choices: Mapping[str, str] = field(default_factory=dict)
     """Parameters that are no numbers, dotted: ``turn_short.phase`` is ``b``."""
-    formula: Formula | None = None
     candidates: tuple[Candidate, ...] = ()
     """All that were compared at this step, best first."""
 
@@ -141,8 +132,8 @@ class NamedEffect:
         return {
             "effect": self.effect, "equivalent": list(self.equivalent),
             "parameters": [p.to_dict() for p in self.parameters], "choices": dict(self.choices),
-            "equation": "" if self.formula is None else self.formula.equation,
-            "where": self.where.to_dict(), "p_value": self.p_value,
+            "equation": self.formula.equation,
+            "where": asdict(self.where), "p_value": self.p_value,
             "gap_before": self.gap_before, "gap_after": self.gap_after,
         }
 
@@ -155,7 +146,7 @@ class Curve:
     x: np.ndarray
     y: np.ndarray
     role: Literal["measured", "before", "after", "floor", "other"] = "other"
-    style: Literal["line", "points", "steps"] = "line"
+    style: Literal["line", "points"] = "line"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,9 +161,8 @@ class Panel:
     """With unit."""
     y_label: str
     curves: tuple[Curve, ...]
-    step: str = ""
+    step: str
     """The step of the workflow that it belongs to, a key of `Identification.steps`."""
-    log_x: bool = False
     log_y: bool = False
 
 
@@ -194,7 +184,7 @@ class Shape:
     port: str
     text: str
     """``motor torque, periodic in rotor angle, 12 a turn, 0.011 N m``."""
-    panel: Panel | None = None
+    panel: Panel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -254,7 +244,7 @@ class Identification:
             "verdict": self.verdict, "gap_before": self.gap_before, "gap_after": self.gap_after,
             "noise_floor": self.noise_floor, "gap_unit": self.gap_unit,
             "findings": [f.to_dict() for f in self.findings],
-            "rivals": [r.to_dict() for r in self.rivals], "next_test": self.next_test,
+            "rivals": [asdict(r) for r in self.rivals], "next_test": self.next_test,
             "model": None if self.model is None else str(self.model),
             "recalibrated": [p.to_dict() for p in self.recalibrated],
             **({} if self.unexplained is None else {"unexplained": self.unexplained}),

@@ -112,14 +112,14 @@ def identify(
 
         found = run(records, model, validate=held, baseline=accepted, without=without or (),
                     progress=step, workers=workers, seed=seed)
-    inputs: dict[str, str | list[str]] = {
+    inputs = {
         "measured": [str(p) for p in measured],
-        "model": kit_name() if model is None else str(model),
+        "model": [kit_name() if model is None else str(model)],
         **{name: list(map(str, given)) for name, given in (
             ("validate", validate), ("baseline", baseline), ("without", without)) if given},
     }
     if profile:
-        inputs["profile"] = profile
+        inputs["profile"] = [profile]
     found = write_answer(found, out)
     if json:
         print_json(found.to_dict())

@@ -9,7 +9,6 @@ import numpy as np
 
 from ema_identification.actuator.measure.features import nominal_rate
 from ema_identification.actuator.measure.segments import path
-from ema_identification.actuator.measure.signals import TURN
 from ema_record.channels import CHANNEL_NAMES, PHASE_CURRENTS, REFERENCE_CURRENTS
 from ema_record.checks.facts import facts_of_record
 from ema_record.checks.physics import ratios
@@ -22,6 +21,7 @@ from ema_record.errors import (
 )
 from ema_record.record import Record
 from ema_sim.effects import EFFECTS
+from ema_sim.machine import TURN
 from ema_sim.model_file import Model
 
 SHORTEST = 0.15

@@ -28,8 +28,8 @@ from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, worst
 from ema_identification.actuator.laws.catalogue import OF_THE_ROTOR
 from ema_identification.actuator.laws.terms import SURE, LawFit, LawGap, Posterior, coordinates
 from ema_identification.actuator.measure.runs import Progress, silent
-from ema_identification.actuator.measure.signals import TURN
 from ema_identification.actuator.measure.tolerances import TOLERANCES
+from ema_sim.machine import TURN
 
 DAY_STEPS = 2
 """Of a fit of what belongs to the day, in which the quadratic is nearly straight."""
@@ -220,7 +220,7 @@ def _root(unit: TestedUnit) -> np.ndarray:
 
 def _yardstick(fitted: TestedUnit, null: LawFit | None = None) -> np.ndarray:
     """Return the covariance of the fitted unit, shape (width, width); of the day: none."""
-    null = fitted.without_law() if null is None or null.runs else null
+    null = null or fitted.without_law()
     columns = fitted.whitener(0).columns(null.slopes, fitted.values - null.mean)
     own, day = slice(fitted.library.width), fitted.library.of_day
     found = np.linalg.inv(columns.T @ columns + PRIOR * np.eye(columns.shape[1]))[own, own]

@@ -12,11 +12,12 @@ from ema_identification.actuator.fleet.units import fleet_record
 from ema_identification.actuator.laws.terms import LawFit, LawGap, with_terms
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.lines import turns_of
-from ema_identification.actuator.measure.signals import TURN, DriveSignals, drive_signals
+from ema_identification.actuator.measure.signals import DriveSignals, drive_signals
 from ema_identification.actuator.residuals import residual_of
 from ema_identification.result import Curve, Panel
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.record import Record
+from ema_sim.machine import TURN
 
 BINS = 90
 POINTS = 500
@@ -34,14 +35,20 @@ def panels_of(
     fits = [("before", answer.null)]
     if answer.fit is not None:
         fits.append(("after", answer.fit))
-    panels = [_where(unit, fits), *_vectors(unit, fits)]
+    panels = [_by_part(unit, [(role, residual_of(unit, fit)) for role, fit in fits], "where",
+                       "Residual of each part of the test, before and after.", "where"),
+              *_vectors(unit, fits)]
     runs = [(role, record_of(first, fit)) for role, fit in fits]
     signals = [(role, drive_signals(record, first.library.model.actuator))
                for role, record in [("measured", first.record), *runs] if record is not None]
     panels += [_travel(signals), *_folded(first, signals)]
     if answer.fits:
         panels.append(_candidates(unit, answer))
-    panels.append(_held(unit if held is None else held, gap, held is not None))
+    panels.append(_by_part(
+        unit if held is None else held,
+        [("before", gap.rest[0]), *(("after", rest) for rest in gap.rest[1:][-1:])], "gap_by_part",
+        f"The gap on the {'fitted' if held is None else 'held-out'} record, by part of the test.",
+        "show"))
     return tuple(panels)
 
 
@@ -77,15 +84,18 @@ def by_place(fmap: FeatureMap, residual: np.ndarray) -> tuple[np.ndarray, np.nda
             np.array([np.sqrt(np.mean(residual[places == n]**2)) for n in names]))
 
 
-def _where(unit: TestedUnit, fits: Sequence[tuple[str, LawFit]]) -> Panel:
+def _by_part(
+    unit: TestedUnit, rests: Sequence[tuple[str, np.ndarray]], name: str, title: str, step: str
+) -> Panel:
+    """Return residuals (standard deviations) by part of the first record, beside a floor of 1."""
     fmap = unit.parts[0].library.fmap
-    rows = [(role, *by_place(fmap, unit.split(residual_of(unit, fit))[0])) for role, fit in fits]
+    rows = [(role, *by_place(fmap, unit.split(rest)[0])) for role, rest in rests]
     x = rows[0][1]
     floor = Curve(label="nothing missing", x=x, y=np.ones_like(x), role="floor")
     return Panel(
-        name="where", title="Residual of each part of the test, before and after.",
-        x_label="time of the test (s)", y_label="residual, rms (standard deviations)",
-        curves=(*_role_curves(rows, "points"), floor), step="where", log_y=True)
+        name=name, title=title, x_label="time of the test (s)",
+        y_label="residual, rms (standard deviations)",
+        curves=(*_role_curves(rows, "points"), floor), step=step, log_y=True)
 
 
 def _vectors(unit: TestedUnit, fits: Sequence[tuple[str, LawFit]]) -> list[Panel]:
@@ -112,11 +122,9 @@ def _vectors(unit: TestedUnit, fits: Sequence[tuple[str, LawFit]]) -> list[Panel
         segment = max(locked, key=lambda s: _line_power(fmap, left, s.name))
         orders = [h for h in range(1, 25) if f"{segment.name}.torque_line_{h}_re" in index]
         stem = f"{segment.name}.torque_line"
-        rows = []
-        for role, v in vectors:
-            lines = [2e-3 * np.hypot(v[index[f"{stem}_{h}_re"]], v[index[f"{stem}_{h}_im"]])
-                     for h in orders]
-            rows.append((role, np.array(orders, dtype=float), np.array(lines)))
+        rows = [(role, np.array(orders, dtype=float), np.array([
+            2e-3 * np.hypot(v[index[f"{stem}_{h}_re"]], v[index[f"{stem}_{h}_im"]])
+            for h in orders])) for role, v in vectors]
         panels.append(Panel(
             name="torque_lines", title=f"Torque periodic in rotor angle: {segment.text}.",
             x_label="periods a turn", y_label="amplitude (N m)", step="where",
@@ -153,9 +161,7 @@ def _folded(unit: TestedUnit, signals: Sequence[tuple[str, DriveSignals]]) -> li
     panels = []
     chosen = {min(slews, key=lambda s: abs(s.speed)).name: "slow",
               max(slews, key=lambda s: abs(s.speed)).name: "fast"}
-    for segment in slews:
-        if segment.name not in chosen:
-            continue
+    for segment in [s for s in slews if s.name in chosen]:
         rows = []
         for role, s in signals:
             turns = turns_of(s.theta, s.between(segment.begin, segment.end))
@@ -193,18 +199,3 @@ def _candidates(unit: TestedUnit, answer: FleetAnswer) -> Panel:
                  x_label="candidate", y_label="misfit (standard deviations)",
                  curves=tuple(curves), step="name",
                  log_y=bool(costs.max() > DECADE * costs.min()))
-
-
-def _held(unit: TestedUnit, gap: LawGap, held: bool) -> Panel:
-    fmap = unit.parts[0].library.fmap
-    rows = [("before", *by_place(fmap, unit.split(gap.rest[0])[0]))]
-    if len(gap.rest) > 1:
-        rows.append(("after", *by_place(fmap, unit.split(gap.rest[-1])[0])))
-    x = rows[0][1]
-    return Panel(
-        name="gap_by_part", title=f"The gap on the {'held-out' if held else 'fitted'} record, "
-                                  "by part of the test.",
-        x_label="time of the test (s)", y_label="residual, rms (standard deviations)",
-        curves=(*_role_curves(rows, "points"),
-                Curve(label="nothing missing", x=x, y=np.ones_like(x), role="floor")),
-        step="show", log_y=True)

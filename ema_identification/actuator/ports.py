@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.measure.control_law import ControlLaw
-from ema_identification.actuator.measure.ripple import largest_line
+from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.residuals import ResidualGroup, groups_of
 from ema_identification.result import Curve, Panel, Shape
 
@@ -30,6 +31,12 @@ they settle a port: a large effect elsewhere moves them too, since it takes the 
 astray."""
 COMMUTATION, MULTIPLES = 6, (6, 12, 18, 24)
 """Periods a turn of the commutation: ripple of windings has its multiples, and lower orders."""
+STRONG_LINE = 8.0
+"""Least residual of a line (standard deviations, re and im)."""
+COHERENT = 0.85
+"""Least part of the power of a line that has one phase in all sections."""
+ONE_SPEED = 20.0, 0.95
+"""The same two for the sections of one speed alone: two of them agree by chance more often."""
 
 
 def unknown_shape(
@@ -51,7 +58,8 @@ def unknown_shape(
     limit = first.library.model.actuator.control.speed_limit
     jumps = {t.text: min(1.0, abs(t.after - t.before) / limit)
              for t in first.library.fmap.plan.transitions}
-    ports = _ports(_by_name(first, rest), line, groups, jumps, law)
+    values = {f.name: float(x) for f, x in zip(first.library.fmap.features, rest)}
+    ports = _ports(values, line, groups, jumps, law)
     words = _words(line, groups)
     if law is not None and not law.holds:
         words = f"{law.text}; {words}"
@@ -139,13 +147,8 @@ def _turns_commutation(values: dict[str, float]) -> float:
     Commutations that come late at one direction come early at the other, so that quadratures of
     opposite sign are theirs alone; a torque that belongs to the angle has the same both ways.
     """
-    total = 0.0
-    segments = sorted({n.split(".")[0] for n in values if ".torque_line_" in n})
-    for a, b in zip(segments, segments[1:]):
-        for order in MULTIPLES:
-            x, y = (values.get(f"{s}.torque_line_{order}_im", 0.0) for s in (a, b))
-            total -= float(np.clip(x, -30, 30) * np.clip(y, -30, 30))
-    return total
+    return _turns_with_direction({name: x for name, x in values.items() if name.endswith(
+        tuple(f".torque_line_{order}_im" for order in MULTIPLES))})
 
 
 def _turns_with_direction(values: dict[str, float]) -> float:
@@ -164,33 +167,120 @@ def _turns_with_direction(values: dict[str, float]) -> float:
     return total
 
 
-def _by_name(unit: TestedUnit, residual: np.ndarray) -> dict[str, float]:
-    return {f.name: float(x) for f, x in zip(unit.library.fmap.features, residual)}
-
-
 def _words(line: tuple[int, float, str] | None, groups: Sequence[ResidualGroup]) -> str:
     """Return the measured shape in words with numbers."""
-    parts = []
-    if line is not None:
-        order, torque, place = line
-        parts.append(f"motor torque periodic in rotor angle, {order} a turn, {torque:.2g} N m "
-                     f"({place})")
-    for group in groups[:3]:
-        parts.append(f"{group.signal} against {group.against}, {group.place}, up to "
-                     f"{group.largest:.0f} standard deviations")
-    return "; ".join(parts)
+    parts = [] if line is None else [
+        "motor torque periodic in rotor angle, {} a turn, {:.2g} N m ({})".format(*line)]
+    return "; ".join([*parts, *(
+        f"{group.signal} against {group.against}, {group.place}, up to {group.largest:.0f} "
+        "standard deviations" for group in groups[:3])])
 
 
 def _panel(unit: TestedUnit, residual: np.ndarray) -> Panel:
     """Return the residual of every feature, in the order of the test."""
-    curves = []
     signals: dict[str, list[int]] = defaultdict(list)
     for k, feature in enumerate(unit.library.fmap.features):
         signals[feature.signal].append(k)
-    for signal, where in signals.items():
-        curves.append(Curve(label=signal, x=np.array(where, dtype=float), y=residual[where],
-                            style="points"))
     return Panel(
         name="unknown", title="What is left, feature by feature.",
         x_label="number of the feature, in the order of the test",
-        y_label="residual (standard deviations)", curves=tuple(curves), step="where")
+        y_label="residual (standard deviations)", step="where", curves=tuple(
+            Curve(label=signal, x=np.array(where, dtype=float), y=residual[where], style="points")
+            for signal, where in signals.items()))
+
+
+class _Line(NamedTuple):
+    """A line of one order in the sections of one group."""
+
+    common: float
+    """Power of one phase (variances, re and im)."""
+    coherence: float
+    """The same, of all its power."""
+    amplitude: float
+    """N m."""
+    place: str
+
+
+_Left = Mapping[str, tuple[complex, float]]
+"""A line of one order that is left, by section (mA), and the variance of its parts."""
+
+
+def largest_line(
+    fmap: FeatureMap, residual: np.ndarray, deviation: np.ndarray
+) -> tuple[int, float, str] | None:
+    """Return order, amplitude (N m) and segment of the clearest torque line that is left.
+
+    A ripple of the machine has one phase in rotor angle in all sections of the test, or one that
+    turns over with the direction; a limit cycle that keeps step with the rotor in one section has
+    neither.
+
+    Parameters
+    ----------
+    fmap : of the record.
+    residual : ndarray, shape (d,), in standard deviations.
+    deviation : ndarray, shape (d,). Standard deviations of a repeat.
+    """
+    speeds = {s.name: s.speed for s in fmap.plan.segments}
+    sizes = {name: round(abs(v), 3) for name, v in speeds.items()}
+    groups = [(list(speeds), STRONG_LINE, COHERENT)] + [
+        ([n for n in speeds if sizes[n] == v], *ONE_SPEED)
+        for v in sorted(set(sizes.values()), reverse=True)]
+    left = _left(fmap, residual, deviation)
+    clear = {order: [line for group in groups if (line := _clear(places, speeds, *group))]
+             for order, places in left.items()}
+    clear = {order: lines for order, lines in clear.items() if lines}
+    if not clear:
+        return None
+    order = max(clear, key=lambda o: max(line.common for line in clear[o]))
+    line = max(clear[order], key=lambda x: x.coherence)
+    (text,) = (s.text for s in fmap.plan.segments if s.name == line.place)
+    return order, line.amplitude, text
+
+
+def _left(
+    fmap: FeatureMap, residual: np.ndarray, deviation: np.ndarray
+) -> dict[int, _Left]:
+    """Return the torque lines that are left, by order."""
+    found: dict[int, dict[str, tuple[complex, float]]] = defaultdict(dict)
+    for feature, x, sd in zip(fmap.features, residual, deviation):
+        if ".torque_line_" in feature.name:
+            places = found[int(feature.name.split("_")[2])]
+            line, variance = places.get(feature.place, (0j, 0.0))
+            part = 1.0 if feature.name.endswith("_re") else 1j
+            places[feature.place] = line + float(x * sd) * part, variance + 0.5 * float(sd)**2
+    return {**found}
+
+
+def _clear(
+    places: _Left, speeds: Mapping[str, float], among: Sequence[str], strong: float,
+    coherent: float,
+) -> _Line | None:
+    """Return what the sections `among` have in common, where that is clear."""
+    chosen = [p for p in among if p in places]
+    if len(chosen) < 2:
+        return None
+    lines, variances = (np.array(x) for x in zip(*(places[p] for p in chosen)))
+    weight = 1.0 / variances
+    sense = np.sign([speeds[p] for p in chosen])
+    along = max((_power_along(lines, weight), _power_along(sense * lines, weight)), key=np.sum)
+    power = weight * np.abs(lines)**2
+    common, whole = float(along.sum()), float(power.sum())
+    if (common > max(2.0 * strong**2, coherent * whole)
+            and common - along.max() > strong**2):
+        return _Line(
+            common=common, coherence=common / whole,
+            amplitude=2e-3 * float(power @ np.abs(lines) / power.sum()),
+            place=chosen[int(np.argmax(power))])
+    return None
+
+
+def _power_along(lines: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the power of each line along the phase that most of their power has.
+
+    How large a line is may differ among sections: at low speed the shaft holds the rotor, and the
+    current sees less of the same ripple.
+    """
+    whole = weight * np.abs(lines) @ lines
+    if whole == 0.0:
+        return np.zeros(len(lines))
+    return np.asarray(weight * np.maximum(0.0, (lines * np.conj(whole / abs(whole))).real)**2)

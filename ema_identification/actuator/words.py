@@ -105,10 +105,9 @@ def findings_of(unit: TestedUnit, answer: FleetAnswer, gap: LawGap) -> tuple[Nam
     Each has its own gaps, p-value and place: where the model without it, but with the other one
     of two, disagrees.
     """
-    if answer.fit is None:
+    if answer.fit is None or answer.known is None:
         return ()
     found: list[NamedEffect] = []
-    known = posterior_of(unit, answer.fit) if answer.known is None else answer.known
     for k in order_of(answer):
         term = answer.fit.terms[k]
         effect, at = EFFECTS[term.variant.effect], min(len(found), len(gap.values) - 2)
@@ -117,7 +116,7 @@ def findings_of(unit: TestedUnit, answer: FleetAnswer, gap: LawGap) -> tuple[Nam
             effect=term.variant.effect, equivalent=answer.equivalent[k],
             choices=choices_of(term),
             formula=Formula(effect.summary, effect.equation, effect.reference),
-            parameters=parameters_of(unit, answer.fit, known, k),
+            parameters=parameters_of(unit, answer.fit, answer.known, k),
             where=where_of(groups_of(unit, residual_of(unit, less))),
             p_value=answer.p_value[k], gap_before=gap.values[at], gap_after=gap.values[at + 1]))
     return tuple(found)
@@ -145,10 +144,9 @@ def recalibrated_of(
     mean, spread = known.mean[fit.free:], np.sqrt(np.diag(known.covariance))[fit.free:]
     low_z, high_z = mean - QUANTILE * spread, mean + QUANTILE * spread
     edge = np.maximum(1.0, np.abs(fit.z))  # of its band, or where it was fitted beyond
-    ends = [np.clip(z, -edge, edge)
-            for z in (np.minimum(low_z, fit.z), fit.z, np.maximum(high_z, fit.z))]
-    library = unit.library
-    low, value, high = (deviations(library.model.actuator, library.spread, z) for z in ends)
+    low, value, high = (
+        deviations(unit.library.model.actuator, unit.library.spread, np.clip(z, -edge, edge))
+        for z in (np.minimum(low_z, fit.z), fit.z, np.maximum(high_z, fit.z)))
     return tuple(Parameter(name=name, value=x, low=low[name][0], high=high[name][0], unit=of)
                  for name, (x, of) in value.items())
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
+import yaml
 from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.checks import check_records
@@ -14,7 +16,7 @@ from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.joint import joint_unit
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.ranks import LEVEL, rank
-from ema_identification.actuator.fleet.units import FULL, LibrarySizes, fleet_unit
+from ema_identification.actuator.fleet.units import FULL, fleet_unit
 from ema_identification.actuator.gap import HeldOut, fitted_gap
 from ema_identification.actuator.laws.terms import LawFit, with_terms
 from ema_identification.actuator.library.acceptance import with_acceptance
@@ -23,9 +25,8 @@ from ema_identification.actuator.library.build import fleet_library
 from ema_identification.actuator.measure.control_law import control_law
 from ema_identification.actuator.measure.features import nominal_rate
 from ema_identification.actuator.measure.recorder import recorded_alike, whole
-from ema_identification.actuator.measure.runs import Progress, silent
+from ema_identification.actuator.measure.runs import Progress
 from ema_identification.actuator.measure.tolerances import RecordConditions, align
-from ema_identification.actuator.model_file import model_file_text
 from ema_identification.actuator.next_test import separating_test
 from ema_identification.actuator.panels import panels_of, record_of
 from ema_identification.actuator.ports import unknown_shape
@@ -38,7 +39,10 @@ from ema_identification.actuator.words import (
     steps_of,
 )
 from ema_identification.result import Identification
+from ema_record.actuator import Actuator, load_actuator
 from ema_record.record import Record
+from ema_sim.effects import EFFECTS, Effects
+from ema_sim.effects.base import Choice, Effect
 from ema_sim.model_file import Model
 
 GAP_UNIT = ("rms of the tenth of the features that are off most, in standard deviations of what "
@@ -46,12 +50,13 @@ GAP_UNIT = ("rms of the tenth of the features that are off most, in standard dev
 HELD_OUT = "held-out records, which took no part in the fit"
 NO_TEST = "no test of the kit is likely to tell the names apart that fit equally well"
 FITTED = "the fitted records themselves: no held-out record was given"
+HEADER = "# Written by ema identify: recalibrated parameters, and the effects that were found.\n"
 
 
 def identify_actuator(
-    measured: Sequence[Record], model: Model, *, validate: Sequence[Record] = (),
-    baseline: Sequence[Record] = (), without: Sequence[str] = (), progress: Progress = silent,
-    workers: int = 1, seed: int = 0, sizes: LibrarySizes = FULL,
+    measured: Sequence[Record], model: Model, *, validate: Sequence[Record],
+    baseline: Sequence[Record], without: Sequence[str], progress: Progress, workers: int,
+    seed: int,
 ) -> Identification:
     """Return what the model lacks to explain records of one actuator.
 
@@ -66,57 +71,35 @@ def identify_actuator(
     progress : called with what is being done and how much of it is.
     workers : processes that build libraries, threads that share the runs.
     seed : of all simulations.
-    sizes : of libraries.
     """
-    case = _Case((*measured, *validate, *baseline), model, sizes, seed, workers, progress)
-    given, held_out, accepted = ([case.whole(r) for r in tests]
-                                 for tests in (measured, validate, baseline))
-    check_records(given, held_out, case.model, without, accepted)
+    own = recorded_alike((*measured, *validate, *baseline), model)
+
+    def tested(record: Record, *, signatures: bool = True) -> TestedUnit:
+        """Return the record as it is judged; `signatures`: effects may be named on it."""
+        library = with_acceptance(fleet_library(
+            own, record.profile, rate=nominal_rate(record), signatures=signatures, sizes=FULL,
+            seed=seed, workers=workers, progress=progress), seed=seed)
+        return TestedUnit(library=library, values=library.fmap.extract(record), seed=seed,
+                          conditions=align(record, own), workers=workers, record=record)
+
+    given, held_out, accepted = ([whole(record, own.actuator) for record in records]
+                                 for records in (measured, validate, baseline))
+    check_records(given, held_out, own, without, accepted)
     with threadpool_limits(limits=1):  # sums in one order: the last digit grows in limit cycles
-        units = [case.unit(record) for record in measured]
+        units = [tested(record) for record in given]
         unit, held = joint_unit(units, scores, progress=progress), None
-        if validate:
-            other = [case.unit(record, signatures=False) for record in validate]
+        if held_out:
+            other = [tested(record, signatures=False) for record in held_out]
             held = HeldOut(unit=joint_unit(other), fitted=unit, progress=progress)
         found = _said(unit, decide(unit, held, without=without, progress=progress), model, held)
-        if not baseline:
+        if not accepted:
             return found
-        changed = _changed(case, units[0], baseline)
+        before = [tested(record) for record in accepted]
+        library, apart = with_baselines(units[0].library, FULL, seed=seed, workers=workers,
+                                        progress=progress)
+        changed = changed_unit(replace(units[0], library=library), before, apart)
         since = decide(changed, witness=held, without=without, progress=progress)
         return replace(found, since=_said(changed, since, model))
-
-
-class _Case:
-    """Records of one unit, by one recorder, and the libraries of their tests."""
-
-    def __init__(self, records: Sequence[Record], model: Model, sizes: LibrarySizes, seed: int,
-                 workers: int, progress: Progress) -> None:
-        self.model, self.sizes, self.seed = recorded_alike(records, model), sizes, seed
-        self.workers, self.progress = workers, progress
-
-    def whole(self, record: Record) -> Record:
-        """Return the record with all channels."""
-        return whole(record, self.model.actuator)
-
-    def unit(self, record: Record, *, signatures: bool = True) -> TestedUnit:
-        """Return the record as it is judged; `signatures`: effects may be named on it."""
-        known = with_acceptance(fleet_library(
-            self.model, record.profile, rate=nominal_rate(record), signatures=signatures,
-            sizes=self.sizes, seed=self.seed, workers=self.workers, progress=self.progress),
-            seed=self.seed)
-        record = self.whole(record)
-        return TestedUnit(library=known, values=known.fmap.extract(record), seed=self.seed,
-                          conditions=align(record, self.model), workers=self.workers,
-                          record=record)
-
-
-def _changed(case: _Case, unit: TestedUnit, baseline: Sequence[Record]) -> TestedUnit:
-    """Return the first record beside those of when the unit was accepted."""
-    before = [case.unit(record) for record in baseline]
-    library, apart = with_baselines(
-        replace(unit.library, left=None), case.sizes, seed=case.seed, workers=case.workers,
-        progress=case.progress)
-    return changed_unit(replace(unit, library=library), before, apart)
 
 
 def _said(
@@ -170,3 +153,29 @@ def _model_text(unit: TestedUnit, fit: LawFit, model: Model) -> str:
     actuator, _ = fleet_unit(  # conditions and sensor errors stay out
         model, unit.library.spread, fit.z[:unit.library.width], RecordConditions(), model.effects)
     return model_file_text(actuator, with_terms(fit.terms, model.effects))
+
+
+def model_file_text(actuator: Actuator, effects: Effects) -> str:
+    """Return the model file: every parameter that differs from nominal, and the effects."""
+    nominal = load_actuator()
+    data: dict[str, Any] = {}
+    for section, part in actuator._asdict().items():
+        base = getattr(nominal, section)
+        if changed := {name: _number(value) for name, value in part._asdict().items()
+                       if value != getattr(base, name)}:
+            data[section] = changed
+    if added := {name: _settings(EFFECTS[name], values)
+                 for name, values in effects._asdict().items()
+                 if not EFFECTS[name].is_neutral(values)}:
+        data["effects"] = added
+    return HEADER + yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
+
+
+def _settings(effect: Effect, values: Any) -> dict[str, Any]:
+    chosen = {f: getattr(values, f.name) for f in effect.fields}
+    return {f.name: f.kind.options[int(x)] if isinstance(f.kind, Choice) else _number(x)
+            for f, x in chosen.items() if x != f.default or f.name in effect.severity}
+
+
+def _number(value: float) -> float | int:
+    return int(value) if isinstance(value, int) else float(f"{value:.8g}")

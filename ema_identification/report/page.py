@@ -24,8 +24,6 @@ NEXT_TEST_FILE = "next_test.yaml"
 """In the folder of an identification."""
 MAX_CANDIDATES = 12
 """Rows of the table of candidates; the rest is in the JSON file's steps."""
-TONES = {"no disagreement": "good", "explained": "good", "partly explained": "open",
-         "unknown effect": "open", "contradicted": "open"}
 
 
 def page_context(
@@ -33,11 +31,11 @@ def page_context(
     panels: Sequence[Panel],
     *,
     title: str,
-    inputs: Mapping[str, str | Sequence[str]],
+    inputs: Mapping[str, Sequence[str]],
 ) -> dict[str, Any]:
     """Return the variables of the template."""
     unknown = identification.unknown
-    shape = unknown.panel.name if unknown is not None and unknown.panel is not None else ""
+    shape = unknown.panel.name if unknown is not None else ""
     by_step: dict[str, list[Panel]] = {}
     for panel in panels:
         if panel.name != shape:
@@ -45,15 +43,15 @@ def page_context(
     steps = [
         {"name": step.name, "text": step.text, "head": step.rows[0] if step.rows else (),
          "rows": step.rows[1:],
-         "panels": by_step.pop(step.name, []) if step.name not in ("where", "show") else []}
+         "panels": [] if step.name in ("where", "show") else by_step.get(step.name, [])}
         for step in identification.steps
     ]
     return {
         "title": title,
-        "inputs": {role: as_list(value) for role, value in inputs.items()},
+        "inputs": inputs,
         "version": VERSION,
         "verdict": identification.verdict,
-        "tone": TONES[identification.verdict],
+        "tone": "open" if identification.exit_status else "good",
         "sentence": words.verdict_sentence(identification),
         "advice": advice(identification),
         "figures": _figures(identification),
@@ -68,10 +66,9 @@ def page_context(
         "recalibrated": [_parameter(p) for p in identification.recalibrated],
         "level": f"{INTERVAL_LEVEL:.0%}".replace("%", " %"),
         "reasons": identification.reasons,
-        "show_panels": by_step.pop("show", []),
-        "where_panels": by_step.pop("where", []),
+        "show_panels": by_step.get("show", []),
+        "where_panels": by_step.get("where", []),
         "steps": steps,
-        "other_panels": [panel for group in by_step.values() for panel in group],
         "titles": {panel.name: panel.title for panel in panels},
     }
 
@@ -190,7 +187,7 @@ ALSO = "validate", "baseline", "without"
 def next_commands(
     identification: Identification,
     out: Path,
-    inputs: Mapping[str, str | Sequence[str]],
+    inputs: Mapping[str, Sequence[str]],
 ) -> list[str]:
     """Return commands that use the updated model, check it, and run the proposed test.
 
@@ -201,13 +198,13 @@ def next_commands(
     inputs : as `write_page` has them; what `ema identify` was given is given again.
     """
     found = []
-    measured = " ".join(shlex.quote(path) for path in as_list(inputs.get("measured", ())))
+    measured = " ".join(shlex.quote(path) for path in inputs.get("measured", ()))
 
     def given(*options: str) -> str:
         return "".join(f" --{option} {shlex.quote(value)}" for option in options
-                       for value in as_list(inputs.get(option, ()))) + kit_option()
+                       for value in inputs.get(option, ())) + kit_option()
 
-    own = ["model"] if Path(str(inputs.get("model", ""))).is_file() else []  # none of the kit
+    own = ["model"] if Path(*inputs.get("model", ())).is_file() else []  # none of the kit
     if identification.model_text:
         model = shlex.quote(str(out / MODEL_FILE))
         if identification.machine == "actuator":
@@ -224,8 +221,3 @@ def next_commands(
             both = shlex.quote(f"{out}_next")
             found.append(f"ema identify {measured} NEW_RECORD{given(*ALSO, *own)} --out {both}")
     return found
-
-
-def as_list(value: str | Sequence[str]) -> list[str]:
-    """Return one or several texts as a list."""
-    return [value] if isinstance(value, str) else [str(item) for item in value]

@@ -82,12 +82,12 @@ def draw_panel(panel: Panel) -> bytes:
         _draw(axes, curve, style)
     axes.set_xlabel(panel.x_label, fontsize=9, color=INK, parse_math=False)
     axes.set_ylabel(panel.y_label, fontsize=9, color=INK, parse_math=False)
-    if panel.log_x:
-        axes.set_xscale("log")
-        _plain_numbers(axes.xaxis)
     if panel.log_y:
         axes.set_yscale("log")
-        _plain_numbers(axes.yaxis)
+        # Plain numbers, between decades too where the axis is short.
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.yaxis.set_minor_formatter(_Plain(minor_thresholds=(1.5, 0.5)))
+        axes.yaxis.set_tick_params(which="minor", labelsize=8.5, labelcolor=INK)
     if len(panel.curves) > 1 or (panel.curves and panel.curves[0].label):
         look = {"fontsize": 8, "frameon": True, "framealpha": 0.85, "edgecolor": "none",
                 "labelcolor": INK}
@@ -97,13 +97,6 @@ def draw_panel(panel: Panel) -> bytes:
             text.set_parse_math(False)
     axes.margins(x=0.01)
     return to_png(figure)
-
-
-def _plain_numbers(axis: Any) -> None:
-    """Label a logarithmic axis with plain numbers, between decades too where it is short."""
-    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axis.set_minor_formatter(_Plain(minor_thresholds=(1.5, 0.5)))
-    axis.set_tick_params(which="minor", labelsize=8.5, labelcolor=INK)
 
 
 class _Plain(LogFormatter):
@@ -122,8 +115,6 @@ def _draw(axes: Any, curve: Curve, style: dict[str, Any]) -> None:
                  **_marker(curve.role, style.get("marker", "."), few=len(x) < FEW_POINTS)}
     else:
         style.pop("marker", None)
-    if curve.style == "steps":
-        style["drawstyle"] = "steps-mid"
     axes.plot(x, y, label=curve.label or None, **style)
 
 
@@ -136,11 +127,9 @@ def _marker(role: str, marker: str, *, few: bool) -> dict[str, Any]:
 
 def gap_stages(identification: Identification) -> list[tuple[str, float]]:
     """Return the gap of the given model and after each effect that was added."""
-    stages = [("model as given,\nrecalibrated" if identification.recalibrated
-               else "model as given", identification.gap_before)]
-    findings = identification.findings
-    stages += [(f"+ {pretty(finding.effect)}", finding.gap_after) for finding in findings]
-    return stages
+    first = "model as given,\nrecalibrated" if identification.recalibrated else "model as given"
+    return [(first, identification.gap_before), *(
+        (f"+ {pretty(f.effect)}", f.gap_after) for f in identification.findings)]
 
 
 def draw_gap(identification: Identification) -> bytes:

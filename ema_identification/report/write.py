@@ -17,29 +17,15 @@ import yaml
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from ema_identification.report.page import (
-    MODEL_FILE,
-    NEXT_TEST_FILE,
-    next_commands,
-    page_context,
-)
+from ema_identification.report.page import MODEL_FILE, NEXT_TEST_FILE, next_commands, page_context
 from ema_identification.report.plots import draw_gap, draw_panel
-from ema_identification.result import Identification, Panel
-from ema_record.errors import UsageError
-from ema_record.files import (
-    cannot_write,
-    exists,
-    make_new_directory,
-    new_file,
-    sync_directory,
-)
+from ema_identification.result import Identification
+from ema_record.files import cannot_write, exists, make_new_directory, new_file, sync_directory
 
 HTML_FILE = "report.html"
 JSON_FILE = "identification.json"
 PLOTS = "plots"
 GAP_PLOT = "gap_by_stage"
-MAX_PANELS = 60
-"""More plots than anyone reads: an error of the caller."""
 
 
 def write_answer(identification: Identification, out_dir: str | Path) -> Identification:
@@ -96,7 +82,7 @@ def write_page(
     out_dir: str | Path,
     *,
     title: str,
-    inputs: Mapping[str, str | Sequence[str]],
+    inputs: Mapping[str, Sequence[str]],
 ) -> Page:
     """Draw the plots and write the page into the folder of an answer.
 
@@ -112,18 +98,18 @@ def write_page(
     title : str
         Headline of the page, for example the serial number.
     inputs : mapping
-        What was compared, by its role: ``{"measured": ["a", "b"], "model": "nominal"}``.
+        What was compared, by its role: ``{"measured": ["a", "b"], "model": ["nominal"]}``.
 
     Raises
     ------
     OutputError
         The folder cannot be written.
-    UsageError
-        Panels with one name, or too many of them.
 
     """
     out = Path(out_dir)
-    panels = _panels(identification)
+    panels, unknown = identification.panels, identification.unknown
+    if unknown is not None and unknown.panel.name not in {panel.name for panel in panels}:
+        panels = (unknown.panel, *panels)
     drawings: dict[str, Callable[[], bytes]] = {GAP_PLOT: partial(draw_gap, identification)}
     drawings |= {panel.name: partial(draw_panel, panel) for panel in panels}
     pictures: dict[str, bytes] = {}
@@ -136,7 +122,8 @@ def write_page(
     page = _render(
         **page_context(identification, panels, title=title, inputs=inputs),
         commands=next_commands(identification, out, inputs), not_drawn=not_drawn,
-        pictures={name: _data_uri(png) for name, png in pictures.items()},
+        pictures={name: "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+                  for name, png in pictures.items()},
     )
     try:
         (out / PLOTS).mkdir()
@@ -151,9 +138,7 @@ def write_page(
 
 def _write_files(folder: Path, identification: Identification) -> None:
     """Write everything but page and plots."""
-    texts = {
-        JSON_FILE: json.dumps(identification.to_dict(), indent=2, ensure_ascii=False) + "\n",
-    }
+    texts = {JSON_FILE: json.dumps(identification.to_dict(), indent=2, ensure_ascii=False) + "\n"}
     if identification.model_text:
         texts[MODEL_FILE] = identification.model_text
     if identification.next_profile is not None:
@@ -164,28 +149,6 @@ def _write_files(folder: Path, identification: Identification) -> None:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
-
-
-def _panels(identification: Identification) -> tuple[Panel, ...]:
-    """Return all panels, the shape of an unknown effect first."""
-    panels = identification.panels
-    shape = identification.unknown.panel if identification.unknown is not None else None
-    if shape is not None and shape.name not in {panel.name for panel in panels}:
-        panels = (shape, *panels)
-    names = [panel.name for panel in panels] + [GAP_PLOT]
-    for name in names:
-        if not name.replace("_", "").isalnum():
-            raise UsageError(f"plot {name!r}: a name has letters, digits and _ only")
-    if len(set(names)) < len(names):
-        double = next(name for name in names if names.count(name) > 1)
-        raise UsageError(f"plot {double!r}: there are two of that name: give each its own")
-    if len(panels) > MAX_PANELS:
-        raise UsageError(f"{len(panels)} plots: a report holds at most {MAX_PANELS}")
-    return panels
-
-
-def _data_uri(png: bytes) -> str:
-    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
 def _render(**context: Any) -> str:

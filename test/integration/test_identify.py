@@ -40,8 +40,7 @@ def small_library(tmp_path_factory):
     """Keep libraries of fewer units and candidates in a cache of this module's own."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        patch.setattr(workflow.identify_actuator, "__kwdefaults__", {
-            **workflow.identify_actuator.__kwdefaults__, "sizes": SMALL})
+        patch.setattr(workflow, "FULL", SMALL)
         patch.setattr(signatures, "variants",
                       lambda _actuator: tuple(v for v in variants() if v.name in KNOWN))
         yield
@@ -217,8 +216,7 @@ def test_two_records_of_one_unit_are_judged_together(library, monkeypatch):
     Widths scatter by a fifth and more, so that those of three pairs count together.
     """
     if library == "kit":
-        monkeypatch.setattr(workflow.identify_actuator, "__kwdefaults__", {
-            **workflow.identify_actuator.__kwdefaults__, "sizes": FULL})
+        monkeypatch.setattr(workflow, "FULL", FULL)
         monkeypatch.setattr(signatures, "variants", variants)
     together, alone = [], []
     for first, second in ((11, 21), (41, 42), (43, 44)):

@@ -208,13 +208,12 @@ def _measured(case: Models, beyond: Models, answer: FleetAnswer, explaining: lis
     """Return the answer measured, of models in which the size of each law is told from none."""
     unnamed: list[tuple[str, ...]] = []
     while answer.fit is not None:
-        fit, edge = answer.fit, _edge(case, answer.fit)
-        found = case.measured(answer) if edge == 1.0 else beyond.measured(
-            replace(answer, reasons=(OUT, *answer.reasons)))
-        if found.known is None or max(p_sizes(found.known, fit)) <= LEVEL or (
-                len(fit.terms) == 1 and not case.explains(
-                    (case if edge == 1.0 else beyond).hardest([fit]))):
-            return found
+        fit = answer.fit
+        of, out = (case, ()) if _edge(case, fit) == 1.0 else (beyond, (OUT,))
+        known, best = of.remeasured(fit)
+        if max(p_sizes(known, fit)) <= LEVEL or (
+                len(fit.terms) == 1 and not case.explains(of.hardest([fit]))):
+            return replace(answer, known=known, fit=best, reasons=(*out, *answer.reasons))
         unnamed.append(fit.variants)
         answer = FleetAnswer(
             verdict="unknown effect", null=answer.null, p_nothing=answer.p_nothing,

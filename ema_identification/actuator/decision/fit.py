@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
-from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import cholesky
@@ -26,12 +25,7 @@ from ema_identification.actuator.decision.slopes import (
     law_slopes,
     simulated_slopes,
 )
-from ema_identification.actuator.fleet.surrogate import (
-    FleetLibrary,
-    Whitener,
-    least_size,
-    mended,
-)
+from ema_identification.actuator.fleet.surrogate import FleetLibrary, Whitener, least_size, mended
 from ema_identification.actuator.fleet.units import fleet_features
 from ema_identification.actuator.laws.terms import (
     EffectTerm,
@@ -74,7 +68,6 @@ class TestedUnit:
     simulator : gives the features of a run; its arguments are those of `fleet_features`.
     record : itself, for pictures.
     edge : half widths of its band that a number may be off, 1 by the description; of each or all.
-    plain : whether its noise is that of the library as it is.
     """
 
     library: FleetLibrary
@@ -87,7 +80,6 @@ class TestedUnit:
     simulator: Callable[..., np.ndarray] = fleet_features
     record: Record | None = None
     edge: float | np.ndarray = 1.0
-    plain: ClassVar[bool] = True
     _whiteners: dict[tuple[int, bytes], Whitener] = field(
         init=False, repr=False, compare=False, default_factory=dict)
     _runs: dict[tuple[Effects, bytes, int], np.ndarray] = field(
@@ -124,9 +116,7 @@ class TestedUnit:
 
     def set_aside(self) -> list[TestedUnit | None]:
         """Return the healthy units that built nothing, in their order; None where a run failed."""
-        return [TestedUnit(library=self.library, values=values, conditions=conditions_of(row))
-                if np.isfinite(values).all() else None
-                for row, values in zip(*self.library.aside)]
+        return units_aside(self.library)
 
     def noise(self) -> np.ndarray:
         """Return the covariance of the features of a run."""
@@ -145,7 +135,8 @@ class TestedUnit:
     def whitener(self, runs: int, before: np.ndarray | None = None) -> Whitener:
         """Return the whitening; `before`: features without a law, to which its error belongs."""
         key = runs, b"" if before is None else before.tobytes()
-        if self.plain and self.library.left is None and not runs and before is None:  # one of all
+        if (type(self) is TestedUnit and self.library.left is None and not runs
+                and before is None):  # that of the library, one of all its units
             deviation = self.library.surrogate.deviation(self.conditions.noise)
             return Whitener(deviation=deviation, root=self.library.root)
         if key not in self._whiteners:
@@ -207,10 +198,8 @@ class TestedUnit:
         """
         white = self.whitener(0)
         plain = replace(white, straight=True)
-        found = []
-        for z in starts:
-            found.append(self._recalibrated(white, terms, z))
-            found.append(self._recalibrated(white, *self._recalibrated(plain, terms, z)[:2]))
+        found = [self._recalibrated(white, *start) for z in starts for start in (
+            (terms, z), self._recalibrated(plain, terms, z)[:2])]
         terms, z, cost = min(found, key=lambda row: row[2])
         return LawFit(terms=terms, z=z, mean=self._known(terms, z), cost=cost, runs=0,
                       slopes=self._known_slopes(terms, z))
@@ -346,3 +335,9 @@ class TestedUnit:
         return bounded_least_squares(
             both[:, :-1], both[:, -1], np.minimum(lower, -1e-9), np.maximum(upper, 1e-9), weight,
             np.append(u, z - self.centre), damping)
+
+
+def units_aside(library: FleetLibrary) -> list[TestedUnit | None]:
+    """Return the units set aside in their order; None where a run failed."""
+    return [TestedUnit(library=library, values=values, conditions=conditions_of(row))
+            if np.isfinite(values).all() else None for row, values in zip(*library.aside)]

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -29,7 +28,6 @@ class JointUnit(TestedUnit):
     """
 
     each: tuple[TestedUnit, ...]
-    plain: ClassVar[bool] = False
 
     @property
     def parts(self) -> tuple[TestedUnit, ...]:
@@ -85,11 +83,8 @@ class JointUnit(TestedUnit):
 
     def set_aside(self) -> list[TestedUnit | None]:
         """Return healthy units, each in all tests: they are the same ones in every test."""
-        found: list[TestedUnit | None] = []
-        for units in zip(*(part.set_aside() for part in self.each)):
-            good = [unit for unit in units if unit is not None]
-            found.append(_together(good, self.library) if len(good) == len(units) else None)
-        return found
+        return [_together([unit for unit in units if unit], self.library) if all(units) else None
+                for units in zip(*(part.set_aside() for part in self.each))]
 
 
 def _together(units: Sequence[TestedUnit], library: FleetLibrary) -> JointUnit:

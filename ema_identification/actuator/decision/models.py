@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
+from ema_identification.actuator.decision.answer import log_evidence
 from ema_identification.actuator.decision.fit import FALL, TestedUnit
 from ema_identification.actuator.decision.intervals import (
     INTERVAL_ROUNDS,
@@ -138,13 +138,6 @@ class Models:
         """Return a fit gone on from there with all slopes simulated."""
         there = self.unit.refitted(fit, self.before, runs=ROUNDS[-1])
         return self.unit.settled(there, self.before, SETTLED_RUNS)
-
-    def measured(self, answer: FleetAnswer) -> FleetAnswer:
-        """Return the answer with intervals that runs tell, and the values that leave least."""
-        if answer.fit is None:
-            return answer
-        known, fit = self.remeasured(answer.fit)
-        return replace(answer, known=known, fit=fit)
 
     def remeasured(self, fit: LawFit) -> tuple[Posterior, LawFit]:
         """Return what runs over all that a model may be tell of it, and what leaves least there.

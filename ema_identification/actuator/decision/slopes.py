@@ -80,10 +80,10 @@ def _step(term: EffectTerm, scale: NoiseScale) -> float:
     return step
 
 
-def simulated_slopes(run_all: RunAll, fit: LawFit, runs: int, salt: int = 61) -> np.ndarray:
+def simulated_slopes(run_all: RunAll, fit: LawFit, runs: int) -> np.ndarray:
     """Return the slopes to the unit's numbers, simulated where the fit is, shape (d, width)."""
     steps = [fit.z + row for row in np.diag(np.where(fit.z > 0.0, -HALF, HALF))]
-    here, *there = run_all([(fit.terms, z) for z in (fit.z, *steps)], runs, salt)
+    here, *there = run_all([(fit.terms, z) for z in (fit.z, *steps)], runs, 61)
     slopes = fit.slopes[:, fit.free:].copy()
     for k, (mean, z) in enumerate(zip(there, steps)):
         if np.isfinite(mean).all() and np.isfinite(here).all():

@@ -16,19 +16,10 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import nnls
 
-from ema_identification.actuator.fleet.units import (
-    FleetRuns,
-    LibrarySizes,
-    of_day,
-    unit_numbers,
-)
+from ema_identification.actuator.fleet.units import FleetRuns, LibrarySizes, of_day, unit_numbers
 from ema_identification.actuator.laws.catalogue import Signature
 from ema_identification.actuator.measure.features import FeatureMap
-from ema_identification.actuator.measure.tolerances import (
-    NOISES,
-    RecordConditions,
-    conditions_of,
-)
+from ema_identification.actuator.measure.tolerances import NOISES, RecordConditions, conditions_of
 from ema_record.spread import TypeSpread
 from ema_sim.model_file import Model
 
@@ -229,10 +220,6 @@ class FleetLibrary:
     healthy: np.ndarray
     aside: tuple[np.ndarray, np.ndarray]
     left: Discrepancy | None = None
-
-    def mean(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
-        """Return the mean features of a unit, shape (d,)."""
-        return self.means(z[None], conditions)[0]
 
     def means(self, z: np.ndarray, conditions: RecordConditions) -> np.ndarray:
         """Return the mean features of several units, shape (n, width) -> (n, d)."""

@@ -18,9 +18,9 @@ import numpy as np
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.recorder import whole
 from ema_identification.actuator.measure.runs import Progress, silent, spread_out
-from ema_identification.actuator.measure.signals import TURN
 from ema_identification.actuator.measure.tolerances import (
     CONDITIONS,
+    N_TOLERANCES,
     TOLERANCES,
     NoiseFactors,
     RecordConditions,
@@ -34,13 +34,13 @@ from ema_record.record import Record
 from ema_record.spread import Conditions, TypeSpread, harmonic_spread
 from ema_sim.drives import shows_carrier
 from ema_sim.effects import EFFECTS, Effects
+from ema_sim.machine import TURN
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
 
 _RELAY, _CARRIER = ("inverter.hysteresis",), ("drive.proportional_gain", "drive.integral_gain")
 _TRAPEZOID, _HARMONICS = ("motor.flat_top",), ("motor.harmonic_5", "motor.harmonic_7")
 """No current answers to a third harmonic: it is the same in all phases of a star."""
-_LISTED = len(TOLERANCES)
 _OF_DAY = [t.name.startswith(("current_sensor", "surface_load")) for t in TOLERANCES]
 _START = "start.position", "start.twist"
 """How surface and shaft stand when a test begins, the last numbers of a unit: friction holds the
@@ -72,7 +72,7 @@ def unit_numbers(a: Actuator) -> tuple[str, ...]:
 
 def of_day(width: int) -> np.ndarray:
     """Return which of so many numbers of a unit differ from test to test, shape (width,), bool."""
-    own = width - _LISTED - len(_TODAY)
+    own = width - N_TOLERANCES - len(_TODAY)
     return np.array([*_OF_DAY, *[False] * own, *[True] * len(_TODAY)])
 
 
@@ -98,7 +98,7 @@ def deviations(
              for known, half, x in zip(TOLERANCES, half_widths(spread), z)}
     bands = {"static_ratio": t.static_ratio, "damping": t.damping, "hysteresis": t.hysteresis,
              "backlash": t.backlash}
-    for name, x in zip(unlisted(a), map(float, z[_LISTED:])):
+    for name, x in zip(unlisted(a), map(float, z[N_TOLERANCES:])):
         kind = name.split(".")[1]
         if kind == "viscous_friction":
             found[name] = t.viscous_factor**x - 1.0, "1"
@@ -175,8 +175,8 @@ def fleet_unit(
     effects : in place of those of the model.
     """
     t = spread.tolerances
-    a, e = realise(model, z[:_LISTED] * half_widths(spread), conditions, effects)
-    x = dict(zip(unlisted(a), map(float, z[_LISTED:])))
+    a, e = realise(model, z[:N_TOLERANCES] * half_widths(spread), conditions, effects)
+    x = dict(zip(unlisted(a), map(float, z[N_TOLERANCES:])))
     m, s, c, q = a.motor, a.surface, a.control, a.acquisition
 
     def near(name: str, half: float) -> float:
@@ -308,26 +308,23 @@ class FleetRuns:
 
 def _chunk(model: Model, spread: TypeSpread, fmap: FeatureMap, seed: int, first: int, last: int,
            repeated: int) -> np.ndarray:
-    from threadpoolctl import threadpool_limits
-
     rows = []
-    with threadpool_limits(limits=1):
-        for k in range(first, last):
-            rng = np.random.default_rng([seed, 7, k])  # the same unit in every test
-            z, given = draw_fleet_unit(rng, model.actuator), draw_fleet_conditions(rng, spread)
-            seeds, n = rng.integers(2**31, size=2), len(z) + CONDITIONS
-            row = np.full(n + 2 * len(fmap.features), np.nan)
-            row[:len(z)] = z
-            try:
-                record = fleet_record(model, spread, fmap, z, given, int(seeds[0]))
-                row[len(z):n] = align(record, model).row()
-                row[n:n + len(fmap.features)] = fmap.extract(record)
-            except (SimulationError, InvalidRecordError):  # left out
-                pass
-            if k < repeated:
-                row[-len(fmap.features):] = fleet_features(
-                    model, spread, fmap, z, given, int(seeds[1]))
-            rows.append(row)
+    for k in range(first, last):
+        rng = np.random.default_rng([seed, 7, k])  # the same unit in every test
+        z, given = draw_fleet_unit(rng, model.actuator), draw_fleet_conditions(rng, spread)
+        seeds, n = rng.integers(2**31, size=2), len(z) + CONDITIONS
+        row = np.full(n + 2 * len(fmap.features), np.nan)
+        row[:len(z)] = z
+        try:
+            record = fleet_record(model, spread, fmap, z, given, int(seeds[0]))
+            row[len(z):n] = align(record, model).row()
+            row[n:n + len(fmap.features)] = fmap.extract(record)
+        except (SimulationError, InvalidRecordError):  # left out
+            pass
+        if k < repeated:
+            row[-len(fmap.features):] = fleet_features(
+                model, spread, fmap, z, given, int(seeds[1]))
+        rows.append(row)
     return np.array(rows)
 
 

@@ -3,7 +3,7 @@
 Each variant has the coordinates that the data must tell. A coordinate is a number that is zero
 where the effect is absent and in which the features change nearly in proportion: a severity, or
 the cosine and sine parts of an amplitude with a phase. What is no ratio is sized by the actuator's
-own scales (`Scales`).
+own scales (`variants`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,36 +27,6 @@ LARGEST_DELAY = 0.8
 OF_THE_ROTOR = frozenset({
     "rotor_eccentricity", "cogging_torque", "gear_mesh_ripple", "speed_sensor_runout"})
 """Effects that know the mechanical angle, of which a record tells the part of a pole pair."""
-
-
-class Scales(NamedTuple):
-    """Units in which effects of an actuator are small or large."""
-
-    torque: float
-    """Dry friction, at the motor (N m)."""
-    surface_torque: float
-    """The same at the surface (N m)."""
-    speed: float
-    """Highest of the motor (rad/s)."""
-    turn: float
-    """Electrical radian at that speed (s)."""
-    travel: float
-    """Of the motor until a surface at rest starts, at the surface (rad)."""
-    stroke: float
-    """To the end stop (rad)."""
-    voltage: float
-    """Between a rail and the middle (V)."""
-    current: float
-    """Limit (A)."""
-
-
-def scales_of(a: Actuator) -> Scales:
-    """Return the scales of an actuator."""
-    return Scales(
-        torque=a.friction_torque, surface_torque=a.gear.ratio * a.friction_torque,
-        speed=a.control.speed_limit, turn=1.0 / (a.motor.pole_pairs * a.control.speed_limit),
-        travel=a.wind_up / a.gear.ratio, stroke=a.surface.end_stop,
-        voltage=a.inverter.bus_voltage, current=a.inverter.current_limit)
 
 
 def sizes(scale: float, *shares: float) -> tuple[float, ...]:
@@ -94,14 +63,11 @@ class Variant:
 
     def effects(self, u: np.ndarray, base: Effects) -> Effects:
         """Return `base` with the effect at the coordinates `u`, shape (size,)."""
-        values = getattr(base, self.effect)
-        moved = {}
-        known = {f.name: f.kind for f in EFFECTS[self.effect].fields}
-        for name, value in self.settings(u).items():
-            kind = known[name]
-            moved[name] = (float(np.clip(value, kind.lower, kind.upper))
-                           if isinstance(kind, Quantity) else int(value))
-        return base._replace(**{self.effect: values._replace(**moved)})
+        kinds = {f.name: f.kind for f in EFFECTS[self.effect].fields}
+        moved = {name: float(np.clip(value, kind.lower, kind.upper))
+                 if isinstance(kind := kinds[name], Quantity) else int(value)
+                 for name, value in self.settings(u).items()}
+        return base._replace(**{self.effect: getattr(base, self.effect)._replace(**moved)})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,7 +89,10 @@ class Signature:
         """Return the added features at coordinates `u`, shape (d,)."""
         total = np.zeros(self.values[0].shape[1])
         for x, levels, values in zip(u, self.levels, self.values):
-            total += self._along(float(x), levels, values)
+            if len(levels) > 1:
+                k = _interval(float(x), levels)
+                part = (x - levels[k]) / (levels[k + 1] - levels[k])
+                total += values[k] + part * (values[k + 1] - values[k])
         return total
 
     def slope(self, u: np.ndarray) -> np.ndarray:
@@ -135,14 +104,6 @@ class Signature:
                 found[:, k] = (values[place + 1] - values[place]) / (
                     levels[place + 1] - levels[place])
         return found
-
-    @staticmethod
-    def _along(x: float, levels: np.ndarray, values: np.ndarray) -> np.ndarray:
-        if len(levels) < 2:
-            return np.zeros(values.shape[1])
-        k = _interval(x, levels)
-        part = (x - levels[k]) / (levels[k + 1] - levels[k])
-        return np.asarray(values[k] + part * (values[k + 1] - values[k]))
 
 
 def _interval(x: float, levels: np.ndarray) -> int:
@@ -167,30 +128,23 @@ def _one(
     """Return a variant with one severity."""
     kind = {f.name: f.kind for f in EFFECTS[effect].fields}[parameter]
     assert isinstance(kind, Quantity)
-
-    def settings(u: np.ndarray) -> Settings:
-        return {parameter: neutral + float(u[0]), **others}
-
     return Variant(
         name=f"{effect} {label}".strip(), effect=effect,
         levels=(_bounded(kind, levels, neutral),),
-        settings=settings, low=(kind.lower - neutral,), high=(kind.upper - neutral,),
+        settings=lambda u: {parameter: neutral + float(u[0]), **others},
+        low=(kind.lower - neutral,), high=(kind.upper - neutral,),
         condition=condition,
     )
 
 
 def _many(effect: str, levels: Mapping[str, Sequence[float]]) -> Variant:
     """Return a variant with several severities."""
-    names = tuple(levels)
     kinds = {f.name: f.kind for f in EFFECTS[effect].fields if isinstance(f.kind, Quantity)}
-
-    def settings(u: np.ndarray) -> Settings:
-        return {name: float(x) for name, x in zip(names, u)}
-
-    bounds = [kinds[name] for name in names]
+    bounds = [kinds[name] for name in levels]
     return Variant(
         name=effect, effect=effect,
-        levels=tuple(_bounded(kinds[n], levels[n]) for n in names), settings=settings,
+        levels=tuple(_bounded(kinds[n], levels[n]) for n in levels),
+        settings=lambda u: dict(zip(levels, map(float, u))),
         low=tuple(b.lower for b in bounds), high=tuple(b.upper for b in bounds),
     )
 
@@ -205,15 +159,13 @@ def _vector(
     """
     kind = {f.name: f.kind for f in EFFECTS[effect].fields}[amplitude]
     assert isinstance(kind, Quantity)
-
-    def settings(u: np.ndarray) -> Settings:
-        return {amplitude: math.hypot(u[0], u[1]), **others,
-                angle: _wrap(quarter + math.atan2(u[1], u[0]))}
-
     return Variant(
         name=f"{effect} {label}".strip(), effect=effect,
         levels=(_both(*_bounded(kind, levels)),) * 2,
-        settings=settings, low=(-kind.upper,) * 2, high=(kind.upper,) * 2,
+        settings=lambda u: {
+            amplitude: math.hypot(u[0], u[1]), **others,
+            angle: math.remainder(quarter + math.atan2(u[1], u[0]), 2.0 * math.pi)},
+        low=(-kind.upper,) * 2, high=(kind.upper,) * 2,
     )
 
 
@@ -223,17 +175,11 @@ def ripple(effect: str, periods: float, *levels: float) -> Variant:
                    quarter=0.5 * math.pi, periods=periods)
 
 
-def _wrap(angle: float) -> float:
-    return math.remainder(angle, 2.0 * math.pi)
-
-
 def _stribeck(speed: float, slowest: float, fastest: float) -> Variant:
-    def settings(u: np.ndarray) -> Settings:
-        return {"increase": float(u[0]), "speed": speed * math.exp(float(u[1]))}
-
     return Variant(
         name=f"stribeck_friction at {speed:g} rad/s", effect="stribeck_friction",
-        levels=((-0.4, -0.1, 0.1, 0.4, 1.2), ()), settings=settings,
+        levels=((-0.4, -0.1, 0.1, 0.4, 1.2), ()),
+        settings=lambda u: {"increase": float(u[0]), "speed": speed * math.exp(float(u[1]))},
         low=(-0.5, math.log(slowest / speed)), high=(3.0, math.log(fastest / speed)),
     )
 
@@ -241,9 +187,15 @@ def _stribeck(speed: float, slowest: float, fastest: float) -> Variant:
 def variants(actuator: Actuator | None = None) -> tuple[Variant, ...]:
     """Return all candidates for an actuator, default the present kit's."""
     a = load_actuator() if actuator is None else actuator
-    unit = scales_of(a)
+    torque = a.friction_torque  # dry, at the motor (N m)
+    surface_torque = a.gear.ratio * torque
+    speed = a.control.speed_limit  # of the motor (rad/s)
+    turn = 1.0 / (a.motor.pole_pairs * speed)  # electrical radian at that speed (s)
+    travel = a.wind_up / a.gear.ratio  # until a surface at rest starts, at the surface (rad)
+    voltage = a.inverter.bus_voltage  # between a rail and the middle (V)
+    current = a.inverter.current_limit  # (A)
     found: list[Variant] = []
-    slowest, fastest = sizes(unit.speed, 6.3e-4, 0.63)
+    slowest, fastest = sizes(speed, 6.3e-4, 0.63)
     for k, phase in enumerate("abc"):
         for mode, text in ((1, "physical"), (0, "paper")):
             found.append(_one("turn_short", "fraction", (0.01, 0.04, 0.15, 0.4),
@@ -263,40 +215,35 @@ def variants(actuator: Actuator | None = None) -> tuple[Variant, ...]:
         _one("winding_temperature", "temperature", (-50.0, -20.0, 20.0, 60.0, 120.0),
              neutral=20.0, condition="temperature"),
         _one("magnetic_saturation", "inverse_current",
-             sizes(1.0 / unit.current, 0.22, 0.44, 0.88, 1.76)),
+             sizes(1.0 / current, 0.22, 0.44, 0.88, 1.76)),
         _one("hall_misalignment", "angle", _both(0.02, 0.1, 0.3)),
-        _one("control_delay", "delay", sizes(unit.turn, 0.024, 0.079, 0.24, LARGEST_DELAY)),
-        _vector("cogging_torque", "amplitude", "phase", sizes(unit.torque, 0.012, 0.048, 0.19),
-                label="12 a turn", quarter=0.5 * math.pi, periods=12.0),
+        _one("control_delay", "delay", sizes(turn, 0.024, 0.079, 0.24, LARGEST_DELAY)),
+        ripple("cogging_torque", 12.0, *sizes(torque, 0.012, 0.048, 0.19)),
         _one("motor_friction", "increase", (-0.4, -0.15, 0.15, 0.4, 1.0)),
         _one("surface_friction", "increase", (-0.4, -0.15, 0.15, 0.4, 1.0, 2.0)),
         _one("viscous_friction", "coefficient", (
-            -a.motor.viscous_friction,
-            *sizes(unit.torque / unit.speed, 0.094, 0.38, 0.94, 1.9))),
-        *(_stribeck(speed, slowest, fastest)
-          for speed in sizes(unit.speed, 6.3e-3, 0.025, 0.126)),
+            -a.motor.viscous_friction, *sizes(torque / speed, 0.094, 0.38, 0.94, 1.9))),
+        *(_stribeck(x, slowest, fastest) for x in sizes(speed, 6.3e-3, 0.025, 0.126)),
         _one("load_dependent_friction", "coefficient", (0.03, 0.1, 0.3, 0.6)),
         _one("backlash", "increase", (
-            -a.shaft.backlash, *sizes(unit.travel, 0.1, 0.3, 1.0, 3.0, 8.0))),
+            -a.shaft.backlash, *sizes(travel, 0.1, 0.3, 1.0, 3.0, 8.0))),
         _one("shaft_compliance", "increase", (-0.5, -0.2, 0.2, 0.6, 2.0, 6.0)),
-        _vector("gear_mesh_ripple", "amplitude", "phase",
-                sizes(unit.travel, 0.003, 0.015, 0.06), label="17 a turn",
-                quarter=0.5 * math.pi, periods=17.0),
-        _one("inverter_voltage_drop", "drop", sizes(unit.voltage, 0.0104, 0.031, 0.083, 0.167)),
+        ripple("gear_mesh_ripple", 17.0, *sizes(travel, 0.003, 0.015, 0.06)),
+        _one("inverter_voltage_drop", "drop", sizes(voltage, 0.0104, 0.031, 0.083, 0.167)),
         _one("bus_voltage_sag", "resistance",
-             sizes(2.0 * unit.voltage / unit.current, 0.0115, 0.046, 0.137, 0.344)),
+             sizes(2.0 * voltage / current, 0.0115, 0.046, 0.137, 0.344)),
         _one("bus_voltage_change", "change", _both(0.1, 0.3), condition="bus"),
         _many("current_sensor_offset", {
-            f"phase_{p}": _both(*sizes(unit.current, 0.00455, 0.0227, 0.091)) for p in "abc"}),
+            f"phase_{p}": _both(*sizes(current, 0.00455, 0.0227, 0.091)) for p in "abc"}),
         _many("current_sensor_gain", {f"phase_{p}": _both(0.02, 0.08, 0.25) for p in "abc"}),
         _vector("speed_sensor_runout", "amplitude", "angle", (0.002, 0.01, 0.05)),
-        _one("position_sensor_offset", "offset", _both(*sizes(unit.travel, 0.5, 5.0, 50.0))),
+        _one("position_sensor_offset", "offset", _both(*sizes(travel, 0.5, 5.0, 50.0))),
         _one("quantisation", "position_bits_lost", (1.0, 2.0, 3.0, 5.0), label="position"),
         _one("quantisation", "speed_bits_lost", (1.0, 2.0, 3.0, 5.0), label="speed"),
         _one("inertia_change", "motor", (-0.4, -0.15, 0.15, 0.5, 1.5), label="motor"),
         _one("inertia_change", "surface", (-0.5, 0.5, 2.0, 6.0, 15.0), label="surface"),
         _many("surface_load", {
-            "constant": _both(*sizes(unit.surface_torque, 0.19, 0.57, 1.43)),
-            "slope": _both(*sizes(unit.surface_torque / unit.stroke, 0.286, 1.14, 3.43))}),
+            "constant": _both(*sizes(surface_torque, 0.19, 0.57, 1.43)),
+            "slope": _both(*sizes(surface_torque / a.surface.end_stop, 0.286, 1.14, 3.43))}),
     ]
     return tuple(found)

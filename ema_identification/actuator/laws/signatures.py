@@ -7,13 +7,13 @@ signatures are for screening; what they propose is fitted again on the unit at h
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
 
 import numpy as np
 
 from ema_identification.actuator.laws.catalogue import Signature, Variant, variants
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.runs import Progress, UnitRun, run_cases, silent
-from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_sim.effects import EFFECTS, Effects
 from ema_sim.model_file import Model
 
@@ -23,9 +23,7 @@ def stacked(signatures: Sequence[Signature]) -> Signature:
     first = signatures[0]
     levels, values = [], []
     for k in range(first.variant.size):
-        common = first.levels[k]
-        for other in signatures[1:]:
-            common = np.intersect1d(common, other.levels[k])
+        common = reduce(np.intersect1d, (s.levels[k] for s in signatures))
         levels.append(common)
         values.append(np.hstack([s.values[k][np.isin(s.levels[k], common)] for s in signatures]))
     return Signature(variant=first.variant, levels=tuple(levels), values=tuple(values))
@@ -49,12 +47,13 @@ def build_effect_library(
     """Simulate the catalogue and return the signatures; `keep` as of `spread_out`."""
     found = candidates(model)
     seeds = _seeds(seed)
-    cases = [_run(angle, s) for angle, own in zip(START_ANGLES, seeds) for s in own]
+    cases = [UnitRun(angle, s) for angle, own in zip(START_ANGLES, seeds) for s in own]
     for variant in found:
         for j, levels in enumerate(variant.levels):
             for level in levels:
                 effects = _alone(variant, j, level, model)
-                cases += [_run(angle, s, effects) for angle, s in zip(START_ANGLES, seeds[:, 0])]
+                cases += [UnitRun(angle, own[0], effects)
+                          for angle, own in zip(START_ANGLES, seeds)]
     runs = run_cases(model, cases, fmap, workers=workers, progress=progress,
                      what="signatures of the catalogue", keep=keep)
     n = len(START_ANGLES)
@@ -63,13 +62,9 @@ def build_effect_library(
     return unpack(found, added)
 
 
-def _seeds(seed: int) -> np.ndarray:
-    return np.random.default_rng([seed, 2]).integers(2**31, size=(len(START_ANGLES), BASE_RUNS))
-
-
-def _run(angle: float, seed: int, effects: Effects | None = None) -> UnitRun:
-    return UnitRun(
-        conditions=RecordConditions(start_angle=angle), seed=int(seed), effects=effects)
+def _seeds(seed: int) -> list[list[int]]:
+    return np.random.default_rng([seed, 2]).integers(
+        2**31, size=(len(START_ANGLES), BASE_RUNS)).tolist()
 
 
 def _alone(variant: Variant, j: int, level: float, model: Model) -> Effects:
@@ -78,8 +73,8 @@ def _alone(variant: Variant, j: int, level: float, model: Model) -> Effects:
 
 def probe_cases(model: Model, seed: int) -> list[UnitRun]:
     """Return one run of each variant: its first number at its largest."""
-    angle, own = START_ANGLES[0], int(_seeds(seed)[0, 0])
-    return [_run(angle, own, _alone(v, 0, max(v.levels[0], key=abs), model))
+    own = _seeds(seed)[0][0]
+    return [UnitRun(START_ANGLES[0], own, _alone(v, 0, max(v.levels[0], key=abs), model))
             for v in candidates(model)]
 
 

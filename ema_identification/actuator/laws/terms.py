@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -144,13 +144,9 @@ def bounds(terms: Sequence[EffectTerm]) -> tuple[np.ndarray, np.ndarray]:
 
 def moved(terms: Sequence[EffectTerm], u: np.ndarray) -> tuple[EffectTerm, ...]:
     """Return the terms at other coordinates, within their bounds."""
-    found, k = [], 0
-    for term in terms:
-        n = term.variant.size
-        part = np.clip(u[k:k + n], term.variant.low, term.variant.high)
-        found.append(EffectTerm(variant=term.variant, signature=term.signature, u=part))
-        k += n
-    return tuple(found)
+    parts = np.split(u, np.cumsum([t.variant.size for t in terms], dtype=int)[:-1])
+    return tuple(replace(term, u=np.clip(part, term.variant.low, term.variant.high))
+                 for term, part in zip(terms, parts))
 
 
 def law_sizes(terms: Sequence[EffectTerm]) -> np.ndarray:

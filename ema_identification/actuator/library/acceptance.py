@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ema_identification.actuator.decision.fit import TestedUnit
+from ema_identification.actuator.decision.fit import TestedUnit, units_aside
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.fleet.surrogate import Discrepancy, FleetLibrary
 from ema_identification.actuator.measure.features import FeatureMap, feature_map, nominal_rate
@@ -87,8 +87,6 @@ def with_discrepancy(library: FleetLibrary, left: Discrepancy, *, seed: int = 0)
         str(seed), *(s.variant.name for s in library.signatures), module=__name__)
     ranked = cache.load(name)
     if ranked is None:
-        units = [TestedUnit(library=found, values=values, conditions=conditions_of(row))
-                 for row, values in zip(conditions, features) if np.isfinite(values).all()]
-        ranked = {"healthy": np.array([scores(u) for u in units])}
+        ranked = {"healthy": np.array([scores(unit) for unit in units_aside(found) if unit])}
         cache.save(name, ranked)
     return replace(found, healthy=ranked["healthy"])

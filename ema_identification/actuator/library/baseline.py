@@ -13,13 +13,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 from scipy.optimize import brentq
-from threadpoolctl import threadpool_limits
 
-from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
+from ema_identification.actuator.decision.fit import PRIOR, TestedUnit, units_aside
 from ema_identification.actuator.decision.proposals import Scores, scores
 from ema_identification.actuator.fleet.kept import AGAIN, ALIKE, kept_arrays
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, FleetLibrary
@@ -57,7 +55,6 @@ class ChangedUnit(TestedUnit):
     at: tuple[np.ndarray, ...]
     before: np.ndarray
     apart: float = 0.0
-    plain: ClassVar[bool] = False
 
     def covariance(self, runs: int) -> np.ndarray:
         """Return the covariance of what is off: of both records, see the module."""
@@ -118,7 +115,8 @@ def changed_unit(
         unsure += np.diag(np.linalg.inv(columns.T @ columns + PRIOR * np.eye(len(own))))
     unsure /= len(accepted) ** 2
     at = tuple(np.where(day, f.z, own) for f in fits)
-    before = np.mean([u.library.mean(z, u.conditions) for u, z in zip(accepted, at)], axis=0)
+    before = np.mean([u.library.means(z[None], u.conditions)[0]
+                      for u, z in zip(accepted, at)], axis=0)
     return ChangedUnit(
         library=replace(unit.library, left=None), conditions=unit.conditions, seed=unit.seed,
         values=unit.values - np.mean([u.values for u in accepted], axis=0) + before,
@@ -178,24 +176,18 @@ def with_baselines(
 
 def _pairs(library: FleetLibrary, rows: np.ndarray, part: slice) -> list[ChangedUnit]:
     """Return some of the healthy units on another day beside themselves, without `apart`."""
-    found = []
-    conditions, features = library.aside
-    for row, given, values in zip(rows[part], conditions[part], features[part]):
-        if np.isfinite(row).all() and np.isfinite(values).all():
-            later, before = (
-                TestedUnit(library=library, values=y, conditions=conditions_of(c))
-                for y, c in (np.split(row, [len(row) - CONDITIONS]), (values, given)))
-            found.append(changed_unit(later, [before], 0.0))
-    return found
+    return [changed_unit(TestedUnit(library=library, values=row[:-CONDITIONS],
+                                    conditions=conditions_of(row[-CONDITIONS:])), [before], 0.0)
+            for row, before in zip(rows[part], units_aside(library)[part])
+            if before and np.isfinite(row).all()]
 
 
 def _ranked(library: FleetLibrary, rows: np.ndarray, apart: float, first: int, last: int
             ) -> np.ndarray:
     """Return the scores of some of the units, shape (n, 4)."""
-    with threadpool_limits(limits=1):
-        units = _pairs(library, rows, slice(first, last))
-        found = [scores(replace(unit, apart=apart)) for unit in units]
-    return np.array(found).reshape(-1, len(Scores._fields))
+    units = _pairs(library, rows, slice(first, last))
+    return np.array([scores(replace(unit, apart=apart)) for unit in units]).reshape(
+        -1, len(Scores._fields))
 
 
 def _judged(

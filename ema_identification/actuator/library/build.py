@@ -18,9 +18,8 @@ from pathlib import Path
 
 import numpy as np
 from scipy.optimize import brentq
-from threadpoolctl import threadpool_limits
 
-from ema_identification.actuator.decision.fit import TestedUnit
+from ema_identification.actuator.decision.fit import TestedUnit, units_aside
 from ema_identification.actuator.decision.proposals import Scores, scores
 from ema_identification.actuator.fleet.surrogate import (
     SETTLED_RUNS,
@@ -118,11 +117,8 @@ def judged_library(
 
 def _ranked(library: FleetLibrary, first: int, last: int) -> np.ndarray:
     """Return the scores of some of the units set aside, shape (n, 4); of failed runs none."""
-    with threadpool_limits(limits=1):
-        found = [scores(TestedUnit(library=library, values=values, conditions=conditions_of(row)))
-                 for row, values in zip(*(part[first:last] for part in library.aside))
-                 if np.isfinite(values).all()]
-    return np.array(found).reshape(-1, len(Scores._fields))
+    return np.array([scores(unit) for unit in units_aside(library)[first:last] if unit]).reshape(
+        -1, len(Scores._fields))
 
 
 def _carried(
@@ -154,7 +150,6 @@ def fleet_library(
     where it was.
     """
     spread = load_spread()
-    rate = model.actuator.acquisition.rate if rate is None else rate
     fmap = feature_map(profile, model.actuator, whole(simulate(
         profile, actuator=model.actuator, effects=model.effects, seed=seed, rate=rate),
         model.actuator))
@@ -320,9 +315,7 @@ def agrees(
         return False
     fit, ranks = SAME
     power = np.sqrt((kept["probed_fit"] ** 2).mean())
-    units = [(c, y) for c, y in zip(*library.aside) if np.isfinite(y).all()][:RANKED]
-    ranked = [scores(TestedUnit(library=library, values=y, conditions=conditions_of(c)))
-              for c, y in units]
+    ranked = [scores(unit) for unit in [u for u in units_aside(library) if u][:RANKED]]
     return (np.abs(found["probed_fit"] - kept["probed_fit"]).max() <= fit * power
             and np.allclose(ranked, library.healthy[:RANKED], rtol=ranks)
             and max(differences(library, kept, found)) <= OTHER_NOISE)

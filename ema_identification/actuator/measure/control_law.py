@@ -11,11 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_identification.actuator.measure.signals import TURN
 from ema_record.actuator import Actuator, Control
 from ema_record.channels import REFERENCE_CURRENTS
 from ema_record.record import Record
-from ema_sim.machine import unit_trapezoid
+from ema_sim.machine import TURN, unit_trapezoid
 
 BLOCK = 20
 """Samples of a sum, over which what converters and instants of reading differ by cancels. Gains
@@ -69,11 +68,9 @@ def measured_gains(record: Record, actuator: Actuator) -> Gains | None:
     """
     c = actuator.control
     time = record.time
-    if len(time) < FEWEST * BLOCK or abs(float(np.median(np.diff(time))) / c.period - 1.0) > 1e-3:
-        return None
-    if c.proportional_gain <= 0.0 or c.integral_gain <= 0.0:
-        return None
-    if not record.samples[:, REFERENCE_CURRENTS].any():
+    if (len(time) < FEWEST * BLOCK or c.proportional_gain <= 0.0 or c.integral_gain <= 0.0
+            or abs(float(np.median(np.diff(time))) / c.period - 1.0) > 1e-3
+            or not record.samples[:, REFERENCE_CURRENTS].any()):
         return None
     current = _reference(record, actuator.motor.flat_top)
     goal = record.profile.command(time - 0.5 * c.period + 1e-9)

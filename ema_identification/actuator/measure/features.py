@@ -182,17 +182,8 @@ class Feature(NamedTuple):
     """As `result.Where.against`."""
 
 
-class Lines(NamedTuple):
-    """How many lines a segment gives."""
-
-    torque: int
-    speed: int
-    current: int
-
-
-FAST = Lines(12, 4, 13)
-MIDDLE = Lines(24, 4, 7)
-RAMP = Lines(24, 2, 3)
+FAST, MIDDLE, RAMP = (12, 4, 13), (24, 4, 7), (24, 2, 3)
+"""How many lines a segment gives of torque, speed and currents."""
 BANDS = ((25, 40), (41, 64))
 """Bands of higher lines of the torque, from which the largest is kept."""
 THIRD = np.exp(2j * np.pi / 3.0 * np.arange(3))
@@ -305,7 +296,8 @@ def _locked(
     """Yield lines locked to the rotor angle."""
     fast = abs(segment.speed) >= HALF_SPEED * actuator.control.speed_limit
     wanted = RAMP if segment.kind == "ramp" else FAST if fast else MIDDLE
-    top = BANDS[-1][1] if wanted is not FAST else wanted.current
+    of_torque, of_speed, of_currents = wanted
+    top = BANDS[-1][1] if wanted is not FAST else of_currents
     turns = turns_of(signals.theta, part)
     if turns is None:  # it did not move: no lines
         found = np.zeros((top + 1, 7), dtype=complex)
@@ -319,9 +311,9 @@ def _locked(
     h = np.arange(top + 1)
     accelerating = 1j * h * actuator.motor.inertia * found[0, 1].real * signals.pole_pairs
     torque = k2 * found[:, 0] - accelerating * found[:, 1]
-    error = found[:wanted.current + 1, 2:5]
-    yield _complex("torque_line", 1, torque[:wanted.torque + 1], 1e3, "motor torque")
-    yield _complex("speed_line", 1, found[:wanted.speed + 1, 1], 1.0, "motor speed")
+    error = found[:of_currents + 1, 2:5]
+    yield _complex("torque_line", 1, torque[:of_torque + 1], 1e3, "motor torque")
+    yield _complex("speed_line", 1, found[:of_speed + 1, 1], 1.0, "motor speed")
     yield _complex("slip_line", 1, found[:3, 6], 1e3,
                    "measured speed minus speed of the rotor angle")
     yield _complex("sum_line", 1, found[:3, 5], 1e3, "sum of the phase currents")

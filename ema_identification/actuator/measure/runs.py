@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.recorder import whole
-from ema_identification.actuator.measure.signals import TURN
 from ema_identification.actuator.measure.tolerances import N_TOLERANCES, RecordConditions, realise
 from ema_record import array_cache as cache
 from ema_record.errors import InvalidRecordError, SimulationError
 from ema_record.kit import kit_folder, using_kit
 from ema_sim.drives import shows_carrier
 from ema_sim.effects import Effects
+from ema_sim.machine import TURN
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
 
@@ -30,11 +31,10 @@ def silent(_what: str, _share: float) -> None:
     """Show no progress."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class UnitRun:
+class UnitRun(NamedTuple):
     """One run of the nominal unit."""
 
-    conditions: RecordConditions
+    start_angle: float
     seed: int
     effects: Effects | None = None
     """In place of those of the model."""
@@ -43,9 +43,10 @@ class UnitRun:
 def run_case(model: Model, case: UnitRun, fmap: FeatureMap) -> np.ndarray:
     """Return the features of a case, shape (d,); NaN where it left the simulator's domain."""
     actuator, effects = realise(
-        model, np.zeros(N_TOLERANCES), case.conditions, case.effects)
-    # The conditions hold what the sensor of the rotor angle reads.
-    angle = case.conditions.start_angle - effects.hall_misalignment.angle
+        model, np.zeros(N_TOLERANCES), RecordConditions(start_angle=case.start_angle),
+        case.effects)
+    # The case holds what the sensor of the rotor angle reads.
+    angle = case.start_angle - effects.hall_misalignment.angle
     try:
         return fmap.extract(whole(simulate(
             fmap.profile, actuator=actuator, effects=effects, seed=case.seed,
@@ -57,10 +58,7 @@ def run_case(model: Model, case: UnitRun, fmap: FeatureMap) -> np.ndarray:
 
 
 def _chunk(model: Model, cases: Sequence[UnitRun], fmap: FeatureMap) -> np.ndarray:
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(limits=1):
-        return np.array([run_case(model, case, fmap) for case in cases])
+    return np.array([run_case(model, case, fmap) for case in cases])
 
 
 def run_cases(
@@ -69,16 +67,16 @@ def run_cases(
 ) -> np.ndarray:
     """Return the features of many cases, shape (n, d); the same for any number of workers."""
     chunks = [cases[i:i + CHUNK] for i in range(0, len(cases), CHUNK)]
-    return np.concatenate(list(spread_out(
+    return np.concatenate(spread_out(
         _chunk, [(model, chunk, fmap) for chunk in chunks], workers=workers, progress=progress,
-        what=what, keep=keep)))
+        what=what, keep=keep))
 
 
 def spread_out(
     function: Callable[..., np.ndarray], arguments: Sequence[tuple[object, ...]], *, workers: int,
     progress: Progress = silent, what: str = "runs", keep: str = "",
 ) -> list[np.ndarray]:
-    """Return ``function(*a)`` for each of `arguments`, in order, with the present kit.
+    """Return ``function(*a)`` for each of `arguments`, in order, with the present kit, one thread.
 
     `keep` : name under which each part is kept in the cache as it is done; a call that was
     stopped goes on there. Whoever has kept the whole removes the parts (`array_cache.forget`).
@@ -92,7 +90,8 @@ def spread_out(
 
     def results() -> Iterator[np.ndarray]:
         if workers == 1 or len(missing) < 2:
-            yield from (function(*arguments[k]) for k in missing)
+            with threadpool_limits(limits=1):
+                yield from (function(*arguments[k]) for k in missing)
             return
         from joblib import Parallel, delayed
 
@@ -108,5 +107,6 @@ def spread_out(
 
 
 def _in_kit(kit: Path, function: Callable[..., np.ndarray], *arguments: object) -> np.ndarray:
-    with using_kit(kit):  # a process that lives on may have been begun with another
+    # A process that lives on may have been begun with another kit.
+    with using_kit(kit), threadpool_limits(limits=1):
         return function(*arguments)

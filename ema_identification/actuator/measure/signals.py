@@ -23,9 +23,8 @@ from ema_record.channels import (
     TIME,
 )
 from ema_record.record import Record
-from ema_sim.machine import unit_trapezoid
+from ema_sim.machine import TURN, unit_trapezoid
 
-TURN = 2.0 * np.pi
 TABLE = 3 * 2**15
 """Angles of the table of the trapezoid."""
 CURRENT, REFERENCE = PHASE_CURRENTS.start, REFERENCE_CURRENTS.start

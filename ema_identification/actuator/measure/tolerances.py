@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_identification.actuator.measure.signals import TURN
 from ema_record.actuator import Actuator
 from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS
 from ema_record.record import Record
 from ema_sim.effects import EFFECTS, Effects
+from ema_sim.machine import TURN
 from ema_sim.model_file import Model
 
 

@@ -8,9 +8,8 @@ import pytest
 from ema_identification.actuator.decision.proposals import MOST_OFF, ripple_power
 from ema_identification.actuator.measure.control_law import ControlLaw
 from ema_identification.actuator.measure.features import Feature
-from ema_identification.actuator.measure.ripple import largest_line
 from ema_identification.actuator.measure.segments import MotionSegment, Transition
-from ema_identification.actuator.ports import unknown_shape
+from ema_identification.actuator.ports import largest_line, unknown_shape
 
 SPEEDS = (25.0, -25.0, 200.0, -200.0)
 DEVIATION = 0.5

@@ -18,7 +18,6 @@ from ema_identification.actuator.gap import worst
 from ema_identification.actuator.laws.catalogue import OF_THE_ROTOR, Signature, variants
 from ema_identification.actuator.laws.signatures import stacked
 from ema_identification.actuator.laws.terms import EffectTerm, choices_of
-from ema_identification.actuator.measure.signals import TURN
 from ema_identification.actuator.measure.tolerances import (
     N_TOLERANCES,
     TOLERANCES,
@@ -26,14 +25,15 @@ from ema_identification.actuator.measure.tolerances import (
     align,
     realise,
 )
-from ema_identification.actuator.model_file import model_file_text
 from ema_identification.actuator.words import _shared_with_the_day
+from ema_identification.actuator.workflow import model_file_text
 from ema_record import array_cache as cache
 from ema_record.kit import using_kit
 from ema_record.profile import load_profile
 from ema_record.sources import sources_of
 from ema_record.spread import load_spread
 from ema_sim.effects import EFFECTS, Effects, parse_effects
+from ema_sim.machine import TURN
 from ema_sim.model_file import load_model_file
 from ema_sim.simulate import simulate
 from support.simulations import make_kit

@@ -29,13 +29,7 @@ from ema_identification.actuator.decision.answer import FleetAnswer, log_evidenc
 from ema_identification.actuator.decision.decide import EDGE, MOST, OUT, decide
 from ema_identification.actuator.decision.intervals import at, p_sizes
 from ema_identification.actuator.decision.proposals import LawProposal, at_known_sizes, scores
-from ema_identification.actuator.decision.ranks import (
-    LEVEL,
-    both_of,
-    p_nothing,
-    rank,
-    share_of,
-)
+from ema_identification.actuator.decision.ranks import LEVEL, both_of, p_nothing, rank, share_of
 from ema_identification.actuator.decision.slopes import law_slopes
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, Whitener
 from ema_identification.actuator.fleet.units import CHUNK, FULL, fleet_unit
@@ -394,8 +388,8 @@ def test_intervals_hold_nine_in_ten(simulator):
                           u=np.array([size * VISCOUS]))
         fit = u.on_library((term,), [np.zeros(SIZE)])
         case = models.Models(u)
-        found = case.measured(FleetAnswer(verdict="explained", null=case.null, fit=fit))
-        (p,) = parameters_of(u, found.fit, found.known, 0)
+        known, found = case.remeasured(fit)
+        (p,) = parameters_of(u, found, known, 0)
         inside += p.low <= size * VISCOUS <= p.high
     assert 47 <= inside <= 60  # 54 expected
 
@@ -409,14 +403,14 @@ def test_values_are_those_that_leave_least_on_runs():
                           u=np.array([size * VISCOUS]))
         fit = u.on_library((term,), [np.zeros(SIZE)])
         fit = replace(fit, terms=(term,))
-        found = case.measured(FleetAnswer(verdict="explained", null=case.null, fit=fit))
-        there = u.begun(at(fit, found.known.mean), case.white, SETTLED_RUNS)
-        assert found.fit.runs == SETTLED_RUNS
-        assert found.fit.cost <= min(there.cost, u.begun(fit, case.white, SETTLED_RUNS).cost)
-        assert found.fit.terms[0].u[0] == pytest.approx(5.0 * VISCOUS, rel=0.1)
+        known, found = case.remeasured(fit)
+        there = u.begun(at(fit, known.mean), case.white, SETTLED_RUNS)
+        assert found.runs == SETTLED_RUNS
+        assert found.cost <= min(there.cost, u.begun(fit, case.white, SETTLED_RUNS).cost)
+        assert found.terms[0].u[0] == pytest.approx(5.0 * VISCOUS, rel=0.1)
     beyond = replace(u, simulator=lambda *_: np.full(u.size, np.nan))  # nothing can be run
     case.unit, fit = beyond, replace(fit)
-    assert case.measured(FleetAnswer(verdict="explained", null=case.null, fit=fit)).fit is fit
+    assert case.remeasured(fit)[1] is fit
 
 
 class Held:

@@ -32,9 +32,9 @@ from ema_identification.actuator.fleet import kept as kept_module
 from ema_identification.actuator.fleet.surrogate import LARGEST_RESIDUAL
 from ema_identification.actuator.laws.catalogue import Signature, variants
 from ema_identification.actuator.laws.terms import EffectTerm, LawGap, Posterior, with_terms
-from ema_identification.actuator.measure.signals import TURN
 from ema_identification.actuator.measure.tolerances import RecordConditions
 from ema_identification.actuator.words import reasons_of
+from ema_sim.machine import TURN
 
 ROW = np.array(RecordConditions().row())
 ASIDE = 480

@@ -39,13 +39,7 @@ from ema_identification.actuator.fleet.units import (
 from ema_identification.actuator.gap import HeldOut
 from ema_identification.actuator.library import build as library_build
 from ema_identification.actuator.library.baseline import with_baselines
-from ema_identification.actuator.library.build import (
-    agrees,
-    as_arrays,
-    from_arrays,
-    probed,
-    title,
-)
+from ema_identification.actuator.library.build import agrees, as_arrays, from_arrays, probed, title
 from ema_identification.actuator.measure.features import feature_map
 from ema_identification.actuator.measure.runs import spread_out
 from ema_identification.actuator.measure.tolerances import (

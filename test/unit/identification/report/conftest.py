@@ -96,7 +96,7 @@ def explained(curves):
         curves=(Curve(label="measured less model", x=np.arange(1, 31), y=lines[1:31],
                       role="before", style="points"),
                 Curve(label="measured less its repeat", x=np.arange(1, 31), y=noise[1:31],
-                      role="floor", style="steps")),
+                      role="floor")),
         log_y=True,
     )
     return Identification(
@@ -134,7 +134,7 @@ def unknown(curves):
         unknown=Shape(
             port="motor torque",
             text="motor torque, periodic in rotor angle, 12 a turn, 0.030 N m",
-            panel=Panel(name="shape", title="What is left, over rotor angle.",
+            panel=Panel(name="shape", step="where", title="What is left, over rotor angle.",
                         x_label="rotor angle (deg)", y_label="torque current (A)",
                         curves=(Curve(label="", x=x, y=residual, role="before"),)),
         ),
