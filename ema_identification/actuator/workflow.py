@@ -16,6 +16,7 @@ from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.joint import joint_unit
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.ranks import LEVEL, rank
+from ema_identification.actuator.fleet.surrogate import FleetLibrary
 from ema_identification.actuator.fleet.units import FULL, fleet_unit
 from ema_identification.actuator.gap import HeldOut, fitted_gap
 from ema_identification.actuator.laws.terms import LawFit, with_terms
@@ -74,11 +75,15 @@ def identify_actuator(
     """
     own = recorded_alike((*measured, *validate, *baseline), model)
 
-    def tested(record: Record, *, signatures: bool = True) -> TestedUnit:
-        """Return the record as it is judged; `signatures`: effects may be named on it."""
-        library = with_acceptance(fleet_library(
+    def library_of(record: Record, *, signatures: bool = True) -> FleetLibrary:
+        """Return the library of its test; `signatures`: effects may be named by it."""
+        return fleet_library(
             own, record.profile, rate=nominal_rate(record), signatures=signatures, sizes=FULL,
-            seed=seed, workers=workers, progress=progress), seed=seed)
+            seed=seed, workers=workers, progress=progress)
+
+    def tested(record: Record, *, signatures: bool = True) -> TestedUnit:
+        """Return the record as it is judged."""
+        library = with_acceptance(library_of(record, signatures=signatures), seed=seed)
         return TestedUnit(library=library, values=library.fmap.extract(record), seed=seed,
                           conditions=align(record, own), workers=workers, record=record)
 
@@ -95,7 +100,7 @@ def identify_actuator(
         if not accepted:
             return found
         before = [tested(record) for record in accepted]
-        library, apart = with_baselines(units[0].library, FULL, seed=seed, workers=workers,
+        library, apart = with_baselines(library_of(given[0]), FULL, seed=seed, workers=workers,
                                         progress=progress)
         changed = changed_unit(replace(units[0], library=library), before, apart)
         since = decide(changed, witness=held, without=without, progress=progress)

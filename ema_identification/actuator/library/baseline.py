@@ -101,8 +101,9 @@ class ChangedUnit(TestedUnit):
 def changed_unit(
     unit: TestedUnit, accepted: Sequence[TestedUnit], apart: float
 ) -> ChangedUnit:
-    """Return a record beside accepted ones of the same test and unit.
+    """Return a record, of the library of `with_baselines`, beside accepted ones of test and unit.
 
+    What a type leaves of the model is in both records; it belongs to the fit of the accepted ones.
     The unit's own numbers are the mean of those that the accepted records give. What belongs to
     the day of these is known no better than they tell: from there the later one may be as far
     again (gains common to all current sensors, which no single test tells from the motor's).
@@ -115,10 +116,11 @@ def changed_unit(
         unsure += np.diag(np.linalg.inv(columns.T @ columns + PRIOR * np.eye(len(own))))
     unsure /= len(accepted) ** 2
     at = tuple(np.where(day, f.z, own) for f in fits)
+    accepted = [replace(u, library=replace(u.library, left=None)) for u in accepted]
     before = np.mean([u.library.means(z[None], u.conditions)[0]
                       for u, z in zip(accepted, at)], axis=0)
     return ChangedUnit(
-        library=replace(unit.library, left=None), conditions=unit.conditions, seed=unit.seed,
+        library=unit.library, conditions=unit.conditions, seed=unit.seed,
         values=unit.values - np.mean([u.values for u in accepted], axis=0) + before,
         workers=unit.workers, simulator=unit.simulator, record=unit.record,
         accepted=tuple(accepted), at=at,
@@ -150,13 +152,11 @@ def with_baselines(
     library: FleetLibrary, sizes: LibrarySizes, *, seed: int = 0, workers: int = 1,
     progress: Progress = silent, folder: Path | None = None,
 ) -> tuple[FleetLibrary, float]:
-    """Return the library with the scores of healthy units beside their own earlier records.
+    """Return a library without discrepancy, scored by healthy units beside their earlier records.
 
     And the share of `ChangedUnit.apart`, at which every tenth of them leaves a cost of 1 a
     feature on average. `folder` : where they are kept if they are new, default the cache.
     """
-    plain = replace(library, left=None)
-
     def make() -> dict[str, np.ndarray]:
         first = sizes.total - len(library.aside[0])
         of = (library.model, library.spread, library.fmap.profile, library.fmap.rate,
@@ -166,12 +166,12 @@ def with_baselines(
             partial(_days, library.model, library.spread, library.fmap, seed),
             [(k, min(k + CHUNK, sizes.total)) for k in range(first, sizes.total, CHUNK)],
             workers=workers, progress=progress, what="healthy runs of another day", keep=part))
-        found = _judged(plain, rows, progress, workers)
+        found = _judged(library, rows, progress, workers)
         cache.forget(part)
         return found
 
-    found = kept_arrays([plain], "changed", make, partial(_agrees, plain), folder)
-    return replace(plain, healthy=found["healthy"]), float(found["apart"])
+    found = kept_arrays([library], "changed", make, partial(_agrees, library), folder)
+    return replace(library, healthy=found["healthy"]), float(found["apart"])
 
 
 def _pairs(library: FleetLibrary, rows: np.ndarray, part: slice) -> list[ChangedUnit]:

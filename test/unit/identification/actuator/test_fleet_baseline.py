@@ -21,6 +21,7 @@ from ema_identification.actuator.decision import fit
 from ema_identification.actuator.decision.decide import decide
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.ranks import LEVEL, p_nothing, share_of
+from ema_identification.actuator.fleet.surrogate import Discrepancy
 from ema_identification.actuator.library import acceptance, baseline
 from ema_identification.actuator.library.baseline import changed_unit
 from ema_record.kit import LIBRARY
@@ -76,6 +77,22 @@ def test_what_both_records_have_is_no_change(ranked):
     assert decide(unit(seed=3, strange=2.0)).verdict == "unknown effect"
     found = [decide(pair(ranked, 5000 + k, strange=2.0)).verdict for k in range(12)]
     assert found.count("no disagreement") >= 11
+
+
+def test_what_a_kit_knows_of_its_type_is_in_both_records(ranked):
+    """Accepted records are fitted with the discrepancy; of the difference it is no part."""
+    library, apart = ranked
+    z, later = two_days(6003)
+    first, second = (fit.TestedUnit(library=library, values=values, conditions=CONDITIONS,
+                                    simulator=run)
+                     for values in (drawn(1, z), drawn(2, later)))
+    kit = replace(library, left=Discrepancy(2.0 * STRANGE, np.zeros_like(STRANGE)))
+    of_type = replace(first, library=kit, values=first.values + kit.left.mean)
+    plain = changed_unit(second, [first], apart)
+    found = changed_unit(replace(second, values=second.values + kit.left.mean), [of_type], apart)
+    assert np.allclose(found.values, plain.values)
+    assert scores(found) == pytest.approx(scores(plain))
+    assert np.allclose(*(u.run_all([((), np.zeros(SIZE))], 4) for u in (found, plain)))
 
 
 def test_a_change_is_named_beside_what_both_have(ranked):
