@@ -6,15 +6,18 @@ NPZ file would need pickle and are refused. Times of a Parquet file count from t
 
 from __future__ import annotations
 
+import faulthandler
 import struct
 import warnings
 import zipfile
 import zlib
 from collections.abc import Callable, Sequence
+from concurrent.futures import BrokenExecutor
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from joblib import Parallel, delayed
 from scipy.io import loadmat, whosmat
 
 from ema_record.array_cache import DAMAGED
@@ -51,6 +54,18 @@ def read_mat(path: Path, needed: Sequence[str | int] | None) -> Table:
         head = stream.read(520)
     if _HDF5 in (head[:4], head[512:516]):
         return read_hdf5(path, needed)
+    workers = Parallel(n_jobs=2, backend="loky")  # with one this process would be it
+    try:
+        (found,) = workers([delayed(_read_level_5)(path, needed)])
+    except BrokenExecutor:
+        raise InvalidRecordError(f"{path}: damaged, what reads it crashed: save it again with "
+                                 "'-v7'") from None
+    return found
+
+
+def _read_level_5(path: Path, needed: Sequence[str | int] | None) -> Table:
+    """Read a file before 7.3, in a process of its own: a wrong type makes scipy crash."""
+    faulthandler.disable()  # of that process: the caller says what happened
     if _holds_objects(path):  # which trip scipy, also over the arrays beside them
         raise InvalidRecordError(
             f"{path}: holds a MATLAB object (a table, a timetable, a string), which is read from "

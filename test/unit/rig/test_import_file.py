@@ -226,7 +226,15 @@ def write_object_npz(path):
     np.savez(path, t=np.array([{}, 1], dtype=object), i=[1.0], q=[1.0], w=[1.0])
 
 
+def write_mat_of_no_type(path):
+    scipy.io.savemat(path, columns())
+    data = bytearray(path.read_bytes())
+    assert data[176] == 9  # the type of the numbers of the first variable: double
+    path.write_bytes(data[:176] + b"\x00" + data[177:])
+
+
 @pytest.mark.parametrize(("name", "make", "match"), [
+    ("a.mat", write_mat_of_no_type, "what reads it crashed"),
     ("a.npz", write_object_npz, "would need pickle"),
     ("a.npz", lambda p: p.write_bytes(b"PK\x03\x04 no zip"), "no NPZ file"),
     ("a.mat", lambda p: p.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(600)), "no HDF5 file"),
