@@ -42,8 +42,8 @@ def panels_of(
     signals = [(role, drive_signals(record, first.library.model.actuator))
                for role, record in [("measured", first.record), *runs] if record is not None]
     panels += [_travel(signals), *_folded(first, signals)]
-    if answer.fits:
-        panels.append(_candidates(unit, answer))
+    if finite := [f for f in answer.fits if np.isfinite(f.cost)]:
+        panels.append(_candidates(unit, answer.null, finite))
     panels.append(_by_part(
         unit if held is None else held,
         [("before", gap.rest[0]), *(("after", rest) for rest in gap.rest[1:][-1:])], "gap_by_part",
@@ -179,8 +179,7 @@ def _folded(unit: TestedUnit, signals: Sequence[tuple[str, DriveSignals]]) -> li
     return panels
 
 
-def _candidates(unit: TestedUnit, answer: FleetAnswer) -> Panel:
-    fits = [f for f in answer.fits if np.isfinite(f.cost)]
+def _candidates(unit: TestedUnit, null: LawFit, fits: Sequence[LawFit]) -> Panel:
     costs = np.array([np.sqrt(f.cost / unit.size) for f in fits])
     x = np.arange(1.0, len(costs) + 1.0)
     curves = [
@@ -192,7 +191,7 @@ def _candidates(unit: TestedUnit, answer: FleetAnswer) -> Panel:
     usual = np.sqrt(np.median(unit.library.healthy[:, 0]))
     curves += [
         Curve(label="model before", x=ends, role="before",
-              y=np.full(2, np.sqrt(answer.null.cost / unit.size))),
+              y=np.full(2, np.sqrt(null.cost / unit.size))),
         Curve(label="nothing missing", x=ends, y=np.full(2, usual), role="floor"),
     ]
     return Panel(name="candidates", title="What each candidate leaves, most evidence first.",

@@ -154,11 +154,12 @@ def _turns_commutation(values: dict[str, float]) -> float:
 def _turns_with_direction(values: dict[str, float]) -> float:
     """Say whether the torque lines change sign with the direction (positive) or keep it.
 
+    Of sections that follow one another, as `values` has them.
     A torque that belongs to the angle alone (cogging) has the same lines both ways; one that
     modulates the torque constant follows the sign of the current.
     """
     total = 0.0
-    names = sorted({n.split(".")[0] for n in values if ".torque_line_" in n})
+    names = list(dict.fromkeys(n.split(".")[0] for n in values if ".torque_line_" in n))
     for a, b in zip(names, names[1:]):
         for key in [n for n in values if n.startswith(f"{a}.torque_line_")]:
             other = key.replace(f"{a}.", f"{b}.", 1)

@@ -103,8 +103,8 @@ def export_model(
     Raises
     ------
     UsageError
-        No such format; the model lacks its axis or its inertia; the gain is missing or not
-        positive; the bodies have more inertia than was found.
+        No such format; the model lacks its axis, its inertia or a number of a law; the gain is
+        missing or not positive; the bodies have more inertia than was found.
 
     """
     writer = _WRITERS.get(file_format)
@@ -118,6 +118,11 @@ def export_model(
                          "'ema identify' wrote")
     terms = [(term.effect, {**term.parameters, **{k: v[0] for k, v in term.estimate.items()}})
              for term in model.terms]
+    for name, values in terms:
+        for symbol in re.findall(r"{(\w+)}", LAW_TEXTS.get(name, "")):
+            if symbol not in {*values, "wave"}:
+                raise UsageError(f"{path}: {name} has no {symbol}: identify a record with this "
+                                 "model and export what is written, or leave the effect out")
     inertia = sum(values.get("value", 0.0) for name, values in terms if name == "inertia")
     if not inertia > 0.0:
         raise UsageError(f"{path}: inertia {inertia:g}, expected more than 0: identify a record "
@@ -227,8 +232,7 @@ def _python(name: str, axis: ModelAxis, terms: Terms, _gain: float, _body: float
             continue
         order = values.get("order", 0.0) * (1.0 if axis.motion == "rotary" else 2.0 * math.pi)
         given = {k: f"({v!r})" for k, v in {**values, "wave": order}.items()}
-        if all(symbol in given for symbol in re.findall(r"{(\w+)}", LAW_TEXTS[law])):
-            sums[law in _DRY].append(LAW_TEXTS[law].format(**given))
+        sums[law in _DRY].append(LAW_TEXTS[law].format(**given))
     left_out = _left_out(terms, ("inertia", *LAW_TEXTS))
     text = _PYTHON.format(
         name=name, motion=axis.motion, quantity=axis.input, travel=repr(tuple(axis.travel)),

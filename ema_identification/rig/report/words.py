@@ -175,7 +175,7 @@ _TESTS: tuple[tuple[frozenset[str], str], ...] = (
      "a run in both directions: Coulomb friction changes its sign, an offset does not"),
     (frozenset({"viscous_friction", "back_emf"}),
      "record the current beside the voltage: the back-EMF needs no current"),
-    (frozenset({"control_delay", "winding_inductance"}),
+    (frozenset({"drive_lag", "winding_inductance"}),
      "a step of voltage with the axis held: the inductance shows in the current alone"),
     (frozenset({"presliding_hysteresis", "backlash"}),
      "slow triangles with an amplitude of a few times the lost motion: in a gap the input is "

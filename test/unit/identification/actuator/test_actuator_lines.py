@@ -9,7 +9,7 @@ from ema_identification.actuator.decision.proposals import MOST_OFF, ripple_powe
 from ema_identification.actuator.measure.control_law import ControlLaw
 from ema_identification.actuator.measure.features import Feature
 from ema_identification.actuator.measure.segments import MotionSegment, Transition
-from ema_identification.actuator.ports import largest_line, unknown_shape
+from ema_identification.actuator.ports import _turns_with_direction, largest_line, unknown_shape
 
 SPEEDS = (25.0, -25.0, 200.0, -200.0)
 DEVIATION = 0.5
@@ -117,6 +117,12 @@ def test_a_sensor_is_given_only_where_its_own_features_lead():
     (12.0 * np.ones(4), False), (12.0 * np.sign(SPEEDS), False)])  # windings, whatever their shape
 def test_quadratures_that_turn_with_the_direction_are_the_commutation(line, turned):
     assert ("commutation" in port_of(np.stack([line, QUIET], axis=1), 0.0)) is turned
+
+
+def test_sections_follow_one_another_as_in_the_test():
+    """There may be more than ten, and by name the tenth follows the first."""
+    values = {f"s{k}.torque_line_6_re": 5.0 * (-1) ** k for k in range(1, 14)}
+    assert _turns_with_direction(values) == 12 * 25.0
 
 
 @pytest.mark.parametrize(("sense", "given"), [(np.ones(4), True), (np.sign(SPEEDS), False)])

@@ -55,9 +55,11 @@ def test_a_first_order_lag_is_told_from_a_delay(moving, recorded):
     axis = Axis(name="motor", motion="rotary", input="voltage")
     torque = 0.05 * a + 0.4 * v
     late = recorded(t, torque + 0.1 * derivative(torque, t[1]), axis, noise=0.005, position=q)
-    found = identify_rig([late]).findings
-    assert [{f.effect, *f.equivalent} for f in found] == [{"drive_lag", "winding_inductance"}]
-    assert found[0].parameters[0].value == pytest.approx(0.1, rel=0.02)
+    found = identify_rig([late])
+    assert [{f.effect, *f.equivalent} for f in found.findings] == [
+        {"drive_lag", "winding_inductance"}]
+    assert found.findings[0].parameters[0].value == pytest.approx(0.1, rel=0.02)
+    assert "the axis held: the inductance shows in the current" in found.next_test
 
 
 def test_the_laws_of_two_masses_and_of_a_crank_follow_their_equations(bench):

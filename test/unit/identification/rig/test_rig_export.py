@@ -132,6 +132,8 @@ def test_mujoco_moves_as_we_predict(tmp_path):
      "does not say its axis"),
     (text_of().replace(str([J, 0.049, 0.051]), "[0.0, 0.0, 0.0]"),
      "python", {}, "inertia 0, expected more than 0"),
+    (text_of().replace(f"stiffness: {K}, ", ""), "python", {},
+     "spring has no stiffness: identify a record"),
     (text_of(), "fmu", {}, "unknown format of a model"),
     (text_of(), "mjcf", {"gain": -1.0}, "--gain -1"),
     (text_of(), "mjcf", {"body_inertia": 1.0},
