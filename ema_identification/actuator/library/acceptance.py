@@ -87,6 +87,7 @@ def with_discrepancy(library: FleetLibrary, left: Discrepancy, *, seed: int = 0)
         str(seed), *(s.variant.name for s in library.signatures), module=__name__)
     ranked = cache.load(name)
     if ranked is None:
-        ranked = {"healthy": np.array([scores(unit) for unit in units_aside(found) if unit])}
+        ranked = {"healthy": np.array(  # of a copy each: what a unit works out goes with it
+            [scores(replace(unit)) for unit in units_aside(found) if unit])}
         cache.save(name, ranked)
     return replace(found, healthy=ranked["healthy"])

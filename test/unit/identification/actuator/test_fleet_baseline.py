@@ -1,5 +1,6 @@
 """What acceptance records tell: a type's discrepancy, a unit's own change; on linear units."""
 
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -157,6 +158,24 @@ def test_discrepancy_of_a_type_is_taken_off(tmp_path, monkeypatch):
     assert not np.array_equal(plain.healthy, found.healthy)
     again = acceptance.with_discrepancy(library, left)
     assert np.array_equal(again.healthy, found.healthy)
+
+
+def test_what_a_unit_of_a_type_works_out_is_not_kept_while_others_are_ranked(
+        tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    seen, most = list[weakref.ref](), []
+
+    def scored(one):
+        seen.append(weakref.ref(one.whitener(0)))
+        most.append(sum(ref() is not None for ref in seen))
+        return scores(one)
+
+    monkeypatch.setattr(acceptance, "scores", scored)
+    library = replace(judged(), aside=(
+        np.tile(ROW, (5, 1)), np.array([drawn(k, two_days(k)[0]) for k in range(5)])))
+    left = Discrepancy(np.zeros_like(STRANGE), np.full_like(STRANGE, 0.1))
+    assert acceptance.with_discrepancy(library, left).healthy.shape == (5, 4)
+    assert most == [1] * 5
 
 
 @pytest.mark.slow
