@@ -225,7 +225,7 @@ def _below(folder: Path, depth: int) -> Iterator[Path]:
         yield folder  # the reader says what is wrong
         return
     names = {p.name for p in entries}
-    files = [p for p in entries if p.name.endswith(STORAGE)]
+    files = {p for p in entries if p.name.endswith(STORAGE)}
     folders = [p for p in entries if p not in files and p.is_dir() and not p.is_symlink()]
     cut = any(p.name.startswith(f"{folder.resolve().name}_") for p in files)
     if METADATA_FILE in names or cut or (len(files) == 1 and not folders):
