@@ -56,7 +56,9 @@ def read_mat(path: Path, needed: Sequence[str | int] | None) -> Table:
         return read_hdf5(path, needed)
     workers = Parallel(n_jobs=2, backend="loky")  # with one this process would be it
     try:
-        (found,) = workers([delayed(_read_level_5)(path, needed)])
+        with warnings.catch_warnings():  # where no process can be had, this one reads
+            warnings.filterwarnings("ignore", message="Loky-backed parallel loops cannot")
+            (found,) = workers([delayed(_read_level_5)(path, needed)])
     except BrokenExecutor:
         raise InvalidRecordError(f"{path}: damaged, what reads it crashed: save it again with "
                                  "'-v7'") from None

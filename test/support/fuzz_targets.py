@@ -111,7 +111,7 @@ def small_bag(folder: Path) -> tuple[Path, bytes]:
             schema = writer.register_schema(kind, "ros2msg", definition(kind).encode()[:80])
             channel = writer.register_channel(topic, "cdr", schema)
             for m in messages:
-                writer.add_message(channel, m.log_time, bytes(m.data), m.publish_time)
+                writer.add_message(channel, m.log_time, bytes(m.data), m.log_time)
         writer.add_metadata(END, end)
         writer.finish()
     read_bag(bag)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-
-from joblib import Parallel, delayed
 
 from benchmarks.blind_panel.judging import in_question
 from benchmarks.blind_panel.tasks import BAGS, IDENTIFIED, SEALED, Task, write_tasks
@@ -14,6 +13,7 @@ from benchmarks.blind_panel.truth.seal import commitment_of, parts, seal, unseal
 from benchmarks.ledger import Ledger
 from ema_cli.console import progress
 from ema_record.profile import load_profile_dict
+from ema_sim.campaign.workers import done_by_workers
 
 
 def opened(out: Path, panel: Panel) -> list[list[Answer]]:
@@ -40,8 +40,7 @@ def prepare(out: Path, panel: Panel, workers: int) -> None:
                       kit="" if a.kit is None else a.kit.name) for a in order], out)
     (out / BAGS).mkdir(exist_ok=True)
     todo = [answer for answer in order if not (out / BAGS / answer.id).exists()]
-    done = Parallel(n_jobs=workers, return_as="generator_unordered")(
-        delayed(make_bags)(answer, out / BAGS) for answer in todo)
+    done = done_by_workers(partial(make_bags, folder=out / BAGS), todo, jobs=workers)
     with progress("bags", len(todo)) as advance:
         for number, _ in enumerate(done, start=1):
             advance(number)
