@@ -12,11 +12,15 @@ from __future__ import annotations
 import contextlib
 import os
 import shlex
-from collections.abc import Iterator
-from functools import cache
+from collections.abc import Callable, Iterator
+from functools import cache, partial
 from pathlib import Path
+from typing import ParamSpec, TypeVar
 
 from ema_record.errors import UsageError
+
+Given = ParamSpec("Given")
+Made = TypeVar("Made")
 
 ENVIRONMENT = "EMA_KIT"
 SHIPPED = "config"
@@ -89,6 +93,17 @@ def using_kit(folder: str | Path | None) -> Iterator[None]:
         os.environ.pop(ENVIRONMENT, None)
         if before is not None:
             os.environ[ENVIRONMENT] = before
+
+
+def with_present_kit(function: Callable[Given, Made]) -> Callable[Given, Made]:
+    """Return a function for workers, which live longer than the kit they were started with."""
+    return partial(_with_kit, os.environ.get(ENVIRONMENT) or None, function)
+
+
+def _with_kit(kit: str | None, function: Callable[Given, Made], *given: Given.args,
+              **named: Given.kwargs) -> Made:
+    with using_kit(kit):
+        return function(*given, **named)
 
 
 def kit_path(name: str) -> Path:

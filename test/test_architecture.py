@@ -70,7 +70,7 @@ BY_CHANCE = {
     "ema_prognostics/paper/experiment.py": {22.0},  # 21 extents of a fault, counted from 1
     "ema_record/data_sheet/derive.py": {0.6},  # share of the speed that the bus allows
     "ema_record/data_sheet/quantities.py": {500.0, 20_000.0},  # bounds, the acquisition's default
-    "ema_record/data_sheet/text.py": {96.0},  # characters a line
+    "ema_record/data_sheet/new_kit.py": {96.0},  # characters a line
     "ema_record/profiles/plan.py": {1.6},  # a preferred number
     "ema_record/checks/physics.py": {500.0, 0.6},  # samples; coherence of two phasors
     "ema_record/checks/stream.py": {11.0},  # the fifth prime

@@ -76,8 +76,8 @@ def new_actuator(
     Example: `ema new-actuator --out kit --resistance 1.2ohm --inductance 0.194mH --kv 475rpm/V \
 --pole-pairs 1 --inertia 34gcm2 --gear 100 --end-stop 40deg --current-limit 7.5A --bus 24V`
     """
+    from ema_record.data_sheet.new_kit import new_kit
     from ema_record.data_sheet.sheet import read_sheet
-    from ema_record.data_sheet.text import new_kit
 
     texts = {option: text for option in QUANTITIES
              if (text := stated.get(option.replace("-", "_"))) is not None}

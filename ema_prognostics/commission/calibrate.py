@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from ema_prognostics.features.vector import SWINGS, steady
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_record.actuator import RELAY, TRAPEZOID, Actuator
 from ema_record.errors import EmaError, UsageError
-from ema_record.kit import kit_folder, use_kit
+from ema_record.kit import with_present_kit
 from ema_record.profile import Profile
 from ema_record.spread import UnitTolerances, most_of
 from ema_sim.effects import parse_effects
@@ -194,11 +193,10 @@ def model_features(
 
 
 def _drawn(
-    kit: Path, candidates: Sequence[tuple[Actuator, list[str], int]], nominal: Actuator,
-    profile: Profile, kind: ProfileKind, names: Sequence[str],
+    candidates: Sequence[tuple[Actuator, list[str], int]], nominal: Actuator, profile: Profile,
+    kind: ProfileKind, names: Sequence[str],
 ) -> np.ndarray:
     """Return the features of candidates, shape (n, d); NaN where one does not do the test."""
-    use_kit(kit)  # a process may be older than the choice of the kit
     rows = np.full((len(candidates), len(names)), np.nan)
     for k, (actuator, settings, seed) in enumerate(candidates):
         try:
@@ -257,7 +255,7 @@ def calibrate(
                  _settings(conditions, actuator, float(row[-1])), int(rng.integers(2**31)))
                 for row in steps]
         work = Parallel(n_jobs=jobs, return_as="generator")(
-            delayed(_drawn)(kit_folder(), runs[k:k + chunk], actuator, profile, kind, names)
+            delayed(with_present_kit(_drawn))(runs[k:k + chunk], actuator, profile, kind, names)
             for k in range(0, count, chunk))
         parts = []
         for part in work:

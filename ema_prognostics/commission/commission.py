@@ -64,7 +64,7 @@ from ema_prognostics.training.train_model import (
 from ema_prognostics.training.view_training import sound_rows, stricter, train_view
 from ema_record.actuator import FORMERLY, Actuator, load_actuator
 from ema_record.actuator_type import actuator_hash, actuator_hashes
-from ema_record.data_sheet.text import with_values
+from ema_record.data_sheet.new_kit import with_values
 from ema_record.errors import EmaError, OutputError, UsageError
 from ema_record.files import exists
 from ema_record.kit import ACTUATOR, CASCADE, LIBRARY, PROFILES, REPORT, VALIDATION, using_kit

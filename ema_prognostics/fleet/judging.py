@@ -14,7 +14,7 @@ from ema_prognostics.verdict.contract import hash_of, kit_sha256, trace_of, verd
 from ema_prognostics.verdict.judge import Judge
 from ema_record.array_cache import key_of
 from ema_record.errors import UsageError
-from ema_record.kit import kit_folder, using_kit
+from ema_record.kit import kit_folder
 from ema_sim.campaign.workers import done_by_workers
 
 MODULE = "ema_prognostics.fleet.judging"
@@ -77,10 +77,9 @@ def _judge(settings: JudgeSettings, _software: str) -> Judge:
 
 def judge_bags(task: BagsTask) -> BagsDone:
     """Judge the bags of a task (in a worker)."""
-    with using_kit(task.settings.kit):
-        judge = _judge(task.settings, task.software)
-        trace = trace_of(judge.model_sha256)
-        return BagsDone(task.settings.key(), [_object(judge, trace, bag) for bag in task.bags])
+    judge = _judge(task.settings, task.software)
+    trace = trace_of(judge.model_sha256)
+    return BagsDone(task.settings.key(), [_object(judge, trace, bag) for bag in task.bags])
 
 
 def _object(judge: Judge, trace: dict[str, Any], bag: str) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from ema_prognostics.training.faults import (
 from ema_record import array_cache
 from ema_record.actuator import Actuator, load_actuator
 from ema_record.errors import RecordError, UsageError
-from ema_record.kit import ACTUATOR, PROFILES, kit_folder, kit_path, using_kit
+from ema_record.kit import ACTUATOR, PROFILES, kit_path, with_present_kit
 from ema_record.profile import Profile, load_profile
 from ema_record.record import Record
 from ema_record.sources import source_hash
@@ -181,8 +181,8 @@ Arrays = dict[str, np.ndarray]
 
 
 def _run(kinds: tuple[ProfileKind, ...], always: Effects, plans: list[_UnitPlan], key: str,
-         folder: Path | None, kit: Path) -> Arrays:
-    """Simulate units of a kit and return the features of their records, kept in `folder`.
+         folder: Path | None) -> Arrays:
+    """Simulate units of the kit and return the features of their records, kept in `folder`.
 
     Returns
     -------
@@ -195,7 +195,7 @@ def _run(kinds: tuple[ProfileKind, ...], always: Effects, plans: list[_UnitPlan]
     if kept is not None and set(kept) == {
             f"{what}_{k}" for k in kinds for what in ("names", "features")}:
         return kept
-    with threadpool_limits(limits=1), using_kit(kit):
+    with threadpool_limits(limits=1):
         found = [[_features(kinds, plan.type, always, plan.unit, *test)
                   for test in ((plan.base, HEALTHY), *plan.tests)] for plan in plans]
     arrays = {}
@@ -245,7 +245,7 @@ def simulate_fleets(
                                     healthy, CHUNK, k]), source)
             for k, part in enumerate(parts)]
     work = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(_run)(kinds, of.effects, part, key, folder, kit_folder())
+        delayed(with_present_kit(_run))(kinds, of.effects, part, key, folder)
         for part, key in zip(parts, keys))
     results = []
     for result in work:

@@ -26,7 +26,7 @@ from ema_prognostics.training.fleet import (
 from ema_prognostics.training.view_training import train_view
 from ema_record.actuator import RELAY, TRAPEZOID, load_actuator
 from ema_record.actuator_type import actuator_hash
-from ema_record.kit import kit_folder, using_kit
+from ema_record.kit import with_present_kit
 from ema_record.profile import profile_names
 from ema_record.version import VERSION
 from ema_sim.model_file import Model
@@ -91,17 +91,15 @@ class Trained(NamedTuple):
     paper: PaperCascade | None
 
 
-def _view(kit: Path, kind: ProfileKind, view: View, fleets: TrainingFleets, **settings: Any
+def _view(kind: ProfileKind, view: View, fleets: TrainingFleets, **settings: Any
           ) -> tuple[str, ViewPart]:
     """Return what was trained, for the progress, and the view."""
-    with using_kit(kit):
-        return f"{kind}, {view}", train_view(
-            fleets.faults, fleets.healthy, kind, view, strangers=fleets.strangers, **settings)
+    return f"{kind}, {view}", train_view(
+        fleets.faults, fleets.healthy, kind, view, strangers=fleets.strangers, **settings)
 
 
-def _paper(kit: Path, settings: PaperSettings) -> tuple[str, PaperCascade]:
-    with using_kit(kit):
-        return PAPERS, run_experiment(settings, lambda _: None).cascade()
+def _paper(settings: PaperSettings) -> tuple[str, PaperCascade]:
+    return PAPERS, run_experiment(settings, lambda _: None).cascade()
 
 
 def train_views(
@@ -120,12 +118,12 @@ def train_views(
     """
     from joblib import Parallel, delayed
 
-    kit = kit_folder()
     # What takes the longest begins: the paper's networks, then the kind with the most features.
     kinds = sorted(campaigns, key=lambda k: -len(campaigns[k].faults.names))
-    todo = [delayed(_paper)(kit, paper)] if paper is not None else []
-    todo += [delayed(_view)(kit, kind, view, campaigns[kind], seed=seed, hidden=hidden,
-                            iterations=iterations) for kind in kinds for view in VIEWS]
+    todo = [delayed(with_present_kit(_paper))(paper)] if paper is not None else []
+    todo += [delayed(with_present_kit(_view))(
+        kind, view, campaigns[kind], seed=seed, hidden=hidden, iterations=iterations)
+        for kind in kinds for view in VIEWS]
     progress("networks", 0.0)
     found: dict[str, Any] = {}
     work = Parallel(n_jobs=jobs, return_as="generator_unordered")(todo)

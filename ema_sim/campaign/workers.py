@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import TypeVar
 
 from ema_record.errors import UsageError
-from ema_record.kit import ENVIRONMENT, using_kit
+from ema_record.kit import with_present_kit
 
 Task = TypeVar("Task")
 Done = TypeVar("Done")
@@ -65,15 +65,9 @@ def _parallel(
 
     parallel = Parallel(return_as="generator_unordered", batch_size=1, **options)
     with _ignored_interrupts():
-        kit = os.environ.get(ENVIRONMENT) or None
-        found: Iterator[Done] = parallel(delayed(_with_kit)(kit, function, task) for task in tasks)
+        done = delayed(with_present_kit(function))
+        found: Iterator[Done] = parallel(done(task) for task in tasks)
     return found
-
-
-def _with_kit(kit: str | None, function: Callable[[Task], Done], task: Task) -> Done:
-    """Do a task in a worker, which lives longer than the kit it was started with."""
-    with using_kit(kit):
-        return function(task)
 
 
 @contextmanager

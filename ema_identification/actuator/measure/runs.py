@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,7 @@ from ema_identification.actuator.measure.recorder import whole
 from ema_identification.actuator.measure.tolerances import N_TOLERANCES, RecordConditions, realise
 from ema_record import array_cache as cache
 from ema_record.errors import InvalidRecordError, SimulationError
-from ema_record.kit import kit_folder, using_kit
+from ema_record.kit import with_present_kit
 from ema_sim.drives import shows_carrier
 from ema_sim.effects import Effects
 from ema_sim.machine import TURN
@@ -95,8 +94,9 @@ def spread_out(
             return
         from joblib import Parallel, delayed
 
+        done = delayed(with_present_kit(_on_one_thread))
         yield from Parallel(n_jobs=workers, return_as="generator")(
-            delayed(_in_kit)(kit_folder(), function, *arguments[k]) for k in missing)
+            done(function, *arguments[k]) for k in missing)
 
     for k, result in zip(missing, results()):
         found[k] = result
@@ -106,7 +106,6 @@ def spread_out(
     return [found[k] for k in range(len(arguments))]
 
 
-def _in_kit(kit: Path, function: Callable[..., np.ndarray], *arguments: object) -> np.ndarray:
-    # A process that lives on may have been begun with another kit.
-    with using_kit(kit), threadpool_limits(limits=1):
+def _on_one_thread(function: Callable[..., np.ndarray], *arguments: object) -> np.ndarray:
+    with threadpool_limits(limits=1):
         return function(*arguments)

@@ -8,9 +8,9 @@ import yaml
 from ema_record.actuator import load_actuator
 from ema_record.data_sheet.constants import phase_constant, shape_constants
 from ema_record.data_sheet.derive import describe
+from ema_record.data_sheet.new_kit import new_kit, with_values
 from ema_record.data_sheet.quantities import QUANTITIES, Given, read_quantity
 from ema_record.data_sheet.sheet import read_sheet
-from ema_record.data_sheet.text import new_kit, with_values
 from ema_record.errors import OutputError, UsageError
 from ema_record.kit import using_kit
 from ema_record.profile import load_profile, profile_names
