@@ -4,9 +4,9 @@
    units of what the share `LEVEL` of healthy units exceeds, is surely rarer than `LEVEL` among
    them (rank among some that built nothing of the library, with the bound that holds for these
    very ones, Vovk 2012), on its quadratic and again on runs. What is not even rarer than
-   1 - `SURE` ends here; else a law must be likelier than nothing (2). So it must where that is
-   usual once the unit's numbers may leave their bands a little (`EDGE`), likelier than such a
-   unit fitted as hard.
+   1 - `SURE` ends here; else a law must add to nothing: gain more than useless ones, both fitted
+   as hard and begun where the other ended. So it must where that is usual once the unit's
+   numbers may leave their bands a little (`EDGE`), beside such a unit.
 2. Laws are proposed from the library (wide, cheap), fitted with the simulator (`ROUNDS`), and
    compared by one evidence: log E = -½ ν ln J - ½ k ln ν - m ln(N / `LEVEL`), J the cost, k
    coordinates, ν the independent numbers of a record, m laws of N. This is the likelihood of a
@@ -23,8 +23,8 @@
    size is also told by a fit of none that, begun where its own is, does not explain.
 5. Held-out records judge: names that do not lower their gap, or leave it large and close less
    than most of it (`MOST`), are contradicted, and there is no silence where it is large: laws are
-   tried then too. What is named on a usual record must be likelier than nothing, fitted as hard,
-   or close most of a gap that this leaves, a rare one. Where no model explains, a single law that
+   tried then too. What is named on a usual record must add to nothing (1), or close most of a gap
+   that this leaves, a rare one. Where no model explains, a single law that
    closes most of misfit and gap is named, and that something remains beside it.
 """
 
@@ -95,15 +95,14 @@ def decide(
     answer = _named(case, FleetAnswer(
         verdict="unknown effect", null=case.null, p_nothing=p, fits=tuple(fits)), explaining)
     if usual is not None:
-        unlikely = answer.fit is None or case.evidence(answer.fit) <= case.evidence(beyond.null)
-        if unlikely and usual.verdict == "no disagreement":
+        if answer.fit is None and usual.verdict == "no disagreement":
             return usual
         nothing = rival.hardest(fits)
         quiet = _silence(usual, held, (nothing,), p, _edge(case, nothing))
-        if unlikely or answer.fit is None or not (
+        if answer.fit is None or not (
                 (held is not None and quiet is None and silent is None
                  and held.gap([nothing, answer.fit], _edge(case, answer.fit)).closes(MOST))
-                or rival.likelier(answer.fit, nothing)):
+                or rival.adds(answer.fit, nothing)):
             return quiet or usual
     witness = witness or held
     if witness is not None and answer.verdict == "unknown effect" and not answer.equivalent:

@@ -201,7 +201,7 @@ class TestedUnit:
         found = [self._recalibrated(white, *start) for z in starts for start in (
             (terms, z), self._recalibrated(plain, terms, z)[:2])]
         terms, z, cost = min(found, key=lambda row: row[2])
-        return LawFit(terms=terms, z=z, mean=self._known(terms, z), cost=cost, runs=0,
+        return LawFit(terms=terms, z=z, mean=self.known(terms, z), cost=cost, runs=0,
                       slopes=self._known_slopes(terms, z))
 
     def means(self, z: np.ndarray) -> np.ndarray:
@@ -212,7 +212,8 @@ class TestedUnit:
         """Return the derivative of `means`, shape (d, width)."""
         return self.library.slope(z, self.conditions)
 
-    def _known(self, terms: Sequence[EffectTerm], z: np.ndarray) -> np.ndarray:
+    def known(self, terms: Sequence[EffectTerm], z: np.ndarray) -> np.ndarray:
+        """Return what the quadratic and the signatures predict, shape (d,)."""
         return np.asarray(sum((t.signature.at(t.u) for t in terms), self.means(z[None])[0]))
 
     def _known_slopes(self, terms: Sequence[EffectTerm], z: np.ndarray) -> np.ndarray:
@@ -223,7 +224,7 @@ class TestedUnit:
         self, white: Whitener, terms: tuple[EffectTerm, ...], z: np.ndarray
     ) -> tuple[tuple[EffectTerm, ...], np.ndarray, float]:
         """Return where damped steps without runs end, and the cost there."""
-        mean, damping, free = self._known(terms, z), 0.0, sum(t.variant.size for t in terms)
+        mean, damping, free = self.known(terms, z), 0.0, sum(t.variant.size for t in terms)
         cost = self.cost(white, mean, z)
         for _ in range(QUADRATIC_STEPS):
             slopes = self._known_slopes(terms, z)
@@ -231,7 +232,7 @@ class TestedUnit:
                 step = self._step(white, mean, slopes, z, terms, damping)
                 there = np.clip(z + step[free:], -self.edge, self.edge)
                 laws = moved(terms, coordinates(terms) + step[:free])
-                found = self._known(laws, there)
+                found = self.known(laws, there)
                 lower = self.cost(white, found, there)
                 if lower < cost:
                     break

@@ -229,10 +229,14 @@ class Models:
         return sorted((p for p in found if p.signature.variant.effect not in fit.names),
                       key=lambda p: p.cost)
 
-    def likelier(self, fit: LawFit, nothing: LawFit) -> bool:
-        """Whether a model is likelier than a fit of none, and than all that none has left."""
-        return max(map(self.evidence, (fit, self.refitted(fit)))) > max(
-            map(self.evidence, (nothing, replace(nothing, cost=self.nothing))))
+    def adds(self, fit: LawFit, nothing: LawFit) -> bool:
+        """Whether a model gains more than useless laws do over the `hardest` fit of none.
+
+        It is fitted as hard, also from there.
+        """
+        starts = fit, replace(fit, z=nothing.z)
+        hard = min([fit, *map(self.refitted, starts)], key=lambda f: f.cost)
+        return self.p_own(hard, min(nothing.cost, self.nothing)) <= LEVEL
 
     def pairs(self, singles: Sequence[LawFit]) -> list[LawFit]:
         """Return the fits of two laws.

@@ -227,11 +227,15 @@ def ripple_power(unit: TestedUnit, rest: np.ndarray) -> dict[int, float]:
 def ripples(
     unit: TestedUnit, fit: LawFit, white: Whitener, without: Sequence[str]
 ) -> list[LawProposal]:
-    """Return ripple at the order whose torque lines are off most, signatures simulated."""
-    power = ripple_power(unit, (unit.values - fit.mean) / white.deviation)
+    """Return ripple at the order whose torque lines are off most, signatures simulated.
+
+    Off on runs and on the library: a few runs that ring have lines of their own.
+    """
+    power, known = (ripple_power(unit, (unit.values - mean) / scale.deviation) for mean, scale in (
+        (fit.mean, white), (unit.known(fit.terms, fit.z), unit.whitener(0))))
     if not power:
         return []
-    periods = max(power, key=lambda k: power[k])
+    periods = max(power, key=lambda k: min(power[k], known[k]))
     a, found = unit.library.model.actuator, []
     for effect, level in (
             ("cogging_torque", COGGING * a.motor.dynamic_friction),

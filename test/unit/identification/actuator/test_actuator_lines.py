@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ema_identification.actuator.decision.proposals import MOST_OFF, ripple_power
+from ema_identification.actuator.decision import proposals
+from ema_identification.actuator.decision.proposals import MOST_OFF, ripple_power, ripples
 from ema_identification.actuator.measure.control_law import ControlLaw
 from ema_identification.actuator.measure.features import Feature
 from ema_identification.actuator.measure.segments import MotionSegment, Transition
@@ -168,3 +169,23 @@ def test_the_power_of_a_ripple_is_the_mean_of_its_lines_by_periods_of_the_rotors
     assert ripple_power(unit, rest) == {12: pytest.approx(9.0 / 10.0)}
     rest[-1] = 1e6
     assert ripple_power(unit, rest) == {12: pytest.approx(MOST_OFF**2 / 10.0)}
+
+
+def test_a_ripple_is_looked_for_where_runs_and_library_both_are_off(monkeypatch):
+    """A few runs that ring at an order of their own do not hide the one that the record has."""
+    unit, asked = unit_of((13, 16)), []
+    record, ringing = residual(np.array([0.2 * LINE, 0.0]) * np.ones((4, 1))), residual(
+        np.array([0.0, 0.4 * LINE]) * np.ones((4, 1)))
+    white = SimpleNamespace(deviation=np.ones(len(record)))
+    unit.library.model.actuator = SimpleNamespace(
+        motor=SimpleNamespace(pole_pairs=1, dynamic_friction=1.0),
+        surface=SimpleNamespace(dynamic_friction=1.0), shaft=SimpleNamespace(stiffness=1.0))
+    unit.size, unit.values = len(record), record
+    unit.known = lambda terms, z: np.zeros(len(record))
+    unit.whitener = lambda runs: white
+    unit.run_all = lambda models, *_: [np.full(len(record), np.nan)] * len(models)
+    real = proposals.ripple
+    monkeypatch.setattr(proposals, "ripple", lambda effect, periods, *levels: (
+        asked.append(periods) or real(effect, periods, *levels)))
+    assert ripples(unit, SimpleNamespace(mean=-ringing, terms=(), z=QUIET), white, ()) == []
+    assert asked == [13, 13]

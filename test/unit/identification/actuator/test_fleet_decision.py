@@ -211,7 +211,7 @@ def test_each_law_has_its_price():
 
 
 @pytest.mark.slow
-def test_what_is_rarer_than_one_in_twenty_is_named_only_if_it_is_likely():
+def test_what_is_rarer_than_one_in_twenty_is_named_only_if_it_adds_to_none():
     """Where every law is known as it is on the unit, hardly more than the ranks name."""
     hidden = [unit(seed=k, backlash=0.12) for k in range(40, 70)]
     between = [u for u in hidden if LEVEL < p_of(u) <= 0.05]
@@ -223,6 +223,20 @@ def test_what_is_rarer_than_one_in_twenty_is_named_only_if_it_is_likely():
     assert decide(named, Held(1.3, 1.2)).verdict == "explained"
     assert decide(named, Held(1.3, 1.4)).verdict == "no disagreement"  # and none that grows
     assert [decide(unit(seed=600 + k)).verdict for k in range(30)] == ["no disagreement"] * 30
+
+
+@pytest.mark.parametrize(("size", "adds"), [(1.0, True), (1e-3, False)])
+def test_a_law_adds_to_none_if_it_gains_also_beside_the_numbers_of_none(size, adds):
+    """A fit of it that stands still elsewhere is no reason for silence, nor for a name."""
+    u = unit(seed=7, viscous_friction=size)
+    case = models.Models(u)
+    nothing = case.hardest([])
+    term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([size * VISCOUS]))
+    stuck = replace(u.on_library((term,), [nothing.z]), terms=(term,), cost=2.0 * nothing.cost,
+                    z=np.where(TOLD, -nothing.z, nothing.z))
+    assert case.p_own(stuck, nothing.cost) > LEVEL
+    assert case.adds(stuck, nothing) is adds
+    assert not case.adds(stuck, replace(nothing, cost=0.05 * nothing.cost))
 
 
 def test_the_law_that_gains_most_begins_at_each_size():
