@@ -41,9 +41,13 @@ def test_a_folder_that_is_no_kit_is_one_line(arguments, hint, capsys):
     assert hint in error and error.count("\n") == 1 and error.startswith("ema: ")
 
 
-def test_what_the_environment_names_is_one_line_too(monkeypatch, capsys, tmp_path):
+@pytest.mark.parametrize("arguments", [
+    ["simulate", "--profile", "step", "--out", "bag"], ["effects"],
+])
+def test_what_the_environment_names_is_one_line_too(arguments, monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setenv(ENVIRONMENT, str(tmp_path))
-    assert run(["simulate", "--profile", "step", "--out", str(tmp_path / "bag")]) == 2
+    assert run(arguments) == 2
     error = capsys.readouterr().err
     assert "holds no actuator.yaml" in error and error.count("\n") == 1
 
