@@ -99,3 +99,11 @@ def test_a_file_that_metadata_do_not_name_is_not_left_out_unseen(bag, tmp_path, 
     shutil.copy(own, copy / "second_1.mcap")
     with pytest.raises(InvalidRecordError, match=r"second_1.mcap: not named by metadata.yaml: m"):
         read(copy)
+
+
+@pytest.mark.parametrize("copies", [2, 3])
+def test_files_joined_to_one_are_not_left_out_unseen(bag, tmp_path, copies):
+    joined = tmp_path / "joined.mcap"
+    joined.write_bytes(copies * (bag / "healthy_0.mcap").read_bytes())
+    with pytest.raises(InvalidRecordError, match="another file is joined to its end"):
+        read_bag(joined)
