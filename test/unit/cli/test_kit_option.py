@@ -2,12 +2,14 @@
 
 import json
 import os
+import shutil
 
 import pytest
 from typer.main import get_command
 
 from ema_cli.main import COMMANDS, build_app, run
 from ema_cli.options import with_common
+from ema_prognostics.verdict.contract import kit_sha256
 from ema_record.actuator import load_actuator
 from ema_record.actuator_type import actuator_hash
 from ema_record.bag.read import read_bag
@@ -94,6 +96,16 @@ def test_simulate_lint_and_check_with_a_kit(kit, tmp_path, capsys):
     assert run(["identify", str(bag), "--out", str(tmp_path / "report")]) == 2
     assert "give the kit that it was recorded with" in capsys.readouterr().err
     assert not (tmp_path / "report").exists()
+
+
+def test_a_file_of_any_name_is_of_the_kit(kit, tmp_path):
+    copy = shutil.copytree(kit, tmp_path / "kit")
+    with using_kit(kit):
+        before = kit_sha256()
+    with using_kit(copy):
+        assert kit_sha256() == before
+        (copy / "profiles" / os.fsdecode(b"\xff.yaml")).touch()
+        assert kit_sha256() != before
 
 
 def test_a_campaign_names_the_kit(kit, tmp_path):
