@@ -145,8 +145,8 @@ def _write_files(folder: Path, identification: Identification) -> None:
         profile = identification.next_profile.model_dump(mode="json", exclude_none=True)
         texts[NEXT_TEST_FILE] = yaml.safe_dump(profile, sort_keys=False, allow_unicode=True)
     for name, text in texts.items():
-        with (folder / name).open("w", encoding="utf-8", newline="\n",
-                                   errors="backslashreplace") as file:
+        with (folder / name).open(
+                "w", encoding="utf-8", errors="backslashreplace", newline="\n") as file:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
