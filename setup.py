@@ -100,7 +100,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "ema = ema_cli.main:main",
+            "ema = ema_cli.__main__:main",
             "simulator_node = ema_sim.simulator_node:main",
             "monitor_node = ema_monitor.monitor_node:main",
             "prognostics_node = ema_prognostics.prognostics_node:main",

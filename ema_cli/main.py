@@ -152,7 +152,7 @@ def _describe(error: Any, arguments: Sequence[str]) -> str:
     """Return what typer has to say about wrong options, with the nearest option."""
     near, context = getattr(error, "possibilities", None), getattr(error, "ctx", None)
     text = (f"no such option {error.option_name!r}: did you mean {near[0]!r}?" if near
-            else f"{error.format_message().rstrip('. ')}{_value(error.__context__)};")
+            else f"{_wrong_value(error)};")
     if type(error).__name__ == "NoSuchOption" and not near and context and not context.parent:
         text = (f"no option {error.option_name!r} before the command: options follow it, "
                 f"'{PROGRAM} COMMAND {error.option_name} ...';")
@@ -160,10 +160,19 @@ def _describe(error: Any, arguments: Sequence[str]) -> str:
     return f"{text} see '{given if context is None else context.command_path} --help'"
 
 
-def _value(cause: Any) -> str:
-    """Return the value that was given, which not all versions of typer say."""
-    problems = cause.errors() if hasattr(cause, "errors") else []
-    return f" (value {str(problems[0]['input'])[:60]})" if problems else ""
+def _wrong_value(error: Any) -> str:
+    """Return what is wrong with a value, in words of ours where typer has pydantic's."""
+    problems = error.__context__.errors() if hasattr(error.__context__, "errors") else []
+    if not problems:
+        return str(error.format_message()).rstrip(". ")
+    kind, value = problems[0]["type"], str(problems[0]["input"])[:60]
+    if kind.startswith(("int", "float", "greater", "less")):
+        least, most = (getattr(error.param, name, None) for name in ("min", "max"))
+        error.message = ("expected a whole number" if kind.startswith("int") else
+                         "expected a number")
+        if least is not None:
+            error.message += f" from {least}" + (" on" if most is None else f" to {most}")
+    return f"{error.format_message().rstrip('. ')} (value {value})"
 
 
 def load_command(name: str) -> Callable[..., object]:

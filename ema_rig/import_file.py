@@ -138,8 +138,9 @@ def read_table(path: Path, text_format: TextFormat, needed: Sequence[str | int] 
         raise UsageError(f"{path}: no such file: give a file or a bag that is there")
     size = path.stat().st_size
     if not 0 < size <= MAX_FILE_BYTES:
-        raise InvalidRecordError(f"{path}: {size} bytes, expected 1 to {MAX_FILE_BYTES}: "
-                                 "import a part of it")
+        raise InvalidRecordError(
+            f"{path}: {size} bytes, expected 1 to {MAX_FILE_BYTES}: "
+            f"{'import a part of it' if size else 'it is empty, save it again'}")
     suffix = path.suffix.lower()
     if suffix in READERS:
         return READERS[suffix](path, needed)

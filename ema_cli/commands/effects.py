@@ -9,6 +9,7 @@ import typer
 from ema_cli.console import plain_table, print_json, print_table, stdout, styled
 from ema_cli.lines import NO_BREAK, TextLine, print_lines
 from ema_record.errors import unknown_name
+from ema_record.kit import kit_folder
 
 if TYPE_CHECKING:
     from ema_sim.effects import Effect, Field
@@ -32,6 +33,7 @@ def effects(
     """
     from ema_sim.effects import EFFECTS
 
+    kit_folder()  # effects are those of any kit, but one that is named and missing is told
     if name is not None and name not in EFFECTS:
         raise unknown_name("effect", name, EFFECTS, "'ema effects' lists them")
     chosen = list(EFFECTS.values()) if name is None else [EFFECTS[name]]

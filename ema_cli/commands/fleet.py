@@ -18,7 +18,7 @@ from ema_record.errors import UsageError
 if TYPE_CHECKING:
     from ema_prognostics.fleet.fleet import Fleet
 
-LEAST_PAUSE = 0.5
+LEAST_PAUSE, MOST_PAUSE = 0.5, 604_800
 """Between two looks at the folders (s)."""
 
 
@@ -37,8 +37,8 @@ def fleet(
         metavar="FILE.prom", help="State of the units as OpenMetrics text, for a textfile "
         "collector.")] = None,
     watch: Annotated[float | None, typer.Option(
-        metavar="SECONDS", min=LEAST_PAUSE, help="Look again after so long, until Ctrl-C."
-    )] = None,
+        metavar="SECONDS", min=LEAST_PAUSE, max=MOST_PAUSE,
+        help="Look again after so long, until Ctrl-C.")] = None,
     jobs: Annotated[int | None, typer.Option(
         min=1, max=1024, show_default="one a core", help="Processes that judge.")] = None,
     dask: Annotated[str | None, typer.Option(

@@ -140,7 +140,7 @@ def _write_guess(guessed: Guess, file: Path, out: Path | None, as_json: bool) ->
     check_new_file(target)
     text = guessed.text(str(file))
     with new_file(target) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
     if as_json:
         print_json({"map": guessed.data, "written": str(target), "supposed": guessed.supposed,
                     "remarks": guessed.remarks})

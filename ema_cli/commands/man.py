@@ -37,10 +37,13 @@ def man(
     if out is None:
         say_lines(page(command))
         return 0
-    from ema_record.files import new_file
+    from ema_record.files import cannot_write, new_file
 
     texts = {out / f"{title(name)}{SUFFIX}": page(name) for name in ("", *COMMANDS)}
-    out.mkdir(parents=True, exist_ok=True)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(out, error) from None
     check_new_file(*texts)
     for file, text in texts.items():
         with new_file(file) as temporary:

@@ -48,13 +48,13 @@ def write_files(
     if html is not None:
         text = page(fleet, html)
         with _replaced(html, _is_own_text) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+            temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
     if parquet is not None:
         with _replaced(parquet, is_own_parquet) as temporary:
             write_parquet(fleet.objects, temporary)
     if metrics is not None:
         with _replaced(metrics, _is_own_text) as temporary:
-            temporary.write_text(open_metrics(fleet), encoding="utf-8")
+            temporary.write_text(open_metrics(fleet), encoding="utf-8", errors="backslashreplace")
 
 
 def _is_own_text(path: Path) -> bool:

@@ -39,7 +39,8 @@ def write_report_file(path: Path, data: Mapping[str, Any], record: Record) -> No
         It exists, or cannot be written.
     """
     with new_file(path) as temporary:
-        temporary.write_text(form_of(path)(data, record), encoding="utf-8")
+        temporary.write_text(
+            form_of(path)(data, record), encoding="utf-8", errors="backslashreplace")
 
 
 def form_of(path: Path) -> Callable[[Mapping[str, Any], Record], str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -134,7 +135,7 @@ def _limit(text: str) -> tuple[str, tuple[float, bool]]:
         value = float(match[2]) if match else None
     except ValueError:
         value = None
-    if match is None or value is None:
+    if match is None or value is None or not math.isfinite(value):
         raise UsageError(f"--limit {text[:60]!r}: write NAME=VALUE or NAME=+P%, for example "
                          "coulomb_friction.level=+50%")
     return match[1], (value, bool(match[3]))

@@ -130,7 +130,7 @@ def write_page(
         for name, png in pictures.items():
             (out / PLOTS / f"{name}.png").write_bytes(png)
         with new_file(out / HTML_FILE) as path:
-            path.write_text(page, encoding="utf-8", newline="\n")
+            path.write_text(page, encoding="utf-8", errors="backslashreplace", newline="\n")
     except OSError as error:
         raise cannot_write(out, error) from None
     return Page(out / HTML_FILE, not_drawn)
@@ -145,7 +145,8 @@ def _write_files(folder: Path, identification: Identification) -> None:
         profile = identification.next_profile.model_dump(mode="json", exclude_none=True)
         texts[NEXT_TEST_FILE] = yaml.safe_dump(profile, sort_keys=False, allow_unicode=True)
     for name, text in texts.items():
-        with (folder / name).open("w", encoding="utf-8", newline="\n") as file:
+        with (folder / name).open(
+                "w", encoding="utf-8", errors="backslashreplace", newline="\n") as file:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())

@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import os
 import types
 import typing
 from collections.abc import Iterator, Mapping
@@ -72,7 +73,7 @@ def kept_model(path: str | Path | None = None) -> TrainedModel:
     found = _hash_of(place)
     if found is None:  # which says why
         return load_model()
-    name = f"model_{hashlib.sha256(str(place.resolve()).encode()).hexdigest()[:32]}"
+    name = f"model_{hashlib.sha256(os.fsencode(place.resolve())).hexdigest()[:32]}"
     kept = _unpacked(name, found)
     if kept is not None and not is_of_another_actuator(kept.body.actuator):
         return kept

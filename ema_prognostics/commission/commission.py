@@ -243,7 +243,8 @@ class _Work:
         save_model(model_file, self._draft / CASCADE)
         found["cascade_sha256"] = model_file.sha256
         (self._draft / VALIDATION).write_text(json.dumps(found, indent=1), encoding="utf-8")
-        (self._draft / REPORT).write_text(report_page(found), encoding="utf-8")
+        (self._draft / REPORT).write_text(
+            report_page(found), encoding="utf-8", errors="backslashreplace")
         return found
 
     def _make_library(self) -> bool:

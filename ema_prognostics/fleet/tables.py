@@ -58,6 +58,9 @@ def write_parquet(objects: Iterable[Mapping[str, Any]], path: Path) -> None:
     for row in rows:
         if row["time"] is not None:
             row["time"] = datetime.fromisoformat(row["time"].replace("Z", "+00:00"))
+        for name, text in row.items():
+            if isinstance(text, str):  # bags and kits have names that are not UTF-8
+                row[name] = text.encode("utf-8", "backslashreplace").decode()
     schema = pa.schema([(name, kinds[kind]) for name, kind in COLUMNS.items()],
                        metadata={"written_by": OURS})
     pq.write_table(pa.Table.from_pylist(rows, schema=schema), path)

@@ -79,9 +79,10 @@ class VerdictStore:
 
     def sha256(self, bag: Path) -> str | None:
         """Return the content hash of a bag, None where it cannot be read."""
-        place = str(bag.absolute())
+        place = _storable(str(bag.absolute()))
         try:
             state, latest = files_state(bag)
+            state = _storable(state)
             known = self._states.get(place, "").rpartition("\n")
             if known[0] == state:
                 return known[2]
@@ -113,3 +114,8 @@ class VerdictStore:
     def _write(self, query: str, rows: Sequence[tuple[str, ...]]) -> None:
         with contextlib.suppress(sqlite3.Error), self._base:  # which ends the transaction
             self._base.executemany(query, rows)
+
+
+def _storable(text: str) -> str:
+    """Return a text with names of files that are not UTF-8 as the database can hold them."""
+    return text.encode("utf-8", "backslashreplace").decode()

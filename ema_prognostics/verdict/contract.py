@@ -8,6 +8,7 @@ JSON Schema is `verdict.schema.json` beside this file.
 from __future__ import annotations
 
 import hashlib
+import os
 from typing import Any
 
 from ema_prognostics.verdict.verdict import Judged
@@ -25,7 +26,7 @@ def kit_sha256() -> str:
     digest = hashlib.sha256()
     for path in (folder / ACTUATOR, folder / CASCADE, *sorted((folder / PROFILES).glob("*.yaml"))):
         if path.is_file():
-            digest.update(f"{path.name}\0".encode() + path.read_bytes() + b"\0")
+            digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 
 

@@ -16,6 +16,7 @@ from ema_record.bag.container import (
     find_files,
     full_type,
     opened,
+    refuse_unlisted,
     unreadable,
 )
 from ema_record.bag.mcap_stream import McapMessage, McapStream
@@ -94,6 +95,7 @@ def messages_of(path: Path, topics: frozenset[str]) -> Iterator[tuple[str, int, 
 
 def _files(path: Path) -> BagFiles:
     files = find_files(path, STORAGES)
+    refuse_unlisted(path, files.paths)
     packed = next((p for p in files.paths if p.name.endswith(".db3.zstd")), None)
     if packed is not None:
         raise InvalidRecordError(f"{packed}: a compressed sqlite3 file: unpack it with 'zstd -d' "

@@ -27,6 +27,7 @@ from ema_record.yaml_file import load_yaml
 
 METADATA_FILE = "metadata.yaml"
 MCAP_SUFFIXES = (".mcap", ".mcap.zstd")
+SUFFIXES = (*MCAP_SUFFIXES, ".db3")
 
 
 class BagFiles(NamedTuple):
@@ -154,6 +155,24 @@ def refuse_links(bag: Path, files: list[Path]) -> None:
             raise InvalidRecordError(f"{file}: a link out of the bag: copy the file into the bag")
 
 
+def refuse_unlisted(bag: Path, files: list[Path]) -> None:
+    """Raise InvalidRecordError where a directory has messages beside its `files`.
+
+    Unread they could be a part of the record. One that a player has unpacked is no other.
+    """
+    listed = {file.name.removesuffix(".zstd") for file in files}
+    try:
+        there = sorted(bag.iterdir()) if bag.is_dir() else []
+    except OSError as error:
+        raise unreadable(bag, error) from None
+    for other in there:
+        if (other.name.endswith(SUFFIXES) and not other.name.startswith(".")
+                and other.name.removesuffix(".zstd") not in listed):
+            raise InvalidRecordError(
+                f"{other}: not named by {METADATA_FILE}: move it out of the bag, or if it is a "
+                "part of it make the list anew with 'ros2 bag reindex'")
+
+
 def _counts(information: dict[str, Any]) -> dict[str, int]:
     """Return the numbers of messages by topic, as far as they are there."""
     counts: dict[str, int] = {}
@@ -176,10 +195,11 @@ def read_content(
     Raises
     ------
     InvalidRecordError, IncompleteRecordError
-        See `find_files` and `mcap_stream.McapStream`; a topic of another type; too many
-        messages; topics of several actuators.
+        See `find_files`, `refuse_unlisted` and `mcap_stream.McapStream`; a topic of another
+        type; too many messages; topics of several actuators.
     """
     files = find_files(path)
+    refuse_unlisted(path, files.paths)
     content = BagContent()
     namespaces: set[str] = set()
     for file in files.paths:

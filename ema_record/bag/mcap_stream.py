@@ -130,6 +130,8 @@ class McapStream:
                 yield from self._next()
             if not self._ends_with_magic():  # as a finished file does; the summary is not read
                 raise self._cut()
+            if self._goes_on():
+                raise self._damaged("another file is joined to its end")
         except (struct.error, UnicodeDecodeError):
             self._give_up(self._damaged("a record does not fit its length"))
         except RecordError as error:
@@ -285,6 +287,15 @@ class McapStream:
             return False
         self.file.seek(self.size - len(MAGIC))
         return self.file.read(len(MAGIC)) == MAGIC
+
+    def _goes_on(self) -> bool:
+        """Whether a magic stands behind the data before that at the end: two files in one."""
+        self.file.seek(self._at)
+        left, seen = self.size - len(MAGIC) - self._at, b""
+        while left > 0 and MAGIC not in seen and (piece := self.file.read(min(left, _PIECE))):
+            left -= len(piece)
+            seen = seen[-len(MAGIC):] + piece
+        return MAGIC in seen
 
     def _cut_or_damaged(self) -> RecordError:
         """Tell a file that ends too early from one with a wrong length in it."""

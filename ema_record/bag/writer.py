@@ -87,8 +87,12 @@ class RawBag:
         self._topics = {t.name: replace(t, name=name_on_graph(t.name, namespace)) for t in topics}
         self._counts = dict.fromkeys(self._topics, 0)
         self._first, self._last = (1 << 63) - 1, 0
+        name = self.path.resolve().name
+        if name.encode("utf-8", "replace").decode() != name:
+            raise OutputError(f"{path}: the name is not UTF-8, which {METADATA_FILE} cannot hold: "
+                              "choose another name")
         make_new_directory(self.path)
-        self.file = self.path / f"{self.path.resolve().name}_0.mcap"
+        self.file = self.path / f"{name}_0.mcap"
         try:
             self._stream: IO[bytes] = self.file.open("xb")
             self._mcap = mcap.writer.Writer(

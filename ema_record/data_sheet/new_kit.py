@@ -67,7 +67,7 @@ def new_kit(sheet: DataSheet, out: Path) -> Description:
         out.parent.mkdir(parents=True, exist_ok=True)
         draft = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
         draft.chmod(0o755)
-        (draft / ACTUATOR).write_text(text, encoding="utf-8")
+        (draft / ACTUATOR).write_text(text, encoding="utf-8", errors="backslashreplace")
         write_profiles(description.actuator, draft / PROFILES)
         if os.path.lexists(out):  # an empty folder would be replaced
             raise exists(out)

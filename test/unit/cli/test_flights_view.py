@@ -8,6 +8,7 @@ import pytest
 
 from ema_cli.commands.trend import growth_lines, parse_limit
 from ema_cli.views.flights_plot import trend_figure
+from ema_cli.views.rig_trend import rig_trend
 from ema_prognostics.trend.flights import date_of
 from ema_prognostics.trend.forecast import course
 from ema_prognostics.trend.unit_trend import trend_of
@@ -43,6 +44,12 @@ def test_limits(text, expected):
 def test_limits_that_are_none(text, problem):
     with pytest.raises(UsageError, match=problem):
         parse_limit(text)
+
+
+@pytest.mark.parametrize("text", ["a.b=1e999", "a.b=-1e999%", "a.b=nan", "a.b"])
+def test_a_limit_of_a_rig_is_a_number(text):
+    with pytest.raises(UsageError, match=r"write NAME=VALUE or NAME=\+P%"):
+        rig_trend([], limits=[text])
 
 
 def test_dates_go_on_at_the_pace_of_the_flights():

@@ -60,7 +60,8 @@ def test_wrong_use_is_one_line(arguments, message, capsys, tmp_path, monkeypatch
 def test_a_kit_from_flags(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO())
     kit = tmp_path / "kit"
-    assert main.run(["new-actuator", "--out", str(kit), *SHEET, "--json"]) == 0
+    assert main.run(["new-actuator", "--out", str(kit), *SHEET, "--json", "--name", "\udcff"]) == 0
+    assert (kit / "actuator.yaml").read_text(encoding="utf-8").startswith("# \\udcff, from its")
     told = json.loads(capsys.readouterr().out)
     assert told["actuator"]["motor"]["phase_resistance"]["origin"] == "given"
     assert main.run(["profile", "step", "--kit", str(kit)]) == 0

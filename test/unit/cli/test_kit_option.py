@@ -2,12 +2,14 @@
 
 import json
 import os
+import shutil
 
 import pytest
 from typer.main import get_command
 
 from ema_cli.main import COMMANDS, build_app, run
 from ema_cli.options import with_common
+from ema_prognostics.verdict.contract import kit_sha256
 from ema_record.actuator import load_actuator
 from ema_record.actuator_type import actuator_hash
 from ema_record.bag.read import read_bag
@@ -41,9 +43,13 @@ def test_a_folder_that_is_no_kit_is_one_line(arguments, hint, capsys):
     assert hint in error and error.count("\n") == 1 and error.startswith("ema: ")
 
 
-def test_what_the_environment_names_is_one_line_too(monkeypatch, capsys, tmp_path):
+@pytest.mark.parametrize("arguments", [
+    ["simulate", "--profile", "step", "--out", "bag"], ["effects"],
+])
+def test_what_the_environment_names_is_one_line_too(arguments, monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setenv(ENVIRONMENT, str(tmp_path))
-    assert run(["simulate", "--profile", "step", "--out", str(tmp_path / "bag")]) == 2
+    assert run(arguments) == 2
     error = capsys.readouterr().err
     assert "holds no actuator.yaml" in error and error.count("\n") == 1
 
@@ -90,6 +96,16 @@ def test_simulate_lint_and_check_with_a_kit(kit, tmp_path, capsys):
     assert run(["identify", str(bag), "--out", str(tmp_path / "report")]) == 2
     assert "give the kit that it was recorded with" in capsys.readouterr().err
     assert not (tmp_path / "report").exists()
+
+
+def test_a_file_of_any_name_is_of_the_kit(kit, tmp_path):
+    copy = shutil.copytree(kit, tmp_path / "kit")
+    with using_kit(kit):
+        before = kit_sha256()
+    with using_kit(copy):
+        assert kit_sha256() == before
+        (copy / "profiles" / os.fsdecode(b"\xff.yaml")).touch()
+        assert kit_sha256() != before
 
 
 def test_a_campaign_names_the_kit(kit, tmp_path):

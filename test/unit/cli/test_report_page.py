@@ -112,6 +112,17 @@ def test_what_nobody_gave_is_not_made_up(repository, tmp_path):
     assert ET.fromstring(out[1].read_text()).find("WorkOrder").attrib == {}
 
 
+def test_names_that_are_not_utf_8_are_shown_as_on_the_screen(repository, tmp_path):
+    odd = tmp_path / os.fsdecode(b"\xff")
+    bag = shutil.copytree(repository / "bags" / "sim_0001_step", odd / "bag")
+    kit = shutil.copytree(repository / "config", odd / "kit",
+                          ignore=shutil.ignore_patterns("library"))
+    for end in (".html", ".xml", ".json"):
+        out = tmp_path / f"report{end}"
+        assert run(["report", str(bag), "--kit", str(kit), "--out", str(out)]) == 1
+        assert "kit" in out.read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize(("arguments", "problem"), [
     (["bags/sim_0001_step", "--out", "x.pdf"], "end the name with .html, .xml, .json"),
     (["bags/sim_0001_step", "bags/sim_0000_step", "--out", "x.html"], "2 actuators"),

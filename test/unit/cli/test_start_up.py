@@ -3,8 +3,11 @@
 import json
 import subprocess
 import sys
+from types import ModuleType
 
 import pytest
+
+from ema_cli import __main__
 
 HEAVY = {"numba", "llvmlite", "scipy", "sklearn", "matplotlib", "jinja2", "joblib", "dask",
          "pandas", "pyarrow", "rclpy", "rosbags", "numpy.ma"}
@@ -29,3 +32,15 @@ def test_heavy_modules_stay_out(repository, code):
     assert "HEALTHY" in printed
     assert "ema_prognostics.features.extract" in loaded  # it has judged
     assert loaded & HEAVY == set()
+
+
+def test_interrupted_while_modules_are_loaded_is_one_line(monkeypatch, capsys):
+    class Loading(ModuleType):
+        @property
+        def main(self):
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "ema_cli.main", Loading("ema_cli.main"))
+    with pytest.raises(SystemExit) as left:
+        __main__.main()
+    assert (left.value.code, capsys.readouterr().err) == (130, "ema: interrupted\n")

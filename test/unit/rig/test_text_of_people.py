@@ -1,5 +1,7 @@
 """Text as people have it: words beside numbers, clocks, quotes, UTF-16, holes; the guessed map."""
 
+import shutil
+
 import numpy as np
 import pytest
 import yaml
@@ -217,6 +219,8 @@ def test_what_is_supposed_has_to_be_confirmed(tmp_path, capsys, monkeypatch):
     assert run(["import", "a.csv", "--set", "start=2024-13-45", "--out", "other"]) == 2
     assert "the value is no YAML" in capsys.readouterr().err
     assert run(["import", "a.csv", "--guess"]) == 0
+    odd = shutil.copy("a.csv", "\udcff.csv")
+    assert run(["import", odd, "--guess", "--out", "odd.yaml"]) == 0
     assert "# supposed: input.unit: V" in capsys.readouterr().out
     written = yaml.safe_load((tmp_path / "a.map.yaml").read_text())
     assert map_from(written, "m").position.unit == "rad"

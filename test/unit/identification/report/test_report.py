@@ -125,6 +125,10 @@ def test_without_held_out_data_none_are_claimed(explained, tmp_path):
     assert "--validate" in said
 
 
+def test_a_name_that_is_not_utf_8_is_no_reason_to_lose_the_answer(explained, tmp_path):
+    assert "\\udcff" in text_of(write_report(explained, tmp_path / "out", title="\udcff"))
+
+
 def test_phase_and_formula_stand_on_the_page_and_in_the_json(explained, tmp_path):
     finding = replace(explained.findings[0], choices={"turn_short.phase": "b"},
                       formula=Formula("A wave.", "u = A cos(n θ - φ)", "somebody"))

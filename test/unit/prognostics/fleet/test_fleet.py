@@ -225,6 +225,19 @@ def test_the_command(found, command, capsys, tmp_path):
         assert file.read_text() == "mine"
 
 
+def test_a_folder_whose_name_is_not_utf_8(place, monkeypatch, tmp_path):
+    monkeypatch.setattr(verdict_store, "TICK", 0)
+    monkeypatch.setattr("ema_prognostics.fleet.verdict_store.cache_directory", lambda: tmp_path)
+    odd = shutil.copytree(place, tmp_path / os.fsdecode(b"\xff"))
+    files = [tmp_path / "f.html", tmp_path / "f.parquet", tmp_path / "f.prom"]
+    options = [str(x) for pair in zip(("--html", "--parquet", "--metrics"), files) for x in pair]
+    for _ in range(2):  # the second out of the store
+        assert run(["fleet", str(odd), "--jobs", "1", *options]) == 3
+    assert "\\udcff" in files[0].read_text(encoding="utf-8")
+    with VerdictStore("any", tmp_path) as store:
+        assert len(store._states) == 3
+
+
 def test_the_command_for_machines(found, command, capsys):
     assert command("--format", "csv") == 3
     rows = list(csv.DictReader(StringIO(capsys.readouterr().out)))

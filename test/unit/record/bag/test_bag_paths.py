@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from ema_monitor.recorder import new_bag_path
+from ema_record.bag.any_topic import list_topics
 from ema_record.bag.read import read_bag, write_bag
 from ema_record.bag.recover import recover_bag
 from ema_record.bag.writer import BagWriter
@@ -86,3 +87,23 @@ def test_recovery_writes_beside_the_bag_whatever_the_bag_says(tmp_path, make):
     made = {path.parent for path in new.keys() - before.keys()}
     assert made == {tmp_path / "in" / "bag_recovered"}
     assert read_bag(report.bag).provenance.serial_number == "../../evil"
+
+
+@pytest.mark.parametrize("read", [read_bag, list_topics])
+def test_a_file_that_metadata_do_not_name_is_not_left_out_unseen(bag, tmp_path, read):
+    copy = shutil.copytree(bag, tmp_path / "copy")
+    own, = copy.glob("*.mcap")
+    (copy / f"._{own.name}").touch()
+    (copy / f"{own.name}.zstd").touch()  # what a player has unpacked beside itself
+    read(copy)
+    shutil.copy(own, copy / "second_1.mcap")
+    with pytest.raises(InvalidRecordError, match=r"second_1.mcap: not named by metadata.yaml: m"):
+        read(copy)
+
+
+@pytest.mark.parametrize("copies", [2, 3])
+def test_files_joined_to_one_are_not_left_out_unseen(bag, tmp_path, copies):
+    joined = tmp_path / "joined.mcap"
+    joined.write_bytes(copies * (bag / "healthy_0.mcap").read_bytes())
+    with pytest.raises(InvalidRecordError, match="another file is joined to its end"):
+        read_bag(joined)

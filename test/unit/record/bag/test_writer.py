@@ -159,6 +159,15 @@ def test_no_permission_to_write(tmp_path, make):
     assert list(closed.iterdir()) == []
 
 
+def test_a_name_that_metadata_cannot_hold_is_refused_and_a_folder_of_any_name_is_not(
+        tmp_path, make):
+    odd = tmp_path / os.fsdecode(b"a\xff")
+    with pytest.raises(OutputError, match="the name is not UTF-8"):
+        write_bag(make(100), odd)
+    assert not odd.exists()
+    assert len(read_bag(write_bag(make(100), odd / "b \u6a5f"))) == 100
+
+
 def test_below_a_file(tmp_path, make):
     (tmp_path / "file").touch()
     with pytest.raises(OutputError, match="cannot be written"):
