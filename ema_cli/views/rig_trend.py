@@ -61,8 +61,8 @@ def first_is_rig(paths: Sequence[Path]) -> bool:
     UsageError
         It is one of ROS 2 that was not imported.
     """
-    from ema_prognostics.trend.flights import bags_of, is_sequence
     from ema_record.bag.any_topic import list_topics
+    from ema_record.bag.find import bags_of, is_sequence
     from ema_rig.bag import is_rig_bag
     from ema_rig.ros_bag import JOINTS, is_of_an_actuator
 
@@ -189,8 +189,8 @@ def _records(paths: Sequence[Path], map_file: Path | None) -> tuple[list[RigReco
 
 def _files(paths: Sequence[Path]) -> list[Path]:
     """Return files, and those in directories by name, that a map may describe."""
-    from ema_prognostics.trend.flights import is_sequence, natural
     from ema_record.bag.any_topic import is_bag
+    from ema_record.bag.find import is_sequence, natural
     from ema_rig.import_file import SUFFIXES
 
     found: list[Path] = []
@@ -207,7 +207,7 @@ def _files(paths: Sequence[Path]) -> list[Path]:
 
 def _in_order(records: list[RigRecord]) -> tuple[list[RigRecord], str]:
     """Return records by date where all have one, else by name."""
-    from ema_prognostics.trend.flights import natural
+    from ema_record.bag.find import natural
 
     if records and all(record.time[0] > EPOCH for record in records):
         return sorted(records, key=lambda r: float(r.time[0])), "date"
