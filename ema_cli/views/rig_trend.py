@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ema_cli.console import drawing, given_bags, note, progress_of
-from ema_record.errors import EmaError, InvalidRecordError, UsageError, unknown_name
+from ema_record.errors import EmaError, InvalidRecordError, UsageError, counted, unknown_name
 
 if TYPE_CHECKING:
     from ema_prognostics.trend.values import ValueTrend
@@ -217,7 +217,7 @@ def _in_order(records: list[RigRecord]) -> tuple[list[RigRecord], str]:
 def trend_lines(found: RigTrend) -> list[str]:
     """Return what the records say together, a fact a line."""
     total = len(found.sources)
-    lines = [f"axis {found.axis or 'not known'}: {total} record{'s' * (total != 1)} in the order "
+    lines = [f"axis {found.axis or 'not known'}: {counted(total, 'record')} in the order "
              f"of their {found.ordered_by}s, {total - len(found.unread)} of them could be used"]
     lines += [f"  record {k} left out: {why}" for k, why in sorted(found.unread.items())[:12]]
     for value in found.values:
