@@ -44,8 +44,9 @@ def scatter_at_rest(values: np.ndarray) -> np.ndarray:
     return np.asarray(median(np.transpose(found), axis=-1))
 
 
-def detrended(x: np.ndarray, n: int = SMOOTHING) -> np.ndarray:
-    """Return `x` less its running mean over `n` samples, shape (len(x) - n + 1,)."""
+def detrended(x: np.ndarray) -> np.ndarray:
+    """Return `x` less its running mean, shape (len(x) - SMOOTHING + 1,)."""
+    n = SMOOTHING
     total = np.concatenate([[0.0], np.cumsum(x - x[0])])
     begin = n // 2
     mean = (total[n:] - total[:-n]) / n
