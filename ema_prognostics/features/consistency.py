@@ -34,7 +34,9 @@ def _log(value: float, floor: float = 0.0) -> float:
 def scatter_at_rest(values: np.ndarray) -> np.ndarray:
     """Return the noise of values, shape (n, m) -> (m,): rms about a line, of the middle part.
 
-    Of some parts of the interval: a shaft that unwinds as the drive lets go is motion.
+    Of some parts of the interval: a shaft that unwinds as the drive lets go is motion. The median
+    of the parts, as a feature must hold where one part moves; an identification, which removes a
+    parabola, takes their mean, as it asks for the size of all noise.
     """
     found = []
     for part in np.array_split(values, max(1, min(PARTS, len(values) // PART_SAMPLES))):
