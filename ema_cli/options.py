@@ -81,7 +81,6 @@ COMMON: dict[str, object] = {
         "--quiet", "-q", rich_help_panel=_PANEL, help="Results in short; no progress, no notes.")],
 }
 """The options that each command has."""
-LANGUAGE = "EMA_LANG"
 
 
 def given_once(option: str, settings: Iterable[str] | None) -> None:
@@ -132,6 +131,7 @@ def _in_force(common: dict[str, object]) -> Iterator[None]:
             raise unknown_name("colour", str(color), COLORS, f"give one of {', '.join(COLORS)}")
         setting |= COLORS[str(color)]
     if common.get("lang") is not None:
+        from ema_prognostics.words import ENVIRONMENT as LANGUAGE
         from ema_prognostics.words import words
 
         setting[LANGUAGE] = str(common["lang"])

@@ -27,6 +27,8 @@ from ema_record.yaml_file import load_yaml
 
 METADATA_FILE = "metadata.yaml"
 MCAP_SUFFIXES = (".mcap", ".mcap.zstd")
+STORAGE = (*MCAP_SUFFIXES, ".db3")
+"""Endings of the files that hold recorded messages."""
 
 
 class BagFiles(NamedTuple):

@@ -6,12 +6,10 @@ import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from ema_record.bag.container import METADATA_FILE
+from ema_record.bag.container import METADATA_FILE, STORAGE
 from ema_record.bag.mcap_stream import MAGIC
 from ema_record.errors import InvalidRecordError, UsageError
 
-STORAGE = (".mcap", ".mcap.zstd", ".db3")
-"""Endings of the files that hold recorded messages."""
 MAX_IN_FOLDER = 10_000
 """Bags of one folder, each a flight."""
 MAX_BAGS = 1_000_000
