@@ -26,7 +26,7 @@ LEAST_WIDTHS = (0, 76, 100, 0, 0)
 """Of the terminal on which each column of the flights is shown (characters)."""
 
 
-def print_sequence(trends: Sequence[UnitTrend], out: Machine | None = None) -> None:
+def print_sequence(trends: Sequence[UnitTrend], out: Machine | None) -> None:
     """Print the flights of each actuator: a row a flight, or each bag to `out`."""
     for trend in trends:
         if out is not None:

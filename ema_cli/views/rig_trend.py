@@ -85,8 +85,7 @@ def first_is_rig(paths: Sequence[Path]) -> bool:
 
 
 def rig_trend(
-    paths: Sequence[Path], *, map_file: Path | None = None, model: Path | None = None,
-    limits: Sequence[str] = (),
+    paths: Sequence[Path], *, map_file: Path | None, model: Path | None, limits: Sequence[str],
 ) -> RigTrend:
     """Return the trend of one axis.
 

@@ -88,9 +88,8 @@ def _object(judge: Judge, trace: dict[str, Any], bag: str) -> dict[str, Any]:
 
 
 def judged_fleet(
-    bags: Sequence[Path], settings: JudgeSettings, *, jobs: int | None = None,
-    dask: str | None = None, folder: Path | None = None,
-    progress: Callable[[int], object] = lambda _done: None,
+    bags: Sequence[Path], settings: JudgeSettings, *, jobs: int | None, dask: str | None,
+    folder: Path | None, progress: Callable[[int], object],
 ) -> Objects:
     """Return the object of every bag, in their order; see `contract.verdict_object`.
 

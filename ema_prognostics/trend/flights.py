@@ -87,8 +87,7 @@ def by_unit(flights: Iterable[Flight], *, one: bool = True) -> dict[str, list[Fl
 
 
 def read_flights(
-    bags: Sequence[Path], judge: Callable[[Path], Flight],
-    progress: Callable[[int], None] = lambda _done: None,
+    bags: Sequence[Path], judge: Callable[[Path], Flight], progress: Callable[[int], None],
 ) -> dict[str, list[Flight]]:
     """Judge bags one by one and return the flights of each actuator, in order.
 
