@@ -155,7 +155,8 @@ def noise_range(spread: Conditions) -> tuple[float, float]:
 
 def draw_conditions(rng: np.random.Generator, spread: Conditions) -> RunConditions:
     """Return conditions of one test; the noise evenly in its logarithm, see `noise_range`."""
-    speed, current, position = np.exp(rng.uniform(*map(math.log, noise_range(spread)), 3))
+    least, most = noise_range(spread)
+    speed, current, position = np.exp(rng.uniform(math.log(least), math.log(most), 3))
     return RunConditions(
         temperature=float(rng.uniform(spread.temperature_least, spread.temperature_most)),
         bus=float(rng.uniform(-spread.bus, spread.bus)),
