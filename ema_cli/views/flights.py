@@ -10,7 +10,7 @@ from ema_cli.console import drawing, given_bags, note, progress, stdout, styled
 from ema_cli.lines import print_rows, print_text
 from ema_cli.views.pictures import save_picture
 from ema_cli.views.verdict import STYLES
-from ema_prognostics.words import class_name, severity_words
+from ema_prognostics.words import class_name, fault_words
 from ema_record.errors import UsageError, counted
 from ema_record.record import iso_time
 
@@ -105,8 +105,7 @@ def _findings(flight: Flight) -> list[str]:
         return [reason.removeprefix(f"{verdict.bag}: ") for reason in verdict.reasons[:1]]
     return [
         ", ".join(part for part in (
-            f"{class_name(f.fault_class, f.phase)} "
-            f"{severity_words(f.fault_class, f.severity, f.severity_interval)}".rstrip(),
+            fault_words(f.fault_class, f.phase, f.severity, f.severity_interval),
             f.level or "",
         ) if part) for f in verdict.faults
     ]

@@ -14,7 +14,7 @@ from ema_prognostics.trend.announcement import DEFAULT_RULE, ConfirmationRule
 from ema_prognostics.trend.flights import Flight, by_unit
 from ema_prognostics.trend.unit_trend import FaultTrend, UnitTrend, trend_of
 from ema_prognostics.verdict.verdict import verdict_of_dict
-from ema_prognostics.words import class_name, severity_words
+from ema_prognostics.words import class_name, fault_words
 from ema_record.bag.find import bags_below, natural
 from ema_record.errors import library
 from ema_record.record import html_of, iso_time
@@ -67,9 +67,8 @@ class FleetUnit:
         """Return the worst fault in words, or why there is no answer."""
         fault = self.worst
         if fault is not None:
-            now = _last_severity(fault)
-            return (f"{class_name(fault.history.fault_class, fault.history.phase)} "
-                    f"{severity_words(fault.history.fault_class, *now)}").rstrip()
+            return fault_words(
+                fault.history.fault_class, fault.history.phase, *_last_severity(fault))
         if self.trend.suspected:
             return f"{class_name(next(iter(self.trend.suspected)))} grows"
         if self.state == "no answer":
