@@ -36,7 +36,7 @@ def scatter_at_rest(values: np.ndarray) -> np.ndarray:
 
     Of some parts of the interval: a shaft that unwinds as the drive lets go is motion. The median
     of the parts, as a feature must hold where one part moves; an identification, which removes a
-    parabola, takes their mean, as it asks for the size of all noise.
+    parabola, takes the mean square of all, as it asks how large the noise of the test was.
     """
     found = []
     for part in np.array_split(values, max(1, min(PARTS, len(values) // PART_SAMPLES))):
