@@ -284,7 +284,7 @@ def given_bags(paths: Iterable[Path]) -> list[Path]:
     InvalidRecordError
         There is none.
     """
-    from ema_prognostics.trend.flights import bags_of, is_sequence
+    from ema_record.bag.find import bags_of, is_sequence
 
     bags: list[Path] = []
     for path in paths:

@@ -21,6 +21,11 @@ from ema_record.errors import UsageError, unknown_name
 from ema_record.kit import ENVIRONMENT, using_kit
 from ema_record.limits import MAX_TEXT
 
+Bags = Annotated[list[Path], typer.Argument(
+    metavar="BAG...", help="Bag directories or .mcap files; or a directory of them.")]
+ObjectABag = Annotated[bool, typer.Option("--json", help="Print one JSON object a bag.")]
+Domain = Annotated[int | None, typer.Option(
+    "--domain", min=0, max=232, help="ROS domain, default ROS_DOMAIN_ID.")]
 Commanded = Annotated[str | None, typer.Option(
     "--profile", help="The test that was commanded (name or YAML file), in place of a bag's own.")]
 Cascade = Annotated[Path | None, typer.Option(
@@ -76,7 +81,6 @@ COMMON: dict[str, object] = {
         "--quiet", "-q", rich_help_panel=_PANEL, help="Results in short; no progress, no notes.")],
 }
 """The options that each command has."""
-LANGUAGE = "EMA_LANG"
 
 
 def given_once(option: str, settings: Iterable[str] | None) -> None:
@@ -127,6 +131,7 @@ def _in_force(common: dict[str, object]) -> Iterator[None]:
             raise unknown_name("colour", str(color), COLORS, f"give one of {', '.join(COLORS)}")
         setting |= COLORS[str(color)]
     if common.get("lang") is not None:
+        from ema_prognostics.words import ENVIRONMENT as LANGUAGE
         from ema_prognostics.words import words
 
         setting[LANGUAGE] = str(common["lang"])

@@ -190,8 +190,9 @@ def trend(
         Flights of several actuators: use `fleet`.
     """
     from ema_prognostics.trend.announcement import parse_rule
-    from ema_prognostics.trend.flights import bags_of, by_unit, is_sequence
+    from ema_prognostics.trend.flights import by_unit
     from ema_prognostics.trend.unit_trend import trend_of
+    from ema_record.bag.find import bags_of, is_sequence
 
     chosen, judge = parse_rule(rule), _judge(model, baseline, profile)
     sources: list[Source] = []

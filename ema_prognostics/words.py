@@ -158,6 +158,15 @@ def severity_words(
     return text
 
 
+def fault_words(
+    fault_class: str, phase: str | None, severity: float | None,
+    interval: Sequence[float] | None,
+) -> str:
+    """Return a fault in words: its class, phase and severity."""
+    named = class_name(fault_class, phase)
+    return f"{named} {severity_words(fault_class, severity, interval)}".rstrip()
+
+
 def look_alike(named: Iterable[str], other: str) -> str:
     """Return an alternative in words, beside the classes that are named."""
     say = words()

@@ -33,6 +33,7 @@ from ema_rig.table import (
     check_shape,
     chosen,
     real_array,
+    said_by,
 )
 
 T = TypeVar("T")
@@ -133,8 +134,8 @@ def _by_scipy(read: Callable[[], T], path: Path) -> T:
             return read()
         except Exception as error:  # noqa: BLE001  (also UnboundLocalError, by fuzzing)
             raise InvalidRecordError(
-                f"{path}: no MAT file of level 5, or damaged "
-                f"({' '.join(str(error).split())[:80]}): save it again with '-v7'") from None
+                f"{path}: no MAT file of level 5, or damaged ({said_by(error)}): save it again "
+                "with '-v7'") from None
 
 
 def _collect(columns: dict[str, np.ndarray], name: str, value: np.ndarray, path: Path) -> None:
@@ -181,10 +182,9 @@ def read_npz(path: Path, needed: Sequence[str | int] | None) -> Table:
                 columns[name] = _array(loaded[name], f"{path}: {name}") if name in wanted else \
                     np.empty((0, 0))
     except DAMAGED as error:
-        text = " ".join(str(error).split())[:80]
         raise InvalidRecordError(
-            f"{path}: no NPZ file, damaged, or with objects that would need pickle ({text}): "
-            "save arrays of numbers with numpy.savez") from None
+            f"{path}: no NPZ file, damaged, or with objects that would need pickle "
+            f"({said_by(error)}): save arrays of numbers with numpy.savez") from None
     return Table(columns=columns, source=str(path))
 
 
@@ -227,9 +227,8 @@ def read_parquet(path: Path, needed: Sequence[str | int] | None) -> Table:
         units = {field.name: field.metadata[b"unit"].decode("utf-8", "replace")
                  for field in read.schema if field.metadata and b"unit" in field.metadata}
     except (pa.ArrowException, OSError) as error:
-        text = " ".join(str(error).split())[:80]
-        raise InvalidRecordError(f"{path}: no Parquet file, or damaged ({text}): save it "
-                                 "again") from None
+        raise InvalidRecordError(f"{path}: no Parquet file, or damaged ({said_by(error)}): save "
+                                 "it again") from None
     return Table(columns=columns, source=str(path), units=units)
 
 

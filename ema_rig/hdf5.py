@@ -17,7 +17,15 @@ from typing import Any
 import numpy as np
 
 from ema_record.errors import InvalidRecordError, RecordError, UsageError
-from ema_rig.table import MAX_COLUMNS, MAX_FILE_BYTES, MAX_ROWS, Table, check_shape, real_array
+from ema_rig.table import (
+    MAX_COLUMNS,
+    MAX_FILE_BYTES,
+    MAX_ROWS,
+    Table,
+    check_shape,
+    real_array,
+    said_by,
+)
 
 MAX_NAMES, MAX_DEPTH = 10_000, 8
 """Datasets of a file that are listed, and groups within one another, at most."""
@@ -68,9 +76,8 @@ def read_hdf5(path: Path, needed: Sequence[str | int] | None) -> Table:
     except (RecordError, UsageError):
         raise
     except Exception as error:  # noqa: BLE001  (whatever HDF5 trips over in a damaged file)
-        text = " ".join(str(error).split())[:80]
-        raise InvalidRecordError(f"{path}: no HDF5 file, or damaged ({text}): save it again"
-                                 ) from None
+        raise InvalidRecordError(f"{path}: no HDF5 file, or damaged ({said_by(error)}): save it "
+                                 "again") from None
 
 
 def _table(leaves: dict[str, Leaf], path: Path, needed: Sequence[str | int] | None) -> Table:

@@ -32,7 +32,7 @@ from ema_record.wire.types import (
     typestore,
 )
 from ema_rig.map import BagSource
-from ema_rig.table import Cells, Table
+from ema_rig.table import Cells, Table, said_by
 
 STAMP, LOG_TIME = "stamp", "log_time"
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -172,8 +172,7 @@ def decoder_of(topic: AnyTopic, source: str) -> Callable[[bytes], Any]:
             decode = DecoderFactory().decoder_for(MESSAGE_ENCODING, schema)
     except Exception as error:  # noqa: BLE001  (its parser raises whatever it meets)
         raise InvalidRecordError(f"{source}: {topic.name}: the definition of {topic.type[:80]!r} "
-                                 f"is damaged ({' '.join(str(error).split())[:80]}): record "
-                                 "again") from None
+                                 f"is damaged ({said_by(error)}): record again") from None
     assert decode is not None  # both encodings are right
     return decode
 
@@ -273,10 +272,10 @@ def decoded(
             raise ValueError(f"at most {MAX_SMALL_MESSAGE_BYTES} are read")
         return decode(data)
     except Exception as error:  # noqa: BLE001  (decoders raise what struct and memory raise)
-        text = " ".join(str(error).split())[:80] or type(error).__name__
         raise InvalidRecordError(
             f"{source}: message {number} on {topic.name}: {len(data)} bytes are no {topic.type} "
-            f"({text}): the bag is damaged, or of another version of that type") from None
+            f"({said_by(error) or type(error).__name__}): the bag is damaged, or of another "
+            "version of that type") from None
 
 
 def joints_of(message: Any) -> Sequence[str]:

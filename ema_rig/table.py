@@ -185,6 +185,11 @@ def check_shape(rows: int, columns: int, source: str) -> None:
         )
 
 
+def said_by(error: Exception) -> str:
+    """Return what an error of another library says, on one short line."""
+    return " ".join(str(error).split())[:80]
+
+
 def base_name(name: str) -> str:
     """Return the variable that a column of a map belongs to: ``data`` of ``data.q[2]``."""
     matched = _INDEXED.match(name)

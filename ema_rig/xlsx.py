@@ -16,7 +16,7 @@ from typing import Any
 
 from ema_record.errors import InvalidRecordError, RecordError, UsageError, unknown_name
 from ema_rig.map import TextFormat
-from ema_rig.table import MAX_COLUMNS, MAX_TEXT_BYTES, Table, check_shape
+from ema_rig.table import MAX_COLUMNS, MAX_TEXT_BYTES, Table, check_shape, said_by
 from ema_rig.text import holds_numbers, table_of_text
 
 MAX_CELL, MAX_SHEETS = 32_767, 20
@@ -58,9 +58,8 @@ def read_xlsx(path: Path, text_format: TextFormat, needed: Sequence[str | int] |
     except (RecordError, UsageError):
         raise
     except Exception as error:  # noqa: BLE001  (whatever openpyxl trips over in a damaged file)
-        said = " ".join(str(error).split())[:80]
-        raise InvalidRecordError(f"{path}: no XLSX file, or damaged ({said}): save it again, or "
-                                 "as CSV") from None
+        raise InvalidRecordError(f"{path}: no XLSX file, or damaged ({said_by(error)}): save it "
+                                 "again, or as CSV") from None
     found = table_of_text(text, path, layout, needed)
     if len(names) == 1:
         return found

@@ -52,12 +52,12 @@ def check(
 
     Example: `ema check bags/sim_0001_extended`
     """
-    from ema_prognostics.trend.flights import is_sequence, what_else
     from ema_prognostics.verdict.diagnose import MODES
     from ema_prognostics.verdict.examination import examine
     from ema_prognostics.verdict.judge import Judge
     from ema_prognostics.verdict.report import verdict_of_error
     from ema_prognostics.verdict.verdict import Judged, worst_status
+    from ema_record.bag.find import is_sequence, what_else
 
     if mode not in MODES:
         raise unknown_name("mode", mode, MODES, f"give one of {', '.join(MODES)}")

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from ema_cli.console import plain_table, print_json, print_table, progress, styled
+from ema_cli.options import Domain
 from ema_record.errors import bounded
 
 STYLES = {"ok": "green", "absent": "yellow", "untested": "yellow", "WRONG": "bold red"}
@@ -18,8 +19,7 @@ def conformance(
         "none.")] = "",
     wait: Annotated[float, typer.Option(
         "--wait", help="Longest wait for the driver (s).")] = 10.0,
-    domain: Annotated[int | None, typer.Option(
-        "--domain", min=0, max=232, help="ROS domain, default ROS_DOMAIN_ID.")] = None,
+    domain: Domain = None,
     as_json: Annotated[bool, typer.Option(
         "--json", help="Print one JSON object a line of the report.")] = False,
 ) -> int:

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from ema_cli.console import given_bags, print_json, say, speech, stdout
 from ema_cli.lines import TextLine, print_lines
+from ema_cli.options import Bags, ObjectABag
 from ema_cli.views.verdict import short
 
 
-def info(
-    bags: Annotated[list[Path], typer.Argument(
-        metavar="BAG...", help="Bag directories or .mcap files; or a directory of them.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a bag.")] = False,
-) -> int:
+def info(bags: Bags, as_json: ObjectABag = False) -> int:
     """Say what is in a bag: unit, test, time, channels, conditions, files.
 
     Example: `ema info bags/sim_0001_extended`
@@ -52,7 +47,7 @@ def facts_of(bag: Path) -> dict[str, Any]:
     if is_rig_bag(bag):
         rig = read_rig_bag(bag)
         return {"bag": str(bag), "rig": rig.axis.name, "samples": len(rig.samples),
-                "channels": [f"{c.name}[{c.unit}]" for c in rig.channels], "files": files}
+                "channels": [c.label for c in rig.channels], "files": files}
     record = read_bag(bag)
     heading, provenance = heading_of(record, (), ""), record.provenance
     bus, winding = record.dc_bus, record.winding_temperature

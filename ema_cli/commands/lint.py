@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ema_cli.console import error_line, given_bags, print_json, progress, say
+from ema_cli.options import Bags, ObjectABag
 
 if TYPE_CHECKING:
     from ema_record.checks.run import LintReport
 
 
 def lint(
-    bags: Annotated[list[Path], typer.Argument(
-        metavar="BAG...", help="Bag directories or .mcap files; or a directory of them.")],
+    bags: Bags,
     model: Annotated[Path | None, typer.Option(
         "--model", metavar="FILE.yaml",
         help="The actuator that was tested: changes over the kit's.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a bag.")] = False,
+    as_json: ObjectABag = False,
 ) -> int:
     """Look for defects of a recording: gaps, swapped phases, wrong units.
 

@@ -93,8 +93,7 @@ def _parts(chosen: Profile, actuator: Actuator) -> dict[str, Any]:
         return {"reason": str(error)}
     named = {name: {"begin": part.begin, "end": part.end, "least_turns": part.turns}
              for name, part in plan.segments.items()}
-    named |= {name: {"begin": part[0], "end": part[1]} for name, part in
-              (("ramp", plan.ramp), ("ramp_back", plan.ramp_back)) if part is not None}
+    named |= {name: {"begin": begin, "end": end} for name, (begin, end) in plan.ramps.items()}
     return {
         "segments": named,
         "reversals": [{"begin": begin, "end": begin + plan.reversal_length, "sense": sense}

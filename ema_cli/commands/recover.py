@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ema_cli.console import check_new, error_line, given_bags, note, print_json, say
+from ema_cli.options import Bags, ObjectABag
 from ema_record.errors import EmaError, counted
 
 if TYPE_CHECKING:
@@ -15,12 +16,11 @@ if TYPE_CHECKING:
 
 
 def recover(
-    bags: Annotated[list[Path], typer.Argument(
-        metavar="BAG...", help="Bag directories or .mcap files; or a directory of them.")],
+    bags: Bags,
     out: Annotated[Path | None, typer.Option(
         "--out", "-o", metavar="DIR", show_default="BAG_recovered beside it",
         help="Bag to make; of several: the new directory for them.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a bag.")] = False,
+    as_json: ObjectABag = False,
 ) -> int:
     """Rebuild a readable bag from a recording that was cut or damaged.
 

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ema_cli.console import error_line, given_bags, print_json, progress, say
+from ema_cli.options import Bags, Domain, ObjectABag
 from ema_record.errors import RecordError, UsageError, bounded, counted
 
 RATES = (0.01, 100.0)
 
 
 def replay(
-    bags: Annotated[list[Path], typer.Argument(
-        metavar="BAG...", help="Bag directories or .mcap files; or a directory of them.")],
+    bags: Bags,
     rate: Annotated[float, typer.Option(
         "--rate", "-r", help="Speed, 1 for the original timing.")] = 1.0,
     wait: Annotated[float, typer.Option(
         "--wait", help="Longest wait for a subscriber to the samples (s).")] = 10.0,
-    domain: Annotated[int | None, typer.Option(
-        "--domain", min=0, max=232, help="ROS domain, default ROS_DOMAIN_ID.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a bag.")] = False,
+    domain: Domain = None,
+    as_json: ObjectABag = False,
 ) -> int:
     """Put bags back onto the topics, one after the other.
 

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 DEFAULT_PROFILE = "extended"
 STEP = "step"
-TRACE_LABELS = ("motor_torque[N m]", "shaft_torque[N m]", "surface_speed[rad/s]")
 
 
 def simulate(
@@ -193,11 +192,12 @@ def write_trace(path: Path, time: np.ndarray, trace: np.ndarray) -> None:
     import numpy as np
 
     from ema_record.files import new_file
+    from ema_sim.plant.kernel import TRACE_NAMES
 
     with new_file(path) as temporary:
         np.savetxt(
             temporary, np.column_stack([time, trace]), fmt="%.9g", delimiter=",", comments="",
-            header=",".join(["time[s]", *TRACE_LABELS]),
+            header=",".join(["time[s]", *TRACE_NAMES]),
         )
 
 

@@ -36,7 +36,7 @@ def train(
     Example: `ema train --out model.json`
     """
     from ema_prognostics.cascade.model_file import load_model, save_model
-    from ema_prognostics.training.evaluation import validation_data, validation_report
+    from ema_prognostics.training.report import validation_data, validation_report
     from ema_prognostics.training.train_model import train_model
     from ema_sim.model_file import load_model_file
 

@@ -77,10 +77,10 @@ def trend(
     Example: `ema trend rig_bags --limit coulomb_friction.level=+50%`
     """
     from ema_prognostics.trend.announcement import parse_rule
-    from ema_prognostics.trend.flights import is_sequence, what_else
     from ema_prognostics.trend.unit_trend import trend_of
     from ema_prognostics.verdict.judge import Judge
     from ema_prognostics.verdict.verdict import worst_status
+    from ema_record.bag.find import is_sequence, what_else
 
     chosen = parse_rule(rule)
     form = check_format(form, json=json)

@@ -10,7 +10,7 @@ from ema_cli.console import drawing, given_bags, note, progress, stdout, styled
 from ema_cli.lines import print_rows, print_text
 from ema_cli.views.pictures import save_picture
 from ema_cli.views.verdict import STYLES
-from ema_prognostics.words import class_name, severity_words
+from ema_prognostics.words import class_name, fault_words
 from ema_record.errors import UsageError, counted
 from ema_record.record import iso_time
 
@@ -26,7 +26,7 @@ LEAST_WIDTHS = (0, 76, 100, 0, 0)
 """Of the terminal on which each column of the flights is shown (characters)."""
 
 
-def print_sequence(trends: Sequence[UnitTrend], out: Machine | None = None) -> None:
+def print_sequence(trends: Sequence[UnitTrend], out: Machine | None) -> None:
     """Print the flights of each actuator: a row a flight, or each bag to `out`."""
     for trend in trends:
         if out is not None:
@@ -105,8 +105,7 @@ def _findings(flight: Flight) -> list[str]:
         return [reason.removeprefix(f"{verdict.bag}: ") for reason in verdict.reasons[:1]]
     return [
         ", ".join(part for part in (
-            f"{class_name(f.fault_class, f.phase)} "
-            f"{severity_words(f.fault_class, f.severity, f.severity_interval)}".rstrip(),
+            fault_words(f.fault_class, f.phase, f.severity, f.severity_interval),
             f.level or "",
         ) if part) for f in verdict.faults
     ]

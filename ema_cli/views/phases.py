@@ -21,6 +21,6 @@ def phases_of(profile: Profile) -> list[tuple[float, float, str]]:
     found = [(start + part.begin, start + part.end,
               say("phases.full" if name.startswith("full") else "phases.quarter"))
              for name, part in plan.segments.items()]
-    found += [(start + window[0], start + window[1], say("phases.ramp"))
-              for window in (plan.ramp, plan.ramp_back) if window is not None]
+    found += [(start + begin, start + end, say("phases.ramp"))
+              for begin, end in plan.ramps.values()]
     return sorted(found)

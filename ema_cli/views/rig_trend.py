@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ema_cli.console import drawing, given_bags, note, progress_of
-from ema_record.errors import EmaError, InvalidRecordError, UsageError, unknown_name
+from ema_record.errors import EmaError, InvalidRecordError, UsageError, counted, unknown_name
 
 if TYPE_CHECKING:
     from ema_prognostics.trend.values import ValueTrend
@@ -62,8 +62,8 @@ def first_is_rig(paths: Sequence[Path]) -> bool:
     UsageError
         It is one of ROS 2 that was not imported.
     """
-    from ema_prognostics.trend.flights import bags_of, is_sequence
     from ema_record.bag.any_topic import list_topics
+    from ema_record.bag.find import bags_of, is_sequence
     from ema_rig.bag import is_rig_bag
     from ema_rig.ros_bag import JOINTS, is_of_an_actuator
 
@@ -86,8 +86,7 @@ def first_is_rig(paths: Sequence[Path]) -> bool:
 
 
 def rig_trend(
-    paths: Sequence[Path], *, map_file: Path | None = None, model: Path | None = None,
-    limits: Sequence[str] = (),
+    paths: Sequence[Path], *, map_file: Path | None, model: Path | None, limits: Sequence[str],
 ) -> RigTrend:
     """Return the trend of one axis.
 
@@ -190,8 +189,8 @@ def _records(paths: Sequence[Path], map_file: Path | None) -> tuple[list[RigReco
 
 def _files(paths: Sequence[Path]) -> list[Path]:
     """Return files, and those in directories by name, that a map may describe."""
-    from ema_prognostics.trend.flights import is_sequence, natural
     from ema_record.bag.any_topic import is_bag
+    from ema_record.bag.find import is_sequence, natural
     from ema_rig.import_file import SUFFIXES
 
     found: list[Path] = []
@@ -208,7 +207,7 @@ def _files(paths: Sequence[Path]) -> list[Path]:
 
 def _in_order(records: list[RigRecord]) -> tuple[list[RigRecord], str]:
     """Return records by date where all have one, else by name."""
-    from ema_prognostics.trend.flights import natural
+    from ema_record.bag.find import natural
 
     if records and all(record.time[0] > EPOCH for record in records):
         return sorted(records, key=lambda r: float(r.time[0])), "date"
@@ -218,7 +217,7 @@ def _in_order(records: list[RigRecord]) -> tuple[list[RigRecord], str]:
 def trend_lines(found: RigTrend) -> list[str]:
     """Return what the records say together, a fact a line."""
     total = len(found.sources)
-    lines = [f"axis {found.axis or 'not known'}: {total} record{'s' * (total != 1)} in the order "
+    lines = [f"axis {found.axis or 'not known'}: {counted(total, 'record')} in the order "
              f"of their {found.ordered_by}s, {total - len(found.unread)} of them could be used"]
     lines += [f"  record {k} left out: {why}" for k, why in sorted(found.unread.items())[:12]]
     for value in found.values:

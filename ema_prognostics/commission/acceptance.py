@@ -15,6 +15,7 @@ import numpy as np
 from ema_prognostics.features.consistency import scatter_at_rest
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import ProfileKind, profile_kind
+from ema_prognostics.training.conditions import noise_range
 from ema_prognostics.verdict.judge import UNKNOWN_SERIAL, forbidden
 from ema_record.actuator import Actuator
 from ema_record.bag.read import read_bag
@@ -179,8 +180,7 @@ def noise_level(described: float, measured: np.ndarray, conditions: Conditions) 
     measured : ndarray, shape (n,). Of the records, as it would have it.
     conditions : what the noise of a test may be.
     """
-    most = max(conditions.noise_most, 1e-9)
-    least = max(conditions.noise_least, 0.01 * most)
+    least, most = noise_range(conditions)
     low, high = float(measured.max()) / most, float(measured.min()) / least
     if low <= (1.0 + NOISE_ERROR) * described and described <= (1.0 + NOISE_ERROR) * high:
         return described

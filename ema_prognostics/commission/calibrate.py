@@ -218,8 +218,7 @@ def conditions_of(names: Sequence[str], mean: np.ndarray) -> list[str]:
 
 def calibrate(
     acceptance: Acceptance, actuator: Actuator, fleet: FleetFeatures,
-    tolerances: UnitTolerances, *, seed: int = 1, jobs: int = 1,
-    progress: Callable[[float], None] = lambda _: None,
+    tolerances: UnitTolerances, *, seed: int, jobs: int, progress: Callable[[float], None],
 ) -> Calibration:
     """Return the model corrected by the records.
 

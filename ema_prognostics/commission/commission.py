@@ -58,6 +58,7 @@ from ema_prognostics.training.rates import rate
 from ema_prognostics.training.train_model import (
     VALIDATION_SEED,
     VIEWS,
+    Progress,
     TrainingFleets,
     TrainingSettings,
 )
@@ -86,7 +87,6 @@ SPREAD_UNITS = 48
 """Healthy units from which the scatter of the features is read before the model is corrected."""
 LIBRARY_SHARE = 0.80, 0.98
 """Of the whole, for the library; it has so many parts."""
-Progress = Callable[[str, float], None]
 MakeLibrary = Callable[[Sequence[Record], Path, Progress], bool]
 """Keeps in a folder what such records tell of the type for `ema identify`, and makes the present
 kit's library, or leaves that to its first use; returns which. Goes on where it was."""

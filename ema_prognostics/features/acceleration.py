@@ -37,8 +37,7 @@ def inertia(signals: Signals, windows: tuple[tuple[float, float], ...]) -> dict[
     for begin, end in windows:
         part = signals.between(begin, end)
         speed = signals.speed[part]
-        torque = np.clip(signals.torque_constant * signals.torque_current[part],
-                         -motor.torque_limit, motor.torque_limit)
+        torque = signals.torque(part)
         lag = signals.motor_angle[part] / ratio - signals.position[part]
         # The difference over n samples is the mean of the derivative over them.
         rise = (speed[n:] - speed[:-n]) * signals.rate / n

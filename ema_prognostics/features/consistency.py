@@ -34,7 +34,9 @@ def _log(value: float, floor: float = 0.0) -> float:
 def scatter_at_rest(values: np.ndarray) -> np.ndarray:
     """Return the noise of values, shape (n, m) -> (m,): rms about a line, of the middle part.
 
-    Of some parts of the interval: a shaft that unwinds as the drive lets go is motion.
+    Of some parts of the interval: a shaft that unwinds as the drive lets go is motion. The median
+    of the parts, as a feature must hold where one part moves; an identification, which removes a
+    parabola, takes the mean square of all, as it asks how large the noise of the test was.
     """
     found = []
     for part in np.array_split(values, max(1, min(PARTS, len(values) // PART_SAMPLES))):
@@ -44,8 +46,9 @@ def scatter_at_rest(values: np.ndarray) -> np.ndarray:
     return np.asarray(median(np.transpose(found), axis=-1))
 
 
-def detrended(x: np.ndarray, n: int = SMOOTHING) -> np.ndarray:
-    """Return `x` less its running mean over `n` samples, shape (len(x) - n + 1,)."""
+def detrended(x: np.ndarray) -> np.ndarray:
+    """Return `x` less its running mean, shape (len(x) - SMOOTHING + 1,)."""
+    n = SMOOTHING
     total = np.concatenate([[0.0], np.cumsum(x - x[0])])
     begin = n // 2
     mean = (total[n:] - total[:-n]) / n

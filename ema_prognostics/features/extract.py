@@ -63,7 +63,7 @@ def _slow(signals: Signals, plan: TestPlan) -> dict[str, float]:
     """What the ramps and their reversals tell of friction, lost motion and stiffness."""
     found: dict[str, float] = {}
     floor = LEAST_TORQUE * signals.actuator.friction_torque
-    ramps = [window for window in (plan.ramp, plan.ramp_back) if window is not None]
+    ramps = list(plan.ramps.values())
     quarters = [plan.segments[n][:2] for n in ("quarter", "quarter_back")]
     ahead, back = (
         float(signals.torque_constant * median(signals.torque_current[signals.between(*window)]))
@@ -137,8 +137,8 @@ def extract(
     found: dict[str, float] = {}
     if kind == "extended":
         slow = _slow(signals, plan)
-        ramps = [window for window in (plan.ramp, plan.ramp_back) if window is not None]
-        dry, balances = dry_friction(signals, balances, ramps, exp(slow["torque_ramp"]))
+        dry, balances = dry_friction(
+            signals, balances, list(plan.ramps.values()), exp(slow["torque_ramp"]))
         for speed in ("full", "quarter"):
             _pair(found, speed, balances[speed], balances[f"{speed}_back"])
         found |= slow | dry

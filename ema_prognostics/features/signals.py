@@ -106,6 +106,11 @@ class Signals:
         """Mechanical angle of the motor, unwrapped, shape (n,) (rad): `theta` / pole pairs."""
         return self.theta / self.actuator.motor.pole_pairs
 
+    def torque(self, part: slice) -> np.ndarray:
+        """Return the torque of some samples, within what the motor can, shape (m,) (N m)."""
+        limit = self.actuator.motor.torque_limit
+        return np.clip(self.torque_constant * self.torque_current[part], -limit, limit)
+
     def between(self, begin: float, end: float) -> slice:
         """Return the samples between two times after the first command (s)."""
         t0 = self.record.profile.command_time

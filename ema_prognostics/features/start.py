@@ -35,8 +35,7 @@ def start_stiffness(signals: Signals, length: float) -> np.ndarray:
     part = signals.between(-1e-3, length)
     motor, shaft = signals.actuator.motor, signals.actuator.shaft
     theta = signals.motor_angle[part]
-    torque = np.clip(signals.torque_constant * signals.torque_current[part],
-                     -motor.torque_limit, motor.torque_limit)
+    torque = signals.torque(part)
     step = np.diff(theta)
     work = np.concatenate([[0.0], np.cumsum(0.5 * (torque[1:] + torque[:-1]) * step)])
     energy = 0.5 * motor.inertia * signals.speed[part] ** 2 - work

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -11,17 +11,14 @@ from ema_prognostics.cascade.classes import LEVELS, levels_of
 from ema_prognostics.fleet.judging import JudgeSettings, Objects, judged_fleet
 from ema_prognostics.fleet.tables import COLUMNS, rows_of
 from ema_prognostics.trend.announcement import DEFAULT_RULE, ConfirmationRule
-from ema_prognostics.trend.flights import STORAGE, Flight, by_unit, natural, what_else
+from ema_prognostics.trend.flights import Flight, by_unit
 from ema_prognostics.trend.unit_trend import FaultTrend, UnitTrend, trend_of
 from ema_prognostics.verdict.verdict import verdict_of_dict
-from ema_prognostics.words import class_name, severity_words
-from ema_record.bag.container import METADATA_FILE
-from ema_record.errors import InvalidRecordError, UsageError, library
+from ema_prognostics.words import class_name, fault_words
+from ema_record.bag.find import bags_below, natural
+from ema_record.errors import library
 from ema_record.record import html_of, iso_time
 
-MAX_BAGS = 1_000_000
-MAX_DEPTH = 20
-"""Folders within folders."""
 State = Literal["fault", "suspected", "no answer", "healthy"]
 STATES: tuple[State, ...] = ("fault", "suspected", "no answer", "healthy")
 """Of a unit, worst first: a confirmed fault; one that is announced, or grows unannounced; a last
@@ -70,9 +67,8 @@ class FleetUnit:
         """Return the worst fault in words, or why there is no answer."""
         fault = self.worst
         if fault is not None:
-            now = _last_severity(fault)
-            return (f"{class_name(fault.history.fault_class, fault.history.phase)} "
-                    f"{severity_words(fault.history.fault_class, *now)}").rstrip()
+            return fault_words(
+                fault.history.fault_class, fault.history.phase, *_last_severity(fault))
         if self.trend.suspected:
             return f"{class_name(next(iter(self.trend.suspected)))} grows"
         if self.state == "no answer":
@@ -189,52 +185,3 @@ def read_fleet(
     objects = judged_fleet(bags, JudgeSettings.of(model, profile), jobs=jobs, dask=dask,
                            folder=folder, progress=lambda done: progress(done, len(bags)))
     return fleet_of(objects, rule)
-
-
-def bags_below(paths: Iterable[Path]) -> list[Path]:
-    """Return the bags among `paths` and in folders below them, in natural order of the names.
-
-    Hidden entries and links to folders are left out.
-
-    Raises
-    ------
-    InvalidRecordError
-        A path that is not there, or no bag at all.
-    UsageError
-        More than `MAX_BAGS`.
-    """
-    found: list[Path] = []
-    for path in paths:
-        other = None if path.is_dir() else what_else(path)
-        if other is not None:
-            raise InvalidRecordError(f"{path}: {other}: give a folder with bags in it, or below")
-        for bag in _below(path, 0) if path.is_dir() else (path,):
-            found.append(bag)
-            if len(found) > MAX_BAGS:
-                raise UsageError(f"{path}: more than {MAX_BAGS} bags: give some of the folders")
-    if not found:
-        raise InvalidRecordError("no bag: give a folder with bags in it, or below")
-    return found
-
-
-def _below(folder: Path, depth: int) -> Iterator[Path]:
-    """Yield the bags in a folder that may be one itself."""
-    try:
-        entries = [p for p in folder.iterdir() if not p.name.startswith(".")]
-    except OSError:
-        yield folder  # the reader says what is wrong
-        return
-    names = {p.name for p in entries}
-    files = {p for p in entries if p.name.endswith(STORAGE)}
-    folders = [p for p in entries if p not in files and p.is_dir() and not p.is_symlink()]
-    cut = any(p.name.startswith(f"{folder.resolve().name}_") for p in files)
-    if METADATA_FILE in names or cut or (len(files) == 1 and not folders):
-        yield folder
-        return
-    if not entries and depth:
-        yield folder  # what is left of a recorder that died at once
-    for path in sorted([*files, *folders], key=lambda p: natural(p.name)):
-        if path in files:
-            yield path
-        elif depth < MAX_DEPTH:
-            yield from _below(path, depth + 1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Callable, Sequence
 from functools import lru_cache
@@ -13,6 +12,7 @@ from ema_prognostics.fleet.verdict_store import VerdictStore
 from ema_prognostics.verdict.contract import hash_of, kit_sha256, trace_of, verdict_object
 from ema_prognostics.verdict.judge import Judge
 from ema_record.array_cache import key_of
+from ema_record.bag.content_hash import file_sha256
 from ema_record.errors import UsageError
 from ema_record.kit import kit_folder
 from ema_sim.campaign.workers import done_by_workers
@@ -49,8 +49,7 @@ class JudgeSettings(NamedTuple):
         parts = [kit_sha256()]
         for given in (self.model, self.profile):
             path = Path(given or "")
-            parts.append(hashlib.sha256(path.read_bytes()).hexdigest() if given and path.is_file()
-                         else given or "")
+            parts.append(file_sha256(path) if given and path.is_file() else given or "")
         return key_of(*parts, module=MODULE)
 
 
@@ -89,9 +88,8 @@ def _object(judge: Judge, trace: dict[str, Any], bag: str) -> dict[str, Any]:
 
 
 def judged_fleet(
-    bags: Sequence[Path], settings: JudgeSettings, *, jobs: int | None = None,
-    dask: str | None = None, folder: Path | None = None,
-    progress: Callable[[int], object] = lambda _done: None,
+    bags: Sequence[Path], settings: JudgeSettings, *, jobs: int | None, dask: str | None,
+    folder: Path | None, progress: Callable[[int], object],
 ) -> Objects:
     """Return the object of every bag, in their order; see `contract.verdict_object`.
 

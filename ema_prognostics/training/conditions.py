@@ -147,10 +147,15 @@ def draw_unit(rng: np.random.Generator, spread: UnitTolerances) -> Unit:
     )
 
 
-def draw_conditions(rng: np.random.Generator, spread: Conditions) -> RunConditions:
-    """Return conditions of one test; the noise evenly in its logarithm, from 1 % where it is 0."""
+def noise_range(spread: Conditions) -> tuple[float, float]:
+    """Return least and most of the factor on the noise; the least is 1 % of the most at least."""
     most = max(spread.noise_most, 1e-9)
-    least = max(spread.noise_least, 0.01 * most)
+    return max(spread.noise_least, 0.01 * most), most
+
+
+def draw_conditions(rng: np.random.Generator, spread: Conditions) -> RunConditions:
+    """Return conditions of one test; the noise evenly in its logarithm, see `noise_range`."""
+    least, most = noise_range(spread)
     speed, current, position = np.exp(rng.uniform(math.log(least), math.log(most), 3))
     return RunConditions(
         temperature=float(rng.uniform(spread.temperature_least, spread.temperature_most)),

@@ -38,11 +38,11 @@ def sequential_scores(values: np.ndarray) -> np.ndarray:
     return scores
 
 
-def cumulative_sum(scores: np.ndarray, allowance: float = ALLOWANCE) -> np.ndarray:
-    """Return S_t = max(0, S_(t−1) + score_t − allowance), shape (n,)."""
+def cumulative_sum(scores: np.ndarray) -> np.ndarray:
+    """Return S_t = max(0, S_(t−1) + score_t − `ALLOWANCE`), shape (n,)."""
     total, sums = 0.0, np.empty(len(scores))
     for t, score in enumerate(scores):
-        total = max(0.0, total + float(score) - allowance)
+        total = max(0.0, total + float(score) - ALLOWANCE)
         sums[t] = total
     return sums
 

@@ -1,4 +1,4 @@
-"""The flights of an actuator in their order: which bags, of which unit, when.
+"""The flights of an actuator in their order: of which unit, when.
 
 A flight is one bag and its verdict. Nothing is left out: a bag that cannot be read is a flight
 without an answer.
@@ -6,20 +6,14 @@ without an answer.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
 
 from ema_prognostics.verdict.verdict import Verdict
-from ema_record.bag.container import METADATA_FILE
-from ema_record.bag.mcap_stream import MAGIC
-from ema_record.errors import UsageError
+from ema_record.bag.find import natural
 
-STORAGE = (".mcap", ".mcap.zstd", ".db3")
-"""Endings of the files that hold recorded messages."""
-MAX_FLIGHTS = 10_000
 MOST_DATE = 4_000_000_000 * 10**9
 """Beyond this no date is told (ns since the epoch)."""
 _BEST_FIRST = ("fault", "healthy", "unknown", "incomplete", "invalid")
@@ -51,92 +45,6 @@ class Flight:
     def answered(self) -> bool:
         """Whether the test says healthy or faulty, and is not a copy of another one."""
         return self.verdict.outcome in ("healthy", "fault") and self.repeat_of is None
-
-
-def natural(name: str) -> tuple[tuple[int, int, str], ...]:
-    """Return a key that sorts names with their numbers as numbers: 2 before 10."""
-    return tuple(
-        (0, int(part), "") if part.isdecimal() else (1, 0, part)
-        for part in re.split(r"([0-9]+)", name) if part
-    )
-
-
-def is_sequence(path: Path) -> bool:
-    """Return whether `path` is a directory of bags, and not a bag itself.
-
-    A directory with ``metadata.yaml`` is a bag; so is one with a single file of messages, or
-    with files named after it (``NAME/NAME_0.mcap``), whose recording was cut. One that holds
-    bags, be they directories or several single files, is a sequence.
-    """
-    try:
-        if not path.is_dir() or (path / METADATA_FILE).is_file():
-            return False
-        own = path.resolve().name + "_"
-        entries = list(path.iterdir())
-        files = [p for p in entries if p.name.endswith(STORAGE)]
-        folders = [p for p in entries if p.is_dir() and _is_bag(p)]
-    except OSError:
-        return False  # the reader says what is wrong
-    if any(p.name.startswith(own) for p in files):
-        return False
-    return len(files) > 1 or bool(folders)
-
-
-def _is_bag(path: Path) -> bool:
-    """Return whether an entry of a directory is meant as a bag; damaged ones are."""
-    if path.name.startswith("."):
-        return False
-    if path.is_dir():
-        try:
-            entries = [p.name for p in path.iterdir()]
-        except OSError:
-            return True  # shown as a flight that cannot be read
-        # An empty directory is what is left of a recorder that died at once.
-        return not entries or METADATA_FILE in entries or any(
-            name.endswith(STORAGE) for name in entries
-        )
-    return path.name.endswith(STORAGE)
-
-
-def what_else(path: Path) -> str | None:
-    """Return what a path is that is no bag, or None for a bag, also a damaged one."""
-    try:
-        if path.is_dir():
-            if not any(path.iterdir()):
-                return "an empty directory"
-            return None if _is_bag(path) else "a directory that is no bag"
-        if not path.is_file():
-            return "neither file nor directory" if path.exists() else "no such file or directory"
-        if path.name.endswith(STORAGE):
-            return None
-        with path.open("rb") as file:
-            begin = file.read(1024)
-    except OSError as error:
-        return f"cannot be read ({error.strerror or error})"
-    if begin.startswith(MAGIC):
-        return None
-    kind = "a file of another kind" if b"\0" in begin else "a text file" if begin else "empty"
-    return f"{kind}, no bag"
-
-
-def bags_of(directory: Path) -> tuple[list[Path], list[Path]]:
-    """Return the bags in a directory by name, and its other entries; hidden ones are left out.
-
-    Raises
-    ------
-    UsageError
-        More than `MAX_FLIGHTS`.
-    """
-    entries = sorted(
-        (p for p in directory.iterdir() if not p.name.startswith(".")),
-        key=lambda p: natural(p.name),
-    )
-    bags = [p for p in entries if _is_bag(p)]
-    if len(bags) > MAX_FLIGHTS:
-        raise UsageError(
-            f"{directory}: {len(bags)} bags, at most {MAX_FLIGHTS} at once: give some of them"
-        )
-    return bags, [p for p in entries if p not in set(bags)]
 
 
 def in_order(flights: Iterable[Flight]) -> list[Flight]:
@@ -179,8 +87,7 @@ def by_unit(flights: Iterable[Flight], *, one: bool = True) -> dict[str, list[Fl
 
 
 def read_flights(
-    bags: Sequence[Path], judge: Callable[[Path], Flight],
-    progress: Callable[[int], None] = lambda _done: None,
+    bags: Sequence[Path], judge: Callable[[Path], Flight], progress: Callable[[int], None],
 ) -> dict[str, list[Flight]]:
     """Judge bags one by one and return the flights of each actuator, in order.
 

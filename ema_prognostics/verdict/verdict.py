@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, NamedTuple
 
-from ema_prognostics.words import ENGLISH, class_name, feature_words, severity_words
+from ema_prognostics.words import ENGLISH, fault_words, feature_words
 
 Outcome = Literal["healthy", "fault", "unknown", "incomplete", "invalid"]
 DIGITS = 6
@@ -104,8 +104,7 @@ class Verdict:
     def __repr__(self) -> str:
         """Return one line: outcome, and each fault with its size."""
         faults = ", ".join(
-            f"{class_name(f.fault_class, f.phase)} "
-            f"{severity_words(f.fault_class, f.severity, f.severity_interval)}".rstrip()
+            fault_words(f.fault_class, f.phase, f.severity, f.severity_interval)
             for f in self.faults)
         return f"<Verdict {self.outcome.upper()}{': ' if faults else ''}{faults}>"
 

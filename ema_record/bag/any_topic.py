@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 from ema_record.bag.compression import unpack_zstd_stream
 from ema_record.bag.container import (
-    MCAP_SUFFIXES,
     METADATA_FILE,
+    STORAGE,
     BagFiles,
     find_files,
     full_type,
@@ -45,8 +45,8 @@ def is_bag(path: Path) -> bool:
     """Return whether a path looks like a bag: its directory or one of its files."""
     if path.is_dir():
         return (path / METADATA_FILE).is_file() or any(
-            p.name.endswith((*MCAP_SUFFIXES, ".db3")) for p in path.iterdir())
-    return path.name.endswith((*MCAP_SUFFIXES, ".db3", ".db3.zstd"))
+            p.name.endswith(STORAGE) for p in path.iterdir())
+    return path.name.endswith((*STORAGE, ".db3.zstd"))
 
 
 def list_topics(path: Path) -> dict[str, AnyTopic]:

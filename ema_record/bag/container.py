@@ -27,7 +27,8 @@ from ema_record.yaml_file import load_yaml
 
 METADATA_FILE = "metadata.yaml"
 MCAP_SUFFIXES = (".mcap", ".mcap.zstd")
-SUFFIXES = (*MCAP_SUFFIXES, ".db3")
+STORAGE = (*MCAP_SUFFIXES, ".db3")
+"""Endings of the files that hold recorded messages."""
 
 
 class BagFiles(NamedTuple):
@@ -166,7 +167,7 @@ def refuse_unlisted(bag: Path, files: list[Path]) -> None:
     except OSError as error:
         raise unreadable(bag, error) from None
     for other in there:
-        if (other.name.endswith(SUFFIXES) and not other.name.startswith(".")
+        if (other.name.endswith(STORAGE) and not other.name.startswith(".")
                 and other.name.removesuffix(".zstd") not in listed):
             raise InvalidRecordError(
                 f"{other}: not named by {METADATA_FILE}: move it out of the bag, or if it is a "

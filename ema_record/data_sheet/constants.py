@@ -16,6 +16,7 @@ import numpy as np
 
 from ema_record.data_sheet.quantities import Given
 from ema_record.errors import UsageError
+from ema_record.profiles.motion import trapezoid
 
 SHAPES = ("sine", "trapezoid")
 VOLTAGES = ("mean", "peak", "rms")
@@ -44,11 +45,7 @@ def shape_constants(shape: str) -> ShapeConstants:
     angle = (np.arange(_POINTS) + 0.5) * (2.0 * np.pi / _POINTS)
 
     def phase(at: np.ndarray) -> np.ndarray:
-        if shape == "sine":
-            return np.sin(at)
-        half = np.mod(at, np.pi)
-        ramp = 0.5 * (np.pi - FLAT_TOP)
-        return np.sign(np.sin(at)) * np.minimum(np.minimum(half, np.pi - half) / ramp, 1.0)
+        return np.sin(at) if shape == "sine" else trapezoid(at, FLAT_TOP)
 
     line = phase(angle) - phase(angle - 2.0 * np.pi / 3.0)
     near = np.abs(angle - np.pi / 3.0) < np.pi / 6.0

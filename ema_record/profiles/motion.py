@@ -45,14 +45,18 @@ class Capability(NamedTuple):
     """Time constant of the position control: it brakes this long before the surface arrives."""
 
 
+def trapezoid(angle: np.ndarray, flat_top: float) -> np.ndarray:
+    """Return a trapezoid of height 1 with tops of `flat_top` (rad) at angles, shape (n,) (rad)."""
+    half = np.mod(angle, np.pi)
+    value = np.minimum(np.minimum(half, np.pi - half) / (0.5 * (np.pi - flat_top)), 1.0)
+    return np.where(np.sin(angle) >= 0.0, value, -value)
+
+
 def back_emf_shape(actuator: Actuator, angle: np.ndarray) -> np.ndarray:
     """Return k(θ) of a phase over its constant at electrical angles, shape (n,) (rad)."""
     motor = actuator.motor
     if motor.back_emf == TRAPEZOID:
-        half = np.mod(angle, np.pi)
-        ramp = 0.5 * (np.pi - motor.flat_top)
-        value = np.minimum(np.minimum(half, np.pi - half) / ramp, 1.0)
-        return np.where(np.sin(angle) >= 0.0, value, -value)
+        return trapezoid(angle, motor.flat_top)
     return (np.sin(angle) + motor.harmonic_3 * np.sin(3.0 * angle)
             + motor.harmonic_5 * np.sin(5.0 * angle) + motor.harmonic_7 * np.sin(7.0 * angle))
 

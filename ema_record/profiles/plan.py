@@ -90,10 +90,15 @@ class TestPlan(NamedTuple):
         return {name: part for name, part in named.items() if part is not None}
 
     @property
+    def ramps(self) -> dict[str, Window]:
+        """The slow ramps that there are, by name."""
+        named = {"ramp": self.ramp, "ramp_back": self.ramp_back}
+        return {name: part for name, part in named.items() if part is not None}
+
+    @property
     def is_extended(self) -> bool:
         """Whether every part is there; else it is a step."""
-        return (len(self.segments) == 4 and self.ramp is not None and self.ramp_back is not None
-                and len(self.reversals) == 2)
+        return (len(self.segments), len(self.ramps), len(self.reversals)) == (4, 2, 2)
 
 
 # Names that begin with "test" are no tests.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
@@ -11,12 +10,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from ema_identification.rig.laws import LAWS
 from ema_record.errors import UsageError, unknown_name
 from ema_record.yaml_file import load_yaml
+from ema_rig.map import SEE, Finite
 from ema_rig.record import InputQuantity, Motion
 
-SEE = "docs/rigs.md shows the form"
 DEFAULT_TOLERANCE = 0.1
 MAX_TERMS = 60
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class _Part(BaseModel):

@@ -39,10 +39,10 @@ def check(record):
     np.testing.assert_allclose(record.channel("position"), Q, atol=1e-12)
 
 
-def workbook(path, rows, title="data", before=()):
+def workbook(path, rows, before=()):
     book = openpyxl.Workbook()
     sheet = book.active
-    sheet.title = title
+    sheet.title = "data"
     for name in before:
         book.create_sheet(name, 0).append(["a cover page"])
     for row in rows:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.proposals import scores
+from ema_identification.actuator.decision.ranks import p_nothing
 from ema_identification.actuator.fleet.surrogate import FleetLibrary, NoiseLaw, design
 from ema_identification.actuator.fleet.units import of_day, unit_numbers
 from ema_identification.actuator.laws.catalogue import variants
@@ -92,6 +93,18 @@ def judged():
         u = unit(seed=10_000 + seed, library=library)
         healthy.append(scores(u))
     return replace(library, healthy=np.array(healthy))
+
+
+def p_of(one):
+    """Return the share of healthy units that are as far off."""
+    return p_nothing(scores(one), one.library.healthy)
+
+
+def two_days_of(stream, seed):
+    """Return what one healthy unit is on two days."""
+    rng = np.random.default_rng([seed, stream])
+    z = rng.uniform(-1.0, 1.0, SIZE)
+    return z, np.where(OF_DAY, rng.uniform(-1.0, 1.0, SIZE), z)
 
 
 def unit(*, seed=1, strange=0.0, library=None, z=None, **sizes):

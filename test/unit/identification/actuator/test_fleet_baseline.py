@@ -2,6 +2,7 @@
 
 import weakref
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from fleet_unit import (
     effects_of,
     features_of,
     judged,
+    p_of,
     run,
+    two_days_of,
     unit,
 )
 
@@ -21,7 +24,7 @@ from ema_identification.actuator import gap, next_test
 from ema_identification.actuator.decision import fit
 from ema_identification.actuator.decision.decide import decide
 from ema_identification.actuator.decision.proposals import scores
-from ema_identification.actuator.decision.ranks import LEVEL, p_nothing, share_of
+from ema_identification.actuator.decision.ranks import LEVEL, share_of
 from ema_identification.actuator.fleet.surrogate import Discrepancy
 from ema_identification.actuator.library import acceptance, baseline
 from ema_identification.actuator.library.baseline import changed_unit
@@ -31,18 +34,7 @@ pytestmark = pytest.mark.slow
 
 ROW = CONDITIONS.row()
 PAIRS = 300
-
-
-def p_of(one):
-    """Return the share of healthy units that are as far off."""
-    return p_nothing(scores(one), one.library.healthy)
-
-
-def two_days(seed):
-    """Return what one healthy unit is on two days."""
-    rng = np.random.default_rng([seed, 5])
-    z = rng.uniform(-1.0, 1.0, SIZE)
-    return z, np.where(OF_DAY, rng.uniform(-1.0, 1.0, SIZE), z)
+two_days = partial(two_days_of, 5)
 
 
 def drawn(seed, z, *, strange=0.0, **sizes):

@@ -18,6 +18,7 @@ from fleet_unit import (
     effects_of,
     features_of,
     judged,
+    p_of,
     plain_library,
     run,
     unit,
@@ -28,7 +29,7 @@ from ema_identification.actuator.decision import models
 from ema_identification.actuator.decision.answer import FleetAnswer, log_evidence
 from ema_identification.actuator.decision.decide import EDGE, MOST, OUT, decide
 from ema_identification.actuator.decision.intervals import at, p_sizes
-from ema_identification.actuator.decision.proposals import LawProposal, at_known_sizes, scores
+from ema_identification.actuator.decision.proposals import LawProposal, at_known_sizes
 from ema_identification.actuator.decision.ranks import LEVEL, both_of, p_nothing, rank, share_of
 from ema_identification.actuator.decision.slopes import law_slopes
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, Whitener
@@ -41,10 +42,6 @@ from ema_record.spread import load_spread
 
 VISCOUS = UNITS["viscous_friction", "coefficient"]
 (SIGNATURE,) = (s for s in plain_library().signatures if s.variant.name == "viscous_friction")
-
-
-def p_of(u):
-    return p_nothing(scores(u), u.library.healthy)
 
 
 def test_rank_of_exchangeable_scores_is_uniform():

@@ -2,6 +2,7 @@
 
 import weakref
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from fleet_unit import (
     features_of,
     judged,
     run,
+    two_days_of,
     unit,
 )
 from scipy.optimize import lsq_linear
@@ -38,13 +40,7 @@ from ema_sim.machine import TURN
 
 ROW = np.array(RecordConditions().row())
 ASIDE = 480
-
-
-def two_days(seed):
-    """Return what one healthy unit is on two days."""
-    rng = np.random.default_rng([seed, 15])
-    z = rng.uniform(-1.0, 1.0, SIZE)
-    return z, np.where(OF_DAY, rng.uniform(-1.0, 1.0, SIZE), z)
+two_days = partial(two_days_of, 15)
 
 
 def record_of(library, seed, z, **sizes):

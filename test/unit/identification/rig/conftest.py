@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from ema_record.channels import Channel
 from ema_rig.record import Axis, RigRecord
 
 RATE = 250.0
@@ -62,9 +61,3 @@ def bench(axis):
         return rig_record(t, u, own_axis or axis, seed=seed,
                           **{k: values[k] for k in keep}, **options)
     return make
-
-
-@pytest.fixture
-def speed_channel():
-    """Return the channel of a rotary speed."""
-    return Channel("speed", "rad/s")

@@ -17,11 +17,12 @@ from pydantic import TypeAdapter
 from ema_cli.main import run
 from ema_cli.pages.fleet_files import open_metrics
 from ema_prognostics.fleet import judging, verdict_store
-from ema_prognostics.fleet.fleet import bags_below, fleet_of, read_fleet
+from ema_prognostics.fleet.fleet import fleet_of, read_fleet
 from ema_prognostics.fleet.tables import COLUMNS, write_parquet
 from ema_prognostics.fleet.verdict_store import FILE, FORM, VerdictStore
 from ema_prognostics.verdict import contract, schema
 from ema_record.bag.content_hash import content_hash
+from ema_record.bag.find import bags_below
 from ema_record.errors import InvalidRecordError, OutputError
 
 BAGS = ("sim_0000_step", "sim_0001_step")

@@ -20,8 +20,9 @@ from ema_prognostics.cascade.model_file import (
     save_model,
 )
 from ema_prognostics.training import train_model
-from ema_prognostics.training.evaluation import evaluated, validation_report
+from ema_prognostics.training.evaluation import evaluated
 from ema_prognostics.training.fleet import FleetFeatures, simulate_fleets
+from ema_prognostics.training.report import validation_report
 from ema_prognostics.training.train_model import VIEWS, Trained, TrainingSettings
 from ema_prognostics.training.view_training import sound_rows, stricter, train_view
 from ema_prognostics.verdict.diagnose import diagnose

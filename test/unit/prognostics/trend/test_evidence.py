@@ -33,7 +33,7 @@ def test_scores_do_not_depend_on_the_distribution():
 
 
 def test_sum_after_page():
-    assert cumulative_sum(np.array([1.0, 1.0, -3.0, 2.0]), 0.5).tolist() == [0.5, 1.0, 0.0, 1.5]
+    assert cumulative_sum(np.array([1.0, 1.0, -3.0, 2.0])).tolist() == [0.5, 1.0, 0.0, 1.5]
 
 
 def test_run_length_of_the_limit():

@@ -1,19 +1,8 @@
-"""Which bags are flights, in what order, of which unit."""
-
-from pathlib import Path
+"""Flights stand in order, each with its unit."""
 
 import pytest
 
-from ema_prognostics.trend.flights import (
-    Flight,
-    bags_of,
-    by_unit,
-    in_order,
-    is_sequence,
-    natural,
-    read_flights,
-    what_else,
-)
+from ema_prognostics.trend.flights import Flight, by_unit, in_order, read_flights
 from ema_prognostics.verdict.verdict import Verdict
 from support.flights import flights_of, verdict_of
 
@@ -24,11 +13,6 @@ def flight(bag, time=0, unit="SN-1", outcome="healthy"):
 
 def bags(flights):
     return [f.verdict.bag for f in flights]
-
-
-def test_names_sort_by_their_numbers():
-    names = ["f10", "f9", "f_2b", "f_10a", "10", "9"]
-    assert sorted(names, key=natural) == ["9", "10", "f9", "f10", "f_2b", "f_10a"]
 
 
 def test_start_time_first_then_the_name():
@@ -88,58 +72,6 @@ def test_in_a_fleet_an_unreadable_flight_belongs_to_nobody():
     found = by_unit([flight("a", 1), flight("b", 0, "", "invalid"), flight("c", 2)], one=False)
     assert [len(flights) for flights in found.values()] == [2, 1]
     assert list(found)[1] == ""
-
-
-def test_what_is_a_sequence(tmp_path):
-    def touch(name):
-        path = tmp_path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.touch()
-
-    touch("bag/metadata.yaml")
-    touch("cut/cut_0.mcap")
-    touch("cut_split/cut_split_0.mcap")
-    touch("cut_split/cut_split_1.mcap")
-    touch("cut_renamed/rosbag2_0.mcap")
-    touch("flights/one/one_0.mcap")
-    touch("files/a.mcap")
-    touch("files/b.mcap")
-    touch("other/notes.txt")
-    (tmp_path / "empty").mkdir()
-    found = {p.name for p in tmp_path.iterdir() if is_sequence(p)}
-    assert found == {"flights", "files"}
-    assert not is_sequence(tmp_path / "none")
-
-
-@pytest.mark.parametrize(("name", "content", "expected"), [
-    ("README.md", b"# Bags", "a text file, no bag"), ("empty.txt", b"", "empty, no bag"),
-    ("image.png", b"\x89PNG\r\n\x1a\n\0\0", "a file of another kind, no bag"),
-    ("damaged.mcap", b"nothing", None), ("renamed", b"\x89MCAP0\r\n\0", None),
-])
-def test_what_a_file_is_that_is_no_bag(tmp_path, name, content, expected):
-    (tmp_path / name).write_bytes(content)
-    assert what_else(tmp_path / name) == expected
-
-
-def test_what_a_directory_is_that_is_no_bag(tmp_path):
-    assert what_else(tmp_path) == "an empty directory"
-    assert what_else(tmp_path / "none") == "no such file or directory"
-    assert what_else(Path("/dev/null")) == "neither file nor directory"
-    (tmp_path / "notes.txt").touch()
-    assert what_else(tmp_path) == "a directory that is no bag"
-    (tmp_path / "cut_0.mcap").touch()
-    assert what_else(tmp_path) is None
-
-
-def test_damaged_bags_are_flights_and_other_things_are_named(tmp_path):
-    for name in ("f2/metadata.yaml", "f10/f10_0.mcap", "notes/a.txt", ".hidden/metadata.yaml"):
-        (tmp_path / name).parent.mkdir()
-        (tmp_path / name).touch()
-    (tmp_path / "f3").mkdir()
-    (tmp_path / "readme.txt").touch()
-    found, others = bags_of(tmp_path)
-    assert [p.name for p in found] == ["f2", "f3", "f10"]
-    assert [p.name for p in others] == ["notes", "readme.txt"]
 
 
 def test_every_bag_is_judged_once(tmp_path):

@@ -224,9 +224,9 @@ def messages_of(record, block=300):
         yield SAMPLES, START_NS + round(rows[-1, 0] * 1e9), encode_block(rows)
 
 
-def rosbags_bag(path, record, mode=CompressionMode.NONE, storage=StoragePlugin.MCAP):
+def rosbags_bag(path, record, mode=CompressionMode.NONE):
     store = get_typestore(Stores.ROS2_JAZZY)
-    writer = Writer(path, version=9, storage_plugin=storage)
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
     if mode != CompressionMode.NONE:
         writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:

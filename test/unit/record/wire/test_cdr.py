@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ema_record.errors import InvalidRecordError
-from ema_record.wire.definitions import DEFINITIONS
-from ema_record.wire.types import _fields, decode, deserialize, message_class, typestore
+from ema_record.wire.definitions import DEFINITIONS, _fields, decode
+from ema_record.wire.types import deserialize, message_class, typestore
 
 WHOLE = {"int8": (-128, 127), "uint8": (0, 255), "byte": (0, 127), "int16": (-2**15, 2**15 - 1),
          "uint16": (0, 2**16 - 1), "int32": (-2**31, 2**31 - 1), "uint32": (0, 2**32 - 1),
