@@ -11,7 +11,6 @@ from pathlib import Path
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
 from ema_monitor.observation import ActuatorStatus
@@ -31,6 +30,7 @@ from ema_ros.messages import (
     diagnostic_status,
     make_polled_subscription,
     namespace_of,
+    read_message,
     take_all,
     values_of,
 )
@@ -98,7 +98,7 @@ class VerdictKeeper:
     def poll(self) -> None:
         """Take verdicts that have come."""
         for taken in take_all(self.subscription):
-            status = deserialize_message(taken.data, DiagnosticStatus)
+            status = read_message(taken.data, DiagnosticStatus) or DiagnosticStatus()
             said = values_of(status)
             path = self._awaited
             if path is None or said.get("bag") != str(path):

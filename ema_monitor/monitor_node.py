@@ -13,7 +13,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.srv import SelfTest
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
-from rclpy.serialization import deserialize_message
 from std_msgs.msg import Bool, Header, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
@@ -63,6 +62,7 @@ from ema_ros.messages import (
     make_publisher,
     make_timer,
     namespace_of,
+    read_message,
     set_period,
     stamp_message,
     status_name,
@@ -207,18 +207,19 @@ class MonitorNode(EmaNode):
                     self._take_diagnostics(data)
                     continue
                 elif topic == WEIGHT_ON_WHEELS:
-                    message = deserialize_message(data, Bool)
+                    message = read_message(data, Bool) or Bool()  # in doubt it is off
                     transit = (time.time_ns() - sent) / 1e9
                     self._interlock.update(message.data, time.monotonic(), transit)
                 elif topic == COMMAND:
-                    stamp = stamp_of(deserialize_message(data, JointTrajectory))
+                    stamp = stamp_of(read_message(data, JointTrajectory) or JointTrajectory())
                     self._foreign = self._foreign or stamp not in self._sent
                 self._recorder.take(topic, data, received, sent)
 
     def _take_diagnostics(self, data: bytes) -> None:
         if ACTUATOR_STATUS.encode() not in data:
             return
-        found = find_actuator(deserialize_message(data, DiagnosticArray), self._namespace)
+        array = read_message(data, DiagnosticArray) or DiagnosticArray()
+        found = find_actuator(array, self._namespace)
         if found is not None:
             self._actuator, serial = found
             self._actuator_heard = time.monotonic()

@@ -16,7 +16,15 @@ from ema_monitor.messages import find_actuator
 from ema_monitor.observation import ActuatorStatus
 from ema_monitor.sequence import step_to
 from ema_record.bag.read import read_bag
-from ema_record.wire.topics import SELF_TEST_SERVICE
+from ema_record.wire.topics import (
+    COMMAND,
+    DEADMAN,
+    DIAGNOSTICS,
+    SELF_TEST_SERVICE,
+    VERDICT,
+    WEIGHT_ON_WHEELS,
+)
+from ema_ros.messages import make_publisher
 
 
 @pytest.fixture
@@ -192,6 +200,27 @@ def test_a_foreign_command_aborts_the_test(chain, watcher, tmp_path):
     assert read_bag(records(tmp_path)[0]).provenance.status == "aborted"
     watcher.wait(lambda: watcher.actuator["state"] == "idle")
     assert float(watcher.actuator["surface_position"]) == pytest.approx(-0.2, abs=2e-3)
+
+
+def test_damaged_messages_end_no_node_and_in_doubt_the_surface_stops(chain, watcher, tmp_path):
+    running = chain("extended")
+    damaged = [make_publisher(watcher.node, topic)
+               for topic in (DEADMAN, DIAGNOSTICS, VERDICT, COMMAND, WEIGHT_ON_WHEELS)]
+    watcher.wait(lambda: all(p.get_subscription_count() > 0 for p in damaged), what="readers")
+    for publisher in damaged:
+        publisher.publish(b"\x00")
+        publisher.publish(b"\x00\x01\x00\x00\xff\xff\xff\x7f")
+    watcher.spin_for(0.5)
+    sent = []
+
+    def damage():
+        if not sent and sum(map(len, watcher.blocks)) > 4000:
+            sent.append(damaged[-1].publish(b"\x00\x01\x00\x00"))
+
+    answer = watcher.self_test(during=damage)
+    assert "weight on wheels" in answer["by_name"]["test"]["message"]
+    assert read_bag(records(tmp_path)[0]).provenance.status == "aborted"
+    assert [process.poll() for process in running] == [None, None]
 
 
 @pytest.mark.slow
