@@ -223,7 +223,7 @@ class MonitorNode(EmaNode):
         if found is not None:
             self._actuator, serial = found
             self._actuator_heard = time.monotonic()
-            self._serial = self._serial or serial
+            self._serial = str(self._values["serial_number"]) or serial
 
     def _observe(self) -> Observation:
         now = time.monotonic()

@@ -237,6 +237,23 @@ def test_a_killed_acquisition_aborts_the_test(chain, watcher, tmp_path):
     assert read_bag(records(tmp_path)[0]).provenance.status == "aborted"
 
 
+@pytest.mark.slow
+def test_a_record_bears_the_serial_number_of_the_actuator_that_is_there_now(
+    nodes, chain, watcher, tmp_path
+):
+    simulator, _ = chain()
+    assert watcher.self_test()["serial_number"] == "SIM-0000"
+    simulator.send_signal(signal.SIGINT)
+    assert simulator.wait(10.0) == 0
+    watcher.actuator = {}
+    nodes.start(SIMULATOR, serial_number="SIM-0001")
+    watcher.wait_for_simulator()
+    answer = watcher.self_test()
+    assert answer["serial_number"] == "SIM-0001"
+    record = read_bag(answer["by_name"]["record"]["values"]["path"])
+    assert record.provenance.serial_number == "SIM-0001"
+
+
 def test_ctrl_c_closes_the_record_as_interrupted(chain, watcher, tmp_path):
     _, monitor = chain("extended")
     sent = []
