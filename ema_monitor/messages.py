@@ -66,6 +66,14 @@ class Request:
         self.passed = False
 
 
+def refuse(waiting: list[Request], reason: str) -> bool:
+    """Answer all who wait for a test to begin; return whether somebody did."""
+    some = bool(waiting)
+    while waiting:
+        waiting.pop().ended.set_result(reason)
+    return some
+
+
 def level_status(
     name: str, level: Level, message: str, values: Mapping[str, str], hardware_id: str = ""
 ) -> DiagnosticStatus:

@@ -26,6 +26,7 @@ from ema_monitor.messages import (
     find_actuator,
     level_status,
     record_statuses,
+    refuse,
 )
 from ema_monitor.observation import ACTUATOR_TIMEOUT, ActuatorStatus, Observation
 from ema_monitor.recorder import BitRecorder, new_bag_path
@@ -144,10 +145,13 @@ class MonitorNode(EmaNode):
         self._end("refused: the monitor is deactivated")
 
     def _on_abort(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Stop the surface, and end the test that runs."""
+        """Stop the surface, and end the test that runs or waits for its begin."""
         stage = self._sequence.stage
-        response.success = self._abort = stage is not Stage.IDLE
-        response.message = f"aborting: {stage.value}" if self._abort else "no test runs"
+        waited = refuse(self._waiting, "refused: the test was asked to end")
+        self._abort = stage is not Stage.IDLE
+        response.success = self._abort or waited
+        what = stage.value if self._abort else "before its begin"
+        response.message = f"aborting: {what}" if response.success else "no test runs"
         self._poll()
         return response
 
@@ -244,8 +248,7 @@ class MonitorNode(EmaNode):
         """Return what of the graph is missing or in the way."""
         publishers = self._polled[SAMPLES].get_publisher_count()
         if publishers != 1:
-            return (f"{publishers} nodes publish {self._namespace}{SAMPLES}, expected one "
-                    "actuator")
+            return f"{publishers} nodes publish {self._namespace}{SAMPLES}, expected one actuator"
         if self._command.get_subscription_count() < 1:
             return f"no actuator listens to {self._namespace}{COMMAND}"
         if self.count_services(self._service_name) > 1:
@@ -285,9 +288,7 @@ class MonitorNode(EmaNode):
         if action.status == "complete":
             results = [
                 check_counters(action.samples_published, self._recorder.samples_recorded),
-                *check_record(
-                    self._recorder.record(self._sequence.profile), self._described
-                ),
+                *check_record(self._recorder.record(self._sequence.profile), self._described),
             ]
         path = self._recorder.close(action.status, action.start_time)
         if path is None:
@@ -332,8 +333,7 @@ class MonitorNode(EmaNode):
         was_running = self._sequence.stage is not Stage.IDLE
         while self._sequence.stage is not Stage.IDLE:
             self._perform(self._sequence.step(self._observe()))
-        while self._waiting:
-            self._waiting.pop().ended.set_result(refusal)
+        refuse(self._waiting, refusal)
         end = time.monotonic() + SHUT_DOWN
         while self.executor is not None and self._callers and time.monotonic() < end:
             self.executor.spin_once(timeout_sec=POLL_PERIOD)

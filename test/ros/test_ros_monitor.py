@@ -174,6 +174,26 @@ def test_abort_stops_the_surface_and_ends_the_test(chain, watcher, tmp_path):
 
 
 @pytest.mark.slow
+def test_abort_also_ends_a_test_that_waits_for_the_aircraft(chain, watcher, tmp_path):
+    watcher.node.send = False
+    chain(weight_on_wheels_timeout=5.0)
+    client = watcher.node.create_client(Trigger, "/ema_monitor/abort")
+    watcher.wait(client.service_is_ready, what="the service")
+    begin, calls = time.monotonic(), []
+
+    def ask():
+        if not calls and time.monotonic() - begin > 0.5:
+            calls.append(client.call_async(Trigger.Request()))
+        watcher.node.send = bool(calls) and calls[0].done()
+
+    answer = watcher.self_test(during=ask)
+    assert answer["by_name"]["test"]["message"] == "refused: the test was asked to end"
+    watcher.wait(calls[0].done, what="the answer")
+    assert calls[0].result().success
+    assert records(tmp_path) == []
+
+
+@pytest.mark.slow
 def test_a_killed_monitor_stops_the_surface(chain, watcher):
     _, monitor = chain("extended")
     watcher.node.call_self_test()
