@@ -174,13 +174,16 @@ class AircraftNode(Node):
         for taken in take_all(self._verdict):
             verdict = read_message(taken.data, DiagnosticStatus)
             if verdict is not None:
-                self.verdict = verdict_of(verdict)
+                self.verdict = verdict_of(verdict) or self.verdict
 
 
-def verdict_of(status: DiagnosticStatus) -> dict[str, Any]:
-    """Return the verdict that a message of `/ema/verdict` carries."""
-    found: dict[str, Any] = json.loads(values_of(status).get("json", "{}"))
-    return found
+def verdict_of(status: DiagnosticStatus) -> dict[str, Any] | None:
+    """Return the verdict that a message of `/ema/verdict` carries, None: it is none of ours."""
+    try:
+        found = json.loads(values_of(status).get("json", ""))
+    except ValueError:
+        return None
+    return found if isinstance(found, dict) and "bag" in found else None
 
 
 def answer_of(response: SelfTest.Response) -> dict[str, Any]:

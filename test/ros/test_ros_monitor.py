@@ -12,6 +12,7 @@ from rclpy.signals import SignalHandlerOptions
 from ros_processes import MONITOR, SIMULATOR
 from std_srvs.srv import Trigger
 
+from ema_monitor.aircraft_node import verdict_of
 from ema_monitor.messages import find_actuator
 from ema_monitor.observation import ActuatorStatus
 from ema_monitor.sequence import step_to
@@ -434,6 +435,12 @@ def test_a_driver_of_any_name_is_an_actuator(name):
                        samples_published=9000), "RIG-1")
     moving = DiagnosticArray(status=[status_of(name, state="homing")])
     assert find_actuator(moving, namespace)[0].active
+
+
+@pytest.mark.parametrize("said", [{}, {"json": "{"}, {"json": "{}"}, {"json": "[1]"}])
+def test_a_verdict_of_somebody_else_is_none(said):
+    values = [KeyValue(key=key, value=value) for key, value in said.items()]
+    assert verdict_of(DiagnosticStatus(values=values)) is None
 
 
 def test_a_question_that_was_lost_is_asked_again(watcher):
