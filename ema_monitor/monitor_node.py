@@ -184,7 +184,7 @@ class MonitorNode(EmaNode):
             if self._sequence.stage is Stage.IDLE and self._request is None:
                 self._request, self._foreign, self._abort = request, False, False
                 self._began = time.monotonic()
-                self._perform(self._sequence.start(self._observe()))
+                self._perform(self._sequence.start(self._observe(begins=True)))
             else:
                 request.ended.set_result(RUNNING)
         set_period(self._timer, POLL_PERIODS.get(self._sequence.stage, POLL_PERIOD))
@@ -229,9 +229,9 @@ class MonitorNode(EmaNode):
             self._actuator_heard = time.monotonic()
             self._serial = str(self._values["serial_number"]) or serial
 
-    def _observe(self) -> Observation:
+    def _observe(self, begins: bool = False) -> Observation:
         now = time.monotonic()
-        finding = self._sequence.stage is Stage.FINDING
+        finding = begins or self._sequence.stage is Stage.FINDING
         silent = finding and now - self._actuator_heard > ACTUATOR_TIMEOUT
         return Observation(
             now=now, stamp=time.time_ns(), interlock=self._interlock.reason(now, self._began),

@@ -18,9 +18,11 @@ from ema_monitor.observation import ActuatorStatus
 from ema_monitor.sequence import step_to
 from ema_record.bag.read import read_bag
 from ema_record.wire.topics import (
+    BIT_RECORD,
     COMMAND,
     DEADMAN,
     DIAGNOSTICS,
+    SAMPLES,
     SELF_TEST_SERVICE,
     VERDICT,
     WEIGHT_ON_WHEELS,
@@ -273,6 +275,39 @@ def test_a_record_bears_the_serial_number_of_the_actuator_that_is_there_now(
     assert answer["serial_number"] == "SIM-0001"
     record = read_bag(answer["by_name"]["record"]["values"]["path"])
     assert record.provenance.serial_number == "SIM-0001"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("second", "why"), [
+    (SIMULATOR, "refused: 2 nodes publish /ema/samples, expected one actuator"),
+    (MONITOR, "refused: another monitor offers /ema_monitor/self_test on this domain"),
+])
+def test_refused_where_two_are_there_that_were_not_when_it_started(
+    nodes, watcher, tmp_path, second, why
+):
+    for module in (SIMULATOR, MONITOR, second):  # two monitors at once do not see each other
+        nodes.start(module, **({} if module == SIMULATOR else
+                               {"profile": "step", "output_directory": tmp_path / "records"}))
+    watcher.wait_for_simulator()
+    watcher.wait_for_monitor()
+    count = watcher.node.count_publishers
+    topic = SAMPLES if second == SIMULATOR else BIT_RECORD
+    watcher.wait(lambda: count(topic) == 2, 60.0, "the second one")
+    watcher.spin_for(1.5)
+    answer = watcher.self_test()
+    assert answer["by_name"]["test"]["message"] == why
+    assert records(tmp_path) == []
+
+
+@pytest.mark.slow
+def test_refused_where_the_actuator_has_gone(chain, watcher, tmp_path):
+    simulator, _ = chain()
+    watcher.spin_for(1.5)
+    simulator.send_signal(signal.SIGINT)
+    assert simulator.wait(10.0) == 0
+    answer = watcher.self_test()
+    assert answer["by_name"]["test"]["message"].startswith("refused: 0 nodes publish /ema/samples")
+    assert records(tmp_path) == []
 
 
 def test_ctrl_c_closes_the_record_as_interrupted(chain, watcher, tmp_path):
