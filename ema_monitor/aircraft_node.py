@@ -14,7 +14,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
 from lifecycle_msgs.srv import GetState
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 from std_msgs.msg import Bool
 
@@ -30,6 +29,7 @@ from ema_ros.messages import (
     make_polled_subscription,
     make_publisher,
     make_timer,
+    read_message,
     resolved,
     take_all,
     values_of,
@@ -167,17 +167,23 @@ class AircraftNode(Node):
         for taken in take_all(self._diagnostics) if self._diagnostics is not None else []:
             if self._monitor.encode() not in taken.data:
                 continue
-            for status in deserialize_message(taken.data, DiagnosticArray).status:
+            array = read_message(taken.data, DiagnosticArray) or DiagnosticArray()
+            for status in array.status:
                 if status.name == self._monitor:
                     self.stage = values_of(status).get("stage", self.stage)
         for taken in take_all(self._verdict):
-            self.verdict = verdict_of(deserialize_message(taken.data, DiagnosticStatus))
+            verdict = read_message(taken.data, DiagnosticStatus)
+            if verdict is not None:
+                self.verdict = verdict_of(verdict) or self.verdict
 
 
-def verdict_of(status: DiagnosticStatus) -> dict[str, Any]:
-    """Return the verdict that a message of `/ema/verdict` carries."""
-    found: dict[str, Any] = json.loads(values_of(status).get("json", "{}"))
-    return found
+def verdict_of(status: DiagnosticStatus) -> dict[str, Any] | None:
+    """Return the verdict that a message of `/ema/verdict` carries, None: it is none of ours."""
+    try:
+        found = json.loads(values_of(status).get("json", ""))
+    except ValueError:
+        return None
+    return found if isinstance(found, dict) and "bag" in found else None
 
 
 def answer_of(response: SelfTest.Response) -> dict[str, Any]:

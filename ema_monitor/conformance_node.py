@@ -10,7 +10,6 @@ import rclpy.executors
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool, Header
 
@@ -34,6 +33,7 @@ from ema_ros.messages import (
     make_polled_subscription,
     make_publisher,
     make_timer,
+    read_message,
     resolved,
     stamp_message,
     take_all,
@@ -181,8 +181,9 @@ class ConformanceNode(Node):
 
     def _listen(self) -> None:
         for taken in take_all(self._polled[DC_BUS]):
-            message = deserialize_message(taken.data, BatteryState)
-            self.heard.bus = float(message.voltage), float(message.current)
+            message = read_message(taken.data, BatteryState)
+            if message is not None:
+                self.heard.bus = float(message.voltage), float(message.current)
         for taken in take_all(self._polled[SAMPLES]):
             if self._run is not None:
                 try:
@@ -190,7 +191,7 @@ class ConformanceNode(Node):
                 except InvalidRecordError as error:
                     self._run.errors.append(str(error))
         for taken in take_all(self._polled[DIAGNOSTICS]):
-            self._take_status(deserialize_message(taken.data, DiagnosticArray))
+            self._take_status(read_message(taken.data, DiagnosticArray) or DiagnosticArray())
 
     def _take_status(self, array: DiagnosticArray) -> None:
         heard, now = self.heard, time.monotonic()

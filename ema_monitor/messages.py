@@ -11,7 +11,6 @@ from pathlib import Path
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
 from ema_monitor.observation import ActuatorStatus
@@ -31,6 +30,7 @@ from ema_ros.messages import (
     diagnostic_status,
     make_polled_subscription,
     namespace_of,
+    read_message,
     take_all,
     values_of,
 )
@@ -66,6 +66,14 @@ class Request:
         self.passed = False
 
 
+def refuse(waiting: list[Request], reason: str) -> bool:
+    """Answer all who wait for a test to begin; return whether somebody did."""
+    some = bool(waiting)
+    while waiting:
+        waiting.pop().ended.set_result(reason)
+    return some
+
+
 def level_status(
     name: str, level: Level, message: str, values: Mapping[str, str], hardware_id: str = ""
 ) -> DiagnosticStatus:
@@ -98,7 +106,7 @@ class VerdictKeeper:
     def poll(self) -> None:
         """Take verdicts that have come."""
         for taken in take_all(self.subscription):
-            status = deserialize_message(taken.data, DiagnosticStatus)
+            status = read_message(taken.data, DiagnosticStatus) or DiagnosticStatus()
             said = values_of(status)
             path = self._awaited
             if path is None or said.get("bag") != str(path):

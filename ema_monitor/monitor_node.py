@@ -13,7 +13,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.srv import SelfTest
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
-from rclpy.serialization import deserialize_message
 from std_msgs.msg import Bool, Header, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
@@ -27,6 +26,7 @@ from ema_monitor.messages import (
     find_actuator,
     level_status,
     record_statuses,
+    refuse,
 )
 from ema_monitor.observation import ACTUATOR_TIMEOUT, ActuatorStatus, Observation
 from ema_monitor.recorder import BitRecorder, new_bag_path
@@ -63,6 +63,7 @@ from ema_ros.messages import (
     make_publisher,
     make_timer,
     namespace_of,
+    read_message,
     set_period,
     stamp_message,
     status_name,
@@ -144,10 +145,13 @@ class MonitorNode(EmaNode):
         self._end("refused: the monitor is deactivated")
 
     def _on_abort(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Stop the surface, and end the test that runs."""
+        """Stop the surface, and end the test that runs or waits for its begin."""
         stage = self._sequence.stage
-        response.success = self._abort = stage is not Stage.IDLE
-        response.message = f"aborting: {stage.value}" if self._abort else "no test runs"
+        waited = refuse(self._waiting, "refused: the test was asked to end")
+        self._abort = stage is not Stage.IDLE
+        response.success = self._abort or waited
+        what = stage.value if self._abort else "before its begin"
+        response.message = f"aborting: {what}" if response.success else "no test runs"
         self._poll()
         return response
 
@@ -180,7 +184,7 @@ class MonitorNode(EmaNode):
             if self._sequence.stage is Stage.IDLE and self._request is None:
                 self._request, self._foreign, self._abort = request, False, False
                 self._began = time.monotonic()
-                self._perform(self._sequence.start(self._observe()))
+                self._perform(self._sequence.start(self._observe(begins=True)))
             else:
                 request.ended.set_result(RUNNING)
         set_period(self._timer, POLL_PERIODS.get(self._sequence.stage, POLL_PERIOD))
@@ -207,26 +211,27 @@ class MonitorNode(EmaNode):
                     self._take_diagnostics(data)
                     continue
                 elif topic == WEIGHT_ON_WHEELS:
-                    message = deserialize_message(data, Bool)
+                    message = read_message(data, Bool) or Bool()  # in doubt it is off
                     transit = (time.time_ns() - sent) / 1e9
                     self._interlock.update(message.data, time.monotonic(), transit)
                 elif topic == COMMAND:
-                    stamp = stamp_of(deserialize_message(data, JointTrajectory))
+                    stamp = stamp_of(read_message(data, JointTrajectory) or JointTrajectory())
                     self._foreign = self._foreign or stamp not in self._sent
                 self._recorder.take(topic, data, received, sent)
 
     def _take_diagnostics(self, data: bytes) -> None:
         if ACTUATOR_STATUS.encode() not in data:
             return
-        found = find_actuator(deserialize_message(data, DiagnosticArray), self._namespace)
+        array = read_message(data, DiagnosticArray) or DiagnosticArray()
+        found = find_actuator(array, self._namespace)
         if found is not None:
             self._actuator, serial = found
             self._actuator_heard = time.monotonic()
-            self._serial = self._serial or serial
+            self._serial = str(self._values["serial_number"]) or serial
 
-    def _observe(self) -> Observation:
+    def _observe(self, begins: bool = False) -> Observation:
         now = time.monotonic()
-        finding = self._sequence.stage is Stage.FINDING
+        finding = begins or self._sequence.stage is Stage.FINDING
         silent = finding and now - self._actuator_heard > ACTUATOR_TIMEOUT
         return Observation(
             now=now, stamp=time.time_ns(), interlock=self._interlock.reason(now, self._began),
@@ -243,8 +248,7 @@ class MonitorNode(EmaNode):
         """Return what of the graph is missing or in the way."""
         publishers = self._polled[SAMPLES].get_publisher_count()
         if publishers != 1:
-            return (f"{publishers} nodes publish {self._namespace}{SAMPLES}, expected one "
-                    "actuator")
+            return f"{publishers} nodes publish {self._namespace}{SAMPLES}, expected one actuator"
         if self._command.get_subscription_count() < 1:
             return f"no actuator listens to {self._namespace}{COMMAND}"
         if self.count_services(self._service_name) > 1:
@@ -284,9 +288,7 @@ class MonitorNode(EmaNode):
         if action.status == "complete":
             results = [
                 check_counters(action.samples_published, self._recorder.samples_recorded),
-                *check_record(
-                    self._recorder.record(self._sequence.profile), self._described
-                ),
+                *check_record(self._recorder.record(self._sequence.profile), self._described),
             ]
         path = self._recorder.close(action.status, action.start_time)
         if path is None:
@@ -331,8 +333,7 @@ class MonitorNode(EmaNode):
         was_running = self._sequence.stage is not Stage.IDLE
         while self._sequence.stage is not Stage.IDLE:
             self._perform(self._sequence.step(self._observe()))
-        while self._waiting:
-            self._waiting.pop().ended.set_result(refusal)
+        refuse(self._waiting, refusal)
         end = time.monotonic() + SHUT_DOWN
         while self.executor is not None and self._callers and time.monotonic() < end:
             self.executor.spin_once(timeout_sec=POLL_PERIOD)

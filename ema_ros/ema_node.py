@@ -63,6 +63,7 @@ class EmaNode(LifecycleNode):
         """Why the last transition failed."""
         self._stop = stop
         self.is_active = False
+        self._unconfigured = set(self.publishers)
         self._active_entities: list[tuple[Callable[[Any], object], Any]] = []
         use_kit(str(KIT.check(given_parameters(self).get(KIT.name, KIT.default))))
 
@@ -112,7 +113,6 @@ class EmaNode(LifecycleNode):
 
     def on_configure(self, _: LifecycleState) -> TransitionCallbackReturn:
         """Configure the node."""
-        self._unconfigured = set(self.publishers)
         return self._carry_out(self.configure)
 
     def on_cleanup(self, _: LifecycleState) -> TransitionCallbackReturn:
@@ -134,6 +134,12 @@ class EmaNode(LifecycleNode):
             destroy(entity)
         self._active_entities.clear()
         self.is_active = False
+        return result
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """End what is going on, from whatever state: the node acts no more."""
+        result = self.on_deactivate(state) if self.is_active else TransitionCallbackReturn.SUCCESS
+        self.on_cleanup(state)
         return result
 
     def _carry_out(self, change: Callable[[], None]) -> TransitionCallbackReturn:

@@ -88,7 +88,8 @@ class Deadman:
     def __init__(self, timeout: float) -> None:
         """Begin without a sign."""
         self.timeout = timeout
-        self._stamp, self._heard = 0, 0.0
+        self._stamp: int | None = None
+        self._heard = 0.0
 
     def update(self, stamp: int, now: float) -> None:
         """Take a sign for the command with this stamp (ns) at clock `now` (s)."""

@@ -1,7 +1,7 @@
 """Between our types and those of the client library, for all nodes: topics and status.
 
 What of the client library is not its public interface is used here and nowhere else:
-`PolledGroup`, `take_all`, `try_publish`.
+`PolledGroup`, `read_message`, `take_all`, `try_publish`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -20,12 +20,14 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from ema_record.wire.topics import DIAGNOSTICS, TOPICS, Qos, relative_name
 from ema_record.wire.types import NANOSECONDS
 
+T = TypeVar("T")
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
@@ -159,6 +161,18 @@ def take_all(subscription: Subscription) -> list[Taken]:
                 data, info["received_timestamp"], info["source_timestamp"],
                 info["publication_sequence_number"] or 0,
             ))
+    return found
+
+
+def read_message(data: bytes, kind: type[T]) -> T | None:
+    """Return the message of a kind that CDR holds, None where it is damaged.
+
+    Anybody on the domain may send anything, and what is polled is not looked at before.
+    """
+    try:
+        found: T = deserialize_message(data, kind)
+    except rclpy_implementation.RMWError:
+        return None
     return found
 
 

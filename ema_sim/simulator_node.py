@@ -7,7 +7,6 @@ import time
 
 import rclpy
 import rclpy.executors
-from rclpy.serialization import deserialize_message
 from std_msgs.msg import Bool, Header
 from trajectory_msgs.msg import JointTrajectory
 
@@ -37,6 +36,7 @@ from ema_ros.messages import (
     make_publisher,
     make_subscription,
     make_timer,
+    read_message,
     resolved,
     set_period,
     status_name,
@@ -183,11 +183,12 @@ class SimulatorNode(EmaNode):
         """Take what the aircraft and who commands have said."""
         for taken in take_all(self._polled[WEIGHT_ON_WHEELS]):
             transit = (time.time_ns() - taken.sent) / NANOSECONDS
-            value = deserialize_message(taken.data, Bool).data
-            self._interlock.update(value, time.monotonic(), transit)
+            message = read_message(taken.data, Bool) or Bool()  # in doubt it is off
+            self._interlock.update(message.data, time.monotonic(), transit)
         for taken in take_all(self._polled[DEADMAN]):
-            stamp = stamp_of(deserialize_message(taken.data, Header))
-            self._deadman.update(stamp, time.monotonic())
+            sign = read_message(taken.data, Header)
+            if sign is not None:
+                self._deadman.update(stamp_of(sign), time.monotonic())
 
     def _stop_if_unsafe(self) -> None:
         """Stop the surface where the interlock is open, or nobody watches the command."""

@@ -6,8 +6,6 @@ import subprocess
 import sys
 import time
 
-import rclpy
-import rclpy.serialization
 from diagnostic_msgs.msg import DiagnosticArray
 
 from ema_cli.commands.bit import MONITOR, PROGNOSTICS, SIMULATOR
@@ -19,6 +17,7 @@ from ema_ros.messages import (
     PolledGroup,
     make_polled_subscription,
     make_publisher,
+    read_message,
     take_all,
     values_of,
 )
@@ -106,7 +105,7 @@ class Watcher:
         self.executor.spin_once(timeout_sec=seconds)
         self.node.poll()
         for taken in take_all(self._diagnostics):
-            message = rclpy.serialization.deserialize_message(taken.data, DiagnosticArray)
+            message = read_message(taken.data, DiagnosticArray) or DiagnosticArray()
             for status in message.status:
                 if status.name == "ema_sim: actuator":
                     self.actuator = values_of(status)

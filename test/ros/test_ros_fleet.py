@@ -10,7 +10,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from ros_processes import MONITOR, SIMULATOR, ema
 
 from ema_record.bag.read import read_bag
-from ema_record.wire.topics import VERDICT
+from ema_record.wire.topics import COMMAND, SAMPLES, VERDICT
 from ema_ros.messages import make_publisher
 
 pytestmark = pytest.mark.slow
@@ -104,3 +104,20 @@ def test_a_node_told_to_wait_is_configured_and_activated_from_outside(nodes, wat
     assert change(Transition.TRANSITION_ACTIVATE)
     watcher.wait_for_monitor()
     assert watcher.self_test()["passed"]
+
+
+def test_a_node_that_is_shut_down_from_outside_acts_no_more(nodes, watcher, tmp_path):
+    nodes.start(SIMULATOR)
+    nodes.start(MONITOR, profile="step", output_directory=str(tmp_path / "records"))
+    watcher.wait_for_simulator()
+    watcher.wait_for_monitor()
+    for name in ("ema_monitor", "ema_sim"):
+        client = watcher.node.create_client(ChangeState, f"/{name}/change_state")
+        watcher.wait(client.service_is_ready, what=name)
+        future = client.call_async(ChangeState.Request(
+            transition=Transition(id=Transition.TRANSITION_ACTIVE_SHUTDOWN)))
+        watcher.wait(future.done, what=name)
+        assert future.result().success
+    watcher.wait(lambda: watcher.node.missing() == "the monitor", what="the end of the service")
+    watcher.wait(lambda: watcher.node.count_subscribers(COMMAND) == 0
+                 and watcher.node.count_publishers(SAMPLES) == 0, what="the end of the actuator")

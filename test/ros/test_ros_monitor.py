@@ -12,11 +12,22 @@ from rclpy.signals import SignalHandlerOptions
 from ros_processes import MONITOR, SIMULATOR
 from std_srvs.srv import Trigger
 
+from ema_monitor.aircraft_node import verdict_of
 from ema_monitor.messages import find_actuator
 from ema_monitor.observation import ActuatorStatus
 from ema_monitor.sequence import step_to
 from ema_record.bag.read import read_bag
-from ema_record.wire.topics import SELF_TEST_SERVICE
+from ema_record.wire.topics import (
+    BIT_RECORD,
+    COMMAND,
+    DEADMAN,
+    DIAGNOSTICS,
+    SAMPLES,
+    SELF_TEST_SERVICE,
+    VERDICT,
+    WEIGHT_ON_WHEELS,
+)
+from ema_ros.messages import make_publisher
 
 
 @pytest.fixture
@@ -166,6 +177,26 @@ def test_abort_stops_the_surface_and_ends_the_test(chain, watcher, tmp_path):
 
 
 @pytest.mark.slow
+def test_abort_also_ends_a_test_that_waits_for_the_aircraft(chain, watcher, tmp_path):
+    watcher.node.send = False
+    chain(weight_on_wheels_timeout=5.0)
+    client = watcher.node.create_client(Trigger, "/ema_monitor/abort")
+    watcher.wait(client.service_is_ready, what="the service")
+    begin, calls = time.monotonic(), []
+
+    def ask():
+        if not calls and time.monotonic() - begin > 0.5:
+            calls.append(client.call_async(Trigger.Request()))
+        watcher.node.send = bool(calls) and calls[0].done()
+
+    answer = watcher.self_test(during=ask)
+    assert answer["by_name"]["test"]["message"] == "refused: the test was asked to end"
+    watcher.wait(calls[0].done, what="the answer")
+    assert calls[0].result().success
+    assert records(tmp_path) == []
+
+
+@pytest.mark.slow
 def test_a_killed_monitor_stops_the_surface(chain, watcher):
     _, monitor = chain("extended")
     watcher.node.call_self_test()
@@ -194,6 +225,27 @@ def test_a_foreign_command_aborts_the_test(chain, watcher, tmp_path):
     assert float(watcher.actuator["surface_position"]) == pytest.approx(-0.2, abs=2e-3)
 
 
+def test_damaged_messages_end_no_node_and_in_doubt_the_surface_stops(chain, watcher, tmp_path):
+    running = chain("extended")
+    damaged = [make_publisher(watcher.node, topic)
+               for topic in (DEADMAN, DIAGNOSTICS, VERDICT, COMMAND, WEIGHT_ON_WHEELS)]
+    watcher.wait(lambda: all(p.get_subscription_count() > 0 for p in damaged), what="readers")
+    for publisher in damaged:
+        publisher.publish(b"\x00")
+        publisher.publish(b"\x00\x01\x00\x00\xff\xff\xff\x7f")
+    watcher.spin_for(0.5)
+    sent = []
+
+    def damage():
+        if not sent and sum(map(len, watcher.blocks)) > 4000:
+            sent.append(damaged[-1].publish(b"\x00\x01\x00\x00"))
+
+    answer = watcher.self_test(during=damage)
+    assert "weight on wheels" in answer["by_name"]["test"]["message"]
+    assert read_bag(records(tmp_path)[0]).provenance.status == "aborted"
+    assert [process.poll() for process in running] == [None, None]
+
+
 @pytest.mark.slow
 def test_a_killed_acquisition_aborts_the_test(chain, watcher, tmp_path):
     # Longer than a busy machine keeps the monitor from its first block.
@@ -206,6 +258,56 @@ def test_a_killed_acquisition_aborts_the_test(chain, watcher, tmp_path):
     answer = watcher.self_test(during=kill)
     assert "the acquisition has stopped" in answer["by_name"]["test"]["message"]
     assert read_bag(records(tmp_path)[0]).provenance.status == "aborted"
+
+
+@pytest.mark.slow
+def test_a_record_bears_the_serial_number_of_the_actuator_that_is_there_now(
+    nodes, chain, watcher, tmp_path
+):
+    simulator, _ = chain()
+    assert watcher.self_test()["serial_number"] == "SIM-0000"
+    simulator.send_signal(signal.SIGINT)
+    assert simulator.wait(10.0) == 0
+    watcher.actuator = {}
+    nodes.start(SIMULATOR, serial_number="SIM-0001")
+    watcher.wait_for_simulator()
+    answer = watcher.self_test()
+    assert answer["serial_number"] == "SIM-0001"
+    record = read_bag(answer["by_name"]["record"]["values"]["path"])
+    assert record.provenance.serial_number == "SIM-0001"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("second", "why"), [
+    (SIMULATOR, "refused: 2 nodes publish /ema/samples, expected one actuator"),
+    (MONITOR, "refused: another monitor offers /ema_monitor/self_test on this domain"),
+])
+def test_refused_where_two_are_there_that_were_not_when_it_started(
+    nodes, watcher, tmp_path, second, why
+):
+    for module in (SIMULATOR, MONITOR, second):  # two monitors at once do not see each other
+        nodes.start(module, **({} if module == SIMULATOR else
+                               {"profile": "step", "output_directory": tmp_path / "records"}))
+    watcher.wait_for_simulator()
+    watcher.wait_for_monitor()
+    count = watcher.node.count_publishers
+    topic = SAMPLES if second == SIMULATOR else BIT_RECORD
+    watcher.wait(lambda: count(topic) == 2, 60.0, "the second one")
+    watcher.spin_for(1.5)
+    answer = watcher.self_test()
+    assert answer["by_name"]["test"]["message"] == why
+    assert records(tmp_path) == []
+
+
+@pytest.mark.slow
+def test_refused_where_the_actuator_has_gone(chain, watcher, tmp_path):
+    simulator, _ = chain()
+    watcher.spin_for(1.5)
+    simulator.send_signal(signal.SIGINT)
+    assert simulator.wait(10.0) == 0
+    answer = watcher.self_test()
+    assert answer["by_name"]["test"]["message"].startswith("refused: 0 nodes publish /ema/samples")
+    assert records(tmp_path) == []
 
 
 def test_ctrl_c_closes_the_record_as_interrupted(chain, watcher, tmp_path):
@@ -368,6 +470,12 @@ def test_a_driver_of_any_name_is_an_actuator(name):
                        samples_published=9000), "RIG-1")
     moving = DiagnosticArray(status=[status_of(name, state="homing")])
     assert find_actuator(moving, namespace)[0].active
+
+
+@pytest.mark.parametrize("said", [{}, {"json": "{"}, {"json": "{}"}, {"json": "[1]"}])
+def test_a_verdict_of_somebody_else_is_none(said):
+    values = [KeyValue(key=key, value=value) for key, value in said.items()]
+    assert verdict_of(DiagnosticStatus(values=values)) is None
 
 
 def test_a_question_that_was_lost_is_asked_again(watcher):

@@ -79,6 +79,7 @@ def test_an_actuator_asks_for_no_time_to_hold_but_ends_for_a_moment():
 def test_silence_of_who_commands_ends_the_command_that_he_watched():
     deadman = Deadman(0.5)
     assert deadman.reason(7, 100.0) == "", "who never gives a sign is not asked for it"
+    assert deadman.reason(0, 100.0) == "", "nor where his command has no stamp"
     deadman.update(7, 100.0)
     assert deadman.reason(7, 100.5) == ""
     assert deadman.reason(7, 100.6) == "no sign of life from who commands for 0.60 s"
