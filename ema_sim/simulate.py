@@ -74,7 +74,9 @@ def simulate(
     ).record
 
 
-def start_of(a: Actuator, profile: Profile, shares: Sequence[float]) -> tuple[float, float]:
+def start_of(
+    a: Actuator, profile: Profile, shares: Sequence[float] | np.ndarray
+) -> tuple[float, float]:
     """Return surface position and twist of the shaft when a test begins (rad).
 
     As friction has held them since the last move: `shares`, from -1 to 1, of what the motor of

@@ -49,7 +49,7 @@ def test_limits_that_are_none(text, problem):
 @pytest.mark.parametrize("text", ["a.b=1e999", "a.b=-1e999%", "a.b=nan", "a.b"])
 def test_a_limit_of_a_rig_is_a_number(text):
     with pytest.raises(UsageError, match=r"write NAME=VALUE or NAME=\+P%"):
-        rig_trend([], limits=[text])
+        rig_trend([], map_file=None, model=None, limits=[text])
 
 
 def test_dates_go_on_at_the_pace_of_the_flights():
