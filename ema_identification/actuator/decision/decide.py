@@ -97,6 +97,8 @@ def decide(
     if usual is not None:
         if answer.fit is None and usual.verdict == "no disagreement":
             return usual
+        if _edge(case, answer.fit) > 1.0:  # so may the numbers of none
+            rival = beyond
         nothing = rival.hardest(fits)
         quiet = _silence(usual, held, (nothing,), p, _edge(case, nothing))
         if answer.fit is None or not (
