@@ -222,6 +222,24 @@ def test_what_is_rarer_than_one_in_twenty_is_named_only_if_it_adds_to_none():
     assert [decide(unit(seed=600 + k)).verdict for k in range(30)] == ["no disagreement"] * 30
 
 
+@pytest.mark.parametrize("beyond", [False, True])
+def test_none_is_fitted_within_the_bounds_of_what_is_named(beyond, monkeypatch):
+    """Numbers beyond their bands may make up for more than a law does: also without it."""
+    u, edges, hardest = unit(seed=7, viscous_friction=1.0), [], models.Models.hardest
+    term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([VISCOUS]))
+    start = u.on_library((term,), [np.zeros(SIZE)])
+    law = replace(start, terms=(term,), z=np.where(TOLD, start.z, 1.2 * beyond))
+    for place in decision, models:
+        monkeypatch.setattr(place, "p_nothing", lambda *_: 2.0 * LEVEL)
+    monkeypatch.setattr(models.Models, "singles", lambda self: [
+        self.unit.begun(law, self.white, SETTLED_RUNS)])
+    monkeypatch.setattr(models.Models, "pairs", lambda *_: [])
+    monkeypatch.setattr(models.Models, "hardest", lambda self, fits: (
+        edges.append(self.unit.edge) or hardest(self, fits)))
+    assert decide(u).verdict == "explained"
+    assert edges[0] == (EDGE if beyond else 1.0)
+
+
 @pytest.mark.parametrize(("size", "adds"), [(1.0, True), (1e-3, False)])
 def test_a_law_adds_to_none_if_it_gains_also_beside_the_numbers_of_none(size, adds):
     """A fit of it that stands still elsewhere is no reason for silence, nor for a name."""
