@@ -10,7 +10,7 @@ import typer
 
 from ema_cli.console import check_new_file, print_json, stdout
 from ema_cli.lines import print_text
-from ema_cli.options import Baseline, Commanded, Format, Rule, given_once
+from ema_cli.options import Baseline, Commanded, Format, Rule
 from ema_cli.views.flights import (
     about,
     copies_text,
@@ -84,7 +84,6 @@ def trend(
 
     chosen = parse_rule(rule)
     form = check_format(form, json=json)
-    given_once("--limit", limit)
     if plot is not None:
         picture_format(plot)
     check_new_file(plot)

@@ -81,8 +81,6 @@ def test_main_imports_no_heavy_module():
         (["bit", "--real-time-factor=-1"], "-1 is out of bounds: give 0 to 1000"),
         (["simulate", "--seed"], "'--seed' requires an argument; see 'ema simulate --help'"),
         (["effects", "one", "two"], "two"),
-        (["trend", "--limit", "friction=5%", "--limit", "friction=6%", "b"],
-         "--limit friction: given twice, as 5% and as 6%: give it once"),
         (["man", "--out", os.devnull], "cannot be written (File exists): choose a folder"),
     ],
 )
