@@ -8,6 +8,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
+from ema_prognostics.fleet.verdict_store import in_utf8
 from ema_record.errors import library
 
 TEXT, NUMBER, INTEGER, TIME = "text", "number", "integer", "time"
@@ -59,8 +60,8 @@ def write_parquet(objects: Iterable[Mapping[str, Any]], path: Path) -> None:
         if row["time"] is not None:
             row["time"] = datetime.fromisoformat(row["time"].replace("Z", "+00:00"))
         for name, text in row.items():
-            if isinstance(text, str):  # bags and kits have names that are not UTF-8
-                row[name] = text.encode("utf-8", "backslashreplace").decode()
+            if isinstance(text, str):
+                row[name] = in_utf8(text)
     schema = pa.schema([(name, kinds[kind]) for name, kind in COLUMNS.items()],
                        metadata={"written_by": OURS})
     pq.write_table(pa.Table.from_pylist(rows, schema=schema), path)

@@ -79,10 +79,10 @@ class VerdictStore:
 
     def sha256(self, bag: Path) -> str | None:
         """Return the content hash of a bag, None where it cannot be read."""
-        place = _storable(str(bag.absolute()))
+        place = in_utf8(str(bag.absolute()))
         try:
             state, latest = files_state(bag)
-            state = _storable(state)
+            state = in_utf8(state)
             known = self._states.get(place, "").rpartition("\n")
             if known[0] == state:
                 return known[2]
@@ -116,6 +116,6 @@ class VerdictStore:
             self._base.executemany(query, rows)
 
 
-def _storable(text: str) -> str:
-    """Return a text with names of files that are not UTF-8 as the database can hold them."""
+def in_utf8(text: str) -> str:
+    """Return a text with names of files that are not UTF-8 escaped."""
     return text.encode("utf-8", "backslashreplace").decode()

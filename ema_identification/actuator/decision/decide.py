@@ -80,9 +80,9 @@ def decide(
         far = max(p_nothing(scores(beyond.unit), healthy), beyond.p_without())
         usual, rival = _usual(beyond, far, held, EDGE), beyond
     singles = case.singles()
-    silent = usual if rival is beyond and usual and usual.verdict == "no disagreement" else None
-    if silent is not None and not any(map(case.explains, singles)):
-        return silent
+    silence = usual if rival is beyond and usual and usual.verdict == "no disagreement" else None
+    if silence is not None and not any(map(case.explains, singles)):
+        return silence
     progress("name", 0.5)
     pairs = case.pairs(singles)
     progress("name", 0.9)
@@ -102,7 +102,7 @@ def decide(
         nothing = rival.hardest(fits)
         quiet = _silence(usual, held, (nothing,), p, _edge(case, nothing))
         if answer.fit is None or not (
-                (held is not None and quiet is None and silent is None
+                (held is not None and quiet is None and silence is None
                  and held.gap([nothing, answer.fit], _edge(case, answer.fit)).closes(MOST))
                 or rival.adds(answer.fit, nothing)):
             return quiet or usual
