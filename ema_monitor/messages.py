@@ -178,7 +178,8 @@ def find_actuator(array: DiagnosticArray, namespace: str) -> tuple[ActuatorStatu
         if not reports_of(status.name, namespace):
             continue
         try:
-            return actuator_status(values_of(status)), status.hardware_id
+            wrong = status.message if status.level > DiagnosticStatus.OK else ""
+            return actuator_status(values_of(status), wrong), status.hardware_id
         except (KeyError, ValueError):  # a status of somebody else, of the same name
             continue
     return None
@@ -192,7 +193,7 @@ def reports_of(name: str, namespace: str) -> bool:
     return task == ACTUATOR_STATUS and path.strip("/") == namespace.strip("/")
 
 
-def actuator_status(values: Mapping[str, str]) -> ActuatorStatus:
+def actuator_status(values: Mapping[str, str], complaint: str = "") -> ActuatorStatus:
     """Return a status of the actuator (KeyError: incomplete; ValueError: no number)."""
     position = float(values["surface_position"])
     if not math.isfinite(position):
@@ -201,5 +202,5 @@ def actuator_status(values: Mapping[str, str]) -> ActuatorStatus:
         active=values["state"] != "idle", surface_position=position,
         command_stamp=int(values["command_stamp"]), start_time=int(values["start_time"]),
         samples_published=int(values["samples_published"]),
-        captures=values.get(ACQUISITION) == CAPTURE,
+        captures=values.get(ACQUISITION) == CAPTURE, complaint=complaint,
     )

@@ -23,6 +23,8 @@ class ActuatorStatus:
     """For that command."""
     captures: bool = False
     """It publishes the samples of a move when the move is over."""
+    complaint: str = ""
+    """What is wrong in its words, as a command that it refused; empty: nothing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -189,7 +189,9 @@ class TestSequence:
             begin += self._duration
         silent = seen.now - max(seen.last_block, begin)
         if silent > self._stream_timeout:
-            return f"no samples for {silent:.1f} s: the acquisition has stopped"
+            said = "" if seen.actuator is None else seen.actuator.complaint
+            return f"no samples for {silent:.1f} s: " + (
+                f"the actuator reports '{said}'" if said else "the acquisition has stopped")
         return ""
 
     def _finding(self, seen: Observation) -> list[Action]:

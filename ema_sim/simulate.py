@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -71,6 +72,19 @@ def simulate(
         start_angle=start_angle, start=start, serial_number=serial_number, start_time=start_time,
         trace=False, switching=switching,
     ).record
+
+
+def start_of(
+    a: Actuator, profile: Profile, shares: Sequence[float] | np.ndarray,
+) -> tuple[float, float]:
+    """Return surface position and twist of the shaft when a test begins (rad).
+
+    As friction has held them since the last move: `shares`, from -1 to 1, of what the motor of
+    the type `a` turns before a surface at rest starts.
+    """
+    reach, stop = a.wind_up / a.gear.ratio, a.surface.end_stop
+    position, twist = (reach * float(x) for x in shares)
+    return float(np.clip(profile.start + position, -stop, stop)), twist
 
 
 def simulate_traced(

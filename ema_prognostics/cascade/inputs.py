@@ -38,7 +38,8 @@ switching onto any line, by as much as onto the others."""
 _BALANCE = (
     "dry_torque", "viscous_share", "torque_", "gap_torque", SURFACE, "gap_load", "gap_width",
     "load_", "temperature", "bus_voltage", "lag_", "shaft_slope", "start_stiffness",
-    "short_like_best", "amplitude_1", "amplitude_3", "noise_speed", "winding_back_emf", "inertia",
+    "start_gap", "short_like_best", "amplitude_1", "amplitude_3", "noise_speed",
+    "winding_back_emf", "inertia",
 )
 """What the mean torque depends on."""
 GROUPS: dict[str, tuple[str, ...]] = {
@@ -49,8 +50,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "static_eccentricity": _ASYMMETRY,
     "motor_friction": _BALANCE,
     "surface_friction": _BALANCE,
-    "backlash": ("gap_", "lag_", "shaft_slope", "start_stiffness", "torque_ramp", "load_ramp",
-                 "torque_full", "noise_speed"),
+    "backlash": ("gap_", "lag_", "shaft_slope", "start_stiffness", "start_gap",
+                 "torque_ramp", "load_ramp", "torque_full", "noise_speed"),
 }
 """Beginnings of the names of the inputs of each network."""
 SIZES = {

@@ -99,6 +99,11 @@ class RunConditions:
     """None: the unit's own."""
     seed: int
 
+    @property
+    def start(self) -> tuple[float, float]:
+        """How surface and shaft stand when the test begins, for `ema_sim.simulate.start_of`."""
+        return _two(np.random.default_rng([self.seed, 1]), -1.0, 1.0)
+
 
 def _two(rng: np.random.Generator, low: float, high: float) -> tuple[float, float]:
     a, b = rng.uniform(low, high, 2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -32,13 +32,12 @@ from ema_record import array_cache
 from ema_record.actuator import Actuator, load_actuator
 from ema_record.errors import RecordError, UsageError
 from ema_record.kit import ACTUATOR, PROFILES, kit_path, with_present_kit
-from ema_record.profile import Profile, load_profile
-from ema_record.record import Record
+from ema_record.profile import load_profile
 from ema_record.sources import source_hash
 from ema_record.spread import TypeSpread, load_spread
 from ema_sim.effects import Effects
 from ema_sim.model_file import Model, load_model_file
-from ema_sim.simulate import simulate
+from ema_sim.simulate import simulate, start_of
 
 MIX = (("healthy", 0.16), ("turn_short", 0.20), ("static", 0.06), ("rotor_eccentricity", 0.18),
        ("friction", 0.15), ("backlash", 0.09), ("pair", 0.16))
@@ -122,48 +121,29 @@ def _draw(rng: np.random.Generator, healthy: bool, spread: TypeSpread, draw: Dra
                      type=draw_type(rng.spawn(1)[0]))
 
 
-def begins_alike(short: Profile, long: Profile) -> bool:
-    """Whether a test commands, as long as it lasts, what another one does."""
-    if short.inverter_off != long.inverter_off or short.duration > long.duration:
-        return False
-    knots = {t for t, _ in (*short.points, *long.points) if t <= short.duration}
-    time = np.array(sorted({short.duration} | {t + d for t in knots for d in (-1e-6, 0.0, 1e-6)}))
-    time = time[(time >= 0.0) & (time <= short.duration)]
-    return bool(np.allclose(short.command(time), long.command(time), rtol=0.0, atol=1e-9))
-
-
-def beginning(record: Record, profile: Profile) -> Record:
-    """Return the first part of a record as one of `profile`, which began alike."""
-    def until(rows: np.ndarray) -> np.ndarray:
-        return rows[rows[:, 0] <= profile.duration]
-
-    return replace(record, samples=until(record.samples), profile=profile,
-                   dc_bus=until(record.dc_bus),
-                   winding_temperature=until(record.winding_temperature))
-
-
 def _features(
     kinds: Sequence[ProfileKind], of: Actuator, always: Effects, unit: Unit,
     conditions: RunConditions, fault: InjectedFault,
 ) -> dict[ProfileKind, dict[str, float]]:
     """Return the features of one test by kind, none where the actuator did not do it.
 
-    A step that is the beginning of the longer test is not simulated again.
+    A single step begins as the last move has left surface and shaft.
     """
     nominal = load_actuator()  # as the diagnosis will see it
     actuator = actuator_of(of, unit, conditions)
     effects = effects_of(of, unit, conditions, fault, always)
+    surface, shaft = actuator.surface, actuator.shaft
+    worn = actuator._replace(
+        surface=surface._replace(static_friction=surface.static_friction * (
+            1.0 + effects.surface_friction.increase)),
+        shaft=shaft._replace(backlash=shaft.backlash + effects.backlash.increase))
     found: dict[ProfileKind, dict[str, float]] = {}
-    longest: Record | None = None
-    for kind in sorted(kinds, key=lambda k: -load_profile(k).duration):
+    for kind in kinds:
         profile = load_profile(kind)
         try:
-            if longest is not None and begins_alike(profile, longest.profile):
-                record = beginning(longest, profile)
-            else:
-                record = simulate(profile, actuator=actuator, seed=conditions.seed,
-                                  effects=effects)
-            longest = record if longest is None else longest
+            record = simulate(profile, actuator=actuator, seed=conditions.seed, effects=effects,
+                              start=start_of(worn, profile, conditions.start)
+                              if kind == "step" else None)
             found[kind] = extract(record, kind, nominal)
         except RecordError:
             found[kind] = {}
@@ -221,7 +201,7 @@ def simulate_fleets(
 
     Parameters
     ----------
-    kinds : of the tests; a short one that begins as a long one costs no simulation.
+    kinds : of the tests.
     units : number of units; each has a baseline and three tests (one if `healthy`).
     seed : of everything; the result does not depend on `jobs`.
     healthy : only healthy tests, for the calibration of false alarms.

@@ -22,7 +22,7 @@ RELEVANT = {
     "turn_short": ("_even_m2", "_even_m4", "resistance_spread", "inductance_spread"),
     "rotor_eccentricity": ("_even_m1", "_even_m3"),
     "friction": ("torque_", "gap_torque", "surface_torque"),
-    "backlash": ("gap_width", "lag_", "start_stiffness"),
+    "backlash": ("gap_width", "lag_", "start_stiffness", "start_gap"),
 }
 """Features that speak for each class, by parts of their names."""
 MOST = 3
@@ -49,7 +49,7 @@ UNITS: tuple[tuple[tuple[str, ...], ReadUnit], ...] = (
     (("torque_", "_torque"), ReadUnit("N m", exp)),
     (("load_", "gap_load"), ReadUnit("N m", float)),
     (("gap_width", "lag_ramp", "lag_quarter"), ReadUnit("mrad", lambda v: 0.1 * v)),
-    (("lag_", "position_over_angle"), ReadUnit("mrad", float)),
+    (("lag_", "start_gap", "position_over_angle"), ReadUnit("mrad", float)),
     (("rise_time",), ReadUnit("ms", float)),
     (("speed_full", "noise_speed", "speed_step", "speed_rms"), ReadUnit("rad/s", exp)),
     (("sum_mean", "offset_largest"), ReadUnit("A", float)),

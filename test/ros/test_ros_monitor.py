@@ -468,6 +468,10 @@ def test_a_driver_of_any_name_is_an_actuator(name):
     assert find_actuator(DiagnosticArray(status=[*others, status_of(name)]), namespace) == (
         ActuatorStatus(active=False, surface_position=-0.4, command_stamp=5, start_time=6,
                        samples_published=9000), "RIG-1")
+    refused = status_of(name)
+    refused.level, refused.message = DiagnosticStatus.WARN, "command refused: beyond a stop"
+    found, _ = find_actuator(DiagnosticArray(status=[refused]), namespace)
+    assert found.complaint == "command refused: beyond a stop"
     moving = DiagnosticArray(status=[status_of(name, state="homing")])
     assert find_actuator(moving, namespace)[0].active
 

@@ -24,7 +24,6 @@ from ema_identification.actuator.fleet.units import (
     draw_fleet_conditions,
     fleet_unit,
     of_day,
-    start_of,
     unit_numbers,
     unlisted,
 )
@@ -36,7 +35,7 @@ from ema_record.record import Record
 from ema_record.spread import UnitTolerances, load_spread
 from ema_sim.effects import parse_effects
 from ema_sim.model_file import load_model_file
-from ema_sim.simulate import simulate
+from ema_sim.simulate import simulate, start_of
 
 DAMAGES: dict[str, tuple[str, float | None]] = {
     "turn_short": ("short", 0.03), "rotor_eccentricity": ("eccentricity", 0.03),
@@ -140,7 +139,7 @@ def own_unit(
         return simulate(profile, actuator=actuator, effects=effects,
                         seed=int(rng.integers(2**31)) if repeat is None else repeat,
                         start_angle=day.start_angle,
-                        start=start_of(model.actuator, profile, today))
+                        start=start_of(model.actuator, profile, today[-2:]))
 
     def both(repeat: int, name: str) -> tuple[Record, Record]:
         others = {at: value for at, value in settings.items() if at.split(".")[0] != name}

@@ -34,14 +34,13 @@ from ema_identification.actuator.fleet.units import (
     draw_fleet_unit,
     fleet_unit,
     of_day,
-    start_of,
 )
 from ema_record.actuator import load_actuator
 from ema_record.profile import Profile
 from ema_record.record import Record
 from ema_record.spread import load_spread
 from ema_sim.model_file import load_model_file
-from ema_sim.simulate import simulate
+from ema_sim.simulate import simulate, start_of
 
 UNITS, SEED = 1500, 880_001
 """Effect-free units: fifteen times the numbers of the regression."""
@@ -105,7 +104,7 @@ def _effect_free(
     z, day = draw_fleet_unit(rng, model.actuator), draw_fleet_conditions(rng, spread)
     actuator, effects = fleet_unit(model, spread, z, day)
     record = simulate(profile, actuator=actuator, effects=effects, seed=k,
-                      start_angle=day.start_angle, start=start_of(model.actuator, profile, z))
+                      start_angle=day.start_angle, start=start_of(model.actuator, profile, z[-2:]))
     bus, warm = _known(record)
     return view(record), z, np.array([bus, warm, bus * bus, warm * warm, bus * warm, *z**2])
 

@@ -29,14 +29,13 @@ from ema_identification.actuator.measure.tolerances import (
 )
 from ema_record.actuator import RELAY, TRAPEZOID, Actuator
 from ema_record.errors import InvalidRecordError, SimulationError
-from ema_record.profile import Profile
 from ema_record.record import Record
 from ema_record.spread import Conditions, TypeSpread, harmonic_spread
 from ema_sim.drives import shows_carrier
 from ema_sim.effects import EFFECTS, Effects
 from ema_sim.machine import TURN
 from ema_sim.model_file import Model
-from ema_sim.simulate import simulate
+from ema_sim.simulate import simulate, start_of
 
 _RELAY, _CARRIER = ("inverter.hysteresis",), ("drive.proportional_gain", "drive.integral_gain")
 _TRAPEZOID, _HARMONICS = ("motor.flat_top",), ("motor.harmonic_5", "motor.harmonic_7")
@@ -227,16 +226,6 @@ def fleet_unit(
                       inverter=inverter, drive=drive, noise=noise, converters=converters), e
 
 
-def start_of(a: Actuator, profile: Profile, z: np.ndarray) -> tuple[float, float]:
-    """Return surface position and twist of the shaft of a unit when a test begins (rad).
-
-    Both within what the motor turns before a surface at rest starts. `a` : the type.
-    """
-    reach, stop = a.wind_up / a.gear.ratio, a.surface.end_stop
-    position, twist = (reach * float(x) for x in z[-len(_START):])
-    return float(np.clip(profile.start + position, -stop, stop)), twist
-
-
 def fleet_record(
     model: Model, spread: TypeSpread, fmap: FeatureMap, z: np.ndarray,
     conditions: RecordConditions, seed: int, effects: Effects | None = None,
@@ -247,7 +236,7 @@ def fleet_record(
     angle = conditions.start_angle - effects.hall_misalignment.angle
     return whole(simulate(
         fmap.profile, actuator=actuator, effects=effects, seed=seed, rate=fmap.rate,
-        start_angle=angle, start=start_of(model.actuator, fmap.profile, z),
+        start_angle=angle, start=start_of(model.actuator, fmap.profile, z[-len(_START):]),
         switching=shows_carrier(actuator, fmap.rate)), model.actuator)
 
 

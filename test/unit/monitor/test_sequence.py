@@ -212,6 +212,17 @@ def test_an_abort_with_the_interlock_closed_brings_the_surface_back():
     assert finish.reason.startswith("aborted: no samples")
 
 
+def test_what_the_actuator_complains_of_is_told_where_no_samples_come():
+    bench = Bench()
+    bench.to_testing()
+    bench.seen = replace(bench.seen, actuator=replace(
+        bench.seen.actuator, complaint="command refused: no weight on wheels"))
+    _, back = silenced(bench)
+    (finish,) = bench.executed(back, REST.surface_position, 9000)
+    assert finish.reason == ("aborted: no samples for 5.1 s: the actuator reports "
+                             "'command refused: no weight on wheels'")
+
+
 LATER = replace(START, actuator=replace(REST, surface_position=STEP.start, captures=True))
 
 

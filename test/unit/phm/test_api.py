@@ -94,7 +94,7 @@ def test_read_write_and_diagnose(bag, record, tmp_path):
     assert (again.samples == record.samples).all()
     verdict = ema.diagnose(record)
     assert verdict == ema.diagnose(str(bag))
-    assert repr(verdict) == "<Verdict FAULT: turn short, phase b 9.59 % (8.71 to 10.6)>"
+    assert repr(verdict) == "<Verdict FAULT: turn short, phase b 9.68 % (8.8 to 10.6)>"
     assert ema.to_json(bag)["faults"] == verdict.to_dict()["faults"]
     assert ema.diagnose("nowhere").outcome == "invalid"
 

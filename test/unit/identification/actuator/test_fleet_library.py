@@ -33,7 +33,6 @@ from ema_identification.actuator.fleet.units import (
     fleet_runs,
     fleet_unit,
     of_day,
-    start_of,
     unit_numbers,
 )
 from ema_identification.actuator.gap import HeldOut
@@ -64,7 +63,7 @@ from ema_record.profile import Profile, load_profile
 from ema_record.spread import harmonic_spread, load_spread
 from ema_sim.effects import parse_effects
 from ema_sim.model_file import load_model_file
-from ema_sim.simulate import simulate
+from ema_sim.simulate import simulate, start_of
 
 MODEL, SPREAD = load_model_file(), load_spread()
 
@@ -385,9 +384,9 @@ def test_how_surface_and_shaft_stand_at_the_start_belongs_to_the_day():
     z = np.zeros(len(names))
     z[names.index("start.position")], z[names.index("start.twist")] = 0.5, -1.0
     profile = load_profile("step")
-    assert start_of(a, profile, z) == pytest.approx((profile.start + 0.5 * reach, -reach))
+    assert start_of(a, profile, z[-2:]) == pytest.approx((profile.start + 0.5 * reach, -reach))
     assert deviations(a, SPREAD, z)["start.twist"] == (pytest.approx(-reach), "rad")
     assert of_day(len(z))[-2:].all()
     edge = Profile(name="edge", points=((0.0, -a.surface.end_stop), (1.0, 0.0)))
     z[names.index("start.position")] = -1.0
-    assert start_of(a, edge, z)[0] == -a.surface.end_stop
+    assert start_of(a, edge, z[-2:])[0] == -a.surface.end_stop

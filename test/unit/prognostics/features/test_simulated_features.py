@@ -10,6 +10,8 @@ import pytest
 
 from ema_prognostics.cascade.lines import ACROSS
 from ema_prognostics.features.extract import extract
+from ema_prognostics.features.signals import prepare
+from ema_prognostics.features.start import start_gap
 from ema_record.errors import IncompleteRecordError
 from ema_record.profile import load_profile
 from ema_record.record import Record
@@ -94,3 +96,20 @@ def test_cut_record_is_refused() -> None:
     cut = Record(samples=record.samples[:30_000], profile=record.profile)
     with pytest.raises(IncompleteRecordError):
         extract(cut, "extended")
+
+
+@pytest.mark.parametrize(("twist", "crossed"), [(-1.0, 1.1), (0.0, 0.55), (1.0, 0.0)])
+def test_a_start_shows_the_lost_motion_that_it_crosses(twist: float, crossed: float) -> None:
+    """Whole, half or nothing of 1.1 mrad, by how the last move has left the shaft."""
+    record = simulate(load_profile("step"), effects=parse_effects(["backlash.increase=0.001"]),
+                      seed=3, noise=0.5, start=(-0.4, 1e-3 * twist))
+    found = extract(record, "step")
+    assert crossed - 0.15 <= found["start_gap_least"] <= crossed + 0.1
+    assert found["start_gap_most"] > 1.05
+
+
+def test_a_start_of_a_few_samples_tells_no_lost_motion() -> None:
+    signals = prepare(simulate(load_profile("step"), seed=3))
+    wound = DEFAULT.actuator.wind_up / DEFAULT.actuator.gear.ratio
+    assert start_gap(signals, slice(440, 450), np.zeros(10), 1.0) == pytest.approx(
+        [0.0, 3.0 * wound])

@@ -66,7 +66,7 @@ def test_bags_are_found_however_deep(place):
 def test_units_are_worst_first(found):
     assert [(u.serial_number, u.state) for u in found.units] == [
         ("SIM-0001", "suspected"), ("", "no answer"), ("SIM-0000", "healthy")]
-    assert found.units[0].finding().startswith("turn short, phase b 9.59 %")
+    assert found.units[0].finding().startswith("turn short, phase b 9.68 %")
     assert "no metadata.yaml" in found.units[1].finding()
     assert repr(found) == "<Fleet of 3 units, 3 bags: 1 suspected, 1 no answer, 1 healthy>"
 

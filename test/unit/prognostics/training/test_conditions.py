@@ -22,9 +22,8 @@ from ema_prognostics.training.conditions import (
     harmonic_spread,
 )
 from ema_prognostics.training.faults import HEALTHY
-from ema_prognostics.training.fleet import begins_alike, simulate_fleets
+from ema_prognostics.training.fleet import simulate_fleets
 from ema_record.actuator import INSTANT, Actuator, load_actuator
-from ema_record.profile import Profile, load_profile
 from ema_record.spread import UnitTolerances, load_spread
 from ema_sim.effects import parse_effects
 
@@ -144,13 +143,10 @@ def test_conditions_stay_within_their_bounds() -> None:
     assert all(c.temperature_least <= f.temperature <= c.temperature_most for f in found)
 
 
-def test_a_step_that_begins_the_longer_test_is_simulated_once() -> None:
-    step, extended = load_profile("step"), load_profile("extended")
-    assert begins_alike(step, extended)
-    assert not begins_alike(extended, step)
-    moved = Profile(name="x", points=((0.0, -0.3), (0.022, -0.3), (0.022, 0.4), (0.45, 0.4)),
-                    inverter_off=step.inverter_off)
-    assert not begins_alike(moved, extended)
-    both = simulate_fleets(("step", "extended"), 1, 5, healthy=True)
-    alone = simulate_fleets(("step",), 1, 5, healthy=True)
-    assert np.allclose(both["step"].record, alone["step"].record, rtol=0.0, atol=1e-9)
+def test_a_single_step_begins_as_the_last_move_has_left_surface_and_shaft() -> None:
+    """Its features look at the start; those of the longer test do not, and it begins at rest."""
+    found = simulate_fleets(("step", "extended"), 12, 5, healthy=True)["step"]
+    lag = found.both(["lag_at_rest"])[:, 0]
+    shaft, surface = NOMINAL.shaft, NOMINAL.surface
+    wound = 1e3 * (surface.dynamic_friction / shaft.stiffness + 0.5 * shaft.backlash)
+    assert lag.min() < -1.2 * wound < -0.8 * wound < lag.max()
