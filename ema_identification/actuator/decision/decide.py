@@ -19,8 +19,8 @@
    The answer is the smallest set of names with `SURE` of the evidence, the simplest model in it;
    more than `LARGEST_SET`, or no model that explains, is unknown.
 4. What is named is measured anew, by runs over all that it may be (`intervals`). A model with a
-   law whose size is not told from none there is no answer: the next one is. Of a single law a
-   size is also told by a fit of none that, begun where its own is, does not explain.
+   law whose size is not told from none there is no answer: the next one is. It is also told by a
+   fit without the law that, begun where the model's is and fitted as hard, does not explain.
 5. Held-out records judge: names that do not lower their gap, or leave it large and close less
    than most of it (`MOST`), are contradicted, and there is no silence where it is large: laws are
    tried then too. What is named on a usual record must add to nothing (1), or close most of a gap
@@ -212,8 +212,7 @@ def _measured(case: Models, beyond: Models, answer: FleetAnswer, explaining: lis
         fit = answer.fit
         of, out = (case, ()) if _edge(case, fit) == 1.0 else (beyond, (OUT,))
         known, best = of.remeasured(fit)
-        if max(p_sizes(known, fit)) <= LEVEL or (
-                len(fit.terms) == 1 and not case.explains(of.hardest([fit]))):
+        if of.needs(fit, p_sizes(known, fit), answer.alone):
             return replace(answer, known=known, fit=best, reasons=(*out, *answer.reasons))
         unnamed.append(fit.variants)
         answer = FleetAnswer(

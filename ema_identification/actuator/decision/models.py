@@ -238,6 +238,18 @@ class Models:
         hard = min([fit, *map(self.refitted, starts)], key=lambda f: f.cost)
         return self.p_own(hard, min(nothing.cost, self.nothing)) <= LEVEL
 
+    def needs(self, fit: LawFit, sizes: Sequence[float], alone: Sequence[LawFit]) -> bool:
+        """Whether each law is told from none: by its `p_sizes`, or no fit without it explains.
+
+        `alone` : of two laws, the fit of each without the other; fitted as hard as can be.
+        """
+        for k, p in enumerate(sizes):
+            if p > LEVEL:
+                less = self._pressed(alone[1 - k]) if alone else self.hardest([fit])
+                if self.explains(less) or not np.isfinite(less.cost):
+                    return False
+        return True
+
     def pairs(self, singles: Sequence[LawFit]) -> list[LawFit]:
         """Return the fits of two laws.
 

@@ -554,6 +554,27 @@ def test_a_law_beside_which_a_unit_is_fitted_better_is_a_name_with_a_size(
     assert ("with viscous_friction, but no size" in " ".join(found.reasons)) == (size < 1.0)
 
 
+@pytest.mark.parametrize(("backlash", "named"), [(2.0, {"viscous_friction", "backlash"}),
+                                                 (0.0, set())])
+def test_a_law_without_which_nothing_explains_is_a_name_though_its_interval_tells_no_size(
+        backlash, named, monkeypatch):
+    """Of two as of one; a second one that the first does without is none."""
+    u = unit(seed=3, viscous_friction=1.0, backlash=backlash)
+    case = models.Models(u)
+    one = next(f for f in case.singles() if f.names == ("viscous_friction",))
+    second = [p for p in case.gains(one) if p.term.variant.effect == "backlash"][:1]
+    pair = case.unit.begun(case.beside(one, second)[0], case.white, SETTLED_RUNS)
+    pair = case.refitted(pair)
+    alone = case.each_alone(pair, [one])
+    untold = [0.5 if name == "backlash" else 0.0 for name in pair.names]
+    assert case.needs(pair, untold, alone) is bool(named)
+    assert case.needs(pair, [0.0, 0.0], alone)
+    monkeypatch.setattr(decision, "p_sizes", lambda known, fit: [
+        0.5 if name == "backlash" else 0.0 for name in fit.names])
+    found = decide(u)
+    assert set(found.fit.names) == (named or {"viscous_friction"})
+
+
 @pytest.mark.slow
 def test_a_law_of_no_size_is_told_from_none_as_often_as_is_said():
     """Wald's test: chi squared of the sizes, whatever the coordinates that are none."""
