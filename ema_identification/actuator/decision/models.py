@@ -254,15 +254,16 @@ class Models:
         """Return the fits of two laws.
 
         Where a single law explains: beside that one only, once it is measured, and where a second
-        one gains more than useless ones do. Elsewhere the linear gain about a fit that is far off
-        ranks second laws, but proves nothing, nor the contrary.
+        one gains more than useless ones do, there or before. Elsewhere the linear gain about a fit
+        that is far off ranks second laws, but proves nothing, nor the contrary.
         """
         starts: list[LawFit] = []
         alone = bool(singles) and self.explains(singles[0])
         firsts = [self.remeasured(singles[0])[1]] if alone else singles[:LARGEST_SET]
         for one in firsts:
-            better = alternating(([p for p in self.gains(one) if not (
-                alone and self.p_own(p, one.cost) > LEVEL)],), LARGEST_SET)
+            better = alternating([[p for p in self.gains(f) if not (
+                alone and self.p_own(p, f.cost) > LEVEL)]
+                for f in ((one, singles[0]) if alone else (one,))], LARGEST_SET)
             for z in one.z, self.unit.centre:  # numbers that make up for a law may hide it
                 starts += self.beside(replace(one, z=z), [*better, *at_known_sizes(better[:1])])
         begun = (self.unit.begun(start, self.white, ROUNDS[0]) for start in starts)
