@@ -129,17 +129,13 @@ def start_gap(signals: Signals, part: slice, lag: np.ndarray, direction: float) 
     (*means_of, mean), (*deviations, deviation) = UNIT
     rest = (0.5 * motor.inertia * speed**2 - means_of @ known) * weight
     known *= weight * np.array(deviations)[:, None]
-    shaft *= -per_ratio * weight
     over = np.linalg.solve(known @ known.T + np.eye(len(known)), known)
-
-    def less(x: np.ndarray) -> np.ndarray:
-        """Return rows without what `known` explains of them."""
-        return x - x @ known.T @ over
-
-    free = less(shaft)
-    own, shared = np.sum(free * shaft, axis=1), free @ rest - mean * np.sum(free * shaft, axis=1)
-    cost = less(rest) @ rest - mean * (free @ rest + shared) - (
-        deviation * shared)**2 / (1.0 + deviation**2 * own)
+    shaft *= -per_ratio * weight
+    # What `known` does not explain, of each shaft and of the rest; then the shaft's own stiffness.
+    free, left = shaft - shaft @ known.T @ over, rest - rest @ known.T @ over
+    own, shared = np.sum(free * shaft, axis=1), free @ rest
+    cost = left @ rest - 2.0 * mean * shared + mean**2 * own - (
+        deviation * (shared - mean * own))**2 / (1.0 + deviation**2 * own)
     scale = max(float(cost.min()) / len(work), 1.0)
     likely = np.exp(-0.5 * (cost - cost.min()) / scale).reshape(len(WOUND), len(GAPS)).sum(axis=0)
     likely /= likely.sum()
