@@ -16,11 +16,13 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any, TypeVar
 
-from ema_record.errors import EmaError
+from ema_record.errors import EmaError, UsageError
 
 T = TypeVar("T")
 PARENT = "EMA_PHM_PARENT"
 """Environment variable: id of the process with which this one is to end."""
+LAST_DOMAIN = 232
+"""The next one's ports are beyond 65535."""
 SPIN_PERIOD = 0.1
 """Longest wait of the executor before it looks at signals again (s)."""
 QUIET = ["--ros-args", "--disable-external-lib-logs"]
@@ -39,7 +41,17 @@ def report(line: str) -> None:
 
 
 def prepare_environment() -> None:
-    """Let the client library find its interfaces where wheels installed it."""
+    """Let the client library find its interfaces where wheels installed it.
+
+    Raises
+    ------
+    UsageError
+        The environment names a domain that has no ports.
+    """
+    domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if domain not in map(str, range(LAST_DOMAIN + 1)):
+        raise UsageError(
+            f"ROS_DOMAIN_ID is {domain!r}: a ROS domain is a number from 0 to {LAST_DOMAIN}")
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
 
 
@@ -132,12 +144,15 @@ def run_node(ros: Any, make_node: Callable[[StopSignal], Any]) -> int:
         Its ``shut_down()`` is called while it still has its executor, its ``exit_status`` is
         returned. From then on the end is bounded: the caller is to leave the process.
     """
-    prepare_environment()
     stop = StopSignal()
     try:
+        prepare_environment()
         stop.install()
         end_with_parent()
         ros.init(signal_handler_options=ros.signals.SignalHandlerOptions.NO)
+    except EmaError as error:
+        report(f"error: {error}")
+        return error.exit_status
     except (RuntimeError, ValueError) as error:  # the arguments of the client library
         report(f"error: {(str(error).splitlines() or [''])[0]}")
         return 2

@@ -4,6 +4,8 @@ import signal
 import subprocess
 import sys
 
+import pytest
+
 NODE = """
 import ctypes, types
 from ema_ros import process
@@ -67,3 +69,12 @@ def test_one_that_ends_leaves_no_word():
 def test_a_context_that_another_shut_down_is_no_error():
     done = run("pass", exit_status=None, spin="(_ for _ in ()).throw(OSError)")
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("domain", ["233", "-1", "one", "1.0"])
+def test_a_domain_that_there_is_none_of_is_one_line(domain, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    done = run("pass")
+    assert done.returncode == 2
+    assert done.stderr == (
+        f"error: ROS_DOMAIN_ID is {domain!r}: a ROS domain is a number from 0 to 232\n")
