@@ -136,8 +136,12 @@ def first_problem(
 
     first = next((p for p in problems if any(map(is_branch, p["loc"]))), problems[0])
     place = ".".join(str(part) for part in first["loc"] if not is_branch(part)) or whole
-    what = first["msg"].removeprefix("Value error, ")
-    if first["type"] == "extra_forbidden":
-        what = "no such key"
+    bounds = first.get("ctx", {})
+    what = {
+        "extra_forbidden": "no such key", "missing": "is missing",
+        "too_short": f"needs at least {counted(bounds.get('min_length', 0), 'item')}",
+        "too_long": f"may have {counted(bounds.get('max_length', 0), 'item')} at most",
+    }.get(first["type"], first["msg"].removeprefix("Value error, "))
+    what = what.replace("Input should", "must", 1)
     value = "" if isinstance(first["input"], dict) else f" (value {str(first['input'])[:60]})"
     return f"{where}: {place[:120]}: {what}{value}: {remedy}"

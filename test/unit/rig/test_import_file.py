@@ -187,7 +187,7 @@ def test_all_channels_of_the_actuator_make_an_ordinary_bag(tmp_path):
 
 
 @pytest.mark.parametrize(("change", "match"), [
-    ({"axis": "round"}, "axis: Input should be"),
+    ({"axis": "round"}, "axis: must be"),
     ({"input": None}, "'input' is missing"),
     ({"position": None, "speed": None}, "give 'position' or 'speed'"),
     ({"extra": 1}, "extra: no such key"),

@@ -243,7 +243,7 @@ def test_a_preview_shows_rows_in_si_the_map_and_a_picture(tmp_path, capsys, monk
 
 @pytest.mark.parametrize(("arguments", "match"), [
     (["--set", "axis"], "write KEY=VALUE"),
-    (["--set", "axis=round"], "axis: Input should be"),
+    (["--set", "axis=round"], "axis: must be"),
     (["--set", "input.unit=furlong"], "unknown unit 'furlong'"),
     (["--topic", "/a"], "are for bags of ROS 2"),
     (["--guess", "--map", "m.yaml"], "leave one of them out"),
