@@ -8,7 +8,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from ema_identification.rig.laws import LAWS
-from ema_record.errors import UsageError, unknown_name
+from ema_record.errors import UsageError, first_problem, unknown_name
 from ema_record.yaml_file import load_yaml
 from ema_rig.map import SEE, Finite
 from ema_rig.record import InputQuantity, Motion
@@ -102,10 +102,7 @@ def load_rig_model(path: str | Path | None) -> RigModel:
     try:
         model = RigModel.model_validate(data)
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        text = first["msg"].removeprefix("Value error, ")
-        raise UsageError(f"{path}: {place[:120]}: {text}: {SEE}") from None
+        raise UsageError(first_problem(error, str(path), "model", SEE)) from None
     for term in model.terms:
         _check_parameters(term, str(path))
     return model
