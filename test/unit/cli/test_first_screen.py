@@ -10,7 +10,7 @@ COLUMNS, LINES = 80, 24
 BAG = "bags/sim_0001_extended"
 ASKED = {
     "is it healthy?": (["check", BAG], 1, ["FAULT", "complete, 8 of 8 checks"], 1),
-    "which phase?": (["check", BAG], 1, ["Shorted turns, phase b", "9.7 % of the turns"], 2),
+    "which phase?": (["check", BAG], 1, ["Shorted turns, phase b", "9.69 % of the turns"], 2),
     "what now?": (["check", BAG], 1, ["Do      Plan the replacement of the motor",
                                       "ema report bags/sim_0001_extended"], LINES),
     "file it": (["report", BAG, "--out", "page.html"], 1, ["page.html"], LINES),
