@@ -80,18 +80,17 @@ class Detection:
     @property
     def healthy(self) -> float:
         """Probability that no class is there, if the record is of a known kind."""
-        return float(np.prod([1.0 - p for p in self.faults.values()]))
+        return float(np.prod([1.0 - p for p in self._classes.values()]))
 
     @property
     def class_probability(self) -> dict[str, float]:
         """Probability that each class is there; ``healthy``: that none; ``unknown``: another."""
-        found = {"healthy": self.healthy, **self.faults}
+        found = {"healthy": self.healthy, **self._classes}
         return {**{name: self.known * p for name, p in found.items()},
                 "unknown": 1.0 - self.known}
 
     @property
-    def faults(self) -> dict[str, float]:
-        """Probability that each class of faults is there, if the record is of a known kind."""
+    def _classes(self) -> dict[str, float]:
         found = dict.fromkeys(FAULTS, 0.0)
         for name, p in zip(OUTPUTS, self.probability):
             found[CLASS_OF[name]] = max(found[CLASS_OF[name]], float(p))
@@ -206,8 +205,7 @@ class Cascade:
                 stranger_kind=strange.kind[row], known=float(known[row]),
                 doubtful=False,
             )
-            seen = bool((margin[row] > 0.0).any()) or one.healthy < max(
-                self.view.doubt, sum(one.faults.values()))
+            seen = bool((margin[row] > 0.0).any()) or one.healthy < self.view.doubt
             found.append(replace(one, doubtful=seen and not outputs))
         return found
 

@@ -31,21 +31,18 @@ START_SHARE = 0.3
 """Part of the time to the settled slew in which the motor starts."""
 REACH = 4.0
 """Travel of the motor over which the lost motion is sought, of `Actuator.wind_up`."""
-LEAST_SAMPLES, MOST_SAMPLES = 16, 100
+LEAST_SAMPLES, MOST_SAMPLES = 16, 200
 """Of this travel; more are averaged."""
 WOUND = np.linspace(0.1, 3.0, 30)
 """Wind-ups of the shaft in the settled slew that are tried, of `Actuator.wind_up`."""
-GAPS = np.concatenate([[0.0], np.geomspace(0.05, 3.0, 40)])
+GAPS = np.concatenate([[0.0], np.geomspace(0.05, 3.0, 20)])
 """Lost motions that are tried, of the same."""
 UNIT = (np.array([1.0, 1.0, 1.0, 0.0, 1.0]), np.array([0.1, 0.5, 0.5, 1.0, 0.2]))
-"""Means and deviations of a unit's 1 / inertia, viscous and dry friction (of nominal), energy at
-the start (J) and stiffness: the tolerances of the default kit, dry friction as wear raises it."""
+"""Means and deviations of a unit's inertia, viscous and dry friction (of nominal), energy at the
+start (J) and stiffness: the tolerances of the default kit, dry friction as wear raises it."""
 LEAST_NOISE, SLOW = 6e-4, 0.025
 """Noise of the speed, at least, and speed below which its share in the energy is as at this one,
 of the highest speed."""
-STIFF = 60.0
-"""Weight of the second differences of the surface's position against its readings: what moves the
-surface is smooth over some three samples, the steps of the reading are not."""
 LEVEL = 0.1
 """Probability of a lost motion below the least, and above the most."""
 
@@ -84,13 +81,11 @@ def start_stiffness(signals: Signals, length: float) -> np.ndarray:
 def start_gap(signals: Signals, part: slice, lag: np.ndarray, direction: float) -> np.ndarray:
     """Return how much lost motion at least and at most explains the start, shape (2,) (rad).
 
-    ½ J ω² is the work of the torque less ∫ (viscous + dry friction) dθ and ∫ τ dθ / ratio, with τ
-    the stiffness by the twist outside the lost motion and the damping by its rate. For each lost
-    motion and each wind-up of the settled slew the rest is linear, with the noise of the speed on
-    the left only, and each is weighed by how well it explains ω² (Bishop, Pattern Recognition and
-    Machine Learning, 3.3). The surface's position is smoothed first (Whittaker's smoother: Eilers,
-    Anal. Chem. 75, 2003). Zero and the largest that is tried where the record holds too few
-    samples of the travel.
+    The work of the torque is ½ J ω² + ∫ (viscous + dry friction) dθ + ∫ τ dθ / ratio, with τ the
+    stiffness by the twist outside the lost motion and the damping by its rate. For each lost
+    motion and each wind-up of the settled slew the rest is linear, and each is weighed by how well
+    it explains the work (Bishop, Pattern Recognition and Machine Learning, 3.3). Zero and the
+    largest that is tried where the record holds too few samples of the travel.
 
     Parameters
     ----------
@@ -112,34 +107,29 @@ def start_gap(signals: Signals, part: slice, lag: np.ndarray, direction: float) 
 
     work = means(_integral(direction * signals.torque(part), theta))
     theta, speed, lag = means(theta), means(direction * signals.speed[part]), means(lag)
-    bend = np.diff(np.eye(len(theta)), 2, axis=0)
-    lag = per_ratio * theta - np.linalg.solve(
-        np.eye(len(theta)) + STIFF * bend.T @ bend, per_ratio * theta - lag)
     twist = lag + wound * np.repeat(WOUND, len(GAPS))[:, None]  # beyond the lost motion
     beyond = np.maximum(twist, 0.0) + np.minimum(
         twist + wound * np.tile(GAPS, len(WOUND))[:, None], 0.0)
     shaft = a.shaft.stiffness * _integral(beyond, theta) + a.shaft.damping * _integral(
         speed * (beyond != 0.0), lag)
     motor = a.motor
-    path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(theta)))])
-    known = np.stack([work, -motor.viscous_friction * _integral(speed, theta),
-                      -motor.dynamic_friction * path, np.ones(len(theta))])
+    known = np.stack([0.5 * motor.inertia * speed**2,
+                      motor.viscous_friction * _integral(speed, theta),
+                      motor.dynamic_friction * theta, np.ones(len(theta))])
+    terms = np.concatenate([np.broadcast_to(known, (len(twist), *known.shape)),
+                            per_ratio * shaft[:, None, :]], axis=1)
     noise = LEAST_NOISE * a.control.speed_limit
     weight = 1.0 / (motor.inertia * noise * (np.abs(speed) + SLOW * a.control.speed_limit))
-    (*means_of, mean), (*deviations, deviation) = UNIT
-    rest = (0.5 * motor.inertia * speed**2 - means_of @ known) * weight
-    known *= weight * np.array(deviations)[:, None]
-    over = np.linalg.solve(known @ known.T + np.eye(len(known)), known)
-    shaft *= -per_ratio * weight
-    # What `known` does not explain, of each shaft and of the rest; then the shaft's own stiffness.
-    free, left = shaft - shaft @ known.T @ over, rest - rest @ known.T @ over
-    own, shared = np.sum(free * shaft, axis=1), free @ rest
-    cost = left @ rest - 2.0 * mean * shared + mean**2 * own - (
-        deviation * (shared - mean * own))**2 / (1.0 + deviation**2 * own)
+    mean, deviation = UNIT
+    rest = (work - np.tensordot(mean, terms, (0, 1))) * weight
+    terms = terms * weight * deviation[:, None]
+    moved = np.einsum("gpn,gn->gp", terms, rest)
+    found = np.linalg.solve(terms @ terms.transpose(0, 2, 1) + np.eye(len(mean)),
+                            moved[..., None])[..., 0]
+    cost = np.sum(rest**2, axis=1) - np.sum(moved * found, axis=1)
     scale = max(float(cost.min()) / len(work), 1.0)
     likely = np.exp(-0.5 * (cost - cost.min()) / scale).reshape(len(WOUND), len(GAPS)).sum(axis=0)
-    likely /= likely.sum()
-    return wound * np.interp([LEVEL, 1.0 - LEVEL], np.cumsum(likely) - 0.5 * likely, GAPS)
+    return wound * np.interp([LEVEL, 1.0 - LEVEL], np.cumsum(likely) / likely.sum(), GAPS)
 
 
 def start_features(signals: Signals, begin: float, end: float) -> dict[str, float]:
