@@ -150,10 +150,7 @@ def run_node(ros: Any, make_node: Callable[[StopSignal], Any]) -> int:
         stop.install()
         end_with_parent()
         ros.init(signal_handler_options=ros.signals.SignalHandlerOptions.NO)
-    except EmaError as error:
-        report(f"error: {error}")
-        return error.exit_status
-    except (RuntimeError, ValueError) as error:  # the arguments of the client library
+    except (UsageError, RuntimeError, ValueError) as error:  # domain, arguments of the library
         report(f"error: {(str(error).splitlines() or [''])[0]}")
         return 2
     except KeyboardInterrupt:

@@ -261,9 +261,9 @@ class Models:
         alone = bool(singles) and self.explains(singles[0])
         firsts = [self.remeasured(singles[0])[1]] if alone else singles[:LARGEST_SET]
         for one in firsts:
-            better = alternating([[p for p in self.gains(f) if not (
-                alone and self.p_own(p, f.cost) > LEVEL)]
-                for f in ((one, singles[0]) if alone else (one,))], LARGEST_SET)
+            gains = [[p for p in self.gains(f) if not (alone and self.p_own(p, f.cost) > LEVEL)]
+                     for f in ((one, singles[0]) if alone else (one,))]
+            better = alternating(gains, LARGEST_SET)
             for z in one.z, self.unit.centre:  # numbers that make up for a law may hide it
                 starts += self.beside(replace(one, z=z), [*better, *at_known_sizes(better[:1])])
         begun = (self.unit.begun(start, self.white, ROUNDS[0]) for start in starts)
