@@ -38,8 +38,8 @@ switching onto any line, by as much as onto the others."""
 _BALANCE = (
     "dry_torque", "viscous_share", "torque_", "gap_torque", SURFACE, "gap_load", "gap_width",
     "load_", "temperature", "bus_voltage", "lag_", "shaft_slope", "start_stiffness",
-    "start_gap", "short_like_best", "amplitude_1", "amplitude_3", "noise_speed",
-    "winding_back_emf", "inertia",
+    "start_gap", "start_viscous", "short_like_best", "amplitude_1", "amplitude_3",
+    "noise_speed", "winding_back_emf", "inertia",
 )
 """What the mean torque depends on."""
 GROUPS: dict[str, tuple[str, ...]] = {

@@ -7,11 +7,14 @@ wind-up of the shaft and the lost motion taken up; only differences of it are us
 shaft is wound when a test begins is what the last move has left: the start crosses the whole lost
 motion where it is wound against the step, a part of it where it is relaxed, and none where it is
 wound along with the step.
+
+How the speed grows tells viscous from dry friction too, which the one speed of a step does not.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,20 +32,27 @@ TRAVELS = (0.6, 1.0, 1.4, 1.8, 2.2, 2.8, 3.6, 4.8, 6.4)
 NEAR = 0.12
 START_SHARE = 0.3
 """Part of the time to the settled slew in which the motor starts."""
-REACH = 4.0
-"""Travel of the motor over which the lost motion is sought, of `Actuator.wind_up`."""
-LEAST_SAMPLES, MOST_SAMPLES = 16, 200
+REACH, FAR = 4.0, 8.0
+"""Travel of the motor over which the lost motion is sought, of `Actuator.wind_up`, and the viscous
+friction, for which it must reach the speed of the slew."""
+EVERY = 3
+"""So manyth lost motion and wind-up are tried for the friction, which hardly depends on them."""
+LEAST_SAMPLES, MOST_SAMPLES = 16, 100
 """Of this travel; more are averaged."""
 WOUND = np.linspace(0.1, 3.0, 30)
 """Wind-ups of the shaft in the settled slew that are tried, of `Actuator.wind_up`."""
-GAPS = np.concatenate([[0.0], np.geomspace(0.05, 3.0, 20)])
+GAPS = np.concatenate([[0.0], np.geomspace(0.05, 3.0, 40)])
 """Lost motions that are tried, of the same."""
-UNIT = (np.array([1.0, 1.0, 1.0, 0.0, 1.0]), np.array([0.1, 0.5, 0.5, 1.0, 0.2]))
-"""Means and deviations of a unit's inertia, viscous and dry friction (of nominal), energy at the
-start (J) and stiffness: the tolerances of the default kit, dry friction as wear raises it."""
+UNIT = (np.array([1.0, 1.0, 1.0, 0.0, 0.0, 1.0]), np.array([0.1, 0.5, 0.5, 1.0, 0.3, 0.2]))
+"""Means and deviations of a unit's 1 / inertia, viscous and dry friction (of nominal), energy at
+the start (J), damping beyond the nominal one, and stiffness: the tolerances of the default kit,
+dry friction as wear raises it."""
 LEAST_NOISE, SLOW = 6e-4, 0.025
 """Noise of the speed, at least, and speed below which its share in the energy is as at this one,
 of the highest speed."""
+STIFF = 60.0
+"""Weight of the second differences of the surface's position against its readings: what moves the
+surface is smooth over some three samples, the steps of the reading are not."""
 LEVEL = 0.1
 """Probability of a lost motion below the least, and above the most."""
 
@@ -78,62 +88,91 @@ def start_stiffness(signals: Signals, length: float) -> np.ndarray:
     return found / (shaft.stiffness / signals.actuator.gear.ratio**2)
 
 
-def start_gap(signals: Signals, part: slice, lag: np.ndarray, direction: float) -> np.ndarray:
-    """Return how much lost motion at least and at most explains the start, shape (2,) (rad).
+class Start(NamedTuple):
+    """What a start shows."""
 
-    The work of the torque is ½ J ω² + ∫ (viscous + dry friction) dθ + ∫ τ dθ / ratio, with τ the
-    stiffness by the twist outside the lost motion and the damping by its rate. For each lost
-    motion and each wind-up of the settled slew the rest is linear, and each is weighed by how well
-    it explains the work (Bishop, Pattern Recognition and Machine Learning, 3.3). Zero and the
-    largest that is tried where the record holds too few samples of the travel.
+    least: float
+    """Lost motion that explains it at least, and at most (rad)."""
+    most: float
+    viscous: float
+    """Viscous friction of the motor, of nominal."""
+
+
+def started(
+    signals: Signals, part: slice, lag: np.ndarray, direction: float, reach: float = REACH,
+    every: int = 1,
+) -> Start:
+    """Return what explains a start.
+
+    ½ J ω² is the work of the torque less ∫ (viscous + dry friction) dθ and ∫ τ dθ / ratio, with τ
+    the stiffness by the twist outside the lost motion and the damping by its rate. For each lost
+    motion and each wind-up of the settled slew the rest is linear, with the noise of the speed on
+    the left only, and each is weighed by how well it explains ω² (Bishop, Pattern Recognition and
+    Machine Learning, 3.3). The surface's position is smoothed first (Whittaker's smoother: Eilers,
+    Anal. Chem. 75, 2003). Zero, the largest that is tried and nominal friction where the record
+    holds too few samples of the travel.
 
     Parameters
     ----------
     part : of the signals, in which the motor starts.
     lag : of the surface in it, from that of the settled slew, in the direction of the slew (rad).
     direction : 1 or -1.
+    reach : travel of the motor that is explained, of `Actuator.wind_up`.
+    every : of `WOUND` and `GAPS`, so manyth is tried.
     """
     a, per_ratio = signals.actuator, 1.0 / signals.actuator.gear.ratio
+    wind_ups, gaps = WOUND[::every], GAPS[::every]
     wound = a.wind_up * per_ratio
     theta = direction * (signals.motor_angle[part] - signals.motor_angle[part.start])
-    size = int(np.argmax(theta > REACH * a.wind_up)) or len(theta)
+    size = int(np.argmax(theta > reach * a.wind_up)) or len(theta)
     many = max(1, math.ceil(size / MOST_SAMPLES))
     size -= size % many
     if size < LEAST_SAMPLES * many:
-        return np.array([0.0, GAPS[-1] * wound])
+        return Start(0.0, GAPS[-1] * wound, 1.0)
 
     def means(values: np.ndarray) -> np.ndarray:
         return values[:size].reshape(-1, many).mean(axis=1)
 
     work = means(_integral(direction * signals.torque(part), theta))
     theta, speed, lag = means(theta), means(direction * signals.speed[part]), means(lag)
-    twist = lag + wound * np.repeat(WOUND, len(GAPS))[:, None]  # beyond the lost motion
+    bend = np.diff(np.eye(len(theta)), 2, axis=0)
+    lag = per_ratio * theta - np.linalg.solve(
+        np.eye(len(theta)) + STIFF * bend.T @ bend, per_ratio * theta - lag)
+    twist = lag + wound * np.repeat(wind_ups, len(gaps))[:, None]  # beyond the lost motion
     beyond = np.maximum(twist, 0.0) + np.minimum(
-        twist + wound * np.tile(GAPS, len(WOUND))[:, None], 0.0)
+        twist + wound * np.tile(gaps, len(wind_ups))[:, None], 0.0)
     shaft = a.shaft.stiffness * _integral(beyond, theta) + a.shaft.damping * _integral(
         speed * (beyond != 0.0), lag)
+    damped = a.shaft.damping * _integral(speed, lag)
     motor = a.motor
-    known = np.stack([0.5 * motor.inertia * speed**2,
-                      motor.viscous_friction * _integral(speed, theta),
-                      motor.dynamic_friction * theta, np.ones(len(theta))])
-    terms = np.concatenate([np.broadcast_to(known, (len(twist), *known.shape)),
-                            per_ratio * shaft[:, None, :]], axis=1)
+    path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(theta)))])
+    known = np.stack([work, -motor.viscous_friction * _integral(speed, theta),
+                      -motor.dynamic_friction * path, np.ones(len(theta)),
+                      -per_ratio * damped])
     noise = LEAST_NOISE * a.control.speed_limit
     weight = 1.0 / (motor.inertia * noise * (np.abs(speed) + SLOW * a.control.speed_limit))
-    mean, deviation = UNIT
-    rest = (work - np.tensordot(mean, terms, (0, 1))) * weight
-    terms = terms * weight * deviation[:, None]
-    moved = np.einsum("gpn,gn->gp", terms, rest)
-    found = np.linalg.solve(terms @ terms.transpose(0, 2, 1) + np.eye(len(mean)),
-                            moved[..., None])[..., 0]
-    cost = np.sum(rest**2, axis=1) - np.sum(moved * found, axis=1)
-    scale = max(float(cost.min()) / len(work), 1.0)
-    likely = np.exp(-0.5 * (cost - cost.min()) / scale).reshape(len(WOUND), len(GAPS)).sum(axis=0)
-    return wound * np.interp([LEVEL, 1.0 - LEVEL], np.cumsum(likely) / likely.sum(), GAPS)
+    (*means_of, mean), (*deviations, deviation) = UNIT
+    rest = (0.5 * motor.inertia * speed**2 - means_of @ known) * weight
+    known *= weight * np.array(deviations)[:, None]
+    over = np.linalg.solve(known @ known.T + np.eye(len(known)), known)
+    shaft *= -per_ratio * weight
+    # What `known` does not explain, of each shaft and of the rest; then the shaft's own stiffness.
+    free, left = shaft - shaft @ known.T @ over, rest - rest @ known.T @ over
+    own, shared = np.sum(free * shaft, axis=1), free @ rest
+    cost = left @ rest - 2.0 * mean * shared + mean**2 * own - (
+        deviation * (shared - mean * own))**2 / (1.0 + deviation**2 * own)
+    likely = np.exp(-0.5 * (cost - cost.min()) / max(float(cost.min()) / len(work), 1.0))
+    likely /= likely.sum()
+    stiffness = mean + deviation**2 * (shared - mean * own) / (1.0 + deviation**2 * own)
+    viscous = over[1] @ rest - likely @ (stiffness * (shaft @ over[1]))
+    of_gap = likely.reshape(len(wind_ups), len(gaps)).sum(axis=0)
+    least, most = wound * np.interp(
+        [LEVEL, 1.0 - LEVEL], np.cumsum(of_gap) - 0.5 * of_gap, gaps)
+    return Start(float(least), float(most), float(means_of[1] + deviations[1] * viscous))
 
 
 def start_features(signals: Signals, begin: float, end: float) -> dict[str, float]:
-    """Return stiffness and lags of the start by name.
+    """Return stiffness, lags and friction of the start by name.
 
     Parameters
     ----------
@@ -154,7 +193,8 @@ def start_features(signals: Signals, begin: float, end: float) -> dict[str, floa
     sums = np.concatenate([[0.0], np.cumsum(lag[part])])
     peak = float(np.max(sums[width:] - sums[:-width]) / width)
     first, second = start_stiffness(signals, 0.4 * length)
-    least, most = 1e3 * start_gap(signals, part, lag[part] - settled, direction)
+    lost = started(signals, part, lag[part] - settled, direction)
+    far = started(signals, part, lag[part] - settled, direction, FAR, EVERY)
     travel = direction * (theta[part] - theta[part][0]) / signals.actuator.wind_up
     found: dict[str, float] = {}
     last = at_rest
@@ -165,5 +205,6 @@ def start_features(signals: Signals, begin: float, end: float) -> dict[str, floa
     return found | {
         "lag_at_rest": 1e3 * (at_rest - settled), "lag_peak": 1e3 * (peak - settled),
         "start_stiffness_1": float(first), "start_stiffness_2": float(second),
-        "start_gap_least": float(least), "start_gap_most": float(most),
+        "start_gap_least": 1e3 * lost.least, "start_gap_most": 1e3 * lost.most,
+        "start_viscous": far.viscous,
     }

@@ -29,7 +29,7 @@ def tail_quantile(score: np.ndarray, rate: float) -> float:
     base = float(np.quantile(score, 1.0 - tail))
     excess = score[score > base] - base
     if len(excess) < 5 or float(excess.std()) <= 0.0 or rate >= tail:
-        return max(base, float(np.quantile(score, 1.0 - rate)))
+        return max(base, float(np.quantile(score, 1.0 - rate, method="higher")))
     ratio = float(excess.mean()) ** 2 / float(excess.var())
     shape = float(np.clip(0.5 * (1.0 - ratio), -0.5, 0.3))
     scale = float(excess.mean()) * (1.0 - shape)

@@ -140,6 +140,7 @@ def train_view(
         reference = np.vstack([reference, extra])
     else:
         itself = differences(accepted, accepted)
+        own = np.zeros((len(x[fit]), len(FRICTIONS))) if kind == "step" else None
     reference = steady(names, reference, np.median(reference, axis=0))
     lines, absolute = _filters(names, reference, x[fit], y[fit], view)
     raw = derive(names, reference, lines, absolute)
@@ -205,7 +206,7 @@ class _Work(NamedTuple):
     itself_weight: np.ndarray
     """Shape (m,)."""
     own: np.ndarray | None
-    """Log of the units' own friction, shape (n, 2); None with a baseline."""
+    """Log of the units' own friction, shape (n, 2), zero with a baseline; None: not regressed."""
     view: View
     rates: dict[str, float]
     settings: dict[str, Any]
@@ -260,11 +261,12 @@ class _Work(NamedTuple):
                           threshold=threshold, knots=rounded(curve[0]), logits=rounded(curve[1]))
 
     def _friction(self, own: np.ndarray, name: str, there: np.ndarray) -> Network:
-        """Return a network for the probability that a friction has grown; no baseline.
+        """Return a network for the probability that a friction has grown.
 
         It is taught the friction itself, the unit's `own` and the increase together, which
         every record tells of; how probable an increase is at that friction is one logistic
-        curve. With a baseline the unit's own falls out, and a classifier finds less than 1 %.
+        curve. With a baseline the unit's own falls out: at three speeds a classifier finds less
+        than 1 %, at one a small increase is like none, and only its size teaches.
         """
         total = own + np.log1p(self.y[:, OUTPUTS.index(name)])
         x = self._see(name, self.x)

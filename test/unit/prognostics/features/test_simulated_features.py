@@ -11,7 +11,7 @@ import pytest
 from ema_prognostics.cascade.lines import ACROSS
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.signals import prepare
-from ema_prognostics.features.start import start_gap
+from ema_prognostics.features.start import Start, started
 from ema_record.errors import IncompleteRecordError
 from ema_record.profile import load_profile
 from ema_record.record import Record
@@ -108,8 +108,18 @@ def test_a_start_shows_the_lost_motion_that_it_crosses(twist: float, crossed: fl
     assert found["start_gap_most"] > 1.05
 
 
+@pytest.mark.parametrize("viscous", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("worn", [[], ["motor_friction.increase=0.5"]])
+def test_a_start_tells_viscous_from_dry_friction(viscous: float, worn: list[str]) -> None:
+    motor = DEFAULT.actuator.motor
+    grease = motor._replace(viscous_friction=viscous * motor.viscous_friction)
+    record = simulate(load_profile("step"), actuator=DEFAULT.actuator._replace(motor=grease),
+                      effects=parse_effects(worn), seed=1, start=(-0.4, 0.0))
+    assert extract(record, "step")["start_viscous"] == pytest.approx(viscous, abs=0.3)
+
+
 def test_a_start_of_a_few_samples_tells_no_lost_motion() -> None:
     signals = prepare(simulate(load_profile("step"), seed=3))
     wound = DEFAULT.actuator.wind_up / DEFAULT.actuator.gear.ratio
-    assert start_gap(signals, slice(440, 450), np.zeros(10), 1.0) == pytest.approx(
-        [0.0, 3.0 * wound])
+    assert started(signals, slice(440, 450), np.zeros(10), 1.0) == pytest.approx(
+        Start(0.0, 3.0 * wound, 1.0))
