@@ -20,12 +20,13 @@ from ema_cli import console
 from ema_record.errors import UsageError, unknown_name
 from ema_record.kit import ENVIRONMENT, using_kit
 from ema_record.limits import MAX_TEXT
+from ema_ros.process import LAST_DOMAIN
 
 Bags = Annotated[list[Path], typer.Argument(
     metavar="BAG...", help="Bag directories or .mcap files; or a directory of them.")]
 ObjectABag = Annotated[bool, typer.Option("--json", help="Print one JSON object a bag.")]
 Domain = Annotated[int | None, typer.Option(
-    "--domain", min=0, max=232, help="ROS domain, default ROS_DOMAIN_ID.")]
+    "--domain", min=0, max=LAST_DOMAIN, help="ROS domain, default ROS_DOMAIN_ID.")]
 Commanded = Annotated[str | None, typer.Option(
     "--profile", help="The test that was commanded (name or YAML file), in place of a bag's own.")]
 Cascade = Annotated[Path | None, typer.Option(

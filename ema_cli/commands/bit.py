@@ -19,6 +19,7 @@ from ema_cli.options import Changes, Effect, Noise, Seed, SerialNumber, given_on
 from ema_cli.views.verdict import print_verdict
 from ema_prognostics.words import words
 from ema_record.errors import EmaError, TestRefusedError, UsageError, unknown_name
+from ema_ros.process import LAST_DOMAIN
 
 if TYPE_CHECKING:
     from ema_ros.supervisor import ParameterValue
@@ -57,8 +58,8 @@ def bit(
         "--no-simulator", help="Test what drivers on the domain publish; the aircraft is played "
         "only where no other node is it.")] = False,
     domain: Annotated[int | None, typer.Option(
-        "--domain", min=0, max=232, help="ROS domain, default a free one; with --no-simulator "
-        "ROS_DOMAIN_ID.")] = None,
+        "--domain", min=0, max=LAST_DOMAIN, help="ROS domain, default a free one; with "
+        "--no-simulator ROS_DOMAIN_ID.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, with "
                                           "--actuators a line each.")] = False,
 ) -> int:

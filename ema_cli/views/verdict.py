@@ -192,7 +192,10 @@ def _sure(verdict: Facts) -> list[str]:
                     measure=say(f"{key}.measure", phase=fault["phase"] or ""))
         if name == "friction" and verdict.get("side"):
             text += " " + say("sure.friction_side", side=say(f"side.{verdict['side']}"))
-        found.append(f"{text} {say(f'compare.{name}')}".strip())
+        key = f"compare.{name}"
+        if any(e.get("own") for e in verdict["evidence"]) and say.has(f"{key}_since"):
+            key += "_since"
+        found.append(f"{text} {say(key)}".strip())
     several = len(faults) > 1
     return [f"{title(f)}: {t}" if several else t
             for f, t in zip(faults, found)]

@@ -19,6 +19,8 @@ from ema_prognostics.training.calibration import conformal_quantile, local_quant
 UNITS = {"short": 2e-3, "eccentricity": 2e-3, "static_eccentricity": 2e-3,
          "motor_friction": 0.05, "surface_friction": 0.05, "backlash": 0.3}
 """Severity below which a network's target is linear, in `classes.scale_of` its class."""
+STEP_UNITS = {**UNITS, "motor_friction": 1.0, "surface_friction": 1.0}
+"""The same of a single step, whose one speed shows no friction that has grown by some tenths."""
 DECAY: dict[View, float] = {"fleet": 3.0, "baseline": 0.7}
 """Penalty on the weights of the severities' networks."""
 LEAST: dict[View, dict[str, float]] = {
@@ -49,7 +51,7 @@ FEWEST = 40
 def train_severity(
     group: str, view: View, x: np.ndarray, label: np.ndarray, part: np.ndarray,
     announced: np.ndarray, alone: np.ndarray, noise: np.ndarray, inputs: list[str], *,
-    hidden: int, seed: int, iterations: int,
+    kind: str, hidden: int, seed: int, iterations: int,
 ) -> SeverityPart:
     """Return the network of a group, its expected error and the factors of its interval.
 
@@ -64,10 +66,11 @@ def train_severity(
     alone : ndarray of bool, shape (n,). Where no other fault is there.
     noise : ndarray, shape (n,). Of each record, squashed.
     inputs : names of the inputs.
+    kind : of the test.
     hidden, seed, iterations : of the networks.
     """
     scale = scale_of(GROUP_CLASS[group])
-    unit = scale * UNITS[group]
+    unit = scale * (STEP_UNITS if kind == "step" else UNITS)[group]
     target = np.arcsinh(label / unit)
     value = np.empty(len(x))
     for k in sorted(set(part.tolist()), reverse=True):

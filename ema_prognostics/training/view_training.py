@@ -152,8 +152,8 @@ def train_view(
     xs = np.vstack([x[fit], extra])
     ys = np.vstack([y[fit], np.zeros((len(extra), y.shape[1]))])
     rates = rates_of(kind, view, alarms)
-    work = _Work(inputs, xs, ys, weight, itself, tests[:len(itself)].astype(float), own, view,
-                 rates, {"hidden": hidden, "seed": seed, "iterations": iterations})
+    work = _Work(inputs, xs, ys, weight, itself, tests[:len(itself)].astype(float), own, kind,
+                 view, rates, {"hidden": hidden, "seed": seed, "iterations": iterations})
     parts = campaign.unit % HELD_BACK
     families, members = {}, {}
     for name, outputs in FAMILIES.items():
@@ -207,6 +207,7 @@ class _Work(NamedTuple):
     """Shape (m,)."""
     own: np.ndarray | None
     """Log of the units' own friction, shape (n, 2), zero with a baseline; None: not regressed."""
+    kind: str
     view: View
     rates: dict[str, float]
     settings: dict[str, Any]
@@ -305,7 +306,7 @@ class _Work(NamedTuple):
             group, self.view, self._see(group, x, size=True)[there], label[there],
             parts[there], self._announced(group, x, families)[there], alone[there],
             noise[there], group_inputs(group, self.inputs.input_names, size=True),
-            **self.settings)
+            kind=self.kind, **self.settings)
 
 
 def _filters(

@@ -210,6 +210,8 @@ def test_a_baseline_sharpens_and_is_checked(tmp_path, capsys):
     status, (verdict, again) = check(capsys, bags["worn"], bags["again"], "--baseline",
                                      bags["new"])
     assert (status, verdict["fault_class"], again["verdict"]) == (1, "friction", "healthy")
+    assert run(["check", bags["worn"], "--baseline", bags["new"]]) == 1
+    assert "(--baseline)" not in capsys.readouterr().out  # advises no comparison that was made
     judged = Judge(baseline=bags["new"]).of_bag(bags["worn"])  # what the node does
     assert verdict | json.loads(json.dumps(judged.verdict.to_dict())) == verdict
     assert judged.serial_number == verdict["serial_number"] == "SN-7"
