@@ -12,7 +12,8 @@
    coordinates, ν the independent numbers of a record, m laws of N. This is the likelihood of a
    scale that is not known, with prices of a coordinate (Schwarz 1978) and of a law. Where the best
    law explains nothing, or two are in question, it is fitted up to `EDGE` of the bands too, of two
-   that explain each one, also from where both ended.
+   that explain each one, also from where both ended. Where it explains nothing, and its runs vary
+   more than healthy units do (`NoiseLaw.excess`: sticking, slipping), all begins again with that.
 3. A model *explains* if its cost is usual among healthy units; each law in it must have a gain
    of its own beyond the useless ones', beside the other one fitted as hard: a test of the level
    `LEVEL`, corrected for the search. A law to which a second one adds so much is no answer alone.
@@ -80,6 +81,10 @@ def decide(
         far = max(p_nothing(scores(beyond.unit), healthy), beyond.p_without())
         usual, rival = _usual(beyond, far, held, EDGE), beyond
     singles = case.singles()
+    if singles and not case.explains(singles[0]) and not unit.scatter.any():
+        noisy = unit.scattered(singles[0])
+        if noisy.scatter.any():
+            return decide(noisy, held, witness=witness, without=without, progress=progress)
     silence = usual if rival is beyond and usual and usual.verdict == "no disagreement" else None
     if silence is not None and not any(map(case.explains, singles)):
         return silence

@@ -62,12 +62,12 @@ class TestedUnit:
     library : of its test.
     values : ndarray, shape (d,). Its features.
     conditions : as measured.
-    seed : of all runs.
-    workers : threads that share the runs.
+    seed, workers : of all runs; threads that share them.
     centre, weight : ndarrays, shape (width,). Where the unit is expected, and how surely.
     simulator : gives the features of a run; its arguments are those of `fleet_features`.
     record : itself, for pictures.
     edge : half widths of its band that a number may be off, 1 by the description; of each or all.
+    scatter : ndarray, shape (d,) or (1,). Variance of the features beyond that of a healthy unit.
     """
 
     library: FleetLibrary
@@ -80,6 +80,7 @@ class TestedUnit:
     simulator: Callable[..., np.ndarray] = fleet_features
     record: Record | None = None
     edge: float | np.ndarray = 1.0
+    scatter: np.ndarray = field(default_factory=partial(np.zeros, 1))
     _whiteners: dict[tuple[int, bytes], Whitener] = field(
         init=False, repr=False, compare=False, default_factory=dict)
     _runs: dict[tuple[Effects, bytes, int], np.ndarray] = field(
@@ -136,11 +137,12 @@ class TestedUnit:
         """Return the whitening; `before`: features without a law, to which its error belongs."""
         key = runs, b"" if before is None else before.tobytes()
         if (type(self) is TestedUnit and self.library.left is None and not runs
-                and before is None):  # that of the library, one of all its units
+                and before is None and not self.scatter.any()):  # that of the library
             deviation = self.library.surrogate.deviation(self.conditions.noise)
             return Whitener(deviation=deviation, root=self.library.root)
         if key not in self._whiteners:
             found = self.covariance(runs)
+            found[np.diag_indices_from(found)] += (1.0 + 1.0 / max(runs, 1)) * self.scatter
             if before is not None:
                 found[np.diag_indices_from(found)] += (LAW_ERROR * (self.values - before)) ** 2
             deviation = np.sqrt(np.diag(found))
@@ -184,6 +186,11 @@ class TestedUnit:
         left = 0.0 if library.left is None else library.left.mean
         return list(rows.reshape(len(models), runs, -1).mean(axis=1) + left)
 
+    def scattered(self, fit: LawFit) -> TestedUnit:
+        """Return the unit with the noise that runs of a fit show."""
+        rows = np.array(self.run_all([(fit.terms, fit.z)] * fit.runs, 1, 17, apart=True))
+        return replace(self, scatter=self.library.repeat.excess(rows, np.diag(self.noise())))
+
     def without_law(self) -> LawFit:
         """Return the fit of no law on the quadratic: what recalibration can do."""
         return self.on_library((), [self.centre])
@@ -193,8 +200,7 @@ class TestedUnit:
     ) -> LawFit:
         """Return a fit on the quadratic and the signatures, without a run.
 
-        From each start two descents, since the cost has other minima far from the record: one at
-        once, one that begins with plain least squares.
+        From each start two descents, for other minima lie far off: one begins with least squares.
         """
         white = self.whitener(0)
         plain = replace(white, straight=True)
@@ -313,7 +319,7 @@ class TestedUnit:
         self, point: LawFit, dampings: Sequence[float], white: Whitener, runs: int
     ) -> list[LawFit]:
         """Return where steps of each damping lead, those that can be run."""
-        # Of residuals that are bent what is far off has no weight: also of them as they are.
+        # What is far off has no weight in residuals that are bent: also of them as they are.
         steps = [self._step(scale, point.mean, point.slopes, point.z, point.terms, damping)
                  for damping in dampings for scale in (white, replace(white, straight=True))]
         tried = [(moved(point.terms, coordinates(point.terms) + step[:point.free]),

@@ -273,7 +273,7 @@ class Models:
         """Return fits of each law of the best pair with another beside it, where that is new."""
         firsts = [f.names for f in fits if len(f.terms) == 1][:LARGEST_SET]
         pairs = [f for f in fits if len(f.terms) == 2][:1]
-        return [f for pair in pairs for start in _laws_of(pair) if start.names not in firsts
+        return [f for pair in pairs for start in pair.alone() if start.names not in firsts
                 for one in self.fitted([start]) for f in self.pairs([one])]
 
     def each_alone(self, pair: LawFit, fits: Sequence[LawFit]) -> list[LawFit]:
@@ -283,17 +283,7 @@ class Models:
         """
         fits = [*fits, *(found for *_, found in self._measured)]
         found = [min([*self.fitted([start]), *(f for f in fits if f.names == start.names), start],
-                     key=lambda f: f.cost) for start in _laws_of(pair)]
+                     key=lambda f: f.cost) for start in pair.alone()]
         best = int(np.argmin([f.cost for f in found]))
         found[best] = self._pressed(found[best])
         return found
-
-
-def _laws_of(pair: LawFit) -> list[LawFit]:
-    """Return where fits of each law alone may begin."""
-    found, begin, rest = [], 0, np.arange(pair.free, pair.slopes.shape[1])
-    for term in pair.terms:
-        columns = np.append(np.arange(begin, begin + term.variant.size), rest)
-        found.append(replace(pair, terms=(term,), slopes=pair.slopes[:, columns], cost=np.inf))
-        begin += term.variant.size
-    return found

@@ -95,7 +95,7 @@ def bounded_least_squares(
     columns: np.ndarray, target: np.ndarray, low: np.ndarray, high: np.ndarray,
     weight: np.ndarray, centre: np.ndarray, damping: float = 0.0,
 ) -> np.ndarray:
-    """Return the step within bounds that leaves least.
+    """Return the step within bounds that leaves least, shape (m,).
 
     Parameters
     ----------
@@ -105,10 +105,6 @@ def bounded_least_squares(
     weight : ndarray, shape (m,). Of the squares of ``centre + step``, added to the sum.
     centre : ndarray, shape (m,). Where the step begins.
     damping : share of what the sum has of the square of each part of the step, added to it.
-
-    Returns
-    -------
-    ndarray, shape (m,).
     """
     normal = columns.T @ columns + np.diag(weight)
     power = np.diag(normal) * (1.0 + damping)

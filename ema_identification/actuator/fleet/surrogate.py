@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import nnls
+from scipy.stats import chi2
 
 from ema_identification.actuator.fleet.units import FleetRuns, LibrarySizes, of_day, unit_numbers
 from ema_identification.actuator.laws.catalogue import Signature
@@ -124,6 +125,22 @@ class NoiseLaw:
         """Return the law with all variances times `factor`."""
         return NoiseLaw(quiet=factor * self.quiet, noisy=factor * self.noisy,
                         correlation=self.correlation)
+
+    @staticmethod
+    def excess(rows: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """Return by how much features of runs of one model vary more than by noise, shape (d,).
+
+        Zero up to what the noise alone would reach in one of the features: where a surface sticks
+        and slips, the noise decides when it does.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (n, d). Of runs with noise of their own.
+        noise : ndarray, shape (d,). Variance that is expected.
+        """
+        own, free = rows.var(axis=0, ddof=1), len(rows) - 1
+        most = chi2.isf(1.0 / len(noise), free) / free
+        return np.where(np.isfinite(own) & (own > most * noise), own - noise, 0.0)
 
 
 def shrunk(x: np.ndarray) -> tuple[np.ndarray, float]:

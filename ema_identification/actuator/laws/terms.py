@@ -62,6 +62,15 @@ class LawFit:
         """Number of coordinates of the laws."""
         return sum(t.variant.size for t in self.terms)
 
+    def alone(self) -> list[LawFit]:
+        """Return where fits of each law alone may begin."""
+        found, begin, rest = [], 0, np.arange(self.free, self.slopes.shape[1])
+        for term in self.terms:
+            columns = np.append(np.arange(begin, begin + term.variant.size), rest)
+            found.append(replace(self, terms=(term,), slopes=self.slopes[:, columns], cost=np.inf))
+            begin += term.variant.size
+        return found
+
 
 @dataclass(frozen=True, kw_only=True)
 class LawGap:
