@@ -32,7 +32,7 @@ from ema_identification.actuator.decision.intervals import at, p_sizes
 from ema_identification.actuator.decision.proposals import LawProposal, at_known_sizes
 from ema_identification.actuator.decision.ranks import LEVEL, both_of, p_nothing, rank, share_of
 from ema_identification.actuator.decision.slopes import law_slopes
-from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, Whitener
+from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, NoiseLaw, Whitener
 from ema_identification.actuator.fleet.units import CHUNK, FULL, fleet_unit
 from ema_identification.actuator.laws.catalogue import variants
 from ema_identification.actuator.laws.terms import EffectTerm, LawFit, LawGap, Posterior
@@ -421,6 +421,39 @@ def test_intervals_hold_nine_in_ten(simulator):
         (p,) = parameters_of(u, found, known, 0)
         inside += p.low <= size * VISCOUS <= p.high
     assert 47 <= inside <= 60  # 54 expected
+
+
+def slipping(*arguments):
+    """Return a run in which a friction makes some features a matter of chance."""
+    seed, effects = arguments[-2:]
+    found = run(*arguments)
+    if effects is not None and effects.load_dependent_friction.coefficient > 0.0:
+        found[:8] += 40.0 * np.random.default_rng([seed, 3]).normal(size=8)
+    return found
+
+
+def test_what_sticks_and_slips_is_named_all_the_same():
+    worn = effects_of(load_dependent_friction=2.0)
+    for k in range(3):
+        u = replace(unit(seed=40 + k), simulator=slipping, values=slipping(
+            None, None, None, np.zeros(SIZE), None, 70 + k, worn))
+        case = models.Models(u)
+        (best, *_) = case.singles()
+        assert not case.explains(best)
+        assert np.flatnonzero(u.scattered(best).scatter[8:]).size <= 2
+        answer = decide(u)
+        assert (answer.verdict, answer.fit.names) == ("explained", ("load_dependent_friction",))
+
+
+def test_noise_alone_is_no_excess():
+    rng, noise = np.random.default_rng(5), np.full(900, 4.0)
+    counts = [np.count_nonzero(NoiseLaw.excess(2.0 * rng.normal(size=(8, 900)), noise))
+              for _ in range(200)]
+    assert np.mean(counts) == pytest.approx(1.0, abs=0.3)
+    rows = 2.0 * rng.normal(size=(4000, 900))
+    rows[:, 0] *= 5.0
+    found = NoiseLaw.excess(rows, noise)
+    assert found[0] == pytest.approx(96.0, rel=0.1)
 
 
 def test_values_are_those_that_leave_least_on_runs():
