@@ -19,6 +19,7 @@ from scipy.stats import chi2
 
 from ema_identification.actuator.fleet.units import FleetRuns, LibrarySizes, of_day, unit_numbers
 from ema_identification.actuator.laws.catalogue import Signature
+from ema_identification.actuator.laws.terms import SURE
 from ema_identification.actuator.measure.features import FeatureMap
 from ema_identification.actuator.measure.tolerances import NOISES, RecordConditions, conditions_of
 from ema_record.spread import TypeSpread
@@ -130,8 +131,8 @@ class NoiseLaw:
     def excess(rows: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """Return by how much features of runs of one model vary more than by noise, shape (d,).
 
-        Zero up to what the noise alone would reach in one of the features: where a surface sticks
-        and slips, the noise decides when it does.
+        Zero up to what noise alone would reach in no feature of `SURE` of the records: where a
+        surface sticks and slips, the noise decides when it does.
 
         Parameters
         ----------
@@ -139,7 +140,7 @@ class NoiseLaw:
         noise : ndarray, shape (d,). Variance that is expected.
         """
         own, free = rows.var(axis=0, ddof=1), len(rows) - 1
-        most = chi2.isf(1.0 / len(noise), free) / free
+        most = chi2.isf((1.0 - SURE) / len(noise), free) / free
         return np.where(np.isfinite(own) & (own > most * noise), own - noise, 0.0)
 
 

@@ -447,9 +447,8 @@ def test_what_sticks_and_slips_is_named_all_the_same():
 
 def test_noise_alone_is_no_excess():
     rng, noise = np.random.default_rng(5), np.full(900, 4.0)
-    counts = [np.count_nonzero(NoiseLaw.excess(2.0 * rng.normal(size=(8, 900)), noise))
-              for _ in range(200)]
-    assert np.mean(counts) == pytest.approx(1.0, abs=0.3)
+    some = [NoiseLaw.excess(2.0 * rng.normal(size=(8, 900)), noise).any() for _ in range(600)]
+    assert np.mean(some) == pytest.approx(0.05, abs=0.03)
     rows = 2.0 * rng.normal(size=(4000, 900))
     rows[:, 0] *= 5.0
     found = NoiseLaw.excess(rows, noise)
