@@ -88,7 +88,7 @@ def start_stiffness(signals: Signals, length: float) -> np.ndarray:
     return found / (shaft.stiffness / signals.actuator.gear.ratio**2)
 
 
-class Start(NamedTuple):
+class StartFit(NamedTuple):
     """What a start shows."""
 
     least: float
@@ -98,10 +98,10 @@ class Start(NamedTuple):
     """Viscous friction of the motor, of nominal."""
 
 
-def started(
+def fit_start(
     signals: Signals, part: slice, lag: np.ndarray, direction: float, reach: float = REACH,
     every: int = 1,
-) -> Start:
+) -> StartFit:
     """Return what explains a start.
 
     ½ J ω² is the work of the torque less ∫ (viscous + dry friction) dθ and ∫ τ dθ / ratio, with τ
@@ -128,7 +128,7 @@ def started(
     many = max(1, math.ceil(size / MOST_SAMPLES))
     size -= size % many
     if size < LEAST_SAMPLES * many:
-        return Start(0.0, GAPS[-1] * wound, 1.0)
+        return StartFit(0.0, GAPS[-1] * wound, 1.0)
 
     def means(values: np.ndarray) -> np.ndarray:
         return values[:size].reshape(-1, many).mean(axis=1)
@@ -168,7 +168,7 @@ def started(
     of_gap = likely.reshape(len(wind_ups), len(gaps)).sum(axis=0)
     least, most = wound * np.interp(
         [LEVEL, 1.0 - LEVEL], np.cumsum(of_gap) - 0.5 * of_gap, gaps)
-    return Start(float(least), float(most), float(means_of[1] + deviations[1] * viscous))
+    return StartFit(float(least), float(most), float(means_of[1] + deviations[1] * viscous))
 
 
 def start_features(signals: Signals, begin: float, end: float) -> dict[str, float]:
@@ -193,8 +193,8 @@ def start_features(signals: Signals, begin: float, end: float) -> dict[str, floa
     sums = np.concatenate([[0.0], np.cumsum(lag[part])])
     peak = float(np.max(sums[width:] - sums[:-width]) / width)
     first, second = start_stiffness(signals, 0.4 * length)
-    lost = started(signals, part, lag[part] - settled, direction)
-    far = started(signals, part, lag[part] - settled, direction, FAR, EVERY)
+    lost = fit_start(signals, part, lag[part] - settled, direction)
+    far = fit_start(signals, part, lag[part] - settled, direction, FAR, EVERY)
     travel = direction * (theta[part] - theta[part][0]) / signals.actuator.wind_up
     found: dict[str, float] = {}
     last = at_rest

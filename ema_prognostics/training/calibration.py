@@ -18,7 +18,8 @@ def tail_quantile(score: np.ndarray, rate: float) -> float:
     """Return the value that `score` exceeds at `rate`, beyond the largest value if need be.
 
     The upper tail is taken as a generalised Pareto distribution (method of moments, Hosking
-    and Wallis 1987): one per cent of the values, or the largest 60 if these are more.
+    and Wallis 1987): one per cent of the values, or the largest 60 if these are more. Of a tail of
+    fewer than five, or a rate beyond it, the value itself that is exceeded no more often.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ import pytest
 from ema_prognostics.cascade.lines import ACROSS
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.signals import prepare
-from ema_prognostics.features.start import Start, started
+from ema_prognostics.features.start import StartFit, fit_start
 from ema_record.errors import IncompleteRecordError
 from ema_record.profile import load_profile
 from ema_record.record import Record
@@ -121,5 +121,5 @@ def test_a_start_tells_viscous_from_dry_friction(viscous: float, worn: list[str]
 def test_a_start_of_a_few_samples_tells_no_lost_motion() -> None:
     signals = prepare(simulate(load_profile("step"), seed=3))
     wound = DEFAULT.actuator.wind_up / DEFAULT.actuator.gear.ratio
-    assert started(signals, slice(440, 450), np.zeros(10), 1.0) == pytest.approx(
-        Start(0.0, 3.0 * wound, 1.0))
+    assert fit_start(signals, slice(440, 450), np.zeros(10), 1.0) == pytest.approx(
+        StartFit(0.0, 3.0 * wound, 1.0))
