@@ -24,7 +24,7 @@ from joblib import Parallel, delayed
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
-from benchmarks.detection.print_table import make_table
+from benchmarks.detection.report import make_table
 from ema_prognostics.cascade.classes import FAULTS, OUTPUTS
 from ema_prognostics.cascade.find import Cascade
 from ema_prognostics.commission.bound import linear_bound

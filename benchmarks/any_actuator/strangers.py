@@ -28,7 +28,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks.any_actuator.cases import SENSOR_FAULTS, STRANGERS, usual_sizes
 from benchmarks.any_actuator.machines import load_machine, machine_names
 from benchmarks.any_actuator.stages import TESTED
-from benchmarks.detection.print_table import make_table
+from benchmarks.detection.report import make_table
 from ema_prognostics.cascade.model_file import load_model
 from ema_prognostics.features.extract import extract
 from ema_prognostics.training.conditions import actuator_of, draw_conditions, draw_unit, effects_of

@@ -19,8 +19,7 @@ from typing import Any
 from benchmarks.detection.generate import COUNTS, Tested, generate
 from benchmarks.detection.judge import VIEWS, Judged, View, judge
 from benchmarks.detection.peers import comparison
-from benchmarks.detection.plots import plot_detection, plot_reliability
-from benchmarks.detection.print_table import print_tables
+from benchmarks.detection.report import plot_detection, plot_reliability, print_tables
 from benchmarks.detection.table import TARGETS, fault_groups, fault_numbers, numbers
 from ema_prognostics.cascade.model_file import load_model
 from ema_prognostics.training.fleet import simulate_fleets

@@ -38,7 +38,7 @@ from benchmarks.detection.detectability import (
     noise_bound,
     own_spread_bound,
 )
-from benchmarks.detection.print_table import make_table
+from benchmarks.detection.report import make_table
 from benchmarks.units import UNIT_SPREAD, actuator_of
 from ema_prognostics.features.extract import extract
 from ema_record.actuator import Actuator, load_actuator

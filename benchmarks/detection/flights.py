@@ -27,7 +27,7 @@ from rich.console import Console
 from benchmarks import units as fleet_units
 from benchmarks.detection import sequences
 from benchmarks.detection.flight_scores import VIEWS, Flown, Score, score_units
-from benchmarks.detection.print_table import make_table, percent
+from benchmarks.detection.report import make_table, percent
 from benchmarks.detection.sequences import draw_course, record_of
 from benchmarks.detection.table import TARGETS as BOTH_TARGETS
 from benchmarks.detection.table import plain

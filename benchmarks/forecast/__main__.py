@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from benchmarks.detection.print_table import make_table
+from benchmarks.detection.report import make_table
 from benchmarks.forecast.courses import LAWS, Course, draw_course
 from benchmarks.forecast.peers import FORECASTERS, Forecaster, Seen
 from ema_cli.console import progress
