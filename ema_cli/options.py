@@ -41,7 +41,7 @@ Changes = Annotated[Path | None, typer.Option(
     "--model", metavar="FILE.yaml",
     help="Actuator parameters and effects: changes over the kit's.")]
 Seed = Annotated[int, typer.Option(
-    "--seed", min=0, max=2**31 - 1, help="Of noise and start angle; same seed, same bytes.")]
+    "--seed", min=0, max=2**31 - 1, help="Of noise and start angle; same seed, same samples.")]
 Noise = Annotated[float, typer.Option("--noise", help="Factor on the sensor noise, 0 for none.")]
 Rule = Annotated[str, typer.Option(
     metavar="K/N", help="A fault is confirmed when K of the last N flights find it.")]
@@ -50,15 +50,16 @@ Format = Annotated[str, typer.Option(
     "row a fault, with a header.")]
 
 
-def _one_name(text: str) -> str:
+def one_line(parameter: typer.CallbackParam, text: str) -> str:
+    """Return what an option says, in one line that can be printed."""
     if len(text) > MAX_TEXT or not text.isprintable():
-        raise UsageError(f"--serial-number {text[:40]!r}: expected at most {MAX_TEXT} characters "
-                         f"that can be printed (given: {len(text)})")
+        raise UsageError(f"{parameter.opts[0]} {text[:40]!r}: expected at most {MAX_TEXT} "
+                         f"characters that can be printed (given: {len(text)})")
     return text
 
 
 SerialNumber = Annotated[str, typer.Option(
-    "--serial-number", metavar="TEXT", callback=_one_name, help="Of the actuator.")]
+    "--serial-number", metavar="TEXT", callback=one_line, help="Of the actuator.")]
 TrainingJobs = Annotated[int, typer.Option(
     "--jobs", min=-1, max=256, help="Processes that simulate, -1 for all cores.")]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ema_cli.console import check_new_file, given_bags, note, print_json, progress, say
-from ema_cli.options import Baseline, Cascade, Commanded
+from ema_cli.options import Baseline, Cascade, Commanded, one_line
 from ema_record.errors import IncompleteRecordError, UsageError
 from ema_record.files import check_apart
 
@@ -24,10 +24,13 @@ def report(
     out: Annotated[list[Path] | None, typer.Option(
         "--out", "-o", metavar="FILE.html|.xml|.json", show_default="BAG.html beside the bag",
         help="Report to write; repeatable.")] = None,
-    ata: Annotated[str, typer.Option(metavar="TEXT", help="ATA chapter.")] = "",
-    aircraft: Annotated[str, typer.Option(metavar="TEXT", help="Registration.")] = "",
-    work_order: Annotated[str, typer.Option(metavar="TEXT", help="Its number.")] = "",
-    operator: Annotated[str, typer.Option(metavar="TEXT", help="Operator, station.")] = "",
+    ata: Annotated[str, typer.Option(metavar="TEXT", help="ATA chapter.", callback=one_line)] = "",
+    aircraft: Annotated[str, typer.Option(
+        metavar="TEXT", help="Registration.", callback=one_line)] = "",
+    work_order: Annotated[str, typer.Option(
+        metavar="TEXT", help="Its number.", callback=one_line)] = "",
+    operator: Annotated[str, typer.Option(
+        metavar="TEXT", help="Operator, station.", callback=one_line)] = "",
     profile: Commanded = None,
     model: Cascade = None,
     baseline: Baseline = None,

@@ -10,7 +10,7 @@ import typer
 
 from ema_cli.console import check_new_file, print_json, stdout
 from ema_cli.lines import print_text
-from ema_cli.options import Baseline, Commanded, Format, Rule
+from ema_cli.options import Baseline, Commanded, Format, Rule, given_once
 from ema_cli.views.flights import (
     about,
     copies_text,
@@ -82,6 +82,7 @@ def trend(
     from ema_prognostics.verdict.verdict import worst_status
     from ema_record.bag.find import is_sequence, what_else
 
+    given_once("--limit", limit)
     chosen = parse_rule(rule)
     form = check_format(form, json=json)
     if plot is not None:
@@ -161,7 +162,7 @@ def parse_limit(text: str) -> tuple[str, float]:
 
 def exit_status(found: UnitTrend) -> int:
     """Return the exit status that the trend of one actuator amounts to."""
-    if all(f.verdict.outcome in ("invalid", "incomplete") for f in found.flights):
+    if all(f.verdict.outcome == "invalid" for f in found.flights):
         return 2
     if any(f.present for f in found.faults):
         return 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -26,6 +27,8 @@ TONES = {"healthy": "#00704f", "fault": "#a83a00", "unknown": "#8a6100", "incomp
 MOST_NUMBERS = 6
 """Rows of evidence on the page."""
 MOST_TRENDS = 2
+NO_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
+"""Characters that no XML may hold (XML 1.0, section 2.2); a record's names may."""
 
 
 def write_report_file(path: Path, data: Mapping[str, Any], record: Record) -> None:
@@ -114,7 +117,8 @@ def as_xml(data: Mapping[str, Any], _record: Record) -> str:
     for file in trace["files"]:
         add(source, "File", **file)
     ET.indent(root)
-    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+    return NO_XML.sub("\ufffd", ET.tostring(
+        root, encoding="unicode", xml_declaration=True)) + "\n"
 
 
 def as_page(data: Mapping[str, Any], record: Record) -> str:

@@ -4,7 +4,7 @@ What belongs to the day (load, errors of the current sensors) is fitted to the h
 runs are made on that day, since a law may act on what the day brings; all else is predicted, of
 what is named by the fit or by the median of runs about it, over all that the fitted records leave
 open (a few may run away), whichever is nearer. One yardstick for all models: what the model
-without a law may be off.
+without a law may be off, and what runs of the named one are where these do not explain each other.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from scipy.optimize import minimize_scalar
 
 from ema_identification.actuator.decision.fit import PRIOR, TestedUnit
 from ema_identification.actuator.decision.intervals import at
+from ema_identification.actuator.decision.models import noisy
 from ema_identification.actuator.decision.slopes import bounded_least_squares
 from ema_identification.actuator.fleet.kept import kept_of
 from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, worst
@@ -76,8 +77,10 @@ class HeldOut:
         if known is not None:
             turned[-1] = [min(one, _expected(one, models[-1], known, edge), key=_off)
                           for one in turned[-1]]
-        return replace(_left(unit, _yardstick(self.fitted), [_joined(unit, of) for of in turned]),
-                       healthy=self.healthy)
+        expected = [_joined(unit, of) for of in turned]
+        if known is not None:
+            unit = noisy(unit, replace(models[-1], z=expected[-1].z))
+        return replace(_left(unit, _yardstick(self.fitted), expected), healthy=self.healthy)
 
     @cached_property
     def healthy(self) -> np.ndarray:
@@ -231,7 +234,8 @@ def _yardstick(fitted: TestedUnit, null: LawFit | None = None) -> np.ndarray:
 def _left(unit: TestedUnit, covariance: np.ndarray, models: Sequence[_Predicted]) -> LawGap:
     """Return the gap of each prediction, on the scale of the first one."""
     own = unit.slope(models[0].z)[:, :len(covariance)]
-    root = np.sqrt(np.diag(unit.covariance(0)) + np.einsum("ij,jk,ik->i", own, covariance, own))
+    root = np.sqrt(np.diag(unit.covariance(0)) + unit.scatter
+                   + np.einsum("ij,jk,ik->i", own, covariance, own))
     rests = [_day_fitted(unit, model, root)[1] for model in models]
     return LawGap(values=tuple(worst(rests)), healthy=np.zeros(0), rest=tuple(rests))
 

@@ -5,14 +5,27 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
+from ema_record.bag.container import find_files
+from ema_record.errors import RecordError
+
 BLOCK = 1 << 20
 
 
 def bag_files(bag: Path) -> list[Path]:
-    """Return the files of a bag, in order of their names; a single file is itself."""
+    """Return the files of a bag, in order of their names; a single file is itself.
+
+    Hidden ones are left out, unless its ``metadata.yaml`` names them, or it cannot be read.
+    """
     if not bag.is_dir():
         return [bag]
-    return sorted(p for p in bag.iterdir() if p.is_file() and not p.name.startswith("."))
+    files = sorted(p for p in bag.iterdir() if p.is_file())
+    hidden = {p for p in files if p.name.startswith(".")}
+    if hidden:
+        try:
+            hidden -= set(find_files(bag, ("mcap", "sqlite3")).paths)
+        except RecordError:
+            return files
+    return [p for p in files if p not in hidden]
 
 
 def file_sha256(path: Path) -> str:
@@ -27,7 +40,8 @@ def file_sha256(path: Path) -> str:
 def content_hash(bag: str | Path) -> str:
     """Return the SHA-256 of a bag, whatever it is called and wherever it lies.
 
-    Of a single file its own; of a directory that of what ``sha256sum *`` prints in it.
+    Of a single file its own; of a directory that of what ``sha256sum *`` prints in it, of
+    hidden ones too that are part of the record.
 
     Raises
     ------

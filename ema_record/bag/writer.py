@@ -91,6 +91,9 @@ class RawBag:
         if name.encode("utf-8", "replace").decode() != name:
             raise OutputError(f"{path}: the name is not UTF-8, which {METADATA_FILE} cannot hold: "
                               "choose another name")
+        if name.startswith("."):
+            raise OutputError(f"{path}: a name that begins with a dot is hidden, and what is "
+                              "hidden is not read: choose another name")
         make_new_directory(self.path)
         self.file = self.path / f"{name}_0.mcap"
         try:

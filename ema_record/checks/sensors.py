@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ema_record.actuator import FOC, NOISE_RATE
+from ema_record.actuator import FOC, NOISE_RATE, RELAY
 from ema_record.channels import (
     CHANNELS,
     MOTOR_SPEED,
@@ -54,6 +54,9 @@ SEPARATED = 200.0
 """Ratio of the two smallest variances from which the weights of the sum are known."""
 UNLIMITED = (0.1364, 0.9091)
 """Reference currents that are neither noise nor the limit (of the limit)."""
+OF_BAND = 6.0
+"""Half widths of a relay's band from which its mean current is within 3 % of the reference: it
+falls short by 0.1 to 0.2 of one (0.45 to 1.7 A beside 0.77 A; 3 to 4 A beside 0.5 A)."""
 STEADY_TIME = 1e-3
 """For which a reference is constant before its current is compared (s)."""
 HELD = 0.05
@@ -149,6 +152,8 @@ def _by_reference(facts: BagFacts) -> float | None:
         return None
     slow = np.abs(s[:, MOTOR_SPEED]) < SLOW * facts.actuator.control.speed_limit
     least, most = (share * facts.actuator.inverter.current_limit for share in UNLIMITED)
+    if facts.actuator.drive.kind == RELAY:
+        least = max(least, OF_BAND * facts.actuator.inverter.hysteresis)
     if facts.actuator.drive.kind == FOC:
         vectors = [facts.vector(part)[slow] for part in (PHASE_CURRENTS, REFERENCE_CURRENTS)]
         size = np.abs(vectors[1])

@@ -42,11 +42,17 @@ def default_profiles(actuator: Actuator) -> dict[str, Profile]:
             (up(first + window[1] + window[0], size.tick), half)]
     words = {"step": f"step from {-half:g} to +{half:g} rad at {first:g} s",
              "extended": "step, quarter-speed slews, slow ramps both ways, reversal"}
+    extended = _extended(actuator, size, first)
+    if (duration := extended[-1][0]) > MAX_DURATION:
+        raise UsageError(
+            f"the test would take {duration:.0f} s, at most {MAX_DURATION:g}: at "
+            f"{actuator.slew_speed:.3g} rad/s the surface is too slow for its stroke and wind-up: "
+            "raise control.speed_limit or check shaft.stiffness")
     made = {
         name: Profile(
             name=name, points=tuple(points), inverter_off=_clear(off), description=words[name],
             window=(_clear(first + window[0]), _clear(first + window[1])))
-        for name, points in (("step", step), ("extended", _extended(actuator, size, first)))
+        for name, points in (("step", step), ("extended", extended))
     }
     _check(actuator, size, made)
     return made
@@ -98,11 +104,5 @@ def _check(actuator: Actuator, size: Sizes, made: dict[str, Profile]) -> None:
             f"at {slew:.3g} rad/s, of which {1e3 * size.settling:.3g} ms settle and fewer than "
             f"{LEAST_TURNS} electrical turns are left: a longer stroke, a lower "
             "control.speed_limit or a faster control")
-    duration = made["extended"].duration
-    if duration > MAX_DURATION:
-        raise UsageError(
-            f"the test would take {duration:.0f} s, at most {MAX_DURATION:g}: at "
-            f"{slew:.3g} rad/s the surface is too slow for its wind-up: raise "
-            "control.speed_limit or check shaft.stiffness")
     for profile in made.values():
         profile.check_within(stop)

@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_record.bag.read import write_bag
-from ema_record.errors import OutputError, SimulationError, UsageError
+from ema_record.errors import SimulationError, UsageError
+from ema_record.files import cannot_write
 from ema_record.profile import Profile
 from ema_record.sources import source_hash
 from ema_sim.campaign.plan import CampaignPlan, load_plan
@@ -189,15 +190,16 @@ def _keep_bag(task: Task, index: int, record: object) -> None:
     if path.exists():
         return
     path.parent.mkdir(exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    shutil.rmtree(temporary, ignore_errors=True)
-    write_bag(record, temporary)  # type: ignore[arg-type]
+    draft = path.with_name(f".{path.name}.tmp")  # a bag's file is named after its folder
+    shutil.rmtree(draft, ignore_errors=True)
     try:
-        temporary.rename(path)
-    except OSError:
-        shutil.rmtree(temporary, ignore_errors=True)
+        draft.mkdir()
+        write_bag(record, draft / path.name).rename(path)  # type: ignore[arg-type]
+    except OSError as error:
         if not path.exists():
-            raise OutputError(f"{path}: cannot be written: check the folder") from None
+            raise cannot_write(path, error) from None
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
 
 
 def _manifest(campaign: Campaign, reduction: Reduction, bags: bool, size: int) -> dict:

@@ -189,6 +189,10 @@ def test_bags_are_kept(plan, tmp_path):
     assert [b.name for b in bags] == ["run_000000", "run_000001"]
     made = prepare(load_plan(path)).run(1).simulate()
     assert np.array_equal(read_bag(bags[1]).samples, made.samples)
+    alone = tmp_path / bags[1].name
+    assert ema(["simulate", "--campaign", str(path), "--run", "1", "--out", str(alone)]) == 0
+    assert files_of(alone) == ["metadata.yaml", "run_000001_0.mcap"]
+    assert_same_bytes(alone, bags[1])
 
 
 def test_options_of_one_run_do_not_mix(plan, tmp_path, capsys):

@@ -121,6 +121,11 @@ def test_a_recovered_copy_hides_no_fault(growing, tmp_path, capsys, name):
     text = " ".join(capsys.readouterr().out.split())
     assert "1 flight, 1 of them gave an answer" in text
     assert "the same flight once more, not counted again" in text and "no answer" not in text
+    assert run(["trend", str(folder / name)]) == run(["check", str(folder / name)]) == 3
+    capsys.readouterr()
+    twice = ["--limit", "backlash=1mrad", "--limit", "backlash=2mrad"]
+    assert run(["trend", str(folder), *twice]) == 2
+    assert "--limit backlash: given twice, as 1mrad and as 2mrad" in capsys.readouterr().err
 
 
 @pytest.mark.slow

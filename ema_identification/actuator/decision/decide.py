@@ -12,8 +12,8 @@
    coordinates, ν the independent numbers of a record, m laws of N. This is the likelihood of a
    scale that is not known, with prices of a coordinate (Schwarz 1978) and of a law. Where the best
    law explains nothing, or two are in question, it is fitted up to `EDGE` of the bands too, of two
-   that explain each one, also from where both ended. Where it explains nothing, and its runs vary
-   more than healthy units do (`NoiseLaw.excess`: sticking, slipping), all begins again with that.
+   that explain each one, also from where both ended. Where no law nor two explain, and the best
+   model not even its own runs (it sticks and slips), all begins again with the noise of these.
 3. A model *explains* if its cost is usual among healthy units; each law in it must have a gain
    of its own beyond the useless ones', beside the other one fitted as hard: a test of the level
    `LEVEL`, corrected for the search. A law to which a second one adds so much is no answer alone.
@@ -39,7 +39,7 @@ import numpy as np
 from ema_identification.actuator.decision.answer import FleetAnswer, instead_of, stages_of
 from ema_identification.actuator.decision.fit import TestedUnit
 from ema_identification.actuator.decision.intervals import p_sizes
-from ema_identification.actuator.decision.models import LARGEST_SET, Models
+from ema_identification.actuator.decision.models import LARGEST_SET, Models, noisy
 from ema_identification.actuator.decision.proposals import scores
 from ema_identification.actuator.decision.ranks import LEVEL, both_of, p_nothing, share_of
 from ema_identification.actuator.laws.terms import SURE, LawFit, LawJudge
@@ -81,10 +81,6 @@ def decide(
         far = max(p_nothing(scores(beyond.unit), healthy), beyond.p_without())
         usual, rival = _usual(beyond, far, held, EDGE), beyond
     singles = case.singles()
-    if singles and not case.explains(singles[0]) and not unit.scatter.any():
-        noisy = unit.scattered(singles[0])
-        if noisy.scatter.any():
-            return decide(noisy, held, witness=witness, without=without, progress=progress)
     silence = usual if rival is beyond and usual and usual.verdict == "no disagreement" else None
     if silence is not None and not any(map(case.explains, singles)):
         return silence
@@ -97,6 +93,9 @@ def decide(
         wider += beyond.each_alone(pairs[0], wider)
     fits = case.finished([*singles, *wider, *pairs])
     explaining = [f for f in fits if case.explains(f)]
+    own = noisy(unit, fits[0]) if fits and not explaining else unit
+    if own.scatter.any() and not unit.scatter.any():
+        return decide(own, held, witness=witness, without=without, progress=progress)
     answer = _named(case, FleetAnswer(
         verdict="unknown effect", null=case.null, p_nothing=p, fits=tuple(fits)), explaining)
     if usual is not None:
@@ -237,9 +236,8 @@ def _nearest(case: Models, fits: Sequence[LawFit]) -> str:
         if len(fit.terms) == 1 and np.isfinite(fit.cost):
             if case.p_own(fit, case.nothing) > LEVEL:
                 break
-            share = min(_share(case, fit), 1.0)
-            return (f"; the nearest, {fit.variants[0]}, closes {100.0 * share:.0f} % of the "
-                    "misfit")
+            return (f"; the nearest, {fit.variants[0]}, closes "
+                    f"{100.0 * min(_share(case, fit), 1.0):.0f} % of the misfit")
     return ""
 
 

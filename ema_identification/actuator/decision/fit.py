@@ -142,7 +142,7 @@ class TestedUnit:
             return Whitener(deviation=deviation, root=self.library.root)
         if key not in self._whiteners:
             found = self.covariance(runs)
-            found[np.diag_indices_from(found)] += (1.0 + 1.0 / max(runs, 1)) * self.scatter
+            found[np.diag_indices_from(found)] += (runs + 1.0) / max(runs, 1) * self.scatter
             if before is not None:
                 found[np.diag_indices_from(found)] += (LAW_ERROR * (self.values - before)) ** 2
             deviation = np.sqrt(np.diag(found))
@@ -185,11 +185,6 @@ class TestedUnit:
         rows = np.array(list(_threads(self.workers).map(one, jobs)))
         left = 0.0 if library.left is None else library.left.mean
         return list(rows.reshape(len(models), runs, -1).mean(axis=1) + left)
-
-    def scattered(self, fit: LawFit) -> TestedUnit:
-        """Return the unit with the noise that runs of a fit show."""
-        rows = np.array(self.run_all([(fit.terms, fit.z)] * fit.runs, 1, 17, apart=True))
-        return replace(self, scatter=self.library.repeat.excess(rows, np.diag(self.noise())))
 
     def without_law(self) -> LawFit:
         """Return the fit of no law on the quadratic: what recalibration can do."""

@@ -27,7 +27,7 @@ from ema_identification.actuator.decision.proposals import (
     sized,
 )
 from ema_identification.actuator.decision.ranks import LEVEL, p_nothing, rank
-from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS
+from ema_identification.actuator.fleet.surrogate import SETTLED_RUNS, excess
 from ema_identification.actuator.laws.terms import LawFit, Posterior, library_slopes
 
 LARGEST_SET = 3
@@ -38,6 +38,17 @@ PROPOSED, SCREENED = 2 * LARGEST_SET, 4 * LARGEST_SET
 """Laws fitted with the simulator; on the library, of which half are left; pairs begun so."""
 ROUNDS = SETTLED_RUNS // 4, SETTLED_RUNS // 2
 """Runs of a model in each round, of `LARGEST_SET` steps."""
+
+
+def noisy(unit: TestedUnit, fit: LawFit) -> TestedUnit:
+    """Return a unit with the noise of a model's runs if the others leave too much of one."""
+    rows = np.array(unit.run_all([(fit.terms, fit.z)] * SETTLED_RUNS, 1, 17, apart=True))
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    rest = (rows - rows.mean(axis=0)).T * len(rows) / max(len(rows) - 1, 1)
+    left = (unit.whitener(SETTLED_RUNS - 1).residual(rest) ** 2).sum(axis=0) / unit.size
+    if all(rank(float(cost), unit.library.healthy[:, 0]) > LEVEL for cost in left):
+        return unit
+    return replace(unit, scatter=excess(rows, np.diag(unit.noise())))
 
 
 class Models:
@@ -80,9 +91,8 @@ class Models:
             points = self._ordered(self.unit.descended(
                 p, self.before, runs=runs, steps=LARGEST_SET) for p in points)
             alike: dict[tuple[str, ...], list[LawFit]] = {}
-            for p in points:
-                if np.isfinite(p.cost):
-                    alike.setdefault(p.variants, []).append(p)
+            for p in [p for p in points if np.isfinite(p.cost)]:
+                alike.setdefault(p.variants, []).append(p)
             kept = list(alike.values())[:LARGEST_SET]
             if good := [group for group in kept if self.explains(group[0])]:
                 others += [group[0] for group in kept if not self.explains(group[0])]

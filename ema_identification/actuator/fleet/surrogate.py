@@ -127,21 +127,6 @@ class NoiseLaw:
         return NoiseLaw(quiet=factor * self.quiet, noisy=factor * self.noisy,
                         correlation=self.correlation)
 
-    @staticmethod
-    def excess(rows: np.ndarray, noise: np.ndarray) -> np.ndarray:
-        """Return by how much features of runs of one model vary more than by noise, shape (d,).
-
-        Zero up to what noise alone would reach in no feature of `SURE` of the records: where a
-        surface sticks and slips, the noise decides when it does.
-
-        Parameters
-        ----------
-        rows : ndarray, shape (n, d). Of runs with noise of their own.
-        noise : ndarray, shape (d,). Variance that is expected.
-        """
-        own, free = rows.var(axis=0, ddof=1), len(rows) - 1
-        most = chi2.isf((1.0 - SURE) / len(noise), free) / free
-        return np.where(np.isfinite(own) & (own > most * noise), own - noise, 0.0)
 
 
 def shrunk(x: np.ndarray) -> tuple[np.ndarray, float]:
@@ -155,6 +140,21 @@ def shrunk(x: np.ndarray) -> tuple[np.ndarray, float]:
     error = (float(((x**2).sum(axis=1) ** 2).mean()) - power) / len(x)
     share = min(max(error, 0.0), apart) / max(apart, 1e-300)
     return (1.0 - share) * found, share
+
+
+def excess(rows: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Return by how much features of runs of one model vary more than by noise, shape (d,).
+
+    Zero up to what Gaussian noise alone would reach in no feature of `SURE` of the records.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, d). Of runs with noise of their own.
+    noise : ndarray, shape (d,). Variance that is expected.
+    """
+    own, free = rows.var(axis=0, ddof=1), len(rows) - 1
+    most = chi2.isf((1.0 - SURE) / len(noise), free) / free
+    return np.where(own > most * noise, own - noise, 0.0)
 
 
 def noise_law(rest: np.ndarray, noise: np.ndarray, floor: np.ndarray) -> NoiseLaw:

@@ -13,6 +13,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from ema_cli.main import run
+from ema_cli.pages.report_files import as_xml
 from ema_prognostics.verdict.contract import kit_sha256
 from ema_record.bag.read import read_bag
 from ema_record.kit import kit_folder
@@ -102,6 +103,22 @@ def test_xml_holds_what_json_holds(written):
     fault = tests["diagnosis"].find("Fault")
     assert float(fault.get("severity")) == data["verdict"]["faults"][0]["severity"]
     assert len(root.findall("Configuration/File")) == len(data["trace"]["files"])
+
+
+def test_xml_is_read_whatever_a_record_calls_its_unit(written):
+    data = json.loads(written[".json"].read_text())
+    data["unit"]["serial_number"] = "S\x01\x1b\ufffe1"
+    root = ET.fromstring(as_xml(data, None))
+    assert root.find("UUT").get("serialNumber") == "S\ufffd\ufffd\ufffd1"
+
+
+@pytest.mark.parametrize("text", ["a\x01b", "two\nlines", "\udcff", "x" * 201])
+@pytest.mark.parametrize("option", ["--ata", "--aircraft", "--work-order", "--operator"])
+def test_what_no_page_can_hold_is_refused(repository, tmp_path, capsys, option, text):
+    bag, out = repository / "bags" / "sim_0001_step", tmp_path / "report.xml"
+    assert run(["report", str(bag), "--out", str(out), option, text]) == 2
+    assert f"{option} {text[:40]!r}: expected at most 200 characters" in capsys.readouterr().err
+    assert not out.exists()
 
 
 def test_what_nobody_gave_is_not_made_up(repository, tmp_path):

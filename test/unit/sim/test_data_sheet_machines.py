@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ema_record.checks.guard import guard_findings
 from ema_record.data_sheet.derive import describe
 from ema_record.data_sheet.sheet import read_sheet
 from ema_record.profiles.design import default_profiles
@@ -49,3 +50,15 @@ def test_a_relay_machine_of_a_data_sheet_is_stable(name):
     assert position.max() < reach + 0.02 * actuator.surface.end_stop
     just_before = np.abs(record.time - (profile.points[3][0] - 2e-3)) < 1e-3
     assert position[just_before].mean() == pytest.approx(reach, rel=0.03)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_relay_whose_band_is_wide_for_its_friction_reads_its_currents_right(seed):
+    """Its mean current falls short of a small reference: no sensor's fault."""
+    values = {
+        "resistance": "1.2ohm", "inductance": "0.194mH", "kv": "475rpm/V", "pole-pairs": "1",
+        "inertia": "34gcm2", "gear": "100", "end-stop": "40deg", "current-limit": "7.5A",
+        "bus": "24V"}
+    actuator = describe(read_sheet(values, {"drive": "relay"})).actuator
+    record = simulate(default_profiles(actuator)["extended"], actuator=actuator, seed=seed)
+    assert guard_findings(record, actuator) == ()

@@ -150,6 +150,20 @@ def test_the_hash_is_that_of_sha256sum(place):
     assert content_hash(bag) == hashlib.sha256(printed.stdout).hexdigest()
 
 
+def test_the_hash_is_of_a_hidden_file_too_that_is_part_of_the_record(repository, tmp_path):
+    bag = shutil.copytree(repository / "bags/sim_0000_step", tmp_path / "sim_0000_step")
+    file, metadata = bag / "sim_0000_step_0.mcap", bag / "metadata.yaml"
+    (bag / ".DS_Store").write_bytes(b"of a desktop")
+    usual = content_hash(bag)
+    (bag / ".DS_Store").write_bytes(b"changed")
+    assert content_hash(bag) == usual
+    metadata.write_text(metadata.read_text().replace(file.name, f"'.{file.name}'"))
+    hidden = file.rename(bag / f".{file.name}")
+    whole = content_hash(bag)
+    hidden.write_bytes(hidden.read_bytes()[:1000])
+    assert content_hash(bag) != whole
+
+
 def test_parts_of_a_recorder_that_died_are_one_bag_from_within_too(tmp_path, monkeypatch):
     (tmp_path / "parts").mkdir()
     for k in (0, 1):

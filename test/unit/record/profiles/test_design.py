@@ -50,6 +50,11 @@ def machine(data, **changes):
     return actuator_from(merged, "machine")
 
 
+def test_a_test_that_would_take_too_long_is_refused_before_it_is_made():
+    with pytest.raises(UsageError, match=r"would take .* at most 60: .* raise control"):
+        default_profiles(machine(SMALL, control__speed_limit=1.0))
+
+
 @pytest.mark.parametrize("name", ["step", "extended"])
 def test_the_default_actuator_gets_the_shipped_tests(name):
     assert default_profiles(load_actuator())[name] == load_profile(name)
