@@ -16,7 +16,13 @@ from collections import Counter
 import numpy as np
 from joblib import Parallel, delayed
 
-from ema_prognostics.training.conditions import actuator_of, draw_conditions, draw_unit, effects_of
+from ema_prognostics.training.conditions import (
+    actuator_of,
+    draw_conditions,
+    draw_unit,
+    effects_of,
+    start_left_by,
+)
 from ema_prognostics.training.faults import HEALTHY
 from ema_prognostics.verdict.judge import Judge
 from ema_prognostics.verdict.verdict import Verdict
@@ -26,7 +32,7 @@ from ema_record.record import Record
 from ema_record.spread import load_spread
 from ema_sim.effects import parse_effects
 from ema_sim.model_file import load_model_file
-from ema_sim.simulate import simulate, start_of
+from ema_sim.simulate import simulate
 
 SEED = 17
 HIDDEN = {
@@ -40,7 +46,7 @@ ANSWERS = ("named", "other fault", "healthy", "unknown", "refused")
 def answer(verdict: Verdict, name: str) -> str:
     """Return one of `ANSWERS`; `name`: the class of what is hidden, empty: nothing."""
     if verdict.outcome != "fault":
-        return verdict.outcome
+        return "healthy" if verdict.outcome == "healthy" else "unknown"
     return "named" if name in {f.fault_class for f in verdict.faults} else "other fault"
 
 
@@ -56,10 +62,8 @@ def judged(number: int, effect: str) -> tuple[str, str]:
         actuator = actuator_of(model.actuator, unit, day)
         effects = parse_effects(
             settings, effects_of(model.actuator, unit, day, HEALTHY, model.effects))
-        shaft = actuator.shaft._replace(
-            backlash=actuator.shaft.backlash + effects.backlash.increase)
         return simulate(profile, actuator=actuator, seed=day.seed, effects=effects,
-                        start=start_of(actuator._replace(shaft=shaft), profile, day.start))
+                        start=start_left_by(actuator, effects, profile, day.start))
 
     record, before = test_of(0, [effect] if effect else []), test_of(1, [])
     alone = answer(Judge().of_record(record, "step").verdict, HIDDEN[effect])

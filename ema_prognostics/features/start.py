@@ -95,7 +95,7 @@ class StartFit(NamedTuple):
     """Lost motion that explains it at least, and at most (rad)."""
     most: float
     viscous: float
-    """Viscous friction of the motor, of nominal."""
+    """Viscous friction of the motor, of nominal, if its inertia is nominal."""
 
 
 def fit_start(

@@ -18,8 +18,9 @@ def tail_quantile(score: np.ndarray, rate: float) -> float:
     """Return the value that `score` exceeds at `rate`, beyond the largest value if need be.
 
     The upper tail is taken as a generalised Pareto distribution (method of moments, Hosking
-    and Wallis 1987): one per cent of the values, or the largest 60 if these are more. Of a tail of
-    fewer than five, or a rate beyond it, the value itself that is exceeded no more often.
+    and Wallis 1987): one per cent of the values, or the largest 60 if these are more, a fifth at
+    most. Of a tail of fewer than five, or a rate that is not in it, the value itself that is
+    exceeded no more often, but none below the tail.
 
     Parameters
     ----------

@@ -1,13 +1,14 @@
 """Units and conditions of their tests for training: drawn from one seed, as plain data.
 
 Their bands are those of the kit's `tolerances` and `conditions` (`ema_record.spread`), in each of
-which a value is uniform; of a factor, its logarithm. The benchmark has a generator of its own
-and imports nothing from here.
+which a value is uniform; of a factor, its logarithm. The benchmark of detection has a generator
+of its own (that of `step` alone draws as here, with other seeds).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -15,9 +16,11 @@ import numpy as np
 
 from ema_prognostics.training.faults import InjectedFault
 from ema_record.actuator import INSTANT, MEAN, Actuator, Converters
+from ema_record.profile import Profile
 from ema_record.spread import Conditions, UnitTolerances, harmonic_spread
 from ema_sim.effects import Effects, parse_effects
 from ema_sim.effects.control_delay import ControlDelay
+from ema_sim.simulate import start_of
 
 RecorderKind = Literal["declared", "exact", "coarse", "sampled", "truncating"]
 OTHER_RECORDERS: tuple[RecorderKind, ...] = ("exact", "coarse", "sampled", "truncating")
@@ -255,3 +258,15 @@ def effects_of(
     effects = parse_effects(settings, own)
     return effects._replace(control_delay=ControlDelay(
         effects.control_delay.delay + unit.computing * nominal.control.period))
+
+
+def start_left_by(
+    actuator: Actuator, effects: Effects, profile: Profile, shares: Sequence[float]
+) -> tuple[float, float]:
+    """Return how the last move leaves surface and shaft, with the friction and play of effects."""
+    surface, shaft = actuator.surface, actuator.shaft
+    return start_of(actuator._replace(
+        surface=surface._replace(static_friction=surface.static_friction * (
+            1.0 + effects.surface_friction.increase)),
+        shaft=shaft._replace(backlash=shaft.backlash + effects.backlash.increase)),
+        profile, shares)

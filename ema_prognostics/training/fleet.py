@@ -20,6 +20,7 @@ from ema_prognostics.training.conditions import (
     draw_conditions,
     draw_unit,
     effects_of,
+    start_left_by,
 )
 from ema_prognostics.training.faults import (
     HEALTHY,
@@ -37,7 +38,7 @@ from ema_record.sources import source_hash
 from ema_record.spread import TypeSpread, load_spread
 from ema_sim.effects import Effects
 from ema_sim.model_file import Model, load_model_file
-from ema_sim.simulate import simulate, start_of
+from ema_sim.simulate import simulate
 
 MIX = (("healthy", 0.16), ("turn_short", 0.20), ("static", 0.06), ("rotor_eccentricity", 0.18),
        ("friction", 0.15), ("backlash", 0.09), ("pair", 0.16))
@@ -132,18 +133,14 @@ def _features(
     nominal = load_actuator()  # as the diagnosis will see it
     actuator = actuator_of(of, unit, conditions)
     effects = effects_of(of, unit, conditions, fault, always)
-    surface, shaft = actuator.surface, actuator.shaft
-    worn = actuator._replace(
-        surface=surface._replace(static_friction=surface.static_friction * (
-            1.0 + effects.surface_friction.increase)),
-        shaft=shaft._replace(backlash=shaft.backlash + effects.backlash.increase))
     found: dict[ProfileKind, dict[str, float]] = {}
     for kind in kinds:
         profile = load_profile(kind)
         try:
-            record = simulate(profile, actuator=actuator, seed=conditions.seed, effects=effects,
-                              start=start_of(worn, profile, conditions.start)
-                              if kind == "step" else None)
+            record = simulate(
+                profile, actuator=actuator, seed=conditions.seed, effects=effects,
+                start=start_left_by(actuator, effects, profile, conditions.start)
+                if kind == "step" else None)
             found[kind] = extract(record, kind, nominal)
         except RecordError:
             found[kind] = {}
