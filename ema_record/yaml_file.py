@@ -24,6 +24,8 @@ class _OurSafeLoader(_Base):
 _OurSafeLoader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+\Z"),
     list("-+.0123456789"))
+_OTHER_BASE = re.compile(r"[-+]?(0[0-7_]+|[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)\Z")
+"""What YAML 1.1 takes for a number of base 8 or 60, and YAML 1.2 and people do not."""
 
 
 def load_yaml(path: Path) -> object:
@@ -53,7 +55,7 @@ def _check_structure(text: str) -> None:
     """Refuse what is not meant or not safe, before anything is built.
 
     That is aliases (exponential expansion), tags (constructors that fail in their own ways), deep
-    nesting, a key that its mapping has already.
+    nesting, a key that its mapping has already, a number that is not decimal.
     """
     keys: list[set[str] | None] = []  # of the collections that are open; None: a list
     at_key: list[bool] = []
@@ -63,6 +65,10 @@ def _check_structure(text: str) -> None:
         tag = getattr(event, "tag", None)
         if tag is not None:
             raise _refused(f"the tag {tag[-60:]!r} is not allowed: leave it out", event)
+        if (isinstance(event, yaml.ScalarEvent) and event.implicit[0]
+                and _OTHER_BASE.match(event.value)):
+            raise _refused(f"{event.value[:60]!r} could be a number of base 8 or 60: write a "
+                           "decimal one, or a text in quotes", event)
         if isinstance(event, yaml.CollectionEndEvent):
             keys.pop()
             at_key.pop()

@@ -42,7 +42,7 @@ def simulate(
         "--run", metavar="NUMBER", help="Campaign: this run alone, into a bag.")] = None,
     profile: Annotated[str | None, typer.Option(
         "--profile", "-p", metavar="NAME|FILE.yaml", show_default=DEFAULT_PROFILE,
-        help="Test profile: one of the kit's (step, extended), or a file.")] = None,
+        help="Test profile: one of the kit's ('ema profile' lists them), or a file.")] = None,
     effect: Effect = None,
     model: Changes = None,
     seed: Seed = 0,

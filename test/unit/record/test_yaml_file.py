@@ -1,5 +1,7 @@
 """YAML that people write: bounded, one clear line with the place of the error."""
 
+import re
+
 import pytest
 
 from ema_record.actuator import load_actuator
@@ -31,6 +33,11 @@ def test_one_name_in_several_places_is_no_key_twice(tmp_path):
                                "b": ["a", "a", {"a": "b"}, {"a": "b"}], "c": "a"}
 
 
+def test_a_text_in_quotes_and_zeros_are_no_numbers_of_another_base(tmp_path):
+    path = written(tmp_path, "['010', \"1:30\", 0, 0.0, -0, 00.5, 2026-11-30, a:1, 1:x, 1.2.3]")
+    assert load_yaml(path)[:6] == ["010", "1:30", 0, 0.0, 0, 0.5]
+
+
 @pytest.mark.parametrize(
     ("text", "match"),
     [
@@ -44,6 +51,8 @@ def test_one_name_in_several_places_is_no_key_twice(tmp_path):
         ("[{a: 1, 'a': 2}]", "line 1: malformed YAML: 'a' stands there twice"),
         ("a: 1\n---\nb: 2\n", "but found another document"),
         ("a: 2026-13-45", "malformed YAML"),
+        *((f"b: 0.5\na: {x}", f"line 2: malformed YAML: '{re.escape(x)}' could be a number")
+          for x in ("1:30", "010", "-1:30:30.5", "+0_7")),
         ("a: " + "9" * 5000, "value has 5000 digits$"),
         (b"\xff\xfe\xfa", "not UTF-8"),
         ("a: \x00", "malformed YAML"),
