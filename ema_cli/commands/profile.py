@@ -116,6 +116,9 @@ def _described(chosen: Profile, actuator: Actuator) -> dict[str, Any]:
 
 
 def _list(chosen: list[Profile], actuator: Actuator) -> None:
+    if not chosen:
+        note("the kit has no tests: 'ema profile --design' shows those that would fit")
+        return
     table = plain_table(pad_edge=False)
     for column in ("test", "s", "of stroke", "does"):
         table.add_column(column, no_wrap=column != "does")
