@@ -42,8 +42,11 @@ def make_next_bag(answer: Answer, profile: Profile, folder: Path) -> None:
         return
     partial = folder / answer.id / f".{NEXT}.{os.getpid()}.tmp"
     shutil.rmtree(partial, ignore_errors=True)
-    _write(answer.unit().again(profile), answer, len(list(final.parent.iterdir())), partial)
-    partial.replace(final)
+    number = len(list(final.parent.iterdir()))
+    partial.mkdir()  # a bag's file is named after its folder
+    _write(answer.unit().again(profile), answer, number, partial / NEXT)
+    (partial / NEXT).replace(final)
+    partial.rmdir()
     sync_directory(final.parent)
 
 
