@@ -82,7 +82,6 @@ def trend(
     from ema_prognostics.verdict.verdict import worst_status
     from ema_record.bag.find import is_sequence, what_else
 
-    given_once("--limit", limit)
     chosen = parse_rule(rule)
     form = check_format(form, json=json)
     if plot is not None:
@@ -96,6 +95,7 @@ def trend(
             raise UsageError("--format csv: the trend of a rig is text or json")
         return _of_rig(rig_trend(bags, map_file=map_file, model=model, limits=limit or ()),
                        plot, form)
+    given_once("--limit", limit)
     limits = dict(map(parse_limit, limit or []))
     for bag in bags:
         other = None if is_sequence(bag) else what_else(bag)

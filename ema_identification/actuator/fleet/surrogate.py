@@ -128,7 +128,6 @@ class NoiseLaw:
                         correlation=self.correlation)
 
 
-
 def shrunk(x: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the covariance of rows about zero, times 1 - s, and s (Ledoit and Wolf 2004).
 
