@@ -301,13 +301,15 @@ def given_bags(paths: Iterable[Path]) -> list[Path]:
     return bags
 
 
-def check_new(folder: Path | None) -> None:
-    """Raise OutputError unless this folder can be made; called before the work begins."""
-    from ema_record.bag.container import check_place
+def check_new(folder: Path | None, *, bag: bool = False) -> None:
+    """Raise OutputError unless this folder, or bag, can be made; called before the work begins."""
+    from ema_record.bag.container import check_name, check_place
 
     if folder is None:
         return
     check_place(folder)
+    if bag:
+        check_name(folder)
     first = folder
     while not first.parent.exists():
         first = first.parent

@@ -226,7 +226,7 @@ def _import(file: Path, rig_map: RigMap, out: Path, as_json: bool, remarks: list
     from ema_rig.bag import write_rig_bag
     from ema_rig.import_file import import_file
 
-    check_new(out)
+    check_new(out, bag=True)
     with progress(f"reading {file}"):
         record = import_file(file, rig_map)
     with progress(f"writing {out}"):

@@ -91,7 +91,7 @@ def simulate(
         return _all_runs(all_runs, campaign, out, jobs=jobs, dask=dask, as_json=as_json)
     if jobs is not None or dask is not None or run is not None:
         raise UsageError("--jobs, --dask and --run belong to a campaign: give --campaign FILE")
-    check_new(out)
+    check_new(out, bag=True)
     check_new_file(trace)
     check_apart(out, trace, plot)
     loaded = load_model_file(model)
@@ -206,7 +206,7 @@ def _one_run(campaign: Campaign, index: int, out: Path, as_json: bool) -> int:
 
     if not 0 <= index < campaign.runs:
         raise UsageError(f"--run {index}: the campaign has runs 0 to {campaign.runs - 1}")
-    check_new(out)
+    check_new(out, bag=True)
     run = campaign.run(index)
     written = write_bag(run.simulate(), out)
     if as_json:

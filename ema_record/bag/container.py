@@ -100,6 +100,17 @@ def check_place(folder: Path, source: Path | None = None) -> None:
         raise OutputError(f"{folder}: would lie inside a bag: give a place beside it")
 
 
+def check_name(bag: Path) -> None:
+    """Raise OutputError where no bag can be called so: not UTF-8, or hidden."""
+    name = bag.resolve().name
+    if name.encode("utf-8", "replace").decode() != name:
+        raise OutputError(f"{bag}: the name is not UTF-8, which {METADATA_FILE} cannot hold: "
+                          "choose another name")
+    if name.startswith("."):
+        raise OutputError(f"{bag}: a name that begins with a dot is hidden, and what is hidden is "
+                          "not read: choose another name")
+
+
 def _files_of_directory(path: Path, storages: Sequence[str]) -> BagFiles:
     if (path / METADATA_FILE).is_file():
         return _files_of_metadata(path, storages)

@@ -110,6 +110,7 @@ def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
     place = Path(source)
     target = Path(out) if out is not None else default_output(place)
     container.check_place(target, place)
+    container.check_name(target)
     found = _salvage(place)
     if found.whole:
         raise UsageError(f"{source}: the bag is whole, there is nothing to recover: 'ema check' "

@@ -17,7 +17,7 @@ from typing import IO
 
 import mcap.writer
 
-from ema_record.bag.container import METADATA_FILE
+from ema_record.bag.container import METADATA_FILE, check_name
 from ema_record.bag.metadata import (
     END,
     RECOVERY,
@@ -87,15 +87,9 @@ class RawBag:
         self._topics = {t.name: replace(t, name=name_on_graph(t.name, namespace)) for t in topics}
         self._counts = dict.fromkeys(self._topics, 0)
         self._first, self._last = (1 << 63) - 1, 0
-        name = self.path.resolve().name
-        if name.encode("utf-8", "replace").decode() != name:
-            raise OutputError(f"{path}: the name is not UTF-8, which {METADATA_FILE} cannot hold: "
-                              "choose another name")
-        if name.startswith("."):
-            raise OutputError(f"{path}: a name that begins with a dot is hidden, and what is "
-                              "hidden is not read: choose another name")
+        check_name(self.path)
         make_new_directory(self.path)
-        self.file = self.path / f"{name}_0.mcap"
+        self.file = self.path / f"{self.path.resolve().name}_0.mcap"
         try:
             self._stream: IO[bytes] = self.file.open("xb")
             self._mcap = mcap.writer.Writer(

@@ -44,7 +44,7 @@ def noisy(unit: TestedUnit, fit: LawFit) -> TestedUnit:
     """Return a unit with the noise of a model's runs if the others leave too much of one."""
     rows = np.array(unit.run_all([(fit.terms, fit.z)] * SETTLED_RUNS, 1, 17, apart=True))
     rows = rows[np.isfinite(rows).all(axis=1)]
-    rest = (rows - rows.mean(axis=0)).T * len(rows) / max(len(rows) - 1, 1)
+    rest = (rows - rows.sum(axis=0) / max(len(rows), 1)).T * len(rows) / max(len(rows) - 1, 1)
     left = (unit.whitener(SETTLED_RUNS - 1).residual(rest) ** 2).sum(axis=0) / unit.size
     if all(rank(float(cost), unit.library.healthy[:, 0]) > LEVEL for cost in left):
         return unit

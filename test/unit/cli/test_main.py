@@ -273,6 +273,9 @@ def test_what_cannot_be_written_is_known_before(tmp_path):
     with pytest.raises(OutputError, match="would lie inside a bag"):
         console.check_new(tmp_path / "bag" / "another")
     shutil.rmtree(tmp_path / "bag")
+    with pytest.raises(OutputError, match="begins with a dot is hidden"):
+        console.check_new(tmp_path / ".hidden", bag=True)
+    console.check_new(tmp_path / ".hidden")
     console.check_new(tmp_path / "no folder" / "folder")
     console.check_new_file(tmp_path / "file", None)
     assert list(tmp_path.iterdir()) == [taken]

@@ -165,6 +165,9 @@ def test_a_name_that_metadata_cannot_hold_is_refused_and_a_folder_of_any_name_is
     with pytest.raises(OutputError, match="the name is not UTF-8"):
         write_bag(make(100), odd)
     assert not odd.exists()
+    with pytest.raises(OutputError, match="begins with a dot is hidden"):
+        write_bag(make(100), tmp_path / ".bag")
+    assert not (tmp_path / ".bag").exists()
     assert len(read_bag(write_bag(make(100), odd / "b \u6a5f"))) == 100
 
 
