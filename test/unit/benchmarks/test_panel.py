@@ -6,6 +6,7 @@ import re
 import pytest
 
 from benchmarks.blind_panel.__main__ import main, run
+from benchmarks.blind_panel.rates import RECENT, ROWS, all_found, pooled, table
 from benchmarks.blind_panel.score import score
 from benchmarks.blind_panel.tasks import BAGS, IDENTIFIED, SEALED, read_tasks
 from benchmarks.blind_panel.truth.answers import Panel
@@ -132,3 +133,48 @@ def test_a_wrong_stratum_test_or_folder_is_told(tmp_path, capsys):
     (line,) = refused(capsys, *out, "--table")
     assert "holds no unit of this panel" in line
     assert not list(tmp_path.iterdir())
+
+
+def counted(*rows, since=0):
+    """Return the counts of rows together, as the README writes them."""
+    right, of = (sum(x) for x in zip(*(pooled(all_found(), row, since) for row in rows)))
+    return f"{right} of {of}"
+
+
+BEYOND = "nothing, own, bands x 1.3", "nothing, second, bands x 1.3"
+NOTHING = "nothing, own", "nothing, own, everything off", "nothing, second"
+ONE = "one, own", "one, own, everything off", "one, own, bands x 1.3"
+SECOND = "one, second", "one, PWM", "one, FOC"
+TWO = "two, own", "two, own, everything off", "two, second"
+README = {
+    "`ema identify`, one effect": [
+        *map(counted, ONE), counted(*SECOND),
+        *(counted(row, since=RECENT) for row in ONE), counted(*SECOND, since=RECENT)],
+    "two effects, both named": [
+        *map(counted, TWO), *(counted(row, since=RECENT) for row in TWO)],
+    "any name on nothing": [
+        *map(counted, NOTHING), counted(*BEYOND), counted("nothing, PWM and FOC"),
+        counted(*NOTHING, *BEYOND, "nothing, PWM and FOC", since=RECENT)],
+    "what has changed since acceptance": [
+        counted("accepted, own", "accepted, second"),
+        counted("nothing since acceptance, own", "nothing since acceptance, second")],
+    "wrong names on units": [counted("wrong name"), counted("wrong name", since=RECENT)],
+}
+
+
+@pytest.mark.parametrize("row", README)
+def test_readme_says_what_the_panels_found(row, repository):
+    line, = (x for x in (repository / "README.md").read_text(encoding="utf-8").splitlines()
+             if x.startswith(f"| {row}"))
+    assert re.findall(r"\d+ of \d+", line) == README[row]
+
+
+def test_identification_page_has_the_table_of_the_panels(repository):
+    assert table() in (repository / "docs" / "identification.md").read_text(encoding="utf-8")
+
+
+def test_every_row_of_the_panels_is_in_the_table():
+    found = all_found()
+    assert {f.row for f in found} == set(ROWS)
+    assert all(0 <= f.right <= f.of for f in found)
+    assert len({(f.panel, f.row) for f in found}) == len(found)
