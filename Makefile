@@ -90,7 +90,7 @@ $(RUN_STAMP): constraints.txt setup.py
 	$(call install,$(RUN_EXTRAS))
 	@rm -f $(VENV)/share/man/man1/ema*.1
 	@$(VENV)/bin/ema man --quiet --out $(VENV)/share/man/man1 >/dev/null
-	@echo 'make: compiling the simulator, about a minute'
+	@echo 'make: compiling the simulator, about half a minute'
 	@$(VENV)/bin/python -m ema_sim.node.server
 
 $(TEST_STAMP): $(RUN_STAMP)

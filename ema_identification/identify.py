@@ -11,7 +11,7 @@ import numpy as np
 from ema_identification.result import Identification
 from ema_record.actuator_type import OWN_KIT, another_actuator, is_of_another_actuator
 from ema_record.errors import UsageError
-from ema_record.record import Provenance, Record
+from ema_record.record import Record
 
 if TYPE_CHECKING:
     from ema_rig.record import RigRecord
@@ -147,8 +147,7 @@ def _check_one_unit(records: Sequence[Record]) -> None:
     """Refuse records of two units; one without a serial number may be of any."""
     first: dict[str, str] = {}
     for record in records:
-        serial = record.provenance.serial_number
-        if serial not in ("", Provenance().serial_number):
+        if serial := record.provenance.known_serial:
             first.setdefault(serial, record.provenance.source or record.profile.name)
     if len(first) > 1:
         (one, here), (other, there), *_ = first.items()

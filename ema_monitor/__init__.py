@@ -1,4 +1,5 @@
 """The built-in test: interlock, sequence, record checks and the recorder of bags.
 
-Imports `ema_record` only; the emulated actuator and a real one look the same from here.
+Imports `ema_record` and `ema_ros` only; the emulated actuator and a real one look the same from
+here.
 """

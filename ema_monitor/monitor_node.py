@@ -54,7 +54,7 @@ from ema_record.wire.topics import (
 )
 from ema_record.wire.trajectory import encode_command
 from ema_record.wire.types import stamp_of
-from ema_ros.ema_node import EmaNode, declare_parameters
+from ema_ros.ema_node import DIAGNOSTICS_PERIOD, EmaNode, declare_parameters
 from ema_ros.interlock import Interlock
 from ema_ros.messages import (
     DiagnosticsPublisher,
@@ -74,7 +74,6 @@ from ema_ros.process import SHUT_DOWN, StopSignal, run_node
 POLL_PERIOD = 0.02
 POLL_PERIODS = {Stage.IDLE: 0.05, Stage.TESTING: 0.025}
 """Where another is enough: samples wait, and the actuator looks at the interlock by itself."""
-DIAGNOSTICS_PERIOD = 1.0
 SIGN_PERIOD = 0.05
 RUNNING = "refused: a test is running already: wait for its end"
 

@@ -24,7 +24,7 @@ from ema_record.bag.container import METADATA_FILE
 from ema_record.bag.read import read_bag
 from ema_record.errors import EmaError, InvalidRecordError, RecordError, UsageError
 from ema_record.wire.topics import BIT_RECORD, SEVERITY, VERDICT
-from ema_ros.ema_node import EmaNode, declare_parameters
+from ema_ros.ema_node import DIAGNOSTICS_PERIOD, EmaNode, declare_parameters
 from ema_ros.messages import (
     OK,
     DiagnosticsPublisher,
@@ -40,7 +40,6 @@ from ema_ros.parameters import KIT, ParameterSpec
 from ema_ros.process import StopSignal, report, run_node
 
 POLL_PERIOD = 0.1
-DIAGNOSTICS_PERIOD = 1.0
 NICE = 10
 """By how much it stands behind the nodes that must not be late, where they share a core."""
 REMEMBERED = 100

@@ -34,7 +34,7 @@ DAMAGED = (
 )
 """What reading an NPZ file raises where it holds no arrays."""
 DIGEST = "sha256"
-"""Name of the array with the hash of all others; older files have none."""
+"""Name of the array with the hash of all others."""
 
 
 def cache_directory() -> Path:
@@ -67,8 +67,8 @@ def load(name: str, folder: Path | None = None) -> dict[str, np.ndarray] | None:
     """
     try:
         found = read_arrays(_place(name, folder))
-        kept = found.pop(DIGEST, None)
-        return found if kept is None or np.array_equal(kept, _digest(found)) else None
+        kept = found.pop(DIGEST, np.empty(0))
+        return found if np.array_equal(kept, _digest(found)) else None
     except DAMAGED:
         return None
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from html import escape
@@ -31,13 +31,20 @@ SETTLING = 1e-3
 again (s): a coil gives its energy back through the diodes within L I / U, some 0.1 ms."""
 LARGEST_STEP = 1.5
 """Longest step of time, in sample intervals, after which no sample is missing."""
+UNKNOWN_SERIAL = "unknown"
+"""Serial number of an actuator of which none is known; so is an empty one."""
+
+
+def known_serial(serial_number: str) -> str:
+    """Return a serial number, empty where it says that it is not known."""
+    return "" if serial_number == UNKNOWN_SERIAL else serial_number
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
     """Where a record comes from. Never tells which effect was injected."""
 
-    serial_number: str = "unknown"
+    serial_number: str = UNKNOWN_SERIAL
     """Serial number of the actuator."""
     software_version: str = "unknown"
     """Version of the software that recorded."""
@@ -51,6 +58,11 @@ class Provenance:
     """Type of the actuator, see `actuator_type`; empty: not known."""
     namespace: str = ""
     """Of the actuator on the graph it was recorded from, ``/left_aileron``; empty: it has none."""
+
+    @property
+    def known_serial(self) -> str:
+        """Serial number, empty where it is not known."""
+        return known_serial(self.serial_number)
 
     @property
     def name(self) -> str:
@@ -225,3 +237,12 @@ def check_samples(samples: np.ndarray, source: str) -> None:
             f"{source}: {samples[-1, TIME] - samples[0, TIME]:.3g} s long, at most "
             f"{MAX_DURATION:g} s: a record holds one test"
         )
+
+
+def unit_names(records: Sequence[Record]) -> list[str]:
+    """Return of which unit each record is, by its serial number.
+
+    One without a serial number counts as a unit: nothing says that two are of the same.
+    """
+    return [record.provenance.known_serial or f"{UNKNOWN_SERIAL} {k}"
+            for k, record in enumerate(records)]

@@ -26,7 +26,10 @@ from ema_ros.parameters import AUTOSTART, KIT, USE_SIM_TIME, ParameterSpec, Valu
 from ema_ros.process import StopSignal
 
 LOOK_FOR_OTHERS = 0.6
-"""How long a node looks for another one of its kind before it offers its service (s)."""
+"""How long a node looks for others on the graph (s): one of its kind before it offers its service,
+an actuator before a bag is published."""
+DIAGNOSTICS_PERIOD = 1.0
+"""Between two messages on `/diagnostics` (s)."""
 
 
 class EmaNode(LifecycleNode):

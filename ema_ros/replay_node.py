@@ -12,6 +12,7 @@ from rclpy.node import Node
 
 from ema_record.errors import TestRefusedError
 from ema_record.wire.topics import COMMAND, SAMPLES
+from ema_ros.ema_node import LOOK_FOR_OTHERS
 from ema_ros.messages import make_publisher, try_publish
 from ema_ros.process import spun
 from ema_ros.replay_bag import ReplayMessage
@@ -19,8 +20,6 @@ from ema_ros.replay_bag import ReplayMessage
 NODE_NAME = "ema_replay"
 STEP = 0.01
 ACKNOWLEDGE_TIMEOUT = 10.0
-LOOK_FOR_OTHERS = 0.6
-"""How long the node looks for an actuator before it publishes (s)."""
 
 
 class ReplayNode(Node):

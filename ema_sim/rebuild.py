@@ -74,7 +74,7 @@ def completed(record: Record, actuator: Actuator) -> np.ndarray:
     if not there[ROTOR_ANGLE]:
         out[:, ROTOR_ANGLE] = _angle(out, actuator)
     if not there[SURFACE_POSITION]:
-        turned = _integral(out[:, TIME], out[:, MOTOR_SPEED])
+        turned = integral(out[:, MOTOR_SPEED], out[:, TIME])
         out[:, SURFACE_POSITION] = record.profile.start + turned / actuator.gear.ratio
     if not there[REFERENCE_CURRENTS].all():
         out[:, REFERENCE_CURRENTS] = _references(out, actuator)
@@ -98,16 +98,20 @@ def torque_command(references: np.ndarray, theta: np.ndarray, actuator: Actuator
     return share * (torque_signs(theta, actuator) * references).sum(axis=1)
 
 
-def _integral(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Return the integral of `rate` over `time`, zero at the first sample."""
-    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
+def integral(values: np.ndarray, over: np.ndarray) -> np.ndarray:
+    """Return ∫ values dover from the first sample on, along the last axis.
+
+    By trapezoids, as `scipy.integrate.cumulative_trapezoid`, which takes 0.4 s to load.
+    """
+    parts = 0.5 * (values[..., 1:] + values[..., :-1]) * np.diff(over)
+    return np.concatenate([np.zeros((*parts.shape[:-1], 1)), np.cumsum(parts, axis=-1)], axis=-1)
 
 
 def _angle(samples: np.ndarray, actuator: Actuator) -> np.ndarray:
     """Return the electrical angle in [0, 2π), shape (n,) (rad), of speed and currents."""
     time, speed = samples[:, TIME], samples[:, MOTOR_SPEED]
     pairs = actuator.motor.pole_pairs
-    turned = pairs * _integral(time, speed)
+    turned = pairs * integral(speed, time)
     vector = samples[:, PHASE_CURRENTS] @ np.exp(1j * THIRD * np.arange(3)) * (2.0 / 3.0)
     square = vector**2 * np.exp(-2j * turned)
     if np.abs(vector).max() <= 0.0:

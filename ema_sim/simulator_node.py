@@ -23,7 +23,13 @@ from ema_record.wire.topics import (
 )
 from ema_record.wire.trajectory import command_points
 from ema_record.wire.types import NANOSECONDS, stamp_of
-from ema_ros.ema_node import EmaNode, declare_parameters, given_parameters, on_parameters
+from ema_ros.ema_node import (
+    DIAGNOSTICS_PERIOD,
+    EmaNode,
+    declare_parameters,
+    given_parameters,
+    on_parameters,
+)
 from ema_ros.interlock import DEFAULT_TIMEOUT, Deadman, Interlock
 from ema_ros.messages import (
     ERROR,
@@ -53,7 +59,6 @@ TICK = 0.010
 """Interval at which due blocks are looked for (s)."""
 IDLE_TICK = 0.05
 """The same where nothing is executed (s): eight idle actuators cost little."""
-DIAGNOSTICS_PERIOD = 1.0
 MATCH_TIMEOUT = 1.0
 """Longest wait, after a command, for all readers of the samples to be matched (s)."""
 ACTUATOR = "actuator"

@@ -255,6 +255,22 @@ def test_no_folder_imports_itself_in_a_circle(repository, imports):
     assert joined(tree.cycles(between)) == KNOWN_FOLDER_CYCLES
 
 
+def test_every_folder_of_the_product_is_on_the_page(repository):
+    rows = [line for line in (repository / "docs" / "architecture.md").read_text(
+        encoding="utf-8").splitlines() if line.startswith("| `")]
+    folders = {path.parent.relative_to(repository) for path in tree.product(repository)}
+    assert [str(f) for f in sorted(folders) if not any(
+        r.startswith(f"| `{f}/`") or (r.startswith(f"| `{f.parent}/`") and f"`{f.name}/`" in r)
+        for r in rows)] == []
+
+
+def test_the_decision_is_read_in_one_sitting(repository):
+    """As docs/identification-method.md says; a budget of the whole room, not of a file."""
+    room = repository / "ema_identification" / "actuator" / "decision"
+    assert sum(bool(line.strip()) for path in room.glob("*.py")
+               for line in path.read_text(encoding="utf-8").splitlines()) < 1500
+
+
 def test_a_folder_can_be_read_at_a_glance(repository):
     crowded = set(tree.crowded(repository, MAX_FILES))
     assert crowded - ONE_FILE_AN_ENTRY == KNOWN_CROWDED

@@ -17,7 +17,9 @@ Graph = dict[str, set[str]]
 MANY_FILES = 15
 
 
-ENTRY_POINT = re.compile(r"\.(\w+_node|main|__main__|identify)$")
+ENTRY_POINT = re.compile(r"^\w+\.(\w+_node|main|__main__|identify)$")
+"""At the top of a package. (`ema_ros.ema_node`, which nodes are made from, is none.)"""
+NOT_ONE = {"ema_ros.ema_node"}
 
 
 def modules(root: Path) -> dict[str, Path]:
@@ -75,7 +77,7 @@ def folders(found: dict[str, Path], edges: Graph) -> Graph:
     folders, whichever folder its file lies in, and counts as a folder of its own.
     """
     folder = {
-        name: name if ENTRY_POINT.search(name) else
+        name: name if ENTRY_POINT.search(name) and name not in NOT_ONE else
         name if path.name == "__init__.py" else name.rpartition(".")[0]
         for name, path in found.items()
     }

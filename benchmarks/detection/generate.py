@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from joblib import Parallel, delayed
 
-from benchmarks import units
 from benchmarks.detection import fleet
 from benchmarks.detection.fleet import Case, draw, tested
 from ema_prognostics.training.fleet import sources_key
@@ -66,7 +65,7 @@ def generate(
 ) -> list[Tested]:
     """Return the fleet; `part` of `COUNTS`, at least 10 a group; `folder` keeps the parts."""
     folder.mkdir(parents=True, exist_ok=True)
-    own = "".join(Path(module.__file__).read_text() for module in (fleet, units))
+    own = Path(fleet.__file__).read_text()
     key = hashlib.sha256((sources_key() + own).encode())
     todo = [(g, 100_000 * i + n) for i, (g, count) in enumerate(COUNTS.items())
             for n in range(max(10, round(count * part)))]

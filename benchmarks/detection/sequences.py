@@ -85,6 +85,8 @@ def walk(rng: np.random.Generator, flights: int, low: float, high: float, part: 
 
     Parameters
     ----------
+    rng, flights : source of the steps, their number.
+    low, high : bounds.
     part : deviation of a step, as a part of the span.
     """
     start = rng.uniform(0.0, 1.0)

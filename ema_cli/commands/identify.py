@@ -152,8 +152,8 @@ def _check(records: list[Any], model: Path | None, json: bool) -> int:
 
 def _title(record: Any, path: Path) -> str:
     provenance = getattr(record, "provenance", None)
-    serial = getattr(provenance, "serial_number", "unknown")
-    return path.name if serial == "unknown" else f"{serial}: {path.name}"
+    serial = getattr(provenance, "known_serial", "")
+    return f"{serial}: {path.name}" if serial else path.name
 
 
 def _value(p: Parameter) -> str:

@@ -12,10 +12,10 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+from ema_prognostics.verdict.contract import kit_files
 from ema_record.actuator_type import actuator_hash
 from ema_record.bag.content_hash import bag_files, file_sha256
 from ema_record.checks.live import CheckResult, Level
-from ema_record.kit import ACTUATOR, CASCADE, kit_folder
 from ema_record.record import Record
 from ema_record.sources import OURS, ROOT
 from ema_record.version import VERSION
@@ -79,11 +79,6 @@ def _check(check: CheckResult) -> dict[str, Any]:
         })
     return {"name": check.name, "outcome": CHECK_OUTCOMES[check.level], "message": check.message,
             "values": values}
-
-
-def kit_files() -> list[Path]:
-    """Return the files of the present kit that a verdict depends on."""
-    return [path for name in (ACTUATOR, CASCADE) if (path := kit_folder() / name).is_file()]
 
 
 def _hashes(role: str, files: Iterable[Path]) -> list[dict[str, Any]]:

@@ -16,7 +16,7 @@ from ema_prognostics.features.consistency import scatter_at_rest
 from ema_prognostics.features.extract import extract
 from ema_prognostics.features.profile_kind import ProfileKind, profile_kind
 from ema_prognostics.training.conditions import noise_range
-from ema_prognostics.verdict.judge import UNKNOWN_SERIAL, forbidden
+from ema_prognostics.verdict.judge import forbidden
 from ema_record.actuator import Actuator
 from ema_record.bag.read import read_bag
 from ema_record.channels import (
@@ -27,7 +27,7 @@ from ema_record.channels import (
     SURFACE_POSITION,
 )
 from ema_record.errors import RecordError, UsageError
-from ema_record.record import Record
+from ema_record.record import Record, unit_names
 from ema_record.spread import Conditions
 from ema_sim.rebuild import present
 from ema_sim.simulate import simulate
@@ -107,9 +107,7 @@ def read_acceptance(paths: Sequence[str | Path], actuator: Actuator) -> Acceptan
 
 
 def _by_unit(records: Sequence[Record], kind: ProfileKind) -> Acceptance:
-    serials = [record.provenance.serial_number for record in records]
-    # Without a serial number each record counts as a unit: nothing says that two are the same.
-    keys = [s if s != UNKNOWN_SERIAL else f"{s} {k}" for k, s in enumerate(serials)]
+    keys = unit_names(records)
     order = list(dict.fromkeys(keys))
     if len(order) < MIN_UNITS:
         raise UsageError(f"all records are of unit {order[0]}, at least {MIN_UNITS} units are "

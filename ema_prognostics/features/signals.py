@@ -72,6 +72,7 @@ class Signals:
     Attributes
     ----------
     record : with all channels, those that were not recorded rebuilt.
+    actuator : the kit's, as the diagnosis knows it.
     has_references, has_position : whether these were recorded.
     rate : samples a second.
     time, speed, position : ndarray, shape (n,). s; rad/s, of the motor; rad, of the surface.

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_prognostics.features.signals import Signals
+from ema_sim.rebuild import integral
 
 PARTS = ((0.0, 0.5), (0.5, 1.0))
 """Travel of the motor over which the stiffness is fitted, of `Actuator.wind_up`."""
@@ -57,15 +58,6 @@ LEVEL = 0.1
 """Probability of a lost motion below the least, and above the most."""
 
 
-def _integral(values: np.ndarray, over: np.ndarray) -> np.ndarray:
-    """Return ∫ values dover from the first sample on, along the last axis.
-
-    By trapezoids, as `scipy.integrate.cumulative_trapezoid`, which takes 0.4 s to load.
-    """
-    parts = 0.5 * (values[..., 1:] + values[..., :-1]) * np.diff(over)
-    return np.concatenate([np.zeros((*parts.shape[:-1], 1)), np.cumsum(parts, axis=-1)], axis=-1)
-
-
 def start_stiffness(signals: Signals, length: float) -> np.ndarray:
     """Return the stiffness in each of `PARTS`, relative to the nominal shaft, shape (2,).
 
@@ -76,7 +68,7 @@ def start_stiffness(signals: Signals, length: float) -> np.ndarray:
     motor, shaft = signals.actuator.motor, signals.actuator.shaft
     theta = signals.motor_angle[part]
     torque = signals.torque(part)
-    energy = 0.5 * motor.inertia * signals.speed[part] ** 2 - _integral(torque, theta)
+    energy = 0.5 * motor.inertia * signals.speed[part] ** 2 - integral(torque, theta)
     travel = np.abs(theta - theta[0]) / signals.actuator.wind_up
     found = np.zeros(len(PARTS))
     for index, (low, high) in enumerate(PARTS):
@@ -133,7 +125,7 @@ def fit_start(
     def means(values: np.ndarray) -> np.ndarray:
         return values[:size].reshape(-1, many).mean(axis=1)
 
-    work = means(_integral(direction * signals.torque(part), theta))
+    work = means(integral(direction * signals.torque(part), theta))
     theta, speed, lag = means(theta), means(direction * signals.speed[part]), means(lag)
     bend = np.diff(np.eye(len(theta)), 2, axis=0)
     lag = per_ratio * theta - np.linalg.solve(
@@ -141,12 +133,12 @@ def fit_start(
     twist = lag + wound * np.repeat(wind_ups, len(gaps))[:, None]  # beyond the lost motion
     beyond = np.maximum(twist, 0.0) + np.minimum(
         twist + wound * np.tile(gaps, len(wind_ups))[:, None], 0.0)
-    shaft = a.shaft.stiffness * _integral(beyond, theta) + a.shaft.damping * _integral(
+    shaft = a.shaft.stiffness * integral(beyond, theta) + a.shaft.damping * integral(
         speed * (beyond != 0.0), lag)
-    damped = a.shaft.damping * _integral(speed, lag)
+    damped = a.shaft.damping * integral(speed, lag)
     motor = a.motor
     path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(theta)))])
-    known = np.stack([work, -motor.viscous_friction * _integral(speed, theta),
+    known = np.stack([work, -motor.viscous_friction * integral(speed, theta),
                       -motor.dynamic_friction * path, np.ones(len(theta)),
                       -per_ratio * damped])
     noise = LEAST_NOISE * a.control.speed_limit

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from ema_prognostics.fleet.verdict_store import VerdictStore
 from ema_prognostics.verdict.contract import hash_of, kit_sha256, trace_of, verdict_object
 from ema_prognostics.verdict.judge import Judge
+from ema_prognostics.words import ENGLISH, FOLDER
 from ema_record.array_cache import key_of
 from ema_record.bag.content_hash import file_sha256
 from ema_record.errors import UsageError
@@ -44,9 +45,9 @@ class JudgeSettings(NamedTuple):
     def key(self) -> str:
         """Return the hash of all that a verdict depends on beside the bag.
 
-        Kit, networks, commanded test, sources and numerical packages.
+        Kit, networks, commanded test, words, sources and numerical packages.
         """
-        parts = [kit_sha256()]
+        parts = [kit_sha256(), file_sha256(FOLDER / f"{ENGLISH}.yaml")]
         for given in (self.model, self.profile):
             path = Path(given or "")
             parts.append(file_sha256(path) if given and path.is_file() else given or "")

@@ -94,7 +94,8 @@ class FeatureSet:
     Attributes
     ----------
     features : one a draw.
-    rows : ndarray, shape (n,), rows 1..21; levels : ndarray, shape (n,), noise level.
+    rows : ndarray, shape (n,). Rows of the paper's table, 1 to 21.
+    levels : ndarray, shape (n,). Noise level.
     """
 
     features: list[PaperFeatures]

@@ -56,6 +56,7 @@ class ValueTrend:
 
     Attributes
     ----------
+    name, unit : of the value.
     number, value, lower, upper : ndarray, shape (n,)
         Records that show it, with its 90 % interval.
     steps : where it changed at once.

@@ -9,24 +9,31 @@ from __future__ import annotations
 
 import hashlib
 import os
+from pathlib import Path
 from typing import Any
 
 from ema_prognostics.verdict.verdict import Judged
 from ema_record.bag.content_hash import content_hash
 from ema_record.kit import ACTUATOR, CASCADE, PROFILES, is_default_kit, kit_folder
-from ema_record.record import Provenance, iso_time
+from ema_record.record import iso_time, known_serial
 from ema_record.version import VERSION
 
 SCHEMA = "ema_phm.verdict/1"
 
 
-def kit_sha256() -> str:
-    """Return the SHA-256 of what a verdict depends on in the present kit, file by file."""
+def kit_files() -> list[Path]:
+    """Return the files of the present kit that a verdict depends on."""
     folder = kit_folder()
+    return [path for path in (
+        folder / ACTUATOR, folder / CASCADE, *sorted((folder / PROFILES).glob("*.yaml")))
+        if path.is_file()]
+
+
+def kit_sha256() -> str:
+    """Return the SHA-256 over names and bytes of `kit_files`, each with a zero byte behind it."""
     digest = hashlib.sha256()
-    for path in (folder / ACTUATOR, folder / CASCADE, *sorted((folder / PROFILES).glob("*.yaml"))):
-        if path.is_file():
-            digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")
+    for path in kit_files():
+        digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 
 
@@ -51,9 +58,9 @@ def verdict_object(
     record_sha256 : of the bag; None: computed here where the bag could be read; empty: none.
     """
     verdict, serial_number, start_time, profile = judged
-    known = serial_number not in ("", Provenance().serial_number)
     return {
-        "schema": SCHEMA, **verdict.to_dict(), "serial_number": serial_number if known else None,
+        "schema": SCHEMA, **verdict.to_dict(),
+        "serial_number": known_serial(serial_number) or None,
         "time": iso_time(start_time), "profile": profile or None,
         "record_sha256": (hash_of(verdict.bag) if profile else None)
         if record_sha256 is None else record_sha256 or None, **trace,

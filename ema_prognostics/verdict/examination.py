@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ema_prognostics.verdict.contract import kit_sha256
-from ema_prognostics.verdict.judge import UNKNOWN_SERIAL, Judge
+from ema_prognostics.verdict.judge import Judge
 from ema_prognostics.verdict.report import verdict_of_error
 from ema_prognostics.verdict.verdict import Judged, Verdict
 from ema_record.bag.read import read_bag
@@ -60,8 +60,7 @@ class Examination:
 
 
 def _serial_number(record: Record | None) -> str:
-    said = UNKNOWN_SERIAL if record is None else record.provenance.serial_number
-    return "" if said == UNKNOWN_SERIAL else said
+    return "" if record is None else record.provenance.known_serial
 
 
 def _time(record: Record | None) -> datetime | None:

@@ -30,7 +30,6 @@ from ema_record.record import Record
 
 MOST_REASONS = 5
 """Findings of the record checks that are told."""
-UNKNOWN_SERIAL = "unknown"
 
 
 class Judge:
@@ -151,8 +150,8 @@ def forbidden(record: Record, findings: Sequence[Finding] | None = None) -> Verd
 
 def _check_same_actuator(baseline: Baseline, record: Record) -> None:
     """Raise UsageError if the two records are known to be of different actuators."""
-    ours, theirs = baseline.record.provenance.serial_number, record.provenance.serial_number
-    if UNKNOWN_SERIAL not in (ours, theirs) and ours != theirs:
+    ours, theirs = baseline.record.provenance.known_serial, record.provenance.known_serial
+    if ours and theirs and ours != theirs:
         raise UsageError(
             f"the baseline is of actuator {ours}, the record of {theirs}: give a baseline of the "
             "same actuator"

@@ -17,7 +17,7 @@ import yaml
 from ema_record.errors import InvalidRecordError, RigRecordError, UsageError
 from ema_record.limits import MAX_TEXT
 from ema_record.profile import Profile, load_profile_dict
-from ema_record.record import Provenance, Status
+from ema_record.record import UNKNOWN_SERIAL, Provenance, Status
 from ema_record.wire.topics import Qos, Topic
 from ema_record.wire.types import MESSAGE_ENCODING, type_hash
 
@@ -206,7 +206,7 @@ def read_test_metadata(records: Mapping[str, Mapping[str, str]], source: str) ->
     if not (text.isascii() and text.isdigit() and int(text[:20]) < 1 << 63):
         raise _wrong(source, "start_time", text, "ns since the epoch")
     provenance = Provenance(
-        serial_number=start.get("serial_number", "unknown")[:MAX_TEXT],
+        serial_number=start.get("serial_number", UNKNOWN_SERIAL)[:MAX_TEXT],
         software_version=start.get("software_version", "unknown")[:MAX_TEXT],
         start_time=int(text),
         status=status,

@@ -45,6 +45,11 @@ SLOW = 0.3795
 """Share of the motor's highest speed below which the drive has voltage to spare."""
 IMPOSSIBLE = 3.0
 """Times the motor's highest speed that it never reaches."""
+SCALE = 0.05
+"""Relative distance of a channel from what it is compared with, of any type of actuator."""
+CALIBRATE = "calibrate or replace the transducer, then record the test again"
+SET_UNIT = "set the unit of the acquisition to that of the channel list, or use 'ema import'"
+"""Remedies of a sensor whose scale or offset is off, and of a channel in another unit."""
 WINDOW_TIME = 0.02
 """Time over which noise and travel are taken (s)."""
 LEAST_WINDOW = 100

@@ -17,7 +17,7 @@ from ema_record.channels import (
     TIME,
     median,
 )
-from ema_record.checks.facts import BagFacts, Hit, Rule
+from ema_record.checks.facts import SET_UNIT, BagFacts, Hit, Rule
 
 RPM = 30.0 / np.pi
 DEGREES = 180.0 / np.pi
@@ -273,11 +273,10 @@ def current_units(facts: BagFacts) -> Iterator[Hit]:
                       float(facts.samples[0, TIME]), float(gain), "", name)
 
 
-_SCALE = "set the unit of the acquisition to that of the channel list, or use 'ema import'"
 _SIGN = "correct the sign of the channel in the acquisition and record the test again"
 RULES = (
-    Rule(name="wrong_unit", find=motion_units, remedy=_SCALE),
-    Rule(name="wrong_unit", find=current_units, remedy=_SCALE),
+    Rule(name="wrong_unit", find=motion_units, remedy=SET_UNIT),
+    Rule(name="wrong_unit", find=current_units, remedy=SET_UNIT),
     Rule(name="sign_flip", find=motion_signs, remedy=_SIGN),
     Rule(name="sign_flip", find=current_signs, remedy=_SIGN),
     Rule(name="swapped_phases", find=swapped,

@@ -30,13 +30,21 @@ from ema_record.channels import (
     TIME,
     median,
 )
-from ema_record.checks.facts import REST_OFFSET, SETTLED, SLOW, SUM_OFFSET, BagFacts, Hit, Rule
+from ema_record.checks.facts import (
+    CALIBRATE,
+    REST_OFFSET,
+    SCALE,
+    SETTLED,
+    SLOW,
+    SUM_OFFSET,
+    BagFacts,
+    Hit,
+    Rule,
+)
 from ema_record.record import SETTLING
 
 GAIN_SPREAD = (0.04, 4.0)
 """Between the relative gains of the current sensors: at least, and times a good one's error."""
-SCALE = 0.05
-"""Relative distance of the currents from their references."""
 NOISY = 5.0
 """Times the most noise of a good sensor that is too much; of the sum of three currents three
 times."""
@@ -311,11 +319,10 @@ def held_share(change: np.ndarray, driven: np.ndarray) -> tuple[float, int]:
     return (share if beaten or rough else 0.0), int(np.argmax(repeats))
 
 
-_CALIBRATE = "calibrate or replace the transducer, then record the test again"
 _WIRES = "check the transducer, its screen and its plug, then record the test again"
 RULES = (
-    Rule(name="sensor_scale", find=current_gains, remedy=_CALIBRATE),
-    Rule(name="sensor_offset", find=current_offsets, remedy=_CALIBRATE),
+    Rule(name="sensor_scale", find=current_gains, remedy=CALIBRATE),
+    Rule(name="sensor_offset", find=current_offsets, remedy=CALIBRATE),
     Rule(name="sensor_noise", find=noises, remedy=_WIRES),
 )
 HELD_SAMPLES = Rule(name="held_samples", find=held, remedy=_WIRES)

@@ -8,12 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_record.channels import ROTOR_ANGLE, SURFACE_POSITION, median
-from ema_record.checks.facts import BagFacts, Hit, Rule
+from ema_record.checks.facts import CALIBRATE, SCALE, BagFacts, Hit, Rule
 
-SCALE = 0.05
-"""Relative distance of a channel from what it is compared with."""
 SPEED_SCALE = 0.01
-"""The same for speed against rotor angle, which no gear and no gain stands between."""
+"""`SCALE` for speed against rotor angle, which no gear and no gain stands between."""
 SPEED_OFFSET = 0.01897
 """Difference between measured speed and the rotor angle's over a window (of the highest)."""
 TRAVELLED = 1.0 / 6.0
@@ -110,8 +108,7 @@ def speed_offset(facts: BagFacts) -> Iterator[Hit]:
                   float(found.time[row]), float(off.max()), "rad/s", "motor_speed")
 
 
-_CALIBRATE = "calibrate or replace the transducer, then record the test again"
 RULES = (
-    Rule(name="sensor_scale", find=motion_scales, remedy=_CALIBRATE),
-    Rule(name="sensor_offset", find=speed_offset, remedy=_CALIBRATE),
+    Rule(name="sensor_scale", find=motion_scales, remedy=CALIBRATE),
+    Rule(name="sensor_offset", find=speed_offset, remedy=CALIBRATE),
 )

@@ -17,7 +17,7 @@ from ema_record.channels import (
     TIME,
     median,
 )
-from ema_record.checks.facts import SETTLED, BagFacts, Hit, Rule
+from ema_record.checks.facts import SET_UNIT, SETTLED, BagFacts, Hit, Rule
 from ema_record.wire.topics import DC_BUS, WINDING_TEMPERATURE
 
 STUCK_TIME = 0.02
@@ -256,13 +256,12 @@ def references_beyond(facts: BagFacts) -> Iterator[Hit]:
 
 
 _WIRING = "check the transducer, its plug and its wires, then record the test again"
-_SCALE = "set the unit of the acquisition to that of the channel list"
 RULES = (
     Rule(name="not_finite", find=not_finite, remedy=_WIRING),
     Rule(name="stuck_channel", find=stuck, remedy=_WIRING),
     Rule(name="saturation", find=saturated,
          remedy="choose a larger range of the converter and record the test again"),
     Rule(name="spike", find=spikes, remedy=_WIRING),
-    Rule(name="wrong_unit", find=slow_units, remedy=_SCALE),
-    Rule(name="wrong_unit", find=references_beyond, remedy=_SCALE),
+    Rule(name="wrong_unit", find=slow_units, remedy=SET_UNIT),
+    Rule(name="wrong_unit", find=references_beyond, remedy=SET_UNIT),
 )

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_record.channels import CHANNELS, MOTOR_SPEED, ROTOR_ANGLE, TIME, median
-from ema_record.checks.facts import REST_OFFSET, SLOW, BagFacts, Hit, Rule
+from ema_record.checks.facts import CALIBRATE, REST_OFFSET, SLOW, BagFacts, Hit, Rule
 
 TURN = 2.0 * np.pi
 MEDIAN = 9
@@ -137,8 +137,7 @@ def gains(facts: BagFacts) -> Iterator[Hit]:
                   float(found.time[use][first]), more, "", "phase_current")
 
 
-_CALIBRATE = "calibrate or replace the transducer, then record the test again"
 RULES = (
-    Rule(name="sensor_scale", find=gains, remedy=_CALIBRATE),
-    Rule(name="sensor_offset", find=offsets, remedy=_CALIBRATE),
+    Rule(name="sensor_scale", find=gains, remedy=CALIBRATE),
+    Rule(name="sensor_offset", find=offsets, remedy=CALIBRATE),
 )

@@ -270,7 +270,7 @@ class TestedUnit:
         if not np.isfinite(point.cost):
             return point
         point = replace(point, slopes=np.hstack([
-            law_slopes(self.run_all, fit, point.mean, white, runs, 0), fit.slopes[:, fit.free:]]))
+            law_slopes(self.run_all, fit, point.mean, white, runs), fit.slopes[:, fit.free:]]))
         for _ in range(steps):
             moves = self._moves(point, (damping,), white, runs)
             for there in sorted(moves, key=lambda f: f.cost):
@@ -297,7 +297,7 @@ class TestedUnit:
         white = self.whitener(runs, before)
         point, last = self.begun(fit, white, runs), np.inf
         while point.cost < (1.0 - FALL) * last:
-            slopes = np.hstack([law_slopes(self.run_all, point, point.mean, white, runs, 0),
+            slopes = np.hstack([law_slopes(self.run_all, point, point.mean, white, runs),
                                 simulated_slopes(self.run_all, point, runs // 2)])
             last, found = point.cost, self._moves(
                 replace(point, slopes=slopes), STEP_DAMPINGS, white, runs)

@@ -28,7 +28,7 @@ HALF = 0.5
 
 
 def law_slopes(
-    run_all: RunAll, fit: LawFit, mean: np.ndarray, scale: NoiseScale, runs: int, salt: int
+    run_all: RunAll, fit: LawFit, mean: np.ndarray, scale: NoiseScale, runs: int
 ) -> np.ndarray:
     """Return the slopes to the coordinates of the laws, shape (d, coordinates).
 
@@ -41,7 +41,7 @@ def law_slopes(
     fit : where.
     mean : ndarray, shape (d,). Features there.
     scale : what they may be off.
-    runs, salt : of the features.
+    runs : of the features.
     """
     if not fit.terms:
         return np.zeros((len(mean), 0))
@@ -62,7 +62,7 @@ def law_slopes(
                 if low[k] <= there[k] and there[k] != u[k]:
                     asked.append((k, there))
             k += 1
-    means = run_all([(moved(fit.terms, u1), fit.z) for _, u1 in asked], runs, salt)
+    means = run_all([(moved(fit.terms, u1), fit.z) for _, u1 in asked], runs)
     for (k, there), f in zip(asked, means):
         if np.isfinite(f).all():
             found[:, k] = (f - mean) / (there[k] - u[k])

@@ -215,6 +215,8 @@ class FleetLibrary:
 
     Attributes
     ----------
+    model, spread : the type, and how its healthy units differ.
+    fmap : the features of the test.
     weights : ndarray, shape (c, d). Of `design`.
     surrogate : noise of a prediction of the quadratic.
     repeat : noise of a single run.

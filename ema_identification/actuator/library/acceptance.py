@@ -23,7 +23,7 @@ from ema_identification.actuator.measure.recorder import recorded_alike, whole
 from ema_identification.actuator.measure.tolerances import CONDITIONS, align, conditions_of
 from ema_record import array_cache as cache
 from ema_record.kit import LIBRARY, kit_path
-from ema_record.record import Record
+from ema_record.record import Record, unit_names
 from ema_record.spread import left_over
 from ema_sim.model_file import Model
 from ema_sim.simulate import simulate
@@ -44,13 +44,13 @@ def keep_acceptance(records: Sequence[Record], model: Model, folder: Path) -> No
     fmap = feature_map(first.profile, model.actuator, whole(simulate(
         first.profile, actuator=model.actuator, effects=model.effects, seed=0, rate=rate),
         model.actuator))
-    serials = [record.provenance.serial_number for record in records]
-    rows = [whole(record, model.actuator) for record in records
-            if record.profile.points == first.profile.points]
+    names, alike = unit_names(records), [
+        k for k, r in enumerate(records) if r.profile.points == first.profile.points]
+    rows = [whole(records[k], model.actuator) for k in alike]
     cache.save(_name(fmap), {
         "features": np.array([fmap.extract(record) for record in rows]),
         "conditions": np.array([align(record, model).row() for record in rows]),
-        "unit": np.array([serials.index(r.provenance.serial_number) for r in rows])}, folder)
+        "unit": np.array([names.index(names[k]) for k in alike])}, folder)
 
 
 def discrepancy_of(library: FleetLibrary, kept: dict[str, np.ndarray]) -> Discrepancy:

@@ -34,6 +34,8 @@ class Segment:
     ----------
     step : float
         Interval (s).
+    time, input, position : ndarray
+        As recorded.
     speed, acceleration : ndarray
         As measured or derived; for terms that are linear in them.
     smooth_speed : ndarray

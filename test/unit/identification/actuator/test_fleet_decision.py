@@ -387,7 +387,7 @@ def test_the_slope_of_a_law_that_bends_is_over_the_least_step_that_shows(size, s
     term = EffectTerm(variant=SIGNATURE.variant, signature=SIGNATURE, u=np.array([size * VISCOUS]))
     fit = LawFit(terms=(term,), z=np.zeros(SIZE), mean=np.zeros(FEATURES), cost=0.0, runs=1,
                  slopes=np.zeros((FEATURES, 1 + SIZE)))
-    found = law_slopes(u.run_all, fit, u.run((term,), fit.z, 1), SCALE, 1, 0)[:, 0] * VISCOUS
+    found = law_slopes(u.run_all, fit, u.run((term,), fit.z, 1), SCALE, 1)[:, 0] * VISCOUS
     assert found == pytest.approx(BEND_OF * (1.0 + 0.2 * size + 0.1 * step * size))
 
 

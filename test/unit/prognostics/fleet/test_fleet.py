@@ -103,8 +103,13 @@ def test_a_changed_bag_or_judge_is_judged_again(place, cache, tmp_path, monkeypa
     settings = judging.JudgeSettings.of(None, None)
     assert asked == [(str(bag),)]
     assert settings.key() == settings.key()
-    monkeypatch.setattr(judging, "kit_sha256", lambda: "another kit")
-    assert settings.key() != judging.key_of(contract.kit_sha256(), "", "", module=judging.MODULE)
+    before = settings.key()
+    with monkeypatch.context() as other:
+        other.setattr(judging, "kit_sha256", lambda: "another kit")
+        assert settings.key() != before
+    (tmp_path / "en.yaml").write_bytes((judging.FOLDER / "en.yaml").read_bytes() + b"# other")
+    monkeypatch.setattr(judging, "FOLDER", tmp_path)  # the words that a verdict is kept with
+    assert settings.key() != before
 
 
 def test_the_store_knows_what_changed(tmp_path):

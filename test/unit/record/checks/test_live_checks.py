@@ -108,4 +108,5 @@ def test_numbers_beyond_all_sense_are_short(good, channel):
 def test_a_short_record_without_rotor_angle_is_looked_at(good):
     samples = good.samples[:100].copy()
     samples[:, CHANNEL_NAMES.index("rotor_angle")] = np.nan
-    assert guard_findings(replace(good, samples=samples)) is not None
+    assert [f.rule for f in guard_findings(replace(good, samples=samples))] == [
+        "record_length", "missing_channel"]
