@@ -24,6 +24,7 @@ from ema_record.wire.topics import (
     VERDICT,
     WEIGHT_ON_WHEELS,
 )
+from ema_ros.ema_node import LOOK_FOR_OTHERS
 from ema_ros.messages import (
     PolledGroup,
     make_polled_subscription,
@@ -83,7 +84,8 @@ class AircraftNode(Node):
         self._verdict = make_polled_subscription(self, VERDICT, group)
         self._diagnostics = (
             make_polled_subscription(self, DIAGNOSTICS, group) if first else None)
-        self._wheels = make_publisher(self, WEIGHT_ON_WHEELS)
+        self._wheels = make_publisher(self, WEIGHT_ON_WHEELS) if first else None
+        self._born = time.monotonic()
         self._test = self.create_client(SelfTest, SELF_TEST_SERVICE.removeprefix("/"))
         self._states = {
             name: self.create_client(GetState, f"{name}/get_state") for name in LIFECYCLE_NODES
@@ -102,9 +104,12 @@ class AircraftNode(Node):
             self.executor.spin_once(timeout_sec=0.0)
 
     def _on_timer(self) -> None:
-        topic = resolved(self, WEIGHT_ON_WHEELS)
-        others = self.get_publishers_info_by_topic(topic) if self.gives_way else []
-        if self.send and all(info.node_name == NODE_NAME for info in others):
+        if self.gives_way:
+            if time.monotonic() - self._born < LOOK_FOR_OTHERS:
+                return
+            if self.count_publishers(resolved(self, WEIGHT_ON_WHEELS)) > 1:  # one is ours
+                return
+        if self.send:
             self.send_weight_on_wheels()
 
     def state(self, name: str) -> str:
@@ -144,13 +149,14 @@ class AircraftNode(Node):
 
     def send_weight_on_wheels(self) -> None:
         """Publish whether the aircraft stands on its wheels."""
-        self._wheels.publish(Bool(data=self.weight_on_wheels))
+        if self._wheels is not None:
+            self._wheels.publish(Bool(data=self.weight_on_wheels))
 
     def missing(self) -> str:
         """Return what the test still waits for; empty: nothing."""
         if not self._test.service_is_ready():
             return "the monitor"
-        if self._wheels.get_subscription_count() < 1:
+        if self._wheels is not None and self._wheels.get_subscription_count() < 1:
             return "the monitor's interlock"
         if self.count_publishers(resolved(self, SAMPLES)) < 1:
             return "the actuator"

@@ -101,6 +101,8 @@ class VerdictKeeper:
 
     def expect(self, path: Path) -> None:
         """Take the record that the next verdict is of."""
+        if self._awaited is not None:
+            self._logger.warning(f"{self._awaited}: no verdict came: judge it by 'ema check'")
         self._awaited = path.resolve() if self._wanted else None
 
     def poll(self) -> None:

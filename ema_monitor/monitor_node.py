@@ -31,6 +31,7 @@ from ema_monitor.messages import (
 from ema_monitor.observation import ACTUATOR_TIMEOUT, ActuatorStatus, Observation
 from ema_monitor.recorder import BitRecorder, new_bag_path
 from ema_monitor.sequence import (
+    ENDING,
     Action,
     CloseRecord,
     Finish,
@@ -154,9 +155,8 @@ class MonitorNode(EmaNode):
         self._poll()
         return response
 
-    async def _self_test(
-        self, _: SelfTest.Request, response: SelfTest.Response
-    ) -> SelfTest.Response:
+    async def _self_test(self, _: SelfTest.Request, response: SelfTest.Response
+                         ) -> SelfTest.Response:
         """Wait for the end of the test without holding up the poll, however many callers wait."""
         request = Request()
         self._waiting.append(request)
@@ -167,18 +167,12 @@ class MonitorNode(EmaNode):
 
     def _poll(self) -> None:
         """Take what has arrived, then let the sequence go on."""
-        try:
-            self._drain()
-            problem = ""
-        except EmaError as error:
-            problem = str(error)
-        seen = self._observe()
-        if problem and self._sequence.stage is not Stage.IDLE:
+        problem, seen = self._drain(), self._observe()
+        if problem and self._sequence.stage not in ENDING:
             self._perform(self._sequence.fail(problem, seen))
         self._perform(self._sequence.step(seen))
         while self._waiting and not self._interlock.is_undecided(
-            time.monotonic(), self._waiting[0].asked
-        ):
+                time.monotonic(), self._waiting[0].asked):
             request = self._waiting.pop(0)
             if self._sequence.stage is Stage.IDLE and self._request is None:
                 self._request, self._foreign, self._abort = request, False, False
@@ -195,8 +189,10 @@ class MonitorNode(EmaNode):
             self._next_sign = now + SIGN_PERIOD
             self._deadman.publish(Header(stamp=stamp_message(self._last_sent)))
 
-    def _drain(self) -> None:
+    def _drain(self) -> str:
+        """Take all that waits; return what is wrong with the first message that cannot be kept."""
         self._recorder.clock.look()
+        problem = ""
         for topic, subscription in self._polled.items():
             self._send_sign_of_life()
             taken = take_all(subscription)
@@ -216,7 +212,11 @@ class MonitorNode(EmaNode):
                 elif topic == COMMAND:
                     stamp = stamp_of(read_message(data, JointTrajectory) or JointTrajectory())
                     self._foreign = self._foreign or stamp not in self._sent
-                self._recorder.take(topic, data, received, sent)
+                try:
+                    self._recorder.take(topic, data, received, sent)
+                except EmaError as error:
+                    problem = problem or str(error)
+        return problem
 
     def _take_diagnostics(self, data: bytes) -> None:
         if ACTUATOR_STATUS.encode() not in data:
@@ -259,8 +259,10 @@ class MonitorNode(EmaNode):
             try:
                 self._do(action)
             except EmaError as error:
-                self._perform(self._sequence.fail(str(error), self._observe()))
-                return
+                instead = self._sequence.fail(str(error), self._observe())
+                if instead:
+                    self._perform(instead)
+                    return
         if actions:
             self._publish_status()
 
@@ -273,8 +275,7 @@ class MonitorNode(EmaNode):
         elif isinstance(action, OpenRecord):
             path = new_bag_path(
                 Path(str(self._values["output_directory"])), self._serial, action.stamp,
-                action.profile.name, self._namespace.removeprefix("/"),
-            )
+                action.profile.name, self._namespace.removeprefix("/"))
             self._recorder.open(path, action.profile, self._serial or "unknown", action.stamp)
         elif isinstance(action, CloseRecord):
             self._close(action)

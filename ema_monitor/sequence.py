@@ -16,10 +16,10 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
+from ema_monitor.moves import ramp, step_to
 from ema_monitor.observation import ACTUATOR_TIMEOUT, Observation
 from ema_record.actuator import Actuator
-from ema_record.limits import MAX_DURATION
-from ema_record.profile import Profile, load_profile_dict
+from ema_record.profile import Profile
 from ema_record.record import Status
 
 AT_START = 0.005
@@ -37,8 +37,6 @@ STOP_TIMEOUT = 2.0
 """Longest wait for the surface to be at rest after a stop (s)."""
 MOVE_SPEED = 0.5
 """Of a move (of the slew speed)."""
-ENDS = 0.1
-"""Time before and after a move (s): the inverter comes on, the drive settles."""
 
 
 class Stage(enum.Enum):
@@ -51,6 +49,10 @@ class Stage(enum.Enum):
     COUNTING = "counting samples"
     RETURNING = "bringing the surface back"
     STOPPING = "stopping the surface"
+
+
+ENDING = Stage.IDLE, Stage.RETURNING, Stage.STOPPING
+"""Where samples are not waited for, and a damaged one changes nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +136,7 @@ class TestSequence:
         """Return what is to be done at this moment."""
         if self.stage is Stage.IDLE:
             return []
-        if self.stage in (Stage.RETURNING, Stage.STOPPING):
+        if self.stage in ENDING:
             return self._ending(seen)
         problem = self._problem(seen)
         if problem:
@@ -148,9 +150,15 @@ class TestSequence:
         return self._counting(seen)
 
     def fail(self, reason: str, seen: Observation) -> list[Action]:
-        """Abort because an action could not be done; where that was the last, all has ended."""
+        """Abort because an action could not be done; where that was the last, all has ended.
+
+        A test that ends already ends on: each abort would command the surface anew.
+        """
         if self.stage is Stage.IDLE:
             return [Finish(f"aborted: {reason}")]
+        if self.stage in ENDING:
+            self._reason += f"; {reason}"
+            return []
         return self._abort(reason, seen)
 
     def _enter(self, stage: Stage, seen: Observation) -> None:
@@ -328,19 +336,3 @@ class TestSequence:
                 or seen.samples_received >= seen.actuator.samples_published
             )
         )
-
-
-def ramp(start: float, end: float, speed: float) -> Profile:
-    """Return a move from `start` to `end` (rad) at `speed` (rad/s); faster where it never ends."""
-    moving = min(max(abs(end - start) / speed, 1e-3), MAX_DURATION - 2.0 * ENDS)
-    times = (0.0, ENDS, ENDS + moving, 2.0 * ENDS + moving)
-    return _move(list(zip(times, (start, start, end, end))))
-
-
-def step_to(position: float) -> Profile:
-    """Return the command of one point: be at `position` (rad), at once."""
-    return _move([(1e-3, position)])
-
-
-def _move(points: list[tuple[float, float]]) -> Profile:
-    return load_profile_dict({"name": "move", "points": points, "description": "move"}, "move")

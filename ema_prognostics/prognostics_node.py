@@ -137,7 +137,7 @@ class PrognosticsNode(EmaNode):
         self._live[topic] = make_subscription(self, topic, callback, raw=True)
 
     def _on_record(self, message: String) -> None:
-        """Diagnose an announced bag, once.
+        """Diagnose an announced bag, once it can be read.
 
         Anybody on the domain may announce: nothing but a bag is opened, and what is wrong with
         it is written to stderr alone, lest the verdict tell which files exist.
@@ -145,15 +145,15 @@ class PrognosticsNode(EmaNode):
         path = message.data
         if path in self._done or len(path) > LONGEST_PATH:
             return
-        self._done.append(path)
         try:
             if not (path.startswith("/") and Path(path, METADATA_FILE).is_file()):
                 raise InvalidRecordError(NOT_A_BAG)
             record = read_bag(path)
         except (RecordError, UsageError, OSError) as error:
-            report(f"announced {path!r}: {error}")
+            report(f"announced {path!r}: {error}")  # it may be announced again once it is whole
             self._publish(Judged(verdict_of_error(InvalidRecordError(NOT_A_BAG), path)))
             return
+        self._done.append(path)
         self._publish(self._judge.of_record(record, path))
 
     def _poll(self) -> None:

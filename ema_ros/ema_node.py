@@ -13,6 +13,7 @@ from rcl_interfaces.msg import (
     ParameterType,
     SetParametersResult,
 )
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -60,15 +61,33 @@ class EmaNode(LifecycleNode):
             raise UsageError(
                 "a parameter has no value, or an empty list for one: give NAME:=VALUE"
             ) from None
+        self._answer_all(self._service_change_state)
         self.exit_status: int | None = None
         """Set: the process is to end with this status."""
         self.problem: Exception | None = None
         """Why the last transition failed."""
         self._stop = stop
-        self.is_active = False
+        self.is_active = self._starting = False
         self._unconfigured = set(self.publishers)
         self._active_entities: list[tuple[Callable[[Any], object], Any]] = []
         use_kit(str(KIT.check(given_parameters(self).get(KIT.name, KIT.default))))
+
+    @staticmethod
+    def _answer_all(service: Service) -> None:
+        """Have a request for a transition that the state does not allow refused.
+
+        rclpy raises, which ends the process and leaves the caller without an answer.
+        """
+        respond = service.callback
+
+        def answered(request: Any, response: Any) -> Any:
+            try:
+                return respond(request, response)
+            except rclpy_implementation.RCLError:
+                response.success = False
+                return response
+
+        service.callback = answered
 
     def configure(self) -> None:
         """Load and compile what the node works with (EmaError: it cannot)."""
@@ -96,11 +115,13 @@ class EmaNode(LifecycleNode):
     def started(cls, stop: StopSignal) -> EmaNode:
         """Return the node, active unless somebody else is to start it (EmaError: it cannot)."""
         node = cls(stop)
+        node._starting = True
         if node.get_parameter(AUTOSTART.name).value:
             for step in (node.trigger_configure, node.trigger_activate):
                 if step() != TransitionCallbackReturn.SUCCESS:
                     assert node.problem is not None
                     raise node.problem
+        node._starting = False
         return node
 
     def refuse_another(self, service: str) -> None:
@@ -151,7 +172,8 @@ class EmaNode(LifecycleNode):
             change()
         except EmaError as error:
             self.problem = error
-            self.get_logger().error(str(error))
+            if not self._starting:  # then who starts it says so
+                self.get_logger().error(str(error))
             return TransitionCallbackReturn.FAILURE
         except Exception as error:
             self.problem = error

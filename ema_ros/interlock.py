@@ -78,7 +78,8 @@ class Interlock:
 class Deadman:
     """The sign of life of who commands: it repeats the stamp of the command that it watches.
 
-    Who never sends one is not asked for it.
+    Who never sends one is not asked for it. Signs for other commands neither keep the one that
+    runs alive nor take the watch off it.
 
     Parameters
     ----------
@@ -88,16 +89,22 @@ class Deadman:
     def __init__(self, timeout: float) -> None:
         """Begin without a sign."""
         self.timeout = timeout
-        self._stamp: int | None = None
-        self._heard = 0.0
+        self._running: int | None = None
+        self._heard: float | None = None
+        self._last: tuple[int | None, float] = None, 0.0
 
     def update(self, stamp: int, now: float) -> None:
         """Take a sign for the command with this stamp (ns) at clock `now` (s)."""
-        self._stamp, self._heard = stamp, now
+        self._last = stamp, now  # of a command, perhaps, that is still to come
+        if stamp == self._running:
+            self._heard = now
 
     def reason(self, stamp: int, now: float) -> str:
-        """Return why the command with this stamp must not go on; empty: it may."""
-        silent = now - self._heard
-        if self._stamp != stamp or silent <= self.timeout:
+        """Return why the command with this stamp, which runs, must not go on; empty: it may."""
+        if stamp != self._running:
+            self._running = stamp
+            self._heard = self._last[1] if self._last[0] == stamp else None
+        silent = 0.0 if self._heard is None else now - self._heard
+        if silent <= self.timeout:
             return ""
         return f"no sign of life from who commands for {silent:.2f} s"

@@ -5,15 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
+from ema_record.actuator_type import another_actuator, is_of_another_actuator
 from ema_record.bag.container import read_content
 from ema_record.bag.read import read_bag
-from ema_record.errors import InvalidRecordError
+from ema_record.errors import IncompleteRecordError, InvalidRecordError, UsageError
+from ema_record.record import Record
 from ema_record.wire.topics import BAG_TOPICS, COMMAND, SAMPLES, WEIGHT_ON_WHEELS
 from ema_record.wire.trajectory import encode_command
 from ema_record.wire.types import NANOSECONDS
 
 MAX_LENGTH = 3600.0
 """Longest span of the log times of a bag that is replayed (s)."""
+ANYWAY = "give --anyway to publish it all the same"
 
 
 class ReplayMessage(NamedTuple):
@@ -25,17 +28,27 @@ class ReplayMessage(NamedTuple):
     data: bytes
 
 
-def load_messages(path: Path) -> list[ReplayMessage]:
+def load_messages(path: Path, *, anyway: bool = False) -> list[ReplayMessage]:
     """Return the messages of a record, ordered by log time, the command before the samples.
 
     Weight on wheels is left out: what a replay says must not open an interlock.
 
+    Parameters
+    ----------
+    path : of the bag.
+    anyway : also of a record that is not complete or of another actuator than the kit's. The
+        topics do not say so: who listens would judge it as a whole one of this actuator.
+
     Raises
     ------
     InvalidRecordError, IncompleteRecordError
-        The bag is not a readable record.
+        The bag is not a readable record, or not complete.
+    UsageError
+        It is of another actuator.
     """
     record = read_bag(path, validate_values=False)
+    if not anyway:
+        _check_said(record, path)
     topics = [topic.name for topic in BAG_TOPICS if topic.name != WEIGHT_ON_WHEELS]
     content = read_content(path, frozenset(topics))
     found = [
@@ -57,3 +70,13 @@ def load_messages(path: Path) -> list[ReplayMessage]:
         )
     return [ReplayMessage((time - begin) / NANOSECONDS, topic, data)
             for time, topic, data in found]
+
+
+def _check_said(record: Record, path: Path) -> None:
+    """Raise where the topics lack what forbids a verdict on a record."""
+    of = record.provenance
+    unsaid = f"the topics do not say so; judge it by 'ema check', or {ANYWAY}"
+    if of.status != "complete":
+        raise IncompleteRecordError(f"{path}: the record is {of.status}, not complete: {unsaid}")
+    if is_of_another_actuator(of.actuator):
+        raise UsageError(f"{path}: {another_actuator(of.actuator)}: {unsaid}")

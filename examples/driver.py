@@ -28,8 +28,9 @@ class Driver(Node):
         self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_subscription(JointTrajectory, "ema/command", self.pending.append, 10)
         self.create_subscription(Bool, "/aircraft/weight_on_wheels", self.on_wheels, latched)
-        self.create_subscription(Header, "ema/deadman", lambda message: setattr(
-            self, "sign", (nanoseconds(message.stamp), time.monotonic())), 10)
+        self.create_subscription(  # a sign for another command says nothing of this one
+            Header, "ema/deadman", lambda m: nanoseconds(m.stamp) == self.stamp
+            and setattr(self, "sign", (self.stamp, time.monotonic())), 10)
         self.create_timer(0.005, self.tick)
         self.create_timer(0.1, self.report)
 

@@ -8,7 +8,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from ema_cli.commands.bit import print_result
 from ema_cli.main import run
-from ema_monitor.sequence import ramp
+from ema_monitor.moves import ramp
 from ema_prognostics.cascade.model_file import load_model
 from ema_prognostics.features.extract import extract
 from ema_prognostics.verdict import diagnose as diagnosis

@@ -90,6 +90,9 @@ def test_a_node_told_to_wait_is_configured_and_activated_from_outside(nodes, wat
     assert state() == "unconfigured"
     assert change(Transition.TRANSITION_CONFIGURE)
     assert state() == "inactive"
+    for number in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_DEACTIVATE, 99):
+        assert not change(number), "the state does not allow it"
+    assert state() == "inactive"
     assert watcher.node.missing() == "the monitor"
     assert change(Transition.TRANSITION_ACTIVATE)
     watcher.wait_for_simulator()

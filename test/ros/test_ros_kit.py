@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ros_processes import MONITOR, PROGNOSTICS, SIMULATOR, ema
 
-from ema_monitor.sequence import step_to
+from ema_monitor.moves import step_to
 from ema_record.actuator_type import actuator_hash
 from ema_record.bag.read import read_bag
 from ema_record.kit import using_kit

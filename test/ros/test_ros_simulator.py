@@ -8,7 +8,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from ros_processes import MONITOR, PROGNOSTICS, SIMULATOR
 
-from ema_monitor.sequence import step_to
+from ema_monitor.moves import step_to
 from ema_record.profile import load_profile
 from ema_record.wire.topics import SAMPLES, TOPICS
 from ema_ros.messages import qos_profile

@@ -357,6 +357,18 @@ def test_a_failed_action_aborts():
     assert finish.reason == "aborted: disk full"
 
 
+def test_a_test_that_ends_already_is_not_aborted_again():
+    """Or a driver whose samples are damaged is commanded anew with each of them, for ever."""
+    bench = Bench()
+    bench.to_testing()
+    _, back = bench.sequence.fail("damaged", bench.seen)
+    for _ in range(3):
+        assert bench.sequence.fail("disk full", bench.seen) == []
+        assert bench.after(0.1) == []
+    (finish,) = bench.executed(back, 0.1, 1)
+    assert finish.reason.startswith("aborted: damaged; disk full")
+
+
 def test_who_asked_is_answered_where_the_record_cannot_be_closed_at_the_end():
     bench = Bench()
     (move,) = bench.start()

@@ -84,3 +84,21 @@ def test_silence_of_who_commands_ends_the_command_that_he_watched():
     assert deadman.reason(7, 100.5) == ""
     assert deadman.reason(7, 100.6) == "no sign of life from who commands for 0.60 s"
     assert deadman.reason(8, 100.6) == "", "a sign for one command is none for the next"
+
+
+def test_a_sign_for_another_command_does_not_take_the_watch_off():
+    deadman = Deadman(0.5)
+    assert deadman.reason(7, 100.0) == ""
+    deadman.update(7, 100.1)
+    deadman.update(9, 100.2)
+    assert deadman.reason(7, 100.5) == ""
+    assert deadman.reason(7, 100.7) == "no sign of life from who commands for 0.60 s"
+    deadman.update(9, 100.8)
+    assert deadman.reason(7, 100.9), "nor does it keep the one that runs alive"
+
+
+def test_a_sign_may_come_before_its_command():
+    deadman = Deadman(0.5)
+    deadman.update(7, 100.0)
+    assert deadman.reason(7, 100.1) == ""
+    assert deadman.reason(7, 100.6) == "no sign of life from who commands for 0.60 s"

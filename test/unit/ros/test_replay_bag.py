@@ -1,6 +1,7 @@
 """What is replayed of a bag, in which order and when."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -57,3 +58,32 @@ def test_a_cut_bag_is_refused(tmp_path):
         load_messages(bag)
     with pytest.raises(InvalidRecordError):
         load_messages(tmp_path / "nothing")
+
+
+@pytest.mark.parametrize(("said", "status", "words"), [
+    ({"status": "interrupted"}, 3, "interrupted, not complete"),
+    ({"actuator": "another"}, 2, "of the actuator 'another'"),
+])
+def test_what_forbids_a_verdict_and_the_topics_do_not_say_is_refused(
+    tmp_path, monkeypatch, capsys, said, status, words,
+):
+    played = []
+    monkeypatch.setattr("ema_ros.domain.use_fast_discovery", lambda domain: None)
+    monkeypatch.setattr("ema_ros.replay_node.play", lambda messages, **_: (
+        played.append(len(messages)) or {SAMPLES: 1}))
+    record = simulate(load_profile("step"), seed=2)
+    bag = str(write_bag(replace(record, provenance=replace(record.provenance, **said)),
+                        tmp_path / "bag"))
+    assert run(["replay", bag]) == status
+    printed = capsys.readouterr()
+    assert words in printed.err and "--anyway" in printed.err and printed.err.count("\n") == 1
+    assert played == []
+    assert run(["replay", bag, "--anyway"]) == 0
+    assert len(played) == 1
+
+
+def test_a_rate_at_which_the_samples_would_count_as_over_is_refused(tmp_path, capsys):
+    bag = write_bag(simulate(load_profile("step"), seed=2), tmp_path / "bag")
+    assert run(["replay", str(bag), "--rate", "0.01"]) == 2
+    said = capsys.readouterr().err
+    assert "s apart" in said and "at least 0.0" in said and said.count("\n") == 1
