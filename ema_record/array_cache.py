@@ -53,7 +53,7 @@ def key_of(*parts: str, module: str) -> str:
     for name in NUMERICAL:
         digest.update(f"\0{name} {metadata.version(name)}".encode())
     for part in parts:
-        digest.update(b"\0" + part.encode())
+        digest.update(b"\0" + part.encode(errors="surrogateescape"))  # of any path
     return digest.hexdigest()[:32]
 
 

@@ -20,7 +20,7 @@ class Driver(Node):
         super().__init__("driver")
         self.hardware = make_hardware(self)
         self.status, self.pending, self.stamp, self.start, self.done = (OK, "ready"), [], 0, 0, 0
-        self.wheels, self.sign = (False, 0.0), (0, 0.0)  # what was heard, and when
+        self.wheels, self.signs = (False, 0.0), {}  # what was heard, and when
         keep_all = QoSProfile(history=HistoryPolicy.KEEP_ALL)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.samples = self.create_publisher(Float64MultiArray, "ema/samples", keep_all)
@@ -28,9 +28,8 @@ class Driver(Node):
         self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_subscription(JointTrajectory, "ema/command", self.pending.append, 10)
         self.create_subscription(Bool, "/aircraft/weight_on_wheels", self.on_wheels, latched)
-        self.create_subscription(  # a sign for another command says nothing of this one
-            Header, "ema/deadman", lambda m: nanoseconds(m.stamp) == self.stamp
-            and setattr(self, "sign", (self.stamp, time.monotonic())), 10)
+        self.create_subscription(Header, "ema/deadman", lambda message: self.signs.update(
+            {nanoseconds(message.stamp): time.monotonic()}), 10)
         self.create_timer(0.005, self.tick)
         self.create_timer(0.1, self.report)
 
@@ -42,7 +41,7 @@ class Driver(Node):
         return "" if self.wheels[0] and time.monotonic() - self.wheels[1] <= LIMIT else "airborne"
 
     def stop_if_unsafe(self):
-        dead = self.sign[0] == self.stamp and time.monotonic() - self.sign[1] > LIMIT
+        dead = time.monotonic() - self.signs.get(self.stamp, float("inf")) > LIMIT
         reason = self.off_wheels() or ("nobody commands" if dead else "")
         if self.hardware.active and not self.hardware.stopped and reason:
             self.hardware.stop()
@@ -56,7 +55,7 @@ class Driver(Node):
             return self.report((WARN, f"command refused: {refused}"))
         if idle:
             self.start, self.done = self.get_clock().now().nanoseconds, 0
-        self.stamp = nanoseconds(message.header.stamp)
+        self.stamp, self.signs = nanoseconds(message.header.stamp), {}
         return self.report((OK, "command accepted"))
 
     def tick(self):

@@ -90,6 +90,10 @@ def identify(
 
     measured = given_bags(measured)
     if check:
+        given = {"--out": out, "--validate": validate, "--baseline": baseline,
+                 "--without": without, "--profile": profile}
+        if unused := next((name for name, value in given.items() if value), ""):
+            raise UsageError(f"{unused} with --check, which fits nothing: leave one of them out")
         return _check([read_any(path) for path in measured], model, json)
     if out is None:
         raise UsageError("no --out: give the directory to make, as --out report")

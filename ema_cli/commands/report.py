@@ -62,9 +62,12 @@ def report(
             tests.append(examine(judge, bag))
             advance(done)
     last = newest(tests)
-    if last.record is None:
-        kind = IncompleteRecordError if last.verdict.outcome == "incomplete" else UsageError
-        raise kind(f"no report: {last.verdict.reasons[0]}")
+    for test in tests:
+        if test.record is None:  # nothing says when it was made: it may be the newest
+            kind = IncompleteRecordError if test.verdict.outcome == "incomplete" else UsageError
+            other = "" if len(tests) == 1 else "; leave it out, or 'ema recover' it first"
+            raise kind(f"no report: {test.verdict.reasons[0]}{other}")
+    assert last.record is not None
     files = out or [Path(f"{last.verdict.bag}.html")]
     check_new_file(*files)
     data = content(tests, {"ata": ata, "aircraft": aircraft, "work_order": work_order,

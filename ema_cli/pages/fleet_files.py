@@ -59,6 +59,8 @@ def write_files(
 
 def _is_own_text(path: Path) -> bool:
     try:
+        if not path.is_file():  # a pipe would be waited for
+            return False
         with path.open("rb") as file:
             return OURS.encode() in file.read(MARK)
     except OSError:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 EPOCH = 1e9
 """Times above it (s) are dates, and order the records."""
 MAX_PANELS = 10
+MOST_LEFT_OUT = 12
+"""Records without values that are told, the last ones."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,12 +39,17 @@ class RigTrend:
 
     @property
     def exit_status(self) -> int:
-        """0 nothing moved, 1 a limit is passed, 3 something moved, 2 nothing could be read."""
+        """0 nothing moved, 1 a limit is passed, 2 nothing could be read.
+
+        3 something moved, or the last record gives nothing: nobody knows how it is now. A file
+        that cannot be read counts as the last.
+        """
         if not self.values:
             return 2
         if any(v.limit is not None and v.limit.passed for v in self.values):
             return 1
-        return 3 if any(v.moves for v in self.values) else 0
+        last = len(self.sources) in self.unread
+        return 3 if last or any(v.moves for v in self.values) else 0
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``ema trend --json``."""
@@ -219,7 +226,10 @@ def trend_lines(found: RigTrend) -> list[str]:
     total = len(found.sources)
     lines = [f"axis {found.axis or 'not known'}: {counted(total, 'record')} in the order "
              f"of their {found.ordered_by}s, {total - len(found.unread)} of them could be used"]
-    lines += [f"  record {k} left out: {why}" for k, why in sorted(found.unread.items())[:12]]
+    lines += [f"  record {k} left out: {why}"
+              for k, why in sorted(found.unread.items())[-MOST_LEFT_OUT:]]
+    if (more := len(found.unread) - MOST_LEFT_OUT) > 0:
+        lines.append(f"  and {counted(more, 'record')} before")
     for value in found.values:
         lines.append(f"  {value.name}: {_now(value)}")
         lines += [f"    another from record {s.record} on: {s.before:.4g} → {s.after:.4g} "

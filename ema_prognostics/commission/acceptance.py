@@ -85,12 +85,16 @@ def read_acceptance(paths: Sequence[str | Path], actuator: Actuator) -> Acceptan
     if not MIN_RECORDS <= len(paths) <= MOST_RECORDS:
         raise UsageError(f"{len(paths)} acceptance records, {MIN_RECORDS} to {MOST_RECORDS} are "
                          "needed: record more tests of healthy units")
-    records, kinds = [], []
+    records, kinds = list[Record](), list[ProfileKind]()
     for path in paths:
         try:
             record = read_bag(path)
         except RecordError as error:
             raise UsageError(f"{path}: cannot serve as acceptance record: {error}") from None
+        for earlier, before in zip(records, paths):
+            if np.array_equal(earlier.samples, record.samples, equal_nan=True):
+                raise UsageError(f"{path}: the record of {before} once more: each test counts, "
+                                 "record another one")
         records.append(record)
         kinds.append(_kind(record, str(path), actuator))
     if len(set(kinds)) > 1:

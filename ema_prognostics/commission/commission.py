@@ -35,6 +35,7 @@ from ema_prognostics.commission.discrepancy import (
     widened,
     with_discrepancy,
 )
+from ema_prognostics.commission.draft import MARK, make_draft, own_draft
 from ema_prognostics.commission.quality import (
     check_described,
     check_good,
@@ -66,9 +67,9 @@ from ema_prognostics.training.view_training import sound_rows, stricter, train_v
 from ema_record.actuator import FORMERLY, Actuator, load_actuator
 from ema_record.actuator_type import actuator_hash, actuator_hashes
 from ema_record.data_sheet.new_kit import with_values
-from ema_record.errors import EmaError, OutputError, UsageError
+from ema_record.errors import EmaError, OutputError
 from ema_record.files import exists
-from ema_record.kit import ACTUATOR, CASCADE, LIBRARY, PROFILES, REPORT, VALIDATION, using_kit
+from ema_record.kit import ACTUATOR, CASCADE, LIBRARY, REPORT, VALIDATION, using_kit
 from ema_record.record import Record
 from ema_record.spread import UnitTolerances, load_spread
 from ema_record.version import VERSION
@@ -123,52 +124,25 @@ def commission(
         raise exists(target)
     draft = target.with_name(target.name + ".unfinished")
     progress("reading the description", 0.0)
-    try:
-        make_draft(Path(description), draft)
-        with using_kit(draft):
-            actuator = load_actuator()
-            acceptance = read_acceptance(paths, actuator)
-            found = _Work(acceptance, draft, quick=quick, seed=seed, jobs=jobs,
-                          progress=progress, library=library).run(actuator)
-    except EmaError:
-        if not (draft / "work").is_dir():  # nothing that a second run could take up
-            shutil.rmtree(draft, ignore_errors=True)
-        raise
+    with own_draft(draft):
+        try:
+            make_draft(Path(description), draft)
+            with using_kit(draft):
+                actuator = load_actuator()
+                acceptance = read_acceptance(paths, actuator)
+                found = _Work(acceptance, draft, quick=quick, seed=seed, jobs=jobs,
+                              progress=progress, library=library).run(actuator)
+        except EmaError:
+            if not (draft / "work").is_dir():  # nothing that a second run could take up
+                shutil.rmtree(draft, ignore_errors=True)
+            raise
     shutil.rmtree(draft / "work", ignore_errors=True)
+    (draft / MARK).unlink(missing_ok=True)
     try:
         draft.rename(target)
     except OSError as error:
         raise OutputError(f"{target}: {error.strerror or error}: the kit is {draft}") from None
     return found
-
-
-def make_draft(description: Path, draft: Path) -> None:
-    """Make the folder of an unfinished kit: the description and its tests.
-
-    The tests are those beside the description, or made for the actuator.
-    """
-    from ema_record.profiles.text import write_profiles
-
-    if not description.is_file():
-        raise UsageError(f"{description}: no such file: 'ema new-actuator' writes one from a "
-                         "data sheet")
-    try:
-        draft.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(description, draft / ACTUATOR)
-    except OSError as error:
-        raise OutputError(f"{draft}: {error.strerror or error}: choose another folder") from None
-    with using_kit(draft):
-        try:
-            actuator = load_actuator()
-            load_spread()
-        except UsageError as error:
-            copy = str(draft.resolve() / ACTUATOR)
-            raise UsageError(str(error).replace(copy, str(description))) from None
-        beside = description.parent / PROFILES
-        if beside.is_dir():
-            shutil.copytree(beside, draft / PROFILES, dirs_exist_ok=True)
-        elif not (draft / PROFILES).is_dir():
-            write_profiles(actuator, draft / PROFILES)
 
 
 class _Work:

@@ -64,7 +64,8 @@ def write_parquet(objects: Iterable[Mapping[str, Any]], path: Path) -> None:
                 row[name] = in_utf8(text)
     schema = pa.schema([(name, kinds[kind]) for name, kind in COLUMNS.items()],
                        metadata={"written_by": OURS})
-    pq.write_table(pa.Table.from_pylist(rows, schema=schema), path)
+    with path.open("wb") as file:  # pyarrow takes no name that is not UTF-8
+        pq.write_table(pa.Table.from_pylist(rows, schema=schema), file)
 
 
 def is_own_parquet(path: Path) -> bool:
@@ -73,7 +74,10 @@ def is_own_parquet(path: Path) -> bool:
     import pyarrow.parquet as pq
 
     try:
-        metadata = pq.read_schema(path).metadata or {}
+        if not path.is_file():  # a pipe would be waited for
+            return False
+        with path.open("rb") as file:
+            metadata = pq.read_schema(file).metadata or {}
     except (OSError, pa.ArrowException):
         return False
     return bool(metadata.get(b"written_by") == OURS.encode())

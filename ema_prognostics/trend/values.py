@@ -25,6 +25,8 @@ OVER_LINE = 0.7
 """Share of the squares about a line that a step leaves at most."""
 RECENT = 5
 """Last records whose median is the value now where there is no growth."""
+LAST = 2
+"""Last records whose 90 % intervals pass a limit together, by chance once in 400."""
 
 
 class StepChange(NamedTuple):
@@ -155,9 +157,11 @@ def _growth(
 
 
 def _passage(found: ValueTrend, limit: float) -> Passage:
-    """Return when a limit is passed."""
+    """Return when a limit is passed: by the value now, or by both last records for sure."""
     side = 1.0 if limit >= float(np.median(found.value[:SIDE])) else -1.0
-    if side * (found.now - limit) >= 0.0:
+    inner = found.lower if side > 0.0 else found.upper
+    if side * (found.now - limit) >= 0.0 or (
+            len(inner) > LAST and (side * (inner[-LAST:] - limit) >= 0.0).all()):
         return Passage(limit, passed=True, record=None, interval=None)
     rise = found.growth
     if rise is None or found.way != side:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import csv
-import fcntl
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from ema_record.array_cache import DAMAGED, read_arrays, write_arrays
 from ema_record.errors import OutputError, UsageError
-from ema_record.files import cannot_write, exists, new_file, read_bounded
+from ema_record.files import cannot_write, exists, locked, new_file, read_bounded
 from ema_record.version import VERSION
 
 MANIFEST = "campaign.json"
@@ -85,13 +85,8 @@ class CampaignFolder:
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Keep other processes from running the same campaign into this folder."""
-        with (self.path / ".lock").open("w") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                raise OutputError(
-                    f"{self.path}: another process is running this campaign: wait for it"
-                ) from None
+        with locked(self.path / ".lock",
+                    f"{self.path}: another process is running this campaign: wait for it"):
             yield
 
     def done(self) -> set[int]:
@@ -103,21 +98,31 @@ class CampaignFolder:
         write_arrays(self._chunk(chunk), columns)
 
     def load(self, chunk: int) -> Columns:
-        """Return the columns of one chunk."""
+        """Return the columns of one chunk, which holds the runs of its number."""
         path = self._chunk(chunk)
         try:
-            return read_arrays(path)
+            found = read_arrays(path)
+            first = chunk * read_manifest(self.path)["runs_a_chunk"]
+            if not np.array_equal(found["run"], first + np.arange(len(found["run"]))):
+                raise ValueError("other runs")
+            return found
         except DAMAGED:
             raise UsageError(
                 f"{path}: is damaged: delete it and repeat the command, which makes it anew"
             ) from None
 
     def finish(self, columns: Columns) -> None:
-        """Write the table of all columns that hold one value a run."""
-        if (self.path / TABLE).exists():
+        """Write the table of all columns that hold one value a run; an equal one may be there."""
+        table = self.path / TABLE
+        if not table.exists():
+            with new_file(table) as temporary:
+                write_table(temporary, columns)
             return
-        with new_file(self.path / TABLE) as temporary:
-            write_table(temporary, columns)
+        with TemporaryDirectory() as place:
+            write_table(Path(place, TABLE), columns)
+            if Path(place, TABLE).read_bytes() != table.read_bytes():
+                raise OutputError(f"{table}: not the table of these runs: move it away and repeat "
+                                  "the command, which makes it anew")
 
     def _chunk(self, chunk: int) -> Path:
         return self.path / CHUNKS / f"{chunk:06d}.npz"

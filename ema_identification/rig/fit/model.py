@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
@@ -15,6 +17,9 @@ from ema_rig.record import InputQuantity, Motion
 
 DEFAULT_TOLERANCE = 0.1
 MAX_TERMS = 60
+LONGEST_NAME = 64
+LARGEST = 1e12
+"""Size of a parameter, at most: its square and that of its inverse are numbers."""
 
 
 class _Part(BaseModel):
@@ -33,6 +38,18 @@ class KnownTerm(_Part):
         default_factory=dict, max_length=10)
     """What a record gave, value and 90 % interval; told, and exported, not used in a fit."""
 
+    @field_validator("parameters", "estimate")
+    @classmethod
+    def _are_names(cls, value: dict[str, Any]) -> dict[str, Any]:
+        """Refuse what is no name (it would stand in files that others run), and no number."""
+        for name, numbers in value.items():
+            if not (name.isascii() and name.isidentifier() and len(name) <= LONGEST_NAME):
+                raise ValueError(f"{name[:40]!a} is no name of a parameter: letters, digits "
+                                 f"and '_', at most {LONGEST_NAME}")
+            if (size := float(np.max(np.abs(numbers)))) > LARGEST:
+                raise ValueError(f"{name} {size:.3g}: at most {LARGEST:g}")
+        return value
+
     @field_validator("effect")
     @classmethod
     def _is_known(cls, value: str) -> str:
@@ -45,15 +62,15 @@ class KnownTerm(_Part):
 class Settings(_Part):
     """What is otherwise derived from the data."""
 
-    band: float | None = Field(default=None, gt=0.0, le=1e5)
+    band: float | None = Field(default=None, ge=1e-4, le=1e5)
     """Cut-off of the filter of both sides of the balance (Hz)."""
-    cutoff: float | None = Field(default=None, gt=0.0, le=1e5)
+    cutoff: float | None = Field(default=None, ge=1e-4, le=1e5)
     """Cut-off of a Butterworth filter of the outputs before they are differentiated (Hz)."""
     decimate: int | None = Field(default=None, ge=2, le=1000)
     """Both sides by `scipy.signal.decimate` with this factor, in place of the band's filter."""
     gate: float = Field(default=0.0, ge=0.0, le=100.0)
     """Rows so near to a reversal are left out, in periods of the band; 0 keeps them."""
-    standstill: float | None = Field(default=None, gt=0.0, le=1e6)
+    standstill: float | None = Field(default=None, gt=0.0, le=LARGEST)
     """Speed below which the axis counts as at rest (m/s or rad/s)."""
 
 

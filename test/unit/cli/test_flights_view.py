@@ -8,10 +8,11 @@ import pytest
 
 from ema_cli.commands.trend import growth_lines, parse_limit
 from ema_cli.views.flights_plot import trend_figure
-from ema_cli.views.rig_trend import rig_trend
+from ema_cli.views.rig_trend import RigTrend, rig_trend, trend_lines
 from ema_prognostics.trend.flights import date_of
 from ema_prognostics.trend.forecast import course
 from ema_prognostics.trend.unit_trend import trend_of
+from ema_prognostics.trend.values import value_trend
 from ema_record.errors import UsageError
 from support.flights import flights_of
 
@@ -50,6 +51,23 @@ def test_limits_that_are_none(text, problem):
 def test_a_limit_of_a_rig_is_a_number(text):
     with pytest.raises(UsageError, match=r"write NAME=VALUE or NAME=\+P%"):
         rig_trend([], map_file=None, model=None, limits=[text])
+
+
+@pytest.mark.parametrize(("unread", "status"), [({}, 0), ({2: "too short"}, 0),
+                                                ({5: "too short"}, 3)])
+def test_a_rig_whose_last_record_gives_nothing_is_not_known_to_be_well(unread, status):
+    steady = value_trend("a", "N", dict.fromkeys((1, 3, 4), (1.0, 0.9, 1.1)), None)
+    found = RigTrend(axis="x", sources=tuple("abcde"), unread=unread, values=(steady,),
+                     ordered_by="name")
+    assert found.exit_status == status
+
+
+def test_of_many_left_out_records_the_last_are_told():
+    found = RigTrend(axis="x", sources=tuple(map(str, range(40))), ordered_by="name", values=(),
+                     unread=dict.fromkeys(range(1, 31), "too short"))
+    lines = trend_lines(found)
+    assert lines[1] == "  record 19 left out: too short"
+    assert lines[-1] == "  and 18 records before"
 
 
 def test_dates_go_on_at_the_pace_of_the_flights():

@@ -71,8 +71,10 @@ def test_hashes_are_those_of_the_files(written, repository):
     data = json.loads(written[".json"].read_text())
     bag = repository / "bags" / "sim_0001_extended"
     found = {one["file"]: one for one in data["trace"]["files"]}
-    assert set(found) == {"actuator.yaml", "cascade.json", *(p.name for p in bag.iterdir())}
-    for folder in (bag, kit_folder()):
+    tests = kit_folder() / "profiles"
+    assert set(found) == {"actuator.yaml", "cascade.json", *(p.name for p in tests.iterdir()),
+                          *(p.name for p in bag.iterdir())}
+    for folder in (bag, kit_folder(), tests):
         for path in folder.iterdir():
             if path.name in found:
                 content = path.read_bytes()
@@ -166,6 +168,17 @@ def test_what_is_there_is_not_overwritten(written, repository, capsys):
     assert run(["report", bag, "--out", str(written[".html"])]) == 2
     assert "never overwritten" in capsys.readouterr().err
     assert written[".html"].read_bytes() == before
+
+
+def test_a_record_that_cannot_be_read_may_be_the_newest(repository, tmp_path, capsys):
+    for name in ("f_1", "f_2"):
+        shutil.copytree(repository / "bags" / "sim_0000_step", tmp_path / "all" / name)
+    (cut,) = (tmp_path / "all" / "f_2").glob("*.mcap")
+    cut.write_bytes(cut.read_bytes()[:20_000])
+    assert run(["report", str(tmp_path / "all"), "--out", str(tmp_path / "r.html")]) in (2, 3)
+    said = capsys.readouterr().err
+    assert "f_2" in said and "leave it out" in said and said.count("\n") == 1
+    assert not (tmp_path / "r.html").exists()
 
 
 def test_a_report_without_a_name_lies_beside_the_test_that_it_is_of(

@@ -135,6 +135,10 @@ def test_mujoco_moves_as_we_predict(tmp_path):
     (text_of().replace(f"stiffness: {K}, ", ""), "python", {},
      "spring has no stiffness: identify a record"),
     (text_of(), "fmu", {}, "unknown format of a model"),
+    (text_of("- {effect: control_delay, estimate: {'x\\n': [1, 1, 1]}}\n").replace(
+        "'x\\n'", '"\\"\\"\\"\\nimport os"'), "python", {}, "is no name of a parameter"),
+    (text_of("- {effect: spring, parameters: {stiffness: 1e300}}\n"), "python", {},
+     r"stiffness 1e\+300: at most 1e\+12"),
     (text_of(), "mjcf", {"gain": -1.0}, "--gain -1"),
     (text_of(), "mjcf", {"body_inertia": 1.0},
      "expected 0 to less than the whole"),

@@ -72,5 +72,8 @@ def test_the_check_alone_fits_nothing(bench, tmp_path, capsys):
     assert capsys.readouterr().out.startswith("this record can show inertia, viscous friction")
     assert run(["identify", str(tmp_path / "bag"), "--check", "--json"]) == 0
     assert '"condition_number": ' in capsys.readouterr().out
+    for option in ("--validate", "--baseline", "--without", "--profile", "--out"):
+        assert run(["identify", str(tmp_path / "bag"), "--check", option, "no"]) == 2
+        assert f"{option} with --check" in capsys.readouterr().err
     assert run(["identify", str(tmp_path / "bag")]) == 2
     assert "no --out: give the directory to make" in capsys.readouterr().err

@@ -26,13 +26,14 @@ from ema_prognostics.commission.discrepancy import (
     fit_discrepancy,
     with_discrepancy,
 )
+from ema_prognostics.commission.draft import make_draft, own_draft
 from ema_prognostics.commission.estimate import estimate
 from ema_prognostics.commission.quality import check_described, check_good
 from ema_prognostics.training.fleet import FleetFeatures
 from ema_record.actuator import load_actuator
 from ema_record.bag.read import write_bag
 from ema_record.channels import MOTOR_SPEED
-from ema_record.errors import UsageError
+from ema_record.errors import OutputError, UsageError
 from ema_record.kit import ACTUATOR as ACTUATOR_FILE
 from ema_record.kit import kit_path
 from ema_record.profile import load_profile, step_profile
@@ -199,20 +200,26 @@ def saved(folder: Path, name: str, record: Record, serial: str, actuator: str = 
 
 def test_acceptance_records_that_cannot_serve_are_named(tmp_path: Path) -> None:
     step = record_of("step", seed=3)
-    one = saved(tmp_path, "one", step, "A")
+    one, *more = (saved(tmp_path, f"one{k}", record_of("step", seed=3 + k), "A")
+                  for k in range(4))
     with pytest.raises(UsageError, match=r"^1 acceptance records, 4 to 1000"):
         read_acceptance([one], ACTUATOR)
     with pytest.raises(UsageError, match="all records are of unit A, at least 2"):
-        read_acceptance([one] * 4, ACTUATOR)
+        read_acceptance([one, *more], ACTUATOR)
+    with pytest.raises(UsageError, match=r"one0: the record of .*one0 once more"):
+        read_acceptance([one, *more, one], ACTUATOR)
+    unnamed = [saved(tmp_path, f"u{k}", step, "unknown") for k in range(2)]
+    with pytest.raises(UsageError, match="once more"):  # they would count as two units
+        read_acceptance([*unnamed, *more], ACTUATOR)
     other = saved(tmp_path, "other", step, "B", actuator="f" * 16)
     own = saved(tmp_path, "own", step, "A", actuator="e" * 16)
     with pytest.raises(UsageError, match="other"):
-        read_acceptance([own, own, own, other], ACTUATOR)
+        read_acceptance([own, *more, other], ACTUATOR)
     with pytest.raises(UsageError, match=r"gone: "):
-        read_acceptance([one, one, one, tmp_path / "gone"], ACTUATOR)
+        read_acceptance([*more, tmp_path / "gone"], ACTUATOR)
     short = replace(step, profile=step_profile(0.1))
     with pytest.raises(UsageError, match="short"):
-        read_acceptance([one, one, one, saved(tmp_path, "short", short, "B")], ACTUATOR)
+        read_acceptance([*more, saved(tmp_path, "short", short, "B")], ACTUATOR)
 
 
 def test_the_recorder_is_measured_and_not_assumed() -> None:
@@ -286,6 +293,31 @@ def test_a_refusal_before_any_work_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="1 acceptance records"):
         commission([one], kit_path(ACTUATOR_FILE), tmp_path / "kit")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["one"]
+
+
+def test_a_folder_of_somebody_else_is_not_taken_for_a_draft(tmp_path: Path) -> None:
+    mine = tmp_path / "kit.unfinished"
+    mine.mkdir()
+    (mine / "notes.txt").write_text("precious")
+    with pytest.raises(OutputError, match="exists and is no kit that was begun here"):
+        commission([tmp_path / "gone"], kit_path(ACTUATOR_FILE), tmp_path / "kit")
+    assert (mine / "notes.txt").read_text() == "precious"
+
+
+def test_a_draft_has_the_tests_of_the_description_as_it_is_and_one_maker(tmp_path: Path) -> None:
+    mine, draft = tmp_path / "actuator.yaml", tmp_path / "kit.unfinished"
+    text = kit_path(ACTUATOR_FILE).read_text(encoding="utf-8")
+    mine.write_text(text)
+    with own_draft(draft):
+        make_draft(mine, draft)
+        before = (draft / "profiles" / "extended.yaml").read_text()
+        stop = str(ACTUATOR.surface.end_stop)
+        assert text.count(f"end_stop: {stop}") == 1
+        mine.write_text(text.replace(f"end_stop: {stop}", "end_stop: 0.3"))
+        make_draft(mine, draft)
+        assert (draft / "profiles" / "extended.yaml").read_text() != before
+        with pytest.raises(OutputError, match="another process"), own_draft(draft):
+            raise AssertionError("two at once")
 
 
 @pytest.mark.parametrize("text", ["\0", "motor: {}\nmotor: {}\n", "motr: {}\n", "drive: {}\n"])

@@ -243,6 +243,11 @@ def test_the_command(found, command, capsys, tmp_path):
         assert command(f"--{'metrics' if file.suffix == '.prom' else file.suffix[1:]}", file) == 2
         assert "never overwritten" in capsys.readouterr().err
         assert file.read_text() == "mine"
+    os.mkfifo(tmp_path / "pipe")  # nobody writes to it
+    for option in ("--html", "--parquet", "--metrics"):
+        assert command(option, tmp_path / "pipe") == 2
+        assert "never overwritten" in capsys.readouterr().err
+    assert command("--profile", os.fsdecode(b"\xff")) == 2
 
 
 def test_a_folder_whose_name_is_not_utf_8(place, monkeypatch, tmp_path):

@@ -63,6 +63,27 @@ def test_damaged_chunks_are_named(tmp_path, damage):
         folder.load(0)
 
 
+def test_a_chunk_of_other_runs_and_a_table_that_was_cut_are_named(tmp_path):
+    folder = CampaignFolder(tmp_path, MANIFEST)
+    folder.save(0, chunk(0))
+    folder.save(1, chunk(2))
+    whole = load_campaign(tmp_path)
+    folder.finish(whole)
+    folder.finish(whole)  # the same once more
+    table = tmp_path / "table.csv"
+    table.write_bytes(table.read_bytes()[:-4])
+    with pytest.raises(OutputError, match=r"table\.csv: not the table of these runs"):
+        folder.finish(whole)
+    second = tmp_path / "chunks/000001.npz"
+    second.write_bytes((tmp_path / "chunks/000000.npz").read_bytes())
+    with pytest.raises(UsageError, match=r"000001\.npz: is damaged"):
+        load_campaign(tmp_path)
+    with second.open("wb") as file:
+        np.savez(file, x=np.zeros(2))
+    with pytest.raises(UsageError, match=r"000001\.npz: is damaged"):
+        folder.load(1)
+
+
 def test_merge_fills_what_failed_and_refuses_other_shapes():
     failed = {"run": np.array([4])}
     merged = merge([chunk(0), failed])
