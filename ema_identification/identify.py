@@ -115,23 +115,36 @@ def build_library(
         keep_acceptance(records, model, folder)
 
 
+SAME = 0.9
+"""Share of samples from which a record is (a part of) another one: axes at rest are alike too."""
+
+
 def _check_roles(
     measured: Sequence[Record | RigRecord], validate: Sequence[Record | RigRecord],
     baseline: Sequence[Record | RigRecord],
 ) -> None:
-    """Refuse a record that is given twice: it would count as two, or judge itself."""
+    """Refuse a record, or part of it, that is given twice: it would count so, or judge itself."""
     roles = [(one, "as measured", "") for one in measured]
     roles += [(one, "for validation", "a gap shown on the data of the fit proves nothing")
               for one in validate]
     roles += [(one, "as baseline", "nothing has changed since itself") for one in baseline]
     for k, (one, role, why) in enumerate(roles):
         for other, before, _ in roles[:k]:
-            if one is other or np.array_equal(one.samples, other.samples, equal_nan=True):
+            if one is other or _is_alike(one.samples, other.samples):
                 source = one.provenance.source if isinstance(one, Record) else one.source
                 twice = f"{before} and {role}: {why}" if before != role else (
                     f"twice {role}: it would count as two")
                 raise UsageError(f"{source or 'a record'} is given {twice}; record another test "
                                  "and give that")
+
+
+def _is_alike(one: np.ndarray, other: np.ndarray) -> bool:
+    """Return whether nearly all samples of the shorter record are those of the other."""
+    if one.shape[1:] != other.shape[1:]:
+        return False
+    few, many = sorted((one, other), key=len)
+    rows = {row.tobytes() for row in many}
+    return sum(row.tobytes() in rows for row in few) > SAME * len(few)
 
 
 def _check_kit(records: Sequence[Record]) -> None:

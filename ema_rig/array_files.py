@@ -217,6 +217,15 @@ def read_parquet(path: Path, needed: Sequence[str | int] | None) -> Table:
             names = file.schema_arrow.names
             check_shape(file.metadata.num_rows, len(names), str(path))
             wanted = [names[k] for k in sorted(chosen(names, needed))]
+            total = sum(group.column(k).total_uncompressed_size for group in (
+                file.metadata.row_group(n) for n in range(file.metadata.num_row_groups))
+                for k in range(group.num_columns) if group.column(k).path_in_schema in wanted)
+            if total > MAX_FILE_BYTES:
+                raise InvalidRecordError(f"{path}: {total} bytes once unpacked, at most "
+                                         f"{MAX_FILE_BYTES}: import a part of it")
+            words = [field.name for field in file.schema_arrow if pa.types.is_string(field.type)
+                     or pa.types.is_large_string(field.type)]
+        with pq.ParquetFile(path, read_dictionary=words) as file:  # a text once, not a row
             read = file.read(columns=wanted)
         columns: dict[str, Cells] = {}
         for name in names:
@@ -242,8 +251,12 @@ def _column(values: Any, where: str, pa: Any) -> Cells:
                                      "timestamp")
         nanoseconds = found.astype(f"{found.dtype.kind}8[ns]").astype(np.int64)
         return np.asarray((nanoseconds - nanoseconds[:1]) * 1e-9, dtype=np.float64)
-    if types.is_string(kind) or types.is_large_string(kind):
-        cells = [text or "" for text in values.to_pylist()]
+    if types.is_dictionary(kind) and (
+            types.is_string(kind.value_type) or types.is_large_string(kind.value_type)):
+        cells = []
+        for chunk in values.chunks:
+            said = [text or "" for text in chunk.dictionary.to_pylist()]
+            cells += ["" if k is None else said[k] for k in chunk.indices.to_pylist()]
         part = CellBlock.of(cells, range(1, len(cells) + 1), ".")
         return TextColumn((part,)) if part.values is None else part.values
     if not (types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind)

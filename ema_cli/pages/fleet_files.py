@@ -10,6 +10,7 @@ from importlib.resources import files
 from math import isfinite
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from ema_cli.console import check_new_file
 from ema_cli.views.fleet_table import summary
@@ -100,7 +101,9 @@ def _tile(unit: FleetUnit, place: Path) -> dict[str, Any]:
     last = unit.last
     bag = Path(last.verdict.bag)
     report = bag.with_name(f"{bag.name}.html")
-    link = os.path.relpath(report, place.parent) if report.is_file() else None
+    link = None
+    if report.is_file():  # a path, whatever it is called
+        link = quote(os.fsencode(f"./{os.path.relpath(report, place.parent)}"))
     return {
         "name": unit.serial_number or "unit not known", "state": unit.state,
         "css": unit.state.replace(" ", "-"), "finding": unit.finding(), "ahead": unit.ahead(),

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 EPOCH = 1e9
 """Times above it (s) are dates, and order the records."""
 MAX_PANELS = 10
+ONCE_MORE = "once more, not counted again"
 MOST_LEFT_OUT = 12
 """Records without values that are told, the last ones."""
 
@@ -36,20 +37,20 @@ class RigTrend:
     """Records that give nothing, with the reason."""
     values: tuple[ValueTrend, ...]
     ordered_by: str
+    ends_unread: bool = False
+    """Whether the last record gives nothing, or a file cannot be read, which may be the last."""
 
     @property
     def exit_status(self) -> int:
         """0 nothing moved, 1 a limit is passed, 2 nothing could be read.
 
-        3 something moved, or the last record gives nothing: nobody knows how it is now. A file
-        that cannot be read counts as the last.
+        3 something moved, or it is not known how it is now (`ends_unread`).
         """
         if not self.values:
             return 2
         if any(v.limit is not None and v.limit.passed for v in self.values):
             return 1
-        last = len(self.sources) in self.unread
-        return 3 if last or any(v.moves for v in self.values) else 0
+        return 3 if self.ends_unread or any(v.moves for v in self.values) else 0
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``ema trend --json``."""
@@ -129,7 +130,9 @@ def rig_trend(
     chosen = _limits_of(asked, table)
     return RigTrend(
         axis=records[0].axis.name if records else "", sources=tuple(sources), unread=unread,
-        ordered_by=ordered_by, values=tuple(
+        ordered_by=ordered_by, ends_unread=bool(found and found[-1].why) or any(
+            ONCE_MORE not in why for why in unread_files.values()),
+        values=tuple(
             value_trend(name, units[name], rows, chosen.get(name))
             for name, rows in table.items()))
 
@@ -190,7 +193,7 @@ def _records(paths: Sequence[Path], map_file: Path | None) -> tuple[list[RigReco
         if twin is None:
             records.append(record)
         else:
-            unread[str(path)] = f"the record of {twin.source} once more, not counted again"
+            unread[str(path)] = f"the record of {twin.source} {ONCE_MORE}"
     return records, unread
 
 

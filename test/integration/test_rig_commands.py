@@ -175,6 +175,8 @@ def test_a_record_that_is_given_twice_counts_once(tmp_path, capsys):
     records = json.loads(capsys.readouterr().out)["records"]
     assert [r["reason"] is None for r in records] == [True, False]
     assert "once more, not counted again" in records[1]["reason"]
+    (tmp_path / "later").mkdir()  # no bag at all: it may be the newest record
+    assert run(["trend", str(tmp_path / "bag"), str(tmp_path / "later")]) in (2, 3)
 
 
 @pytest.mark.parametrize(("option", "says"), [

@@ -53,12 +53,11 @@ def test_a_limit_of_a_rig_is_a_number(text):
         rig_trend([], map_file=None, model=None, limits=[text])
 
 
-@pytest.mark.parametrize(("unread", "status"), [({}, 0), ({2: "too short"}, 0),
-                                                ({5: "too short"}, 3)])
-def test_a_rig_whose_last_record_gives_nothing_is_not_known_to_be_well(unread, status):
+@pytest.mark.parametrize(("ends_unread", "status"), [(False, 0), (True, 3)])
+def test_a_rig_whose_last_record_gives_nothing_is_not_known_to_be_well(ends_unread, status):
     steady = value_trend("a", "N", dict.fromkeys((1, 3, 4), (1.0, 0.9, 1.1)), None)
-    found = RigTrend(axis="x", sources=tuple("abcde"), unread=unread, values=(steady,),
-                     ordered_by="name")
+    found = RigTrend(axis="x", sources=tuple("abcde"), unread={2: "too short"}, values=(steady,),
+                     ordered_by="name", ends_unread=ends_unread)
     assert found.exit_status == status
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ema_cli.main import run
-from ema_identification.identify import identify
+from ema_identification.identify import _is_alike, identify
 from ema_record.bag.read import write_bag
 from ema_record.channels import CHANNEL_NAMES
 from ema_record.errors import EmaError, IncompleteRecordError, InvalidRecordError, UsageError
@@ -101,7 +101,8 @@ def test_records_of_two_units_are_refused_wherever_they_stand(record):
 
 
 def test_a_record_without_a_serial_number_may_be_of_any_unit(record):
-    short = changed(of(record, "unknown", ""), part=slice(0, 800))
+    another = simulate(record.profile, seed=2)
+    short = changed(of(another, "unknown", ""), part=slice(0, 800))
     with pytest.raises(IncompleteRecordError, match="too short"):
         identify([of(record, "SN-1", "bags/one")], validate=[short])
 
@@ -109,6 +110,14 @@ def test_a_record_without_a_serial_number_may_be_of_any_unit(record):
 def test_the_same_record_cannot_validate(record):
     with pytest.raises(UsageError, match="as measured and for validation"):
         identify([record], validate=[record])
+
+
+def test_a_part_of_a_record_cannot_validate_it_and_another_test_can(record):
+    part = changed(record, part=slice(40, len(record.time) - 40))
+    with pytest.raises(UsageError, match="as measured and for validation"):
+        identify([record], validate=[part])
+    other = simulate(record.profile, seed=12)
+    assert not _is_alike(record.samples, other.samples)
 
 
 def test_a_value_that_is_no_reading_is_named(record):
@@ -129,7 +138,8 @@ def test_a_baseline_is_checked_before_anything_is_fitted(record):
             (record, UsageError, "as measured and as baseline: nothing has changed"),
             (simulate(load_profile("extended"), seed=2), UsageError, "give one of the same test"),
             (simulate(load_profile("step"), seed=2, rate=10_000.0), UsageError, "same test"),
-            (changed(record, part=slice(0, 6000)), IncompleteRecordError, "ends at 0.30 s")):
+            (changed(simulate(record.profile, seed=2), part=slice(0, 6000)),
+             IncompleteRecordError, "ends at 0.30 s")):
         with pytest.raises(error, match=said) as caught:
             identify([record], baseline=[other], progress=lambda *said: told.append(said))
         assert "\n" not in str(caught.value)

@@ -10,6 +10,7 @@ import subprocess
 from importlib.resources import files
 from io import StringIO
 from pathlib import Path
+from urllib.parse import unquote
 
 import pytest
 from pydantic import TypeAdapter
@@ -285,8 +286,13 @@ def test_the_page_links_a_report_and_shows_no_markup_of_a_bag(found, tmp_path):
     Path(f"{bag}.html").write_text("report")
     one = dict(found.units[0].objects[0], bag=str(bag), serial_number="<script>x</script>")
     text = page(fleet_of([one]), tmp_path / "f.html")
-    assert 'href="deep/&lt;b&gt;bag.html"' in text
+    assert 'href="./deep/%3Cb%3Ebag.html"' in text
     assert "<script>x" not in text
+    for name in ("javascript:alert(1)\n", "SN#7?"):
+        (tmp_path / f"{name}.html").write_text("report")
+        text = page(fleet_of([dict(one, bag=str(tmp_path / name))]), tmp_path / "f.html")
+        (link,) = re.findall(r'href="([^"]*)"', text)
+        assert link.startswith("./") and unquote(link) == f"./{name}.html"
 
 
 def test_times_are_iso(found):
