@@ -11,6 +11,8 @@ from pathlib import Path
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 
 from ema_monitor.observation import ActuatorStatus
@@ -32,6 +34,7 @@ from ema_ros.messages import (
     namespace_of,
     read_message,
     take_all,
+    unheard,
     values_of,
 )
 
@@ -128,6 +131,21 @@ class VerdictKeeper:
                and time.monotonic() < end):
             self.poll()
             time.sleep(0.01)
+
+
+def what_is_missing(
+    node: Node, samples: Subscription, command: Publisher, service: str
+) -> str:
+    """Return what of the graph is missing or in the way; empty: nothing."""
+    publishers = samples.get_publisher_count()
+    if publishers != 1:
+        return (f"{publishers} nodes publish {samples.topic_name}, expected one actuator"
+                f"{unheard(node, samples)}")
+    if command.get_subscription_count() < 1:
+        return f"no actuator listens to {command.topic_name}"
+    if node.count_services(service) > 1:
+        return f"another monitor offers {service} on this domain"
+    return ""
 
 
 def record_statuses(

@@ -27,6 +27,7 @@ from ema_monitor.messages import (
     level_status,
     record_statuses,
     refuse,
+    what_is_missing,
 )
 from ema_monitor.observation import ACTUATOR_TIMEOUT, ActuatorStatus, Observation
 from ema_monitor.recorder import BitRecorder, new_bag_path
@@ -69,6 +70,7 @@ from ema_ros.messages import (
     stamp_message,
     status_name,
     take_all,
+    unheard,
 )
 from ema_ros.process import SHUT_DOWN, StopSignal, run_node
 
@@ -232,9 +234,13 @@ class MonitorNode(EmaNode):
         now = time.monotonic()
         finding = begins or self._sequence.stage is Stage.FINDING
         silent = finding and now - self._actuator_heard > ACTUATOR_TIMEOUT
+        interlock = self._interlock.reason(now, self._began)
+        if interlock:
+            interlock += unheard(self, self._polled[WEIGHT_ON_WHEELS])
         return Observation(
-            now=now, stamp=time.time_ns(), interlock=self._interlock.reason(now, self._began),
-            missing=self._missing() if finding else "",
+            now=now, stamp=time.time_ns(), interlock=interlock,
+            missing=what_is_missing(self, self._polled[SAMPLES], self._command,
+                                    self._service_name) if finding else "",
             actuator=None if silent else self._actuator, actuator_heard=self._actuator_heard,
             samples_received=self._recorder.samples_received,
             last_sample=self._recorder.last_sample,
@@ -242,17 +248,6 @@ class MonitorNode(EmaNode):
             foreign_command=self._foreign, abort=self._abort,
             stop=bool(self._stop) or self._leaving,
         )
-
-    def _missing(self) -> str:
-        """Return what of the graph is missing or in the way."""
-        publishers = self._polled[SAMPLES].get_publisher_count()
-        if publishers != 1:
-            return f"{publishers} nodes publish {self._namespace}{SAMPLES}, expected one actuator"
-        if self._command.get_subscription_count() < 1:
-            return f"no actuator listens to {self._namespace}{COMMAND}"
-        if self.count_services(self._service_name) > 1:
-            return f"another monitor offers {self._service_name} on this domain"
-        return ""
 
     def _perform(self, actions: Sequence[Action]) -> None:
         for action in actions:

@@ -13,7 +13,6 @@ from rcl_interfaces.msg import (
     ParameterType,
     SetParametersResult,
 )
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -23,6 +22,7 @@ from rclpy.timer import Timer
 
 from ema_record.errors import EmaError, UsageError
 from ema_record.kit import use_kit
+from ema_ros.messages import refuse_wrong_transitions
 from ema_ros.parameters import AUTOSTART, KIT, USE_SIM_TIME, ParameterSpec, Value, check_values
 from ema_ros.process import StopSignal
 
@@ -61,7 +61,7 @@ class EmaNode(LifecycleNode):
             raise UsageError(
                 "a parameter has no value, or an empty list for one: give NAME:=VALUE"
             ) from None
-        self._answer_all(self._service_change_state)
+        refuse_wrong_transitions(self)
         self.exit_status: int | None = None
         """Set: the process is to end with this status."""
         self.problem: Exception | None = None
@@ -71,23 +71,6 @@ class EmaNode(LifecycleNode):
         self._unconfigured = set(self.publishers)
         self._active_entities: list[tuple[Callable[[Any], object], Any]] = []
         use_kit(str(KIT.check(given_parameters(self).get(KIT.name, KIT.default))))
-
-    @staticmethod
-    def _answer_all(service: Service) -> None:
-        """Have a request for a transition that the state does not allow refused.
-
-        rclpy raises, which ends the process and leaves the caller without an answer.
-        """
-        respond = service.callback
-
-        def answered(request: Any, response: Any) -> Any:
-            try:
-                return respond(request, response)
-            except rclpy_implementation.RCLError:
-                response.success = False
-                return response
-
-        service.callback = answered
 
     def configure(self) -> None:
         """Load and compile what the node works with (EmaError: it cannot)."""

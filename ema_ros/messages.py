@@ -1,7 +1,7 @@
 """Between our types and those of the client library, for all nodes: topics and status.
 
 What of the client library is not its public interface is used here and nowhere else:
-`PolledGroup`, `read_message`, `take_all`, `try_publish`.
+`PolledGroup`, `read_message`, `refuse_wrong_transitions`, `take_all`, `try_publish`.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -98,6 +99,34 @@ def make_polled_subscription(node: Node, topic: str, group: PolledGroup) -> Subs
         message_class(topic), relative_name(topic), _never_called, qos_profile(wanted), raw=True,
         callback_group=group,
     )
+
+
+def refuse_wrong_transitions(node: LifecycleNode) -> None:
+    """Have a request for a transition that the state of a node does not allow answered by no.
+
+    The client library raises, which ends the process and leaves the caller without an answer.
+    """
+    service = next(s for s in node.services if s.srv_name.endswith("change_state"))
+    respond = service.callback
+
+    def answered(request: Any, response: Any) -> Any:
+        try:
+            return respond(request, response)
+        except rclpy_implementation.RCLError:
+            response.success = False
+            return response
+
+    service.callback = answered
+
+
+def unheard(node: Node, subscription: Subscription) -> str:
+    """Return that somebody publishes what a subscription does not get; empty: nobody does."""
+    name = subscription.topic_name
+    if subscription.get_publisher_count() or not node.count_publishers(name):
+        return ""
+    wanted = subscription.qos_profile
+    latched = wanted.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return f" ({name} is published, but not {'latched and ' if latched else ''}reliably)"
 
 
 def resolved(node: Node, topic: str) -> str:

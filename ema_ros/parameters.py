@@ -51,9 +51,11 @@ class ParameterSpec:
         if isinstance(self.default, float) and type(value) is int:
             value = float(value)
         if type(value) is not type(self.default):
+            remedy = f"for example {self.default!r}" if self.default or not isinstance(
+                self.default, str) else f"""quote a text of digits, {self.name}:="'0042'\""""
             raise UsageError(
                 f"parameter {self.name}: {str(value)[:60]!r} is a {type(value).__name__}, "
-                f"expected {type(self.default).__name__}: for example {self.default!r}"
+                f"expected {type(self.default).__name__}: {remedy}"
             )
         if self.options and value not in self.options:
             raise unknown_name(

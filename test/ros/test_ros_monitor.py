@@ -8,14 +8,16 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from diagnostic_msgs.srv import SelfTest
 from lifecycle_msgs.srv import GetState
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from ros_processes import MONITOR, SIMULATOR
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from ema_monitor.aircraft_node import verdict_of
 from ema_monitor.messages import find_actuator
+from ema_monitor.moves import step_to
 from ema_monitor.observation import ActuatorStatus
-from ema_monitor.sequence import step_to
 from ema_record.bag.read import read_bag
 from ema_record.wire.topics import (
     BIT_RECORD,
@@ -27,7 +29,7 @@ from ema_record.wire.topics import (
     VERDICT,
     WEIGHT_ON_WHEELS,
 )
-from ema_ros.messages import make_publisher
+from ema_ros.messages import PolledGroup, make_polled_subscription, make_publisher, unheard
 
 
 @pytest.fixture
@@ -512,3 +514,18 @@ def test_a_question_that_was_lost_is_asked_again(watcher):
         server.destroy_node()
         rclpy.try_shutdown(context=context)
     assert len(requests) == 2
+
+
+def test_what_is_published_otherwise_than_it_is_needed_is_told(watcher):
+    """A driver's samples at best effort; weight on wheels that is not latched is alike."""
+    node, group = watcher.node, PolledGroup()
+    subscription = make_polled_subscription(node, SAMPLES, group)
+    assert unheard(node, subscription) == ""
+    wrong = node.create_publisher(Float64MultiArray, SAMPLES, QoSProfile(
+        depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+    watcher.wait(lambda: node.count_publishers(SAMPLES) == 1, what="the publisher")
+    assert unheard(node, subscription) == f" ({SAMPLES} is published, but not reliably)"
+    node.destroy_publisher(wrong)
+    make_publisher(node, SAMPLES)
+    watcher.wait(lambda: subscription.get_publisher_count() == 1, what="the right publisher")
+    assert unheard(node, subscription) == ""

@@ -5,7 +5,7 @@ import time
 import pytest
 from ros_processes import SIMULATOR
 
-from ema_monitor.sequence import step_to
+from ema_monitor.moves import step_to
 from ema_record.profile import load_profile_dict
 from ema_record.wire.topics import SAMPLES
 from ema_ros.messages import PolledGroup, make_polled_subscription
