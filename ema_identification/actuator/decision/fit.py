@@ -59,9 +59,8 @@ class TestedUnit:
 
     Attributes
     ----------
-    library : of its test.
+    library, conditions : of its test; as measured.
     values : ndarray, shape (d,). Its features.
-    conditions : as measured.
     seed, workers : of all runs; threads that share them.
     centre, weight : ndarrays, shape (width,). Where the unit is expected, and how surely.
     simulator : gives the features of a run; its arguments are those of `fleet_features`.

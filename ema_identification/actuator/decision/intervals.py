@@ -5,7 +5,6 @@ drawn over all that it may be (first the whole bands, then thrice the spread tha
 directions at right angles, each to both sides. A plane through them gives mean and slopes, what
 they leave of it the noise: that of repeats and of all that is not straight, measured where the law
 is (statistical linearisation: Garcia-Fernandez et al., IEEE Trans. Signal Process. 63, 2015).
-No slope is taken from where no law is.
 """
 
 from __future__ import annotations
@@ -30,10 +29,9 @@ leaves: with so few runs, slopes over twice it drown in noise."""
 LAW_SPREAD, FAR = 1.0 / WIDER, 10.0
 """Spread of the first round about a law, so that it is wide by the law's own size; in itself where
 the library does not know the coordinate. Beyond so many of it the law is not expected."""
-STRETCH = 1.13
-"""Nine in ten of 316 values of panels 23 to 27 were within (split conformal: Lei et al. 2018)."""
-SOLUTIONS = 4
-"""Steps in which features that are off by more than `BEND` deviations lose weight."""
+SOLUTIONS, BEYOND = 4, 1.645
+"""Steps in which features that are off by more than `BEND` deviations lose weight; deviations of
+the slopes' noise beyond which information is no noise, with 95 %."""
 
 
 def posterior_of(unit: TestedUnit, fit: LawFit) -> Posterior:
@@ -53,8 +51,7 @@ def measured(unit: TestedUnit, fit: LawFit) -> tuple[Posterior, np.ndarray]:
     rounds = list(islice(linearised(unit, fit), INTERVAL_ROUNDS))
     if not rounds:  # beside what the simulator can do
         return posterior_of(unit, fit), fit.slopes
-    known = rounds[-1].known
-    return known._replace(covariance=STRETCH**2 * known.covariance), rounds[-1].slopes
+    return rounds[-1].known, rounds[-1].slopes
 
 
 def p_sizes(known: Posterior, fit: LawFit) -> tuple[float, ...]:
@@ -154,13 +151,16 @@ class _Plane(NamedTuple):
         return cls(part.values, plane[0], plane[1:].T, rest, design, freedom, extra, deviation,
                    correlation / np.outer(scale, scale))
 
-    def weighed(self, offset: np.ndarray, bend: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return what is left there, the slopes by their weight, and the scale of the noise."""
+    def weighed(self, offset: np.ndarray, bend: float
+                ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the rest, slopes weighed, scale and error of the noise by runs that weigh not."""
         left = self.values - self.middle - self.slopes @ offset
         grown = self.deviation * np.maximum(np.abs(left) / self.deviation / bend, 1.0)
         factor = cho_factor(self.correlation * np.outer(grown, grown))
-        feigned = (self.rest.T * cho_solve(factor, self.rest.T)).sum() / self.freedom
-        return left, cho_solve(factor, self.slopes), feigned
+        judges = self.rest[1::2] * np.sqrt(len(self.rest) / len(self.rest[1::2]) / self.freedom)
+        noise = judges @ cho_solve(factor, judges.T)
+        scale = np.array([np.trace(noise), np.sqrt(2.0 * (noise**2).sum())])
+        return left, cho_solve(factor, self.slopes), scale
 
 
 def _solved(
@@ -169,10 +169,10 @@ def _solved(
 ) -> tuple[Posterior, np.ndarray]:
     """Return where planes through `runs` (points, features) meet the records, how surely, slopes.
 
-    The noise of the slopes is taken off the information (errors in variables with a variance that
-    is known: Fuller, Measurement Error Models, 1987, section 2.2). The runs' own scatter gives the
-    noise of the result, whatever correlation it was weighed by; to it comes what the record is off
-    beyond a run.
+    The noise of the slopes, new to the weights, is taken off the information (errors in variables
+    with a variance that is known: Fuller, Measurement Error Models, 1987, section 2.2); what is
+    left within what that noise varies by (`BEYOND`) is none. The runs' own scatter, whatever it
+    was weighed by, and what the record is off beyond a run are the noise of the result.
     """
     (points, rows), (low, high), (centre, weight) = runs, ends, expected
     about, free = points.mean(axis=0), len(x) - len(unit.centre)
@@ -182,11 +182,13 @@ def _solved(
         bend = BEND if k else 6.0 * BEND  # first nearly all count
         found = [(p, *p.weighed(x - about, bend)) for p in planes]
         known = sum(p.slopes.T @ weighed for p, _, weighed, _ in found)
-        noise_of_slopes = sum(feigned * p.design[1:, 1:] for p, _, _, feigned in found)
+        noise, doubt = np.sum([s[:, None, None] * p.design[1:, 1:] for p, _, _, s in found], 0)
         pull = sum(weighed.T @ left for _, left, weighed, _ in found)
         size = np.sqrt(np.append(np.diag(known)[:free], unit.weight))
-        values, vectors = np.linalg.eigh((known - noise_of_slopes) / np.outer(size, size))
-        values, vectors = values[values > 1e-9], vectors[:, values > 1e-9]
+        values, vectors = np.linalg.eigh((known - noise) / np.outer(size, size))
+        sure = values > np.maximum(1e-9, BEYOND * np.einsum(
+            "ik,ij,jk->k", vectors, doubt / np.outer(size, size), vectors))
+        values, vectors = values[sure], vectors[:, sure]
         root = (vectors * np.sqrt(values)).T * size
         target = vectors.T @ (pull / size) / np.sqrt(values)
         x = np.clip(x + bounded_least_squares(
@@ -194,9 +196,10 @@ def _solved(
             x - centre), low, high)
     inverse = np.linalg.inv(root.T @ root + np.diag(weight))
     here = np.append(1.0, x - about)
-    noise = np.diag(weight) + sum(w.T @ p.extra @ w for p, _, w, _ in found)
-    scatter = np.sum([w.T @ p.rest[1::2].T * np.sqrt(
+    kept = size[:, None] * (vectors @ vectors.T) / size  # of the pull: what is not sure has none
+    extra = kept @ sum(w.T @ p.extra @ w for p, _, w, _ in found) @ kept.T
+    scatter = kept @ np.sum([w.T @ p.rest[1::2].T * np.sqrt(
         (1.0 + here @ p.design @ here) / p.freedom * len(p.rest) / len(p.rest[1::2]))
         for p, _, w, _ in found], axis=0)
-    known = Posterior(x, inverse @ (noise + scatter @ scatter.T) @ inverse)
+    known = Posterior(x, inverse @ (np.diag(weight) + extra + scatter @ scatter.T) @ inverse)
     return known, np.vstack([p.slopes for p in planes])

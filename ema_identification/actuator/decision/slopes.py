@@ -37,11 +37,9 @@ def law_slopes(
 
     Parameters
     ----------
-    run_all : `TestedUnit.run_all`.
-    fit : where.
-    mean : ndarray, shape (d,). Features there.
+    run_all, runs : `TestedUnit.run_all`, and how many.
+    fit, mean : where; the features there, ndarray, shape (d,).
     scale : what they may be off.
-    runs : of the features.
     """
     if not fit.terms:
         return np.zeros((len(mean), 0))
@@ -99,8 +97,7 @@ def bounded_least_squares(
 
     Parameters
     ----------
-    columns : ndarray, shape (d, m). Whitened slopes.
-    target : ndarray, shape (d,). Whitened residual.
+    columns, target : ndarrays, shapes (d, m), (d,). Whitened slopes and residual.
     low, high : ndarrays, shape (m,). Bounds of the step; low < high.
     weight : ndarray, shape (m,). Of the squares of ``centre + step``, added to the sum.
     centre : ndarray, shape (m,). Where the step begins.
