@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 EPOCH = 1e9
 """Times above it (s) are dates, and order the records."""
 MAX_PANELS = 10
-ONCE_MORE = "once more, not counted again"
 MOST_LEFT_OUT = 12
 """Records without values that are told, the last ones."""
 
@@ -111,16 +110,16 @@ def rig_trend(
 
     asked = dict(_limit(text) for text in limits)
     given = None if model is None else load_rig_model(model)
-    records, unread_files = _records(paths, map_file)
+    records, broken, twins = _records(paths, map_file)
     if len({record.axis.name for record in records}) > 1:
         names = ", ".join(sorted({record.axis.name for record in records})[:6])
         raise UsageError(f"records of several axes ({names}): give those of one at a time")
     records, ordered_by = _in_order(records)
     with progress_of("trend") as advance:
         found = follow(records, given, advance)
-    sources = [*(f.source for f in found), *unread_files]
+    sources = [*(f.source for f in found), *twins, *broken]
     unread = {k: f.why for k, f in enumerate(found, start=1) if f.why}
-    unread.update(enumerate(unread_files.values(), start=len(found) + 1))
+    unread.update(enumerate((twins | broken).values(), start=len(found) + 1))
     table: dict[str, dict[int, tuple[float, float, float]]] = {}
     units: dict[str, str] = {}
     for number, one in enumerate(found, start=1):
@@ -130,8 +129,7 @@ def rig_trend(
     chosen = _limits_of(asked, table)
     return RigTrend(
         axis=records[0].axis.name if records else "", sources=tuple(sources), unread=unread,
-        ordered_by=ordered_by, ends_unread=bool(found and found[-1].why) or any(
-            ONCE_MORE not in why for why in unread_files.values()),
+        ordered_by=ordered_by, ends_unread=bool(broken or (found and found[-1].why)),
         values=tuple(
             value_trend(name, units[name], rows, chosen.get(name))
             for name, rows in table.items()))
@@ -167,9 +165,9 @@ def _limits_of(
     return chosen
 
 
-def _records(paths: Sequence[Path], map_file: Path | None) -> tuple[list[RigRecord],
-                                                                    dict[str, str]]:
-    """Return the records of bags or files, and why others could not be read."""
+def _records(paths: Sequence[Path], map_file: Path | None
+             ) -> tuple[list[RigRecord], dict[str, str], dict[str, str]]:
+    """Return the records of bags or files, why others could not be read, and those given again."""
     from ema_rig.bag import read_rig_bag
     from ema_rig.import_file import import_file
     from ema_rig.map import load_map
@@ -177,13 +175,14 @@ def _records(paths: Sequence[Path], map_file: Path | None) -> tuple[list[RigReco
 
     rig_map = None if map_file is None else load_map(map_file)
     records: list[RigRecord] = []
-    unread: dict[str, str] = {}
+    broken: dict[str, str] = {}
+    twins: dict[str, str] = {}
     files = given_bags(paths) if rig_map is None else _files(paths)
     for path in files:
         try:
             record = read_rig_bag(path) if rig_map is None else import_file(path, rig_map)
         except EmaError as error:
-            unread[str(path)] = str(error)
+            broken[str(path)] = str(error)
             continue
         if not isinstance(record, RigRecord):
             raise UsageError(f"{map_file}: 'axis: actuator' is for bags of the actuator's test: "
@@ -193,8 +192,8 @@ def _records(paths: Sequence[Path], map_file: Path | None) -> tuple[list[RigReco
         if twin is None:
             records.append(record)
         else:
-            unread[str(path)] = f"the record of {twin.source} {ONCE_MORE}"
-    return records, unread
+            twins[str(path)] = f"the record of {twin.source} once more, not counted again"
+    return records, broken, twins
 
 
 def _files(paths: Sequence[Path]) -> list[Path]:

@@ -136,12 +136,12 @@ def commission(
             if not (draft / "work").is_dir():  # nothing that a second run could take up
                 shutil.rmtree(draft, ignore_errors=True)
             raise
-    shutil.rmtree(draft / "work", ignore_errors=True)
-    (draft / MARK).unlink(missing_ok=True)
-    try:
-        draft.rename(target)
-    except OSError as error:
-        raise OutputError(f"{target}: {error.strerror or error}: the kit is {draft}") from None
+        shutil.rmtree(draft / "work", ignore_errors=True)
+        (draft / MARK).unlink(missing_ok=True)
+        try:
+            draft.rename(target)
+        except OSError as error:
+            raise OutputError(f"{target}: {error.strerror or error}: the kit is {draft}") from None
     return found
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ema_record.actuator import load_actuator
 from ema_record.errors import OutputError, UsageError
-from ema_record.files import locked
+from ema_record.files import cannot_write, locked
 from ema_record.kit import ACTUATOR, PROFILES, using_kit
 from ema_record.spread import load_spread
 
@@ -33,13 +33,13 @@ def own_draft(draft: Path) -> Iterator[None]:
         draft.mkdir(parents=True, exist_ok=True)
         (draft / MARK).touch()
     except OSError as error:
-        raise OutputError(f"{draft}: {error.strerror or error}: choose another folder") from None
+        raise cannot_write(draft, error) from None
     with locked(draft / MARK, f"{draft}: another process is making this kit: wait for it"):
         yield
 
 
 def make_draft(description: Path, draft: Path) -> None:
-    """Make the folder of an unfinished kit: the description and its tests.
+    """Write the description, and its tests, into the folder of an unfinished kit.
 
     The tests are those beside the description, or made for the actuator.
     """
@@ -49,10 +49,9 @@ def make_draft(description: Path, draft: Path) -> None:
         raise UsageError(f"{description}: no such file: 'ema new-actuator' writes one from a "
                          "data sheet")
     try:
-        draft.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(description, draft / ACTUATOR)
     except OSError as error:
-        raise OutputError(f"{draft}: {error.strerror or error}: choose another folder") from None
+        raise cannot_write(draft, error) from None
     with using_kit(draft):
         try:
             actuator = load_actuator()
