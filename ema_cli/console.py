@@ -133,7 +133,8 @@ def _complain(text: str) -> None:
 
 def print_json(value: object) -> None:
     """Print `value` as one line of JSON; numbers that are not finite become null."""
-    text = json.dumps(_plain(value), allow_nan=False, ensure_ascii=False)
+    narrow = (sys.stdout.encoding or "").lower().replace("-", "") != "utf8"
+    text = json.dumps(_plain(value), allow_nan=False, ensure_ascii=narrow)
     print(neutral(text), flush=True)  # inside strings JSON has the same escapes
 
 
@@ -284,10 +285,10 @@ def given_bags(paths: Iterable[Path]) -> list[Path]:
     InvalidRecordError
         There is none.
     """
-    from ema_record.bag.find import bags_of, is_sequence
+    from ema_record.bag.find import bags_of, is_sequence, named
 
     bags: list[Path] = []
-    for path in paths:
+    for path in map(named, paths):
         if not is_sequence(path):
             bags.append(path)
             continue

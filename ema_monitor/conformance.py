@@ -104,10 +104,11 @@ def report(heard: Heard, actuator: Actuator) -> list[Line]:
     lines = [*_topics(heard), *_status(heard)]
     if heard.bus is not None:
         voltage, current = heard.bus
+        drawn = "no current" if np.isnan(current) else f"{current:.4g} A"
         good = np.isfinite(voltage) and voltage > 0.0 and not current > 0.0
         lines.append(Line("dc_bus values", "ok" if good else "WRONG",
-                          f"{voltage:.4g} V, {current:.4g} A; voltage is positive, current "
-                          "negative while the drive takes it"))
+                          f"{voltage:.4g} V, {drawn}; voltage is positive, current negative "
+                          "while the drive takes it, NaN where it is not measured"))
     if heard.held is None:
         return [*lines, Line("command", "untested", "no status to command by")]
     lines += _run(heard.held, actuator)

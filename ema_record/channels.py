@@ -172,3 +172,11 @@ def median(values: Any, axis: int | None = None) -> Any:
     last = parted[..., -1]  # where NaN is sorted to
     return np.where(np.isnan(last), last, found) if found.ndim else (
         last if np.isnan(last) else found)
+
+
+def measured(readings: np.ndarray) -> np.ndarray:
+    """Return the readings, rows or numbers, that were measured: NaN stands for one that was not.
+
+    So says sensor_msgs/BatteryState of its voltage and current.
+    """
+    return readings[~np.isnan(readings).reshape(len(readings), -1).any(axis=1)]

@@ -36,6 +36,8 @@ from ema_rig.table import (
     said_by,
 )
 
+SECONDS = "s"
+"""Unit of columns that are times by their type."""
 T = TypeVar("T")
 _HDF5 = b"\x89HDF"
 _ARRAY, _COMPRESSED, _OPAQUE = 14, 15, 17
@@ -235,6 +237,7 @@ def read_parquet(path: Path, needed: Sequence[str | int] | None) -> Table:
                 columns[name] = np.empty((0, 0))
         units = {field.name: field.metadata[b"unit"].decode("utf-8", "replace")
                  for field in read.schema if field.metadata and b"unit" in field.metadata}
+        units |= {field.name: SECONDS for field in read.schema if pa.types.is_temporal(field.type)}
     except (pa.ArrowException, OSError) as error:
         raise InvalidRecordError(f"{path}: no Parquet file, or damaged ({said_by(error)}): save "
                                  "it again") from None
@@ -249,8 +252,10 @@ def _column(values: Any, where: str, pa: Any) -> Cells:
         if found.dtype.kind not in "mM":
             raise InvalidRecordError(f"{where} is {kind}: save its time as seconds or as a "
                                      "timestamp")
+        known = ~np.isnat(found)
         nanoseconds = found.astype(f"{found.dtype.kind}8[ns]").astype(np.int64)
-        return np.asarray((nanoseconds - nanoseconds[:1]) * 1e-9, dtype=np.float64)
+        seconds = (nanoseconds - nanoseconds[known][:1].sum()) * 1e-9
+        return np.where(known, seconds, np.nan)
     if types.is_dictionary(kind) and (
             types.is_string(kind.value_type) or types.is_large_string(kind.value_type)):
         cells = []

@@ -19,6 +19,7 @@ import yaml
 
 from ema_record.bag.any_topic import AnyTopic, is_bag, list_topics, messages_of
 from ema_record.errors import UsageError, unknown_name
+from ema_rig.column_names import OTHER, QUANTITIES, REFERENCE, ROLES, split_unit, words_of
 from ema_rig.import_file import read_table
 from ema_rig.map import TextFormat
 from ema_rig.ros_bag import (
@@ -37,28 +38,10 @@ from ema_rig.table import Table, TextColumn
 from ema_rig.times import time_form
 from ema_rig.units import SI_OF, UNITS, find_unit
 
-ROLES: dict[str, tuple[str, ...]] = {
-    "time": ("time", "t", "timestamp", "stamp", "zeit", "seconds", "sec", "clock", "date",
-             "datetime", "elapsed"),
-    "input": ("torque", "effort", "current", "force", "voltage", "tau", "iq", "i", "u", "drive",
-              "amps", "volt", "strom", "spannung", "moment", "kraft", "vir", "input"),
-    "position": ("position", "pos", "angle", "q", "theta", "encoder", "enc", "qm", "x", "phi",
-                 "winkel", "weg", "travel"),
-    "speed": ("speed", "velocity", "vel", "omega", "w", "dq", "qd", "v", "rpm", "tacho",
-              "drehzahl", "geschwindigkeit"),
-}
-"""Words that a column's name may be, the likelier first."""
-_REFERENCE = frozenset({"ref", "reference", "cmd", "command", "target", "set", "setpoint", "soll",
-                        "desired", "des", "goal"})
-_OTHER = frozenset({"error", "err", "temperature", "temp", "status", "mode", "limit", "max",
-                    "min", "bus", "supply"})
-_BRACKET = re.compile(r"^(.*?)\s*[\[(/]\s*([^\])]+?)\s*[\])]?$")
 LOOKED_AT = 200_000
 """Rows from which is guessed."""
 AGREE = 0.05
 """Of the derivative of the position and the speed, relative."""
-_QUANTITIES = {"position": ("angle", "length"), "speed": ("angular speed", "linear speed"),
-               "input": ("torque", "force", "current", "voltage"), "time": ("time",)}
 
 
 @dataclass(kw_only=True)
@@ -99,7 +82,9 @@ def guess_map(
         return _of_bag(path, topic, joint, name, given or {})
     if topic is not None or joint is not None:
         raise UsageError(f"{path}: --topic and --joint are for bags of ROS 2: leave them out")
-    table = read_table(path, TextFormat(), None)
+    form = {key.removeprefix("format."): value for key, value in (given or {}).items()
+            if key.startswith("format.")}
+    table = read_table(path, TextFormat.model_validate(form), None)
     return _of_table(table, name, None, given or {})
 
 
@@ -197,45 +182,34 @@ def _of_joint(path: Path, topic: AnyTopic, joint: str | None, given: Mapping[str
     return guess
 
 
-def _words(name: str) -> list[str]:
-    plain = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
-    return [word for word in re.split(r"[^a-z0-9]+", plain.lower()) if word]
-
-
-def _split_unit(name: str, given: str | None) -> tuple[str, str | None]:
-    """Return the name without its unit, and the unit: of the header, in brackets, at its end."""
-    if given is not None and find_unit(given) is not None:
-        return name, find_unit(given)
-    base, _, last = name.rpartition("_")
-    if base and find_unit(last) is not None:
-        return base, find_unit(last)
-    matched = _BRACKET.match(name)
-    if matched and find_unit(matched[2]) is not None:
-        return matched[1], find_unit(matched[2])
-    return name, find_unit(name) if len(name) > 1 else None
-
-
 def _of_table(
     table: Table, name: str, bag: dict[str, str] | None, given: Mapping[str, str]
 ) -> Guess:
     """Return the map of named columns."""
     units: dict[str, str | None] = {}
     ranked: dict[str, dict[str, tuple[float, str]]] = {"": {}}
+    alike: dict[str, list[str]] = {}
     for label in table.columns:
-        base, unit = _split_unit(label, table.units.get(label))
+        base, unit = split_unit(label, table.units.get(label))
         units[label] = unit
-        words = _words(base)
-        if not words or set(words) & _OTHER:
+        words = words_of(base)
+        if not words or set(words) & OTHER:
             continue
         for role, known in ROLES.items():
-            if unit is not None and UNITS[unit][0] not in _QUANTITIES[role]:
+            if unit is not None and UNITS[unit][0] not in QUANTITIES[role]:
                 continue
             rank = max((2.0 - k / len(known) for k, word in enumerate(known) if word in words),
                        default=0.0) + (0.5 if unit is not None else 0.0)
-            real = "reference_" + role if set(words) & _REFERENCE and role in (
+            real = "reference_" + role if set(words) & REFERENCE and role in (
                 "position", "speed") else role
             best = ranked.setdefault(label.rpartition(".")[0], {})
-            if rank >= 1.0 and rank > best.get(real, (0.0, ""))[0]:
+            if rank < 1.0:
+                continue
+            if role == "input" and set(words) & REFERENCE:
+                rank -= 1.0  # what was asked for is not what drove
+            if rank == best.get(real, (0.0, ""))[0]:
+                alike.setdefault(best[real][1], []).append(label)
+            if rank > best.get(real, (-1.0, ""))[0]:
                 best[real] = rank, label
     of_group = max(ranked.values(), key=lambda best: (len(best), sum(r for r, _ in best.values())))
     taken = {role: label for role, (_, label) in {**ranked[""], **of_group}.items()}
@@ -245,6 +219,9 @@ def _of_table(
         if role in taken and find_unit(given.get(f"{role}.unit", "")) is not None:
             units[taken[role]] = find_unit(given[f"{role}.unit"])
     guess = Guess(data={})
+    guess.supposed += [f"{role}.column: {label}, not {', '.join(alike[label])}"
+                       for role, label in taken.items()
+                       if label in alike and f"{role}.column" not in given]
     if bag is not None:
         taken["time"] = STAMP
         units[STAMP] = "s"
@@ -304,10 +281,10 @@ def _fill_units(table: Table, guess: Guess) -> None:
         entry = data.get(role)
         if entry is not None and entry["unit"] is None:
             same = data.get(role.removeprefix("reference_"), entry)["unit"]
-            entry["unit"] = same or SI_OF[_QUANTITIES[role.removeprefix("reference_")][axis]]
+            entry["unit"] = same or SI_OF[QUANTITIES[role.removeprefix("reference_")][axis]]
             guess.supposed.append(f"{role}.unit: {entry['unit']}")
     if data["input"]["unit"] is None:
-        words = _words(str(data["input"]["column"]))
+        words = words_of(str(data["input"]["column"]))
         unit = "A" if set(words) & {"current", "i", "iq", "amps", "strom"} else "V" if set(
             words) & {"voltage", "volt", "u", "vir", "spannung"} else ("N m", "N")[axis]
         data["input"]["unit"] = unit

@@ -30,8 +30,8 @@ DISTURBANCE = "disturbance"
 
 MAX_RIG_SAMPLES = 5_000_000
 """Most samples of a rig's record."""
-MAX_RIG_DURATION = 86_400.0
-"""Longest record of a rig (s)."""
+MAX_RIG_DURATION, MAX_RIG_RATE = 86_400.0, 2e5
+"""Longest record of a rig (s), and most samples a second."""
 
 
 class Axis(BaseModel):
@@ -225,6 +225,11 @@ def _check_samples(samples: np.ndarray, channels: tuple[Channel, ...], source: s
         raise InvalidRecordError(
             f"{source}: {samples[-1, 0] - samples[0, 0]:.3g} s long, at most "
             f"{MAX_RIG_DURATION:g} s: check the unit of time in the map"
+        )
+    if (rate := float(1.0 / np.median(steps))) > MAX_RIG_RATE:
+        raise InvalidRecordError(
+            f"{source}: {rate:.3g} samples a second, at most {MAX_RIG_RATE:g}: check the unit of "
+            "time in the map"
         )
 
 

@@ -33,6 +33,8 @@ SIMULATED = "SIM-0000"
 """Serial number of a simulated actuator without another."""
 UNCHANGED = {"model_file": "", "seed": 0, "noise": 1.0, "real_time_factor": 1.0}
 """What a simulator is told unless something else is asked for."""
+LEAST_TIMEOUT, MOST_TIMEOUT = 120.0, 3600.0
+"""Of a test (s): moving to its start, and a test in real time; the monitor's bound."""
 REPORTS = (".html", ".xml")
 """Endings of the reports that are written beside a record."""
 
@@ -94,6 +96,10 @@ def bit(
     }, wanted=not no_simulator)
     serial = "" if len(namespaces) > 1 or (no_simulator and serial_number == SIMULATED) else (
         serial_number)
+    timeout = LEAST_TIMEOUT + (chosen.duration / real_time_factor if real_time_factor else 0.0)
+    if timeout > MOST_TIMEOUT:
+        raise UsageError(f"--real-time-factor {real_time_factor:g}: the test would take "
+                         f"{timeout:.3g} s, at most {MOST_TIMEOUT:g}: give a larger one")
     log = new_log(out)
     before = set(out.iterdir())
     begin = time.monotonic()
@@ -110,7 +116,7 @@ def bit(
             supervisor.start(PROGNOSTICS, {}, namespace)
             supervisor.start(MONITOR, {
                 "profile": profile, "model_file": model_file, "output_directory": str(out),
-                "serial_number": serial,
+                "serial_number": serial, "test_timeout": timeout,
             }, namespace)
         chain = Chain(supervisor, note, with_drivers=no_simulator)
         try:

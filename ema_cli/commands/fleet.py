@@ -13,7 +13,7 @@ from ema_cli.console import note, print_json, progress, say
 from ema_cli.lines import say_lines
 from ema_cli.options import Cascade, Commanded, Format, Rule
 from ema_cli.views.machine import check_format
-from ema_record.errors import UsageError
+from ema_record.errors import EmaError, UsageError
 
 if TYPE_CHECKING:
     from ema_prognostics.fleet.fleet import Fleet
@@ -79,7 +79,6 @@ def fleet(
                 progress=lambda done, of: advance(done / of))
 
     def show(found: Fleet) -> None:
-        write_files(found, html=html, parquet=parquet, metrics=metrics)
         if form == "json":
             print_json(found.to_dict())
         elif form == "csv":
@@ -87,6 +86,7 @@ def fleet(
                 say_lines(csv_text(one, header=place == 0))
         else:
             print_fleet(found)
+        write_files(found, html=html, parquet=parquet, metrics=metrics)
 
     found = look()
     show(found)
@@ -102,11 +102,21 @@ def fleet(
 def _watch(
     seen: Fleet, look: Callable[[], Fleet], show: Callable[[Fleet], None], pause: float
 ) -> None:
-    """Look again and again; show what is there where it has changed. Ends with Ctrl-C."""
+    """Look again and again; show what is there where it has changed. Ends with Ctrl-C.
+
+    A disk that is full or away for a while is told, and looked at again.
+    """
+    told = ""
     while True:
         time.sleep(pause)
-        found = look()
-        if found.objects != seen.objects:
-            say("")
-            show(found)
-            seen = found
+        try:
+            found = look()
+            if told or found.objects != seen.objects:
+                say("")
+                show(found)
+                seen = found
+            told = ""
+        except EmaError as error:
+            if str(error) != told:
+                note(f"{error}; looking again")
+            told = str(error)

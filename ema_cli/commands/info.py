@@ -40,7 +40,7 @@ def facts_of(bag: Path) -> dict[str, Any]:
     from ema_prognostics.verdict.examination import heading_of
     from ema_record.bag.content_hash import bag_files
     from ema_record.bag.read import read_bag
-    from ema_record.channels import ALL, CHANNELS
+    from ema_record.channels import ALL, CHANNELS, measured
     from ema_rig.bag import is_rig_bag, read_rig_bag
 
     files = [f"{path.name} ({path.stat().st_size} bytes)" for path in bag_files(bag)]
@@ -50,7 +50,7 @@ def facts_of(bag: Path) -> dict[str, Any]:
                 "channels": [c.label for c in rig.channels], "files": files}
     record = read_bag(bag)
     heading, provenance = heading_of(record, (), ""), record.provenance
-    bus, winding = record.dc_bus, record.winding_temperature
+    bus, winding = measured(record.dc_bus[:, :2]), measured(record.winding_temperature)
     return {
         "bag": str(bag), "serial number": heading["serial_number"], "start": heading["start_time"],
         "test": record.profile.name, "status": provenance.status,

@@ -167,8 +167,15 @@ def exit_status(found: UnitTrend) -> int:
     if any(f.present for f in found.faults):
         return 1
     pending = any(f.episodes[-1].cleared is None for f in found.faults)
-    copies = [f for f in found.flights if f.repeat_of is None]
-    return 3 if pending or found.suspected or not copies[-1].answered else 0
+    tests = [f for f in found.flights if f.repeat_of is None]
+    if of_any_unit(found) and any(f.verdict.outcome != "healthy" for f in tests):
+        return 3  # one does not clear another
+    return 3 if pending or found.suspected or not tests[-1].answered else 0
+
+
+def of_any_unit(found: UnitTrend) -> bool:
+    """Whether flights may be of several actuators, since no bag tells a serial number."""
+    return not found.serial_number and len(found.flights) > 1
 
 
 def trend_lines(found: UnitTrend, limits: Mapping[str, float]) -> list[str]:
@@ -181,18 +188,23 @@ def trend_lines(found: UnitTrend, limits: Mapping[str, float]) -> list[str]:
         lines.append("  no answer, counted neither as healthy nor as faulty: "
                      + number_list(found.unanswered))
         for flight in found.flights:
-            if flight.number in found.unanswered:
+            if not flight.answered and flight.repeat_of is None:
                 verdict = flight.verdict
                 lines.append(f"    flight {flight.number}, {verdict.outcome}: "
                              f"{next(iter(verdict.reasons), 'no reason given')}")
     if found.copies:
         lines.append(f"  {copies_text(found)}")
+    if found.undated:
+        lines.append("  dated before 2001 or ahead of this computer's clock, placed by their "
+                     f"names: {number_list(found.undated)}")
+    if of_any_unit(found):
+        lines.append("  no bag tells a serial number: they may be of several actuators")
     if not found.faults and not found.suspected and answered:
         lines.append("  no fault announced, no growth seen")
     for fault in found.faults:
         lines.append(f"  {class_name(fault.history.fault_class, fault.history.phase)}")
         lines += [f"    {episode_text(e)}" for e in fault.episodes]
-        lines += [f"    {line.partition(': ')[2]}" for line in fall_lines(fault)]
+        lines += [f"    {line}" for line in fall_lines(fault)]
         lines += [f"    {line}" for line in growth_lines(fault, found.flights, limits)]
     for fault_class, at in found.suspected.items():
         lines += [
@@ -228,9 +240,12 @@ def growth_lines(
     for level in fault.forecasts:
         first, last = level.interval
         until = f"to {last}" if last is not None else "or later, no end in sight"
-        middle = "" if level.flight is None else (
-            f"at flight {level.flight}, in {level.flight - fault.history.number[-1]} flights"
-            f"{about(flights, level.flight)} ")
+        middle = ""
+        if level.flight is not None:
+            ahead = level.flight - fault.history.number[-1]
+            middle = f"at flight {level.flight}, " + (
+                f"in {ahead} flights{about(flights, level.flight)} " if ahead > 0
+                else "which is past: no flight has told the severity since ")
         lines.append(
             f"{level.level} ({scale * level.severity:.3g} {unit}) expected {middle}"
             f"(90 %: {first} {until})"

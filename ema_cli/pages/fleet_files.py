@@ -6,6 +6,7 @@ import os
 import secrets
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from importlib.resources import files
 from math import isfinite
 from pathlib import Path
@@ -22,8 +23,11 @@ from ema_record.files import cannot_write, check_apart, exists
 from ema_record.record import iso_time
 from ema_record.version import VERSION
 
-MARK = 600
-"""Bytes of a text file within which it must name this command to be replaced."""
+PAGE = f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n\
+<meta name="generator" content="{OURS} '
+METRICS = f"""# TYPE ema_unit_state gauge
+# HELP ema_unit_state What the unit needs, written by {OURS}."""
+"""How files of this command begin, which may be replaced."""
 LINE = (200.0, 28.0)
 """Width and height of a sparkline (px)."""
 STRIP = 8.0
@@ -36,7 +40,7 @@ def check_files(html: Path | None, parquet: Path | None, metrics: Path | None) -
     """Raise OutputError unless these files can be made or are ours; before the work begins."""
     if parquet is not None:
         library("pyarrow", "--parquet", "use --format csv")
-    for path, own in ((html, _is_own_text), (parquet, is_own_parquet), (metrics, _is_own_text)):
+    for path, own in ((html, _is_own_page), (parquet, is_own_parquet), (metrics, _is_own_metrics)):
         if path is not None and not own(path):
             check_new_file(path)
     check_apart(html, parquet, metrics)
@@ -48,24 +52,27 @@ def write_files(
     """Write what is asked for."""
     if html is not None:
         text = page(fleet, html)
-        with _replaced(html, _is_own_text) as temporary:
+        with _replaced(html, _is_own_page) as temporary:
             temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
     if parquet is not None:
         with _replaced(parquet, is_own_parquet) as temporary:
             write_parquet(fleet.objects, temporary)
     if metrics is not None:
-        with _replaced(metrics, _is_own_text) as temporary:
+        with _replaced(metrics, _is_own_metrics) as temporary:
             temporary.write_text(open_metrics(fleet), encoding="utf-8", errors="backslashreplace")
 
 
-def _is_own_text(path: Path) -> bool:
+def _begins(path: Path, begin: str) -> bool:
     try:
         if not path.is_file():  # a pipe would be waited for
             return False
         with path.open("rb") as file:
-            return OURS.encode() in file.read(MARK)
+            return file.read(len(begin)) == begin.encode()
     except OSError:
         return False
+
+
+_is_own_page, _is_own_metrics = partial(_begins, begin=PAGE), partial(_begins, begin=METRICS)
 
 
 @contextmanager
@@ -138,8 +145,7 @@ def open_metrics(fleet: Fleet) -> str:
     """
     units = [({"serial_number": u.serial_number or "unknown"}, u) for u in fleet.units]
     lines = [
-        "# TYPE ema_unit_state gauge",
-        f"# HELP ema_unit_state What the unit needs, written by {OURS}.",
+        METRICS,
         *(_sample("ema_unit_state", labels | {"ema_unit_state": state}, int(u.state == state))
           for labels, u in units for state in STATES),
         "# TYPE ema_unit_tests gauge", "# HELP ema_unit_tests Bags of the unit.",

@@ -53,7 +53,7 @@ def report_data(
         "test": {
             "profile": record.profile.name, "start_time": heading["start_time"],
             "duration_s": round(record.duration, 4), "samples": len(record),
-            "rate_hz": round(record.rate, 3),
+            "rate_hz": round(record.rate, 3) if len(record) > 1 else None,
         },
         "outcome": OUTCOMES[verdict["verdict"]],
         "verdict": dict(verdict),

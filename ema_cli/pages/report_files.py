@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -73,6 +73,13 @@ def as_xml(data: Mapping[str, Any], _record: Record) -> str:
             child.text = str(text)
         return child
 
+    def add_faults(parent: ET.Element, faults: Iterable[Mapping[str, Any]]) -> None:
+        for fault in faults:
+            low, high = fault["severity_interval"] or (None, None)
+            add(parent, "Fault", name=fault["fault_class"], phase=fault["phase"],
+                severity=fault["severity"], unit=fault["severity_unit"], lower=low, upper=high,
+                level=fault["level"])
+
     add(root, "Personnel", operator=unit["operator"])
     add(root, "WorkOrder", number=unit["work_order"], ataChapter=unit["ata"])
     add(root, "UUT", serialNumber=unit["serial_number"], type=unit["actuator_type"],
@@ -93,11 +100,7 @@ def as_xml(data: Mapping[str, Any], _record: Record) -> str:
     verdict = data["verdict"]
     diagnosis = add(results, "Test", name="diagnosis")
     add(diagnosis, "Outcome", value=data["outcome"], qualifier=verdict["verdict"])
-    for fault in verdict["faults"]:
-        low, high = fault["severity_interval"] or (None, None)
-        add(diagnosis, "Fault", name=fault["fault_class"], phase=fault["phase"],
-            severity=fault["severity"], unit=fault["severity_unit"], lower=low, upper=high,
-            level=fault["level"])
+    add_faults(diagnosis, verdict["faults"])
     for name, value in verdict["probabilities"].items():
         add(diagnosis, "Probability", name=name, value=value)
     for e in verdict.get("evidence") or []:
@@ -111,7 +114,8 @@ def as_xml(data: Mapping[str, Any], _record: Record) -> str:
     for reason in verdict["reasons"]:
         add(diagnosis, "Reason", reason)
     for flight in data["trend"]:
-        add(root, "Flight", **flight)
+        add_faults(add(root, "Flight", **{k: v for k, v in flight.items() if k != "faults"}),
+                   flight["faults"])
     source = add(root, "Configuration", software=trace["software"], kit=trace["kit"],
                  softwareSha256=trace["software_sha256"], modelSha256=trace["model_sha256"])
     for file in trace["files"]:

@@ -123,11 +123,9 @@ def fault_lines(trend: UnitTrend) -> list[str]:
     """Return, in words, what the flights say together."""
     lines = []
     for fault in trend.faults:
-        lines += [
-            f"{class_name(fault.history.fault_class, fault.history.phase)}: {episode_text(e)}"
-            for e in fault.episodes
-        ]
-        lines += fall_lines(fault)
+        name = class_name(fault.history.fault_class, fault.history.phase)
+        lines += [f"{name}: {text}"
+                  for text in (*map(episode_text, fault.episodes), *fall_lines(fault))]
     for name, at in trend.suspected.items():
         lines.append(
             f"{class_name(name)}: its probability rises from flight to flight, suspected "
@@ -147,7 +145,8 @@ def fault_lines(trend: UnitTrend) -> list[str]:
 def copies_text(trend: UnitTrend) -> str:
     """Return which bags are copies of flights that count, in words."""
     return "the same flight once more, not counted again: " + number_list([
-        f"{f.number} (of {f.repeat_of})" for f in trend.flights if f.repeat_of is not None])
+        f"{Path(f.verdict.bag).name} (flight {f.repeat_of})"
+        for f in trend.flights if f.repeat_of is not None])
 
 
 def episode_text(episode: Episode) -> str:
@@ -167,11 +166,8 @@ def episode_text(episode: Episode) -> str:
 
 def fall_lines(fault: FaultTrend) -> list[str]:
     """Return where a fault fell without vanishing."""
-    name = class_name(fault.history.fault_class, fault.history.phase)
-    return [
-        f"{name}: clearly smaller from flight {at}, repaired or replaced; the trend begins there"
-        for at in fault.falls
-    ]
+    return [f"clearly smaller from flight {at}, repaired or replaced; the trend begins there"
+            for at in fault.falls]
 
 
 def number_list(numbers: Sequence[int | str]) -> str:

@@ -113,7 +113,8 @@ def rig_trend(
     records, broken, twins = _records(paths, map_file)
     if len({record.axis.name for record in records}) > 1:
         names = ", ".join(sorted({record.axis.name for record in records})[:6])
-        raise UsageError(f"records of several axes ({names}): give those of one at a time")
+        raise UsageError(f"records of several axes ({names}): give those of one at a time, or "
+                         "import them under one name (--set name=...)")
     records, ordered_by = _in_order(records)
     with progress_of("trend") as advance:
         found = follow(records, given, advance)

@@ -61,14 +61,14 @@ def load(x, v):
 
 def needed_input(x, v, a):
     """Return the input that this motion needs."""
-    sign = (v > 0.0) - (v < 0.0)
+    sign = float(v > 0.0) - float(v < 0.0)
     return INERTIA * a + load(x, v) + friction(x, v, sign)
 
 
 def step(x, v, u, dt):
     """Return position and speed after `dt` (s) of the input u; at rest dry friction holds."""
     free = v + dt * (u - load(x, v)) / INERTIA
-    sign = (free > 0.0) - (free < 0.0)
+    sign = float(free > 0.0) - float(free < 0.0)
     held = dt * max(friction(x, v, sign) * sign, 0.0) / INERTIA
     new = free - sign * min(held, abs(free))
     return x + 0.5 * dt * (v + new), new

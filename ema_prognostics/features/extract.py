@@ -18,7 +18,7 @@ from ema_prognostics.features.start import start_features
 from ema_prognostics.features.vector import SWINGS
 from ema_prognostics.features.winding import rise, winding
 from ema_record.actuator import FOC, RELAY, Actuator
-from ema_record.channels import median
+from ema_record.channels import measured, median
 from ema_record.errors import IncompleteRecordError
 from ema_record.profiles.plan import TestPlan, test_plan
 from ema_record.record import Record
@@ -106,9 +106,10 @@ def _winding(signals: Signals, plan: TestPlan) -> dict[str, float]:
 def _sag(record: Record, actuator: Actuator) -> float:
     """Return the resistance of the supply, log of ohm: bus voltage against bus current."""
     least = LEAST_SAG * actuator.motor.phase_resistance
-    if len(record.dc_bus) < 4:
+    bus = measured(record.dc_bus)
+    if len(bus) < 4:
         return float(np.log(least))
-    voltage, current = (record.dc_bus[:, k] - record.dc_bus[:, k].mean() for k in (1, 2))
+    voltage, current = (bus[:, k] - bus[:, k].mean() for k in (1, 2))
     slope = -float(voltage @ current) / max(float(current @ current), 1e-3)
     return float(np.log(max(slope, least)))
 

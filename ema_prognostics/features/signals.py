@@ -19,6 +19,7 @@ from ema_record.channels import (
     REFERENCE_CURRENTS,
     ROTOR_ANGLE,
     SURFACE_POSITION,
+    measured,
     median,
 )
 from ema_record.errors import IncompleteRecordError
@@ -139,14 +140,9 @@ def prepare(record: Record, actuator: Actuator | None = None) -> Signals:
     q = np.zeros(len(theta))
     for phase in range(3):
         q += unit_back_emf(theta - phase * THIRD, nominal.motor) * currents[:, phase]
-    temperature = (
-        float(median(record.winding_temperature[:, 1]))
-        if len(record.winding_temperature) else REFERENCE
-    )
-    bus = (
-        float(median(record.dc_bus[:, 1]))
-        if len(record.dc_bus) else 2.0 * nominal.inverter.bus_voltage
-    )
+    warm, rails = (measured(x[:, 1]) for x in (record.winding_temperature, record.dc_bus))
+    temperature = float(median(warm)) if len(warm) else REFERENCE
+    bus = float(median(rails)) if len(rails) else 2.0 * nominal.inverter.bus_voltage
     factor = 1.0 + MAGNET * (temperature - REFERENCE)
     return Signals(
         record=record, actuator=nominal, has_references=bool(there[REFERENCE_CURRENTS].all()),

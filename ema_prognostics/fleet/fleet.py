@@ -49,9 +49,20 @@ class FleetUnit:
         return [f for f in self.trend.flights if f.repeat_of is None][-1]
 
     @property
+    def silent(self) -> Flight | None:
+        """The last test if it gave no answer; without a serial number any such test."""
+        tests = [f for f in self.trend.flights if f.repeat_of is None]
+        silent = [f for f in (tests[-1:] if self.serial_number else tests) if not f.answered]
+        return silent[-1] if silent else None
+
+    @property
     def worst(self) -> FaultTrend | None:
-        """The fault that counts: confirmed before announced, then nearest to large."""
-        there = [f for f in self.trend.faults if f.episodes[-1].cleared is None]
+        """The fault that counts: confirmed before announced, then nearest to large.
+
+        Bags without a serial number may be of several units: none clears another.
+        """
+        there = [f for f in self.trend.faults
+                 if f.episodes[-1].cleared is None or not self.serial_number]
         return max(there, key=lambda f: (f.present, share_of_large(f)), default=None)
 
     @property
@@ -61,7 +72,7 @@ class FleetUnit:
             return "fault"
         if self.worst is not None or self.trend.suspected:
             return "suspected"
-        return "healthy" if self.last.answered else "no answer"
+        return "healthy" if self.silent is None else "no answer"
 
     def finding(self) -> str:
         """Return the worst fault in words, or why there is no answer."""
@@ -71,8 +82,8 @@ class FleetUnit:
                 fault.history.fault_class, fault.history.phase, *_last_severity(fault))
         if self.trend.suspected:
             return f"{class_name(next(iter(self.trend.suspected)))} grows"
-        if self.state == "no answer":
-            verdict = self.last.verdict
+        if self.silent is not None:
+            verdict = self.silent.verdict
             text = next(iter(verdict.reasons), "")
             return f"{verdict.outcome}: {text.removeprefix(f'{verdict.bag}: ')}"
         return ""
@@ -81,9 +92,9 @@ class FleetUnit:
         """Return when the next level is reached, empty where nothing grows."""
         for level in self.worst.forecasts if self.worst is not None else ():
             now = self.trend.flights[-1].number
-            last = level.interval[1]
-            until = f"to {last - now}" if last is not None else "or more"
-            return f"{level.level} in {level.interval[0] - now} {until} flights"
+            first, last = level.interval
+            until = f"to {max(last - now, 0)}" if last is not None else "or more"
+            return f"{level.level} in {max(first - now, 0)} {until} flights"
         return ""
 
 

@@ -13,9 +13,8 @@ from ema_prognostics.verdict.contract import hash_of, kit_sha256, trace_of, verd
 from ema_prognostics.verdict.judge import Judge
 from ema_prognostics.words import ENGLISH, FOLDER
 from ema_record.array_cache import key_of
-from ema_record.bag.content_hash import file_sha256
+from ema_record.bag.content_hash import file_sha256, files_state
 from ema_record.errors import UsageError
-from ema_record.kit import kit_folder
 from ema_sim.campaign.workers import done_by_workers
 
 MODULE = "ema_prognostics.fleet.judging"
@@ -28,7 +27,6 @@ Objects = list[dict[str, Any]]
 class JudgeSettings(NamedTuple):
     """What a worker needs to judge as this process does."""
 
-    kit: str
     model: str | None = None
     profile: str | None = None
 
@@ -40,7 +38,7 @@ class JudgeSettings(NamedTuple):
                 return None
             return str(Path(given).resolve() if Path(given).is_file() else given)
 
-        return cls(str(kit_folder().resolve()), place(model), place(profile))
+        return cls(place(model), place(profile))
 
     def key(self) -> str:
         """Return the hash of all that a verdict depends on beside the bag.
@@ -83,9 +81,20 @@ def judge_bags(task: BagsTask) -> BagsDone:
 
 
 def _object(judge: Judge, trace: dict[str, Any], bag: str) -> dict[str, Any]:
-    judged = judge.of_bag(bag)
-    return verdict_object(judged, trace, record_sha256=hash_of(bag) or "") | {
+    before = _state(bag)
+    judged, content = judge.of_bag(bag), hash_of(bag)
+    if _state(bag) != before:  # written meanwhile: not what was judged
+        content = None
+    return verdict_object(judged, trace, record_sha256=content or "") | {
         "start_time": judged.start_time}
+
+
+def _state(bag: str) -> str:
+    """Return `files_state` of a bag, empty where it cannot be looked at."""
+    try:
+        return files_state(bag)[0]
+    except OSError:
+        return ""
 
 
 def judged_fleet(
@@ -145,4 +154,6 @@ def _of_path(found: dict[str, Any] | None, bag: Path) -> dict[str, Any]:
     before, path = found["bag"], str(bag)
     if before == path:
         return found
-    return found | {"bag": path, "reasons": [r.replace(before, path) for r in found["reasons"]]}
+    return found | {"bag": path, "reasons": [
+        path + r.removeprefix(before) if r.startswith(f"{before}: ") else r
+        for r in found["reasons"]]}

@@ -48,12 +48,14 @@ def cumulative_sum(scores: np.ndarray) -> np.ndarray:
 
 
 def suspicion(flights: Sequence[Flight], fault_class: str, *, begin: int = 1) -> int | None:
-    """Return the number of the first flight at which growth of a class is suspected, or None.
+    """Return the number of the flight from which growth of a class is suspected, or None.
+
+    A suspicion ends where the sum is back at zero: what spoke for growth is used up.
 
     Parameters
     ----------
     flights : of one actuator, in order.
-    fault_class : its probability is the evidence.
+    fault_class : its probability is the evidence, ranked among the flights of the same test.
     begin : first flight that counts, the one after a repair.
     """
     used = [
@@ -61,5 +63,11 @@ def suspicion(flights: Sequence[Flight], fault_class: str, *, begin: int = 1) ->
         if f.answered and f.number >= begin and fault_class in f.verdict.probabilities
     ]
     values = np.array([f.verdict.probabilities[fault_class] for f in used])
-    above = np.flatnonzero(cumulative_sum(sequential_scores(values)) > LIMIT)
-    return used[int(above[0])].number if len(above) else None
+    tests = np.array([f.profile for f in used])
+    scores = np.zeros(len(used))
+    for test in set(tests.tolist()):
+        scores[tests == test] = sequential_scores(values[tests == test])
+    sums = cumulative_sum(scores)
+    begun = int(np.flatnonzero(np.append(0.0, sums) == 0.0)[-1])
+    above = np.flatnonzero(sums[begun:] > LIMIT)
+    return used[begun + int(above[0])].number if len(above) else None

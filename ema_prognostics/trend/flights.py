@@ -10,12 +10,16 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
+from time import time_ns
 
 from ema_prognostics.verdict.verdict import Verdict
 from ema_record.bag.find import natural
 
 MOST_DATE = 4_000_000_000 * 10**9
 """Beyond this no date is told (ns since the epoch)."""
+EARLIEST, DAY = 978_307_200 * 10**9, 86_400 * 10**9
+"""The year 2001: clocks that were not set begin at 1970, 1980 or 2000. How far the clocks of a
+recorder and of this computer may be apart (ns)."""
 _BEST_FIRST = ("fault", "healthy", "unknown", "incomplete", "invalid")
 """Which of several copies counts; a fault is never hidden by a copy that does not show it."""
 
@@ -42,33 +46,56 @@ class Flight:
     profile: str = ""
 
     @property
+    def time(self) -> int:
+        """`start_time`, 0 where it cannot be: of a clock that was not set, or runs ahead."""
+        latest = time_ns() + DAY
+        return self.start_time if EARLIEST <= self.start_time <= latest else 0
+
+    @property
     def answered(self) -> bool:
         """Whether the test says healthy or faulty, and is not a copy of another one."""
         return self.verdict.outcome in ("healthy", "fault") and self.repeat_of is None
 
 
 def in_order(flights: Iterable[Flight]) -> list[Flight]:
-    """Return flights of one actuator by start time, numbered from 1.
+    """Return flights of one actuator by the time of their tests, numbered from 1.
 
     Equal times stand in the natural order of the bags' names. A flight whose time is not known
-    (its bag is damaged, or tells none) stands after the bag that precedes it by name. Flights of
-    the same start time are copies of one test: the one that tells most counts (`_BEST_FIRST`),
-    the whole record before one that was recovered from a part of it.
+    (its bag is damaged, tells none, or one that cannot be) stands after the bag that precedes it
+    by name. Flights of the same start time that say the same are copies of one test, and so is
+    what cannot be read of one: the one that tells most counts (`_BEST_FIRST`), the whole record
+    before one that was recovered from a part of it; the others have its number.
     """
-    by_name = sorted(flights, key=lambda f: natural(f.verdict.bag))
-    keyed, last = [], 0
-    for place, flight in enumerate(by_name):
-        last = flight.start_time or last
-        keyed.append((last, place, flight))
-    keyed.sort(key=lambda item: item[:2])
-    ordered = [replace(f, number=n) for n, (_, _, f) in enumerate(keyed, start=1)]
-    counts: dict[int, int] = {}
-    for flight in sorted(ordered, key=lambda f: _BEST_FIRST.index(f.verdict.outcome)):
-        counts.setdefault(flight.start_time, flight.number)
-    return [
-        f if not f.start_time or counts[f.start_time] == f.number
-        else replace(f, repeat_of=counts[f.start_time]) for f in ordered
-    ]
+    placed: list[tuple[int, int, Flight]] = []
+    last = 0
+    for flight in sorted(flights, key=lambda f: natural(f.verdict.bag)):
+        last = flight.time or last
+        placed.append((last, len(placed), flight))
+    placed.sort(key=lambda item: item[:2])
+    told: dict[int, str] = {}
+    for *_, flight in placed:
+        if said := _said(flight):
+            told.setdefault(flight.start_time, said)
+    tests: dict[tuple[int, str], list[Flight]] = {}
+    for place, (*_, flight) in enumerate(placed):
+        said = _said(flight) or told.get(flight.start_time, "")
+        key = (flight.start_time, said) if flight.start_time else (-1 - place, "")
+        tests.setdefault(key, []).append(flight)
+    ordered = []
+    for number, copies in enumerate(tests.values(), start=1):
+        counts = min(copies, key=lambda f: _BEST_FIRST.index(f.verdict.outcome))
+        ordered += [replace(f, number=number, repeat_of=None if f is counts else number)
+                    for f in copies]
+    return ordered
+
+
+def _said(flight: Flight) -> str:
+    """Return what a test says, the same of each copy; empty where its bag cannot be read."""
+    verdict = flight.verdict
+    if verdict.outcome in ("incomplete", "invalid"):
+        return ""
+    return repr((flight.profile, verdict.outcome, verdict.faults, sorted(
+        verdict.probabilities.items())))
 
 
 def by_unit(flights: Iterable[Flight], *, one: bool = True) -> dict[str, list[Flight]]:
@@ -112,8 +139,8 @@ def date_of(flights: Sequence[Flight], number: int) -> datetime | None:
     flights : of one actuator, in order.
     number : from 1, beyond the last one for what is ahead.
     """
-    known = [(f.number, f.start_time) for f in flights if f.start_time]
-    at = dict(known).get(number)
+    times = {f.number: f.time for f in flights if f.time}
+    at, known = times.get(number), list(times.items())
     if at is None and len(known) > 1 and number > known[-1][0]:
         (first, begin), (last, end) = known[-min(10, len(known))], known[-1]
         at = end + round((end - begin) / (last - first) * (number - last))

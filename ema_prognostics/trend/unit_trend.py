@@ -126,8 +126,14 @@ class UnitTrend:
                      if not f.answered and f.repeat_of is None)
 
     @property
+    def undated(self) -> tuple[int, ...]:
+        """Flights whose date cannot be, which stand where their bags' names put them."""
+        return tuple(f.number for f in self.flights
+                     if f.start_time and not f.time and f.repeat_of is None)
+
+    @property
     def copies(self) -> tuple[int, ...]:
-        """Flights that are copies of others, which count in their place."""
+        """Numbers of the flights of which there are copies, once a copy; these count no more."""
         return tuple(f.number for f in self.flights if f.repeat_of is not None)
 
     def __repr__(self) -> str:

@@ -97,10 +97,9 @@ class Judge:
         """
         record = self.commanded(record)
         try:
-            if self._own is not None:
-                _check_same_actuator(self._own, record)
+            doubt = () if self._own is None else _checked_owner(self._own, record)
             verdict = self._diagnose(record, self._mode, self._own, findings)
-            verdict = replace(verdict, bag=source)
+            verdict = replace(verdict, bag=source, reasons=(*verdict.reasons, *doubt))
         except (RecordError, UsageError) as error:
             verdict = verdict_of_error(error, source)
         verdict = replace(verdict, actuator=record.provenance.name)
@@ -148,11 +147,14 @@ def forbidden(record: Record, findings: Sequence[Finding] | None = None) -> Verd
     )
 
 
-def _check_same_actuator(baseline: Baseline, record: Record) -> None:
-    """Raise UsageError if the two records are known to be of different actuators."""
+def _checked_owner(baseline: Baseline, record: Record) -> tuple[str, ...]:
+    """Return whether it is not known that both are of one actuator; UsageError: of two."""
     ours, theirs = baseline.record.provenance.known_serial, record.provenance.known_serial
     if ours and theirs and ours != theirs:
         raise UsageError(
             f"the baseline is of actuator {ours}, the record of {theirs}: give a baseline of the "
             "same actuator"
         )
+    return () if ours and theirs else (
+        f"the {'record' if ours else 'baseline'} tells no serial number: whether the baseline is "
+        "of this unit is not checked",)

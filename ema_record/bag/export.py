@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ema_record.bag.find import named
 from ema_record.bag.writer import BagWriter
 from ema_record.channels import (
     CHANNELS,
@@ -79,7 +80,7 @@ def export_record(record: Record, path: str | Path, file_format: str) -> Path:
 
 def default_path(bag: str | Path, file_format: str) -> Path:
     """Return where a bag is exported to without a name: beside it, with the format's suffix."""
-    bag = Path(bag)
+    bag = named(Path(bag))
     stem = bag.name.removesuffix(".mcap")
     return bag.with_name(stem + (_SUFFIXES.get(file_format) or "_messages"))
 

@@ -25,6 +25,11 @@ def natural(name: str) -> tuple[tuple[int, int, str], ...]:
     )
 
 
+def named(path: Path) -> Path:
+    """Return a path under its name where it is given as ``.`` or ``..``."""
+    return path if path.name not in ("", "..") else path.resolve()
+
+
 def is_sequence(path: Path) -> bool:
     """Return whether `path` is a directory of bags, and not a bag itself.
 
@@ -35,15 +40,18 @@ def is_sequence(path: Path) -> bool:
     try:
         if not path.is_dir() or (path / METADATA_FILE).is_file():
             return False
-        own = path.resolve().name + "_"
         entries = list(path.iterdir())
         files = [p for p in entries if p.name.endswith(STORAGE)]
         folders = [p for p in entries if p.is_dir() and _is_bag(p)]
     except OSError:
         return False  # the reader says what is wrong
-    if any(p.name.startswith(own) for p in files):
-        return False
-    return len(files) > 1 or bool(folders)
+    return bool(folders) or (len(files) > 1 and not _of_one(path, files))
+
+
+def _of_one(folder: Path, files: Iterable[Path]) -> bool:
+    """Return whether files are the first parts of one bag, named after its folder."""
+    names, own = [p.name for p in files], folder.resolve().name
+    return all(any(f"{own}_{k}{end}" in names for end in STORAGE) for k in range(len(names)))
 
 
 def _is_bag(path: Path) -> bool:
@@ -106,47 +114,60 @@ def bags_of(directory: Path) -> tuple[list[Path], list[Path]]:
 def bags_below(paths: Iterable[Path]) -> list[Path]:
     """Return the bags among `paths` and in folders below them, in natural order of the names.
 
-    Hidden entries and links to folders are left out.
+    Hidden entries are left out; a folder is looked at once, however many links lead to it. A path
+    without a bag counts as one that cannot be read.
 
     Raises
     ------
     InvalidRecordError
-        A path that is not there, or no bag at all.
+        A path that is not there, no bag at all, or folders more than `MAX_DEPTH` deep.
     UsageError
         More than `MAX_BAGS`.
     """
     found: list[Path] = []
-    for path in paths:
+    seen: set[Path] = set()
+    empty = 0
+    for path in map(named, paths):
         other = None if path.is_dir() else what_else(path)
         if other is not None:
             raise InvalidRecordError(f"{path}: {other}: give a folder with bags in it, or below")
-        for bag in _below(path, 0) if path.is_dir() else (path,):
+        before = len(found)
+        for bag in _below(path, 0, seen) if path.is_dir() else (path,):
             found.append(bag)
             if len(found) > MAX_BAGS:
                 raise UsageError(f"{path}: more than {MAX_BAGS} bags: give some of the folders")
-    if not found:
+        if len(found) == before:
+            found.append(path)
+            empty += 1
+    if len(found) == empty:
         raise InvalidRecordError("no bag: give a folder with bags in it, or below")
     return found
 
 
-def _below(folder: Path, depth: int) -> Iterator[Path]:
-    """Yield the bags in a folder that may be one itself."""
+def _below(folder: Path, depth: int, seen: set[Path]) -> Iterator[Path]:
+    """Yield the bags in a folder that may be one itself, and was not `seen`."""
     try:
+        place = folder.resolve()
+        if place in seen:
+            return
+        seen.add(place)
         entries = [p for p in folder.iterdir() if not p.name.startswith(".")]
     except OSError:
         yield folder  # the reader says what is wrong
         return
-    names = {p.name for p in entries}
-    files = {p for p in entries if p.name.endswith(STORAGE)}
-    folders = [p for p in entries if p not in files and p.is_dir() and not p.is_symlink()]
-    cut = any(p.name.startswith(f"{folder.resolve().name}_") for p in files)
-    if METADATA_FILE in names or cut or (len(files) == 1 and not folders):
+    if depth > MAX_DEPTH:
+        raise InvalidRecordError(f"{folder}: more than {MAX_DEPTH} folders deep: give a folder "
+                                 "nearer to the bags")
+    files = [p for p in entries if p.name.endswith(STORAGE)]
+    folders = [p for p in entries if p not in set(files) and p.is_dir()]
+    whole = any(p.name == METADATA_FILE for p in entries)
+    if whole or (files and not folders and (len(files) == 1 or _of_one(folder, files))):
         yield folder
-        return
+        files = []
     if not entries and depth:
         yield folder  # what is left of a recorder that died at once
     for path in sorted([*files, *folders], key=lambda p: natural(p.name)):
-        if path in files:
+        if path in folders:
+            yield from _below(path, depth + 1, seen)
+        else:
             yield path
-        elif depth < MAX_DEPTH:
-            yield from _below(path, depth + 1)

@@ -12,7 +12,7 @@ from ema_record.bag.container import StoredMessage, read_content
 from ema_record.bag.metadata import read_test_metadata
 from ema_record.channels import SURFACE_POSITION, TIME
 from ema_record.errors import IncompleteRecordError, InvalidRecordError, RecordError, UsageError
-from ema_record.limits import MAX_SAMPLES
+from ema_record.limits import MAX_DURATION, MAX_SAMPLES
 from ema_record.profile import Profile
 from ema_record.record import Record, SampleBlock, check_samples
 from ema_record.wire.samples import BLOCK_SIZE, decode_block, encode_samples
@@ -28,7 +28,7 @@ from ema_record.wire.topics import (
     WINDING_TEMPERATURE,
 )
 from ema_record.wire.trajectory import decode_command, encode_command, trajectory_points
-from ema_record.wire.types import NANOSECONDS, deserialize, stamp_of
+from ema_record.wire.types import NANOSECONDS, deserialize, possible, stamp_of
 from ema_record.wire.views import ViewDecimator
 
 _READ_TOPICS = frozenset({SAMPLES, COMMAND, DC_BUS, WINDING_TEMPERATURE})
@@ -233,10 +233,13 @@ def write_bag(record: Record, path: str | Path, *, views: bool = True) -> Path:
     OutputError
         `path` exists, or cannot be written.
     UsageError
-        No sample, or times before the acceptance of the command.
+        No sample, times before the acceptance of the command, or a date that no message holds.
     """
     from ema_record.bag.writer import BagWriter
 
+    begin = record.provenance.start_time
+    if not (possible(begin) and possible(begin + round(MAX_DURATION * NANOSECONDS))):
+        raise UsageError(f"start time {begin} ns: give nanoseconds since 1970, until 2038")
     messages = _messages(record, views=views)
     with BagWriter(path, profile=record.profile, provenance=record.provenance,
                    flush_interval=None) as writer:

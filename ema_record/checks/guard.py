@@ -1,8 +1,8 @@
 """All rules, and the guard of a verdict: what in a record forbids to judge the actuator by it.
 
 The guard takes those rules that need the record alone: so a verdict is the same from the bag
-and from the topics. What is only unusual (another recorder, another rate, a longer record, a
-topic that no verdict needs) forbids nothing.
+and from the topics. What is only unusual (another recorder, a rate that is little off, a longer
+record, a topic that no verdict needs) forbids nothing.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ Outcome = Literal["incomplete", "invalid", "unknown"]
 OUTCOMES: dict[str, Outcome] = {
     "other_actuator": "invalid",
     "test_not_complete": "incomplete", "record_length": "incomplete", "gap": "incomplete",
-    "not_finite": "invalid", "missing_channel": "unknown", "clock_jump": "invalid",
+    "not_finite": "invalid", "missing_channel": "unknown",
+    "sample_rate": "unknown", "clock_jump": "invalid",
     "repeated_data": "invalid",
     "stuck_channel": "unknown", "wrong_unit": "invalid", "sign_flip": "invalid",
     "swapped_phases": "invalid", "held_samples": "unknown", "sensor_noise": "unknown",
@@ -79,10 +80,16 @@ def guard_findings(
     names : rules that are asked, of `OUTCOMES`.
     """
     facts = facts_of_record(record, actuator) if isinstance(record, Record) else record
-    found = [f for f in findings_of(facts, names)  # a record may be longer than its test
-             if f.rule != "record_length" or (f.size or 0.0) > 0.0]
+    found = [f for f in findings_of(facts, names) if not _only_unusual(f)]
     order = list(OUTCOMES)
     return tuple(sorted(found, key=lambda finding: order.index(finding.rule)))
+
+
+def _only_unusual(finding: Finding) -> bool:
+    """Whether a record is merely longer than its test, or of a rate that is little off."""
+    size, (least, most) = finding.size or 0.0, origin.JUDGED_RATES
+    return ((finding.rule == "record_length" and size <= 0.0)
+            or (finding.rule == "sample_rate" and least <= size <= most))
 
 
 def outcome_of(findings: Sequence[Finding]) -> Outcome:

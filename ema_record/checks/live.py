@@ -24,6 +24,7 @@ from ema_record.channels import (
 )
 from ema_record.checks.facts import SUM_OFFSET, BagFacts, Finding, facts_of_record
 from ema_record.checks.guard import OUTCOMES, guard_findings, plain
+from ema_record.checks.origin import length_tolerance
 from ema_record.checks.stream import irregular
 from ema_record.limits import MAX_DURATION
 from ema_record.record import Record
@@ -43,7 +44,7 @@ REACHED = 0.03
 """Distance from the expected course that is unusual (of the end stop), beyond the way at the slew
 speed in the time of run-up."""
 GROUPS = {
-    "count": ("gap", "record_length", "test_not_complete", "other_actuator"),
+    "count": ("gap", "record_length", "sample_rate", "test_not_complete", "other_actuator"),
     "time order": ("clock_jump", "repeated_data"),
     "finite": ("not_finite", "missing_channel"),
     "range": ("wrong_unit", "saturation", "spike", "stuck_channel", "held_samples",
@@ -159,8 +160,9 @@ def _count(facts: BagFacts) -> CheckResult:
     duration = facts.profile.duration if facts.profile else 0.0
     expected = round(duration / facts.interval) if len(facts.samples) > 1 else 0
     gaps = sum(kind == "gap" for kind, _ in facts.derived(irregular))
+    near = abs(n - expected) * facts.interval <= length_tolerance(facts.interval)
     return CheckResult(
-        name="count", level=Level.OK if n == expected > 1 else Level.ERROR,
+        name="count", level=Level.OK if near and expected > 1 else Level.ERROR,
         message=f"{n} of {expected} samples, {gaps} gaps",
         values={"samples": str(n), "expected": str(expected), "gaps": str(gaps)},
         limits={"gaps": 0.0},

@@ -17,6 +17,9 @@ from ema_record.wire.topics import COMMAND, DC_BUS, SAMPLES, WEIGHT_ON_WHEELS, W
 from ema_record.wire.trajectory import trajectory_points
 
 RATE_TOLERANCE = 1e-3
+JUDGED_RATES = 0.75, 5.0
+"""Rates, of the acquisition's, between which features are as those at it; beyond, what a leg does
+between two samples makes shorts of healthy windings (docs/recordings.md, "Another rate")."""
 LENGTH_TOLERANCE = (2e-3, 2.0)
 """Of the length of a record: in s, and at least in samples."""
 DRIVEN = 0.506
@@ -141,7 +144,13 @@ def wrong_rate(facts: BagFacts) -> Iterator[Hit]:
     if len(facts.samples) > 1:
         rate, expected = 1.0 / facts.interval, facts.actuator.acquisition.rate
         if abs(rate / expected - 1.0) > RATE_TOLERANCE:
-            yield Hit(f"{rate:.1f} samples a second, expected {expected:g}", None, rate, "1/s")
+            yield Hit(f"{rate:.1f} samples a second, expected {expected:g}", None,
+                      rate / expected, "")
+
+
+def length_tolerance(interval: float) -> float:
+    """Return by how much a record may be shorter or longer than its test (s)."""
+    return max(LENGTH_TOLERANCE[0], LENGTH_TOLERANCE[1] * interval)
 
 
 def wrong_length(facts: BagFacts) -> Iterator[Hit]:
@@ -154,7 +163,7 @@ def wrong_length(facts: BagFacts) -> Iterator[Hit]:
     rest = 1.0 - facts.actuator.acquisition.time_at
     end = float(facts.samples[-1, TIME]) + rest * facts.interval
     missing = facts.profile.duration - end
-    if abs(missing) > max(LENGTH_TOLERANCE[0], LENGTH_TOLERANCE[1] * facts.interval):
+    if abs(missing) > length_tolerance(facts.interval):
         yield Hit(
             f"the record ends at {end:.4f} s, its profile {facts.profile.name!r} at "
             f"{facts.profile.duration:.4f} s", end, missing, "s",
@@ -185,7 +194,8 @@ RULES = (
     Rule(name="wrong_profile", find=wrong_profile,
          remedy="record the test with the profile that is commanded"),
     Rule(name="sample_rate", find=wrong_rate,
-         remedy="set the acquisition to the rate of its actuator and record the test again"),
+         remedy="set the acquisition to the rate of its actuator and record the test again, or "
+                "commission a kit whose acquisition has this rate"),
     Rule(name="record_length", find=wrong_length,
          remedy="record from the command to the end of the profile"),
     Rule(name="weight_on_wheels", find=off_wheels,

@@ -41,6 +41,7 @@ from ema_record.checks.facts import (
     Hit,
     Rule,
 )
+from ema_record.checks.values import LONGEST
 from ema_record.record import SETTLING
 
 GAIN_SPREAD = (0.04, 4.0)
@@ -55,7 +56,8 @@ LEAST_NOISE = 3e-5
 ANGLE_NOISE = 2e-3
 """White noise of the commutation sensor that is too much (rad rms at the motor)."""
 RIPPLE = 0.05
-"""Change of the acceleration of motor and surface from sample to sample, of the highest one."""
+"""Change of the acceleration of motor and surface from sample to sample, of the highest one, at
+`NOISE_RATE`; in proportion to longer intervals."""
 PARTS = 16
 """Of the test, for its offsets."""
 SEPARATED = 200.0
@@ -75,8 +77,6 @@ FINE = 2.0
 """Median change, in those steps, from which rounding explains few repeats."""
 BEAT = 0.5
 """Changes that follow a change at once, of those by chance, that only a fixed beat has."""
-LONGEST = 16
-"""Samples for which a value is held; longer is a current that stands still."""
 DRIVEN = 1e-3
 """Current that counts as driven, of the limit, where the references were not recorded."""
 _PHASES = "abc"
@@ -125,6 +125,8 @@ def current_sum(facts: BagFacts) -> CurrentSum | None:
     for part in np.array_split(driven, PARTS):
         centred = part - part.mean(axis=0)
         scatter += centred.T @ centred
+    if not np.isfinite(scatter).all():  # readings without a bound
+        return None
     variances, vectors = np.linalg.eigh(scatter)
     weights = np.abs(vectors[:, 0])
     known = variances[1] > SEPARATED * variances[0] and weights.min() > 0.2
@@ -163,13 +165,20 @@ def _by_reference(facts: BagFacts) -> float | None:
     if facts.actuator.drive.kind == RELAY:
         least = max(least, OF_BAND * facts.actuator.inverter.hysteresis)
     if facts.actuator.drive.kind == FOC:
-        vectors = [facts.vector(part)[slow] for part in (PHASE_CURRENTS, REFERENCE_CURRENTS)]
-        size = np.abs(vectors[1])
-        use = (size > least) & (size < most)
-        if use.sum() < facts.window:
+        # Means in the rotor's frame: the noise of a reference would make the ratio too small.
+        n = max(4, facts.window // 4)
+        turned = np.cumsum(s[:, MOTOR_SPEED]) * facts.interval * facts.actuator.motor.pole_pairs
+        current, reference, slow = (
+            x[:len(s) // n * n].reshape(-1, n).mean(axis=1) for x in (
+                *(facts.vector(part) * np.exp(-1j * turned)
+                  for part in (PHASE_CURRENTS, REFERENCE_CURRENTS)), slow))
+        size = np.abs(reference)
+        use = (size > least) & (size < most) & (slow == 1.0)
+        use[1:] &= np.abs(np.diff(size)) < 0.1 * size[1:]
+        if n * use.sum() < facts.window:
             return None
-        current, reference = (vector[use] for vector in vectors)
-        return float(abs(np.vdot(reference, current)) / np.vdot(reference, reference).real)
+        reference = reference[use]
+        return float(abs(np.vdot(reference, current[use])) / np.vdot(reference, reference).real)
     steady = max(2, round(STEADY_TIME / facts.interval))
     ratios = []
     for column in facts.currents:
@@ -226,7 +235,8 @@ def noise_bounds(facts: BagFacts) -> dict[int, float]:
         rounding = span / 2**bits / np.sqrt(12.0)  # a converter is white noise too
         return float(max(nominal, rounding, LEAST_NOISE * highest) * most * wider)
 
-    shake = RIPPLE * facts.acceleration * dt
+    ripple = min(1.0, RIPPLE * max(1.0, dt * NOISE_RATE))
+    shake = ripple * facts.acceleration * dt
     surface_acceleration = a.motor.torque_limit * a.gear.ratio / a.surface.inertia
     pole_pairs = a.motor.pole_pairs
     angle = max(ANGLE_NOISE * pole_pairs, ROUGH * c.angle_range / 2**c.angle_bits)
@@ -235,7 +245,7 @@ def noise_bounds(facts: BagFacts) -> dict[int, float]:
             noise.current, c.current_range, c.current_bits, a.inverter.current_limit),
         MOTOR_SPEED: shake + NOISY * least(
             noise.speed, c.speed_range, c.speed_bits, a.control.speed_limit),
-        SURFACE_POSITION: RIPPLE * surface_acceleration * dt * dt + ROUGH * least(
+        SURFACE_POSITION: ripple * surface_acceleration * dt * dt + ROUGH * least(
             noise.position, c.position_range, c.position_bits, a.surface.end_stop),
         ROTOR_ANGLE: angle * wider + shake * dt * pole_pairs,
     }

@@ -11,9 +11,12 @@ from ema_record.channels import ROTOR_ANGLE, SURFACE_POSITION, median
 from ema_record.checks.facts import CALIBRATE, SCALE, BagFacts, Hit, Rule
 
 SPEED_SCALE = 0.01
-"""`SCALE` for speed against rotor angle, which no gear and no gain stands between."""
+"""`SCALE` for speed against rotor angle, which no gear and no gain stands between: in the mean,
+and once a turn, where a good resolver (0.2 degrees) gives a third of it."""
 SPEED_OFFSET = 0.01897
 """Difference between measured speed and the rotor angle's over a window (of the highest)."""
+LEAST_TURNS = 4
+"""Turns of the motor on end from which a line once a turn is told from a drift."""
 TRAVELLED = 1.0 / 6.0
 """Motion from which travel is compared, of that from the middle to the end stop."""
 TURNED = 0.19
@@ -108,7 +111,37 @@ def speed_offset(facts: BagFacts) -> Iterator[Hit]:
                   float(found.time[row]), float(off.max()), "rad/s", "motor_speed")
 
 
+def speed_ripple(facts: BagFacts) -> Iterator[Hit]:
+    """Find a speed that is off that of the rotor angle once a turn of the motor.
+
+    Speed less ε times its cosine turns ε more or less once a turn. Beside it a scale, a filter,
+    which turns less by its delay times the speed, and a drift.
+    """
+    motion = facts.motion
+    if not facts.has(ROTOR_ANGLE) or facts.angle_in_degrees or not len(motion.time):
+        return
+    speed = motion.turned / facts.interval
+    fast = np.abs(speed) > TURNED * facts.actuator.control.speed_limit
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], fast, [False]]).astype(np.int8)))
+    begin, end = max(zip(edges[::2], edges[1::2]), key=lambda run: run[1] - run[0],
+                     default=(0, 0))
+    angle = np.cumsum(motion.angle[begin:end])
+    if not len(angle) or np.ptp(angle) < LEAST_TURNS * 2.0 * np.pi:
+        return
+    time = np.linspace(-1.0, 1.0, len(angle))
+    columns = np.stack([np.ones(len(angle)), time, time**2, angle, speed[begin:end],
+                        np.cos(angle), np.sin(angle)])
+    columns /= np.linalg.norm(columns, axis=1)[:, None]
+    behind = np.cumsum(motion.turned[begin:end]) - angle
+    part = np.linalg.lstsq(columns.T, behind, rcond=None)[0][-2:]
+    ripple = float(np.linalg.norm(part) * np.sqrt(2.0 / len(angle)))
+    if ripple > SPEED_SCALE:
+        yield Hit(f"motor_speed and rotor_angle differ by {100.0 * ripple:.2g} % of the speed "
+                  "once a turn of the motor", float(motion.time[begin]), ripple, "", "motor_speed")
+
+
 RULES = (
     Rule(name="sensor_scale", find=motion_scales, remedy=CALIBRATE),
+    Rule(name="sensor_scale", find=speed_ripple, remedy=CALIBRATE),
     Rule(name="sensor_offset", find=speed_offset, remedy=CALIBRATE),
 )

@@ -15,13 +15,16 @@ from ema_record.channels import (
     ROTOR_ANGLE,
     SURFACE_POSITION,
     TIME,
+    measured,
     median,
 )
 from ema_record.checks.facts import SET_UNIT, SETTLED, BagFacts, Hit, Rule
 from ema_record.wire.topics import DC_BUS, WINDING_TEMPERATURE
 
-STUCK_TIME = 0.02
-"""Run of one value of a noisy channel that no noise gives (s)."""
+STUCK_TIME, FAR = 0.02, 4
+"""Run of one value of a noisy channel that no noise gives (s); or, of the longest other one."""
+LONGEST = 16
+"""Samples for which a value is held; longer is a current that stands still, or a channel."""
 TURNED = 4.0
 """Electrical angle beyond which no commutation interval goes (rad)."""
 LOST_MOTION = 0.0917
@@ -119,8 +122,10 @@ def stuck(facts: BagFacts) -> Iterator[Hit]:
         begin, end = _runs(s[:, column])
         if column in _NOISY:
             begin = np.maximum(begin, live)
+            *_, other, longest = np.sort(np.append(end - begin, 1))
             k = int(np.argmax(end - begin))
-            hit = _stopped(facts, column, begin[k], end[k], moved)
+            hit = longest > max(LONGEST, FAR * other) or longest * facts.interval > STUCK_TIME
+            hit = hit and _stopped(facts, column, begin[k], end[k], moved)
         else:
             k = int(np.argmax(moved[end - 1] - moved[begin]))
             travel = moved[end[k] - 1] - moved[begin[k]]
@@ -143,8 +148,6 @@ def _stopped(facts: BagFacts, column: int, begin: int, end: int, moved: np.ndarr
     alike, the channel changes all the time: one without noise never does.
     """
     s = facts.samples
-    if (end - begin) * facts.interval <= STUCK_TIME:
-        return False
     pole_pairs, highest = facts.actuator.motor.pole_pairs, facts.actuator.control.speed_limit
     turned = moved[end - 1] - moved[begin]
     reading = abs(s[begin, MOTOR_SPEED]) if column == MOTOR_SPEED else 0.0
@@ -172,7 +175,11 @@ def saturated(facts: BagFacts) -> Iterator[Hit]:
             continue
         values = s[:, column]
         begin, end = _runs(values)
-        for extreme in (float(values.max()), float(values.min())):
+        extremes = float(values.max()), float(values.min())
+        held = np.isin(values[begin], extremes)
+        rest = len(s) - int((end - begin)[held].sum())
+        still = (rest - int((~held).sum())) / max(rest, 1)  # beside both ends of its range
+        for extreme in extremes:
             runs = (end - begin)[values[begin] == extreme]
             at = begin[values[begin] == extreme]
             total = int(runs.sum())
@@ -187,9 +194,7 @@ def saturated(facts: BagFacts) -> Iterator[Hit]:
                     abs(extreme) < STANDING[0] * facts.actuator.control.speed_limit
                 ):
                     continue  # it stands
-                rest = len(s) - total
-                still = (len(s) - len(begin) - (total - len(runs))) / max(rest, 1)
-                clipped = longest >= CLIPPED and total < 0.97 * len(s) and still < LIVELY
+                clipped = longest >= CLIPPED and rest >= ENOUGH and still < LIVELY
             if clipped:
                 yield Hit(
                     f"{CHANNELS[column].name} is cut off at {extreme:.6g} {CHANNELS[column].unit}",
@@ -232,13 +237,13 @@ def spikes(facts: BagFacts) -> Iterator[Hit]:
 
 def slow_units(facts: BagFacts) -> Iterator[Hit]:
     """Find bus voltages and temperatures that are in another unit."""
-    if len(facts.bus_voltage):
-        voltage = float(median(facts.bus_voltage))
+    if len(readings := measured(facts.bus_voltage)):
+        voltage = float(median(readings))
         nominal = 2.0 * facts.actuator.inverter.bus_voltage
         if not BUS_VOLTAGE[0] <= voltage / nominal <= BUS_VOLTAGE[1]:
             yield Hit(f"bus voltage {voltage:g} V: is it in mV or kV?", None, voltage, "V", DC_BUS)
-    if len(facts.winding_temperature):
-        celsius = float(median(facts.winding_temperature))
+    if len(readings := measured(facts.winding_temperature)):
+        celsius = float(median(readings))
         if not WINDING[0] <= celsius <= WINDING[1]:
             yield Hit(f"winding at {celsius:g} degC: is it in K?", None, celsius, "degC",
                       WINDING_TEMPERATURE)

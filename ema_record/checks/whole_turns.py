@@ -111,11 +111,12 @@ def _first_kept(values: np.ndarray, bound: float) -> tuple[int, float] | None:
     A median of `MEDIAN` turns on end is beyond it, and each turn from then on is alike.
     """
     medians = median(np.lib.stride_tricks.sliding_window_view(values, MEDIAN), axis=-1)
-    first = int(np.argmax(np.abs(medians) > bound))
-    size = float(medians[first])
-    later = np.sign(size) * values[first + MEDIAN // 2:]
-    kept = np.quantile(later, KEPT[0]) > KEPT[1] * max(bound, float(median(later)))
-    return (first, size) if abs(size) > bound and kept else None
+    sense = np.sign(medians) * (np.abs(medians) > bound)
+    for first in np.flatnonzero(np.diff(sense, prepend=0.0) * sense > 0.0).tolist():
+        later = sense[first] * values[first + MEDIAN // 2:]
+        if np.quantile(later, KEPT[0]) > KEPT[1] * max(bound, float(median(later))):
+            return first, float(medians[first])
+    return None
 
 
 def gains(facts: BagFacts) -> Iterator[Hit]:

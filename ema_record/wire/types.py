@@ -77,6 +77,11 @@ def header(stamp: int) -> Any:
     return message_class("std_msgs/msg/Header")(stamp=time, frame_id="")
 
 
+def possible(stamp: int) -> bool:
+    """Whether a message can hold a time (ns since the epoch): seconds have 32 bits, till 2038."""
+    return 0 <= stamp < 2**31 * NANOSECONDS
+
+
 def stamp_of(message: Any) -> int:
     """Return the stamp of a message's header, or of a header itself (ns since the epoch)."""
     stamp = getattr(message, "header", message).stamp

@@ -117,7 +117,8 @@ def run_campaign(
         if out is not None:
             folder = CampaignFolder(out, _manifest(campaign, reduction, bags, size))
             stack.enter_context(folder.locked())
-            finished = {n: folder.load(n) for n in sorted(folder.done()) if n < len(tasks)}
+            kept = {n: folder.load(n) for n in sorted(folder.done()) if n < len(tasks)}
+            finished = {n: c for n, c in kept.items() if _has_bags(tasks[n], c)}
         count = sum(len(c["run"]) for c in finished.values())
         if progress is not None:
             progress(count)
@@ -184,9 +185,19 @@ def _stack(made: list[dict[str, np.ndarray] | None]) -> Columns:
     return columns
 
 
+def _bag_of(task: Task, index: int) -> Path:
+    return Path(task.bags) / BAGS / f"run_{index:06d}"
+
+
+def _has_bags(task: Task, columns: Columns) -> bool:
+    """Whether the bags of the runs of a task that did not fail are there, if any are kept."""
+    made = columns["run"][~columns["failed"]].tolist() if task.bags else []
+    return all(_bag_of(task, index).exists() for index in made)
+
+
 def _keep_bag(task: Task, index: int, record: object) -> None:
     """Write the bag of a run under its final name, unless it is there from before."""
-    path = Path(task.bags) / BAGS / f"run_{index:06d}"
+    path = _bag_of(task, index)
     if path.exists():
         return
     path.parent.mkdir(exist_ok=True)

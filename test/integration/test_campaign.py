@@ -1,5 +1,6 @@
 import filecmp
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -193,6 +194,9 @@ def test_bags_are_kept(plan, tmp_path):
     assert ema(["simulate", "--campaign", str(path), "--run", "1", "--out", str(alone)]) == 0
     assert files_of(alone) == ["metadata.yaml", "run_000001_0.mcap"]
     assert_same_bytes(alone, bags[1])
+    shutil.rmtree(bags[1])
+    assert ema(["simulate", "--campaign", str(path), "--out", str(tmp_path / "out")]) == 0
+    assert_same_bytes(alone, bags[1])  # what was taken away is made again
 
 
 def test_options_of_one_run_do_not_mix(plan, tmp_path, capsys):

@@ -39,6 +39,7 @@ from ema_identification.actuator.measure.signals import (
     travels,
 )
 from ema_record.actuator import Actuator
+from ema_record.channels import measured
 from ema_record.profile import Profile
 from ema_record.record import Record
 
@@ -71,9 +72,10 @@ def converter_step(values: np.ndarray) -> float:
 
 def _bus_slope(record: Record) -> float:
     """Return by how much the bus falls a bus current (V/A); 0 if the record does not tell."""
-    if len(record.dc_bus) < 3:
+    bus = measured(record.dc_bus)
+    if len(bus) < 3:
         return 0.0
-    voltage, current = record.dc_bus[:, 1], record.dc_bus[:, 2]
+    voltage, current = bus[:, 1], bus[:, 2]
     centred = current - current.mean()
     power = float(centred @ centred)
     return float(-(centred @ voltage) / power) if power > 1e-6 else 0.0

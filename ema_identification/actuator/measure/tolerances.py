@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ema_record.actuator import Actuator
-from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS
+from ema_record.channels import MOTOR_SPEED, PHASE_CURRENTS, measured
 from ema_record.record import Record
 from ema_sim.effects import EFFECTS, Effects
 from ema_sim.machine import TURN
@@ -168,31 +168,32 @@ motion: of some 2 ms, where the shaft swings in 20."""
 
 def align(record: Record, model: Model) -> RecordConditions:
     """Return the conditions of a test, read off its record."""
-    measured = set()
+    found = set()
     temperature = REFERENCE_TEMPERATURE
-    if len(record.winding_temperature):
-        temperature = float(np.mean(record.winding_temperature[:, 1]))
-        measured.add("temperature")
+    if len(winding := measured(record.winding_temperature)):
+        temperature = float(np.mean(winding[:, 1]))
+        found.add("temperature")
     bus = drawn = 0.0
-    if len(record.dc_bus):
-        voltage, drawn = _supply(record)
+    rails, voltages = measured(record.dc_bus), measured(record.dc_bus[:, 1])
+    if len(voltages):
+        voltage, drawn = _supply(rails) if len(rails) else (float(voltages.mean()), 0.0)
         bus = voltage / (2.0 * model.actuator.inverter.bus_voltage) - 1.0
-        measured.add("bus")
+        found.add("bus")
     # Of the first samples alone: a load turns the rotor as soon as nothing holds it.
     first = record.channel("rotor_angle")[:max(1, record.at_rest.start)]
     turned = np.exp(1j * first).mean()
     return RecordConditions(
         temperature=temperature, bus=bus, bus_current=drawn, noise=_noise(record, model),
-        start_angle=float(np.angle(turned)) % TURN, measured=frozenset(measured),
+        start_angle=float(np.angle(turned)) % TURN, measured=frozenset(found),
     )
 
 
-def _supply(record: Record) -> tuple[float, float]:
+def _supply(rails: np.ndarray) -> tuple[float, float]:
     """Return a voltage between the rails (V) and the current that is drawn at it (A).
 
     Where currents differ enough that at none, else the means.
     """
-    voltage, current = record.dc_bus[:, 1], record.dc_bus[:, 2]
+    voltage, current = rails[:, 1], rails[:, 2]
     if len(voltage) >= 3 and float(np.ptp(current)) >= 0.5:
         slope, level = np.polyfit(current, voltage, 1)
         if abs(slope) < 2.0:

@@ -13,7 +13,7 @@ from ema_identification.rig.laws import LAWS
 from ema_record.errors import UsageError, first_problem, unknown_name
 from ema_record.yaml_file import load_yaml
 from ema_rig.map import SEE, Finite
-from ema_rig.record import InputQuantity, Motion
+from ema_rig.record import MAX_RIG_RATE, InputQuantity, Motion
 
 DEFAULT_TOLERANCE = 0.1
 MAX_TERMS = 60
@@ -62,9 +62,9 @@ class KnownTerm(_Part):
 class Settings(_Part):
     """What is otherwise derived from the data."""
 
-    band: float | None = Field(default=None, ge=1e-4, le=1e5)
+    band: float | None = Field(default=None, ge=1e-4, le=MAX_RIG_RATE / 2)
     """Cut-off of the filter of both sides of the balance (Hz)."""
-    cutoff: float | None = Field(default=None, ge=1e-4, le=1e5)
+    cutoff: float | None = Field(default=None, ge=1e-4, le=MAX_RIG_RATE / 2)
     """Cut-off of a Butterworth filter of the outputs before they are differentiated (Hz)."""
     decimate: int | None = Field(default=None, ge=2, le=1000)
     """Both sides by `scipy.signal.decimate` with this factor, in place of the band's filter."""

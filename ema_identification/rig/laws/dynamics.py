@@ -157,6 +157,7 @@ COMPLIANCE = Law(
     units={"load_inertia": "u/a", "frequency": "Hz", "damping": "1"},
     columns=_lagging_load, grid=resonances_grid, positive=True,
     part_of="inertia", located="frequency", dynamic=True,
+    excludes=("load_side_compliance",),  # the sensor is at one side
 )
 DEAD_ZONE = Law(
     name="dead_zone", meaning="the drive swallows a part of the input around zero",
@@ -174,7 +175,7 @@ LOAD_SIDE_COMPLIANCE = Law(
     against="frequency", coefficients=("value",), units={"value": "u*s²/a"},
     columns=lambda segment, _t, _s: (
         derivative(derivative(segment.acceleration, segment.step), segment.step),),
-    dynamic=True, positive=True,
+    dynamic=True, positive=True, excludes=("compliance",),
 )
 PERIODIC_DISTURBANCE = Law(
     name="periodic_disturbance",

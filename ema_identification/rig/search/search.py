@@ -18,6 +18,7 @@ from ema_identification.rig.search.alternatives import (
     LawChoice,
     Trial,
     best_placed,
+    equivalents,
     refined,
     with_whole_delay,
     without_skew,
@@ -90,7 +91,8 @@ def _one_way(start: InputBalance, look: Look) -> tuple[Way, bool]:
         choices, stages = _polished(start, choices, look.blocks)
     choices, stages, dropped = pruned(start, choices, look.blocks)
     choices, stages, more = _simplified(start, choices, stages, look)
-    dropped += more
+    choices, stages, others = _one_for_two(start, choices, stages, look)
+    dropped += [*more, *others]
     lost = _not_there(stages[-1], len(start.terms), look.blocks)
     if lost:
         return _one_way(start, replace(look, hidden=look.hidden | lost))
@@ -123,6 +125,37 @@ def _simplified(
         dropped.append(own)
         choices, stages = better
     return choices, stages, dropped
+
+
+def _one_for_two(
+    start: InputBalance, choices: list[LawChoice], stages: list[InputBalance], look: Look
+) -> tuple[list[LawChoice], list[InputBalance], list[Term]]:
+    """Return the choices with one law in place of two against the same, if it leaves no more.
+
+    A pendulum is a spring that softens, until it swings far.
+    """
+    end, first = stages[-1], len(start.terms)
+    now = end.squares(look.blocks)
+    for index, one in enumerate(choices):
+        for k in range(index + 1, len(choices)):
+            pair = one.trial.term.law, choices[k].trial.term.law
+            others = [c for j, c in enumerate(choices) if j not in (index, k)]
+            if pair[0].against != pair[1].against or {law.name for law in pair} & {
+                    name for c in others for name in c.trial.term.law.requires}:
+                continue
+            rest = end.without(first + k).without(first + index)
+            good = [t for t in choose(rest, look)[1] if t.significant and t.companion is None
+                    and t.term.law.against == pair[0].against
+                    and t.squares.sum() < now + least_loss(end, now)]
+            if not good or good[0].term.law in pair:
+                continue
+            equivalent = equivalents(
+                rest, look.blocks, good[0], good, look.blocks.sums(rest.held_out(look.blocks)**2))
+            tried, after = _polished(start, [*others, LawChoice(
+                trial=good[0], equivalent=equivalent, trials=tuple(good))], look.blocks)
+            look.report(f"{good[0].name} in place of {pair[0].name} and {pair[1].name}")
+            return tried, after, [one.trial.term, choices[k].trial.term]
+    return choices, stages, []
 
 
 def _without(

@@ -75,5 +75,5 @@ def _at_several_speeds(phase: np.ndarray, speed: np.ndarray) -> bool:
     of_phase = np.minimum((phase / (2.0 * np.pi) * PHASES).astype(int), PHASES - 1)
     counts = np.zeros((PHASES, SPEEDS))
     np.add.at(counts, (of_phase, of_speed), 1.0)
-    seen = np.sum(counts > 0.0, axis=1) >= SEVERAL
-    return bool(seen.mean() >= MOST_PHASES)
+    passed = counts[counts.any(axis=1)]  # an arm may swing over a part of its turn alone
+    return bool(np.mean(np.sum(passed > 0.0, axis=1) >= SEVERAL) >= MOST_PHASES)

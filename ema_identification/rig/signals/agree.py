@@ -78,9 +78,9 @@ def agreeing_band(
     while last + 1 < len(found) and _alike(found[at], found[last + 1]):
         last += 1
     if last > at:
-        notes.append(f"inertia {number(found[at].inertia)} and viscous friction "
-                     f"{number(found[at].viscous)} agree over bands of {number(found[last].band)} "
-                     f"to {number(found[at].band)} Hz")
+        notes.append("inertia and viscous friction, without any other law "
+                     f"{number(found[at].inertia)} and {number(found[at].viscous)}, agree over "
+                     f"bands of {number(found[last].band)} to {number(found[at].band)} Hz")
     elif at + 1 < len(found):
         notes.append("inertia or viscous friction differ between bands of "
                      f"{number(found[at + 1].band)} and {number(found[at].band)} Hz "

@@ -172,6 +172,13 @@ def test_parquet(tmp_path):
     np.testing.assert_allclose(record.input, CURRENT, atol=1e-6)
     with pytest.raises(InvalidRecordError, match="line 1, column 'state': 'a' is not a number"):
         imported(tmp_path / "a.parquet", position={"column": "state", "unit": "rad"})
+    assert guess_map(tmp_path / "a.parquet").data["time"] == {"column": "t", "unit": "s"}
+    stamps[[0, 7]] = np.datetime64("NaT")
+    pq.write_table(pa.table({"t": stamps, "i": CURRENT, "q": Q}), tmp_path / "b.parquet")
+    record = imported(tmp_path / "b.parquet")
+    kept = np.delete(np.arange(N), [0, 7])
+    np.testing.assert_allclose(record.time, T[kept] - T[1], atol=1e-9)
+    np.testing.assert_allclose(record.input, CURRENT[kept], atol=1e-9)
 
 
 def bench(head, scale=(1.0, 1.0, 1.0, 1.0)):
@@ -203,6 +210,33 @@ def test_a_guess_reads_names_and_units_and_tries_what_agrees(tmp_path, head, sca
     record = import_file(tmp_path / "run 1.csv", map_from(guess.data, "g"))
     np.testing.assert_allclose(record.channel("speed"), 4 * np.cos(4 * record.time), atol=1e-6)
     np.testing.assert_allclose(record.channel("position"), np.sin(4 * record.time), atol=1e-6)
+
+
+@pytest.mark.parametrize(("head", "axis", "column", "units"), [
+    ("t_s,tau_Nm,theta_m,omega_m", "rotary", "theta_m", ("rad", "rad/s")),
+    ("t_s,tau_Nm,angle_in,speed_in", "rotary", "angle_in", ("rad", "rad/s")),
+    ("t_s,force_N,pos_m,v_m/s", "linear", "pos_m", ("m", "m/s")),
+])
+def test_the_end_of_a_name_is_a_unit_where_it_can_be(tmp_path, head, axis, column, units):
+    """The m of theta_m is the motor's, and an angle has no inches."""
+    data = guess_map(write(tmp_path / "a.csv", bench(head))).data
+    assert (data["axis"], data["position"]["column"]) == (axis, column)
+    assert (data["position"]["unit"], data["speed"]["unit"]) == units
+
+
+def test_what_drives_is_not_what_was_asked_for(tmp_path):
+    path = write(tmp_path / "a.csv", bench("t [s],iq_ref [A],iq [A],speed [rad/s]"))
+    assert guess_map(path).data["input"]["column"] == "iq [A]"
+    path = write(tmp_path / "b.csv", bench(
+        "t [s],torque [Nm],position_load [rad],position_motor [rad]"))
+    assert guess_map(path).supposed == ["position.column: position_load [rad], not "
+                                        "position_motor [rad]"]
+
+
+def test_a_time_in_another_unit_is_refused(tmp_path):
+    path = write(tmp_path / "a.csv", bench("time [ns],torque [Nm],angle [rad],speed [rad/s]"))
+    with pytest.raises(InvalidRecordError, match="samples a second, at most 200000: check the"):
+        import_file(path, map_from(guess_map(path).data, "g"))
 
 
 def test_what_is_supposed_has_to_be_confirmed(tmp_path, capsys, monkeypatch):

@@ -89,6 +89,9 @@ def test_the_python_module_is_the_balance(tmp_path):
     x, v, a = 0.3, -2.0, 7.0
     expected = (J * a + B * v - F + C + K * (x - REST) + 0.3 * math.cos(24 * x - 0.7))
     assert own.needed_input(x, v, a) == pytest.approx(expected, rel=1e-12)
+    of_arrays = np.array([x, v, a])
+    assert own.needed_input(*of_arrays) == own.needed_input(x, v, a)
+    assert own.step(*of_arrays, 1e-3) == own.step(x, v, a, 1e-3)
 
 
 def test_a_free_run_stops_when_friction_says(tmp_path):

@@ -91,7 +91,7 @@ def test_noise_that_hides_inertia_makes_the_band_narrower():
     assert agreeing_band(pieces_of(coarse, u, 1000.0), 80.0, 4.1, notes) == 20.0
     assert "20.0 Hz instead of 80 Hz: above it noise makes the inertia too small" in notes[0] \
         or "20 Hz instead of 80 Hz: above it noise makes the inertia too small" in notes[0]
-    assert "inertia 0.00199 and viscous friction 0.0102 agree" in notes[1]
+    assert "without any other law 0.00199 and 0.0102, agree" in notes[1]
     notes.clear()
     assert agreeing_band(pieces_of(q, u, 1000.0), 80.0, 4.1, notes) == 80.0
     assert "agree over bands" in notes[0]

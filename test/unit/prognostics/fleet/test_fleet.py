@@ -64,6 +64,67 @@ def test_bags_are_found_however_deep(place):
         bags_below([place / "nowhere"])
 
 
+def test_nothing_that_was_given_is_left_out(place, tmp_path):
+    """Folders without a bag, links, whole bags beside a cut one, a unit's folder of files."""
+    (tmp_path / "empty").mkdir()
+    assert bags_below([place / "a", tmp_path / "empty"])[-1] == tmp_path / "empty"
+    with pytest.raises(InvalidRecordError, match="no bag: give a folder"):
+        bags_below([tmp_path / "empty"])
+    unit = tmp_path / "SN-1"
+    (unit / "f1").mkdir(parents=True)
+    (unit / "f1/f1_0.mcap").touch()
+    (unit / "SN-1_0.mcap").touch()
+    (unit / "linked").symlink_to(place / "a/sim_0000_step")
+    (unit / "round").symlink_to(unit)
+    assert [p.name for p in bags_below([unit])] == ["SN-1_0.mcap", "f1", "linked"]
+    (unit / "metadata.yaml").touch()
+    assert [p.name for p in bags_below([unit])] == ["SN-1", "f1", "linked"]
+    files = tmp_path / "SN-2"
+    files.mkdir()
+    for name in ("SN-2_202617.mcap", "SN-2_202618.mcap"):
+        (files / name).touch()
+    assert len(bags_below([files])) == 2
+    deep = tmp_path / "deep" / "/".join("x" * 30)
+    deep.mkdir(parents=True)
+    with pytest.raises(InvalidRecordError, match="more than 20 folders deep"):
+        bags_below([tmp_path / "deep"])
+
+
+def test_a_bag_that_is_written_meanwhile_is_judged_again(place, tmp_path, monkeypatch):
+    """What was judged then is not what the bag holds now."""
+    bag = shutil.copytree(place / "b/c/sim_0001_step", tmp_path / "bag")
+    metadata = (bag / "metadata.yaml").read_bytes()
+    (bag / "metadata.yaml").unlink()
+    of_bag = judging.Judge.of_bag
+
+    def late(self, path):
+        judged = of_bag(self, path)
+        (bag / "metadata.yaml").write_bytes(metadata)
+        return judged
+
+    monkeypatch.setattr(judging.Judge, "of_bag", late)
+    read_fleet([bag], jobs=1, folder=tmp_path)
+    monkeypatch.setattr(judging.Judge, "of_bag", of_bag)
+    assert read_fleet([bag], jobs=1, folder=tmp_path).units[0].state == "suspected"
+
+
+def test_bags_without_a_serial_number_do_not_clear_each_other(found):
+    short = dict(found.units[0].objects[0], serial_number=None)
+    healthy = dict(found.units[2].objects[0], serial_number=None)
+    day = 86_400 * 10**9
+    objects = [short, *(dict(healthy, bag=f"h{n}", start_time=short["start_time"] + n * day,
+                             probabilities=healthy["probabilities"] | {"friction": n / 1e6})
+                        for n in range(1, 6))]
+    (unit,) = fleet_of(objects).units
+    assert (unit.state, unit.finding().split(",")[0]) == ("suspected", "turn short")
+
+
+def test_numbers_of_a_reason_are_not_taken_for_the_bag(tmp_path):
+    reasons = ["1: no metadata.yaml", "+1.1 healthy deviations"]
+    moved = judging._of_path({"bag": "1", "reasons": reasons}, tmp_path)
+    assert moved["reasons"] == [f"{tmp_path}: no metadata.yaml", "+1.1 healthy deviations"]
+
+
 def test_units_are_worst_first(found):
     assert [(u.serial_number, u.state) for u in found.units] == [
         ("SIM-0001", "suspected"), ("", "no answer"), ("SIM-0000", "healthy")]
@@ -176,7 +237,7 @@ def test_parts_of_a_recorder_that_died_are_one_bag_from_within_too(tmp_path, mon
         (tmp_path / "parts" / f"parts_{k}.mcap").write_bytes(b"")
     assert bags_below([tmp_path / "parts"]) == [tmp_path / "parts"]
     monkeypatch.chdir(tmp_path / "parts")
-    assert bags_below([Path()]) == [Path()]
+    assert bags_below([Path()]) == [tmp_path / "parts"]  # by its name
 
 
 def test_every_object_keeps_the_contract(found):
@@ -238,12 +299,13 @@ def test_the_command(found, command, capsys, tmp_path):
     page = files[0].read_text()
     assert not re.search(r'(src|href)="(?!data:)', page)  # needs no other file, no report yet
     assert page.index("SIM-0001") < page.index("SIM-0000")
+    mine = "<!doctype html><!-- mine, on ema fleet: # TYPE ema_unit_state gauge -->"
     for file in files:
-        file.write_text("mine")
+        file.write_text(mine)
         capsys.readouterr()
         assert command(f"--{'metrics' if file.suffix == '.prom' else file.suffix[1:]}", file) == 2
         assert "never overwritten" in capsys.readouterr().err
-        assert file.read_text() == "mine"
+        assert file.read_text() == mine
     os.mkfifo(tmp_path / "pipe")  # nobody writes to it
     for option in ("--html", "--parquet", "--metrics"):
         assert command(option, tmp_path / "pipe") == 2

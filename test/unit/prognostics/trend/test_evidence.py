@@ -1,5 +1,7 @@
 """The sequential test: distribution-free scores, run length, growth below announcement."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import ndtri
@@ -11,6 +13,7 @@ from ema_prognostics.trend.evidence import (
     sequential_scores,
     suspicion,
 )
+from ema_prognostics.trend.flights import in_order
 from ema_prognostics.trend.unit_trend import trend_of
 from support.flights import flights_of
 
@@ -77,3 +80,34 @@ def test_what_was_announced_first_is_not_suspected_later():
     found = trend_of("SN-1", flights)
     assert found.faults[0].announced == 6
     assert found.suspected == {}
+
+
+def test_a_suspicion_ends_with_what_spoke_for_it():
+    """A false one does not stay for ever: quiet flights take the sum back to zero."""
+    rng = np.random.default_rng(91_014)
+    odds = 0.01 * np.exp(0.1 * rng.normal(size=160))
+    odds[20:32] *= 3.0
+    flights = flights_of(["."] * 160, odds)
+    assert suspicion(flights[:32], "turn_short") is not None
+    assert suspicion(flights, "turn_short") is None
+
+
+def test_another_test_is_no_growth():
+    """Probabilities of step and extended are of different levels: ranks are of each alone."""
+    rng = np.random.default_rng(91_015)
+    odds = 0.01 * np.exp(0.1 * rng.normal(size=40))
+    odds[12:28] *= 5.0
+    names = ["extended"] * 12 + ["step"] * 16 + ["extended"] * 12
+    flights = [replace(f, profile=n) for f, n in zip(flights_of(["."] * 40, odds), names)]
+    assert suspicion(flights, "turn_short") is None
+
+
+def test_copies_are_no_flights_of_growth():
+    """Each flight once more: the same rate, the same forecast."""
+    marks = [0.01 * n for n in range(1, 13)]
+    alone = trend_of("SN-1", flights_of(marks)).faults[0]
+    twice = [replace(f, verdict=replace(f.verdict, bag=f"{f.verdict.bag}{end}"))
+             for f in flights_of(marks) for end in ("", "_recovered")]
+    found = trend_of("SN-1", in_order(twice)).faults[0]
+    assert found.growth == alone.growth
+    assert found.forecasts == alone.forecasts

@@ -1,14 +1,24 @@
 """Flights stand in order, each with its unit."""
 
+from dataclasses import replace
+from datetime import datetime, timezone
+from time import time_ns
+
 import pytest
 
-from ema_prognostics.trend.flights import Flight, by_unit, in_order, read_flights
+from ema_prognostics.trend.flights import Flight, by_unit, date_of, in_order, read_flights
+from ema_prognostics.trend.unit_trend import trend_of
 from ema_prognostics.verdict.verdict import Verdict
 from support.flights import flights_of, verdict_of
 
+DAY = 86_400 * 10**9
+BEGIN = 1_600_000_000 * 10**9
 
-def flight(bag, time=0, unit="SN-1", outcome="healthy"):
-    return Flight(verdict=Verdict(outcome=outcome, bag=bag), serial_number=unit, start_time=time)
+
+def flight(bag, day=0, unit="SN-1", outcome="healthy"):
+    """Return a flight of a day, none: of an unknown one."""
+    return Flight(verdict=Verdict(outcome=outcome, bag=bag), serial_number=unit,
+                  start_time=BEGIN + day * DAY if day else 0)
 
 
 def bags(flights):
@@ -18,7 +28,7 @@ def bags(flights):
 def test_start_time_first_then_the_name():
     found = in_order([flight("b", 30), flight("a10", 20), flight("a9", 20), flight("z", 10)])
     assert bags(found) == ["z", "a9", "a10", "b"]
-    assert [f.number for f in found] == [1, 2, 3, 4]
+    assert [f.number for f in found] == [1, 2, 2, 3]
 
 
 def test_without_a_time_a_flight_stands_after_its_neighbour_by_name():
@@ -30,14 +40,32 @@ def test_without_a_time_a_flight_stands_after_its_neighbour_by_name():
 def test_a_copy_is_shown_and_does_not_count():
     found = in_order([flight("a", 7), flight("a_copy", 7), flight("b", 8), flight("c"),
                       flight("d")])
+    assert [f.number for f in found] == [1, 1, 2, 3, 4]
     assert [f.repeat_of for f in found] == [None, 1, None, None, None]
     assert [f.answered for f in found] == [True, False, True, True, True]
+    assert date_of(found, 6) == datetime.fromtimestamp((BEGIN + 12 * DAY) / 1e9, timezone.utc)
+
+
+def test_tests_of_one_time_that_say_different_things_are_no_copies():
+    """A clock that stands: a fault beside healthy tests counts, and so do these."""
+    found = in_order([flight("a", 7), flight("b", 7, outcome="fault"), flight("c", 7),
+                      flight("d", 7, outcome="unknown")])
+    assert [(f.verdict.bag, f.number, f.repeat_of) for f in found] == [
+        ("a", 1, None), ("c", 1, 1), ("b", 2, None), ("d", 3, None)]
+
+
+@pytest.mark.parametrize("wrong", [0, 315_532_800 * 10**9, time_ns() + 10 * DAY])
+def test_a_date_that_cannot_be_tells_nothing(wrong):
+    """The newest flights of a clock that lost its battery stay the newest."""
+    found = in_order([flight("f1", 1), flight("f2", 2),
+                      replace(flight("f3", outcome="fault"), start_time=wrong)])
+    assert bags(found) == ["f1", "f2", "f3"]
+    assert trend_of("SN-1", found).undated == ((3,) if wrong else ())
 
 
 @pytest.mark.parametrize("names", [("a", "b"), ("b", "a")])
 @pytest.mark.parametrize(("whole", "part"), [
     ("fault", "incomplete"), ("healthy", "incomplete"), ("unknown", "invalid"),
-    ("fault", "healthy"),
 ])
 def test_of_two_copies_the_one_that_tells_more_counts(names, whole, part):
     found = in_order([flight(names[0], 7, outcome=whole), flight(names[1], 7, outcome=part)])

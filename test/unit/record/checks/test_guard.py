@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ema_prognostics.verdict.diagnose import diagnose
 from ema_prognostics.verdict.judge import forbidden
 from ema_record.checks.guard import OUTCOMES, SENSOR_RULES, guard_findings, outcome_of, reason_of
 from ema_record.profile import load_profile, step_profile
@@ -57,6 +58,11 @@ SENSOR_FAULTS = {
     "noisy position": ("sensor_noise", (POSITION,), lambda x: x + noise(1e-3)(x)),
     "held": ("held_samples", (2, 3, 4),
              lambda x: x[np.arange(len(x)) // 2 * 2]),
+    "out for 5 ms": ("stuck_channel", (2, 3, 4),
+                     lambda x: np.where(np.arange(len(x)) // 100 == ROW // 100, 0.0, x)),
+    "held for 5 ms": ("stuck_channel", (SPEED,),
+                      lambda x: np.where(np.arange(len(x)) // 100 == ROW // 100, x[ROW], x)),
+    "cut off": ("saturation", (2, 3, 4), lambda x: np.clip(x, -2.0, 2.0)),
 }
 
 
@@ -131,9 +137,46 @@ def test_faults_of_the_actuator_forbid_nothing(fault, case):
     assert forbidden(record) is None
 
 
-@pytest.mark.parametrize("rate", [10_000.0, 50_000.0])
-def test_another_rate_of_a_good_acquisition_is_no_obstacle(rate):
+@pytest.mark.parametrize("rate", [16_000.0, 50_000.0, 100_000.0])
+def test_a_rate_that_is_little_off_is_no_obstacle(rate):
     assert rules(simulate(load_profile("step"), seed=6, noise=2.0, rate=rate)) == []
+
+
+@pytest.mark.parametrize("rate", [5_000.0, 10_000.0, 200_000.0])
+def test_at_another_rate_features_are_others(rate):
+    """Of healthy units at 4 kHz a third were called faulty, at 10 kHz one in eleven."""
+    record = simulate(load_profile("step"), seed=6, rate=rate)
+    assert rules(record) == ["sample_rate"]
+    assert forbidden(record).outcome == "unknown"
+
+
+@pytest.mark.parametrize(("amplitude", "found"), [
+    (0.0, []), (0.005, []), (0.02, ["sensor_scale"])])
+@pytest.mark.parametrize("profile", ["step", "extended"])
+def test_a_speed_that_is_off_once_a_turn(profile, amplitude, found):
+    """What makes torque pulses as an eccentric rotor does, but not in the rotor angle."""
+    effects = parse_effects([f"speed_sensor_runout.amplitude={amplitude}",
+                             "speed_sensor_runout.angle=1.0"])
+    assert rules(simulate(load_profile(profile), seed=4, effects=effects)) == found
+
+
+@pytest.mark.parametrize("column", range(1, 10))
+@pytest.mark.parametrize("value", [np.finfo(float).max, -1e300, np.inf])
+def test_a_mark_of_no_value_stops_nothing(step, column, value):
+    samples = step.samples.copy()
+    samples[ROW, column] = value
+    assert guard_findings(replace(step, samples=samples)) != ()
+
+
+def test_readings_that_were_not_measured_are_none(step):
+    """NaN says so in a BatteryState; a record without the topic is judged too."""
+    bus, winding = step.dc_bus.copy(), step.winding_temperature.copy()
+    bus[:, 2], winding[3:, 1] = np.nan, np.nan
+    record = replace(step, dc_bus=bus, winding_temperature=winding)
+    assert rules(record) == []
+    assert diagnose(record).outcome == "healthy"
+    bus[::2, 1] = np.nan
+    assert diagnose(replace(record, dc_bus=bus)).outcome == "healthy"
 
 
 def test_a_longer_record_is_no_obstacle(step):
