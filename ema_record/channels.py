@@ -179,4 +179,5 @@ def measured(readings: np.ndarray) -> np.ndarray:
 
     So says sensor_msgs/BatteryState of its voltage and current.
     """
-    return readings[~np.isnan(readings).reshape(len(readings), -1).any(axis=1)]
+    absent = np.isnan(readings)
+    return readings[~(absent if absent.ndim == 1 else absent.any(axis=1))]

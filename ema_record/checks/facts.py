@@ -43,6 +43,8 @@ SUM_OFFSET = (0.01364, 6.0)
 """The same of the mean of the weighted sum of the currents over a part of the test."""
 SLOW = 0.3795
 """Share of the motor's highest speed below which the drive has voltage to spare."""
+LONGEST = 16
+"""Samples for which a value is held; longer is a current that stands still, or a channel."""
 IMPOSSIBLE = 3.0
 """Times the motor's highest speed that it never reaches."""
 SCALE = 0.05
@@ -344,7 +346,5 @@ class Rule:
 
     def check(self, facts: BagFacts) -> list[Finding]:
         """Return what the rule finds in a bag."""
-        return [
-            Finding(rule=self.name, level=self.level, remedy=self.remedy, **hit._asdict())
-            for hit in self.find(facts)
-        ]
+        return [Finding(rule=self.name, level=self.level, remedy=self.remedy, **hit._asdict())
+                for hit in self.find(facts)]

@@ -24,7 +24,7 @@ from ema_record.channels import (
 )
 from ema_record.checks.facts import SUM_OFFSET, BagFacts, Finding, facts_of_record
 from ema_record.checks.guard import OUTCOMES, guard_findings, plain
-from ema_record.checks.origin import length_tolerance
+from ema_record.checks.origin import RATE_TOLERANCE
 from ema_record.checks.stream import irregular
 from ema_record.limits import MAX_DURATION
 from ema_record.record import Record
@@ -43,6 +43,8 @@ what the shaft twists."""
 REACHED = 0.03
 """Distance from the expected course that is unusual (of the end stop), beyond the way at the slew
 speed in the time of run-up."""
+LAST = 1.0 - 1e-6
+"""Samples by which a clock that is a little off may miss the end of a test: less than one."""
 GROUPS = {
     "count": ("gap", "record_length", "sample_rate", "test_not_complete", "other_actuator"),
     "time order": ("clock_jump", "repeated_data"),
@@ -160,9 +162,12 @@ def _count(facts: BagFacts) -> CheckResult:
     duration = facts.profile.duration if facts.profile else 0.0
     expected = round(duration / facts.interval) if len(facts.samples) > 1 else 0
     gaps = sum(kind == "gap" for kind, _ in facts.derived(irregular))
-    near = abs(n - expected) * facts.interval <= length_tolerance(facts.interval)
+    span = float(np.ptp(facts.samples[:, TIME])) if expected else 0.0
+    interval = span / max(len(facts.samples) - 1, 1)
+    whole = (abs(n * interval - duration) < LAST * interval
+             and abs(n - expected) <= RATE_TOLERANCE * expected)
     return CheckResult(
-        name="count", level=Level.OK if near and expected > 1 else Level.ERROR,
+        name="count", level=Level.OK if whole and expected > 1 else Level.ERROR,
         message=f"{n} of {expected} samples, {gaps} gaps",
         values={"samples": str(n), "expected": str(expected), "gaps": str(gaps)},
         limits={"gaps": 0.0},

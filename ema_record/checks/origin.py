@@ -148,11 +148,6 @@ def wrong_rate(facts: BagFacts) -> Iterator[Hit]:
                       rate / expected, "")
 
 
-def length_tolerance(interval: float) -> float:
-    """Return by how much a record may be shorter or longer than its test (s)."""
-    return max(LENGTH_TOLERANCE[0], LENGTH_TOLERANCE[1] * interval)
-
-
 def wrong_length(facts: BagFacts) -> Iterator[Hit]:
     """Find records that are shorter or longer than their test."""
     if facts.profile is None or not facts.blocks:
@@ -163,7 +158,7 @@ def wrong_length(facts: BagFacts) -> Iterator[Hit]:
     rest = 1.0 - facts.actuator.acquisition.time_at
     end = float(facts.samples[-1, TIME]) + rest * facts.interval
     missing = facts.profile.duration - end
-    if abs(missing) > length_tolerance(facts.interval):
+    if abs(missing) > max(LENGTH_TOLERANCE[0], LENGTH_TOLERANCE[1] * facts.interval):
         yield Hit(
             f"the record ends at {end:.4f} s, its profile {facts.profile.name!r} at "
             f"{facts.profile.duration:.4f} s", end, missing, "s",

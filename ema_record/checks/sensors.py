@@ -32,6 +32,7 @@ from ema_record.channels import (
 )
 from ema_record.checks.facts import (
     CALIBRATE,
+    LONGEST,
     REST_OFFSET,
     SCALE,
     SETTLED,
@@ -41,7 +42,6 @@ from ema_record.checks.facts import (
     Hit,
     Rule,
 )
-from ema_record.checks.values import LONGEST
 from ema_record.record import SETTLING
 
 GAIN_SPREAD = (0.04, 4.0)

@@ -131,6 +131,8 @@ def speed_ripple(facts: BagFacts) -> Iterator[Hit]:
     time = np.linspace(-1.0, 1.0, len(angle))
     columns = np.stack([np.ones(len(angle)), time, time**2, angle, speed[begin:end],
                         np.cos(angle), np.sin(angle)])
+    if not np.isfinite(columns).all():
+        return
     columns /= np.linalg.norm(columns, axis=1)[:, None]
     behind = np.cumsum(motion.turned[begin:end]) - angle
     part = np.linalg.lstsq(columns.T, behind, rcond=None)[0][-2:]

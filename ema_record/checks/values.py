@@ -18,13 +18,11 @@ from ema_record.channels import (
     measured,
     median,
 )
-from ema_record.checks.facts import SET_UNIT, SETTLED, BagFacts, Hit, Rule
+from ema_record.checks.facts import LONGEST, SET_UNIT, SETTLED, BagFacts, Hit, Rule
 from ema_record.wire.topics import DC_BUS, WINDING_TEMPERATURE
 
 STUCK_TIME, FAR = 0.02, 4
 """Run of one value of a noisy channel that no noise gives (s); or, of the longest other one."""
-LONGEST = 16
-"""Samples for which a value is held; longer is a current that stands still, or a channel."""
 TURNED = 4.0
 """Electrical angle beyond which no commutation interval goes (rad)."""
 LOST_MOTION = 0.0917

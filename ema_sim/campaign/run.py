@@ -113,7 +113,7 @@ def run_campaign(
         for number, first in enumerate(range(0, campaign.runs, size))
     ]
     with ExitStack() as stack:
-        folder, finished = None, {}
+        folder, kept, finished = None, {}, {}
         if out is not None:
             folder = CampaignFolder(out, _manifest(campaign, reduction, bags, size))
             stack.enter_context(folder.locked())
@@ -133,7 +133,7 @@ def run_campaign(
                     "software than this process: install the same version everywhere, do not "
                     "edit it meanwhile"
                 )
-            if folder is not None:
+            if folder is not None and done.number not in kept:
                 folder.save(done.number, done.columns)
             finished[done.number] = done.columns
             count += len(done.columns["run"])

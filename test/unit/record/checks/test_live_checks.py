@@ -110,3 +110,11 @@ def test_a_short_record_without_rotor_angle_is_looked_at(good):
     samples[:, CHANNEL_NAMES.index("rotor_angle")] = np.nan
     assert [f.rule for f in guard_findings(replace(good, samples=samples))] == [
         "record_length", "missing_channel"]
+
+
+@pytest.mark.parametrize("ppm", [-400, -37, 3, 250])
+def test_a_clock_that_is_a_little_off_loses_no_sample(ppm):
+    """Of a recorder of its own the samples are as many as fit into the test."""
+    record = simulate(load_profile("step"), seed=3, rate=20_000.0 * (1.0 + 1e-6 * ppm))
+    assert levels(record)["count"] is Level.OK
+    assert levels(replace(record, samples=record.samples[:-2]))["count"] is Level.ERROR
