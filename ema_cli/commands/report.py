@@ -47,6 +47,7 @@ def report(
     Example: `ema report bags/sim_0001_extended --out SIM-0001.html`
     """
     from ema_cli.pages.report_files import form_of, write_report_file
+    from ema_prognostics.trend.flights import possible_time
     from ema_prognostics.verdict.examination import examine
     from ema_prognostics.verdict.judge import Judge
 
@@ -67,6 +68,10 @@ def report(
             kind = IncompleteRecordError if test.verdict.outcome == "incomplete" else UsageError
             other = "" if len(tests) == 1 else "; leave it out, or 'ema recover' it first"
             raise kind(f"no report: {test.verdict.reasons[0]}{other}")
+        if len(tests) > 1 and not possible_time(test.record.provenance.start_time):
+            raise UsageError(f"no report: {test.verdict.bag}: its date cannot be (of a clock that "
+                             "was not set, or runs ahead): it may be the newest, give it alone or "
+                             "leave it out")
     assert last.record is not None
     files = out or [Path(f"{last.verdict.bag}.html")]
     check_new_file(*files)

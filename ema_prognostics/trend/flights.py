@@ -24,6 +24,11 @@ _BEST_FIRST = ("fault", "healthy", "unknown", "incomplete", "invalid")
 """Which of several copies counts; a fault is never hidden by a copy that does not show it."""
 
 
+def possible_time(start_time: int) -> bool:
+    """Whether a test can have begun then (ns since the epoch)."""
+    return EARLIEST <= start_time <= time_ns() + DAY
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flight:
     """One test of an actuator and what it says.
@@ -48,8 +53,7 @@ class Flight:
     @property
     def time(self) -> int:
         """`start_time`, 0 where it cannot be: of a clock that was not set, or runs ahead."""
-        latest = time_ns() + DAY
-        return self.start_time if EARLIEST <= self.start_time <= latest else 0
+        return self.start_time if possible_time(self.start_time) else 0
 
     @property
     def answered(self) -> bool:

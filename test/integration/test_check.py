@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -223,6 +224,10 @@ def test_a_baseline_sharpens_and_is_checked(tmp_path, capsys):
     assert (status, verdict["verdict"]) == (2, "invalid")
     assert "SN-8" in verdict["reasons"][0]
     assert Judge(baseline=foreign).of_bag(bags["worn"]).verdict.reasons
+    nobody = str(write_bag(replace(other, provenance=replace(
+        other.provenance, serial_number="unknown")), tmp_path / "nobody"))
+    status, (verdict,) = check(capsys, bags["worn"], "--baseline", nobody)
+    assert "the baseline tells no serial number" in verdict["reasons"][-1]
     with pytest.raises(UsageError, match="not healthy itself"):
         Judge(baseline=bags["short"])
 

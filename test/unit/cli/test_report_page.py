@@ -15,8 +15,10 @@ import pytest
 from ema_cli.main import run
 from ema_cli.pages.report_files import as_xml
 from ema_prognostics.verdict.contract import kit_sha256
-from ema_record.bag.read import read_bag
+from ema_record.bag.read import read_bag, write_bag
 from ema_record.kit import kit_folder
+from ema_record.profile import load_profile
+from ema_sim.simulate import simulate
 
 LARGEST = 600_000
 """Bytes of a page."""
@@ -242,3 +244,13 @@ def written_with_trend(page, folder):
     full = folder / "full.html"
     full.write_text(as_page(data, read_bag(data["verdict"]["bag"])))
     return full
+
+
+@pytest.mark.parametrize("date", [0, 315_532_800 * 10**9])
+def test_of_several_records_the_newest_is_known(tmp_path, capsys, date):
+    """One that nothing dates, or a clock that was not set, may be the newest."""
+    bags = [str(write_bag(simulate(load_profile("step"), start_time=start), tmp_path / name))
+            for name, start in (("a", 1_790_000_000 * 10**9), ("b", date))]
+    assert run(["report", *bags]) == 2
+    assert "it may be the newest, give it alone" in capsys.readouterr().err
+    assert run(["report", bags[1]]) == 0

@@ -185,3 +185,11 @@ def test_sigterm_ends_quietly_with_its_own_status():
                           check=False, timeout=60)
     assert (done.returncode, done.stdout, done.stderr) == (
         128 + signal.SIGTERM, "", "ema: terminated\n")
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "ascii", "utf-8"])
+def test_json_is_json_in_any_encoding(encoding):
+    code = "from ema_cli.console import print_json; print_json({'unit': 'H\u00f6henruder \u2192'})"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True,
+                           env={**os.environ, "PYTHONIOENCODING": encoding})
+    assert json.loads(found.stdout.decode(encoding)) == {"unit": "H\u00f6henruder \u2192"}

@@ -115,6 +115,14 @@ def test_round_trip_of_any_length(tmp_path, make, n, start_time):
     assert found.provenance.start_time == start_time
 
 
+@pytest.mark.parametrize("start_time", [-5, 2**31 * 10**9, 2**63 - 1])
+def test_a_date_that_no_message_holds_is_refused(tmp_path, make, start_time):
+    """Seconds of a ROS message have 32 bits; the bag could not be read."""
+    with pytest.raises(UsageError, match="give nanoseconds since 1970, until 2038"):
+        write_bag(make(100, start_time=start_time), tmp_path / "bag")
+    assert not (tmp_path / "bag").exists()
+
+
 def test_same_record_same_bytes(tmp_path, make):
     """Also from another process, another directory and another time."""
     first = write_bag(make(1500, start_time=0), tmp_path / "a" / "bag")
