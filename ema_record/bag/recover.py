@@ -118,6 +118,9 @@ def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
     parts = _sorted_out(found, str(source))
     if not len(parts.times):
         raise _nothing(str(source), "no sample", found)
+    if np.diff(parts.times).min(initial=0.0) < -0.5 * parts.profile.duration:
+        raise InvalidRecordError(f"{source}: several tests, time begins anew: recover each file "
+                                 "by itself")
     status: Status = "aborted" if parts.provenance.status == "aborted" else "interrupted"
     report = _report(str(source), target, status, parts, found)
     _write(parts, target, report)

@@ -310,3 +310,14 @@ def test_a_foreign_channel_without_schema_is_left_out(good, tmp_path):
     (folder / "cut_0.mcap").write_bytes(whole[:-200])
     recover_bag(folder, tmp_path / "out")
     assert len(read_bag(tmp_path / "out")) > 0
+
+
+def test_files_of_several_tests_are_no_record(good, tmp_path):
+    """Whole records under the name of their folder were joined, and nothing was missing."""
+    (tmp_path / "SN-1").mkdir()
+    (file,) = good.glob("*.mcap")
+    for k in (17, 18):
+        shutil.copy(file, tmp_path / "SN-1" / f"SN-1_{k}.mcap")
+    with pytest.raises(RecordError, match="several tests, time begins anew"):
+        recover_bag(tmp_path / "SN-1", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
