@@ -10,7 +10,7 @@ from scipy import signal
 
 from ema_identification.rig.fit.model import Settings
 from ema_identification.rig.fit.visible import what_shows
-from ema_identification.rig.signals.agree import agreeing_band
+from ema_identification.rig.signals.agree import ROOM, agreeing_band
 from ema_identification.rig.signals.clocks import earlier, response_band, speed_lag, speed_noise
 from ema_identification.rig.signals.plausible import GAP, RUN, check_columns, check_input
 from ema_identification.rig.signals.recorder import cleaned
@@ -82,6 +82,10 @@ MAX_SAMPLES = 400_000
 MIN_SEGMENT = 64
 CLEAR = 0.25
 """Standard deviations."""
+ROWS_A_CYCLE = 20.0
+"""Samples a cycle of the highest frequency that is looked at."""
+MISSING = 2.5
+"""Intervals, of the 99th percentile, from which samples are missing."""
 
 
 def prepare(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
@@ -146,7 +150,10 @@ def _trajectory(records: Sequence[RigRecord], settings: Settings) -> Trajectory:
     longest = max(raw, key=lambda piece: len(piece["time"]))
     band = response_band(longest[POSITION if is_position else SPEED], float(longest["rate"]),
                          is_position=is_position)
-    edge = settings.band or band.edge
+    told = max(_told(records), ROOM * band.motion)
+    if settings.band is None and told < band.edge:
+        notes.append(f"band taken at {told:.3g} Hz: many samples are missing")
+    edge = settings.band or min(band.edge, told)
     if first.has(SPEED) and first.has(POSITION):
         _one_clock(raw, edge, band.motion, notes)
     if settings.band is None and settings.decimate is None:
@@ -210,6 +217,19 @@ def _alternations(speed: np.ndarray) -> int:
     return int(np.count_nonzero(clear[1:] != clear[:-1]))
 
 
+def _told(records: Sequence[RigRecord]) -> float:
+    """Return the band that the samples tell where many are missing, else infinity (Hz).
+
+    Straight lines between samples far apart bend as a load on a spring would make them.
+    """
+    found = []
+    for record in records:
+        steps = np.diff(record.time) * record.rate
+        longest = float(np.quantile(steps[steps <= GAP], 0.99))
+        found.append(record.rate / (ROWS_A_CYCLE * longest) if longest > MISSING else np.inf)
+    return min(found)
+
+
 def even_pieces(record: RigRecord, notes: list[str]) -> list[dict[str, np.ndarray]]:
     """Return the stretches between gaps on an even grid, as columns by name, with ``rate``."""
     time = record.time
@@ -243,7 +263,7 @@ def even_pieces(record: RigRecord, notes: list[str]) -> list[dict[str, np.ndarra
 def _segment(piece: dict[str, np.ndarray], band: float, settings: Settings) -> Segment:
     """Return the motion of one stretch, thinned where the band leaves room."""
     rate = float(piece["rate"])
-    factor = int(rate / (20.0 * band)) if settings.decimate is None else 1
+    factor = int(rate / (ROWS_A_CYCLE * band)) if settings.decimate is None else 1
     columns = {name: values for name, values in piece.items() if name != "rate"}
     if factor > 1:
         columns = {name: _thinned(values, factor) for name, values in columns.items()}

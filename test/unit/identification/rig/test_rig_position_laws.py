@@ -105,3 +105,9 @@ def test_wrong_pole_pairs_are_one_line(axis_of, pairs, says):
     with pytest.raises(UsageError, match=says) as caught:
         map_from(data, "map.yaml")
     assert "\n" not in str(caught.value)
+
+
+def test_a_pendulum_about_its_rest_is_no_spring_that_softens(bench):
+    """A sine is a line less a cube, until it swings far: one law in place of two."""
+    found = identify_rig([bench(lambda t, q, v, a: 1.5 * np.sin(q), duration=32.0)])
+    assert [finding.effect for finding in found.findings] == ["gravity"]

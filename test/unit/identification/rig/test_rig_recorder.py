@@ -1,5 +1,7 @@
 """What a recorder does is seen and said; a band is taken in which noise does not hide inertia."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -120,3 +122,13 @@ def test_one_step_to_a_speed_is_used_where_it_shows_the_axis(axis, recorded):
     flat = np.full_like(t, 3.0) + 1e-6 * t
     with pytest.raises(IncompleteRecordError, match="cycles"):
         prepare([recorded(t, 0.4 * flat, axis, position=np.cumsum(flat) / 500.0)], Settings())
+
+
+def test_where_samples_are_missing_the_band_is_what_they_tell(bench):
+    """Lines over the holes bent as a load on a spring would: it was named."""
+    record = bench(friction, duration=32.0)
+    kept = np.random.default_rng(3).random(len(record.samples)) < 0.6
+    holes = replace(record, samples=record.samples[kept])
+    trajectory = prepare([holes], Settings())
+    assert "many samples are missing" in " ".join(trajectory.notes)
+    assert trajectory.band < prepare([record], Settings()).band
