@@ -135,9 +135,12 @@ class VerdictKeeper:
 
 
 def what_is_missing(
-    node: Node, samples: Subscription, command: Publisher, service: str
+    node: Node, samples: Subscription, command: Publisher, service: str, reported: Sequence[str],
 ) -> str:
-    """Return what of the graph is missing or in the way; empty: nothing."""
+    """Return what of the graph is missing or in the way; empty: nothing.
+
+    `reported` : serial numbers that call themselves its actuator.
+    """
     publishers = samples.get_publisher_count()
     if publishers != 1:
         return (f"{publishers} nodes publish {samples.topic_name}, expected one actuator"
@@ -146,6 +149,8 @@ def what_is_missing(
         return f"no actuator listens to {command.topic_name}"
     if node.count_services(service) > 1:
         return f"another monitor offers {service} on this domain"
+    if len(reported) > 1:
+        return f"{len(reported)} actuators report here: {', '.join(reported)}"
     return ""
 
 
@@ -186,7 +191,9 @@ def fill_response(
     return response
 
 
-def find_actuator(array: DiagnosticArray, namespace: str) -> tuple[ActuatorStatus, str] | None:
+def find_actuator(
+    array: DiagnosticArray | None, namespace: str
+) -> tuple[ActuatorStatus, str] | None:
     """Return what the actuator says of itself and its serial number, if it is in the array.
 
     Any driver may take the place of the emulated actuator. Its DiagnosticStatus is named
@@ -195,7 +202,7 @@ def find_actuator(array: DiagnosticArray, namespace: str) -> tuple[ActuatorStatu
     comes at least once a second, and at the begin and the end of each run, with the keys of
     `ACTUATOR_KEYS`. Others may stand beside them.
     """
-    for status in array.status:
+    for status in () if array is None else array.status:
         if not reports_of(status.name, namespace):
             continue
         try:

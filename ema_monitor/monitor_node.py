@@ -117,12 +117,12 @@ class MonitorNode(EmaNode):
         self._interlock = Interlock(float(self._values["weight_on_wheels_timeout"]))
         self._recorder = BitRecorder(self._namespace)
         self._actuator: ActuatorStatus | None = None
-        self._actuator_heard = 0.0
+        self._actuator_heard, self._last_block = 0.0, -1.0
+        self._reported: dict[str, float] = {}  # serial numbers, and when each was heard
         self._began: float | None = None
         self._sent: set[int] = set()
         self._last_sent, self._next_sign = 0, 0.0
         self._foreign = self._abort = self._leaving = False
-        self._last_block = -1.0
         self._last_reason, self._failed = "no test yet", False
         group = PolledGroup()
         self._polled = {
@@ -205,7 +205,7 @@ class MonitorNode(EmaNode):
                     self._send_sign_of_life()  # a backlog on a machine that is loaded takes long
                     self._last_block = time.monotonic()
                 elif topic == DIAGNOSTICS:
-                    self._take_diagnostics(data)
+                    problem = problem or self._take_diagnostics(data)
                     continue
                 elif topic == WEIGHT_ON_WHEELS:
                     message = read_message(data, Bool) or Bool()  # in doubt it is off
@@ -220,15 +220,19 @@ class MonitorNode(EmaNode):
                     problem = problem or str(error)
         return problem
 
-    def _take_diagnostics(self, data: bytes) -> None:
+    def _take_diagnostics(self, data: bytes) -> str:
         if ACTUATOR_STATUS.encode() not in data:
-            return
-        array = read_message(data, DiagnosticArray) or DiagnosticArray()
-        found = find_actuator(array, self._namespace)
+            return ""
+        found = find_actuator(read_message(data, DiagnosticArray), self._namespace)
         if found is not None:
             self._actuator, serial = found
             self._actuator_heard = time.monotonic()
-            self._serial = str(self._values["serial_number"]) or serial
+            self._reported = {**dict([*self._reported.items()][-9:]), serial: self._actuator_heard}
+            before, self._serial = self._serial, str(self._values["serial_number"]) or serial
+            changed = before and self._serial not in ("", before)
+            if changed and self._sequence.stage is not Stage.FINDING:
+                return f"the actuator was {before} and is {self._serial} now"
+        return ""
 
     def _observe(self, begins: bool = False) -> Observation:
         now = time.monotonic()
@@ -237,10 +241,11 @@ class MonitorNode(EmaNode):
         interlock = self._interlock.reason(now, self._began)
         if interlock:
             interlock += unheard(self, self._polled[WEIGHT_ON_WHEELS])
+        recent = [s for s, at in self._reported.items() if s and now - at <= ACTUATOR_TIMEOUT]
         return Observation(
             now=now, stamp=time.time_ns(), interlock=interlock,
             missing=what_is_missing(self, self._polled[SAMPLES], self._command,
-                                    self._service_name) if finding else "",
+                                    self._service_name, recent) if finding else "",
             actuator=None if silent else self._actuator, actuator_heard=self._actuator_heard,
             samples_received=self._recorder.samples_received,
             last_sample=self._recorder.last_sample,

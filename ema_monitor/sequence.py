@@ -303,7 +303,9 @@ class TestSequence:
 
     def _position(self, seen: Observation) -> float:
         """Return where the surface is (rad), as the latest news of it say."""
-        if seen.last_position is not None:
+        told = seen.actuator
+        late = told is not None and (told.captures or seen.actuator_heard > seen.last_block)
+        if seen.last_position is not None and not late:
             return self._within(seen.last_position)
         return self._origin if seen.actuator is None else self._within(
             seen.actuator.surface_position)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shlex
+import threading
 from collections.abc import Callable, Iterator
 from functools import cache, partial
 from pathlib import Path
@@ -29,6 +30,17 @@ LIBRARY, VALIDATION, REPORT = "library", "validation.json", "report.html"
 
 
 PACKAGE = "ema_phm"
+
+
+class _Block:
+    """One use of a kit that has not ended, and what was used before it."""
+
+    def __init__(self, thread: int, kit: str | None) -> None:
+        self.thread, self.kit = thread, kit
+        self.before: str | None = None
+
+
+_LOCK, _BLOCKS = threading.Lock(), list[_Block]()
 
 
 def share_path(relative: str) -> Path:
@@ -81,18 +93,35 @@ def use_kit(folder: str | Path | None) -> None:
 
 @contextlib.contextmanager
 def using_kit(folder: str | Path | None) -> Iterator[None]:
-    """Use a kit inside a ``with`` block; None: the shipped one."""
-    before = os.environ.get(ENVIRONMENT)
+    """Use a kit inside a ``with`` block; None: the shipped one.
+
+    A process has one kit at a time: UsageError where another thread works with another one.
+    """
+    kit = None if folder is None else str(check_kit(Path(folder)).resolve())
+    block = _Block(threading.get_ident(), kit)
+    with _LOCK:
+        if any(b.thread != block.thread and b.kit != kit for b in _BLOCKS):
+            raise UsageError("another thread works with another kit: a process has one at a time, "
+                             "give each kit a process of its own")
+        block.before = os.environ.get(ENVIRONMENT)
+        _BLOCKS.append(block)
+        _set(kit)
     try:
-        if folder is None:
-            os.environ.pop(ENVIRONMENT, None)
-        else:
-            use_kit(folder)
         yield
     finally:
-        os.environ.pop(ENVIRONMENT, None)
-        if before is not None:
-            os.environ[ENVIRONMENT] = before
+        with _LOCK:
+            at = _BLOCKS.index(block)
+            if at + 1 < len(_BLOCKS):  # of another thread: it ends with what was before both
+                _BLOCKS[at + 1].before = block.before
+            else:
+                _set(block.before)
+            del _BLOCKS[at]
+
+
+def _set(kit: str | None) -> None:
+    os.environ.pop(ENVIRONMENT, None)
+    if kit is not None:
+        os.environ[ENVIRONMENT] = kit
 
 
 def with_present_kit(function: Callable[Given, Made]) -> Callable[Given, Made]:

@@ -105,7 +105,13 @@ class Record:
     winding_temperature: np.ndarray = field(default_factory=lambda: _empty(2))
 
     def __post_init__(self) -> None:
-        """Check the shapes."""
+        """Take the arrays as plain numbers, what is masked as NaN, and check the shapes."""
+        for name in ("samples", "dc_bus", "winding_temperature"):
+            object.__setattr__(self, name, _numbers(getattr(self, name), name))
+        for name, columns in (("dc_bus", 3), ("winding_temperature", 2)):
+            shape = getattr(self, name).shape
+            if len(shape) != 2 or shape[1] != columns:
+                raise UsageError(f"{name} has shape {shape}, expected (m, {columns})")
         if self.samples.ndim != 2 or self.samples.shape[1] != N_CHANNELS:
             raise UsageError(
                 f"samples have shape {self.samples.shape}, expected (n, {N_CHANNELS}): "
@@ -182,6 +188,18 @@ class Record:
 
     def _table(self) -> tuple[np.ndarray, list[Channel]]:
         return self.samples[:, list(self.columns)], [CHANNELS[c] for c in self.columns]
+
+
+def _numbers(given: Any, name: str) -> np.ndarray:
+    """Return an array as float64, the same one where it is; UsageError: it holds no numbers."""
+    if isinstance(given, np.ndarray) and type(given) is np.ndarray and given.dtype == np.float64:
+        return given
+    if np.iscomplexobj(given):
+        raise UsageError(f"{name}: complex numbers: give real ones")
+    try:
+        return np.asarray(np.ma.filled(np.ma.asarray(given).astype(np.float64), np.nan))
+    except (TypeError, ValueError):
+        raise UsageError(f"{name}: no array of numbers") from None
 
 
 def html_of(title: str, rows: Iterable[tuple[str, object]]) -> str:

@@ -219,6 +219,10 @@ def read_parquet(path: Path, needed: Sequence[str | int] | None) -> Table:
             names = file.schema_arrow.names
             check_shape(file.metadata.num_rows, len(names), str(path))
             wanted = [names[k] for k in sorted(chosen(names, needed))]
+            for name in wanted:
+                if pa.types.is_nested(kind := file.schema_arrow.field(names.index(name)).type):
+                    raise InvalidRecordError(f"{path}: {name} is {str(kind)[:40]}, expected "
+                                             "numbers, times or words: name another column")
             total = sum(group.column(k).total_uncompressed_size for group in (
                 file.metadata.row_group(n) for n in range(file.metadata.num_row_groups))
                 for k in range(group.num_columns) if group.column(k).path_in_schema in wanted)

@@ -26,6 +26,11 @@ OTHER = frozenset({"error", "err", "temperature", "temp", "status", "mode", "lim
                    "min", "bus", "supply"})
 """Words of columns that are none of these."""
 _BRACKET = re.compile(r"^(.*?)\s*[\[(/]\s*([^\])]+?)\s*[\])]?$")
+_SAYS = {**dict.fromkeys(("torque", "tau", "moment"), "torque"),
+         **dict.fromkeys(("current", "i", "iq", "amps", "strom"), "current"),
+         **dict.fromkeys(("voltage", "u", "volt", "spannung"), "voltage"),
+         **dict.fromkeys(("force", "kraft"), "force")}
+"""Words that say themselves what is measured: the a of tau_a is no ampere."""
 QUANTITIES = {"position": ("angle", "length"), "speed": ("angular speed", "linear speed"),
               "input": ("torque", "force", "current", "voltage"), "time": ("time",)}
 """What each may be measured in, of `units.UNITS`."""
@@ -55,4 +60,6 @@ def _may_have(base: str, unit: str) -> bool:
     words, quantity = set(words_of(base)), UNITS[unit][0]
     roles = [role for role, known in ROLES.items() if words & set(known)]
     fits = any(quantity in QUANTITIES[role] for role in roles)
-    return (fits or not roles) and not (quantity == "length" and words & _ANGLES)
+    says = {_SAYS[word] for word in words & _SAYS.keys()}
+    return (fits or not roles) and says <= {quantity} and not (
+        quantity == "length" and (words & _ANGLES or unit == "in"))  # in: of the input side

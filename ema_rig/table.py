@@ -81,7 +81,8 @@ class TextColumn:
             if part.values is None:
                 yield from zip(part.lines, part.cells)
             else:
-                yield from ((0, f"{value:g}") for value in part.values)
+                yield from ((0, "" if np.isnan(value) else f"{value:.15g}")
+                            for value in part.values)
 
 
 Cells = np.ndarray | TextColumn

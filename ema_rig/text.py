@@ -124,7 +124,7 @@ def _with_decimal(text_format: TextFormat, lines: list[str]) -> TextFormat:
     """Return the format with its decimal mark: a comma where a delimiter leaves it free."""
     if text_format.decimal is not None:
         return text_format
-    last = next((line for line in reversed(lines[:-1] or lines) if line.strip()), "")
+    last = "\n".join([line for line in lines[:-1] or lines if line.strip()][-20:])
     split = text_format.delimiter in ("semicolon", "tab", "space") or (
         text_format.delimiter is None and (";" in last or "\t" in last))
     quoted = [cell for cell in re.findall(r'"([^"]*)"', last) if _NUMBER.match(cell)]

@@ -190,6 +190,11 @@ def one_clock(
     for name, values in columns.items():
         good = np.isfinite(values) & np.isfinite(times[name])
         at, kept = times[name][good], values[good]
+        steps = np.diff(at)
+        if len(steps) and -steps.min() > HOLE * np.median(np.abs(steps)):
+            raise InvalidRecordError(f"{source}: {name}: its time runs back to "
+                                     f"{at[int(np.argmin(steps)) + 1]:.6g} s: a file of several "
+                                     "runs: import them one by one ('start' and 'end')")
         order = np.argsort(at, kind="stable")
         at, kept = at[order], kept[order]
         new = np.concatenate([[True], np.diff(at) > 0.0])[:len(at)]

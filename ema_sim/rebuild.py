@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ema_record.actuator import FOC, Actuator
+from ema_record.actuator import FOC, RELAY, Actuator
 from ema_record.channels import (
     MOTOR_SPEED,
     N_CHANNELS,
@@ -113,7 +113,7 @@ def _angle(samples: np.ndarray, actuator: Actuator) -> np.ndarray:
     pairs = actuator.motor.pole_pairs
     turned = pairs * integral(speed, time)
     vector = samples[:, PHASE_CURRENTS] @ np.exp(1j * THIRD * np.arange(3)) * (2.0 / 3.0)
-    square = vector**2 * np.exp(-2j * turned)
+    square = vector**2 * np.exp(-2j * turned) * _along(vector, pairs * speed, actuator)
     if np.abs(vector).max() <= 0.0:
         raise InvalidRecordError("no current flows: the rotor angle cannot be told from it")
     # Offset of the speed sensor: half a quantum of its converter and a noise that is white.
@@ -143,6 +143,21 @@ def _angle(samples: np.ndarray, actuator: Actuator) -> np.ndarray:
               + actuator.friction_torque * np.sign(pace)
               * (np.abs(pace) > 0.01 * actuator.control.speed_limit))
     return np.mod(theta if smooth @ needed >= 0.0 else theta + np.pi, TURN)
+
+
+def _along(vector: np.ndarray, turning: np.ndarray, actuator: Actuator) -> np.ndarray:
+    """Return how much each current tells of the torque axis, shape (n,): 1, less of a `PWM` drive.
+
+    A PI control of phases lets the back-EMF drive a current across it, e / |R + jwL + Kp + Ki/jw|.
+    """
+    motor, drive = actuator.motor, actuator.drive
+    if drive.kind in (RELAY, FOC):
+        return np.ones(len(vector))
+    w = np.maximum(np.abs(turning), 1e-3)
+    stiff = np.abs(motor.phase_resistance + drive.proportional_gain + 1j * (
+        w * motor.phase_inductance - drive.integral_gain / w))
+    across = motor.back_emf_constant * w / motor.pole_pairs / stiff
+    return 1.0 / (1.0 + (10.0 * across / np.maximum(np.abs(vector), 1e-9)) ** 4)
 
 
 def _references(samples: np.ndarray, actuator: Actuator) -> np.ndarray:

@@ -214,9 +214,9 @@ class ActuatorSession:
         control = self.actuator.control
         first = int(self._state[st.TICK])
         last = math.floor((self._state[st.SAMPLE] + n) / self.rate / control.period + 1e-6)
-        periods = max(0, last - first) + 1
         if abs(last * control.period - (self._state[st.SAMPLE] + n) / self.rate) < 1e-9:
-            periods -= 1  # the period that begins with the next block belongs to that block
+            last -= 1  # the period that begins with the next block belongs to that block
+        periods = max(0, last - first + 1)
         command = self._commanded(first, max(1, periods))
         noise = self._noise.inside(periods) if periods else np.zeros((1, 2))
         out = np.empty((n, N_CHANNELS))

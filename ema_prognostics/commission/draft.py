@@ -43,7 +43,9 @@ def make_draft(description: Path, draft: Path) -> None:
 
     The tests are those beside the description, or made for the actuator.
     """
-    from ema_record.profiles.text import write_profiles
+    from ema_record.profile import UNITS, load_profile_dict
+    from ema_record.profiles.text import profile_yaml, write_profiles
+    from ema_record.yaml_file import load_yaml
 
     if not description.is_file():
         raise UsageError(f"{description}: no such file: 'ema new-actuator' writes one from a "
@@ -63,5 +65,10 @@ def make_draft(description: Path, draft: Path) -> None:
         shutil.rmtree(draft / PROFILES, ignore_errors=True)  # of a description before
         if beside.is_dir():
             shutil.copytree(beside, draft / PROFILES)
+            for file in (draft / PROFILES).glob("*.yaml"):
+                data = load_yaml(file)
+                if isinstance(data, dict) and UNITS in data:  # stay while the model changes
+                    file.write_text(profile_yaml(load_profile_dict(data, str(file)), actuator,
+                                                 "As of the description"), encoding="utf-8")
         else:
             write_profiles(actuator, draft / PROFILES)

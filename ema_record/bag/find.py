@@ -126,13 +126,17 @@ def bags_below(paths: Iterable[Path]) -> list[Path]:
     """
     found: list[Path] = []
     seen: set[Path] = set()
+    known: set[Path] = set()
     empty = 0
     for path in map(named, paths):
         other = None if path.is_dir() else what_else(path)
         if other is not None:
             raise InvalidRecordError(f"{path}: {other}: give a folder with bags in it, or below")
+        if (place := path.resolve()) in seen or place in known:  # below what was given before
+            continue
         before = len(found)
         for bag in _below(path, 0, seen) if path.is_dir() else (path,):
+            known.add(bag.resolve())
             found.append(bag)
             if len(found) > MAX_BAGS:
                 raise UsageError(f"{path}: more than {MAX_BAGS} bags: give some of the folders")

@@ -203,7 +203,7 @@ def read_test_metadata(records: Mapping[str, Mapping[str, str]], source: str) ->
         status = found
     start = start or {}
     text = (end or {}).get("start_time", start.get("start_time", "0"))
-    if not (text.isascii() and text.isdigit() and int(text[:20]) < 1 << 63):
+    if not (text.isascii() and text.isdigit() and len(text) <= 19 and int(text) < 1 << 63):
         raise _wrong(source, "start_time", text, "ns since the epoch")
     provenance = Provenance(
         serial_number=start.get("serial_number", UNKNOWN_SERIAL)[:MAX_TEXT],

@@ -2,8 +2,8 @@
 
 The new bag is never ``complete``: its status is that of the original if the recorder still
 wrote one that says so (``aborted``), else ``interrupted``. Chunks are the unit: one whose
-checksum does not match is left out and reading goes on after it; of one that the end of the file
-cuts, the messages before the cut are kept.
+checksum does not match is left out, reading goes on after it; of one that the end cuts, the
+messages before the cut are kept.
 """
 
 from __future__ import annotations
@@ -40,9 +40,8 @@ from ema_record.wire.samples import decode_block
 from ema_record.wire.topics import AIRCRAFT_WIDE, BAG_TOPICS, COMMAND, SAMPLES, split_name
 from ema_record.wire.trajectory import decode_command, trajectory_points
 
-_MAX_GAPS = 50
+_MAX_GAPS, _MAX_DAMAGES = 50, 20
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-_MAX_DAMAGES = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,8 +118,7 @@ def recover_bag(source: str | Path, out: str | Path | None = None) -> Recovery:
     if not len(parts.times):
         raise _nothing(str(source), "no sample", found)
     if np.diff(parts.times).min(initial=0.0) < -0.5 * parts.profile.duration:
-        raise InvalidRecordError(f"{source}: several tests, time begins anew: recover each file "
-                                 "by itself")
+        raise InvalidRecordError(f"{source}: several tests, time begins anew: recover each alone")
     status: Status = "aborted" if parts.provenance.status == "aborted" else "interrupted"
     report = _report(str(source), target, status, parts, found)
     _write(parts, target, report)
@@ -285,27 +283,25 @@ class Salvage:
 
 def _salvage(path: Path) -> Salvage:
     """Read what is left of a bag directory or of an ``.mcap`` file; nothing is changed."""
-    found = Salvage()
+    found, first = Salvage(), None
     for file in _files(path, found):
         try:
             _salvage_file(file, found)
+        except RecordError as error:  # empty, or no MCAP file: the others count
+            first = first or error
+            found.damaged(str(error), file.stat().st_size)
         except OSError as error:
             raise container.unreadable(file, error) from None
         except MemoryError:
             found.damaged(f"{file.name}: not enough memory to unpack it", file.stat().st_size)
-    if not found.messages and not found.metadata:
-        raise IncompleteRecordError(
-            f"{path}: cut before anything was recorded: record the test again"
-        )
-    return found
+    if found.messages or found.metadata:
+        return found
+    raise first or IncompleteRecordError(
+        f"{path}: cut before anything was recorded: record the test again")
 
 
 def _files(path: Path, found: Salvage) -> list[Path]:
     """Return the MCAP files at `path`, numbered ones in the order of their numbers."""
-    def number(file: Path) -> tuple[int, str]:
-        match = re.search(r"_(\d{1,9})\.mcap", file.name)
-        return (int(match[1]) if match else -1, file.name)
-
     if path.is_file():
         return [path]
     files = ([p for p in path.iterdir() if p.name.endswith(MCAP_SUFFIXES) and p.is_file()]
@@ -318,10 +314,10 @@ def _files(path: Path, found: Salvage) -> list[Path]:
         found.damaged(str(error) if (path / METADATA_FILE).is_file() else
                       f"no {METADATA_FILE}: the recorder did not finish")
     if len(files) > MAX_FILES:
-        raise InvalidRecordError(f"{path}: {len(files)} .mcap files, expected 1 to {MAX_FILES}: "
-                                 "give the directory of one bag")
+        raise InvalidRecordError(f"{path}: {len(files)} .mcap files, at most {MAX_FILES}: one bag")
     refuse_links(path, files)
-    return sorted(files, key=number)
+    return sorted(files, key=lambda file: (int(match[1]) if (match := re.search(
+        r"_(\d{1,9})\.mcap", file.name)) else -1, file.name))
 
 
 def _salvage_file(file: Path, found: Salvage) -> None:
@@ -349,5 +345,4 @@ def _unpacked_message(message: McapMessage, room: int) -> McapMessage:
     data = bytes(message.data)
     if not data.startswith(_ZSTD_MAGIC):
         return message
-    return message._replace(data=memoryview(unpack_zstd_part(
-        data, min(MAX_MESSAGE_BYTES, room))))
+    return message._replace(data=memoryview(unpack_zstd_part(data, min(MAX_MESSAGE_BYTES, room))))

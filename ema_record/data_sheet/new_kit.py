@@ -10,8 +10,6 @@ import textwrap
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
 
-import yaml
-
 from ema_record.actuator import PARTS, Actuator, actuator_from
 from ema_record.data_sheet.derive import Description, bounds_of, describe
 from ema_record.data_sheet.sheet import DataSheet
@@ -21,6 +19,7 @@ from ema_record.kit import ACTUATOR, PROFILES
 from ema_record.profiles.design import default_profiles
 from ema_record.profiles.text import write_profiles
 from ema_record.spread import Conditions, UnitTolerances
+from ema_record.yaml_file import yaml_of
 
 TOLERANCES = {
     "resistance": 0.10, "inductance": 0.10, "back_emf": 0.03, "back_emf_phase": 0.005,
@@ -173,7 +172,7 @@ def with_values(text: str, actuator: Actuator, tolerances: NamedTuple | None = N
             ends[section] = len(lines) + 1
             if section in PARTS:
                 part: NamedTuple = getattr(actuator, section)
-                old_one = actuator_from({section: {name: yaml.safe_load(old)}}, "text", actuator)
+                old_one = actuator_from({section: {name: yaml_of(old, "text")}}, "text", actuator)
                 given = getattr(getattr(old_one, section), name)
             else:
                 assert tolerances is not None

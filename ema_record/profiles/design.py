@@ -37,7 +37,7 @@ def default_profiles(actuator: Actuator) -> dict[str, Profile]:
     size = sizes(actuator)
     off = max(OFF, math.ceil(1e3 * (GUARD + OFF_SAMPLES / actuator.acquisition.rate)) * 1e-3)
     first, window = _clear(off + REST), size.window
-    if window[0] + window[1] <= 0.0:
+    if first + window[1] < 0.0 or window[0] + window[1] <= 0.0:
         raise UsageError(
             f"no slew settles within its stroke ({size.travel:.3g} rad): raise "
             "control.position_gain, lower control.speed_limit, or check surface.end_stop")

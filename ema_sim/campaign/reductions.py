@@ -42,7 +42,7 @@ def summary(record: Record) -> dict[str, float]:
     found["position_end"] = float(record.samples[-1, SURFACE_POSITION])
     begin, end = record.profile.window or (0.0, np.inf)
     window = record.samples[(record.time >= begin) & (record.time < end)]
-    if len(window) < 2:
+    if len(window) < 2 or not np.isfinite(window[:, ROTOR_ANGLE]).all():  # or not recorded
         return found
     angle = np.unwrap(window[:, ROTOR_ANGLE])
     forward = np.sign(angle[-1] - angle[0])

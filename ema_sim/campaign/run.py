@@ -152,7 +152,7 @@ def make_runs(task: Task) -> Done:
     for run in runs:
         try:
             record = run.simulate()
-        except SimulationError:
+        except (SimulationError, UsageError):  # the plan is checked: it is what was drawn
             made.append(None)
             continue
         if task.bags:

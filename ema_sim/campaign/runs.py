@@ -143,7 +143,7 @@ class Campaign:
         bounds = bounds_of(name)
         scale = _nominal(self.actuator, name) if setting.relative else 1.0
         try:
-            return setting.draw(rng, bounds.lower / scale, bounds.upper / scale)
+            return setting.draw(rng, *sorted((bounds.lower / scale, bounds.upper / scale)))
         except ValueError as error:
             raise UsageError(
                 f"parameter {name}: {error}: move the mean or narrow the deviation"

@@ -202,7 +202,7 @@ class ActuatorServer:
         """Stop the surface where it is, hold it until it is at rest, and end the run."""
         end_stop = self.settings.actuator.surface.end_stop
         at = min(max(self.measured_position, -end_stop), end_stop)
-        hold = [(0.0, at), (settling_time(self.settings.actuator), at)]
+        hold = [(0.0, at), (min(settling_time(self.settings.actuator), MAX_DURATION), at)]
         self.session.command(load_profile_dict(
             {"name": "stop", "points": hold, "description": "hold"}, "stop"
         ))

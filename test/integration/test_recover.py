@@ -321,3 +321,17 @@ def test_files_of_several_tests_are_no_record(good, tmp_path):
     with pytest.raises(RecordError, match="several tests, time begins anew"):
         recover_bag(tmp_path / "SN-1", tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("rest", [b"", b"\0" * 4096, b"no MCAP at all"])
+def test_a_part_that_holds_nothing_hides_no_other(good, tmp_path, rest):
+    """Power that is lost as a recorder begins the next file leaves one of 0 bytes."""
+    cut = tmp_path / "cut"
+    cut.mkdir()
+    (file,) = good.glob("*.mcap")
+    data = file.read_bytes()
+    (cut / "cut_0.mcap").write_bytes(data[:len(data) * 2 // 3])
+    (cut / "cut_1.mcap").write_bytes(rest)
+    report = recover_bag(cut, tmp_path / "out")
+    assert report.samples > 1000
+    assert any("cut_1.mcap" in text for text in report.damages)

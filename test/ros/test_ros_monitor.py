@@ -227,6 +227,23 @@ def test_a_foreign_command_aborts_the_test(chain, watcher, tmp_path):
     assert float(watcher.actuator["surface_position"]) == pytest.approx(-0.2, abs=2e-3)
 
 
+@pytest.mark.parametrize(("begun", "why"), [
+    (0, "2 actuators report here: "), (4000, "the actuator was SIM-0000 and is RIG-1 now")])
+def test_who_is_tested_is_known(chain, watcher, begun, why):
+    """A standby lane that calls itself the actuator, and a unit that is exchanged."""
+    chain("extended")
+    publisher = watcher.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+
+    def report():
+        if sum(map(len, watcher.blocks)) >= begun:
+            publisher.publish(DiagnosticArray(status=[status_of("lane2: actuator")]))
+
+    watcher.spin_for(1.0 - begun / 4000, report)  # before the test, where it stands by
+    answer = watcher.self_test(during=report)
+    assert not answer["passed"]
+    assert why in answer["by_name"]["test"]["message"]
+
+
 def test_damaged_messages_end_no_node_and_in_doubt_the_surface_stops(chain, watcher, tmp_path):
     running = chain("extended")
     damaged = [make_publisher(watcher.node, topic)

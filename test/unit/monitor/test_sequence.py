@@ -417,3 +417,26 @@ def test_a_surface_that_reads_beyond_its_end_stop_is_sent_back_to_the_stop():
     bench.executed(move, STEP.start, 3000)
     *_, back = silenced(bench)
     assert back.profile.points[-1][1] == END_STOP
+
+
+
+def test_an_abort_during_an_upload_holds_the_surface_where_it_is_now():
+    """What is uploaded then is where it was: half a radian away, at full speed."""
+    bench, command = long_test()
+    later(bench, command, 21.0)
+    bench.after(0.1, samples_received=2800, last_sample=0.14, last_position=-0.25,
+                **moving(bench, command, surface_position=0.4))
+    _, stop = bench.after(0.01, abort=True)
+    assert stop.profile.points == ((1e-3, 0.4),)
+
+
+def test_the_surface_is_where_the_latest_news_say():
+    """A driver that streams and falls silent, but still reports where it is."""
+    bench = Bench()
+    bench.to_testing()
+    bench.after(0.2, samples_received=100, last_position=-0.3)
+    block, status = bench.seen.last_block, replace(bench.seen.actuator, surface_position=0.1)
+    bench.seen = replace(bench.seen, now=bench.seen.now + 1.0, last_block=block, actuator=status,
+                         actuator_heard=bench.seen.now + 1.0, abort=True)
+    _, stop = bench.sequence.step(bench.seen)
+    assert stop.profile.points == ((1e-3, 0.1),)

@@ -1,5 +1,7 @@
 """The kit's actuator by hash: what names it, and what is said of a record of another one."""
 
+import os
+import threading
 from dataclasses import replace
 
 import pytest
@@ -12,7 +14,7 @@ from ema_record.actuator_type import actuator_hash, actuator_hashes, is_of_anoth
 from ema_record.bag.read import write_bag
 from ema_record.checks.run import lint_bag
 from ema_record.errors import ModelError, UsageError
-from ema_record.kit import ACTUATOR, is_default_kit, shipped_kit, using_kit
+from ema_record.kit import ACTUATOR, is_default_kit, kit_folder, shipped_kit, using_kit
 from support.simulations import make_kit, record_of, second_kit
 
 
@@ -130,3 +132,29 @@ def test_any_reader_of_yaml_takes_the_shipped_numbers_for_numbers():
     data = yaml.safe_load((shipped_kit() / ACTUATOR).read_text(encoding="utf-8"))
     assert [t for t in texts(data) if any(c.isdigit() for c in t)] == []
     assert data["shaft"]["stiffness"] == load_actuator().shaft.stiffness
+
+
+def test_kits_of_two_threads_do_not_mix(second, monkeypatch):
+    """A process has one kit at a time; none stays when all blocks have ended, in any order."""
+    monkeypatch.delenv("EMA_KIT", raising=False)
+    entered, leave, found = threading.Event(), threading.Event(), []
+
+    def other():
+        with using_kit(second):
+            entered.set()
+            leave.wait(10.0)
+            found.append(kit_folder())
+
+    thread = threading.Thread(target=other)
+    thread.start()
+    assert entered.wait(10.0)
+    with pytest.raises(UsageError, match="another thread works with another kit"), using_kit(None):
+        pass
+    with using_kit(second):
+        leave.set()
+        thread.join()
+        assert kit_folder() == found[0] == second.resolve()
+    assert "EMA_KIT" not in os.environ
+    with using_kit(second), using_kit(None):
+        assert kit_folder() == shipped_kit()
+    assert "EMA_KIT" not in os.environ

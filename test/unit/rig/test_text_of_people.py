@@ -216,6 +216,8 @@ def test_a_guess_reads_names_and_units_and_tries_what_agrees(tmp_path, head, sca
     ("t_s,tau_Nm,theta_m,omega_m", "rotary", "theta_m", ("rad", "rad/s")),
     ("t_s,tau_Nm,angle_in,speed_in", "rotary", "angle_in", ("rad", "rad/s")),
     ("t_s,force_N,pos_m,v_m/s", "linear", "pos_m", ("m", "m/s")),
+    ("t_s,tau_a,position_in,speed", "rotary", "position_in", ("rad", "rad/s")),
+    ("t_s,torque_n,theta,omega", "rotary", "theta", ("rad", "rad/s")),
 ])
 def test_the_end_of_a_name_is_a_unit_where_it_can_be(tmp_path, head, axis, column, units):
     """The m of theta_m is the motor's, and an angle has no inches."""

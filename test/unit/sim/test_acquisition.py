@@ -253,3 +253,19 @@ def test_a_converter_that_truncates_reads_half_a_step_too_little():
         found.append(np.polyfit(record.time[slew], turned, 1)[0]
                      - record.channel("motor_speed")[slew].mean())
     assert found[1] - found[0] == pytest.approx(half, rel=0.05)
+
+
+@pytest.mark.parametrize(("period", "rate"), [(100e-6, 16_000.0), (62.5e-6, 33_300.0)])
+def test_a_block_without_a_control_period_draws_no_noise(period, rate):
+    """So samples are the same in blocks of any length."""
+    of = changed(control={"period": period}, acquisition={"rate": rate})
+    runs = []
+    for size in (10**6, 1, 7):
+        session = ActuatorSession(of, seed=3, position=-0.1, settle=False)
+        session.command(step_profile(0.1, start=-0.1, duration=0.05))
+        blocks = []
+        while session.active and len(block := session.advance(size)):
+            blocks.append(block)
+        runs.append(np.concatenate(blocks))
+    for other in runs[1:]:
+        np.testing.assert_array_equal(other, runs[0])

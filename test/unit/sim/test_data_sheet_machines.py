@@ -1,13 +1,17 @@
 """Machines described from a data sheet alone follow the tests that were made for them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from ema_record.channels import ROTOR_ANGLE
 from ema_record.checks.guard import guard_findings
 from ema_record.data_sheet.derive import describe
 from ema_record.data_sheet.sheet import read_sheet
 from ema_record.profiles.design import default_profiles
 from ema_record.profiles.plan import test_plan as plan_of
+from ema_sim.rebuild import completed
 from ema_sim.simulate import simulate
 
 MACHINES = {
@@ -62,3 +66,19 @@ def test_a_relay_whose_band_is_wide_for_its_friction_reads_its_currents_right(se
     actuator = describe(read_sheet(values, {"drive": "relay"})).actuator
     record = simulate(default_profiles(actuator)["extended"], actuator=actuator, seed=seed)
     assert guard_findings(record, actuator) == ()
+
+
+@pytest.mark.parametrize(("name", "pairs"), [("step", "1"), ("extended", "1"), ("extended", "4")])
+def test_the_angle_of_a_pwm_drive_is_found_where_it_is_not_recorded(pairs, name):
+    """The back-EMF drives a current across the torque axis: it was up to 73 degrees off."""
+    actuator = describe(read_sheet({
+        "resistance": "0.6ohm", "inductance": "0.35mH", "inertia": "1.2e-5kgm2", "gear": "200",
+        "end-stop": "40deg", "bus": "48V", "current-limit": "15A", "torque-constant": "60mNm/A",
+        "stiffness": "10Nm/arcmin", "pole-pairs": pairs},
+        {"drive": "pwm", "shape": "trapezoid"})).actuator
+    record = simulate(default_profiles(actuator)[name], actuator=actuator, seed=1)
+    samples = record.samples.copy()
+    samples[:, ROTOR_ANGLE] = np.nan
+    off = completed(replace(record, samples=samples), actuator)[:, ROTOR_ANGLE] - record.channel(
+        "rotor_angle")
+    assert abs(np.median(np.degrees(np.angle(np.exp(1j * off))))) < 7.0

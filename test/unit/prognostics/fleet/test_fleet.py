@@ -79,6 +79,7 @@ def test_nothing_that_was_given_is_left_out(place, tmp_path):
     assert [p.name for p in bags_below([unit])] == ["SN-1_0.mcap", "f1", "linked"]
     (unit / "metadata.yaml").touch()
     assert [p.name for p in bags_below([unit])] == ["SN-1", "f1", "linked"]
+    assert bags_below([place, place / "a", place / "a/sim_0000_step"]) == bags_below([place])
     files = tmp_path / "SN-2"
     files.mkdir()
     for name in ("SN-2_202617.mcap", "SN-2_202618.mcap"):

@@ -8,6 +8,7 @@ import pytest
 from ema_prognostics.verdict.diagnose import diagnose
 from ema_prognostics.verdict.judge import forbidden
 from ema_record.checks.guard import OUTCOMES, SENSOR_RULES, guard_findings, outcome_of, reason_of
+from ema_record.errors import UsageError
 from ema_record.profile import load_profile, step_profile
 from ema_record.record import Provenance
 from ema_sim.effects import parse_effects
@@ -190,3 +191,30 @@ def test_every_rule_that_forbids_exists_and_sensors_are_among_them():
 
     assert set(OUTCOMES) <= {rule.name for rule in RULES}
     assert set(OUTCOMES) >= SENSOR_RULES
+
+
+@pytest.mark.parametrize("make", [
+    list, np.asfortranarray, lambda x: x.astype(np.longdouble), lambda x: x.astype(object),
+    lambda x: np.ma.masked_array(x, mask=False),
+])
+def test_arrays_of_any_kind_are_the_same_record(step, make):
+    record = replace(step, samples=make(step.samples), dc_bus=make(step.dc_bus))
+    assert type(record.samples) is np.ndarray
+    np.testing.assert_array_equal(record.samples, step.samples)
+
+
+def test_what_is_masked_was_not_measured(step):
+    samples = np.ma.masked_array(step.samples, mask=False)
+    samples[2000:6000, 3] = np.ma.masked
+    assert rules(replace(step, samples=samples))[0] == "not_finite"
+
+
+@pytest.mark.parametrize(("change", "problem"), [
+    ({"samples": np.ones((9000, 10), dtype=complex)}, "samples: complex numbers"),
+    ({"samples": [["a"] * 10]}, "samples: no array of numbers"),
+    ({"dc_bus": np.ones(3)}, "dc_bus has shape"), ({"dc_bus": None}, "dc_bus"),
+    ({"winding_temperature": np.ones((4, 3))}, "winding_temperature has shape"),
+])
+def test_no_array_of_numbers_is_one_line(step, change, problem):
+    with pytest.raises(UsageError, match=problem):
+        replace(step, **change)
