@@ -419,7 +419,6 @@ def test_a_surface_that_reads_beyond_its_end_stop_is_sent_back_to_the_stop():
     assert back.profile.points[-1][1] == END_STOP
 
 
-
 def test_an_abort_during_an_upload_holds_the_surface_where_it_is_now():
     """What is uploaded then is where it was: half a radian away, at full speed."""
     bench, command = long_test()

@@ -170,7 +170,7 @@ def test_a_mark_of_no_value_stops_nothing(step, column, value):
 
 
 def test_readings_that_were_not_measured_are_none(step):
-    """NaN says so in a BatteryState; a record without the topic is judged too."""
+    """So says NaN in a BatteryState; a record without the topic is judged too."""
     bus, winding = step.dc_bus.copy(), step.winding_temperature.copy()
     bus[:, 2], winding[3:, 1] = np.nan, np.nan
     record = replace(step, dc_bus=bus, winding_temperature=winding)
