@@ -27,7 +27,7 @@ from ema_record.wire.topics import (
     WEIGHT_ON_WHEELS,
     name_on_graph,
 )
-from ema_record.wire.types import possible
+from ema_record.wire.types import is_stamp
 from ema_ros.messages import (
     PolledGroup,
     diagnostic_status,
@@ -226,7 +226,7 @@ def actuator_status(values: Mapping[str, str], complaint: str = "") -> ActuatorS
     position = float(values["surface_position"])
     if not math.isfinite(position):
         raise ValueError(f"surface_position {position}")
-    if not possible(start := int(values["start_time"])):
+    if not is_stamp(start := int(values["start_time"])):
         raise ValueError(f"start_time {start}")
     return ActuatorStatus(
         active=values["state"] != "idle", surface_position=position,

@@ -205,7 +205,7 @@ class MonitorNode(EmaNode):
                     self._send_sign_of_life()  # a backlog on a machine that is loaded takes long
                     self._last_block = time.monotonic()
                 elif topic == DIAGNOSTICS:
-                    problem = problem or self._take_diagnostics(data)
+                    problem = self._take_diagnostics(data) or problem
                     continue
                 elif topic == WEIGHT_ON_WHEELS:
                     message = read_message(data, Bool) or Bool()  # in doubt it is off

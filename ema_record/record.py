@@ -192,7 +192,7 @@ class Record:
 
 def _numbers(given: Any, name: str) -> np.ndarray:
     """Return an array as float64, the same one where it is; UsageError: it holds no numbers."""
-    if isinstance(given, np.ndarray) and type(given) is np.ndarray and given.dtype == np.float64:
+    if type(given) is np.ndarray and given.dtype == np.float64:
         return given
     if np.iscomplexobj(given):
         raise UsageError(f"{name}: complex numbers: give real ones")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -86,21 +87,23 @@ def fleet(
                 say_lines(csv_text(one, header=place == 0))
         else:
             print_fleet(found)
-        write_files(found, html=html, parquet=parquet, metrics=metrics)
 
+    write = partial(write_files, html=html, parquet=parquet, metrics=metrics)
     found = look()
     show(found)
+    write(found)
     for path in (html, parquet, metrics):
         if path is not None:
             note(f"wrote {path}")
     if watch is not None:
-        _watch(found, look, show, watch)
+        _watch(found, look, show, write, watch)
     states = {unit.state for unit in found.units}
     return 1 if "fault" in states else 3 if states - {"healthy"} else 0
 
 
 def _watch(
-    seen: Fleet, look: Callable[[], Fleet], show: Callable[[Fleet], None], pause: float
+    seen: Fleet, look: Callable[[], Fleet], show: Callable[[Fleet], None],
+    write: Callable[[Fleet], None], pause: float,
 ) -> None:
     """Look again and again; show what is there where it has changed. Ends with Ctrl-C.
 
@@ -111,10 +114,13 @@ def _watch(
         time.sleep(pause)
         try:
             found = look()
-            if told or found.objects != seen.objects:
+            changed = found.objects != seen.objects
+            if changed:
                 say("")
                 show(found)
                 seen = found
+            if changed or told:
+                write(found)
             told = ""
         except EmaError as error:
             if str(error) != told:

@@ -50,7 +50,7 @@ def is_sequence(path: Path) -> bool:
 
 def _of_one(folder: Path, files: Iterable[Path]) -> bool:
     """Return whether files are the first parts of one bag, named after its folder."""
-    names, own = [p.name for p in files], folder.resolve().name
+    names, own = {p.name for p in files}, folder.resolve().name
     return all(any(f"{own}_{k}{end}" in names for end in STORAGE) for k in range(len(names)))
 
 
@@ -162,16 +162,16 @@ def _below(folder: Path, depth: int, seen: set[Path]) -> Iterator[Path]:
     if depth > MAX_DEPTH:
         raise InvalidRecordError(f"{folder}: more than {MAX_DEPTH} folders deep: give a folder "
                                  "nearer to the bags")
-    files = [p for p in entries if p.name.endswith(STORAGE)]
-    folders = [p for p in entries if p not in set(files) and p.is_dir()]
+    files = {p for p in entries if p.name.endswith(STORAGE)}
+    folders = [p for p in entries if p not in files and p.is_dir()]
     whole = any(p.name == METADATA_FILE for p in entries)
     if whole or (files and not folders and (len(files) == 1 or _of_one(folder, files))):
         yield folder
-        files = []
+        files, folders = set(), [p for p in folders if what_else(p) is None]
     if not entries and depth:
         yield folder  # what is left of a recorder that died at once
     for path in sorted([*files, *folders], key=lambda p: natural(p.name)):
-        if path in folders:
-            yield from _below(path, depth + 1, seen)
-        else:
+        if path in files:
             yield path
+        else:
+            yield from _below(path, depth + 1, seen)

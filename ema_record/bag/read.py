@@ -28,7 +28,7 @@ from ema_record.wire.topics import (
     WINDING_TEMPERATURE,
 )
 from ema_record.wire.trajectory import decode_command, encode_command, trajectory_points
-from ema_record.wire.types import NANOSECONDS, deserialize, possible, stamp_of
+from ema_record.wire.types import NANOSECONDS, deserialize, is_stamp, stamp_of
 from ema_record.wire.views import ViewDecimator
 
 _READ_TOPICS = frozenset({SAMPLES, COMMAND, DC_BUS, WINDING_TEMPERATURE})
@@ -238,7 +238,7 @@ def write_bag(record: Record, path: str | Path, *, views: bool = True) -> Path:
     from ema_record.bag.writer import BagWriter
 
     begin = record.provenance.start_time
-    if not (possible(begin) and possible(begin + round(MAX_DURATION * NANOSECONDS))):
+    if not (is_stamp(begin) and is_stamp(begin + round(MAX_DURATION * NANOSECONDS))):
         raise UsageError(f"start time {begin} ns: give nanoseconds since 1970, until 2038")
     messages = _messages(record, views=views)
     with BagWriter(path, profile=record.profile, provenance=record.provenance,

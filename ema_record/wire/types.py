@@ -77,7 +77,7 @@ def header(stamp: int) -> Any:
     return message_class("std_msgs/msg/Header")(stamp=time, frame_id="")
 
 
-def possible(stamp: int) -> bool:
+def is_stamp(stamp: int) -> bool:
     """Whether a message can hold a time (ns since the epoch): seconds have 32 bits, till 2038."""
     return 0 <= stamp < 2**31 * NANOSECONDS
 

@@ -79,6 +79,9 @@ def test_nothing_that_was_given_is_left_out(place, tmp_path):
     assert [p.name for p in bags_below([unit])] == ["SN-1_0.mcap", "f1", "linked"]
     (unit / "metadata.yaml").touch()
     assert [p.name for p in bags_below([unit])] == ["SN-1", "f1", "linked"]
+    own = shutil.copytree(place / "a/sim_0000_step", tmp_path / "own")
+    (own / "plots").mkdir()
+    assert bags_below([own]) == [own]
     assert bags_below([place, place / "a", place / "a/sim_0000_step"]) == bags_below([place])
     files = tmp_path / "SN-2"
     files.mkdir()
