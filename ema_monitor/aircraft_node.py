@@ -10,7 +10,7 @@ from typing import Any
 
 import rclpy
 import rclpy.executors
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
 from lifecycle_msgs.srv import GetState
 from rclpy.node import Node
@@ -18,7 +18,6 @@ from rclpy.task import Future
 from std_msgs.msg import Bool
 
 from ema_record.wire.topics import (
-    DIAGNOSTICS,
     SAMPLES,
     SELF_TEST_SERVICE,
     VERDICT,
@@ -67,7 +66,7 @@ class AircraftNode(Node):
     def __init__(self, context: rclpy.Context, namespace: str, *, first: bool) -> None:
         """Appear on the graph, on the ground, in the namespace of the actuator.
 
-        Only the first one of an aircraft sends weight on wheels, and hears `/diagnostics`.
+        Only the first one of an aircraft sends weight on wheels.
         """
         super().__init__(  # without services that nobody calls: each costs the executor
             NODE_NAME, context=context, namespace=namespace, start_parameter_services=False)
@@ -76,21 +75,15 @@ class AircraftNode(Node):
         """Whether weight on wheels is sent ten times a second."""
         self.gives_way = False
         """Whether it is left to another aircraft on the domain, if there is one."""
-        self.stage = "idle"
-        """Stage of the test, as the monitor reports it."""
         self.verdict: dict[str, Any] | None = None
         """The last verdict, as `ema check --json` prints it."""
-        group = PolledGroup()
-        self._verdict = make_polled_subscription(self, VERDICT, group)
-        self._diagnostics = (
-            make_polled_subscription(self, DIAGNOSTICS, group) if first else None)
+        self._verdict = make_polled_subscription(self, VERDICT, PolledGroup())
         self._wheels = make_publisher(self, WEIGHT_ON_WHEELS) if first else None
         self._born = time.monotonic()
         self._test = self.create_client(SelfTest, SELF_TEST_SERVICE.removeprefix("/"))
         self._states = {
             name: self.create_client(GetState, f"{name}/get_state") for name in LIFECYCLE_NODES
         }
-        self._monitor = f"{namespace}{'/' if namespace else ''}ema_monitor: test"
         self._asked: dict[str, tuple[Future, float]] = {}
         self._active: set[str] = set()
         if first:
@@ -169,14 +162,7 @@ class AircraftNode(Node):
         return self._test.call_async(SelfTest.Request())
 
     def poll(self) -> None:
-        """Take diagnostics and verdicts that have arrived."""
-        for taken in take_all(self._diagnostics) if self._diagnostics is not None else []:
-            if self._monitor.encode() not in taken.data:
-                continue
-            array = read_message(taken.data, DiagnosticArray) or DiagnosticArray()
-            for status in array.status:
-                if status.name == self._monitor:
-                    self.stage = values_of(status).get("stage", self.stage)
+        """Take verdicts that have arrived."""
         for taken in take_all(self._verdict):
             verdict = read_message(taken.data, DiagnosticStatus)
             if verdict is not None:
