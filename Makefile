@@ -81,6 +81,7 @@ define install
 	@echo 'make: installing ema_phm[$(1)] into $(VENV), about a minute the first time'
 	@$(PIP) pip setuptools wheel
 	@$(PIP) --no-build-isolation --config-settings editable_mode=compat -e '.[$(1)]'
+	@$(VENV)/bin/python -m compileall -q $(wildcard ema_*)
 	@$(VENV)/bin/python -c 'import ema_cli.main'
 	@rm $(UNFINISHED)
 	@touch $@

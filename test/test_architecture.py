@@ -98,7 +98,7 @@ FORBIDDEN_TEXT = re.compile(
 def wrong_directions(package, source):
     """Return the imports that run against the order of the packages."""
     found = []
-    for module in tree.imported(ast.parse(source)):
+    for module in tree.imported(source):
         top = module.split(".")[0]
         if not top:
             found.append(f"relative import {module}")
@@ -111,7 +111,7 @@ def ros_imports(name, source):
     """Return the imports of ROS in a file that is neither a node nor a `messages.py`."""
     if name.endswith("_node.py") or name == "messages.py":
         return []
-    tops = (module.split(".")[0] for module in tree.imported(ast.parse(source)))
+    tops = (module.split(".")[0] for module in tree.imported(source))
     return [top for top in tops if top in ROS_PACKAGES or MESSAGE_PACKAGE.match(top)]
 
 
@@ -122,7 +122,7 @@ def numbers_of_the_actuator(source, actuator):
     values |= {0.5 * actuator.inverter.current_limit, 2.0 * actuator.inverter.bus_voltage,
                actuator.slew_speed, round(actuator.slew_speed, 2), round(actuator.slew_speed, 4)}
     return {
-        float(node.value) for node in ast.walk(ast.parse(source))
+        float(node.value) for node in tree.nodes(source)
         if isinstance(node, ast.Constant) and type(node.value) in (int, float)
         and node.value in values
     }
@@ -130,12 +130,11 @@ def numbers_of_the_actuator(source, actuator):
 
 def unsafe_code(source):
     """Return what could run code out of a file: eval, exec, pickle in any form."""
-    parsed = ast.parse(source)
-    found = [name for name in tree.imported(parsed) if name.split(".")[0] in UNSAFE_MODULES]
-    for node in ast.walk(parsed):
+    found = [name for name in tree.imported(source) if name.split(".")[0] in UNSAFE_MODULES]
+    for node in tree.nodes(source):
         if not isinstance(node, ast.Call):
             continue
-        name = ast.unparse(node.func)
+        name = tree.dotted(node.func)
         if name in UNSAFE_CALLS:
             found.append(f"{name}(")
         found += [

@@ -7,6 +7,7 @@ Everything is read off the sources; nothing of the project is imported.
 from __future__ import annotations
 
 import ast
+import functools
 import re
 import sys
 from collections import defaultdict
@@ -38,12 +39,25 @@ def modules(root: Path) -> dict[str, Path]:
     return found
 
 
-def imported(tree: ast.AST) -> Iterator[str]:
-    """Yield every dotted name that a file imports, at the top or inside a function.
+@functools.cache
+def nodes(source: str) -> tuple[ast.AST, ...]:
+    """Return every node of a source, the module first; parsed once, however many ask."""
+    return tuple(ast.walk(ast.parse(source)))
+
+
+def dotted(node: ast.expr) -> str:
+    """Return the dotted name that an expression is, "" of any other expression."""
+    if isinstance(node, ast.Attribute):
+        return f"{dotted(node.value)}.{node.attr}"
+    return node.id if isinstance(node, ast.Name) else ""
+
+
+def imported(source: str) -> Iterator[str]:
+    """Yield every dotted name that a source imports, at the top or inside a function.
 
     ``from a import b`` yields ``a.b``: b may be a module. A relative import yields its dots.
     """
-    for node in ast.walk(tree):
+    for node in nodes(source):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -53,7 +67,7 @@ def imported(tree: ast.AST) -> Iterator[str]:
             else:
                 yield from (f"{module}.{alias.name}" for alias in node.names)
         elif isinstance(node, ast.Call):
-            name = ast.unparse(node.func)
+            name = dotted(node.func)
             if name in {"__import__", "import_module", "importlib.import_module"} and node.args:
                 first = node.args[0]
                 if isinstance(first, ast.Constant):
@@ -64,8 +78,8 @@ def graph(found: dict[str, Path]) -> Graph:
     """Return the modules of the product that each module imports."""
     edges: Graph = {}
     for name, path in found.items():
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        known = (n if n in found else n.rpartition(".")[0] for n in imported(tree))
+        names = imported(path.read_text(encoding="utf-8"))
+        known = (n if n in found else n.rpartition(".")[0] for n in names)
         edges[name] = {n for n in known if n in found and n != name}
     return edges
 
@@ -155,7 +169,7 @@ def classes_of_one_name(found: dict[str, Path]) -> dict[str, list[str]]:
     """Return the public classes that several modules define, with these modules."""
     places: dict[str, list[str]] = defaultdict(list)
     for module, path in found.items():
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        for node in ast.iter_child_nodes(nodes(path.read_text(encoding="utf-8"))[0]):
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 places[node.name].append(module)
     return {name: where for name, where in sorted(places.items()) if len(where) > 1}

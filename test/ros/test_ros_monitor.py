@@ -227,7 +227,8 @@ def test_a_foreign_command_aborts_the_test(chain, watcher, tmp_path):
 
 
 @pytest.mark.parametrize(("begun", "why"), [
-    (0, "2 actuators report here: "), (4000, "the actuator was SIM-0000 and is RIG-1 now")])
+    pytest.param(0, "2 actuators report here: ", marks=pytest.mark.slow),  # waits 10 s for one
+    (4000, "the actuator was SIM-0000 and is RIG-1 now")])
 def test_who_is_tested_is_known(chain, watcher, begun, why):
     """A standby lane that calls itself the actuator, and a unit that is exchanged."""
     chain("extended")

@@ -437,6 +437,7 @@ def slipping(*arguments):
     return found
 
 
+@pytest.mark.slow
 def test_what_sticks_and_slips_is_named_all_the_same(monkeypatch):
     """Its noise is of the held-out record too, or a tenth of its features contradicts the name."""
     worn = effects_of(load_dependent_friction=2.0)
