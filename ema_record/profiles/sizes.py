@@ -8,6 +8,7 @@ periodic in them, as the paper's step does (Battipede et al., section 4: 0.8 rad
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 from ema_record.actuator import Actuator
@@ -96,6 +97,7 @@ def braking(at: Capability, travel: float, slew: float) -> float:
     return travel / slew - at.position_loop + 0.5 * at.acceleration
 
 
+@lru_cache(maxsize=64)
 def sizes(actuator: Actuator) -> Sizes:
     """Return the measures of the default tests.
 

@@ -8,6 +8,7 @@ its severity parameters hold their defaults.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 Port = Literal[
@@ -76,16 +77,21 @@ class Effect:
     @property
     def fields(self) -> tuple[Field, ...]:
         """The parameters with units and bounds, in order."""
-        hints: dict[str, Any] = get_type_hints(self.parameters, include_extras=True)
-        defaults = self.parameters()
-        found = []
-        for name in self.parameters._fields:  # type: ignore[attr-defined]
-            args = get_args(hints[name]) if get_origin(hints[name]) is not None else ()
-            kind = next(a for a in args if isinstance(a, Quantity | Choice))
-            found.append(Field(name, kind, getattr(defaults, name)))
-        return tuple(found)
+        return _fields(self.parameters)
 
     def is_neutral(self, values: Any) -> bool:
         """Whether `values` (an instance of `parameters`) leaves the actuator untouched."""
         defaults = self.parameters()
         return all(getattr(values, s) == getattr(defaults, s) for s in self.severity)
+
+
+@cache
+def _fields(parameters: type) -> tuple[Field, ...]:
+    hints: dict[str, Any] = get_type_hints(parameters, include_extras=True)
+    defaults = parameters()
+    found = []
+    for name in parameters._fields:  # type: ignore[attr-defined]
+        args = get_args(hints[name]) if get_origin(hints[name]) is not None else ()
+        kind = next(a for a in args if isinstance(a, Quantity | Choice))
+        found.append(Field(name, kind, getattr(defaults, name)))
+    return tuple(found)
